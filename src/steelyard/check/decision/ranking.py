@@ -11,7 +11,7 @@ from steelyard.check.case import Case, Evidence
 from steelyard.check.hypotheses.bodies import efforts_first, link_hypotheses
 from steelyard.check.hypotheses.effort_columns import (
     PERCENT,
-    OtherEffort,
+    OtherEfforts,
     best_factors,
     effort_hypotheses,
 )
@@ -124,7 +124,7 @@ def _scales(case: Case, signals: Signals) -> Array | float:
     return np.where(signals.unknown_gains or False, 1.0, values)
 
 
-def _with_free_gains(likelihood: Likelihood, others: tuple[OtherEffort, ...]) -> Likelihood:
+def _with_free_gains(likelihood: Likelihood, others: OtherEfforts) -> Likelihood:
     """The log with the gains at which the nominal bodies agree best.
 
     All of them: where some are to be identified, those that are given may be up to one scale. Free
@@ -162,28 +162,25 @@ def _with_best_gains(reading: Reading, which: NDArray[np.bool_]) -> Likelihood:
     return replace(log, gains=log.gains * np.where(which, best_factors(reading), 1.0))
 
 
-def _others(likelihood: Likelihood, reference: IdentifiedModel | None) -> tuple[OtherEffort, ...]:
+def _others(likelihood: Likelihood, reference: IdentifiedModel | None) -> OtherEfforts:
     """What the efforts may be instead of what is declared."""
     units, gains = likelihood.signals.effort_units, likelihood.gains
-    found = []
+    found = {}
     if "A" in units:
-        torques = 1.0 / (gains * np.asarray(likelihood.declared.effort_scale))
-        found.append(OtherEffort("efforts are joint torques", "joint_torque", torques))
+        scale = np.asarray(likelihood.declared.effort_scale)
+        found["efforts are joint torques"] = "joint_torque", 1.0 / (gains * scale)
     elif reference is not None and "A" in reference.signals.effort_units:
-        for unit, scale in (("A", 1.0), ("mA", 1e-3)):
-            says, currents = (
-                f"efforts are motor currents in {unit}",
-                reference.signals.gains / gains,
-            )
-            found.append(OtherEffort(says, "motor_current", scale * currents))
+        currents = reference.signals.gains / gains
+        for unit, size in (("A", 1.0), ("mA", 1e-3)):
+            found[f"efforts are motor currents in {unit}"] = "motor_current", size * currents
     limits = np.array([c.limits.effort for c in likelihood.knowledge.robot.coordinates])
     if np.isfinite(limits).all() and np.all(limits > 0.0) and likelihood.signals.effort_map is None:
         says = "efforts are percents of the joints' limits"
-        found.append(OtherEffort(says, PERCENT, 0.01 * limits / np.abs(gains)))
-    return tuple(found)
+        found[says] = PERCENT, 0.01 * limits / np.abs(gains)
+    return found
 
 
-def _rivals(now: Hypothesis, others: tuple[OtherEffort, ...]) -> tuple[Hypothesis, ...]:
+def _rivals(now: Hypothesis, others: OtherEfforts) -> tuple[Hypothesis, ...]:
     """Everything that one change of a reading can explain, the likeliest first."""
     reading, identified, bad = now.reading, now.reading.knowledge.identified, has_bad_joint(now)
     found = [now]

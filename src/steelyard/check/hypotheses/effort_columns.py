@@ -6,7 +6,6 @@ wrong order is found although the unit is wrong too.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from itertools import permutations, product
 
 import numpy as np
@@ -41,34 +40,29 @@ OTHER_GAIN_FACTOR, WORSE_MISFIT_FACTOR = 1.4, 1.3
 """A gain is identifiable if gains off by the first factor have a misfit larger by the second."""
 
 
-@dataclass(frozen=True, eq=False)
-class OtherEffort:
-    """What efforts may be instead of what is declared."""
-
-    says: str  # in a few words
-    kind: str  # the kind of effort
-    factors: Array  # on the efforts as declared, shape `(n,)`
+OtherEfforts = Mapping[str, tuple[str, Array]]
+"""What efforts may be instead, in words: the kind, and factors `(n,)` on them as declared."""
 
 
-def effort_hypotheses(reading: Reading, others: Sequence[OtherEffort]) -> Iterator[Hypothesis]:
+def effort_hypotheses(reading: Reading, others: OtherEfforts) -> Iterator[Hypothesis]:
     """All of them, for the positions of a reading."""
     names, units = reading.likelihood.names, reading.likelihood.signals.effort_units
     n = len(names)
     every = tuple(range(n))
     yield from _effort_factors(reading, _effort_signs(reading.likelihood), "effort sign")
     yield from unit_hypotheses(reading)
-    for other in others:
-        found, cost = {other.says: other.factors}, choice_cost(4)
-        yield from _effort_factors(reading, found, "effort kind", cost, every, other.kind)
+    for says, (kind, factors) in others.items():
+        cost = choice_cost(4)
+        yield from _effort_factors(reading, {says: factors}, "effort kind", cost, every, kind)
     best, seen = best_factors(reading), reading.sums.count[0] > 0.0
     for j, name in enumerate(names):
-        says = {f"effort of '{name}' times {best[j]:.3g}": np.where(np.arange(n) == j, best, 1.0)}
-        yield from _effort_factors(reading, says, "gain", choice_cost(n) + FITTED_NUMBER_COST, (j,))
+        own = {f"effort of '{name}' times {best[j]:.3g}": np.where(np.arange(n) == j, best, 1.0)}
+        yield from _effort_factors(reading, own, "gain", choice_cost(n) + FITTED_NUMBER_COST, (j,))
     common = float(np.exp(np.median(np.log(best[seen])))) if seen.any() else 1.0
     units_off = min(abs(np.log(common / unit)) for unit in (*THOUSAND.values(), 1.0))
     if units_off > np.log(OTHER_GAIN_FACTOR):
-        says = {f"all efforts times {common:.3g}": np.full(n, common)}
-        yield from _effort_factors(reading, says, "gain", FITTED_NUMBER_COST, every)
+        every_one = {f"all efforts times {common:.3g}": np.full(n, common)}
+        yield from _effort_factors(reading, every_one, "gain", FITTED_NUMBER_COST, every)
     known, other_than_one = _identifiable(reading, best)
     factors = np.where(other_than_one, best, 1.0)
     blind = ", ".join(f"'{names[j]}'" for j in np.flatnonzero(~known))
@@ -76,10 +70,10 @@ def effort_hypotheses(reading: Reading, others: Sequence[OtherEffort]) -> Iterat
         f"'{names[j]}' times {factors[j]:.3g}"
         for j in np.flatnonzero(known & (np.abs(np.log(factors)) > np.log(FAR_GAIN)))
     )
-    own = "every joint has its own gain" + (f": effort of {far}" if far else "")
-    own += f"; those of {blind} are poorly identified" if blind else ""
+    says = "every joint has its own gain" + (f": effort of {far}" if far else "")
+    says += f"; those of {blind} are poorly identified" if blind else ""
     cause, kind = ("gain", "") if "A" in units else ("effort kind", "motor_current")
-    yield from _effort_factors(reading, {own: factors}, cause, n * OWN_GAIN_COST, every, kind)
+    yield from _effort_factors(reading, {says: factors}, cause, n * OWN_GAIN_COST, every, kind)
     yield from _effort_orders(reading)
 
 
