@@ -54,10 +54,8 @@ def corrupt_rows_check(case: Case, evidence: Evidence) -> Finding:
 
 def _unexplained(case: Case, evidence: Evidence) -> bool:
     """Whether neither units, nor the clock, nor a motion that is missing explain the refusal."""
-    units = unit_reading(case, evidence)
-    if units.cost < units.declared_cost or clock_is_irregular(case, evidence):
-        return False
-    return signal_overview(case, evidence).moves
+    explained = unit_reading(case, evidence).cheaper or clock_is_irregular(case, evidence)
+    return not explained and signal_overview(case, evidence).moves
 
 
 def _counted(evidence: Evidence, broken: NDArray[np.bool_]) -> tuple[int, int]:

@@ -99,32 +99,6 @@ REPEATED_STAMP_SHARE, BACKWARD_SHARE = 0.01, 0.05
 """Shares of stamps that repeat (doubtful) or run backward (wrong)."""
 
 
-@dataclass(frozen=True)
-class _Steps:
-    """What the stamps say, in true seconds."""
-
-    step: float  # median step forward [s]
-    steps: Array  # all steps [s]
-    jitter: float  # standard deviation of steps without gaps, over the median one
-
-    @property
-    def long(self) -> Array:
-        """Steps that miss some rows [s]."""
-        return self.steps[self.steps > GAP_STEPS * self.step]
-
-    @property
-    def gaps(self) -> Array:
-        """Steps too long to be bridged [s]."""
-        return self.steps[self.steps > max(GAP_STEPS * self.step, GAP_SECONDS)]
-
-    @property
-    def missing(self) -> bool:
-        """Whether more is missing than an interpolation bridges."""
-        count = len(self.long)
-        often = count >= 3 and count >= GAPS_PER_ROW * len(self.steps)
-        return len(self.gaps) > 0 or count >= DOUBTFUL_GAPS or often
-
-
 @case_check("clock", "Is the clock regular?")
 def clock_check(case: Case) -> Iterable[Finding]:
     """Rate, jitter, gaps, repeats, steps backward, and the unit of time.
@@ -155,27 +129,28 @@ def _clock_found(case: Case, evidence: Evidence) -> Finding:
             f"{100.0 * BACKWARD_SHARE:g} % allowed",
             fix=Fix(f"sort the rows by '{column}'"),
         )
-    steps = _Steps(
-        overview.step * units.second, np.diff(overview.stamps) * units.second, overview.jitter
-    )
+    step, steps = overview.step * units.second, np.diff(overview.stamps) * units.second
     if units.time_unit == ROW:
         return _other_rate(evidence, units)
     if units.second != 1.0:
         unit, declared = units.time_unit, overview.step
         return Finding.wrong(
             f"time stamps are in {unit}: the time step would be {declared:.4g} s as declared, and "
-            f"is {_time(steps.step)}",
+            f"is {_time(step)}",
             f"step of {declared:.4g} s as declared, logs have {SHORTEST_STEP:g} to "
             f"{LONGEST_STEP:g} s",
             fix=Fix(f"declare time in {unit}", (Edit(("signals", "time_unit"), unit),)),
-            picture=Picture("step [s]", "rows", (histogram("steps", steps.steps),)),
+            picture=Picture("step [s]", "rows", (histogram("steps", steps),)),
         )
-    found, gone = _judged(steps), missing_rows(case, evidence)
+    found, gone = (
+        _judged(step, steps, overview.stamps, overview.jitter),
+        missing_rows(case, evidence),
+    )
     if found.severity is Severity.OK and gone is not None:
-        return _leaps_found(*gone, steps.step)
+        return _leaps_found(*gone, step)
     if column == ROW:
         found = replace(found, says=f"{found.says}, as declared: the log has no column of time")
-    return replace(found, picture=_picture(steps, overview.stamps))
+    return found
 
 
 @remembered
@@ -225,71 +200,66 @@ def _other_rate(evidence: Evidence, units: UnitReading) -> Finding:
     )
 
 
-def _judged(steps: _Steps) -> Finding:
-    """The worst that is wrong with a clock whose unit is right."""
-    count = max(len(steps.steps), 1)
-    backward = int(np.count_nonzero(steps.steps < 0.0))
-    repeats = int(np.count_nonzero(steps.steps == 0.0))
-    facts = _facts(steps)
-    jitter = (
-        f"jitter {percent_of(steps.jitter)} of the step, at most {100.0 * JITTER_LIMIT:g} % allowed"
-    )
+def _judged(step: float, steps: Array, stamps: Array, jitter: float) -> Finding:
+    """The worst that is wrong with a clock whose unit is right, by its median step and all [s].
+
+    With a histogram of the steps; of few long ones, when they come.
+    """
+    count, long = max(len(steps), 1), steps[steps > GAP_STEPS * step]
+    backward, repeats = int(np.count_nonzero(steps < 0.0)), int(np.count_nonzero(steps == 0.0))
+    unbridged, facts = int(np.count_nonzero(long > GAP_SECONDS)), _facts(step, steps, jitter)
+    often = len(long) >= 3 and len(long) >= GAPS_PER_ROW * len(steps)
+    missing = unbridged > 0 or len(long) >= DOUBTFUL_GAPS or often
+    value = f"jitter {percent_of(jitter)} of the step, at most {100.0 * JITTER_LIMIT:g} % allowed"
+    picture = Picture("step [s]", "rows", (histogram("steps", steps),))
+    if missing:
+        at = steps > LATE_STEP * step
+        gaps = trace("steps that miss rows", (stamps[1:] - stamps[0])[at], steps[at], "points")
+        picture = Picture("time [s]", "step [s]", (gaps,))
     if backward:
-        return Finding.doubtful(
-            f"time decreases at {backward} rows; {facts}",
-            f"{backward} of {count} steps backward, none allowed",
-            fix=Fix(
-                "log the controller's own clock, not the arrival of messages, or sort the rows"
-            ),
+        says, value = f"time decreases at {backward} rows", f"{backward} of {count} steps backward"
+        value += ", none allowed"
+        fix = "log the controller's own clock, not the arrival of messages, or sort the rows"
+    elif missing:
+        says = (
+            f"rows are missing: {len(long)} gaps, the longest of {_time(float(long.max()))}, "
+            f"{_time(float((long - step).sum()))} in all"
         )
-    if steps.missing:
-        missing = float((steps.long - steps.step).sum())
-        return Finding.doubtful(
-            f"rows are missing: {len(steps.long)} gaps, the longest of "
-            f"{_time(float(steps.long.max()))}, {_time(missing)} in all; {facts}",
-            f"{len(steps.long)} steps longer than {GAP_STEPS:g} median ones, "
-            f"{len(steps.gaps)} of them not bridged",
-            fix=Fix("find out why rows are lost; the parts between gaps are used separately"),
+        value = f"{len(long)} steps longer than {GAP_STEPS:g} median ones, {unbridged} of them not "
+        value += "bridged"
+        fix = "find out why rows are lost; the parts between gaps are used separately"
+    elif jitter >= JITTER_LIMIT:
+        says, fix = (
+            "time stamps jitter",
+            "log the controller's own clock, not the arrival of messages",
         )
-    if steps.jitter >= JITTER_LIMIT:
-        fix = Fix("log the controller's own clock, not the arrival of messages")
-        return Finding.doubtful(f"time stamps jitter; {facts}", jitter, fix=fix)
-    if repeats > REPEATED_STAMP_SHARE * count:
-        return Finding.doubtful(
-            f"{repeats} rows have the stamp of the row before; {facts}",
+    elif repeats > REPEATED_STAMP_SHARE * count:
+        says = f"{repeats} rows have the stamp of the row before"
+        value = (
             f"{percent_of(repeats / count)} of the stamps repeat, at most "
-            f"{100.0 * REPEATED_STAMP_SHARE:g} % allowed",
-            fix=Fix("log stamps with more digits; rows that repeat a stamp are dropped"),
+            f"{100.0 * REPEATED_STAMP_SHARE:g} % allowed"
         )
-    return Finding.ok(facts, jitter)
+        fix = "log stamps with more digits; rows that repeat a stamp are dropped"
+    else:
+        return Finding.ok(facts, value, picture=picture)
+    return Finding.doubtful(f"{says}; {facts}", value, fix=Fix(fix), picture=picture)
 
 
-def _facts(steps: _Steps) -> str:
+def _facts(step: float, steps: Array, jitter: float) -> str:
     """Rate, steps and jitter in words."""
-    forward = steps.steps[steps.steps > 0.0]
-    mean = float(np.mean(forward[forward < LATE_STEP * steps.step]))
+    forward = steps[steps > 0.0]
+    mean = float(np.mean(forward[forward < LATE_STEP * step]))
     low, high = np.quantile(forward, [0.01, 0.99])
     words = f"{1.0 / mean:.4g} Hz, steps "
-    if high - low <= 1e-3 * steps.step:
-        return words + f"of {_time(steps.step)}, uniform"
+    if high - low <= 1e-3 * step:
+        return words + f"of {_time(step)}, uniform"
     longest = f", the longest {_time(float(forward.max()))}" if forward.max() > 1.5 * high else ""
-    spread = _time(steps.jitter * steps.step)
     usual = f"{_time(float(low))} to {_time(float(high))} (98 % of them)"
-    return f"{words}{usual}{longest}, jitter {spread}"
+    return f"{words}{usual}{longest}, jitter {_time(jitter * step)}"
 
 
 def _time(seconds: float) -> str:
     return f"{seconds:.3g} s" if seconds >= 1.0 else f"{1e3 * seconds:.3g} ms"
-
-
-def _picture(steps: _Steps, stamps: Array) -> Picture:
-    """A histogram of the steps; of few long ones, when they come."""
-    if steps.missing and len(steps.steps):
-        at = stamps[1:] - stamps[0]
-        long = steps.steps > LATE_STEP * steps.step
-        gaps = trace("steps that miss rows", at[long], steps.steps[long], "points")
-        return Picture("time [s]", "step [s]", (gaps,))
-    return Picture("step [s]", "rows", (histogram("steps", steps.steps),))
 
 
 def clock_is_irregular(case: Case, evidence: Evidence) -> bool:

@@ -19,7 +19,6 @@ from steelyard.base.arrays import Array
 from steelyard.check.case import Case, Evidence
 from steelyard.check.signals.overview import (
     PositionSlopes,
-    SignalOverview,
     position_slopes,
     remembered,
     signal_overview,
@@ -36,14 +35,8 @@ from steelyard.robot.robot import Coordinate
 SHORTEST_STEP, LONGEST_STEP = 1e-4, 0.25
 """Steps of a robot's log lie between these [s], give or take `RANGE_SLACK`."""
 RANGE_SLACK = 1.1
-IMPLAUSIBLE_STEP, CHANGED_UNIT_COST, OUTSIDE_COST, TOO_FAST, TOO_SLOW, DISAGREEING_COST = (
-    4.0,
-    1.0,
-    3.0,
-    2.0,
-    0.4,
-    4.0,
-)
+IMPLAUSIBLE_STEP, CHANGED_UNIT_COST, OUTSIDE_COST = 4.0, 1.0, 3.0
+TOO_FAST, TOO_SLOW, DISAGREEING_COST = 2.0, 0.4, 4.0
 """What a reading costs: a step that no log has; a unit that is not the declared one; positions far
 beyond their limits; speeds beyond theirs, and per decade below a tenth of theirs; velocities that
 are not the derivative."""
@@ -80,7 +73,7 @@ def step_cost(step: float) -> float:
     return IMPLAUSIBLE_STEP + log10(off) if off > RANGE_SLACK else 0.0
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class JointFacts:
     """What one joint's units are judged by."""
 
@@ -180,8 +173,6 @@ def position_beyond_range(coordinate: Coordinate, low: float, high: float) -> fl
 FASTEST_SHARE = 0.995  # quantile of a joint's speed that is compared with its limit
 DRAGGED_SPEED_SHARE = 0.02
 """Share of the fastest joint's rms speed below which a joint is only dragged along."""
-
-
 SURE_UNIT_GAIN = 1.0
 """What another unit of a position must gain over the declared one to be right beyond doubt."""
 
@@ -194,10 +185,8 @@ class UnitReading:
     second: float  # seconds that a declared second really has
     joints: tuple[JointReading, ...]  # units of each joint
     as_declared: tuple[JointReading, ...]  # the same with the units as declared, for their costs
-    cost: float  # of all
-    declared_cost: float  # of all units as declared
-    # velocities against derivatives, in seconds of this reading but positions and velocities
-    # as declared; `None` if there are none
+    cheaper: bool  # whether it costs less than all units as declared
+    # velocities against derivatives, positions and velocities as declared, in seconds of this
     agreement: VelocityAgreement | None
 
     @property
@@ -254,50 +243,31 @@ def unit_reading(case: Case, evidence: Evidence) -> UnitReading:
     logged = logged_velocities(case, evidence)
     rate = rate_by_velocities(signals, overview, logged)
     units = signals.time_units if rate is None else {ROW: 1.0 / rate}
-    time_scale = signals.time_scale
-    looked = min(
-        (s / time_scale for s in units.values()),
-        key=lambda second: (step_cost(overview.step * second), second != 1.0),
-    )
+    seconds = {unit: scale / signals.time_scale for unit, scale in units.items()}
+    looked = min(seconds.values(), key=lambda s: (step_cost(overview.step * s), s != 1.0))
     agreed = None if logged is None else velocity_agreement(overview, logged[1], looked)
-    facts = _facts(case, evidence, overview, looked, agreed)
-    kinds = [fact.coordinate.kind for fact in facts]
+    facts = _facts(case, evidence, looked, agreed)
+    groups = [[f for f in facts if f.coordinate.kind == kind] for kind in USUAL_SPEED]
     found = []
-    for unit, scale in units.items():
-        second = scale / time_scale
-        of_kind = {
-            kind: iter(
-                shared_unit_readings(
-                    [f for f in facts if f.coordinate.kind == kind], second / looked
-                )
-            )
-            for kind in kinds
-        }
-        joints = tuple(next(of_kind[kind]) for kind in kinds)
+    for unit, second in seconds.items():
+        read: dict[JointFacts, JointReading] = {}
+        for group in groups:
+            read |= zip(group, shared_unit_readings(group, second / looked), strict=True)
         changed = CHANGED_UNIT_COST if abs(second - 1.0) > 1e-9 else 0.0
-        cost = sum(j.cost for j in joints) + changed + step_cost(overview.step * second)
-        found.append((cost, unit, second, joints))
+        cost = _cost(read.values()) + changed + step_cost(overview.step * second)
+        found.append((cost, unit, second, tuple(read[f] for f in facts)))
     cost, unit, second, joints = min(found, key=lambda f: f[0])
-    declared = tuple(f.declared(1.0 / looked) for f in facts)
-    return UnitReading(
-        unit,
-        second,
-        joints,
-        tuple(f.declared(second / looked) for f in facts),
-        cost,
-        sum(j.cost for j in declared) + step_cost(overview.step),
-        None if agreed is None else agreed.in_seconds(second / looked),
-    )
+    as_declared = tuple(f.declared(second / looked) for f in facts)
+    cheaper = cost < _cost(f.declared(1.0 / looked) for f in facts) + step_cost(overview.step)
+    agreed = None if agreed is None else agreed.in_seconds(second / looked)
+    return UnitReading(unit, second, joints, as_declared, cheaper, agreed)
 
 
 def _facts(
-    case: Case,
-    evidence: Evidence,
-    overview: SignalOverview,
-    looked: float,
-    agreed: VelocityAgreement | None,
+    case: Case, evidence: Evidence, looked: float, agreed: VelocityAgreement | None
 ) -> tuple[JointFacts, ...]:
-    signals, slope = evidence.recording.signals, position_slopes(overview, looked)
+    overview, signals = signal_overview(case, evidence), evidence.recording.signals
+    slope = position_slopes(overview, looked)
     v, n = slope.v, len(slope.v)
     fast = np.quantile(np.abs(v), FASTEST_SHARE, axis=1) if v.shape[1] else np.zeros(n)
     low, high = np.zeros((2, n))
@@ -335,10 +305,8 @@ def _facts(
 def _named(column: str, units: Mapping[str, float]) -> str:
     """The unit in a column's name, such as that of `q1_rad`; empty if there is none."""
     words = Column(column).words
-    for unit in sorted(units, key=lambda unit: (unit in ("m", "m/s"), unit)):
-        if unit.split("/")[0] in words:
-            return unit
-    return ""
+    ordered = sorted(units, key=lambda unit: (unit in ("m", "m/s"), unit))
+    return next((unit for unit in ordered if unit.split("/")[0] in words), "")
 
 
 def _relative(scale: float, units: Mapping[str, float]) -> dict[str, float]:
