@@ -14,14 +14,14 @@ from steelyard.base.arrays import Array
 from steelyard.check.case import Case, Evidence
 from steelyard.check.examine import CHECKS, Diagnosis, examine
 from steelyard.check.finding import Finding, Severity, percent_of
-from steelyard.check.signals.movement import excitation_check, rests_check
-from steelyard.check.signals.position import position_check
-from steelyard.check.signals.rows import corrupt_rows_check, repeated_rows_check
-from steelyard.check.signals.sensor_limits import (
+from steelyard.check.signals.measured import (
     noise_check,
     saturation_check,
     signed_efforts_check,
 )
+from steelyard.check.signals.movement import excitation_check, rests_check
+from steelyard.check.signals.position import position_check
+from steelyard.check.signals.rows import corrupt_rows_check, repeated_rows_check
 from steelyard.check.signals.time_stamps import clock_check
 from steelyard.check.signals.units import JointFacts, _named, unit_reading
 from steelyard.check.signals.velocity import velocity_check

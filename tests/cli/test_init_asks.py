@@ -14,7 +14,7 @@ from cli.mistakes import LOG
 from steelyard.cli import drive_questions as ask
 from steelyard.robot.file.robot_file import load_robot
 from steelyard.robot.init.guess_columns import guess_columns
-from steelyard.robot.init.signals_section import Effort, Known, with_effort
+from steelyard.robot.init.tables import Effort, Known, with_effort
 from steelyard.robot.robot import Coordinate
 
 URDF = "../given/demo_arm.urdf"

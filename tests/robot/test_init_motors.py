@@ -11,7 +11,7 @@ from steelyard.robot.file.robot_file import LoadedRobot, load_robot
 from steelyard.robot.init.guess_columns import Guess, guess_columns
 from steelyard.robot.init.guess_efforts import Gears, regressed
 from steelyard.robot.init.proposal import proposed
-from steelyard.robot.init.signals_section import Known
+from steelyard.robot.init.tables import Known
 from steelyard.robot.init.template import Draft, assigned, drafted
 from steelyard.robot.robot import Coordinate, Limits
 

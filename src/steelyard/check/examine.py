@@ -27,16 +27,14 @@ from steelyard.check.several_logs import edits_that_serve_all_logs, friction_dri
 from steelyard.check.signals.measured import (
     computed_efforts_check,
     measured_instead,
+    noise_check,
+    saturation_check,
     set_points_check,
+    signed_efforts_check,
 )
 from steelyard.check.signals.movement import excitation_check, moving_base_check, rests_check
 from steelyard.check.signals.position import position_check
 from steelyard.check.signals.rows import corrupt_rows_check, repeated_rows_check
-from steelyard.check.signals.sensor_limits import (
-    noise_check,
-    saturation_check,
-    signed_efforts_check,
-)
 from steelyard.check.signals.time_stamps import clock_check, out_of_order
 from steelyard.check.signals.velocity import velocity_check
 

@@ -17,7 +17,7 @@ from steelyard.robot.file.loaded_robot import LoadedRobot
 from steelyard.robot.file.signals import Signals, build_signals, expanded
 from steelyard.robot.init.guess_columns import Guess
 from steelyard.robot.init.guess_efforts import Gears
-from steelyard.robot.init.signals_section import Known, needs_gains
+from steelyard.robot.init.tables import Known, needs_gains
 from steelyard.robot.robot import Coordinate, Transmission
 from steelyard.runs.named_logs import LogArgument, recording_of
 from steelyard.runs.processing import Processing

@@ -10,7 +10,7 @@ from steelyard.base.errors import ModelError, advice
 from steelyard.robot.file.signals import looks_like_degrees
 from steelyard.robot.init.guess_columns import Guess
 from steelyard.robot.init.guess_efforts import Gears
-from steelyard.robot.init.signals_section import Effort, Known, needs_gains, with_effort
+from steelyard.robot.init.tables import Effort, Known, needs_gains, with_effort
 from steelyard.robot.robot import Coordinate
 
 

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from steelyard.cli.drive_questions import Stated
     from steelyard.identify.validation_data import ProposedCut
     from steelyard.robot.init.proposal import Proposal
-    from steelyard.robot.init.signals_section import Known
+    from steelyard.robot.init.tables import Known
     from steelyard.robot.init.template import Assignment, Draft
     from steelyard.runs.named_logs import LogArgument
 
@@ -146,7 +146,7 @@ def examined(
     """Joints with their columns, and what else logs and answers contain."""
     from steelyard.check.new_robot_file import known_from_logs, refuse_other_columns
     from steelyard.cli import drive_questions as questions
-    from steelyard.robot.init.signals_section import Known, with_effort
+    from steelyard.robot.init.tables import Known, with_effort
     from steelyard.robot.init.template import assigned, gears_of
     from steelyard.runs.named_logs import sample_of
 
@@ -231,7 +231,7 @@ def show(
 
 def _beyond_columns(draft: "Draft", known: "Known") -> Iterator[str]:
     """Gains and friction laws, and where they come from."""
-    from steelyard.robot.init.signals_section import needs_gains, scale_words
+    from steelyard.robot.init.tables import needs_gains, scale_words
 
     if draft.guess is None:
         return

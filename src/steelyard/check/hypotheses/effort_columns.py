@@ -213,14 +213,11 @@ def _all_turned(reading: Reading) -> Iterator[Reading]:
 
 def _orders(reading: Reading) -> Iterator[Reading]:
     """Joints in every order, efforts with them or as declared; and efforts alone."""
-    for order in permutations(range(len(reading.position))):
-        position = tuple(reading.position[k] for k in order)
-        moved = reading.changed(position=position)
-        yield moved
-        if position != reading.position:
-            effort = tuple(reading.effort[k] for k in order)
-            yield moved.changed(effort=effort)
-            yield reading.changed(effort=effort)
+    for order in permutations(every := range(len(reading.position))):
+        yield reading.ordered(order, efforts=False)
+        if order != tuple(every):
+            yield reading.ordered(order)
+            yield reading.ordered(order, positions=False)
 
 
 def _position_signs(reading: Reading) -> Iterator[Reading]:

@@ -34,8 +34,7 @@ class Excerpt:
     """Samples of a log in its own units and columns, joint-major; signs and units not applied."""
 
     t: Array  # time from the log's start, shape `(B,)` [s]
-    # number of the stretch each sample lies in, shape `(B,)`; time is even within one
-    stretch: NDArray[np.intp]
+    stretch: NDArray[np.intp]  # number of each sample's stretch, in which time is even, `(B,)`
     z: Array  # position columns low-passed, shape `(n, B)`
     dz: Array  # their first derivative
     ddz: Array  # their second derivative
@@ -85,10 +84,7 @@ def excerpt_of(
 ) -> Excerpt | None:
     """The excerpt of a recording; `None` if it holds no motion that can be read.
 
-    Args:
-        recording: The log as the robot file reads it.
-        processing: Cut-offs that the robot file requests.
-        cutoff: Low-pass of a reference [Hz]; from the data if `None`.
+    Behind the low-pass of a reference [Hz], or one from the data if that is `None`.
     """
     signals = replace(recording.signals, velocity=None, velocity_scale=None)
     try:
@@ -117,16 +113,12 @@ def _segments(recording: Recording) -> tuple[list[tuple[float, Array]], float, f
         if sum(len(p.t) for p in pieces) >= EXCERPT_SOURCE_ROWS:
             break
     grouped = [list(group) for _, group in groupby(pieces, key=lambda piece: piece.segment)]
-    steps = [np.diff(np.concatenate([p.t for p in group])) for group in grouped]
-    count = sum(len(s) for s in steps)
-    if count < SHORTEST_CHAIN:
+    joined = [(np.concatenate([p.t for p in g]), np.concatenate([p.x for p in g])) for g in grouped]
+    steps = np.concatenate([np.zeros(0), *(np.diff(t) for t, _ in joined)])
+    if len(steps) < SHORTEST_CHAIN:
         return [], 0.0, clock.origin
-    rate = nice_rate(sum(float(s.sum()) for s in steps) / count)
-    found = []
-    for group in grouped:
-        t, x = np.concatenate([p.t for p in group]), np.concatenate([p.x for p in group])
-        found.append((float(t[0]), uniform(t, x.T, rate)))
-    return found, rate, clock.origin
+    rate = nice_rate(float(steps.mean()))
+    return [(float(t[0]), uniform(t, x.T, rate)) for t, x in joined], rate, clock.origin
 
 
 def _collected(
@@ -146,20 +138,15 @@ def _collected(
     for t, x in parts:
         t, x = t[::step], x[:, ::step]
         keep = len(t) if total <= EXCERPT_SAMPLES else max(8, int(EXCERPT_SAMPLES * len(t) / total))
-        chosen += _spread(t, x, keep)
+        count = 1 if keep == len(t) else max(1, min(EXCERPT_STRETCHES, keep // 64))
+        for start in np.linspace(0, len(t) - keep // count, count).astype(int):
+            at = slice(start, start + keep // count)
+            chosen.append((t[at], x[:, at]))
     t = np.concatenate([part for part, _ in chosen])
     x = np.concatenate([part for _, part in chosen], axis=1)
     stretch = np.repeat(np.arange(len(chosen)), [len(part) for part, _ in chosen])
     z, dz, ddz, e = x.reshape(4, recording.channels.joints, -1)
     return Excerpt(t, stretch, z, dz, ddz, e, rate / step, cutoff, rate, origin)
-
-
-def _spread(t: Array, x: Array, keep: int) -> list[tuple[Array, Array]]:
-    """Stretches, evenly spread, with `keep` samples in all."""
-    count = 1 if keep == len(t) else max(1, min(EXCERPT_STRETCHES, keep // 64))
-    length = keep // count
-    starts = np.linspace(0, len(t) - length, count).astype(int)
-    return [(t[a : a + length], x[:, a : a + length]) for a in starts]
 
 
 def _filtered(

@@ -33,7 +33,7 @@ from steelyard.robot.init.guess_efforts import (
     others,
     regressed,
 )
-from steelyard.robot.init.guess_motion import beside, clock_of, guess_positions, judged
+from steelyard.robot.init.guess_motion import clock_of, guess_positions, judged
 from steelyard.robot.robot import Coordinate, Robot
 
 Sample = Mapping[str, ArrayLike]
@@ -45,15 +45,12 @@ class Guess:
     """What a log's columns seem to be."""
 
     section: SignalsSection  # as the robot file would say it; a current's gain is left open
-    # joints that the log has positions and efforts of, in the order of the columns
-    joints: tuple[str, ...]
+    joints: tuple[str, ...]  # that the log has positions and efforts of, in the columns' order
     velocity: tuple[str, ...]  # velocity columns that were seen, and left out
     reasons: tuple[str, ...]  # why, one sentence each, for the user
     contradictions: tuple[str, ...] = ()  # values that contradict the model file, one sentence each
-    # gears between motors and joints, where the log has positions of both
-    gears: Gears | None = None
-    # unit of all velocity columns, or one per joint; `None` for rad/s and m/s
-    velocity_unit: Any = None
+    gears: Gears | None = None  # where the log has positions of both motors and joints
+    velocity_unit: Any = None  # of all velocity columns, or one per joint; `None` for rad/s and m/s
 
     @property
     def motor_side(self) -> bool:
@@ -106,13 +103,13 @@ def guess_columns(
         if column.quantity is not None:
             kinds.setdefault(column.quantity, []).append(column)
     joints, position, effort, how = _matched(coordinates, kinds, columns, values)
-    clock, time_reason = clock_of(beside(position, kinds.get("time", [])), columns, values, rate)
+    clock, time_reason = clock_of(kinds.get("time", []), position[0], columns, values, rate)
     if counted := [c.name for c in effort if c.has(*COUNTS)]:
         give_up(f"efforts are in counts, which have no unit: {', '.join(counted)}", columns)
     effort_words, units = effort_units(effort, joints, values)
     geared = geared or all(c.of_motor for c in effort)
     where = guess_positions(position, joints, values, columns, geared)
-    velocity = _velocity(joints, kinds.get("velocity", []), how)
+    velocity = _one_each(joints, kinds.get("velocity", []), how)
     rates = judged(velocity, position, joints, where.unit, clock, sample or {})
     used = rates.columns
     kind, side = "joint_torque", "joint"
@@ -161,13 +158,10 @@ def _gears(
 ) -> Gears | None:
     """Gears from a log that has positions of joints and of motors."""
     motors = [column for column in every if column.of_motor]
-    named = by_name(joints, motors)
-    if len(named) == len(joints):
-        groups = [tuple(named[joint.name] for joint in joints)]
-    else:
-        groups = by_number(len(joints), motors)
-    columns = [*(groups[0] if groups else ()), *position]
-    if not groups or sample is None or any(column.name not in sample for column in columns):
+    groups = by_number(len(joints), motors)
+    found = _one_each(joints, motors, _BY_NAME) or (groups[0] if groups else ())
+    columns = [*found, *position]
+    if not found or sample is None or any(column.name not in sample for column in columns):
         return None
     sides = [np.asarray(sample[column.name], dtype=np.float64) for column in columns]
     return regressed(sides[: len(joints)], sides[len(joints) :])
@@ -267,7 +261,7 @@ def _why_not(
     )
 
 
-def _velocity(
+def _one_each(
     joints: Sequence[Coordinate], columns: Sequence[Column], how: str
 ) -> tuple[Column, ...]:
     if how == _BY_NAME:

@@ -39,11 +39,14 @@ def guess_time(columns: Sequence[str], sample: Mapping[str, ArrayLike]) -> tuple
 
 def clock_of(
     candidates: Sequence[Column],
+    position: Column,
     columns: Sequence[str],
     values: Mapping[str, Array],
     rate: float | None,
 ) -> tuple[dict[str, Any], str]:
-    """What the robot file says of time, and why."""
+    """What the robot file says of time, and why; of messages, times of the positions' topic."""
+    topic = position.name.rpartition("/position/")[0]
+    candidates = [c for c in candidates if topic and c.topic == topic] or candidates
     if rate is not None:
         instead = f", not {listed(candidates)}" if candidates else ""
         why = f"time is the number of the row at the {rate:g} Hz that were given{instead}"
@@ -69,20 +72,10 @@ def _time(
     return min(rising, key=lambda c: (c.topic != rising[0].topic, len(c.words)))
 
 
-def beside(position: Sequence[Column], candidates: Sequence[Column]) -> Sequence[Column]:
-    """Times of the topic that positions are of, if the log is of messages."""
-    topic = position[0].name.rpartition("/position/")[0]
-    return [c for c in candidates if topic and c.topic == topic] or candidates
-
-
 def _time_unit(time: Column, values: Mapping[str, Array]) -> tuple[str, str]:
-    for unit, words in (
-        ("ms", ("ms", "msec", "millis")),
-        ("us", ("us", "usec", "micros")),
-        ("ns", ("ns", "nsec", "nanos")),
-        ("s", ("s", "sec", "seconds")),
-    ):
-        if time.has(*words):
+    names = {"ms": "millis", "us": "micros", "ns": "nanos", "s": "seconds"}
+    for unit, long in names.items():
+        if time.has(unit, f"{unit}ec", long):
             return unit, "by its name"
     steps = np.diff(values.get(time.name, np.zeros(0)))
     step = float(np.median(steps[steps > 0.0])) if np.any(steps > 0.0) else 0.0
@@ -151,13 +144,13 @@ class Comparison:
             found.append("one joint's are not the derivative of its position")
         if abs(self.late) > min(STEPS * self.step, SECONDS):
             found.append(f"they are {self.delay}")
-        if self.noise > NOISE:
+        times = f"{_figures(self.noise)} times"
+        if self.noise >= 1.0:
+            found.append(f"they are noisier than differentiated positions ({times})")
+        elif self.noise > NOISE:
             found.append(
-                f"they are hardly less noisy than differentiated positions (noise "
-                f"{_figures(self.noise)} times as large, at most {NOISE:g} allowed)"
-                if self.noise < 1.0
-                else f"they are noisier than differentiated positions "
-                f"({_figures(self.noise)} times)"
+                f"they are hardly less noisy than differentiated positions (noise {times} as "
+                f"large, at most {NOISE:g} allowed)"
             )
         return tuple(found)
 
@@ -321,9 +314,8 @@ def guess_positions(
     """
     if all(column.of_motor for column in columns):
         unit, reason = _motor_unit(columns)
-        return PositionGuess(
-            unit, f"of motors, not of joints, by their names; {reason}", motors=True
-        )
+        why = f"of motors, not of joints, by their names; {reason}"
+        return PositionGuess(unit, why, motors=True)
     unit, reason = _position_unit(columns, joints, values)
     units = [unit] * len(columns) if unit is None or isinstance(unit, str) else unit
     scales = [SMALL_UNITS.get(str(one), 1.0) for one in units]
@@ -339,15 +331,13 @@ def guess_positions(
                 f"are the motors', gear ratios; then {IN_FILE}",
             )
         degrees = None if geared else _degrees(columns, joints, units, values)
+        times = f"up to {max(beyond):.3g} times the joints' limits"
         if degrees is not None:
-            return PositionGuess(
-                degrees,
-                f"in deg though their names say rad, in which they would be up to "
-                f"{max(beyond):.3g} times the joints' limits (if they are of motors: --ratios)",
-            )
+            why = f"in deg though their names say rad, in which they would be {times}"
+            return PositionGuess(degrees, f"{why} (if they are of motors: --ratios)")
         unit, unit_reason = _motor_unit(columns)
-        why = f"up to {max(beyond):.3g} times the joints' limits: of motors, not of joints"
-        return PositionGuess(unit, f"{why}; {unit_reason}", motors=True)
+        why = f"{times}: of motors, not of joints; {unit_reason}"
+        return PositionGuess(unit, why, motors=True)
     far = [(x, f"{j.name} ({c.name})") for c, j, x in zip(columns, joints, beyond, strict=True)]
     far = [(x, name) for x, name in far if x > LEAST_POSITION_BEYOND_LIMIT]
     if not far:
@@ -369,11 +359,8 @@ def _degrees(
     """Units with deg for rad, if all positions are within the joints' limits then; else `None`."""
     own = [unit or joint.unit for unit, joint in zip(units, joints, strict=True)]
     other = ["deg" if unit == "rad" else unit for unit in own]
-    scales = [SMALL_UNITS.get(unit, 1.0) for unit in other]
-    if (
-        own == other
-        or max(beyond_limits(columns, joints, scales, values)) > LEAST_POSITION_BEYOND_LIMIT
-    ):
+    beyond = beyond_limits(columns, joints, [SMALL_UNITS.get(u, 1.0) for u in other], values)
+    if own == other or max(beyond) > LEAST_POSITION_BEYOND_LIMIT:
         return None
     return other[0] if len(set(other)) == 1 else other
 

@@ -21,11 +21,14 @@ from steelyard.robot.init.guess_efforts import (
     link_side,
     reductions,
 )
-from steelyard.robot.init.model_section import SETTINGS, excitation_part, gears_part, model_part
 from steelyard.robot.init.proposal import Proposal
-from steelyard.robot.init.signals_section import (
+from steelyard.robot.init.tables import (
+    SETTINGS,
     Effort,
     Known,
+    excitation_part,
+    gears_part,
+    model_part,
     signals_part,
     signals_template,
     with_effort,
