@@ -23,10 +23,7 @@ from steelyard.check.hypotheses.likelihood import (
     keeps_evidence,
 )
 from steelyard.check.hypotheses.nuisance import LEAST_SAMPLE_COUNT
-from steelyard.check.hypotheses.position_columns import (
-    COARSE_SAMPLES,
-    MOST_PERMUTED_JOINTS,
-)
+from steelyard.check.hypotheses.position_columns import COARSE_SAMPLES, MOST_PERMUTED_JOINTS
 
 THOUSAND = {"1000 times larger": 1e3, "1000 times smaller": 1e-3}
 OWN_GAIN_COST = 3.0 * FITTED_NUMBER_COST

@@ -169,9 +169,7 @@ def _rest_words(rests: NDArray[np.bool_], t: Array, duration: float) -> str:
 
 TURN_WORDS = {*"gyro gyroscope omega angular".split()}
 ACCELERATION_WORDS = {*"acc accel accelerometer acceleration".split()}
-INERTIAL_SENSOR_WORDS = {
-    *"imu gyro gyroscope accelerometer base trunk torso pelvis body".split(),
-}
+INERTIAL_SENSOR_WORDS = {*"imu gyro gyroscope accelerometer base trunk torso pelvis body".split()}
 """Words of columns of an inertial sensor, of its place, and of what it measures."""
 BASE_ROWS = 20_000
 LEAST_TURN = 0.05  # root mean square about its mean from which on a rate of turn is motion [rad/s]

@@ -30,12 +30,7 @@ from steelyard.check.finding import (
     trace,
 )
 from steelyard.check.identifiability import customary_model, longest_run
-from steelyard.check.signals.overview import (
-    JITTER_LIMIT,
-    LATE_STEP,
-    remembered,
-    signal_overview,
-)
+from steelyard.check.signals.overview import JITTER_LIMIT, LATE_STEP, remembered, signal_overview
 from steelyard.check.signals.units import (
     LONGEST_STEP,
     SHORTEST_STEP,

@@ -160,9 +160,7 @@ def by_name(coordinates: Sequence[Coordinate], columns: Iterable[Column]) -> dic
     return found
 
 
-def _own_words(
-    coordinates: Sequence[Coordinate],
-) -> dict[str, tuple[set[str], tuple[str, ...]]]:
+def _own_words(coordinates: Sequence[Coordinate]) -> dict[str, tuple[set[str], tuple[str, ...]]]:
     """Words and numbers of each joint's name that not all joints share."""
     names = {c.name: Column(c.name) for c in coordinates}
     common = {"joint"}

@@ -230,10 +230,7 @@ def _matched(
 
 
 def _why_not(
-    quantity: Quantity,
-    like: Sequence[Column],
-    joints: Sequence[Coordinate],
-    columns: Sequence[str],
+    quantity: Quantity, like: Sequence[Column], joints: Sequence[Coordinate], columns: Sequence[str]
 ) -> str:
     """Why no columns are assigned: none like them, some joints without, or not one for each."""
     every, what = [*map(Column, columns)], f"{quantity}s"

@@ -41,9 +41,7 @@ def proposed(reference: str | Path, base: str | None = None) -> Proposal:
     path, arguments = split_reference(reference)
     if path.suffix.lower() == ".toml":
         raise ModelError(
-            "this is already a robot file",
-            where=str(path),
-            fix="give its URDF or MJCF",
+            "this is already a robot file", where=str(path), fix="give its URDF or MJCF"
         )
     model = read_model(path, arguments)
     mechanism, why_base = model.mechanism, ""

@@ -269,10 +269,7 @@ def gears_part(gears: Gears | None, moving: Sequence[Coordinate]) -> str:
 
 
 def model_part(
-    springs: Mapping[str, JointSpring],
-    guess: Guess | None,
-    known: Known,
-    gears: Gears | None,
+    springs: Mapping[str, JointSpring], guess: Guess | None, known: Known, gears: Gears | None
 ) -> str:
     """The torque terms, and whether friction laws are chosen from the data."""
     behind = guess is not None and guess.section.effort.kind == "link_torque"
