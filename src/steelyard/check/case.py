@@ -14,7 +14,7 @@ from steelyard.base.progress import Progress, silent
 from steelyard.check.finding import Finding
 from steelyard.estimate.identified import IdentifiedModel
 from steelyard.estimate.payload.load_case import carrier
-from steelyard.logs.log import Log, RowRange
+from steelyard.logs.log import Log
 from steelyard.model.laws.rigid_body import RigidBody
 from steelyard.model.model import Model, ValuedModel
 from steelyard.robot.file.loaded_robot import LoadedRobot
@@ -155,7 +155,7 @@ class Evidence:
         return self.recording.channels
 
     @cached_property
-    def window(self) -> RowRange:
+    def window(self) -> tuple[int, int]:
         """Start and stop of the rows that are looked at one by one; the log may end before."""
         cut = self.recording.cut
         start, stop = cut.rows

@@ -73,10 +73,10 @@ def controller_gains(case: Case) -> ControllerGains | None:
 
 def gains_of_logs(logs: Sequence[Evidence], joints: int) -> ControllerGains | None:
     """Gains from all logs that have both targets; `None` where none is known."""
-    found = [rows for evidence in logs if (rows := _target_rows(evidence)) is not None]
+    found = [part for evidence in logs if (part := _target_rows(evidence)) is not None]
     if not found:
         return None
-    rows = [np.concatenate([part[j] for _, part in found], axis=1) for j in range(joints)]
+    rows = [np.concatenate([own[j] for _, own in found], axis=1) for j in range(joints)]
     fits = np.array([_gain(one) for one in rows])
     gains = ControllerGains(found[-1][0], fits[:, 0], fits[:, 1])
     return gains if gains.known.any() else None
