@@ -155,8 +155,14 @@ class Experiment:
 
     @cached_property
     def start_values(self) -> StartValues:
-        """Values that can be simulated: the start's, or where it has none, the model file's."""
-        return start_estimate(self)
+        """Values that can be simulated: the start's, or the nominal bodies with its friction."""
+        try:
+            return _tried(self, self.start.parameters.values, ())
+        except DataError:
+            nominal = _nominal(self)
+            if nominal is None:
+                raise
+        return _tried(self, nominal, (START_VALUES_NOTE,))
 
     @cached_property
     def postures(self) -> Array:
@@ -259,13 +265,19 @@ class Simulated:
 
 
 def simulate(
-    experiment: Experiment, values: Array, progress: Progress = silent
+    experiment: Experiment,
+    values: Array,
+    progress: Progress = silent,
+    widths: Array | None = None,
 ) -> tuple[Simulated, ...]:
-    """The runs as the model makes them, with parameters `(p, L)`, or `(p,)` for one lane."""
-    widths = experiment.start_values.widths
+    """The runs as the model makes them, with parameters `(p, L)`, or `(p,)` for one lane.
+
+    Jumps turn within widths of speed `(n,)`, those of the start if `None`.
+    """
+    turning = experiment.start_values.widths if widths is None else widths
     return tuple(
-        simulate_run(run, loop, experiment.dynamics, values, widths, progress)
-        for run, loop in zip(experiment.runs, experiment.loops, strict=True)
+        _simulate_run(run, loop, experiment.dynamics, values, turning, progress)
+        for run, loop in zip(experiment.runs, experiment.loops, strict=False)
     )
 
 
@@ -283,18 +295,15 @@ def require_sound(experiment: Experiment, simulated: Sequence[Simulated]) -> Non
             )
 
 
-def simulate_run(
+def _simulate_run(
     run: Measured,
     loop: RunController,
     dynamics: Forward,
     values: Array,
     widths: Array,
-    progress: Progress = silent,
+    progress: Progress,
 ) -> Simulated:
-    """One run as the model makes it, from its first measured sample, tick by tick.
-
-    Parameters are of shape `(p, L)`, or `(p,)` for one lane, widths `(n,)`.
-    """
+    """One run as the model makes it, from its first measured sample, tick by tick."""
     lanes = np.reshape(values, (len(values), -1))
     ticks, samples, n = run.ticks, len(run.q), dynamics.n
     motion, tau = np.empty((3, samples, n)), np.empty((samples, n, lanes.shape[1]))
@@ -336,25 +345,10 @@ START_VALUES_NOTE = (
 )
 
 
-def start_estimate(experiment: Experiment) -> StartValues:
-    """Weighted least squares, or the nominal bodies with its friction where that cannot move."""
-    try:
-        return _tried(experiment, experiment.start.parameters.values, ())
-    except DataError:
-        nominal = _nominal(experiment)
-        if nominal is None:
-            raise
-    return _tried(experiment, nominal, (START_VALUES_NOTE,))
-
-
 def _tried(experiment: Experiment, values: Array, notes: tuple[str, ...]) -> StartValues:
     """The values, if the runs can be simulated with them."""
-    dynamics = experiment.dynamics
-    widths = dynamics.widths(experiment.postures, values)
-    pairs = zip(experiment.runs, experiment.loops, strict=False)
-    require_sound(
-        experiment, [simulate_run(run, loop, dynamics, values, widths) for run, loop in pairs]
-    )
+    widths = experiment.dynamics.widths(experiment.postures, values)
+    require_sound(experiment, simulate(experiment, values, widths=widths))
     return StartValues(values, widths, notes)
 
 

@@ -309,18 +309,14 @@ LETTERS = {
 """Letters of a parameter by what stands before the dot of its name."""
 
 
-def symbol(robot: Robot, base: BaseMap, number: int) -> str:
-    """The customary symbol of a base parameter; its own name where none is customary."""
-    name = base.base_names[number]
-    kind, _, of = name.partition(".")
-    if kind not in LETTERS:
-        return name
-    owners = [b.name for b in robot.bodies] if kind in INERTIAL_NAMES else list(robot.joint_names)
-    place = str(owners.index(of) + 1) if of in owners else f"_{of}"
-    grouped = "R" if base.coefficients[number].any() else ""
-    return f"{LETTERS[kind]}{place}{grouped}"
-
-
 def symbols(robot: Robot, base: BaseMap) -> tuple[str, ...]:
-    """The customary symbols of all base parameters."""
-    return tuple(symbol(robot, base, number) for number in range(len(base)))
+    """The customary symbols of base parameters; their own names where none is customary."""
+    found = []
+    for name, others in zip(base.base_names, base.coefficients, strict=True):
+        kind, _, of = name.partition(".")
+        bodies = [b.name for b in robot.bodies]
+        owners = bodies if kind in INERTIAL_NAMES else list(robot.joint_names)
+        place = str(owners.index(of) + 1) if of in owners else f"_{of}"
+        known = f"{LETTERS[kind]}{place}{'R' if others.any() else ''}" if kind in LETTERS else name
+        found.append(known)
+    return tuple(found)

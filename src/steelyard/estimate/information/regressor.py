@@ -151,11 +151,6 @@ class ParallelFilter:
         kept = full[centre % self.decimation :: self.decimation]
         return float(kept.sum() / full[centre])
 
-    @property
-    def description(self) -> str:
-        """For fingerprints and reports."""
-        return f"FIR low-pass {self.cutoff:g} Hz, {len(self.taps)} taps at {self.rate:g} Hz"
-
 
 def noise_bandwidth(cutoff: float) -> float:
     """Bandwidth of an ideal low-pass that leaves as much of white noise as the filter [Hz]."""

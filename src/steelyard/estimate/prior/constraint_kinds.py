@@ -162,31 +162,23 @@ class CentreInHull:
 
     def rows(self, scope: ConstraintContext) -> list[Row]:
         r"""$n \cdot m c \le d\,m$ for every facet of the convex hull with normal $n$."""
-        link = scope.body(self.link)
-        label = f"the centre of mass of link '{link}' lies between the {len(self.points)} points"
-        return [
-            scope.row(
-                label,
-                {f"m{axis}.{link}": float(n) for axis, n in zip("xyz", normal, strict=True)}
-                | {f"m.{link}": float(offset)},
-                (-np.inf, 0.0),
-            )
-            for *normal, offset in self._facets(scope)
-        ]
-
-    def _facets(self, scope: ConstraintContext) -> Array:
-        """Normals that point out and offsets, `n x + offset <= 0` inside, shape `(k, 4)`."""
         from scipy.spatial import ConvexHull, QhullError
 
+        link, count = scope.body(self.link), len(self.points)
+        label = f"the centre of mass of link '{link}' lies between the {count} points"
         try:
+            # normals that point out and offsets, `n x + offset <= 0` inside
             facets = ConvexHull(np.reshape(self.points, (-1, 3))).equations
         except (QhullError, ValueError):
             scope.refuse(
-                f"the {len(self.points)} points of link '{self.link}' span no volume",
+                f"the {count} points of link '{self.link}' span no volume",
                 "give four points or more that are not in one plane [m]",
             )
-        kept = np.unique(facets.round(12), axis=0)
-        return np.asarray(kept, dtype=np.float64)
+        names = (*(f"m{axis}.{link}" for axis in "xyz"), f"m.{link}")
+        return [
+            scope.row(label, dict(zip(names, facet, strict=True)), (-np.inf, 0.0))
+            for facet in np.unique(facets.round(12), axis=0).tolist()
+        ]
 
 
 @dataclass(frozen=True, kw_only=True)

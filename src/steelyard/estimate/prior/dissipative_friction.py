@@ -67,11 +67,12 @@ def friction_curves(model: Model, fastest: Sequence[float] | Array) -> tuple[Row
         if isinstance(term, ActsOnAxes) and term.dissipation != "none" and not term.per_run
     ]
     found = list(_coordinates(model, laws, np.asarray(fastest)))
-    rows = {
-        part: of_part
-        for group in _groups(found)
-        for part, of_part in zip(group, _rows(group, model.robot), strict=True)
-    }
+    rows, robot = dict[Coordinate, list[Row]](), model.robot
+    for group in _groups(found):
+        ranges = _ranges(group[0].laws, robot)
+        axes, tops = [part.axis for part in group], np.array([part.top for part in group])
+        works = [_works(law, robot, axes, tops, ranges) for law in group[0].laws]
+        rows |= {part: _rows_of(part, robot, ranges, works) for part in group}
     return tuple(row for part in found for row in rows[part])
 
 
@@ -116,15 +117,6 @@ def shaped(model: Model, rows: Sequence[Row]) -> frozenset[str]:
         for p in term.parameters(model.robot)
         if p.name in bounded
     )
-
-
-def _rows(group: Sequence[Coordinate], robot: Robot) -> list[list[Row]]:
-    """The rows of coordinates that move at once."""
-    laws = group[0].laws
-    ranges = _ranges(laws, robot)
-    axes, tops = [part.axis for part in group], np.array([part.top for part in group])
-    works = [_works(law, robot, axes, tops, ranges) for law in laws]
-    return [_rows_of(part, robot, ranges, works) for part in group]
 
 
 def _rows_of(

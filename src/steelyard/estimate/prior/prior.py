@@ -177,10 +177,20 @@ def rigid_bodies(model: Model) -> dict[int, Body]:
 
 def model_prior(robot: Robot, index: int) -> PriorBody:
     """The nominal mass properties of a body, or what stands in for them."""
-    body = robot.bodies[index]
-    if body.known and body.inertia.mass > 0.0 and np.isfinite(body.inertia.ten).all():
+    body, mass = robot.bodies[index], assumed_mass(robot)
+    if not body.known:
+        wrong = "the model file gives no mass properties"
+    elif not np.isfinite(body.inertia.ten).all():
+        wrong = "it is not physically consistent: a value is not finite"
+    elif body.inertia.mass < 0.0:
+        negative = f"its mass is negative ({body.inertia.mass:.4g} kg)"
+        wrong = f"it is not physically consistent: {negative}"
+    elif body.inertia.mass == 0.0:
+        wrong = "its mass is zero"
+    else:
         return corrected_body(body.inertia, noted=True)
-    return _assumed_prior(robot, index)
+    solid = corrected_body(assumed_body(robot, index, mass)).inertia
+    return PriorBody(solid, f"{wrong}; a solid body of {mass:.3g} kg between its joints is assumed")
 
 
 def notes_on(corrected: Mapping[str, PriorBody]) -> tuple[str, ...]:
@@ -244,22 +254,6 @@ def assumed_body(robot: Robot, index: int, mass: float) -> Inertia:
         return ball(mass, np.zeros(3))
     parts = [capsule(mass / len(ends), np.zeros(3), end) for end in ends]
     return sum(parts, Inertia.zero())
-
-
-def _assumed_prior(robot: Robot, index: int) -> PriorBody:
-    body, mass = robot.bodies[index], assumed_mass(robot)
-    if not body.known:
-        wrong = "the model file gives no mass properties"
-    elif not np.isfinite(body.inertia.ten).all():
-        wrong = "it is not physically consistent: a value is not finite"
-    elif body.inertia.mass < 0.0:
-        wrong = (
-            f"it is not physically consistent: its mass is negative ({body.inertia.mass:.4g} kg)"
-        )
-    else:
-        wrong = "its mass is zero"
-    solid = corrected_body(assumed_body(robot, index, mass)).inertia
-    return PriorBody(solid, f"{wrong}; a solid body of {mass:.3g} kg between its joints is assumed")
 
 
 def _ends(robot: Robot, index: int) -> Sequence[Array]:

@@ -61,16 +61,28 @@ def body_index(robot: Robot, name: str, where: str) -> int:
 
 
 def _prior(robot: Robot, index: int, section: PriorSection, where: Locate) -> PriorBody | None:
-    name = robot.bodies[index].name
-    given = section.links.get(name, LinkPriorSection(source=section.source))
-    _refuse_unclear(name, given, where("prior", "links", name))
+    body = robot.bodies[index]
+    given = section.links.get(body.name, LinkPriorSection(source=section.source))
+    _refuse_unclear(body.name, given, where("prior", "links", body.name))
     if given.source == "none":
         return None
     if given.model_fields_set <= {"source"}:
         return model_prior(robot, index)
-    mass, guessed = _mass(robot, index, given)
-    corrected = corrected_body(_solid(robot, index, given, mass))
-    if not guessed:
+    known = body.known and body.inertia.mass > 0.0
+    guess = body.inertia.mass if known else assumed_mass(robot)
+    mass = guess if given.mass is None else given.mass
+    if given.box is not None:
+        solid = box(mass, given.box.centre, given.box.size)
+    elif given.capsule is not None:
+        solid = capsule(mass, given.capsule.start, given.capsule.end, given.capsule.radius)
+    else:  # what the table leaves out is the model's, scaled to the mass
+        scaled = Inertia.from_ten(body.inertia.ten * (mass / guess)) if known else None
+        model = assumed_body(robot, index, mass) if scaled is None else scaled
+        com, six = model.com if given.com is None else given.com, given.inertia_com
+        around = model.inertia_com if six is None else symmetric(six)
+        solid = Inertia.about_com(mass, com, around)
+    corrected = corrected_body(solid)
+    if given.mass is not None or known:
         return corrected
     reason = f"its mass is not known; {mass:.3g} kg are assumed"
     return replace(corrected, why=f"{reason}; {corrected.why}" if corrected.why else reason)
@@ -80,51 +92,18 @@ def _refuse_unclear(name: str, given: LinkPriorSection, where: str) -> None:
     shapes = [key for key in ("box", "capsule") if getattr(given, key) is not None]
     points = [key for key in ("com", "inertia_com") if getattr(given, key) is not None]
     if not given.model_fields_set:
-        raise ModelError(
-            f"the prior of link '{name}'",
-            where=where,
-            fix='give mass = ..., a box, a capsule, or com and inertia_com; or source = "none"',
-        )
-    if given.source == "none" and len(given.model_fields_set) > 1:
-        raise ModelError(
-            f"the prior of link '{name}' is none, but properties are given",
-            where=where,
-            fix='leave out source = "none", or the other keys',
-        )
-    if len(shapes) == 2 or (shapes and points):
-        both = (*shapes, *points)[:2]
-        raise ModelError(
-            f"the prior of link '{name}' has {both[0]} and {both[1]} at once",
-            where=where,
-            fix="keep one of them: a box, a capsule, or com and inertia_com",
-        )
-
-
-def _mass(robot: Robot, index: int, given: LinkPriorSection) -> tuple[float, bool]:
-    """The mass, and whether it is a guess."""
-    if given.mass is not None:
-        return given.mass, False
-    body = robot.bodies[index]
-    if body.known and body.inertia.mass > 0.0:
-        return body.inertia.mass, False
-    return assumed_mass(robot), True
-
-
-def _solid(robot: Robot, index: int, given: LinkPriorSection, mass: float) -> Inertia:
-    """The body that a table describes; what it leaves out is the model's, scaled to the mass."""
-    if given.box is not None:
-        return box(mass, given.box.centre, given.box.size)
-    if given.capsule is not None:
-        shape = given.capsule
-        return capsule(mass, shape.start, shape.end, shape.radius)
-    body = robot.bodies[index]
-    if body.known and body.inertia.mass > 0.0:
-        model = Inertia.from_ten(body.inertia.ten * (mass / body.inertia.mass))
+        wrong = ""
+        fix = 'give mass = ..., a box, a capsule, or com and inertia_com; or source = "none"'
+    elif given.source == "none" and len(given.model_fields_set) > 1:
+        wrong = " is none, but properties are given"
+        fix = 'leave out source = "none", or the other keys'
+    elif len(shapes) == 2 or (shapes and points):
+        one, other, *_ = (*shapes, *points)
+        wrong = f" has {one} and {other} at once"
+        fix = "keep one of them: a box, a capsule, or com and inertia_com"
     else:
-        model = assumed_body(robot, index, mass)
-    com = model.com if given.com is None else given.com
-    six = given.inertia_com
-    return Inertia.about_com(mass, com, model.inertia_com if six is None else symmetric(six))
+        return
+    raise ModelError(f"the prior of link '{name}'{wrong}", where=where, fix=fix)
 
 
 @dataclass(frozen=True, eq=False)
