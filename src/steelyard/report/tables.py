@@ -1,8 +1,8 @@
 """Plain tables in sections: headings, rows of words, one of them marked."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, TypeVar
 
 from rich.box import SIMPLE_HEAD
 from rich.table import Table
@@ -10,6 +10,9 @@ from rich.text import Text
 
 COLUMNS_OF_DENSE_TABLE = 7  # from which on a table is set smaller, to fit on a screen
 LETTERS_OF_LONG_NAME = 30  # more than a narrow column takes in a cell
+
+
+Item = TypeVar("Item")
 
 
 @dataclass(frozen=True)
@@ -42,6 +45,21 @@ class PlainTable:
     def long_names(self) -> bool:
         """Whether some name of a row takes a line of its own on a phone."""
         return any(len(row.cells[0]) > LETTERS_OF_LONG_NAME for row in self.rows)
+
+
+def table_of(
+    items: Iterable[Item],
+    columns: Mapping[str, Callable[[Item], str]],
+    *,
+    caption: str = "",
+    words: str = "",
+    text: Sequence[int] = (0,),
+    marked: Callable[[Item], bool] = lambda _: False,
+    note: str = "",
+) -> PlainTable:
+    """A table with a row per item: by their headings, columns say what is in an item's cell."""
+    rows = [Row(tuple(cell(one) for cell in columns.values()), marked(one)) for one in items]
+    return PlainTable(caption, words, list(columns), rows, text, note)
 
 
 def light_table(

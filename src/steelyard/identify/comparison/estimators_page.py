@@ -1,6 +1,6 @@
 """Page and terminal text of `steelyard compare`: errors and times of several estimators."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -22,7 +22,7 @@ from steelyard.report.page import (
     rounded,
     script_json,
 )
-from steelyard.report.tables import PlainTable, Row, light_table
+from steelyard.report.tables import PlainTable, Row, light_table, table_of
 from steelyard.report.words import NONE, first_names, percent, significant
 
 LEAST_LOGARITHMIC_RATIO = 8.0  # of the largest error to the least, of a logarithmic axis
@@ -117,37 +117,34 @@ def in_order(comparison: Comparison) -> list[EstimatorScore]:
 def main_table(comparison: Comparison) -> PlainTable:
     """One row per estimator."""
     advice = comparison.advice
-    rows = [
-        Row(_cells(score), advice is not None and score.name == advice.name)
-        for score in in_order(comparison)
-    ]
-    return PlainTable(
-        "Errors on left-out data",
-        "Mean over joints and runs with its standard error; joints where they move, after the "
-        "parallel filter. Pooled: norms over all joints together. Link inertias: not available "
+    columns: dict[str, Callable[[EstimatorScore], str]] = {
+        "Estimator": lambda x: x.name,
+        "Link inertias": bodies_words,
+        "Error": _error_words,
+        "Pooled": lambda x: percent(x.mean_pooled),
+        "Time": lambda x: time_words(x.seconds),
+        "Values": lambda x: NONE if x.parameters is None else str(x.parameters),
+        "Condition": lambda x: significant(x.condition, 2),
+        "χ²": lambda x: NONE if x.chi_square is None else f"{x.chi_square:.3f}",
+    }
+    return table_of(
+        in_order(comparison),
+        columns,
+        caption="Errors on left-out data",
+        words="Mean over joints and runs with its standard error; joints where they move, after "
+        "the parallel filter. Pooled: norms over all joints together. Link inertias: not available "
         "from estimators of base parameters. χ²: squared residuals on all data over the noise "
         "variance by WLS, per degree of freedom.",
-        ("Estimator", "Link inertias", "Error", "Pooled", "Time", "Values", "Condition", "χ²"),
-        rows,
-        (0, 1),
+        text=(0, 1),
+        marked=lambda x: advice is not None and x.name == advice.name,
     )
 
 
-def _cells(score: EstimatorScore) -> tuple[str, ...]:
+def _error_words(score: EstimatorScore) -> str:
     count, missing = len(score.failed), int(score.failed.sum())
-    figure = score.mean_text if missing < count else "failed"
-    if 0 < missing < count:
-        figure += f" (failed {missing} of {count})"
-    return (
-        score.name,
-        bodies_words(score),
-        figure,
-        percent(score.mean_pooled),
-        time_words(score.seconds),
-        NONE if score.parameters is None else str(score.parameters),
-        significant(score.condition, 2),
-        NONE if score.chi_square is None else f"{score.chi_square:.3f}",
-    )
+    if missing == count:
+        return "failed"
+    return score.mean_text + (f" (failed {missing} of {count})" if missing else "")
 
 
 def bodies_words(score: EstimatorScore) -> str:

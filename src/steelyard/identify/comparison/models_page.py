@@ -1,6 +1,6 @@
 """The page of `steelyard compare-models`, with parameters and link masses of the models."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 from rich.console import RenderableType
@@ -30,7 +30,7 @@ from steelyard.report.page import (
     Section,
     TableSection,
 )
-from steelyard.report.tables import PlainTable, Row, narrow_table
+from steelyard.report.tables import PlainTable, Row, narrow_table, table_of
 from steelyard.report.words import NONE, count, fixed, significant, with_interval
 
 MODEL_PARAMETERS_WORDS = (
@@ -49,32 +49,19 @@ class ModelsSection(TableSection, name="models", title="Models"):
 
     def tables(self, content: ModelsContent) -> Sequence[PlainTable]:
         """The table."""
-        headings = (
-            "Model",
-            "Estimator",
-            "Base parameters",
-            "Removed",
-            "Link inertias",
-            "Condition",
-            "Terms beside the links",
-            "Identified from",
-        )
-        rows = [
-            Row(
-                (
-                    model.name,
-                    (estimate := model.identified.estimate).estimator,
-                    str(len(estimate.parameters)),
-                    str(len(estimate.removed)),
-                    _bodies(model),
-                    significant(estimate.condition_normalised),
-                    mix_name([t for t in model.identified.model.terms if t.role != "body"]),
-                    ", ".join(model.identified.provenance.runs),
-                )
-            )
-            for model in content.models.models
-        ]
-        return (PlainTable("", "", headings, rows, (0, 1, 4, 6, 7)),)
+        columns: dict[str, Callable[[ComparedModel], str]] = {
+            "Model": lambda x: x.name,
+            "Estimator": lambda x: x.identified.estimate.estimator,
+            "Base parameters": lambda x: str(len(x.identified.estimate.parameters)),
+            "Removed": lambda x: str(len(x.identified.estimate.removed)),
+            "Link inertias": _bodies,
+            "Condition": lambda x: significant(x.identified.estimate.condition_normalised),
+            "Terms beside the links": lambda x: mix_name(
+                [term for term in x.identified.model.terms if term.role != "body"]
+            ),
+            "Identified from": lambda x: ", ".join(x.identified.provenance.runs),
+        }
+        return (table_of(content.models.models, columns, text=(0, 1, 4, 6, 7)),)
 
     def to_dict(self, content: ModelsContent) -> dict[str, Any]:
         """The models."""

@@ -15,7 +15,7 @@ from steelyard.identify.page.content import ReportContent, fitted_samples
 from steelyard.model.terms.term import StatefulTerm
 from steelyard.report.figures import Figure, Group, Key, area, evenly, line, points
 from steelyard.report.page import FigureSection, Numbers, TableSection, rounded
-from steelyard.report.tables import PlainTable, Row
+from steelyard.report.tables import PlainTable, Row, table_of
 from steelyard.report.words import count, significant
 from steelyard.robot.robot import Coordinate
 
@@ -115,19 +115,20 @@ def _mixes(choice: FrictionChoice) -> PlainTable:
 
 
 def _fields(findings: tuple[Finding, ...]) -> PlainTable:
-    rows = []
-    for one in findings:
-        interval = f"{significant(one.interval[0])} to {significant(one.interval[1])}"
-        remark = "" if one.identifiable else "not identifiable"
-        cells = (one.term, one.field, one.joint or "all", significant(one.value), interval, remark)
-        rows.append(Row(cells))
-    return PlainTable(
-        "Estimated nonlinear parameters",
-        "Parameters in which the torque is nonlinear, with 95 % intervals, cut at the bounds of "
-        "the search.",
-        ("Term", "Parameter", "Joint", "Value", "Interval", ""),
-        rows,
-        (0, 1, 2, 5),
+    return table_of(
+        findings,
+        {
+            "Term": lambda one: one.term,
+            "Parameter": lambda one: one.field,
+            "Joint": lambda one: one.joint or "all",
+            "Value": lambda one: significant(one.value),
+            "Interval": lambda one: " to ".join(map(significant, one.interval)),
+            "": lambda one: "" if one.identifiable else "not identifiable",
+        },
+        caption="Estimated nonlinear parameters",
+        words="Parameters in which the torque is nonlinear, with 95 % intervals, cut at the bounds "
+        "of the search.",
+        text=(0, 1, 2, 5),
     )
 
 

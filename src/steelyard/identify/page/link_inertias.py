@@ -1,7 +1,7 @@
 """Masses, centres of mass and moments of inertia of the links, identified and in the file."""
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
 from math import sqrt
 from typing import Any
 
@@ -14,7 +14,7 @@ from steelyard.estimate.prior.prior import model_prior, rigid_bodies
 from steelyard.identify.page.content import ReportContent
 from steelyard.report.figures import Figure, Group, Key, Traced, dots, figure_of_rows
 from steelyard.report.page import FigureSection, Numbers, TableSection, rounded
-from steelyard.report.tables import PlainTable, Row
+from steelyard.report.tables import PlainTable, Row, table_of
 from steelyard.report.words import NONE, fixed, share, significant, with_interval
 from steelyard.robot.rigid_body import INERTIAL_NAMES, Inertia
 
@@ -23,15 +23,6 @@ BODIES_WORDS = (
     "the base parameters above; the prior determines how their sums are distributed over links. "
     "Margin: distance from physical inconsistency, 1 being the prior of the model file and 0 "
     "the limit (smallest eigenvalue of the pseudo-inertia in the prior's scale)."
-)
-BODIES_HEADINGS = (
-    "Link",
-    "Mass ± [kg]",
-    "In the file [kg]",
-    "Centre x, y, z ± [m]",
-    "Principal moments [kg m²]",
-    "From data (mean of ten)",
-    "Margin",
 )
 
 
@@ -67,11 +58,12 @@ class BodiesSection(TableSection, name="bodies", title="Link inertial parameters
     def tables(self, content: ReportContent) -> list[PlainTable]:
         """The table, if the estimate knows all standard parameters."""
         identified = content.identified
-        standard, rows = identified.estimate.standard, list(map(_row, identified_links(identified)))
-        if standard is None or not rows:
+        table = table_of(identified_links(identified), LINK_COLUMNS, words=BODIES_WORDS)
+        standard = identified.estimate.standard
+        if standard is None or not table.rows:
             return []
-        rows.append(_total(identified, standard))
-        return [PlainTable("", BODIES_WORDS, BODIES_HEADINGS, rows, (0, 3, 4))]
+        rows = (*table.rows, _total(identified, standard))
+        return [replace(table, rows=rows, text=(0, 3, 4))]
 
 
 def identified_links(identified: IdentifiedModel) -> Iterator[IdentifiedLink]:
@@ -100,24 +92,28 @@ def margin(inertia: Inertia, prior: Inertia) -> float:
     return float(np.linalg.eigvalsh(np.linalg.solve(factor, half.T)).min())
 
 
-def _row(link: IdentifiedLink) -> Row:
-    inertia = link.inertia
+def _centre(link: IdentifiedLink) -> str:
+    pairs = zip(link.inertia.com, link.com_std, strict=True)
+    words = ", ".join(f"{fixed(c)} ± {fixed(Z95 * s)}" for c, s in pairs)
+    return words if link.inertia.mass else NONE
+
+
+def _margin(link: IdentifiedLink) -> str:
     possible = "" if link.margin > 0.0 else ": not physically consistent"
-    moments = np.linalg.eigvalsh(inertia.inertia_com)
-    centre = ", ".join(
-        f"{fixed(c)} ± {fixed(Z95 * s)}" for c, s in zip(inertia.com, link.com_std, strict=True)
-    )
-    return Row(
-        (
-            link.name,
-            with_interval(inertia.mass, link.mass_half_width),
-            significant(None if link.nominal is None else link.nominal.mass),
-            centre if inertia.mass else NONE,
-            ", ".join(significant(float(x)) for x in moments),
-            share(100.0 * link.learned),
-            f"{significant(link.margin, 2)}{possible}",
-        )
-    )
+    return f"{significant(link.margin, 2)}{possible}"
+
+
+LINK_COLUMNS: dict[str, Callable[[IdentifiedLink], str]] = {
+    "Link": lambda x: x.name,
+    "Mass ± [kg]": lambda x: with_interval(x.inertia.mass, x.mass_half_width),
+    "In the file [kg]": lambda x: significant(None if x.nominal is None else x.nominal.mass),
+    "Centre x, y, z ± [m]": _centre,
+    "Principal moments [kg m²]": lambda x: ", ".join(
+        map(significant, np.linalg.eigvalsh(x.inertia.inertia_com).tolist())
+    ),
+    "From data (mean of ten)": lambda x: share(100.0 * x.learned),
+    "Margin": _margin,
+}
 
 
 def _total(identified: IdentifiedModel, standard: StandardEstimate) -> Row:

@@ -1,6 +1,6 @@
 """The table of base parameters: values, 95 % intervals, status, and the simulated truth."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from math import inf
 from typing import Any
@@ -24,7 +24,7 @@ from steelyard.identify.page.content import ReportContent
 from steelyard.model.laws.register import description_of
 from steelyard.report.figures import Figure, Group, Key, dots, figure_of_rows
 from steelyard.report.page import FigureSection, Numbers, Section
-from steelyard.report.tables import PlainTable, Row
+from steelyard.report.tables import table_of
 from steelyard.report.words import count, first_names, rounded_to_uncertainty, significant
 
 AT_BOUND = 0.01  # distance in standard deviations that is taken for rounding
@@ -262,20 +262,14 @@ class TruthSection(FigureSection, name="truth", title="Simulated robot: truth an
         found = true_parameters(content)
         if not found:
             return None
-        rows = [
-            Row(
-                (
-                    one.name,
-                    rounded_to_uncertainty(one.truth, one.half_width),
-                    rounded_to_uncertainty(one.value, one.half_width),
-                    f"± {significant(one.half_width, 2)}",
-                    one.unit,
-                    "yes" if one.inside else "no",
-                )
-            )
-            for one in found
-        ]
-        headings = ("Parameter", "Truth", "Estimate", "95 % interval", "Unit", "Truth inside")
+        columns: dict[str, Callable[[TrueParameter], str]] = {
+            "Parameter": lambda x: x.name,
+            "Truth": lambda x: rounded_to_uncertainty(x.truth, x.half_width),
+            "Estimate": lambda x: rounded_to_uncertainty(x.value, x.half_width),
+            "95 % interval": lambda x: f"± {significant(x.half_width, 2)}",
+            "Unit": lambda x: x.unit,
+            "Truth inside": lambda x: "yes" if x.inside else "no",
+        }
         return {
             "words": f"{_truth_sentence(found)} Of 100 such intervals, 95 hold the truth on "
             "average, if the model lacks nothing.",
@@ -285,7 +279,7 @@ class TruthSection(FigureSection, name="truth", title="Simulated robot: truth an
                 Key("--rest", "95 % interval", "area"),
             ],
             "groups": [Group([_truth_figure(found)], columns="one")],
-            "tables": [PlainTable("", "", headings, rows, (0, 4, 5))],
+            "tables": [table_of(found, columns, text=(0, 4, 5))],
             "folded": "Values of all parameters",
             "note": "The robot of this report is simulated. A real robot has no known truth: "
             "validation runs and the checks of the residuals take its place.",

@@ -220,11 +220,10 @@ def _ranges(identified: IdentifiedModel) -> PlainTable:
         if len(s.t) > 1
     ]
     fastest = np.max(speeds, axis=0) if speeds else np.full(robot.n, np.nan)
+    figures = zip(q.min(axis=0), q.max(axis=0), fastest, strict=True)
     rows = [
-        Row((joint.name, significant(low), significant(high), significant(speed), joint.unit))
-        for joint, low, high, speed in zip(
-            robot.coordinates, q.min(axis=0), q.max(axis=0), fastest, strict=True
-        )
+        Row((joint.name, *map(significant, numbers), joint.unit))
+        for joint, numbers in zip(robot.coordinates, figures, strict=True)
     ]
     return PlainTable(
         "Range of the fitted motions",

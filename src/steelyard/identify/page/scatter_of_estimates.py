@@ -1,16 +1,17 @@
 """Scatter of estimates: bootstrap, each log alone, other cut-off frequencies."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from rich.console import RenderableType
 from rich.text import Text
 
 from steelyard.base.arrays import Array
-from steelyard.estimate.estimate_scatter import Bootstrap, RepeatedEstimates, Sensitivity
+from steelyard.estimate.estimate_scatter import Bootstrap, RepeatedEstimates, Sensitivity, Variation
 from steelyard.identify.page.content import ReportContent
 from steelyard.report.page import ValueSection
-from steelyard.report.tables import PlainTable, Row, text_table
+from steelyard.report.tables import PlainTable, Row, table_of, text_table
 from steelyard.report.words import count, percent, significant
 
 MOST_NAMED_SCATTERS = 3  # in the terminal
@@ -95,28 +96,28 @@ class RepeatedSection(ValueSection, name="repeated", title=REPEATED_TITLE, value
 def repeated_table(found: RepeatedEstimates) -> PlainTable:
     """One row per parameter; a parameter that some estimations do not identify has their number."""
     every = len(found.labels)
-    rows = [
-        Row(
-            (
-                row["name"] + ("" if row["count"] == every else f" ({row['count']} of {every})"),
-                *(significant(row[key]) for key in ("mean", "std")),
-                percent(row["relative_percent"]),
-                significant(row["stated_std"]),
-                row["unit"],
-            )
-        )
-        for row in found.rows()
-    ]
-    return PlainTable(
-        f"{REPEATED_TITLE}: {count(every, 'estimation')}",
-        f"Mean and {found.deviation} standard deviation over {', '.join(found.labels)}, beside the "
-        "root mean square of the stated standard deviations. A prior that all estimations share "
-        "reduces their scatter.",
-        ("Parameter", "Mean", "Std", "Relative", "Stated std", "Unit"),
-        rows,
-        (0, 5),
-        f"std: {found.deviation}; relative: over the mean; stated std: root mean square of those "
-        "stated by the estimations",
+
+    def name(row: Mapping[str, Any]) -> str:
+        known: str = row["name"]
+        return known if row["count"] == every else f"{known} ({row['count']} of {every})"
+
+    return table_of(
+        found.rows(),
+        {
+            "Parameter": name,
+            "Mean": lambda row: significant(row["mean"]),
+            "Std": lambda row: significant(row["std"]),
+            "Relative": lambda row: percent(row["relative_percent"]),
+            "Stated std": lambda row: significant(row["stated_std"]),
+            "Unit": lambda row: str(row["unit"]),
+        },
+        caption=f"{REPEATED_TITLE}: {count(every, 'estimation')}",
+        words=f"Mean and {found.deviation} standard deviation over {', '.join(found.labels)}, "
+        "beside the root mean square of the stated standard deviations. A prior that all "
+        "estimations share reduces their scatter.",
+        text=(0, 5),
+        note=f"std: {found.deviation}; relative: over the mean; stated std: root mean square of "
+        "those stated by the estimations",
     )
 
 
@@ -146,43 +147,39 @@ class SensitivitySection(
 
 def _fits_table(found: Sensitivity) -> PlainTable:
     """One row per fit."""
-    rows = []
-    for v in found.rows:
-        shift = found.median_shift(v)
-        cells = (
-            f"x {v.factor:g}",
-            f"{v.motion:g} Hz",
-            f"{v.matched:g} Hz",
-            v.failed or _percent(v.fitted),
-            _percent(v.unseen),
-            "" if shift is None else significant(shift),
-        )
-        rows.append(Row(cells, v is found.result))
-    return PlainTable(
-        "Fits with other cut-offs",
-        "The same laws, nonlinear parameters and gains; errors are of the kind and the band of the "
-        "verdict's headline in every row. A result that other cut-offs change by many standard "
-        "deviations depends on the choice of cut-offs, not on the data alone.",
-        (
-            "Cut-offs",
-            "Motion",
-            "Regression",
-            "Fit error",
-            "Validation error",
-            "Median shift [std]",
-        ),
-        rows,
+
+    def shift(fit: Variation) -> str:
+        median = found.median_shift(fit)
+        return "" if median is None else significant(median)
+
+    return table_of(
+        found.rows,
+        {
+            "Cut-offs": lambda fit: f"x {fit.factor:g}",
+            "Motion": lambda fit: f"{fit.motion:g} Hz",
+            "Regression": lambda fit: f"{fit.matched:g} Hz",
+            "Fit error": lambda fit: fit.failed or _percent(fit.fitted),
+            "Validation error": lambda fit: _percent(fit.unseen),
+            "Median shift [std]": shift,
+        },
+        caption="Fits with other cut-offs",
+        words="The same laws, nonlinear parameters and gains; errors are of the kind and the band "
+        "of the verdict's headline in every row. A result that other cut-offs change by many "
+        "standard deviations depends on the choice of cut-offs, not on the data alone.",
+        marked=lambda fit: fit is found.result,
     )
 
 
 def _moved(found: Sensitivity) -> PlainTable:
-    order = np.argsort(-found.spread)[:MOST_NAMED_MOVES]
-    rows = [Row((found.parameters.names[k], significant(float(found.spread[k])))) for k in order]
-    return PlainTable(
-        "Largest parameter shifts",
-        "Largest distance of any of these fits from the result, in standard deviations.",
-        ("Parameter", "Largest shift [std]"),
-        rows,
+    names, spread = found.parameters.names, found.spread
+    return table_of(
+        np.argsort(-spread)[:MOST_NAMED_MOVES].tolist(),
+        {
+            "Parameter": lambda k: names[k],
+            "Largest shift [std]": lambda k: significant(float(spread[k])),
+        },
+        caption="Largest parameter shifts",
+        words="Largest distance of any of these fits from the result, in standard deviations.",
     )
 
 
