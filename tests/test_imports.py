@@ -41,7 +41,6 @@ ONE_FILE = {
     "viser": {"excite/page/replay.py"},
     "pydantic": {
         "robot/file/excitation_sections.py",
-        "robot/file/motion_sections.py",
         "robot/file/sections.py",
         "robot/file/toml.py",
     },

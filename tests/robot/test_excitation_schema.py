@@ -5,8 +5,12 @@ from pathlib import Path
 import pytest
 
 from steelyard.base.errors import ModelError
-from steelyard.robot.file.excitation_sections import ExcitationSection, changed_excitation
-from steelyard.robot.file.motion_sections import KINDS, MOTIONS
+from steelyard.robot.file.excitation_sections import (
+    KINDS,
+    MOTIONS,
+    ExcitationSection,
+    changed_excitation,
+)
 from steelyard.robot.file.sections import RobotFile
 from steelyard.robot.file.toml import checked
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Mapping
 from difflib import get_close_matches
+from functools import partial
 from importlib import import_module
 from pathlib import Path
 from typing import Any, TypeVar
@@ -32,7 +33,7 @@ class SteelyardError(Exception):
         self.fix = fix
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return _error_again, (type(self), *self.args)
+        return partial(type(self), where=self.where, fix=self.fix), (self.wrong,)
 
     def __str__(self) -> str:
         return f"{self.wrong}\n  where  {self.where}\n  fix    {self.fix}"
@@ -60,11 +61,6 @@ class OutputError(SteelyardError):
 
 class PackageError(SteelyardError):
     """An optional package is not installed; `fix` is the line that installs it."""
-
-
-def _error_again(kind: type[SteelyardError], wrong: str, where: str, fix: str) -> SteelyardError:
-    """An error from what pickle kept of it."""
-    return kind(wrong, where=where, fix=fix)
 
 
 _LEAST_SIMILARITY = 0.2

@@ -23,7 +23,6 @@ from steelyard.robot.mechanism import (
     Answer,
     Joint,
     JointSpring,
-    Link,
     Listed,
     Mechanism,
     Mimic,
@@ -345,19 +344,19 @@ def _merged_bodies(
             placement = placement @ joint.at(resting.get(joint.name, 0.0))
         carriers[joint.child] = (index, placement)
         if index >= 0:
-            link, body = _as_exported(links[joint.child], joint), bodies[index]
-            massless, inertia = body.massless and link.massless, body.inertia
+            link, body = links[joint.child], bodies[index]
+            massless, inertia = link.massless, body.inertia
             if link.inertia is not None:
-                inertia = inertia + link.inertia.moved(placement.rotation, placement.position)
-            known = body.known or link.inertia is not None
-            bodies[index] = replace(body, massless=massless, inertia=inertia, known=known)
+                # files of `export` give a frame without mass the least inertia
+                frame = link.name.endswith(f"/{joint.name}") and link.inertia.mass <= LEAST_INERTIA
+                own = Inertia.zero() if frame else link.inertia
+                massless = massless or frame
+                inertia = inertia + own.moved(placement.rotation, placement.position)
+            bodies[index] = replace(
+                body,
+                massless=body.massless and massless,
+                inertia=inertia,
+                known=body.known or link.inertia is not None,
+            )
     frames = (Frame(n, k, p.rotation, p.position) for n, (k, p) in carriers.items())
     return tuple(bodies), tuple(frames)
-
-
-def _as_exported(link: Link, joint: Joint) -> Link:
-    """The link; a frame without mass where a file of `export` holds the least inertia for one."""
-    named = link.name.endswith(f"/{joint.name}")
-    if named and link.inertia is not None and link.inertia.mass <= LEAST_INERTIA:
-        return replace(link, inertia=Inertia.zero(), massless=True)
-    return link

@@ -197,20 +197,10 @@ class Joint:
 class Mechanism:
     """A tree of links and joints with one root, whose chains pins may close.
 
-    Attributes:
-        name: The robot's name.
-        links: In the order of the file.
-        joints: In the order of the file.
-        gravity: Shape `(3,)` [m/s²], in the root link's frame.
-        where: The file, for messages.
-        pins: What closes chains.
-        driven: Names of the joints that the file gives an actuator.
-        pulled: Names of the joints that an actuator's tendon runs over.
-        rest: Positions of joints at which the pins close, where the file says so [rad; m].
-        springs: Springs along joints, by joint.
-        statements: What else the file states and the mechanism is without.
-        couplings: What else ties joints: they have to be locked.
-        notes: What was assumed in reading, one sentence each, for the user.
+    The gravity `(3,)` [m/s²] is in the root link's frame. Actuators drive the `driven` joints, and
+    their tendons run over the `pulled` ones. The pins close at the positions `rest`, where the file
+    says so [rad; m]. `statements` are what the mechanism is without, `couplings` what forbids
+    joints to move, `notes` what was assumed in reading, a sentence each.
     """
 
     name: str

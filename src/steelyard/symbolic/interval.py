@@ -36,7 +36,10 @@ def enclosed(
     """
     n_boxes = next(x.shape[1] for x, a in zip(lower, program.inputs, strict=True) if not a.shared)
     result = np.empty((2, len(program.outputs), n_boxes))
-    frees = _frees(program)
+    kept, frees = set(program.outputs), [list[int]() for _ in program.steps]
+    for number, last in enumerate(program.last_use()):
+        if number not in kept:
+            frees[last].append(number)  # no step reads it later
     for start in range(0, n_boxes, CHUNK):
         part = slice(start, start + CHUNK)
         boxes = [
@@ -48,16 +51,6 @@ def enclosed(
     unknown = np.isnan(result).any(axis=0)
     result[0][unknown], result[1][unknown] = -np.inf, np.inf
     return result[0], result[1]
-
-
-def _frees(program: Program) -> list[list[int]]:
-    """Per step the steps that nothing reads after it."""
-    frees: list[list[int]] = [[] for _ in program.steps]
-    kept = set(program.outputs)
-    for number, last in enumerate(program.last_use()):
-        if number not in kept:
-            frees[last].append(number)
-    return frees
 
 
 def _run(program: Program, boxes: list[Array], frees: list[list[int]], result: Array) -> None:

@@ -51,7 +51,7 @@ class Symbol:
             name = _NAMES.get(name)
         if name is None or method != "__call__" or options:
             raise NotImplementedError(f"programs do not know NumPy's '{ufunc.__name__}'")
-        arrays = np.broadcast_arrays(*(_boxed(x) for x in inputs))
+        arrays = np.broadcast_arrays(*(np.asarray(x, dtype=object) for x in inputs))
         result = np.empty(arrays[0].shape, dtype=object)
         for index in np.ndindex(result.shape):
             result[index] = self._applied(name, *(x[index] for x in arrays))
@@ -107,14 +107,6 @@ class Symbol:
 def number_of(tape: Tape, scalar: Any) -> int:
     """The number of a symbol, or of a constant."""
     return scalar.number if isinstance(scalar, Symbol) else tape.constant(float(scalar))
-
-
-def _boxed(value: Any) -> Any:
-    if isinstance(value, np.ndarray):
-        return value
-    box = np.empty((), dtype=object)
-    box[()] = value
-    return box
 
 
 def symbolic(build: Callable[..., Sequence[Scalar]], inputs: Sequence[InputArray]) -> Program:

@@ -16,9 +16,8 @@ from steelyard.excite.collision.solids import Box
 from steelyard.excite.constraints.constraint import Constraint, Gap
 from steelyard.excite.constraints.workspace import Marker, checked_boxes, keep_out, planes, tool_box
 from steelyard.model.equations.kinematics import frame_of, last_frame
-from steelyard.robot.file.excitation_sections import WorkspaceSection
+from steelyard.robot.file.excitation_sections import BoxSpans, WorkspaceSection
 from steelyard.robot.file.loaded_robot import LoadedRobot, beside
-from steelyard.robot.file.motion_sections import BoxSpans
 from steelyard.robot.robot import Robot
 
 WALL_RESERVE = 5e-5

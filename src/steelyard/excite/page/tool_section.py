@@ -20,8 +20,7 @@ from steelyard.robot.robot import Frame, Robot, body_frames, frame_origins, stic
 
 if TYPE_CHECKING:
     from steelyard.excite.constraints.workspace import Marker
-    from steelyard.robot.file.excitation_sections import WorkspaceSection
-    from steelyard.robot.file.motion_sections import BoxSpans
+    from steelyard.robot.file.excitation_sections import BoxSpans, WorkspaceSection
     from steelyard.robot.robot import Robot
 
 SPACE_AXES = "xyz"

@@ -35,8 +35,8 @@ from steelyard.excite.trajectories.bases import posture_of
 from steelyard.excite.trajectories.trajectory import ExactTrajectory, SlowedMotion
 from steelyard.excite.trajectories.trajectory_files import read_motion
 from steelyard.model.equations.kinematics import frame_of
+from steelyard.robot.file.excitation_sections import BoxSpans
 from steelyard.robot.file.loaded_robot import LoadedRobot, beside
-from steelyard.robot.file.motion_sections import BoxSpans
 from steelyard.robot.robot import Frame, Robot
 
 _SAME = 1e-6

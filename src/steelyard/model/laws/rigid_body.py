@@ -27,6 +27,7 @@ class RigidBody(Term):
     law: ClassVar[str] = "rigid_body"
     dissipation: ClassVar[Dissipation] = "none"
     cause: ClassVar[Cause] = "inertia"
+    role: ClassVar[Role] = "body"
     shown_by: ClassVar[str] = "acceleration, one by one and together, of the joints up to"
 
     def parameters(self, robot: Robot) -> tuple[Parameter, ...]:
@@ -70,11 +71,6 @@ class RigidBody(Term):
     def numbers_of(robot: Robot, values: Mapping[str, float]) -> Array:
         """Ten numbers per body from those that are named, others zero, shape `(10 n_bodies,)`."""
         return np.array([values.get(p.name, 0.0) for p in RigidBody().parameters(robot)])
-
-    @property
-    def role(self) -> Role:
-        """The bodies."""
-        return "body"
 
     def in_model_files(self, robot: Robot, values: Values) -> Placed:
         """Nothing beside the bodies, which every format holds."""

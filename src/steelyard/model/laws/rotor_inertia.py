@@ -29,21 +29,14 @@ class RotorInertia(ActsOnAxes):
     in_model_files: ClassVar[Place] = as_one("rotor")
     units: ClassVar[Mapping[str, str]] = {"": "{inertia}"}
     symbol: ClassVar[str] = "IA"
+    role: ClassVar[Role] = "rotor"
+    on_motors: ClassVar[bool] = True
+    """Rotors turn before the gears, whatever coordinates they are given along."""
     shares: ClassVar[Mapping[str, tuple[float, float]]] = {"rotor_inertia": (0.2, 0.6)}
 
     def efforts(self, axes: Axes, state: JointState) -> Scalars:
         """The coordinate's acceleration."""
         return [axis.of(state.ddq) for axis in axes]
-
-    @property
-    def role(self) -> Role:
-        """A rotor."""
-        return "rotor"
-
-    @property
-    def on_motors(self) -> bool:
-        """Rotors turn before the gears, whatever coordinates they are given along."""
-        return True
 
     def typical_values(
         self, robot: Robot, at_torque: Array, inertia: Callable[[Axis], float]

@@ -146,7 +146,9 @@ class GeometryErrors(StatefulTerm):
                 for number, axis in enumerate("xyz"):
                     yield f"position_{axis}.{body.joint}", "m", unit_moves[k, number]
             if "axis" in self.which:
-                for number, across in enumerate(_unit_vectors_across(body.axis), start=1):
+                first = np.cross(body.axis, np.eye(3)[int(np.argmin(np.abs(body.axis)))])
+                first /= np.linalg.norm(first)
+                for number, across in enumerate((first, np.cross(body.axis, first)), start=1):
                     yield f"axis_{number}.{body.joint}", "rad", across @ unit_moves[k, 3:]
 
 
@@ -158,13 +160,6 @@ def _displacement_with_joint(robot: Robot, joint: int) -> Array:
             along = slice(0, 3) if body.kind == "prismatic" else slice(3, 6)
             moves[k, along] = body.ratio * body.axis
     return moves.ravel()
-
-
-def _unit_vectors_across(axis: Array) -> Array:
-    """Two unit vectors across an axis, shape `(2, 3)`."""
-    first = np.cross(axis, np.eye(3)[int(np.argmin(np.abs(axis)))])
-    first /= np.linalg.norm(first)
-    return np.array([first, np.cross(axis, first)])
 
 
 @dataclass(frozen=True)

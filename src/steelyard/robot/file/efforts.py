@@ -15,12 +15,15 @@ if TYPE_CHECKING:
     from steelyard.robot.file.sections import EffortSection, SignalsSection, TransmissionSection
 
 
+Locate = Callable[..., str]
+"""Key path in the robot file to the words of a message's `where`."""
+
 WORST = 1e8
 """Condition number, rows scaled, from which on a matrix counts as singular."""
 
 
 def build_transmission(
-    section: TransmissionSection, joints: Sequence[str], locate: Callable[..., str]
+    section: TransmissionSection, joints: Sequence[str], locate: Locate
 ) -> Transmission:
     """The gears between motors and the identified joints, as the robot file declares them."""
     motors = section.motors or tuple(f"motor_{k + 1}" for k in range(len(joints)))
@@ -58,7 +61,7 @@ def _matrix(
     section: TransmissionSection,
     motors: Sequence[str],
     joints: Sequence[str],
-    locate: Callable[..., str],
+    locate: Locate,
 ) -> Array:
     if (section.ratios is None) == (section.matrix is None):
         raise ModelError(
@@ -109,9 +112,6 @@ def _why(scaled: Array, motors: Sequence[str]) -> str:
     together = [m for m, w in zip(motors, weights, strict=True) if w > 1e-6]
     return f"{', '.join(together)} turn with the same combinations of joints"
 
-
-Locate = Callable[..., str]
-"""Key path in the robot file to the words of a message's `where`."""
 
 MOTOR_KINDS = ("motor_current", "motor_torque")
 EFFORT_UNITS = {

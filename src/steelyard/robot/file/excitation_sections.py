@@ -1,18 +1,10 @@
-"""The `[excitation]` tables of the robot file: which motion is wanted, and what it must keep."""
+"""The `[excitation]` tables of the robot file: kinds of motion, and what a motion must keep."""
 
 from math import pi
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal, get_args
 
-from pydantic import Field, ValidationError
+from pydantic import BeforeValidator, Field, ValidationError
 
-from steelyard.robot.file.motion_sections import (
-    KINDS,
-    MOTIONS,
-    FourierSection,
-    MotionSection,
-    Share,
-)
-from steelyard.robot.file.motion_sections import BoxSpans as BoxSpans
 from steelyard.robot.file.toml import (
     Many,
     Name,
@@ -24,6 +16,250 @@ from steelyard.robot.file.toml import (
     Vector,
     key,
 )
+
+Share = Annotated[float, Field(gt=0.0, le=1.0)]
+Count = Annotated[int, Field(ge=1)]
+Span = Annotated[tuple[float, float], Field(strict=False)]
+Posture = Many[float] | dict[str, float]
+
+Period = Annotated[Positive, Field(description="Length of one period [s].")]
+Harmonics = Annotated[Count, Field(description="Number of harmonics.")]
+Periods = Annotated[Count, Field(description="Number of periods.")]
+_START = "First configuration, a list or by joint [rad; m]; chosen by the search if left out."
+Start = Annotated[Posture | None, Field(description=_START)]
+End = Annotated[Posture | None, Field(description="Last configuration, likewise.")]
+_NEARBY = "Configuration near which it starts, a list or by joint [rad; m]."
+StartNearby = Annotated[Posture | None, Field(description=_NEARBY)]
+_PATH = "Path of the tool: a straight `line`, or straight in `joint` space."
+ToolPath = Annotated[Literal["line", "joint"], Field(description=_PATH)]
+Dwell = Annotated[float, Field(ge=0.0, description="Standstill between moves [s].")]
+ToolSpeed = Annotated[Positive, Field(description="Greatest speed of the tool [m/s].")]
+_ACCELERATION = "Greatest acceleration of the tool [m/s²]."
+ToolAcceleration = Annotated[Positive, Field(description=_ACCELERATION)]
+_AXIS = "Direction of the tool's z axis in the base frame; free if left out."
+ToolAxis = Annotated[Vector | None, Field(description=_AXIS)]
+
+
+class BoxSpans(Section):
+    """From least to greatest, along the axes of the base [m]; open where left out."""
+
+    x: Span | None = key(None, "Range along x [m].")
+    y: Span | None = key(None, "Range along y [m].")
+    z: Span | None = key(None, "Range along z [m].")
+
+    @property
+    def bounded(self) -> bool:
+        """Whether it is closed anywhere."""
+        return not (self.x is None and self.y is None and self.z is None)
+
+
+class MotionOfAKind(Section):
+    """What all kinds of motion have."""
+
+    kind: str = key(..., "Kind of motion.")
+
+
+class FourierSection(MotionOfAKind):
+    """A finite Fourier series that starts and ends at rest."""
+
+    kind: Literal["fourier"] = "fourier"
+    period: Period = 10.0
+    harmonics: Annotated[int, Field(ge=2)] = key(5, "Number of harmonics.")
+    start: Start = None
+    end: End = None
+
+
+class RawFourierSection(MotionOfAKind):
+    """A finite Fourier series that need not rest anywhere: for rigs that get into it themselves."""
+
+    kind: Literal["raw_fourier"]
+    period: Period = 10.0
+    harmonics: Harmonics = 5
+
+
+class BlendedFourierSection(MotionOfAKind):
+    """A Fourier series between two quintic blends, from rest and back to it."""
+
+    kind: Literal["blended_fourier"]
+    period: Period = 10.0
+    harmonics: Harmonics = 5
+    periods: Periods = 1
+    blend: Positive = key(2.0, "Length of each blend [s].")
+    start: Start = None
+
+
+class RampedFourierSection(MotionOfAKind):
+    """A Fourier series whose amplitude rises from zero and falls back to it."""
+
+    kind: Literal["ramped_fourier"]
+    period: Period = 10.0
+    harmonics: Harmonics = 5
+    periods: Periods = 1
+    ramp: Positive = key(2.0, "Length of each ramp [s].")
+    start: Start = None
+
+
+class SplineSection(MotionOfAKind):
+    """B-splines from rest to rest."""
+
+    kind: Literal["spline"]
+    duration: Positive = key(10.0, "Length of the motion [s].")
+    points: Annotated[int, Field(ge=7)] = key(15, "Number of control points.")
+    degree: Literal[3, 5] = key(5, "Degree of the splines.")
+    start: Start = None
+    end: End = None
+
+
+class ReachingSection(MotionOfAKind):
+    """Minimum-jerk moves between postures."""
+
+    kind: Literal["reaching"]
+    targets: Count = key(8, "Number of configurations.")
+    move: Positive = key(1.0, "Length of each move [s].")
+    dwell: Annotated[float, Field(ge=0.0)] = key(0.2, "Standstill at each configuration [s].")
+    start: Start = None
+
+
+class PickAndPlaceSection(MotionOfAKind):
+    """Random pick-and-place cycles between two boxes."""
+
+    kind: Literal["pick_and_place"]
+    pick: BoxSpans = key(..., "Box of the first points.")
+    place: BoxSpans = key(..., "Box of the second points.")
+    cycles: Count = key(8, "Number of cycles.")
+    lift: Annotated[float, Field(ge=0.0)] = key(0.1, "Height of the lift [m].")
+    path: ToolPath = "line"
+    dwell: Dwell = 0.1
+    speed: ToolSpeed = 1.0
+    acceleration: ToolAcceleration = 5.0
+    tool_axis: ToolAxis = None
+
+
+class SquareSection(MotionOfAKind):
+    """The edges of a horizontal square."""
+
+    kind: Literal["square"]
+    centre: Vector = key(..., "Centre in the base frame [m].")
+    side: Positive = key(..., "Length of an edge [m].")
+    laps: Count = key(2, "Number of laps.")
+    dwell: Dwell = 0.1
+    speed: ToolSpeed = 1.0
+    acceleration: ToolAcceleration = 5.0
+    tool_axis: ToolAxis = None
+
+
+class WaypointsSection(MotionOfAKind):
+    """From point to point of the tool."""
+
+    kind: Literal["waypoints"]
+    points: Annotated[tuple[Vector, ...], Field(strict=False, min_length=2)] = key(
+        ..., "Points of the tool in the base frame [m]."
+    )
+    path: ToolPath = "line"
+    dwell: Dwell = 0.1
+    speed: ToolSpeed = 1.0
+    acceleration: ToolAcceleration = 5.0
+    tool_axis: ToolAxis = None
+
+
+class CircleSection(MotionOfAKind):
+    """A circle of the tool at a constant speed, started and stopped smoothly."""
+
+    kind: Literal["circle"]
+    centre: Vector = key(..., "Centre in the base frame [m].")
+    radius: Positive = key(..., "Radius [m].")
+    period: Positive = key(5.0, "Time of a lap at full speed [s].")
+    laps: Count = key(2, "Number of whole turns, ramps included.")
+    ramp: Positive = key(1.0, "Time in which the speed rises, and in which it falls [s].")
+    normal: Vector | None = key(
+        None,
+        "Axis of the turn, right-handed, in the base frame; against gravity if left out.",
+    )
+    angle: float = key(0.0, "Where it starts [rad], from the base's x axis in its plane.")
+    tool_axis: ToolAxis = None
+    start: StartNearby = None
+
+
+class CartesianReachingSection(MotionOfAKind):
+    """Straight minimum-jerk reaches of the tool from a home to targets and back."""
+
+    kind: Literal["cartesian_reaching"]
+    home: Vector = key(..., "Where every reach begins and returns to, in the base frame [m].")
+    targets: Count | Annotated[tuple[Vector, ...], Field(strict=False, min_length=1)] = key(
+        8, "Number of targets on a circle about the home, or their positions [m]."
+    )
+    radius: Positive | None = key(None, "Radius of that circle [m].")
+    normal: Vector | None = key(
+        None, "Normal of its plane, in the base frame; against gravity if left out."
+    )
+    angle: float = key(
+        0.0,
+        "Direction of the first of them [rad], from the base's x axis in that plane.",
+    )
+    move: Positive = key(1.0, "Time of each reach, out or back [s].")
+    dwell: Annotated[float, Field(ge=0.0)] = key(0.2, "Standstill after each reach [s].")
+    cycles: Count = key(1, "How often all targets are visited.")
+    tool_axis: ToolAxis = None
+    start: StartNearby = None
+
+
+class SweepsSection(MotionOfAKind):
+    """One joint after another, back and forth at several constant speeds."""
+
+    kind: Literal["sweeps"]
+    speeds: Count = key(5, "Number of speeds.")
+    slowest: Share = key(0.05, "Lowest speed, as a share of the greatest.")
+    start: Start = None
+
+
+class PosturesSection(MotionOfAKind):
+    """Standing still at many postures."""
+
+    kind: Literal["postures"]
+    count: Count = key(20, "Number of configurations.")
+    dwell: Positive = key(1.0, "Standstill at each [s].")
+
+
+class ReplaySection(MotionOfAKind):
+    """A motion from a file."""
+
+    kind: Literal["replay"]
+    file: Name = key(..., "A `trajectory.json` or a table of samples.")
+
+
+def _of_a_kind(table: Any) -> Any:
+    """The table, of the usual kind of motion where it names none."""
+    if isinstance(table, dict) and "kind" not in table:
+        return {"kind": "fourier", **table}
+    return table
+
+
+MotionSection = Annotated[
+    FourierSection
+    | RawFourierSection
+    | BlendedFourierSection
+    | RampedFourierSection
+    | SplineSection
+    | ReachingSection
+    | PickAndPlaceSection
+    | SquareSection
+    | WaypointsSection
+    | CircleSection
+    | CartesianReachingSection
+    | SweepsSection
+    | PosturesSection
+    | ReplaySection,
+    Field(discriminator="kind"),
+    BeforeValidator(_of_a_kind),
+]
+
+
+MOTIONS: tuple[type[Section], ...] = get_args(get_args(MotionSection)[0])
+"""Sections of all kinds of motion."""
+
+KINDS: tuple[str, ...] = tuple(get_args(m.model_fields["kind"].annotation)[0] for m in MOTIONS)
+"""Names of all kinds of motion."""
+
 
 PerJoint = Positive | Many[Positive] | dict[str, Positive]
 Pairs = Many[Pair]

@@ -28,7 +28,6 @@ from steelyard.robot.file.sections import (
     ValidationSection,
 )
 from steelyard.robot.file.signals import Signals
-from steelyard.robot.file.toml import Places
 from steelyard.robot.from_mechanism import ignored_statements, reduced, springs_along
 from steelyard.robot.joint_reduction import floating_base
 from steelyard.robot.mechanism import Joint, JointSpring, Link, Mechanism
@@ -92,19 +91,19 @@ def read_mechanism(path: Path) -> Mechanism:
     return read_mjcf(path)
 
 
-def model_path_of(section: RobotSection, path: Path, places: Places) -> Path | None:
+def model_path_of(section: RobotSection, path: Path, locate: Locate) -> Path | None:
     """The model file that is named; `None` for a DH table."""
     given = [key for key in ("urdf", "mjcf", "dh") if getattr(section, key) is not None]
     if len(given) != 1:
         raise ModelError(
             f"the robot has {' and '.join(given)}" if given else "the robot has no model",
-            where=places.where("robot"),
+            where=locate("robot"),
             fix='give exactly one of urdf = "FILE", mjcf = "FILE" and a table [robot.dh]',
         )
     if given == ["dh"]:
         return None
     text = str(getattr(section, given[0]))
-    where = places.where("robot", given[0])
+    where = locate("robot", given[0])
     model_path = beside(path, text, where)
     if not model_path.is_file():
         raise ModelError(
@@ -123,11 +122,11 @@ def model_path_of(section: RobotSection, path: Path, places: Places) -> Path | N
 
 
 def xacro_settings(
-    section: RobotSection, path: Path, places: Places
+    section: RobotSection, path: Path, locate: Locate
 ) -> tuple[dict[str, str], tuple[Path, ...]]:
     """Arguments of a xacro file as its texts, and folders of packages."""
     folders = tuple(
-        beside(path, folder, places.where("robot", "xacro", "packages", index))
+        beside(path, folder, locate("robot", "xacro", "packages", index))
         for index, folder in enumerate(section.xacro.packages)
     )
     given = section.xacro.arguments.items()
@@ -150,7 +149,7 @@ def beside(path: Path, text: str, where: str) -> Path:
     return path.parent / re.sub(r"\$\{(\w+)\}", value, text)
 
 
-def dh_table(section: RobotSection, places: Places) -> Mechanism:
+def dh_table(section: RobotSection, path: Path, locate: Locate) -> Mechanism:
     """The mechanism of a Denavit-Hartenberg table."""
     table: DHSection = section.dh  # type: ignore[assignment]  # the only model given
     angle = math.pi / 180.0 if table.angle_unit == "deg" else 1.0
@@ -158,8 +157,8 @@ def dh_table(section: RobotSection, places: Places) -> Mechanism:
         row.model_copy(update={"alpha": row.alpha * angle, "theta": row.theta * angle})
         for row in table.links
     ]
-    name = section.name or places.path.stem
-    return dh_mechanism(rows, table.convention, name, where=places.where("robot", "dh"))
+    name = section.name or path.stem
+    return dh_mechanism(rows, table.convention, name, where=locate("robot", "dh"))
 
 
 def _proxy(table: dict[Any, Any]) -> MappingProxyType[Any, Any]:

@@ -9,7 +9,7 @@ import numpy as np
 from steelyard.base.arguments import checked as checked_arguments
 from steelyard.base.arrays import Array, frozen
 from steelyard.base.errors import ModelError, advice
-from steelyard.robot.file.efforts import WITHOUT_TORQUE, build_transmission
+from steelyard.robot.file.efforts import WITHOUT_TORQUE, Locate, build_transmission
 from steelyard.robot.file.loaded_robot import LoadedRobot as LoadedRobot
 from steelyard.robot.file.loaded_robot import (
     SourceFile,
@@ -26,7 +26,7 @@ from steelyard.robot.file.loaded_robot import (
 from steelyard.robot.file.loaded_robot import read_mechanism as read_mechanism
 from steelyard.robot.file.sections import RobotFile, RobotSection
 from steelyard.robot.file.signals import build_signals
-from steelyard.robot.file.toml import Places, checked
+from steelyard.robot.file.toml import checked
 from steelyard.robot.from_mechanism import ignored_statements, reduced, springs_along
 from steelyard.robot.joint_reduction import floating_base, unlimited_if_empty
 from steelyard.robot.loop_closures import Closing
@@ -37,15 +37,15 @@ from steelyard.robot.rigid_body import clean_rotation, rpy_rotation
 from steelyard.robot.robot import Limits, Robot
 
 
-def closing_of(section: RobotSection, mechanism: Mechanism, places: Places) -> Closing:
+def closing_of(section: RobotSection, mechanism: Mechanism, locate: Locate) -> Closing:
     """The closed chains of a robot file."""
     names = [link.name for link in mechanism.links]
     pins: list[Pin] = []
     for index, loop in enumerate(section.loops):
         for end, link in enumerate(loop.links):
-            place = places.where("robot", "loops", index, "links", end)
+            place = locate("robot", "loops", index, "links", end)
             _check_name("link", link, names, place)
-        name, where = loop.name or f"loop{index + 1}", places.where("robot", "loops", index)
+        name, where = loop.name or f"loop{index + 1}", locate("robot", "loops", index)
         if any(pin.name == name for pin in (*mechanism.pins, *pins)):
             raise ModelError(
                 f"two loops have the name '{name}'",
@@ -54,7 +54,7 @@ def closing_of(section: RobotSection, mechanism: Mechanism, places: Places) -> C
             )
         pins.append(Pin(name, loop.links, frozen(loop.points), where))
     return Closing(
-        tuple(pins), section.passive, section.assembly, section.open_loops, places.where("robot")
+        tuple(pins), section.passive, section.assembly, section.open_loops, locate("robot")
     )
 
 
@@ -127,23 +127,23 @@ def robot_text(path: Path) -> str:
 
 
 def _from_toml(path: Path, text: str, sha256: str) -> LoadedRobot:
-    file, places = checked(path, text, RobotFile)
+    file, locate = checked(path, text, RobotFile)
     sources, read_from = [SourceFile(path, sha256)], tuple[str, ...]()
-    if model_path := model_path_of(file.robot, path, places):
-        arguments, packages = xacro_settings(file.robot, path, places)
+    if model_path := model_path_of(file.robot, path, locate):
+        arguments, packages = xacro_settings(file.robot, path, locate)
         files, read_from = model_sources(model_path, arguments, packages)
         sources += files
         mechanism = read_mechanism(sources[-1].path)
     else:
-        mechanism = dh_table(file.robot, places)
-    robot, notes = _reduced(mechanism, file.robot, places)
+        mechanism = dh_table(file.robot, path, locate)
+    robot, notes = _reduced(mechanism, file.robot, locate)
     notes = read_from + notes
     if file.robot.transmission is not None:
-        gears = build_transmission(file.robot.transmission, robot.joint_names, places.where)
+        gears = build_transmission(file.robot.transmission, robot.joint_names, locate)
         robot = robot.changed(transmission=gears)
     signals = None
     if file.signals is not None:
-        signals = build_signals(file.signals, robot.coordinates, places.where, robot.transmission)
+        signals = build_signals(file.signals, robot.coordinates, locate, robot.transmission)
     limited = {n for n, limits in file.robot.limits.items() if limits.effort is not None}
     ignored = ignored_statements(mechanism, robot, _answers(file), limited)
     notes += tuple(ignored.values())
@@ -161,13 +161,13 @@ def _from_toml(path: Path, text: str, sha256: str) -> LoadedRobot:
         robot,
         notes,
         signals,
-        _terms(file, places),
+        _terms(file, locate),
         None if file.model is None else file.model.friction,
         file.processing,
         file.estimation,
         file.validation,
         tuple(sources),
-        places.where,
+        locate,
         file.prior,
         file.knowledge,
         file.excitation,
@@ -194,38 +194,38 @@ def _answers(file: RobotFile) -> set[Answer]:
 
 
 def _reduced(
-    mechanism: Mechanism, section: RobotSection, places: Places
+    mechanism: Mechanism, section: RobotSection, locate: Locate
 ) -> tuple[Robot, tuple[str, ...]]:
     movable = [j.name for j in mechanism.movable]
     balls = [j.name for j in mechanism.joints if j.kind == "ball"]
     for table in ("locked", "limits", "assembly"):
         known = [*movable, *balls] if table == "locked" else movable
         for name in getattr(section, table):
-            _check_name("joint", name, known, places.where("robot", table, name))
+            _check_name("joint", name, known, locate("robot", table, name))
     for key in ("joints", "passive"):
         for index, name in enumerate(getattr(section, key) or ()):
-            _check_name("joint", name, movable, places.where("robot", key, index))
+            _check_name("joint", name, movable, locate("robot", key, index))
             again = name in (getattr(section, key) or ())[:index]
             if again or name in section.locked:
                 how = "listed twice" if again else "locked, but also listed"
                 raise ModelError(
                     f"joint '{name}' is {how} under {key}",
-                    where=places.where("robot", key, index),
+                    where=locate("robot", key, index),
                     fix="list every joint once: under joints, passive or locked",
                 )
     links = [link.name for link in mechanism.links]
     tips = (section.tip,) if isinstance(section.tip, str) else section.tip or ()
     for key, name in [("tip", t) for t in tips] + [("base", section.base or mechanism.root)]:
-        _check_name("link", name, links, places.where("robot", key))
+        _check_name("link", name, links, locate("robot", key))
     robot, notes = reduced(
         mechanism,
         section.joints,
         locked=section.locked,
         base=section.base,
         tip=section.tip,
-        gravity=_gravity(section, places),
-        limits={n: _limits(n, mechanism, section, places) for n in section.limits},
-        closing=closing_of(section, mechanism, places),
+        gravity=_gravity(section, locate),
+        limits={n: _limits(n, mechanism, section, locate) for n in section.limits},
+        closing=closing_of(section, mechanism, locate),
         snap=section.snap_angles,
     )
     if section.name is not None:
@@ -243,26 +243,26 @@ def _check_name(kind: str, name: str, names: list[str], where: str) -> None:
         )
 
 
-def _limits(name: str, mechanism: Mechanism, section: RobotSection, places: Places) -> Limits:
+def _limits(name: str, mechanism: Mechanism, section: RobotSection, locate: Locate) -> Limits:
     given = section.limits[name].model_dump(exclude_none=True)
     limits = replace(unlimited_if_empty(mechanism.joint(name).limits), **given)
     if limits.lower >= limits.upper:
         raise ModelError(
             f"joint '{name}' has a lower limit of {limits.lower:g} and an upper one of "
             f"{limits.upper:g}",
-            where=places.where("robot", "limits", name),
+            where=locate("robot", "limits", name),
             fix="the upper limit must be above the lower one",
         )
     return limits
 
 
-def _gravity(section: RobotSection, places: Places) -> Array | None:
+def _gravity(section: RobotSection, locate: Locate) -> Array | None:
     """Gravity in the base frame, if the file says anything about it."""
     size = float(np.linalg.norm(section.gravity or 0.0))
     if section.mounting is None and size > 0.0 and not LEAST_GRAVITY <= size <= LARGEST_GRAVITY:
         raise ModelError(
             f"gravity has a size of {size:.4g} m/s²",
-            where=places.where("robot", "gravity"),
+            where=locate("robot", "gravity"),
             fix="give it in m/s² along the axes of the base frame, such as [0.0, 0.0, -9.81]; "
             "[0.0, 0.0, 0.0] for none",
         )
@@ -271,7 +271,7 @@ def _gravity(section: RobotSection, places: Places) -> Array | None:
     if section.gravity is not None:
         raise ModelError(
             "gravity and mounting are both given",
-            where=places.where("robot", "gravity"),
+            where=locate("robot", "gravity"),
             fix="keep one of them: gravity is the vector in the base frame, mounting its rotation",
         )
     mounting = section.mounting
@@ -279,12 +279,12 @@ def _gravity(section: RobotSection, places: Places) -> Array | None:
     return frozen(clean_rotation(rotation)[2] * -STANDARD_GRAVITY + 0.0)
 
 
-def _terms(file: RobotFile, places: Places) -> tuple[TermSpec, ...] | None:
+def _terms(file: RobotFile, locate: Locate) -> tuple[TermSpec, ...] | None:
     if file.model is None or file.model.terms is None:
         return None
     specs = []
     for index, term in enumerate(file.model.terms):
-        where = places.where("model", "terms", index)
+        where = locate("model", "terms", index)
         if not isinstance(term, str) and not isinstance(term.get("law"), str):
             raise ModelError(
                 "a term's table does not name its law",

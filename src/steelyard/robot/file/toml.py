@@ -3,8 +3,9 @@
 import inspect
 import re
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, TypeVar, get_args
 
@@ -186,20 +187,13 @@ def toml_written(text: str) -> list[Written]:
 Schema = TypeVar("Schema", bound=BaseModel)
 
 
-class Places:
-    """Where the keys of one TOML file are."""
-
-    def __init__(self, path: Path, text: str) -> None:
-        self.path = path
-        self._lines = toml_lines(text)
-
-    def where(self, *key: str | int) -> str:
-        """File, line and key, for messages; the nearest table above if the key is not given."""
-        given: KeyPath = key
-        while given and given not in self._lines:
-            given = given[:-1]
-        line = f", line {self._lines[given]}" if given else ""
-        return f"{self.path}{line}" + (f", {shown(key)}" if key else "")
+def place_of(path: Path, lines: Mapping[KeyPath, int], *key: str | int) -> str:
+    """File, line and key, for messages; the nearest table above if the key is not given."""
+    given: KeyPath = key
+    while given and given not in lines:
+        given = given[:-1]
+    line = f", line {lines[given]}" if given else ""
+    return f"{path}{line}" + (f", {shown(key)}" if key else "")
 
 
 def shown(key: KeyPath) -> str:
@@ -214,7 +208,7 @@ def shown(key: KeyPath) -> str:
     return f"[{table}] {names[-1]}" if table else f"[{names[0]}]"
 
 
-def checked(path: Path, text: str, schema: type[Schema]) -> tuple[Schema, Places]:
+def checked(path: Path, text: str, schema: type[Schema]) -> tuple[Schema, Callable[..., str]]:
     """The text as a value of the schema, and where its keys are."""
     try:
         data = tomllib.loads(text)
@@ -225,15 +219,15 @@ def checked(path: Path, text: str, schema: type[Schema]) -> tuple[Schema, Places
             fix="correct that line, or a bracket or quote left open above it: text in quotes, "
             "lists in [ ], each key once",
         ) from None
-    places = Places(path, text)
+    locate = partial(place_of, path, toml_lines(text))
     try:
-        return schema.model_validate(data), places
+        return schema.model_validate(data), locate
     except ValidationError as error:
-        raise _explained(error, data, schema, places) from None
+        raise _explained(error, data, schema, locate) from None
 
 
 def _explained(
-    error: ValidationError, data: Any, schema: type[BaseModel], places: Places
+    error: ValidationError, data: Any, schema: type[BaseModel], locate: Callable[..., str]
 ) -> ModelError:
     """The first flaw, in the users' words."""
     flaws = error.errors(include_url=False)
@@ -266,7 +260,7 @@ def _explained(
         )
         wrong = f"{first['input']!r} cannot be used for '{name}'"
         fix = first["msg"] if first["type"] == ADVICE else "it should be " + ", or ".join(words)
-    return ModelError(wrong, where=places.where(*place), fix=fix)
+    return ModelError(wrong, where=locate(*place), fix=fix)
 
 
 def _path(data: Any, loc: tuple[str | int, ...]) -> KeyPath:

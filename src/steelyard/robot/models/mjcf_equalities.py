@@ -102,7 +102,11 @@ class Equalities:
             elif kind == kinds.mjEQ_TENDON:
                 joints, what = self._of_tendons(index), "a tendon equality"
             else:
-                joints, what = self._of_flex(index), "a flex equality"
+                flex, what = int(self.model.eq_obj1id[index]), "a flex equality"
+                first = int(self.model.flex_vertadr[flex])
+                last = first + int(self.model.flex_vertnum[flex])
+                bodies = self.model.flex_vertbodyid[first:last]
+                joints = self._between([int(body) for body in bodies])
             named = tuple(dict.fromkeys(self._joint(k) for k in joints if k in single))
             if named:
                 couplings.append(Coupling(self._name(index), what, named, self._where(index)))
@@ -194,10 +198,3 @@ class Equalities:
             sites = [k for kind, k, _ in wraps if kind == mujoco.mjtWrap.mjWRAP_SITE]
             joints += self._between([int(model.site_bodyid[k]) for k in sites])
         return joints
-
-    def _of_flex(self, index: int) -> list[int]:
-        """Joints that move the points of an equality's flexible body."""
-        flex = int(self.model.eq_obj1id[index])
-        first = int(self.model.flex_vertadr[flex])
-        bodies = self.model.flex_vertbodyid[first : first + int(self.model.flex_vertnum[flex])]
-        return self._between([int(body) for body in bodies])

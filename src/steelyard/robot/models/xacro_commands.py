@@ -196,7 +196,7 @@ class Commands:
             "dotify": dict,
             "error": lambda *words: "",
             "fatal": _fatal,
-            "load_yaml": self._yaml,
+            "load_yaml": lambda name: load_yaml(self._path(name), self._number),
             "message": lambda *words: "",
             "tokenize": _tokens,
             "warning": lambda *words: "",
@@ -257,8 +257,8 @@ class Commands:
     def _path(self, name: str) -> Path:
         return self.packages.named(name, self.files[-1].parent)
 
-    def _yaml(self, name: str) -> Any:
-        return load_yaml(self._path(name), lambda text: evaluate(text, Names(), self.budget))
+    def _number(self, text: str) -> Any:
+        return evaluate(text, Names(), self.budget)
 
 
 def _fatal(*words: Any) -> NoReturn:
