@@ -9,7 +9,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from steelyard.base.errors import LogError
-from steelyard.logs.parquet import PartitionedParquet
+from steelyard.logs.parquet import ParquetLog
 
 LENGTHS = (13, 1, 0, 20, 6)
 TABLE = np.arange(2.0 * sum(LENGTHS)).reshape(-1, 2)
@@ -39,7 +39,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_rows_continue_in_the_natural_order_of_names(
     folder: Path, size: int, start: int, stop: int | None
 ) -> None:
-    log = PartitionedParquet.open(folder)
+    log = ParquetLog.of_folder(folder)
     parts = list(log.parts(("q", "t"), (start, stop), size))
     assert all(0 < len(part) <= size for part in parts)
     found = np.concatenate(parts) if parts else TABLE[:0]
@@ -50,7 +50,7 @@ def test_rows_continue_in_the_natural_order_of_names(
 def test_columns_may_be_in_another_order(tmp_path: Path) -> None:
     write(tmp_path / "a.parquet", TABLE[:3])
     write(tmp_path / "b.parquet", TABLE[3:6, ::-1], ("q", "t"))
-    (first, second) = PartitionedParquet.open(tmp_path).parts(("t", "q"))
+    (first, second) = ParquetLog.of_folder(tmp_path).parts(("t", "q"))
     np.testing.assert_array_equal(np.concatenate((first, second)), TABLE[:6])
 
 
@@ -58,13 +58,13 @@ def test_other_columns_are_named_with_both_files(tmp_path: Path) -> None:
     write(tmp_path / "a.parquet", TABLE[:3])
     write(tmp_path / "b.parquet", TABLE[:3], ("t", "q2"))
     with pytest.raises(LogError, match="the second has no 'q', also 'q2'") as caught:
-        PartitionedParquet.open(tmp_path)
+        ParquetLog.of_folder(tmp_path)
     assert "a.parquet and" in caught.value.where and "b.parquet" in caught.value.where
 
 
 def test_a_folder_without_logs_is_refused(tmp_path: Path) -> None:
     with pytest.raises(LogError, match="the folder holds no log") as caught:
-        PartitionedParquet.open(tmp_path)
+        ParquetLog.of_folder(tmp_path)
     assert "metadata.yaml" in caught.value.fix
 
 
@@ -72,9 +72,9 @@ def test_a_broken_file_is_named(tmp_path: Path) -> None:
     write(tmp_path / "a.parquet", TABLE[:3])
     (tmp_path / "b.parquet").write_bytes(b"PAR1 no PAR1")
     with pytest.raises(LogError, match="cannot be read as Parquet") as caught:
-        PartitionedParquet.open(tmp_path)
+        ParquetLog.of_folder(tmp_path)
     assert "b.parquet" in caught.value.where
     (tmp_path / "c.parquet").write_bytes(b"")
     (tmp_path / "b.parquet").unlink()
     with pytest.raises(LogError, match="is empty"):
-        PartitionedParquet.open(tmp_path)
+        ParquetLog.of_folder(tmp_path)

@@ -22,7 +22,7 @@ from steelyard.logs.log import Log, require_file
 from steelyard.logs.messages.bag2 import METADATA
 from steelyard.logs.messages.message_log import MessageLog
 from steelyard.logs.npz import open_npy, open_npz
-from steelyard.logs.parquet import ParquetLog, PartitionedParquet, require_polars
+from steelyard.logs.parquet import ParquetLog, require_polars
 from steelyard.logs.text_table import DelimitedLog
 
 FORMATS: dict[str, tuple[str, Callable[[Path], Log]]] = {
@@ -57,7 +57,7 @@ def open_log(path: str | Path) -> Log:
     """
     path = Path(path)
     if path.is_dir():
-        return (MessageLog if (path / METADATA).is_file() else PartitionedParquet).open(path)
+        return MessageLog.open(path) if (path / METADATA).is_file() else ParquetLog.of_folder(path)
     require_file(path)
     if path.suffix.lower() not in FORMATS:
         raise LogError(

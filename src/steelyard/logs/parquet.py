@@ -152,10 +152,14 @@ MOST_PARQUET_COLUMNS = 1 << 16
 
 @dataclass(frozen=True)
 class ParquetLog:
-    """A Parquet file; only the requested row groups and columns are read."""
+    """A Parquet file, or the files of a folder one after the other; see `of_folder`.
+
+    Only the requested row groups and columns are read.
+    """
 
     path: Path
     columns: tuple[str, ...]
+    files: tuple[Path, ...]
 
     @classmethod
     def open(cls, path: Path) -> "ParquetLog":
@@ -164,44 +168,98 @@ class ParquetLog:
         require_polars(path)
         with _polars_errors_as_log_errors(path, "the file cannot be read as Parquet"):
             _columns_at_once(path)
-            return cls(path, tuple(_scan(path).collect_schema().names()))
+            return cls(path, tuple(_scan(path).collect_schema().names()), (path,))
+
+    @classmethod
+    def of_folder(cls, path: Path) -> "ParquetLog":
+        """The files of a folder and of those in it, in the natural order of their names.
+
+        `part-2.parquet` comes before `part-10.parquet`; names that start with `.` or `_` are passed
+        over. All must have the same columns.
+        """
+        try:
+            found = [p for p in path.rglob("*") if p.suffix.lower() == ".parquet" and p.is_file()]
+        except OSError as error:
+            raise LogError(
+                f"the folder cannot be read ({error.strerror or error})",
+                where=str(path),
+                fix="check its permissions",
+            ) from error
+        names = {p: p.relative_to(path).parts for p in found}
+        named = [p for p in found if not any(part[0] in "._" for part in names[p])]
+        if not named:
+            raise LogError(
+                "the folder holds no log",
+                where=str(path),
+                fix="name a log file, a folder of .parquet files, or the folder of a ROS 2 bag, "
+                "which holds its metadata.yaml",
+            )
+        named.sort(key=lambda file: natural_order((*names[file][:-1], file.stem)))
+        first, *others = [cls.open(p) for p in named]
+        for other in others:
+            absent = [f"no '{c}'" for c in first.columns if c not in other.columns]
+            new = [f"also '{c}'" for c in other.columns if c not in first.columns]
+            if absent or new:
+                raise LogError(
+                    "two files of the log have other columns: the second has "
+                    f"{', '.join((*absent[:3], *new[:3]))}",
+                    where=f"{first.path} and {other.path}",
+                    fix="keep the files of one log in a folder of their own",
+                )
+        return cls(path, first.columns, tuple(named))
 
     @property
     def n_rows(self) -> int:
-        """Number of rows, as the file's end says it."""
-        import polars as pl
-
-        with _polars_errors_as_log_errors(self.path, "the file cannot be read as Parquet"):
-            return int(_scan(self.path).select(pl.len()).collect().item())
+        """Number of rows, as the files' ends say it."""
+        return sum(map(_height, self.files))
 
     def parts(
         self, columns: Sequence[str], rows: RowRange = (0, None), size: int = ROWS_OF_PART
     ) -> Iterator[Array]:
         """The requested rows, in parts; see `Log`."""
-        import polars as pl
-
         require_columns(self.path, self.columns, columns)
-        numbers = [pl.col(c).cast(pl.Float64, strict=False) for c in columns]
         start, stop = rows
-        while stop is None or start < stop:
-            length = size if stop is None else min(size, stop - start)
-            with _polars_errors_as_log_errors(
-                self.path, f"rows {start} to {start + length} cannot be read"
-            ):
-                width = _columns_at_once(self.path)
-                tables = [
-                    _scan(self.path).select(numbers[at : at + width]).slice(start, length).collect()
-                    for at in range(0, len(numbers), width)
-                ]
-                part = tables[0].to_numpy() if len(tables) == 1 else np.hstack(tables)
-            del tables
-            height = len(part)
-            if height:
-                yield part
-            del part
-            if height < length:
+        for file in self.files:
+            known = len(self.files) > 1 and (start > 0 or stop is not None)
+            height = _height(file) if known else 0
+            yield from _parts(file, columns, start, stop, size)
+            start = max(0, start - height)
+            stop = None if stop is None else max(0, stop - height)
+            if stop == 0:
                 return
-            start += length
+
+
+def _height(file: Path) -> int:
+    import polars as pl
+
+    with _polars_errors_as_log_errors(file, "the file cannot be read as Parquet"):
+        return int(_scan(file).select(pl.len()).collect().item())
+
+
+def _parts(
+    file: Path, columns: Sequence[str], start: int, stop: int | None, size: int
+) -> Iterator[Array]:
+    """Rows of one file."""
+    import polars as pl
+
+    numbers = [pl.col(c).cast(pl.Float64, strict=False) for c in columns]
+    while stop is None or start < stop:
+        length = size if stop is None else min(size, stop - start)
+        with _polars_errors_as_log_errors(file, f"rows {start} to {start + length} cannot be read"):
+            width = _columns_at_once(file)
+            tables = [
+                _scan(file).select(numbers[at : at + width]).slice(start, length).collect()
+                for at in range(0, len(numbers), width)
+            ]
+            part = tables[0].to_numpy() if len(tables) == 1 else np.hstack(tables)
+        del tables
+        height = len(part)
+        if height:
+            yield part
+        del part
+        if height < length:
+            return
+        start += length
 
 
 def require_polars(path: Path) -> None:
@@ -245,73 +303,6 @@ def _scan(path: Path) -> "polars.LazyFrame":
     import polars as pl
 
     return pl.scan_parquet(path, glob=False, cache=False)
-
-
-@dataclass(frozen=True)
-class PartitionedParquet:
-    """Files of a folder and of those in it as one log, in the natural order of their names.
-
-    `part-2.parquet` comes before `part-10.parquet`; names that start with `.` or `_` are passed
-    over.
-    """
-
-    path: Path
-    columns: tuple[str, ...]
-    files: tuple[ParquetLog, ...]
-
-    @classmethod
-    def open(cls, path: Path) -> "PartitionedParquet":
-        """Find the files and compare their columns."""
-        try:
-            found = [p for p in path.rglob("*") if p.suffix.lower() == ".parquet" and p.is_file()]
-        except OSError as error:
-            raise LogError(
-                f"the folder cannot be read ({error.strerror or error})",
-                where=str(path),
-                fix="check its permissions",
-            ) from error
-        names = {p: p.relative_to(path).parts for p in found}
-        named = [p for p in found if not any(part[0] in "._" for part in names[p])]
-        if not named:
-            raise LogError(
-                "the folder holds no log",
-                where=str(path),
-                fix="name a log file, a folder of .parquet files, or the folder of a ROS 2 bag, "
-                "which holds its metadata.yaml",
-            )
-
-        named.sort(key=lambda file: natural_order((*names[file][:-1], file.stem)))
-        first, *others = files = [ParquetLog.open(p) for p in named]
-        for other in others:
-            absent = [f"no '{c}'" for c in first.columns if c not in other.columns]
-            new = [f"also '{c}'" for c in other.columns if c not in first.columns]
-            if absent or new:
-                raise LogError(
-                    "two files of the log have other columns: the second has "
-                    f"{', '.join((*absent[:3], *new[:3]))}",
-                    where=f"{first.path} and {other.path}",
-                    fix="keep the files of one log in a folder of their own",
-                )
-        return cls(path, first.columns, tuple(files))
-
-    @property
-    def n_rows(self) -> int:
-        """Number of rows of all files."""
-        return sum(file.n_rows for file in self.files)
-
-    def parts(
-        self, columns: Sequence[str], rows: RowRange = (0, None), size: int = ROWS_OF_PART
-    ) -> Iterator[Array]:
-        """The requested rows, in parts; see `Log`."""
-        require_columns(self.path, self.columns, columns)
-        start, stop = rows
-        for file in self.files:
-            height = file.n_rows if start > 0 or stop is not None else 0
-            yield from file.parts(columns, (start, stop), size)
-            start = max(0, start - height)
-            stop = None if stop is None else max(0, stop - height)
-            if stop == 0:
-                return
 
 
 def natural_order(names: Sequence[str]) -> tuple[tuple[tuple[int, int | str], ...], ...]:

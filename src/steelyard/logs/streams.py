@@ -15,7 +15,7 @@ from steelyard.base.arrays import Array
 from steelyard.base.errors import LogError
 from steelyard.logs.log import require_columns, unreadable
 from steelyard.logs.messages.message_log import MessageLog
-from steelyard.logs.messages.record_files import McapFile
+from steelyard.logs.messages.record_files import open_mcap
 from steelyard.logs.text_table import (
     HEADER_LINES,
     Header,
@@ -224,9 +224,9 @@ def _messages(path: Path, columns: Sequence[str], waiting: Waiting) -> Iterator[
             log = MessageLog.open(path)
             require_columns(path, log.columns, columns)
         except LogError:
-            if not waiting() or (path.stat().st_size and McapFile.open(path, path).complete):
+            if not waiting() or (path.stat().st_size and open_mcap(path, path).whole):
                 raise
         else:
             break
-    growing = McapFile(path, path, complete=False, waiting=waiting)
+    growing = replace(open_mcap(path, path), whole=False, waiting=waiting)
     yield from replace(log, container=growing).parts(columns, size=BATCH_ROWS)

@@ -15,14 +15,9 @@ from pathlib import Path
 
 from steelyard.base.errors import LogError
 from steelyard.logs.log import require_file, unreadable
-from steelyard.logs.messages.byte_streams import (
-    ZSTD_MAGIC,
-    Damaged,
-    unpacked,
-    unpacked_copy,
-)
+from steelyard.logs.messages.byte_streams import ZSTD_MAGIC, Damaged, unpacked, unpacked_copy
 from steelyard.logs.messages.messages import LARGEST_MESSAGE, Channel, Container, Message
-from steelyard.logs.messages.record_files import MCAP_MAGIC, McapFile
+from steelyard.logs.messages.record_files import MCAP_MAGIC, open_mcap
 
 METADATA = "metadata.yaml"
 SQLITE_MAGIC = b"SQLite format 3\0"
@@ -215,7 +210,7 @@ def storage(path: Path) -> Container:
         content = unpacked_copy(path)
     start = _start(content)
     if start.startswith(MCAP_MAGIC):
-        return McapFile.open(path, content)
+        return open_mcap(path, content)
     if start == SQLITE_MAGIC:
         return SqliteFile(path, content)
     raise LogError(

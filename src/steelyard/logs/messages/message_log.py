@@ -35,7 +35,7 @@ from steelyard.logs.messages.messages import (
     decoder,
     seconds,
 )
-from steelyard.logs.messages.record_files import BAG1_MAGIC, Bag1
+from steelyard.logs.messages.record_files import BAG1_MAGIC, open_bag1
 from steelyard.logs.messages.topics import (
     LOG_TIME,
     STAMP,
@@ -221,7 +221,7 @@ def _container(path: Path) -> Container:
     try:
         with path.open("rb") as file:
             start = file.read(len(BAG1_MAGIC))
-        return Bag1.open(path) if start == BAG1_MAGIC else storage(path)
+        return open_bag1(path) if start == BAG1_MAGIC else storage(path)
     except OSError as error:
         raise unreadable(path, error) from error
 

@@ -43,6 +43,7 @@ class Walk:
 
     sender: ClassVar[str]
     file: ClassVar[str]
+    cut: ClassVar[str]
     rescue: ClassVar[str]
     may_end_damaged: ClassVar[bool] = False
 
@@ -64,30 +65,6 @@ class Walk:
     def _plain(self, source: ByteSource, head: Any, length: int) -> Message | None:
         """The message in a record that is no chunk, if there is one."""
         raise NotImplementedError
-
-    def messages(
-        self,
-        path: Path,
-        content: Path,
-        at: int,
-        whole: bool,
-        end: float = inf,
-        waiting: Callable[[], bool] | None = None,
-    ) -> Iterator[Message]:
-        """Messages from a byte of the content on; where it is `whole`, nothing may be missing."""
-        try:
-            with ByteSource.of_file(content, at, waiting) as file:
-                while not self.ended and file.at < end:
-                    at = file.at
-                    yield from self.record(file)
-        except OSError as error:
-            raise unreadable(path, error) from error
-        except EndOfBytes:
-            if whole:
-                raise self.damaged(path, at, "it claims to be longer than it is") from None
-        except Damaged as error:
-            if whole or not (self.may_end_damaged and self.counts):
-                raise self.damaged(path, at, str(error)) from error
 
     @classmethod
     def damaged(cls, path: Path, at: int, why: str) -> LogError:
@@ -140,16 +117,63 @@ class Walk:
         return source.take(length)
 
 
-def topics_in_index(walk: Walk, path: Path, start: int, end: float = inf) -> frozenset[str] | None:
-    """Topics that have messages according to the records of an index; `None` if it is damaged."""
-    try:
-        with ByteSource.of_file(path, start) as file:
-            while file.at < min(end, file.size):
-                for _ in walk.record(file):
-                    pass
-    except (OSError, EndOfBytes, Damaged):
-        return None
-    return frozenset(channel.topic for i, channel in walk.channels.items() if walk.counts.get(i))
+@dataclass(frozen=True)
+class RecordFile:
+    """One file of records.
+
+    Attributes:
+        content: The file itself, or its unpacked copy.
+        start: Byte at which its messages start; they end at `end`, if not where they say so.
+        index: First byte of its index and the one after its last; `None` if it has none.
+        whole: Whether its end is there, so that nothing of it may be missing.
+        waiting: See `ByteSource`.
+    """
+
+    path: Path
+    content: Path
+    walk: "type[Walk]"
+    start: int
+    index: tuple[int, int] | None
+    whole: bool
+    end: float = inf
+    waiting: Callable[[], bool] | None = None
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """Whether its end is missing."""
+        return () if self.whole else (f"{self.walk.cut}; it is read up to where it ends",)
+
+    def announced(self) -> frozenset[str] | None:
+        """Topics that have messages according to the index; `None` without one."""
+        if self.index is None:
+            return None
+        walk = self.walk(frozenset())
+        try:
+            with ByteSource.of_file(self.content, self.index[0]) as file:
+                while file.at < self.index[1]:
+                    for _ in walk.record(file):
+                        pass
+        except (OSError, EndOfBytes, Damaged):
+            return None
+        met = {channel.topic for i, channel in walk.channels.items() if walk.counts.get(i)}
+        return frozenset(met) if walk.counts else None
+
+    def messages(self, topics: frozenset[str] | None = None) -> Iterator[Message]:
+        """Messages of some topics, or of all, in the order of the file."""
+        walk, at = self.walk(topics), self.start
+        try:
+            with ByteSource.of_file(self.content, at, self.waiting) as file:
+                while not walk.ended and file.at < self.end:
+                    at = file.at
+                    yield from walk.record(file)
+        except OSError as error:
+            raise unreadable(self.path, error) from error
+        except EndOfBytes:
+            if self.whole:
+                raise walk.damaged(self.path, at, "it claims to be longer than it is") from None
+        except Damaged as error:
+            if self.whole or not (walk.may_end_damaged and walk.counts):
+                raise walk.damaged(self.path, at, str(error)) from error
 
 
 MCAP_MAGIC = b"\x89MCAP0\r\n"
@@ -160,61 +184,25 @@ FOOTER_BYTES = 9 + 20 + len(MCAP_MAGIC)
 FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK, STATISTICS, DATA_END = 2, 3, 4, 5, 6, 11, 15
 
 
-@dataclass(frozen=True)
-class McapFile:
-    """One MCAP file.
-
-    `content` is the file itself or its unpacked copy, `complete` whether its end is there; for
-    `waiting` see `ByteSource`.
-    """
-
-    path: Path
-    content: Path
-    complete: bool
-    waiting: Callable[[], bool] | None = None
-
-    @classmethod
-    def open(cls, path: Path, content: Path) -> "McapFile":
-        """Look at both ends of a file that starts as MCAP files do."""
-        try:
-            with ByteSource.of_file(content) as file:
-                file.skip(max(file.size - len(MCAP_MAGIC), 0))
-                end = file.upto(len(MCAP_MAGIC))
-                return cls(path, content, file.size >= FOOTER_BYTES and end == MCAP_MAGIC)
-        except OSError as error:
-            raise unreadable(path, error) from error
-
-    @property
-    def remarks(self) -> tuple[str, ...]:
-        """Whether its end is missing."""
-        if self.complete:
-            return ()
-        return ("the recording was cut off; it is read up to where it ends",)
-
-    def announced(self) -> frozenset[str] | None:
-        """Topics that have messages according to the summary; `None` without one."""
-        walk = _McapWalk(frozenset())
-        try:
-            with ByteSource.of_file(self.content) as file:
-                end = max(file.size - FOOTER_BYTES, 0)
+def open_mcap(path: Path, content: Path) -> RecordFile:
+    """Look at both ends of a file that starts as MCAP files do; `content`: see `RecordFile`."""
+    start, index, whole = len(MCAP_MAGIC), None, False
+    try:
+        with ByteSource.of_file(content) as file:
+            end = file.size - FOOTER_BYTES
+            if end >= 0:
                 file.skip(end)
-                head = file.take(FOOTER_BYTES - len(MCAP_MAGIC))
-                code, _, start, _, _ = struct.unpack("<BQQQI", head)
-        except (OSError, EndOfBytes):
-            return None
-        if not self.complete or code != FOOTER or not 0 < start < end:
-            return None
-        found = topics_in_index(walk, self.content, start, end)
-        return found if walk.counts else None
-
-    def messages(self, topics: frozenset[str] | None = None) -> Iterator[Message]:
-        """Messages of some topics, or of all, in the order of the file."""
-        walk, start = _McapWalk(topics), len(MCAP_MAGIC)
-        return walk.messages(self.path, self.content, start, self.complete, waiting=self.waiting)
+                code, _, first, _, _, magic = struct.unpack("<BQQQI8s", file.take(FOOTER_BYTES))
+                whole = magic == MCAP_MAGIC
+                if whole and code == FOOTER and 0 < first < end:
+                    index = first, end
+    except OSError as error:
+        raise unreadable(path, error) from error
+    return RecordFile(path, content, _McapWalk, start, index, whole)
 
 
 class _McapWalk(Walk):
-    sender, file = "channel", "file"
+    sender, file, cut = "channel", "file", "the recording was cut off"
     rescue = ": `mcap recover IN.mcap -o OUT.mcap`"
 
     def __init__(self, topics: frozenset[str] | None) -> None:
@@ -291,62 +279,38 @@ _U32 = struct.Struct("<I")
 Fields = dict[bytes, bytes]
 
 
-@dataclass(frozen=True)
-class Bag1:
-    """One ROS 1 bag; `index` is the byte at which its index starts, zero if it has none."""
-
-    path: Path
-    index: int
-
-    @classmethod
-    def open(cls, path: Path) -> "Bag1":
-        """Read the header of a file that starts as bags do."""
-        try:
-            with ByteSource.of_file(path) as file:
-                version, size = file.upto(len(VERSION)), file.size
-                if version != VERSION:
-                    found = version[len(BAG1_MAGIC) - 1 :].decode(errors="replace").strip()
-                    raise LogError(
-                        f"the bag is of version {found}; version V2.0 is read",
-                        where=str(path),
-                        fix="bring it up to date with ROS 1's `rosbag fix OLD.bag NEW.bag`",
-                    )
-                fields = _fields(file)
-        except OSError as error:
-            raise unreadable(path, error) from error
-        except (EndOfBytes, Damaged) as error:
-            why = str(error) or "the file ends in it"
-            raise _BagWalk.damaged(path, len(VERSION), why) from error
-        if name := fields.get(b"encryptor"):
-            raise LogError(
-                f"the bag is encrypted by {name.decode(errors='replace')}",
-                where=str(path),
-                fix="decrypt it with `rosbag decrypt` first",
-            )
-        index = int.from_bytes(fields.get(b"index_pos", b""), "little")
-        return cls(path, index if index <= size else 0)
-
-    @property
-    def remarks(self) -> tuple[str, ...]:
-        """Whether its index, and with it perhaps its end, is missing."""
-        if self.index:
-            return ()
-        return ("the bag has no index: it was not closed; it is read up to where it ends",)
-
-    def announced(self) -> frozenset[str] | None:
-        """Topics that have messages according to the index; `None` without one."""
-        if not self.index:
-            return None
-        return topics_in_index(_BagWalk(frozenset()), self.path, self.index)
-
-    def messages(self, topics: frozenset[str] | None = None) -> Iterator[Message]:
-        """Messages of some topics, or of all, in the order of the file."""
-        start, end = len(VERSION), self.index or inf
-        return _BagWalk(topics).messages(self.path, self.path, start, bool(self.index), end)
+def open_bag1(path: Path) -> RecordFile:
+    """Read the header of a file that starts as ROS 1 bags do."""
+    try:
+        with ByteSource.of_file(path) as file:
+            version, size = file.upto(len(VERSION)), file.size
+            if version != VERSION:
+                found = version[len(BAG1_MAGIC) - 1 :].decode(errors="replace").strip()
+                raise LogError(
+                    f"the bag is of version {found}; version V2.0 is read",
+                    where=str(path),
+                    fix="bring it up to date with ROS 1's `rosbag fix OLD.bag NEW.bag`",
+                )
+            fields = _fields(file)
+    except OSError as error:
+        raise unreadable(path, error) from error
+    except (EndOfBytes, Damaged) as error:
+        why = str(error) or "the file ends in it"
+        raise _BagWalk.damaged(path, len(VERSION), why) from error
+    if name := fields.get(b"encryptor"):
+        raise LogError(
+            f"the bag is encrypted by {name.decode(errors='replace')}",
+            where=str(path),
+            fix="decrypt it with `rosbag decrypt` first",
+        )
+    at = int.from_bytes(fields.get(b"index_pos", b""), "little")
+    if not 0 < at <= size:
+        return RecordFile(path, path, _BagWalk, len(VERSION), None, False)
+    return RecordFile(path, path, _BagWalk, len(VERSION), (at, size), True, at)
 
 
 class _BagWalk(Walk):
-    sender, file = "connection", "bag"
+    sender, file, cut = "connection", "bag", "the bag has no index: it was not closed"
     rescue = " with ROS 1's `rosbag reindex` on a copy"
     may_end_damaged = True
 

@@ -19,12 +19,7 @@ import numpy as np
 
 from steelyard.base.arrays import Array
 from steelyard.base.errors import LogError
-from steelyard.runs.smoothing.filters import (
-    Bank,
-    butterworth,
-    continued_at_ends,
-    settling,
-)
+from steelyard.runs.smoothing.filters import Bank, butterworth, continued_at_ends, settling
 from steelyard.runs.smoothing.kalman import (
     HIGHEST_CUTOFF,
     cutoff_of_ratio,
@@ -32,7 +27,7 @@ from steelyard.runs.smoothing.kalman import (
     likeliest_ratio,
     likeliest_variance,
 )
-from steelyard.runs.smoothing.method import Butterworth, Designed, WholeSegment
+from steelyard.runs.smoothing.method import Butterworth, Designed
 from steelyard.runs.spectrum import find_period, folded, mean_period, moving_span
 
 WHITE = 0.12
@@ -87,17 +82,32 @@ class Auto:
     def designed(self, cutoff: float, rate: float) -> Designed:
         """The filters for a cut-off of the motion [Hz] and a rate [Hz]."""
         wide = Butterworth().designed(cutoff, rate)
-        if self.cutoffs is None and self.velocity_cutoffs is None:
+        given = {3: self.cutoffs, 2: self.velocity_cutoffs}
+        low = {order: LowPasses(own, order, rate) for order, own in given.items() if own}
+        if not low:
             return wide
-        position = None if self.cutoffs is None else LowPasses(self.cutoffs, 3, rate)
-        velocity = None
-        if self.velocity_cutoffs is not None:
-            velocity = LowPasses(self.velocity_cutoffs, 2, rate)
-        local = LikeliestCutoffs(wide, position, velocity)
+        wide_halo = wide.halo or 0
+        halo = max(wide_halo, *(one.halo for one in low.values()))
+
+        def inner(extended: Array, own: int) -> Array:
+            return extended[:, halo - own : extended.shape[1] - halo + own]
+
+        def local(q: Array, dq: Array | None) -> Array:
+            result = np.empty((3, len(q), q.shape[1] - 2 * halo))
+            if 3 not in low or (dq is not None and 2 not in low):
+                velocity = None if dq is None else inner(dq, wide_halo)
+                result[:] = wide(inner(q, wide_halo), velocity)
+            if 3 in low:
+                used = slice(0, 3 if dq is None else 1)
+                result[used] = low[3](inner(q, low[3].halo))[used]
+            if dq is not None and 2 in low:
+                result[1:] = low[2](inner(dq, low[2].halo))
+            return result
+
         if self.period is None or self.cutoffs is None:
-            return local
+            return Designed(local, halo)
         length, joints = self.period * rate, [j - 1 for j in self.periodic]
-        bent, halo = int(ENDS_LEFT_OUT * rate / min(self.cutoffs)), local.halo
+        bent = int(ENDS_LEFT_OUT * rate / min(self.cutoffs))
 
         def motion(q: Array, dq: Array | None) -> Array:
             velocity = None if dq is None else continued_at_ends(dq, halo, halo)
@@ -108,7 +118,7 @@ class Auto:
                 result[:, joints, start:stop] = folded(part, length, bent)
             return result
 
-        return WholeSegment(motion)
+        return Designed(motion)
 
     def chosen(
         self, q: Array, dq: Array | None, rate: float, band: float, *, whole: bool
@@ -165,40 +175,6 @@ class LowPasses:
             )
         each = [bank(x[None]) for bank, x in zip(self.banks, extended, strict=True)]
         return np.concatenate(each, axis=1)
-
-
-@dataclass(frozen=True)
-class LikeliestCutoffs:
-    """The filters of a log: a local method."""
-
-    wide: Designed
-    position: LowPasses | None
-    velocity: LowPasses | None
-
-    @property
-    def halo(self) -> int:
-        """Samples of context on each side."""
-        own = [x.halo for x in (self.position, self.velocity) if x is not None]
-        return max(self.wide.halo or 0, *own)
-
-    def __call__(self, q: Array, dq: Array | None) -> Array:
-        """Positions, and velocities if logged, to motion; see `Designed`."""
-        wide = self.wide.halo or 0
-        result = np.empty((3, len(q), q.shape[1] - 2 * self.halo))
-        if self.position is None or (dq is not None and self.velocity is None):
-            velocity = None if dq is None else self._inner(dq, wide)
-            result[:] = self.wide(self._inner(q, wide), velocity)
-        if self.position is not None:
-            used = slice(0, 3) if dq is None else slice(0, 1)
-            result[used] = self.position(self._inner(q, self.position.halo))[used]
-        if dq is not None and self.velocity is not None:
-            result[1:] = self.velocity(self._inner(dq, self.velocity.halo))
-        return result
-
-    def _inner(self, extended: Array, halo: int) -> Array:
-        """Channels with only the context that a part needs."""
-        spare = self.halo - halo
-        return extended[:, spare : extended.shape[1] - spare]
 
 
 def _is_periodic(method: Auto, cutoffs: tuple[float, ...], q: Array, rate: float) -> Auto:

@@ -25,7 +25,7 @@ from steelyard.runs.smoothing.filters import (
     repeated_response,
     repeated_smoother,
 )
-from steelyard.runs.smoothing.method import Differentiating
+from steelyard.runs.smoothing.method import Designed, differentiating
 
 RINGING_TIME = 2
 """Halo over that of the filter itself: its derivatives ring on at the level of its suppression."""
@@ -65,7 +65,7 @@ class FIR:
                 fix="choose a number above 0 and up to 2",
             )
 
-    def designed(self, cutoff: float, rate: float) -> Differentiating:
+    def designed(self, cutoff: float, rate: float) -> Designed:
         """The filter and its derivatives for a cut-off [Hz] and a rate [Hz]."""
         from scipy.signal import freqz
 
@@ -77,7 +77,8 @@ class FIR:
             return np.where(omega < np.pi * (1.0 - 1e-12), gain, 0.0)
 
         every = repeated_response(response, self.passes)
-        return Differentiating.of_response(every, RINGING_TIME * middle * self.passes, rate)
+        halo = RINGING_TIME * middle * self.passes
+        return differentiating(Bank.derivatives(every, halo, rate, 2).taps)
 
     def smooth(self, cutoff: float, rate: float) -> Bank:
         """The filter alone, for efforts."""
@@ -124,36 +125,28 @@ class MovingAverage:
                 fix=f"choose an odd number from 1 to {LONGEST_SPAN}",
             )
 
-    def designed(self, cutoff: float, rate: float) -> "CentralDifferences":
-        """The differences at a rate [Hz]; the cut-off says nothing here."""
-        return CentralDifferences(self.span, rate, self.passes)
+    def designed(self, cutoff: float, rate: float) -> Designed:
+        """Positions as they are and central differences (p1, eq 10); the cut-off says nothing."""
+        halo = 2 + self.passes * (self.span // 2)
+
+        def motion(q: Array, dq: Array | None) -> Array:
+            velocity = _difference(q, rate) if dq is None else dq[:, 1:-1]
+            acceleration = _difference(velocity, rate)
+            for _ in range(self.passes):
+                windows = np.lib.stride_tricks.sliding_window_view(acceleration, self.span, axis=1)
+                acceleration = windows.mean(axis=2)
+            middle = velocity[:, halo - 1 : velocity.shape[1] - halo + 1]
+            return np.stack((q[:, halo : q.shape[1] - halo], middle, acceleration))
+
+        return Designed(motion, halo)
 
     def smooth(self, cutoff: float, rate: float) -> Bank:
         """The average alone, for efforts."""
         return repeated_smoother(np.full(self.span, 1.0 / self.span), self.passes)
 
 
-class CentralDifferences:
-    """Positions as they are, velocities and accelerations by central differences (p1, eq 10)."""
-
-    def __init__(self, span: int, rate: float, passes: int = 1) -> None:
-        self._span, self._passes, self._rate = span, passes, rate
-        self.halo = 2 + passes * (span // 2)
-
-    def __call__(self, q: Array, dq: Array | None) -> Array:
-        """Positions, and velocities if logged, to motion; see `Designed`."""
-        velocity = _difference(q, self._rate) if dq is None else dq[:, 1:-1]
-        acceleration = _difference(velocity, self._rate)
-        for _ in range(self._passes):
-            windows = np.lib.stride_tricks.sliding_window_view(acceleration, self._span, axis=1)
-            acceleration = windows.mean(axis=2)
-        middle = velocity[:, self.halo - 1 : velocity.shape[1] - self.halo + 1]
-        return np.stack((q[:, self.halo : q.shape[1] - self.halo], middle, acceleration))
-
-
 def _difference(x: Array, rate: float) -> Array:
-    slope: Array = (x[:, 2:] - x[:, :-2]) * (0.5 * rate)
-    return slope
+    return np.asarray((x[:, 2:] - x[:, :-2]) * (0.5 * rate))
 
 
 HIGHEST_DEGREE = 10
@@ -196,11 +189,11 @@ class SavitzkyGolay:
                 fix=f"choose an odd number above {self.degree} and up to {LONGEST_WINDOW}",
             )
 
-    def designed(self, cutoff: float, rate: float) -> Differentiating:
+    def designed(self, cutoff: float, rate: float) -> Designed:
         """The filters for a cut-off [Hz], which chooses the window if it is not given."""
         window = self.window_for(cutoff, rate)
         rows = taps(window, self.degree, rate)
-        return Differentiating(convolved(rows, rows[0], self.passes - 1))
+        return differentiating(convolved(rows, rows[0], self.passes - 1))
 
     def smooth(self, cutoff: float, rate: float) -> Bank:
         """The smoothing alone, for efforts."""

@@ -14,7 +14,7 @@ import numpy as np
 from steelyard.base.arrays import Array, frozen
 from steelyard.base.errors import LogError, ModelError
 from steelyard.runs.smoothing.filters import continued_at_ends
-from steelyard.runs.smoothing.method import Butterworth, Designed, WholeSegment
+from steelyard.runs.smoothing.method import Butterworth, Designed
 from steelyard.runs.spectrum import find_period, moving_span
 
 HARMONIC_SAMPLES = 8192
@@ -200,7 +200,7 @@ class Fourier:
                 result[:, :, :start], result[:, :, stop:] = rests[:, :, :start], rests[:, :, stop:]
             return result
 
-        return WholeSegment(motion)
+        return Designed(motion)
 
     def _whole_period(self, start: int, stop: int, count: int, rate: float) -> tuple[int, int]:
         """The span of motion, with samples at its ends where it lacks a little of a given period.

@@ -25,7 +25,7 @@ import numpy as np
 
 from steelyard.base.arrays import Array
 from steelyard.base.errors import LogError
-from steelyard.runs.smoothing.method import Designed, WholeSegment, derived_jointly
+from steelyard.runs.smoothing.method import Designed, derived_jointly
 from steelyard.symbolic.native import kalman_loops as loops
 
 VAGUE_START = 1e6
@@ -267,7 +267,7 @@ class KalmanSmoother:
     choose: Literal["likelihood", "cutoff"] = "likelihood"
     order: Literal[2, 3] = 2
 
-    def smooth(self, cutoff: float, rate: float) -> WholeSegment:
+    def smooth(self, cutoff: float, rate: float) -> Designed:
         """The smoother for a cut-off [Hz] and a rate [Hz]."""
         given = cutoff if self.choose == "cutoff" else None
 
@@ -275,4 +275,4 @@ class KalmanSmoother:
             t = np.arange(efforts.shape[1]) / rate
             return kalman_smoothed(t, efforts.T, given, self.order).value.T
 
-        return WholeSegment(smoothed)
+        return Designed(smoothed)

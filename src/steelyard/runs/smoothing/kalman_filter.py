@@ -44,12 +44,7 @@ class KalmanFilter:
     """
 
     def __init__(
-        self,
-        noise: ArrayLike,
-        jerk: ArrayLike,
-        *,
-        speed: float = 10.0,
-        acceleration: float = 100.0,
+        self, noise: ArrayLike, jerk: ArrayLike, *, speed: float = 10.0, acceleration: float = 100.0
     ) -> None:
         r"""Begin.
 

@@ -16,7 +16,6 @@ from steelyard.base.errors import ModelError
 from steelyard.runs.smoothing.filters import (
     LOWPASS_ORDER,
     Bank,
-    Response,
     butterworth,
     check_passes,
     low_pass,
@@ -26,33 +25,24 @@ from steelyard.runs.smoothing.filters import (
 )
 
 
-class Designed(Protocol):
-    """A method made for one cut-off and rate; without a halo it takes the whole segment at once."""
+class Designed:
+    """A method or a smoother made for one cut-off and rate.
 
-    @property
-    def halo(self) -> int | None: ...  # noqa: D102
+    A method takes positions with context, `(n, N + 2 halo)` [rad; m], and velocities likewise
+    [rad/s; m/s], or `None` where positions are to be differentiated, to `q, dq, ddq`, `(3, n, N)`.
+    A smoother takes channels to channels. Without a halo, a sample depends on all of its segment,
+    which is given at once.
+    """
 
-    def __call__(self, q: Array, dq: Array | None, /) -> Array:
-        """Positions with context, `(n, N + 2 halo)` [rad; m], to `q, dq, ddq`, `(3, n, N)`.
-
-        Positions are differentiated where velocities [rad/s; m/s] are not logged.
-        """
-        ...
-
-
-class WholeSegment:
-    """A `Designed` or `Smooth` whose samples depend on all others: without a halo."""
-
-    def __init__(self, function: Callable[..., Array]) -> None:
-        self._function = function
-        self.halo: None = None
+    def __init__(self, function: Callable[..., Array], halo: int | None = None) -> None:
+        self._function, self.halo = function, halo
 
     def __call__(self, *channels: Array | None) -> Array:
-        """The result for a whole segment."""
+        """The results."""
         return self._function(*channels)
 
 
-def derived_jointly(states: Callable[[Array, int], Array]) -> WholeSegment:
+def derived_jointly(states: Callable[[Array, int], Array]) -> Designed:
     """A method by a smoother that gives channels `(n, N)` and their derivatives, `(3, n, N)`.
 
     The second argument of `states` is the derivative that is white noise: 3 for positions, 2 for
@@ -66,7 +56,7 @@ def derived_jointly(states: Callable[[Array, int], Array]) -> WholeSegment:
         velocity = states(dq, 2)
         return np.stack((position[0], velocity[0], velocity[1]))
 
-    return WholeSegment(motion)
+    return Designed(motion)
 
 
 @runtime_checkable
@@ -100,7 +90,7 @@ class Smoother(Protocol):
 
     name: ClassVar[str]
 
-    def smooth(self, cutoff: float, rate: float) -> "Bank | WholeSegment":
+    def smooth(self, cutoff: float, rate: float) -> Bank | Designed:
         """The smoother for a cut-off and a rate, above twice that [Hz]."""
         ...
 
@@ -137,30 +127,18 @@ class Butterworth:
         """The filter and its derivatives for a cut-off [Hz] and a rate [Hz]."""
         halo = self.passes * settling(cutoff, rate, self.order)
         response = repeated_response(butterworth(cutoff, rate, self.order), self.passes)
-        return Differentiating.of_response(response, halo, rate)
+        return differentiating(Bank.derivatives(response, halo, rate, 2).taps)
 
     def smooth(self, cutoff: float, rate: float) -> Bank:
         """The filter alone, for efforts."""
         return repeated_smoother(low_pass(cutoff, rate, self.order).taps[0], self.passes)
 
 
-class Differentiating:
-    """A symmetric low-pass and its exact derivatives; halo and results as in `Designed`.
+def differentiating(rows: Array) -> Designed:
+    """Motion by the taps of a low-pass, its first and second derivative, `(3, 2 halo + 1)`."""
+    twice, once, low = Bank(rows), Bank(rows[:2]), Bank(rows[:1])
 
-    `rows`: taps of the low-pass, its first and its second derivative, `(3, 2 halo + 1)`.
-    """
+    def motion(q: Array, dq: Array | None) -> Array:
+        return twice(q) if dq is None else np.concatenate((low(q), once(dq)))
 
-    def __init__(self, rows: Array) -> None:
-        self._twice, self._once, self._smooth = Bank(rows), Bank(rows[:2]), Bank(rows[:1])
-        self.halo = self._twice.halo
-
-    @classmethod
-    def of_response(cls, response: Response, halo: int, rate: float) -> "Differentiating":
-        """From the response of a low-pass that vanishes at half the rate [Hz]."""
-        return cls(Bank.derivatives(response, halo, rate, 2).taps)
-
-    def __call__(self, q: Array, dq: Array | None) -> Array:
-        """Positions, and velocities if logged, to motion; see `Designed`."""
-        if dq is None:
-            return self._twice(q)
-        return np.concatenate((self._smooth(q), self._once(dq)))
+    return Designed(motion, twice.halo)
