@@ -220,7 +220,6 @@ def size_of(path: Path) -> int:
 def _clock(
     columns: tuple[ColumnContent, ...], time: TimeColumn | None, rows: int
 ) -> tuple[float | None, float | None]:
-    """Duration and rate."""
     column = next((c for c in columns if time is not None and c.name == time.name), None)
     if time is None or column is None or column.least is None or column.most is None:
         return None, None

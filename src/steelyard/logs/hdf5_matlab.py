@@ -72,7 +72,6 @@ def _hdf5_members(path: Path, matlab: bool, changed: int, size: int) -> tuple[Na
 
 @contextmanager
 def _child_answer(path: Path, request: dict[str, Any]) -> Iterator[IO[bytes]]:
-    """The child's answer to a request."""
     pipe = subprocess.PIPE
     child = subprocess.Popen(CHILD, stdin=pipe, stdout=pipe, stderr=pipe)
     try:
@@ -105,7 +104,6 @@ LONGEST_TEXT = 1 << 20
 DEEPEST_STRUCT = 16
 MOST_STRUCTS_OF_ARRAY = 1000
 """Structs of one array of structs."""
-
 MATRIX, COMPRESSED = 14, 15
 NUMBERS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8",
            13: "u8"}  # fmt: skip
@@ -281,7 +279,6 @@ class _Scanner:
         return word, int.from_bytes(more, self.order), b""
 
     def _short(self) -> bytes:
-        """The content of a short element."""
         _, length, inline = self._tag()
         if inline or length == 0:
             return inline

@@ -29,7 +29,6 @@ ORDINARY_ROWS_OF_GROUP = 1 << 18
 LONGEST_FOOTER = 1 << 26
 PAGE_HEADER_BYTES = 1 << 16
 DEEPEST_THRIFT = 16
-
 TRUE, FALSE, BYTE, I16, I32, I64, DOUBLE, BINARY, LIST, SET, MAP, STRUCT = range(1, 13)
 
 
@@ -86,8 +85,6 @@ def _number(struct: dict[int, Any], field: int) -> int:
 
 
 class _Thrift:
-    """Reads structs as dictionaries from field number to value."""
-
     def __init__(self, stream: BytesIO) -> None:
         self._stream = stream
 
@@ -239,7 +236,6 @@ def _height(file: Path) -> int:
 def _parts(
     file: Path, columns: Sequence[str], start: int, stop: int | None, size: int
 ) -> Iterator[Array]:
-    """Rows of one file."""
     import polars as pl
 
     numbers = [pl.col(c).cast(pl.Float64, strict=False) for c in columns]

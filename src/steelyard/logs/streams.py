@@ -27,7 +27,6 @@ from steelyard.logs.text_table import (
 
 PIECE_BYTES = 1 << 16
 """Bytes read at a time."""
-
 PENDING_PIECES = 64
 """Pieces of a pipe that wait at most, before its writer has to."""
 
@@ -87,7 +86,6 @@ def pipe_pieces(read: Callable[[], bytes], waiting: Waiting) -> Iterator[bytes]:
 
 ROWS_BELOW_HEADER = 2
 """Rows of numbers below a header, with which it is known."""
-
 LONGEST_STREAM_LINE = 1 << 20
 """Bytes of a line, at most."""
 
@@ -183,10 +181,8 @@ def _object(line: bytes) -> dict[str, Any]:
 
 STANDARD_INPUT = "-"
 """Name of the source that is no file."""
-
 TEXT_SUFFIXES = (".csv", ".tsv", ".txt", ".jsonl", ".ndjson")
 """Suffixes of files of lines."""
-
 BATCH_ROWS = 16
 """Messages that are put together at a time."""
 

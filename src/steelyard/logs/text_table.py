@@ -15,7 +15,6 @@ from steelyard.base.errors import LogError, available
 from steelyard.logs.log import ROWS_OF_PART, RowRange, require_columns, require_file, unreadable
 
 SEPARATORS = ",;\t| "
-
 COMMENT = ("#", "%")
 MISSING_CELLS = frozenset(("", "na", "n/a", "null", "none", "-"))
 UNITS = frozenset(
@@ -125,7 +124,6 @@ def _seen(
 def _names(
     row: Callable[[int], list[str]], above: Sequence[int], first: int | None
 ) -> tuple[tuple[str, ...], int]:
-    """Names of the columns, and the line behind them."""
     if first is None:
         return tuple(row(above[0])), above[0] + 1
     if not above:
@@ -174,7 +172,6 @@ def _is_word(cell: str) -> bool:
 
 
 def _is_units(row: Sequence[str]) -> bool:
-    """Whether a line below the names holds units only."""
     filled = [cell for cell in row if not _is_missing(cell)]
     return bool(filled) and all(_BRACKETED.fullmatch(c) or c.lower() in UNITS for c in filled)
 

@@ -26,7 +26,6 @@ from steelyard.runs.smoothing.kalman import CausalKalman
 SATURATION_SPREAD = 0.5
 """How far around an effort at its limit samples do not count, in periods of the regression cut-off:
 half the length over which the parallel filter mixes them."""
-
 CONTEXT_PERIODS = 4.0
 """How far methods that are given whole segments look beyond a window, in periods of the cut-off."""
 
@@ -97,7 +96,6 @@ class Chain:
 
     @property
     def _motion_words(self) -> str:
-        """How positions become motion."""
         motion, at = self.processing.motion, f"{self.motion_cutoff:g} Hz"
         if isinstance(motion, Auto):
             return f"by {self.processing.motion_words}, motion cut-off {at}"

@@ -110,7 +110,6 @@ def survey(recording: Recording, processing: Processing | None = None) -> Survey
 def _rates(
     recording: Recording, counts: NDArray[np.int64], tally: "_Tally", wanted: float | None
 ) -> tuple[float, float]:
-    """Rate of the log, rounded, and of the uniform clock [Hz]."""
     kept = counts[RowVerdict.KEPT]
     if kept == 0:
         raise nothing_left(recording, counts)

@@ -204,7 +204,6 @@ def _long_enough(recording: Recording, found: Survey, cut: Cutoffs) -> tuple[Seg
 
 
 def _rest_speed(recording: Recording, found: Survey, chain: Chain, fast: Array) -> Array:
-    """The default rest speed of each joint, shape `(n,)`."""
     c, rate = recording.channels, chain.rate
     of_position, of_velocity = motion_responses(
         chain.processing.motion, chain.motion_cutoff, rate, c.joints
@@ -230,13 +229,13 @@ def _quality(
     c = recording.channels
     cut = Cutoffs(chain.motion_cutoff, chain.matched_cutoff)
     segments = _long_enough(recording, found, cut)
-    counts = {v: found.counts[v] for v in RowVerdict if v != RowVerdict.KEPT and found.counts[v]}
+    lost = [v for v in RowVerdict if v != RowVerdict.KEPT and found.counts[v]]
     starts = [*(s.start for s in segments), found.segments[-1].stop]
     stops = [found.segments[0].start, *(s.stop for s in segments)]
     return Quality(
         rows=sum(found.counts),
         kept=found.counts[RowVerdict.KEPT],
-        dropped={verdict.reason: count for verdict, count in counts.items()},
+        dropped={verdict.reason: found.counts[verdict] for verdict in lost},
         gaps=tuple(s.stop for s in found.segments[:-1]),
         rate=found.rate,
         steps=found.steps,
@@ -256,7 +255,6 @@ def _quality(
 def _losses(
     recording: Recording, found: Survey, segments: tuple[Segment, ...], marked: Marked
 ) -> tuple[str, ...]:
-    """What of the log could not be used, dropped rows apart."""
     losses = []
     if recording.wrapped:
         losses.append(f"positions {', '.join(recording.wrapped)} wrap after a turn: unwrapped")
@@ -273,7 +271,6 @@ def _losses(
 def _choices_for_quality(
     found: Survey, chain: Chain, requested: Processing, rest_speed: Array, marked: Marked
 ) -> tuple[str, ...]:
-    """What was decided from the data."""
     mean, _, least, most = found.steps
     motion, matched = (
         "" if cutoff is None else " (not chosen from this log)"

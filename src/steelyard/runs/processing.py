@@ -80,7 +80,6 @@ def _shown_value(value: object) -> str:
 OUTLIERS = 15.0
 """Default distance from the rows around, in usual ones, from which on a row is an outlier: on clean
 logs of five robots it marks 3 values in 100 000, currents of drives that start or stop."""
-
 NOT_WHITE = ", as the noise is not white"
 """Why `auto` chose the low-pass of the motion cut-off."""
 

@@ -17,7 +17,6 @@ from steelyard.runs.rows.row_checks import Quality, Segment
 
 BLOCK_SAMPLES = 4096
 """Samples of a block."""
-
 KEPT = 2**20
 """Values up to which motion and efforts of a run stay in memory for the next pass: 8 MiB."""
 

@@ -19,10 +19,8 @@ from steelyard.runs.rows.faulty_rows import FASTEST_LOGGED_SPEED, RowVerdict, br
 
 RESTARTED = 20
 """Rows with rising times before the latest one, after which the clock was set back."""
-
 JUMPS_UNTIL_RESTART = 3
 """Rows whose positions jump that are left out; more are where the robot is."""
-
 PAUSE_SECONDS = 1.0
 """Time between a sample and the first one after the clock was set back [s]."""
 

@@ -133,18 +133,14 @@ class Repetitions:
     drop_last: int = 1
 
     def __post_init__(self) -> None:
-        if (self.period is not None and self.period <= 0.0) or min(self.dropped) < 0:
+        least = min(self.drop_first, self.drop_last)
+        if (self.period is not None and self.period <= 0.0) or least < 0:
             raise ModelError(
                 f"repetitions of {self.period} s, {self.drop_first} and {self.drop_last} of them "
                 "dropped, are not valid",
                 where="repetitions",
                 fix="give period = ... above 0 s, drop_first and drop_last from 0 on",
             )
-
-    @property
-    def dropped(self) -> tuple[int, int]:
-        """Repetitions left out at the start and at the end."""
-        return self.drop_first, self.drop_last
 
 
 def moving_span(q: Array) -> tuple[int, int]:

@@ -232,7 +232,6 @@ def _yaml_value(text: str, key: str) -> str:
 
 
 def _yaml_list(text: str, key: str) -> tuple[str, ...]:
-    """The entries of a list in the plain YAML that ROS 2 writes."""
     inline = _yaml_value(text, key)
     if inline.startswith("["):
         entries = inline.strip("[]").split(",")

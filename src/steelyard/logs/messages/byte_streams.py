@@ -147,7 +147,6 @@ def unpacked_copy(path: Path) -> Path:
 
 @cache
 def _copy(path: Path, changed: int, size: int) -> Path:
-    """The copy of a file as it was at a time."""
     from zstandard import ZstdError
 
     folder = Path(mkdtemp(prefix="steelyard-bag-"))

@@ -360,7 +360,6 @@ class _BagWalk(Walk):
 
 
 def _fields(source: ByteSource) -> Fields:
-    """The header of the next record."""
     (length,) = _U32.unpack(source.take(4))
     if length > LONGEST_DEFINITION:
         raise Damaged(f"its header is {length:,} bytes long")

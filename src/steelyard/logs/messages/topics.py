@@ -171,7 +171,6 @@ def _field_number(value: Any) -> float:
 
 
 def _seconds(value: Any) -> float | None:
-    """A time of whole seconds and nanoseconds as one number [s]."""
     if value is None or isinstance(value, (*_SCALARS, str, list, np.ndarray)):
         return None
     for whole, part in _TIMES:

@@ -78,7 +78,6 @@ def learn_clock(recording: Recording) -> Clock:
 
 
 def _head_times(recording: Recording) -> Array:
-    """Times of the first rows that have one [s]."""
     times = np.concatenate([t for t, _ in recording.raw((0, ROWS_FOR_STEP))])
     return np.asarray(times[np.isfinite(times)])
 
@@ -124,9 +123,8 @@ class RowScan:
             if len(loose[0]):
                 t, x, row = t[good], x[good], row[good]
             if len(undecided[0]):
-                t = np.concatenate((undecided[0], t))
-                x = np.concatenate((undecided[1], x))
-                row = np.concatenate((undecided[2], row))
+                both = zip(undecided, (t, x, row), strict=True)
+                t, x, row = (np.concatenate(pair) for pair in both)
             decided = yield from self._decided(t, x, row, loose, final=False)
             undecided = t[decided:], x[decided:], row[decided:]
             if self._last is not None and self._last[0] >= self._stop:
@@ -154,12 +152,12 @@ class RowScan:
         inside = kept[(t[kept] >= self._start) & (t[kept] < self._stop)]
         if self._first_row is None and len(inside):
             self._first_row = int(row[inside[0]])
-        past = kept[t[kept] >= self._stop]
-        self._count(
-            np.concatenate((row[:decided], loose[0])),
-            np.concatenate((verdict[:decided], loose[1])),
-            None if len(past) == 0 else int(row[past[0]]),
-        )
+        if self._first_row is not None:
+            past = row[kept[t[kept] >= self._stop]]
+            every = np.concatenate((row[:decided], loose[0]))
+            counted = (every >= self._first_row) & (every < (past[0] if len(past) else np.inf))
+            judged = np.concatenate((verdict[:decided], loose[1]))[counted]
+            self.counts += np.bincount(judged, minlength=len(RowVerdict))
         for run in np.split(inside, np.flatnonzero(np.diff(segment[inside])) + 1):
             if len(run):
                 start, stop = int(run[0]), int(run[-1]) + 1
@@ -215,14 +213,6 @@ class RowScan:
         """How far a joint can get in a step [rad; m]."""
         once = self._clock.step
         return FASTEST_LOGGED_SPEED * once + FASTEST_STEADY_SPEED * np.maximum(step - once, 0.0)
-
-    def _count(self, row: Rowed, verdict: NDArray[np.uint8], end: int | None) -> None:
-        if self._first_row is None:
-            return
-        inside = row >= self._first_row
-        if end is not None:
-            inside &= row < end
-        self.counts += np.bincount(verdict[inside], minlength=len(RowVerdict))
 
 
 def nothing_left(recording: Recording, counts: NDArray[np.int64]) -> LogError:

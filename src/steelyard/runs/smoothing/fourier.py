@@ -241,7 +241,6 @@ class Fourier:
 
 
 def _require_periodic(series: Series, q: Array) -> None:
-    """Raise if much of a moving joint's motion is left."""
     size = q.std(axis=1)
     moving = size > 0.02 * size.max(initial=0.0)
     share = np.where(moving, series.noise / np.maximum(size, 1e-300), 0.0)

@@ -131,9 +131,20 @@ class KalmanFilter:
             self._state = self._state @ motion.T
             noise = np.square(self._jerk)[:, None, None] * wander
             self._covariance = motion @ self._covariance @ motion.T + noise
-            self._correct(measured)
-        else:
-            self._begin(measured)
+            column = self._covariance[:, :, 0]
+            gain = column / (column[:, :1] + np.square(self._noise)[:, None])
+            gain = gain * np.isfinite(measured)[:, None]  # nothing where nothing was measured
+            innovation = np.nan_to_num(measured - self._state[:, 0])
+            self._state = self._state + gain * innovation[:, None]
+            self._covariance = self._covariance - gain[:, :, None] * column[:, None, :]
+        else:  # its position, at rest but for the spread
+            n = len(measured)
+            each = self._noise, self._jerk
+            self._noise, self._jerk = (np.broadcast_to(x, n).copy() for x in each)
+            self._state = np.column_stack((measured, np.zeros((n, 2))))
+            self._covariance = np.zeros((n, 3, 3))
+            self._covariance[:, 0, 0] = np.square(self._noise)
+            self._covariance[:, [1, 2], [1, 2]] = np.square(self._spread)
         self._t, self.steps = t, self.steps + 1
 
     def delay(self, frequency: float, rate: float) -> Array:
@@ -162,7 +173,6 @@ class KalmanFilter:
         return np.array([phase_delays(ratio, frequency / rate) for ratio in ratios]).T / rate
 
     def _check(self, t: float, measured: Array) -> None:
-        """Refuse a sample that does not fit those before."""
         n = len(self._state) if self.steps else max(self._noise.size, self._jerk.size)
         fits = measured.shape == (n,) or (not self.steps and n == 1)
         if not fits or measured.ndim != 1:
@@ -184,38 +194,13 @@ class KalmanFilter:
                 fix="give samples in the order of time, or begin a new filter",
             )
 
-    def _begin(self, measured: Array) -> None:
-        """The state of the first sample: its position, at rest but for the spread."""
-        n = len(measured)
-        self._noise, self._jerk = (np.broadcast_to(x, n).copy() for x in (self._noise, self._jerk))
-        self._state = np.column_stack((measured, np.zeros((n, 2))))
-        self._covariance = np.zeros((n, 3, 3))
-        self._covariance[:, 0, 0] = np.square(self._noise)
-        self._covariance[:, [1, 2], [1, 2]] = np.square(self._spread)
-
-    def _correct(self, measured: Array) -> None:
-        """The measurement of every joint; nothing where nothing was measured."""
-        column = self._covariance[:, :, 0]
-        gain = column / (column[:, :1] + np.square(self._noise)[:, None])
-        innovation = measured - self._state[:, 0]
-        if not np.isfinite(innovation).all():
-            gain, innovation = gain * np.isfinite(measured)[:, None], np.nan_to_num(innovation)
-        self._state = self._state + gain * innovation[:, None]
-        self._covariance = self._covariance - gain[:, :, None] * column[:, None, :]
-
 
 def transition(step: float) -> tuple[Array, Array]:
     """Motion over a time step, and its covariance under white jerk of intensity one; `(3, 3)`."""
-    h = step
+    h, k = step, np.arange(3)
     motion = np.array([[1.0, h, h * h / 2.0], [0.0, 1.0, h], [0.0, 0.0, 1.0]])
-    wander = np.array(
-        [
-            [h**5 / 20.0, h**4 / 8.0, h**3 / 6.0],
-            [h**4 / 8.0, h**3 / 3.0, h**2 / 2.0],
-            [h**3 / 6.0, h**2 / 2.0, h],
-        ]
-    )
-    return motion, wander
+    power, share = 5 - k - k[:, None], np.array([2.0, 1.0, 1.0])
+    return motion, h**power / (power * np.outer(share, share))
 
 
 def phase_delays(ratio: float, frequency: float) -> Array:
