@@ -70,7 +70,9 @@ def windowed(log: Log, columns: Sequence[str], cut: Cut) -> Iterator[Array]:
     wanted = [names.index(column) for column in columns]
     first = last = np.nan
     for part in log.parts(names, (0, None), ROWS_OF_PART):
-        t = _filled(part[:, 0] * time.scale, last)
+        t = np.concatenate(([last], part[:, 0] * time.scale))
+        known = np.where(np.isfinite(t), np.arange(len(t)), 0)
+        t = t[np.maximum.accumulate(known)][1:]
         last = t[-1]
         if np.isnan(first):
             first = t[np.argmax(np.isfinite(t))]
@@ -79,14 +81,6 @@ def windowed(log: Log, columns: Sequence[str], cut: Cut) -> Iterator[Array]:
             yield part[inside][:, wanted]
         elif np.all(t - first >= cut.seconds[1]):
             return
-
-
-def _filled(t: Array, before: float) -> Array:
-    """Times, with those that are not finite replaced by the one before."""
-    extended = np.concatenate(([before], t))
-    at = np.maximum.accumulate(np.where(np.isfinite(extended), np.arange(len(extended)), 0))
-    filled: Array = extended[at][1:]
-    return filled
 
 
 @dataclass(frozen=True)

@@ -18,11 +18,10 @@ from steelyard.base.arrays import Array
 from steelyard.logs.named_arrays import (
     ColumnPlace,
     NamedArray,
-    is_real_number,
     joined,
+    member_of,
     picked,
     record_fields,
-    record_labels,
 )
 
 DEFLATE, SHUFFLE, FLETCHER32, SZIP, NBIT, SCALE_OFFSET, LZF = 1, 2, 3, 4, 5, 6, 32000
@@ -85,21 +84,11 @@ def _datasets(file: h5py.File, matlab: bool) -> Iterator[NamedArray]:
 
 
 def _found(name: str, data: h5py.Dataset, matlab: bool) -> NamedArray:
-    dtype, shape = data.dtype, tuple(data.shape or ())
-    fields = record_fields(dtype)
-    why = _refused(data) or (_not_numbers_in_matlab(data) if matlab else "")
-    if why:
-        pass
-    elif dtype.names:
-        why = "" if fields and len(shape) == 1 else "it is no list of records of numbers"
-    elif not is_real_number(dtype):
-        why = "it holds no real numbers"
-    elif len(shape) > 2:
-        why = f"it has {len(shape)} axes"
-    if why:
+    if why := _refused(data) or (_not_numbers_in_matlab(data) if matlab else ""):
         return NamedArray(name, (), left_out=why)
-    labels = tuple(f"{name}/{label}" for label in record_labels(fields))
-    return NamedArray(name, () if matlab and shape == (1, 1) else shape, labels)
+    shape = tuple(data.shape or ())
+    shape = () if matlab and shape == (1, 1) else shape
+    return member_of(name, data.dtype, shape, f"{name}/")
 
 
 def _refused(data: h5py.Dataset) -> str:

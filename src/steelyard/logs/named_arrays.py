@@ -156,18 +156,29 @@ def record_fields(dtype: np.dtype[Any]) -> RecordFields:
     found: list[tuple[str, int | None]] = []
     for name in dtype.names or ():
         base, shape = dtype[name].base, dtype[name].shape
-        if is_real_number(base) and len(found) + prod(shape) <= MOST_COLUMNS_OF_ARRAY:
+        if _is_real_number(base) and len(found) + prod(shape) <= MOST_COLUMNS_OF_ARRAY:
             found += [(name, k) for k in range(prod(shape))] if shape else [(name, None)]
     return tuple(found)
 
 
-def record_labels(fields: RecordFields) -> tuple[str, ...]:
-    """Names of a record's numbers: `t`, `q_1`, `q_2`."""
-    return tuple(name if k is None else f"{name}_{k + 1}" for name, k in fields)
+def member_of(
+    name: str, dtype: np.dtype[Any], shape: tuple[int, ...], prefix: str = ""
+) -> NamedArray:
+    """An array as a member of a table, labels of records behind a prefix: `t`, `q_1`, `q_2`."""
+    fields, why = record_fields(dtype), ""
+    if dtype.names:
+        why = "" if fields and len(shape) == 1 else "it is no list of records of numbers"
+    elif not _is_real_number(dtype):
+        why = f"it holds no real numbers but {dtype}"
+    elif len(shape) > 2:
+        why = f"it has {len(shape)} axes"
+    if why:
+        return NamedArray(name, (), left_out=why)
+    labels = (field if k is None else f"{field}_{k + 1}" for field, k in fields)
+    return NamedArray(name, shape, tuple(f"{prefix}{label}" for label in labels))
 
 
-def is_real_number(dtype: np.dtype[Any]) -> bool:
-    """Whether a kind of number is real."""
+def _is_real_number(dtype: np.dtype[Any]) -> bool:
     return dtype.kind in "biuf"
 
 

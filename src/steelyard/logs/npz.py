@@ -22,11 +22,10 @@ from steelyard.logs.named_arrays import (
     ArraysLog,
     NamedArray,
     Packed,
-    is_real_number,
+    member_of,
     packed_log,
     read_errors_as_log_errors,
     record_fields,
-    record_labels,
 )
 
 LONGEST_HEADER = 1 << 16
@@ -83,20 +82,12 @@ def _packed(
 ) -> Packed | NamedArray:
     """The array that a stream of so many bytes starts with."""
     at, dtype, shape, order = _header(stream, size)
-    fields = record_fields(dtype)
-    why = ""
     if dtype.hasobject:
-        why = "it holds Python objects, which are never unpickled"
-    elif dtype.names:
-        why = "" if len(shape) == 1 and fields else "it is no list of records of numbers"
-    elif not is_real_number(dtype):
-        why = f"it holds no real numbers but {dtype}"
-    elif len(shape) > 2:
-        why = f"it has {len(shape)} axes"
-    if why:
-        return NamedArray(name, (), left_out=why)
-    member = NamedArray(name, shape, record_labels(fields))
-    return Packed(member, dtype, order, lambda offset: opened(at + offset), fields)
+        return NamedArray(name, (), left_out="it holds Python objects, which are never unpickled")
+    member = member_of(name, dtype, shape)
+    if member.left_out:
+        return member
+    return Packed(member, dtype, order, lambda offset: opened(at + offset), record_fields(dtype))
 
 
 def _header(
