@@ -14,7 +14,7 @@ from steelyard.base.errors import DataError
 from steelyard.base.files import whole_folder, write_json, write_table
 from steelyard.base.motion import Motion, Trajectory, run
 from steelyard.base.progress import Progress, report_progress, silent
-from steelyard.estimate.closed_loop.motion_under_torque import Controller, joint_inertia, tuned_pd
+from steelyard.estimate.closed_loop.motion_under_torque import joint_inertia, tuned_pd
 from steelyard.estimate.external.observer_program import moved_frame
 from steelyard.excite.trajectories.trajectory import ExactTrajectory
 from steelyard.excite.trajectories.trajectory_files import write_motion
@@ -79,7 +79,7 @@ class VirtualRobot:
         self.drives, self.wrench = Drives() if drives is None else drives, wrench
         self._frame = None if wrench is None else moved_frame(robot, wrench.frame)
         self._masses = typical_masses(robot, self._plant.model)
-        self.tuned: Controller = tuned_pd(self._masses)
+        self.tuned = tuned_pd(self._masses)
         self._noise = np.random.default_rng(seed)
         self._progress = progress
         self._recorded: list[TrueRun] | None = None

@@ -19,9 +19,9 @@ from steelyard.base.errors import DataError
 from steelyard.base.motion import Motion
 from steelyard.base.progress import Progress, report_progress, silent
 from steelyard.estimate.closed_loop.motion_under_torque import (
-    Controller,
     Forward,
     Integration,
+    JointPD,
     impossible_mass,
     tuned_pd,
 )
@@ -47,7 +47,7 @@ _SHORTEST, _POSTURES = 2.0, 64
 class RunController:
     """How a robot was controlled along one run."""
 
-    controller: Controller
+    controller: JointPD
     # times from the log's start, `(K,)` [s], to the positions and velocities that were commanded,
     # each `(K, n)`
     wanted: Callable[[Array], tuple[Array, Array]]

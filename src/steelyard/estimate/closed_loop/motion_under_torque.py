@@ -10,7 +10,7 @@ chatter.
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -21,17 +21,6 @@ from steelyard.model.equations.inverse_dynamics import JointState, Scalar
 from steelyard.model.model import Model
 from steelyard.symbolic.native.compiled import Code, compiled
 from steelyard.symbolic.program import Program, softened
-
-
-class Controller(Protocol):
-    """Feedback of a robot's joint controller, without memory."""
-
-    def torque(self, error: Array, rate: Array) -> Array:
-        """Joint torques from the errors of position and velocity, wanted minus true.
-
-        All are of shape `(..., n)`: many robots may be controlled side by side.
-        """
-        ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,7 +35,7 @@ class JointPD:
         object.__setattr__(self, "damping", frozen(self.damping, self.stiffness.shape))
 
     def torque(self, error: Array, rate: Array) -> Array:
-        """Joint torques from the errors of position and velocity, each `(..., n)`."""
+        """Joint torques from errors of position and velocity, wanted minus true, `(..., n)`."""
         return np.asarray(self.stiffness * error + self.damping * rate)
 
 
@@ -87,14 +76,17 @@ class Forward:
 
     def __post_init__(self) -> None:
         if self.model.robot.passive:
-            raise _refused(self.model, "it has closed loops", "use an estimator that does not")
-        if self.model.n_channels:
-            raise _refused(
-                self.model,
+            why, fix = "it has closed loops", "use an estimator that does not"
+        elif self.model.n_channels:
+            why, fix = (
                 "its friction has internal states",
                 "use friction laws without internal states, such as coulomb and viscous, or an "
                 "estimator that does not simulate",
             )
+        else:
+            return
+        where = f"model of '{self.model.robot.name}'"
+        raise DataError(f"the model cannot be simulated here: {why}", where=where, fix=fix)
 
     @property
     def n(self) -> int:
@@ -223,12 +215,4 @@ def impossible_mass(model: Model) -> DataError:
         "can be simulated",
         where=f"model of '{model.robot.name}'",
         fix="log a more exciting motion, filter it more, or use another estimator",
-    )
-
-
-def _refused(model: Model, why: str, fix: str) -> DataError:
-    return DataError(
-        f"the model cannot be simulated here: {why}",
-        where=f"model of '{model.robot.name}'",
-        fix=fix,
     )

@@ -227,10 +227,16 @@ class Information:
             ]
         return replace(chosen, absolute=sums)
 
-    def map(self, transform: Array, names: Sequence[str], units: Sequence[str]) -> "Information":
+    def map(
+        self,
+        transform: Array,
+        names: Sequence[str],
+        units: Sequence[str],
+        given: Array | None = None,
+    ) -> "Information":
         """The same data for other parameters: old ones = `transform` `(old, new)` @ new ones.
 
-        Sums of |column| do not transform; they are not a number in the result.
+        What is `given` is added to these. Sums of |column| are not a number in the result.
         """
         sees = tuple(
             tuple(int(k) for k in np.flatnonzero(np.any(transform[list(seen)] != 0.0, axis=0)))
@@ -240,6 +246,7 @@ class Information:
         for old, new in zip(self.layout.sees, sees, strict=True):
             part = np.zeros((len(old) + 1, len(new) + 1))
             part[:-1, :-1] = transform[np.ix_(old, new)]
+            part[:-1, -1] = 0.0 if given is None else -given[list(old)]
             part[-1, -1] = 1.0
             parts.append(part)
         return self.mapped(Layout(tuple(names), tuple(units), self.layout.rows, sees), parts)

@@ -76,22 +76,11 @@ class WithKnownValues:
 
 def without_known(information: Information, known: Mapping[str, float]) -> Information:
     """The data of the other columns, the known part taken from the efforts."""
-    layout = information.layout
-    left = [k for k, name in enumerate(layout.columns) if name not in known]
-    place = {column: k for k, column in enumerate(left)}
-    sees = tuple(tuple(place[c] for c in seen if c in place) for seen in layout.sees)
-    parts = []
-    for old, new in zip(layout.sees, sees, strict=True):
-        part = np.zeros((len(old) + 1, len(new) + 1))
-        part[-1, -1] = 1.0
-        for k, column in enumerate(old):
-            if column in place:
-                part[k, new.index(place[column])] = 1.0
-            else:
-                part[k, -1] = -known[layout.columns[column]]
-        parts.append(part)
-    names, units = ([of[k] for k in left] for of in (layout.columns, layout.units))
-    return information.mapped(Layout(tuple(names), tuple(units), layout.rows, sees), parts)
+    columns, units = information.layout.columns, information.layout.units
+    left = [k for k, name in enumerate(columns) if name not in known]
+    names, kept = ([of[k] for k in left] for of in (columns, units))
+    given = np.array([known.get(name, 0.0) for name in columns])
+    return information.map(np.eye(len(columns))[:, left], names, kept, given)
 
 
 def _joined(estimate: Estimate, layout: Layout, known: Mapping[str, float]) -> Estimate:

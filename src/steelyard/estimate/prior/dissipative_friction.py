@@ -182,7 +182,9 @@ def _works(
     cycles = [(reach, v) for reach in ranges for v in CYCLES]
     if not cycles:
         return np.zeros((len(law.parameters(robot)), 0))
-    paths = [_cycle(reach) for reach, _ in cycles]
+    there = np.concatenate([HALF[1:], 1.0 - HALF[1:]])
+    once = np.concatenate([[0.0], np.tile(there, 3)])  # a closed cycle, three times over
+    paths = [reach * once for reach, _ in cycles]
     steps = [np.diff(x, prepend=-x.max()) for x in paths]
     speeds = [np.sign(s) * (tops[:, None] * v) for s, (_, v) in zip(steps, cycles, strict=True)]
     remembers = isinstance(law, StatefulTerm)
@@ -193,12 +195,6 @@ def _works(
         forces = np.split(every, len(cycles), axis=1)
     works = [_work(f, s, remembers) for f, s in zip(forces, steps, strict=True)]
     return np.array(works).T / (2.0 * np.array([reach for reach, _ in cycles]))
-
-
-def _cycle(reach: float) -> Array:
-    """Positions of a closed cycle, three times over."""
-    half = reach * HALF[1:]
-    return np.concatenate([[0.0], np.tile(np.concatenate([half, reach - half]), 3)])
 
 
 def _work(force: Array, steps: Array, remembers: bool) -> Array:
