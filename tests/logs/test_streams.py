@@ -43,9 +43,18 @@ def test_other_separators_and_a_broken_line_of_json() -> None:
     assert np.isnan(broken[1:]).all() and broken[0].tolist() == [0.0, 1.0]
 
 
+def test_lines_of_json_that_cannot_be_parsed_are_passed_over() -> None:
+    deep = b'{"a":' * 50_000 + b"1" + b"}" * 50_000 + b"\n"
+    huge = b'{"t": 1, "b": 1' + b"0" * 400 + b"}\n"
+    found = read(Lines(Path("x"), WANTED), [deep, OBJECTS[:30], OBJECTS[30:], deep, huge])
+    assert np.array_equal(found[1:5], ROWS, equal_nan=True)
+    assert np.isnan(found[0]).all() and np.isnan(found[5]).all() and np.isnan(found[6, 1])
+
+
 @pytest.mark.parametrize(
     ("text", "words"),
     [
+        (b"{\n" * 600, "there is no table"),
         (b"", "there is no table"),
         (b"t,a\n0,1\n1,2\n", "has no column 'b'"),
         (b'{"t": 0}\n', "has no column 'b'"),

@@ -54,6 +54,21 @@ def checked(**least: float) -> Callable[[Callable[Arguments, Result]], Callable[
     return around
 
 
+def built(kind: Callable[..., Result], /, **values: Any) -> Result:
+    """A value of a class from what a file holds for its fields.
+
+    Raises:
+        ValueError: A field is not of its annotated type; arrays are left to the class.
+    """
+    hints = get_type_hints(kind)
+    for name, value in values.items():
+        hint = hints.get(name)
+        plain = hint in (str, bool) or hint in NUMBERS or get_origin(hint) is Literal
+        if plain and not _fits(value, hint, None):
+            raise ValueError(f"'{name}' cannot be {str(value)[:60]!r}: give {_words(hint)}")
+    return kind(**values)
+
+
 def _bound(
     function: str, signature: inspect.Signature, args: Sequence[Any], kwargs: Mapping[str, Any]
 ) -> dict[str, Any]:

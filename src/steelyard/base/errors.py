@@ -7,6 +7,8 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any, TypeVar
 
+from steelyard.base.text import visible
+
 Named = TypeVar("Named")
 
 
@@ -28,9 +30,9 @@ class SteelyardError(Exception):
 
     def __init__(self, wrong: str, *, where: str, fix: str) -> None:
         super().__init__(wrong, where, fix)
-        self.wrong = wrong
-        self.where = where
-        self.fix = fix
+        self.wrong = visible(wrong)
+        self.where = visible(where)
+        self.fix = visible(fix, "\n")
 
     def __reduce__(self) -> tuple[Any, ...]:
         return partial(type(self), where=self.where, fix=self.fix), (self.wrong,)

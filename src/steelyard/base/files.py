@@ -3,17 +3,22 @@
 import json
 import os
 import shutil
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from itertools import chain, count
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 from uuid import uuid4
 
 import numpy as np
 
 from steelyard.base.arrays import Array
-from steelyard.base.errors import OutputError, require
+from steelyard.base.errors import ModelError, OutputError, SteelyardError, require
+
+Parsed = TypeVar("Parsed")
+
+LARGEST_JSON = 1 << 28
+"""Bytes of the largest JSON file that is read."""
 
 _unfinished: set[Path] = set()
 
@@ -70,6 +75,48 @@ def whole_folder(path: Path) -> Iterator[Path]:
             for parent in new_parents:
                 with suppress(OSError):
                     parent.rmdir()
+
+
+def read_json(
+    path: Path,
+    parse: Callable[[Any], Parsed],
+    *,
+    what: str,
+    damaged: str,
+    fix: str,
+    error: type[SteelyardError] = ModelError,
+) -> Parsed:
+    """What `parse` makes of a JSON file of any origin.
+
+    Args:
+        path: The file.
+        parse: Takes the parsed JSON; what it raises on values that are not as expected is turned
+            into a clear error.
+        what: What the file is expected to be, such as "the model".
+        damaged: What is said of a file that is something else, such as "the model is damaged".
+        fix: What the user can do about it.
+        error: Kind of the error.
+
+    Raises:
+        SteelyardError: The file cannot be read, is no JSON, or `parse` does not accept it.
+    """
+    try:
+        if path.exists() and not path.is_file() and not path.is_dir():
+            raise ValueError("it is a device or a pipe")
+        if path.stat().st_size > LARGEST_JSON:
+            raise ValueError(f"it is larger than {LARGEST_JSON >> 20} MiB")
+        return parse(json.loads(path.read_text(encoding="utf-8")))
+    except OSError as failed:
+        wrong = f"{what} cannot be read ({failed.strerror})"
+    except RecursionError:
+        wrong = f"{damaged}: it is nested too deeply"
+    except (json.JSONDecodeError, UnicodeDecodeError):
+        wrong = "the file is not JSON"
+    except KeyError as failed:
+        wrong = f"{damaged}: it has no {failed}"
+    except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as failed:
+        wrong = f"{damaged}: {failed}"
+    raise error(wrong, where=str(path), fix=fix)
 
 
 def write_json(path: Path, values: Mapping[str, Any]) -> None:

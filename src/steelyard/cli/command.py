@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ParamSpec, Protocol, TypeVar
 
 import typer
 
-from steelyard.base.errors import ModelError, SteelyardError
+from steelyard.base.errors import ModelError, OutputError, SteelyardError
 from steelyard.base.progress import Event, Progress
 from steelyard.cli import interrupt
 
@@ -88,6 +88,14 @@ def guarded(command: Callable[Arguments, None]) -> Callable[Arguments, None]:
         except SteelyardError as error:
             interrupt.check()
             typer.echo(f"error: {error}", err=True)
+            raise typer.Exit(USAGE_ERROR) from None
+        except OSError as error:
+            if isinstance(error, BrokenPipeError):
+                raise
+            where = error.filename or "standard output"
+            fix = "check the path, its permissions and the space left"
+            wrong = f"cannot be read or written: {error.strerror or error}"
+            typer.echo(f"error: {OutputError(wrong, where=str(where), fix=fix)}", err=True)
             raise typer.Exit(USAGE_ERROR) from None
 
     return run

@@ -1,5 +1,6 @@
 """The entry point: from its first line on, Ctrl-C ends the program cleanly."""
 
+import io
 import os
 import sys
 
@@ -13,6 +14,9 @@ def main() -> None:
     """Run the command line; exit code 2 for what a user can correct, 130 after Ctrl-C."""
     try:
         interrupt.install()
+        for stream in (sys.stdout, sys.stderr):
+            if isinstance(stream, io.TextIOWrapper):  # an encoding that lacks a letter
+                stream.reconfigure(errors="backslashreplace")
         from steelyard.cli.app import app, expanded
 
         app(args=expanded(sys.argv[1:]))

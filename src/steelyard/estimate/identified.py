@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 from steelyard.base.arguments import checked
 from steelyard.base.arrays import Array, json_values
 from steelyard.base.errors import DataError, ModelError, nearest
-from steelyard.base.files import whole_folder
+from steelyard.base.files import read_json, whole_folder
 from steelyard.base.motion import Motion
 from steelyard.estimate.effort_uncertainty import (
     Calibration,
@@ -393,34 +393,25 @@ def load_model(path: str | Path | IdentifiedModel) -> IdentifiedModel:
     if file.is_dir():
         file = file / "model.json"
     fix = "give the model.json, or the output folder, that `steelyard identify` wrote"
-    try:
-        data = json.loads(file.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise ModelError(
-            f"the model cannot be read ({error.strerror})",
-            where=str(file),
-            fix=_beside(Path(path)) or fix,
-        ) from None
-    except ValueError:
-        wrong = "a robot file, not an identified model" if file.suffix == ".toml" else "not JSON"
-        raise ModelError(f"the file is {wrong}", where=str(file), fix=fix) from None
-    if not isinstance(data, dict) or data.get("schema") != SCHEMA:
-        raise ModelError("the file is not an identified model", where=str(file), fix=fix)
-    if data.get("schema_version") != SCHEMA_VERSION:
-        raise ModelError(
-            f"the model has schema version {data.get('schema_version')}, not {SCHEMA_VERSION}",
-            where=str(file),
-            fix="identify again with this version of steelyard",
-        )
-    try:
+    if not file.exists():
+        fix = _beside(Path(path)) or fix
+    elif file.suffix == ".toml":
+        wrong = "the file is a robot file, not an identified model"
+        raise ModelError(wrong, where=str(file), fix=fix)
+
+    def parse(data: Any) -> IdentifiedModel:
+        if not isinstance(data, dict) or data.get("schema") != SCHEMA:
+            raise ModelError("the file is not an identified model", where=str(file), fix=fix)
+        if data.get("schema_version") != SCHEMA_VERSION:
+            raise ModelError(
+                f"the model has schema version {data.get('schema_version')}, not {SCHEMA_VERSION}",
+                where=str(file),
+                fix="identify again with this version of steelyard",
+            )
         return IdentifiedModel.from_dict(data)
-    except (KeyError, TypeError, ValueError, IndexError) as error:
-        lacking = f"it has no {error}" if isinstance(error, KeyError) else str(error)
-        raise ModelError(
-            f"the model is incomplete or damaged: {lacking}",
-            where=str(file),
-            fix=fix,
-        ) from None
+
+    damaged = "the model is incomplete or damaged"
+    return read_json(file, parse, what="the model", damaged=damaged, fix=fix)
 
 
 def far_beyond_limits(robot: Robot, q: Array) -> str:

@@ -94,7 +94,7 @@ class Lines:
     """Turns pieces of bytes into rows of columns.
 
     Lines before the header are passed over; it is known once two rows follow it. A table whose
-    first line is a JSON object has such objects in all lines, with the columns as their keys. A
+    first line begins like a JSON object has such objects in all lines, with the columns as keys. A
     cell that is missing or no number is NaN; a line that is no row, and a last line without its
     end, are rows of NaN.
     """
@@ -135,9 +135,13 @@ class Lines:
             return True
         lines = whole.split(b"\n")[:-1]
         text = [line.decode("utf-8", errors="replace").strip("\ufeff \r") for line in lines]
-        first = next((line for line in text if line), "")
-        if first.startswith("{"):
-            require_columns(self._path, tuple(_object(first.encode())), self._wanted)
+        if next((line for line in text if line), "").startswith("{"):
+            names = next((row for row in map(_object, lines) if row), None)
+            if names is None and len(lines) > HEADER_LINES:
+                raise self._no_table()
+            if names is None:
+                return False
+            require_columns(self._path, tuple(names), self._wanted)
             self._json = True
             return True
         header = read_header(text[:HEADER_LINES])
@@ -158,9 +162,8 @@ class Lines:
         return by_numpy(chunk, places, header.separator, header.decimal_comma)
 
     def _objects(self, lines: Sequence[bytes]) -> Array:
-        cells: list[Any] = [row.get(n) for row in map(_object, lines) for n in self._wanted]
-        numbers = [float(x) if type(x) in (int, float) else np.nan for x in cells]
-        return np.array(numbers).reshape(len(lines), len(self._wanted))
+        cells = [row.get(name) for row in map(_object, lines) for name in self._wanted]
+        return np.array(list(map(_number, cells))).reshape(len(lines), len(self._wanted))
 
     def _no_table(self) -> LogError:
         return LogError(
@@ -174,9 +177,17 @@ def _object(line: bytes) -> dict[str, Any]:
     """The JSON object in a line; empty if there is none."""
     try:
         found = json.loads(line)
-    except ValueError:
+    except (ValueError, RecursionError):
         return {}
     return found if isinstance(found, dict) else {}
+
+
+def _number(cell: Any) -> float:
+    """A cell of JSON as a number; NaN for anything else, and beyond the largest float."""
+    try:
+        return float(cell) if type(cell) in (int, float) else np.nan
+    except OverflowError:
+        return np.nan
 
 
 STANDARD_INPUT = "-"

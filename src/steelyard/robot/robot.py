@@ -6,6 +6,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from steelyard.base.arguments import built
 from steelyard.base.arrays import Array, frozen, set_fields
 from steelyard.robot.rigid_body import Inertia, skew
 
@@ -305,12 +306,16 @@ def robot_from_dict(data: dict[str, Any]) -> Robot:
     """The robot that `robot_to_dict` wrote."""
 
     def coordinates(key: str) -> tuple[Coordinate, ...]:
-        return tuple(Coordinate(**{**c, "limits": Limits(**c["limits"])}) for c in data[key])
+        return tuple(
+            built(Coordinate, **{**c, "limits": built(Limits, **c["limits"])}) for c in data[key]
+        )
 
     bodies, gears = data["bodies"], data["transmission"]
     return Robot(
         data["name"],
-        tuple(Body(**{**body, "inertia": Inertia.from_ten(body["inertia"])}) for body in bodies),
+        tuple(
+            built(Body, **{**body, "inertia": Inertia.from_ten(body["inertia"])}) for body in bodies
+        ),
         coordinates("coordinates"),
         data["gravity"],
         passive=coordinates("passive"),
@@ -318,5 +323,5 @@ def robot_from_dict(data: dict[str, Any]) -> Robot:
         assembly=data["assembly"],
         open_loops=data["open_loops"],
         transmission=gears and Transmission(tuple(gears["motors"]), gears["matrix"]),
-        frames=tuple(Frame(**frame) for frame in data["frames"]),
+        frames=tuple(built(Frame, **frame) for frame in data["frames"]),
     )

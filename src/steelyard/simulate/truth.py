@@ -5,7 +5,6 @@ jump at zero speed would make an integration with fixed steps chatter; the plant
 smoothing speed of some thousandths of the working speed.
 """
 
-import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
@@ -16,6 +15,7 @@ import numpy as np
 
 from steelyard.base.arrays import Array, Parameters, frozen, set_fields
 from steelyard.base.errors import ModelError
+from steelyard.base.files import read_json
 from steelyard.model.laws.register import DEFAULT_TERMS, description_of, term_of
 from steelyard.model.laws.rigid_body import RigidBody
 from steelyard.model.model import Model
@@ -166,18 +166,12 @@ class Truth:
 def read_truth(path: Path, robot: Robot) -> tuple[Truth, Array | None]:
     """The truth in a file that a simulation wrote, and its drive gains, shape `(n,)`, if any."""
     fix = "give the truth.json of a simulation of this robot"
-    try:
-        data = json.loads(path.read_text(encoding="utf-8"))
-        truth = Truth.from_dict(data, robot)
-        gains = data.get("drive_gains")
+
+    def parse(data: Any) -> tuple[Truth, Array | None]:
+        truth, gains = Truth.from_dict(data, robot), data.get("drive_gains")
         return truth, None if gains is None else frozen([gains[j] for j in robot.joint_names])
-    except OSError as error:
-        raise ModelError(
-            f"the truth cannot be read ({error.strerror})", where=str(path), fix=fix
-        ) from None
-    except (ValueError, KeyError, TypeError, AttributeError) as error:
-        lacking = f"it has no {error}" if isinstance(error, KeyError) else str(error)
-        raise ModelError(f"the file is no truth: {lacking}", where=str(path), fix=fix) from None
+
+    return read_json(path, parse, what="the truth", damaged="the file is no truth", fix=fix)
 
 
 def _unusable(wrong: str, fix: str) -> ModelError:

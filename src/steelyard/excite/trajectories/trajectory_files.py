@@ -1,6 +1,5 @@
 """Motions from files: our own JSON, or a table of postures."""
 
-import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -11,7 +10,7 @@ import numpy as np
 from steelyard.base.arguments import checked
 from steelyard.base.arrays import Array
 from steelyard.base.errors import DataError, LogError, advice
-from steelyard.base.files import write_json
+from steelyard.base.files import read_json, write_json
 from steelyard.excite.trajectories.fourier import FourierMotion
 from steelyard.excite.trajectories.polynomials import PiecewiseMotion, SampledMotion, end_speeds
 from steelyard.excite.trajectories.trajectory import ChainedMotion, ExactTrajectory, SlowedMotion
@@ -111,21 +110,14 @@ def write_motion(path: Path, motion: ExactTrajectory, robot: Robot) -> None:
 
 def read_named(path: Path) -> tuple[ExactTrajectory, list[str] | None]:
     """The motion in a `trajectory.json`, and the names of its joints if it has them."""
-    try:
-        values = json.loads(path.read_text(encoding="utf-8"))
-        motion, joints = trajectory_from_dict(values), values.get("joints")
-    except OSError as error:
-        raise _refused(
-            path, f"the motion cannot be read ({error.strerror})", "check its name and folder"
-        ) from None
-    except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
-        lacking = f"it has no {error}" if isinstance(error, KeyError) else str(error)
-        raise _refused(
-            path,
-            f"the file is not a steelyard motion: {lacking}",
-            "give a trajectory.json that steelyard wrote, or a .csv or .parquet table",
-        ) from error
-    return motion, joints
+    return read_json(
+        path,
+        lambda values: (trajectory_from_dict(values), values.get("joints")),
+        what="the motion",
+        damaged="the file is not a steelyard motion",
+        fix="give a trajectory.json that steelyard wrote, or a .csv or .parquet table",
+        error=DataError,
+    )
 
 
 def read_table(path: Path, robot: Robot) -> MotionTable:

@@ -2,7 +2,10 @@
 
 import math
 import os
-from collections.abc import Mapping
+import re
+import subprocess
+import sys
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -21,11 +24,33 @@ from steelyard.robot.models.mjcf_forces import (
     springs_of,
     wraps_of,
 )
-from steelyard.robot.models.xml_reader import read_xml
+from steelyard.robot.models.xml_reader import Element, read_xml, refuse_device
 from steelyard.robot.rigid_body import Inertia, Placement, turn
 from steelyard.robot.robot import Limits
 
 _POINTER = b"version https://git-lfs"
+_FOLDERS = ("assetdir", "meshdir", "texturedir")
+_REPEATING = ("replicate", "composite", "flexcomp")
+"""Elements whose counts multiply."""
+_LARGE = re.compile(r"(?<![\d.])[1-9]\d{5}|[\d.][eE]\+?[1-9]|\d[KMGTPE]\b")
+"""Numbers of six digits and more."""
+MOST_SECONDS = 60
+"""Time that a model with large counts may take to compile."""
+MOST_MEMORY = 4 << 30
+"""Bytes of memory that it may take, where the system can limit it."""
+_COMPILE = """
+import sys
+try:
+    import resource
+    resource.setrlimit(resource.RLIMIT_AS, (int(sys.argv[2]), int(sys.argv[2])))
+except (ImportError, OSError, ValueError):
+    pass
+import mujoco
+try:
+    mujoco.MjModel.from_xml_path(sys.argv[1])
+except (ValueError, mujoco.FatalError):
+    pass
+"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +69,8 @@ class Compiled:
 
 def compiled(path: Path) -> Compiled:
     """MuJoCo's model; what is absent is replaced, all other bodies' inertias are the same."""
-    _refuse_circle(path, (), set())
+    if _is_costly(_elements(path, (), set())):
+        _refuse_endless(path)
     try:
         return Compiled(mujoco.MjModel.from_xml_path(str(path)))
     except (ValueError, mujoco.FatalError) as error:
@@ -76,10 +102,13 @@ def compiled(path: Path) -> Compiled:
     )
 
 
-def _refuse_circle(path: Path, above: tuple[Path, ...], fine: set[Path]) -> None:
-    """Raise if a file attaches itself, or one that does: MuJoCo recurses until the process dies.
+def _elements(path: Path, above: tuple[Path, ...], fine: set[Path]) -> list[Element]:
+    """The elements of a file and of those that it includes.
 
-    Files that are absent, or no XML, are left to MuJoCo; those that are `fine` need no second look.
+    A file that attaches itself, or one that does, is refused: MuJoCo recurses until the process
+    dies. So is a device or a pipe, which MuJoCo would read without end. Files that are absent, or
+    no XML, are left to MuJoCo. `above` are the files that it is in, `fine` those that need no
+    second look; those found here are added.
     """
     resolved = Path(os.path.realpath(path))
     if resolved in above:
@@ -89,18 +118,48 @@ def _refuse_circle(path: Path, above: tuple[Path, ...], fine: set[Path]) -> None
             fix=f"remove the element that names '{path.name}'",
         )
     if resolved in fine:
-        return
+        return []
+    refuse_device(path)
     try:
         elements = list(read_xml(path).walk())
     except ModelError:
-        return
-    folders = {"", *(e.attributes["assetdir"] for e in elements if "assetdir" in e.attributes)}
+        return []
+    found = list(elements)
+    folders = {""} | {e.attributes[k] for e in elements for k in _FOLDERS if k in e.attributes}
     for element in elements:
-        if element.tag in ("model", "include") and "file" in element.attributes:
+        for file in (element.attributes[k] for k in element.attributes if k.startswith("file")):
             for folder in sorted(folders):
-                inside = path.parent / folder / element.attributes["file"]
-                _refuse_circle(inside, (*above, resolved), fine)
+                if element.tag in ("model", "include"):
+                    found += _elements(path.parent / folder / file, (*above, resolved), fine)
+                else:
+                    refuse_device(path.parent / folder / file)
     fine.add(resolved)
+    return found
+
+
+def _is_costly(elements: Iterable[Element]) -> bool:
+    """Whether a number in a model may be a count that fills the memory."""
+    return any(
+        element.tag in _REPEATING or _LARGE.search(text)
+        for element in elements
+        for text in element.attributes.values()
+    )
+
+
+def _refuse_endless(path: Path) -> None:
+    """Compile a model in a process of its own first, and refuse one that is beyond its bounds."""
+    command = [sys.executable, "-c", _COMPILE, str(path), str(MOST_MEMORY)]
+    try:
+        failed = subprocess.run(command, capture_output=True, timeout=MOST_SECONDS).returncode
+    except subprocess.TimeoutExpired:
+        failed = 1
+    if failed:
+        raise ModelError(
+            f"MuJoCo does not compile the file within {MOST_SECONDS} s and "
+            f"{MOST_MEMORY >> 30} GiB of memory",
+            where=str(path),
+            fix="make the counts and sizes in the MJCF smaller (replicate, size, hfield, texture)",
+        )
 
 
 def _refused(path: Path, error: Exception) -> ModelError:

@@ -76,10 +76,19 @@ class _Builder:
         return self.root
 
 
+LARGEST_MODEL_FILE = 1 << 28
+"""Bytes of the largest model file that is read."""
+
+
 def read_bytes(path: Path, what: str) -> bytes:
-    """The file's content; a clear error if it cannot be read."""
+    """The content of a regular file of a bounded size; a clear error if it cannot be read."""
     fix = f"give the path of {what}"
     try:
+        refuse_device(path)
+        if path.stat().st_size > LARGEST_MODEL_FILE:
+            raise ModelError(
+                f"the file is larger than {LARGEST_MODEL_FILE >> 20} MiB", where=str(path), fix=fix
+            )
         return path.read_bytes()
     except FileNotFoundError:
         wrong = "there is no such file"
@@ -91,6 +100,16 @@ def read_bytes(path: Path, what: str) -> bytes:
     except OSError as error:
         wrong = f"the file cannot be read: {error.strerror}"
     raise ModelError(wrong, where=str(path), fix=fix)
+
+
+def refuse_device(path: Path) -> None:
+    """Refuse what is no file on a disk: a device never ends, and a pipe waits for its writer."""
+    if path.exists() and not path.is_file() and not path.is_dir():
+        raise ModelError(
+            "this is a device or a pipe, not a file",
+            where=str(path),
+            fix="give the path of a file",
+        )
 
 
 _ROOT = re.compile(rb"\A(?:\s|<\?.*?\?>|<!--.*?-->)*<[\w.:-]+", re.DOTALL)
