@@ -3,18 +3,22 @@
 import functools
 import inspect
 import json
+import os
 import re
 import shlex
 import sys
+import traceback
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ParamSpec, Protocol, TypeVar
 
 import typer
+from click import ClickException
 
 from steelyard.base.errors import ModelError, OutputError, SteelyardError
 from steelyard.base.progress import Event, Progress
+from steelyard.base.text import visible
 from steelyard.cli import interrupt
 
 if TYPE_CHECKING:
@@ -75,6 +79,8 @@ def _is_robot(text: str) -> bool:
 Arguments = ParamSpec("Arguments")
 
 USAGE_ERROR = 2
+DEFECT = 70
+"""Exit code where the program itself failed."""
 
 
 def guarded(command: Callable[Arguments, None]) -> Callable[Arguments, None]:
@@ -89,14 +95,27 @@ def guarded(command: Callable[Arguments, None]) -> Callable[Arguments, None]:
             interrupt.check()
             typer.echo(f"error: {error}", err=True)
             raise typer.Exit(USAGE_ERROR) from None
+        except (BrokenPipeError, typer.Abort, typer.Exit, ClickException):
+            raise
         except OSError as error:
-            if isinstance(error, BrokenPipeError):
-                raise
             where = error.filename or "standard output"
             fix = "check the path, its permissions and the space left"
             wrong = f"cannot be read or written: {error.strerror or error}"
             typer.echo(f"error: {OutputError(wrong, where=str(where), fix=fix)}", err=True)
             raise typer.Exit(USAGE_ERROR) from None
+        except Exception as error:
+            interrupt.check()
+            if os.environ.get("STEELYARD_TRACEBACK"):
+                raise
+            place = traceback.extract_tb(error.__traceback__)[-1]
+            defect = SteelyardError(
+                f"a defect of steelyard: {type(error).__name__}: {error}",
+                where=f"{place.filename}, line {place.lineno}",
+                fix="report it with the command and, if possible, the input; "
+                "STEELYARD_TRACEBACK=1 shows where it came from",
+            )
+            typer.echo(f"error: {defect}", err=True)
+            raise typer.Exit(DEFECT) from None
 
     return run
 
@@ -174,16 +193,17 @@ R = TypeVar("R", bound=CommandResult)
 @contextmanager
 def progress_bar() -> Iterator[Progress]:
     """A watcher that draws one bar per phase, and is gone when the work is done."""
-    from rich.console import Console
     from rich.progress import BarColumn, TaskID, TextColumn, TimeElapsedColumn
     from rich.progress import Progress as Bars
+
+    from steelyard.report.terminal import terminal
 
     bars = Bars(
         TextColumn("{task.description}"),
         BarColumn(),
         TimeElapsedColumn(),
         TextColumn("{task.fields[note]}"),
-        console=Console(file=sys.stderr),
+        console=terminal(file=sys.stderr),
         transient=True,
         disable=not sys.stderr.isatty(),
     )
@@ -191,12 +211,13 @@ def progress_bar() -> Iterator[Progress]:
 
     def watch(event: Event) -> bool:
         interrupt.check()
+        note = visible(event.note)
         if event.phase not in tasks:
             for task in tasks.values():
                 bars.remove_task(task)
             tasks.clear()
-            tasks[event.phase] = bars.add_task(event.phase, total=event.total, note=event.note)
-        bars.update(tasks[event.phase], completed=event.done, total=event.total, note=event.note)
+            tasks[event.phase] = bars.add_task(event.phase, total=event.total, note=note)
+        bars.update(tasks[event.phase], completed=event.done, total=event.total, note=note)
         return True
 
     with bars:
@@ -231,7 +252,7 @@ def reported(
         *shown: How much the terminal shows; the JSON values of such a command name the folder.
         **files: Names of written files that the terminal lists, by what they are.
     """
-    from rich.console import Console
+    from steelyard.report.terminal import terminal
 
     folder = optional_folder(output)
     found = computed(compute, folder)
@@ -239,7 +260,7 @@ def reported(
         place = {"output": folder and str(folder)} if shown else {}
         print_json({**found.to_dict(), **place})
         return found
-    found.show(Console(), *shown)
+    found.show(terminal(), *shown)
     if folder is not None:
         typer.echo("\n" + file_lines(folder, **files))
     return found

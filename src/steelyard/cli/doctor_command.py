@@ -42,9 +42,10 @@ def doctor(as_json: bool = False) -> None:
 
     Example: steelyard doctor
     """
-    from rich.console import Console
     from rich.table import Table
     from rich.text import Text
+
+    from steelyard.report.terminal import terminal
 
     found = list(examined())
     if as_json:
@@ -57,7 +58,7 @@ def doctor(as_json: bool = False) -> None:
                 words.append(f"\n{line.fix}", "cyan")
             mark = ("optional", "cyan") if line.optional else ("ok", "bold green")
             table.add_row(Text(*mark if line.ok else ("wrong", "bold red")), line.name, words)
-        console = Console()
+        console = terminal()
         console.print(table)
         console.print(Text(summary(found)))
     if not all(line.ok for line in found):

@@ -44,10 +44,9 @@ def identify(
 
     Example: steelyard identify ur10e.toml run1.csv run2.csv --validate run3.csv
     """
-    from rich.console import Console
-
     from steelyard.base.files import new_folder
     from steelyard.identify.page.model_verdict import exit_code, next_steps, step_lines
+    from steelyard.report.terminal import terminal
     from steelyard.robot.models.xacro import stem_of
 
     robot = call.keywords["robot"]
@@ -56,7 +55,7 @@ def identify(
     if as_json:
         print_json({"output": str(folder), **found.to_dict()})
     else:
-        found.show(Console(), verbose)
+        found.show(terminal(), verbose)
         lines = step_lines(next_steps(found.content, robot, folder))
         paths = file_lines(folder, model="model.json", report="report.html")
         typer.echo("\n".join(["", *lines, paths]))
@@ -82,8 +81,6 @@ def validate(
 
     Example: steelyard validate steelyard-ur10e other_motion.csv
     """
-    from rich.console import Console
-
     from steelyard.identify.page.model_verdict import (
         error_limit_words,
         exit_code,
@@ -92,13 +89,14 @@ def validate(
         robot_file,
         step_lines,
     )
+    from steelyard.report.terminal import terminal
 
     folder, model = optional_folder(output), call.keywords["model"]
     found = computed(call, folder)
     if as_json:
         print_json(found.to_dict()["logs"])
     else:
-        found.show(Console(), verbose)
+        found.show(terminal(), verbose)
         steps = fix_commands(found.content, model, robot_file(found.content))
         if not found.content.scores:
             steps = (

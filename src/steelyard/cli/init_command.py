@@ -200,12 +200,12 @@ def show(
 
     `named` are model file, robot file and logs as they were given; of `parts` the last validates.
     """
-    from rich.console import Console
     from rich.text import Text
 
+    from steelyard.report.terminal import terminal
     from steelyard.report.words import count
 
-    console = Console()
+    console = terminal()
 
     def say(words: str, style: str = "") -> None:
         console.print(Text(words, style=style), soft_wrap=True)

@@ -73,12 +73,12 @@ def check(
 
     Example: steelyard check ur10e.toml run1.csv run2.csv --fix
     """
-    from rich.console import Console
     from rich.text import Text
 
     from steelyard.base.errors import ModelError
     from steelyard.base.files import whole_file, whole_folder
     from steelyard.identify.validation_data import ProposedCut, propose_cut
+    from steelyard.report.terminal import terminal
     from steelyard.robot.file.robot_file import load_robot
 
     folder = optional_folder(output)
@@ -94,7 +94,7 @@ def check(
     if as_json:
         print_json({**found.to_dict(), "output": folder and str(folder)})
     else:
-        console = Console()
+        console = terminal()
         found.show(console, verbose)
         given, gains = ProposedCut(tuple(logs)), True
         if not (model or found.last.severity):
@@ -174,11 +174,10 @@ def info(logs: list[str], as_json: bool = False) -> None:
 
     Example: steelyard log info run.csv
     """
-    from rich.console import Console
-
     from steelyard.logs.contents import content_of
     from steelyard.logs.formats import open_log
     from steelyard.logs.log import parse_log_argument
+    from steelyard.report.terminal import terminal
 
     found = []
     for text in logs:
@@ -189,7 +188,7 @@ def info(logs: list[str], as_json: bool = False) -> None:
         print_json([content.to_dict() for content in found])
         return
     for content in found:
-        show_content(content, Console())
+        show_content(content, terminal())
 
 
 @log.command(cls=DerivedCommand)

@@ -59,11 +59,10 @@ def reduce(
 
     Example: steelyard reduce steelyard-ur10e run1.parquet run2.parquet --validate run3.parquet
     """
-    from rich.console import Console
-
     from steelyard.base.files import new_folder, whole_folder
     from steelyard.excite.excite import design_excitation
     from steelyard.identify.page.model_verdict import exit_code
+    from steelyard.report.terminal import terminal
 
     _refuse_missing(robot, {"--bodies": bodies, "--next": following is not None}, last)
     folder, motion_folder = new_folder(output, "steelyard-reduced"), optional_folder(following)
@@ -75,7 +74,7 @@ def reduce(
                 interrupt.too_late()
     interrupt.finished(str(folder))
     if not as_json:
-        found.show(Console(), verbose)
+        found.show(terminal(), verbose)
         typer.echo("\n" + file_lines(folder, model="model.json", report="report.html"))
     if motion_folder is not None and robot is not None:
         with progress_bar() as progress, whole_folder(motion_folder) as place:
@@ -230,10 +229,10 @@ def _refuse(form: Kind, given: dict[str, object]) -> None:
 
 def _print_export(path: Path, made: "Exported", as_json: bool) -> None:
     """What was written, and what was not."""
-    from rich.console import Console
     from rich.text import Text
 
     from steelyard.export.model_files.model_file import KEPT, UNSEEN, listed_under
+    from steelyard.report.terminal import terminal
     from steelyard.report.words import count
 
     if as_json:
@@ -250,7 +249,7 @@ def _print_export(path: Path, made: "Exported", as_json: bool) -> None:
         return
     links = count(sum(not body.massless for body in made.content.robot.bodies), "moving link")
     mass = sum(inertia.mass for inertia in made.content.inertias)
-    console = Console()
+    console = terminal()
     typer.echo(f"{path}: {links}, {mass:.4g} kg")
     few = [f"{name} {x:.0%}" for name, x in made.mass_shares.items() if x < FEW_DATA_SHARE]
     for heading, sentences in (

@@ -59,12 +59,11 @@ def excite(
     Example: steelyard excite panda.toml --budget 20 -o panda-motion
     """
     begun = time.monotonic()
-    from rich.console import Console
-
     from steelyard.base.files import new_folder
     from steelyard.excite.excite import design_task
     from steelyard.excite.page.design_words import design_level
     from steelyard.excite.search.parallel_search import SearchBudget
+    from steelyard.report.terminal import terminal
     from steelyard.robot.models.xacro import stem_of
 
     given = dict(call.keywords)
@@ -78,7 +77,7 @@ def excite(
     if as_json:
         print_json(found.to_dict() | {"files": written})
     else:
-        found.show(Console(), verbose)
+        found.show(terminal(), verbose)
         files = [f"{name:<12} {path}" for name, path in written.items()]
         typer.echo("\n".join(["", *files, *_withheld(task, found)]))
     if code := EXITS[design_level(found.designed)]:

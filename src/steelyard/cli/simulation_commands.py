@@ -111,9 +111,8 @@ def track(
 
     Example: steelyard track panda.toml motion.json --model panda-model -o panda-tracking
     """
-    from rich.console import Console
-
     from steelyard.base.files import new_folder
+    from steelyard.report.terminal import terminal
     from steelyard.robot.models.xacro import stem_of
 
     folder = new_folder(output, f"steelyard-{stem_of(call.keywords['robot'])}-tracking")
@@ -121,7 +120,7 @@ def track(
     if as_json:
         print_json({**found.to_dict(), "output": str(folder)})
         return
-    found.show(Console())
+    found.show(terminal())
     typer.echo(file_lines(folder, page="tracking.html", JSON="tracking.json"))
 
 
@@ -140,13 +139,12 @@ def demo(
 
     Example: steelyard demo -o first-try
     """
-    from rich.console import Console
-
     from steelyard.base.files import new_folder, whole_folder
     from steelyard.excite.excite import DesignedMotion, DesignTask
     from steelyard.excite.search.parallel_search import SearchBudget
     from steelyard.identify.identify import identify
     from steelyard.model.robot_file_model import model_with_open_friction
+    from steelyard.report.terminal import terminal
     from steelyard.simulate.demo import demo_runs, true_parameters
 
     folder = new_folder(output, "steelyard-demo")
@@ -174,7 +172,7 @@ def demo(
         content = {"output": str(folder / "results"), **identified.to_dict(), "motion": motion}
         print_json(content)
         return
-    console = Console()
+    console = terminal()
     if verbose:
         found[0].show(console, verbose)
         console.print()

@@ -45,14 +45,13 @@ def payload(
 
     Example: steelyard payload steelyard-ur10e loaded.csv --frame tool0 --box 0.2 0.1 0.1
     """
-    from rich.console import Console
-
     from steelyard.base.errors import DataError
     from steelyard.base.files import whole_folder, write_json
     from steelyard.cli import interrupt
     from steelyard.cli.command import progress_bar
     from steelyard.estimate.identified import load_model
     from steelyard.estimate.payload.payload_estimate import PayloadEstimate
+    from steelyard.report.terminal import terminal
     from steelyard.uses.payload.payload import events_of_logs
     from steelyard.uses.payload.payload_events import events_dict
     from steelyard.uses.payload.payload_page import (
@@ -90,9 +89,9 @@ def payload(
         print_json(result)
         return
     if isinstance(found, PayloadEstimate):
-        payload_lines(found, Console())
+        payload_lines(found, terminal())
     else:
-        event_lines(found, Console())
+        event_lines(found, terminal())
     if folder is not None:
         typer.echo(f"\npayload  {folder / 'payload.json'}")
         if when:
@@ -157,11 +156,11 @@ def feedforward(
 
     Example: steelyard feedforward steelyard-ur10e motion/trajectory.json -o torques.csv
     """
-    from rich.console import Console
     from rich.text import Text
 
     from steelyard.base.files import refuse_existing
     from steelyard.report.tables import light_table
+    from steelyard.report.terminal import terminal
     from steelyard.report.words import significant
 
     refuse_existing(output)
@@ -170,7 +169,7 @@ def feedforward(
     if as_json:
         print_json({**found.to_dict(), "output": str(output)})
         return
-    console = Console()
+    console = terminal()
     table = light_table(("joint", "RMS", "largest", "unit"), (0, 3))
     table.title, table.title_justify = Text("torque along the motion"), "left"
     for joint, rms, peak in zip(found.joints, found.rms, found.peaks, strict=True):

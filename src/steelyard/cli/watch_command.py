@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 import typer
 
+from steelyard.base.text import visible
 from steelyard.cli import interrupt
 from steelyard.cli.command import optional_folder, progress_bar
 from steelyard.cli.derived_command import from_function
@@ -165,7 +166,7 @@ class _Terminal:
         """Print lines over it."""
         self.clear()
         for text in texts:
-            typer.echo(text)
+            typer.echo(visible(text, "\n"))
 
 
 def _read() -> bytes:

@@ -7,8 +7,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rich.console import Console
-
 from steelyard.base.arguments import checked
 from steelyard.base.errors import DataError, LogError
 from steelyard.base.progress import report_progress
@@ -30,6 +28,7 @@ from steelyard.identify.page.score_words import relative_errors
 from steelyard.identify.scores import processing_of, scored
 from steelyard.report.result import frame
 from steelyard.report.tables import text_table
+from steelyard.report.terminal import terminal
 from steelyard.robot.file.signals import Signals
 from steelyard.runs.defaults import MATCHED_HIGHEST, NYQUIST_SHARE, rounded
 from steelyard.runs.named_logs import LogArgument, recording_of
@@ -78,7 +77,7 @@ class Repeated:
     def __str__(self) -> str:
         text = io.StringIO()
         shown = text_table(repeated_table(self.estimates), "Repeated estimations")
-        Console(file=text, width=120).print(shown)
+        terminal(file=text, width=120).print(shown)
         return text.getvalue()
 
 

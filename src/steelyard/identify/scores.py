@@ -23,6 +23,7 @@ from steelyard.identify.page.score_words import both_words
 from steelyard.identify.page.section_register import SECTIONS, parameters_csv, print_report, render
 from steelyard.identify.page.verdict_section import joints_table
 from steelyard.report.result import TEXT_WIDTH, Result, frame
+from steelyard.report.terminal import terminal
 from steelyard.robot.file.signals import Signals
 from steelyard.runs.named_logs import LogArgument, _overlap, prepared, recording_of, sha256
 from steelyard.runs.processing import Processing
@@ -161,7 +162,7 @@ class Scores:
 
     def __str__(self) -> str:
         text = io.StringIO()
-        console = Console(file=text, width=TEXT_WIDTH)
+        console = terminal(file=text, width=TEXT_WIDTH)
         for scores, unseen in ((self.fitted, False), (self.unseen, True)):
             for one in scores:
                 console.print(joints_table(one, unseen))

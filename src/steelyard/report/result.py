@@ -13,6 +13,7 @@ from rich.text import Text
 
 from steelyard.base.errors import require
 from steelyard.base.files import whole_folder
+from steelyard.report.terminal import terminal
 
 if TYPE_CHECKING:
     from polars import DataFrame
@@ -62,7 +63,7 @@ class Result(ABC):
 
     def __str__(self) -> str:
         text = io.StringIO()
-        self.show(Console(file=text, width=TEXT_WIDTH))
+        self.show(terminal(file=text, width=TEXT_WIDTH))
         return text.getvalue()
 
     def _repr_html_(self) -> str:
