@@ -413,3 +413,23 @@ def test_an_array_of_too_many_columns_is_left_out(tmp_path: Path) -> None:
     square = {"t": np.arange(5000.0), "image": np.ones((5000, 5000), "i1")}
     log = opened(of_npz(tmp_path / "square", square))
     assert log.columns == ("t",) and dict(log.left_out) == {"image": "more than 4096 columns"}
+
+
+def test_members_of_one_name_and_arrays_without_columns_are_refused(tmp_path: Path) -> None:
+    import io
+    import warnings
+    from zipfile import ZipFile
+
+    content = io.BytesIO()
+    np.save(content, np.arange(300.0))
+    with warnings.catch_warnings(), ZipFile(tmp_path / "same.npz", "w") as archive:
+        warnings.simplefilter("ignore")
+        for _ in range(2):
+            archive.writestr("t.npy", content.getvalue())
+    log = open_log(tmp_path / "same.npz")
+    with pytest.raises(LogError, match="2 columns that are called 't'"):
+        list(log.parts(["t"]))
+    assert list(log.parts([])) == []
+    np.save(tmp_path / "empty.npy", np.empty((1000, 0)))
+    with pytest.raises(LogError, match="no table of numbers"):
+        open_log(tmp_path / "empty.npy")

@@ -212,3 +212,31 @@ def test_definitions_of_strangers(tmp_path: Path, definition: str, words: str) -
         writer.finish()
     with pytest.raises(LogError, match=words):
         open_log(tmp_path / "run.mcap")
+
+
+@pytest.mark.parametrize(
+    ("dialect", "text"),
+    [
+        (
+            "ros2idl",
+            "module a { module msg { const long long X = 1 << 30000000000; "
+            "struct B { double x; }; }; };",
+        ),
+        ("ros2idl", "module a { module msg { const long X = 9 << Y; struct B { double x; }; }; };"),
+        ("ros2msg", "string[65000] s"),
+    ],
+)
+def test_definitions_that_fill_the_memory_are_not_read(
+    tmp_path: Path, dialect: str, text: str
+) -> None:
+    with (tmp_path / "large.mcap").open("wb") as file:
+        writer = McapWriter(file)
+        writer.start("ros2")
+        schema = writer.register_schema("a/msg/B", dialect, text.encode())
+        channel = writer.register_channel("/b", "cdr", schema)
+        for k in range(5):
+            writer.add_message(channel, k * 10**7, bytes((0, 1, 0, 0, *bytes(64))), k * 10**7)
+        writer.finish()
+    with pytest.raises(LogError) as refused:
+        open_log(tmp_path / "large.mcap")
+    assert "shifts a constant" in str(refused.value) or "holds more than" in str(refused.value)

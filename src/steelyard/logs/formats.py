@@ -177,7 +177,8 @@ def hdf5(path: Path, columns: Sequence[str]) -> Iterator[Write]:
     import h5py  # type: ignore[import-untyped]
 
     _require_distinct(path, columns)
-    with h5py.File(path, "w", track_order=True, rdcc_nbytes=1 << 18) as file:
+    # without its cache, which crashes at the end if the disk is full then
+    with h5py.File(path, "w", track_order=True, rdcc_nbytes=0) as file:
         try:
             data = [
                 file.create_dataset(name, (0,), "<f8", maxshape=(None,), chunks=(1 << 14,))
@@ -194,6 +195,7 @@ def hdf5(path: Path, columns: Sequence[str]) -> Iterator[Write]:
             for dataset, values in zip(data, part.T, strict=True):
                 dataset.resize((len(dataset) + len(part),))
                 dataset[len(dataset) - len(part) :] = values
+            file.flush()
 
         yield write
 

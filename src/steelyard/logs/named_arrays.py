@@ -98,8 +98,9 @@ class ArraysLog:
                 other = f"its size is {size}, where the table has {n_rows} rows"
                 why = member.left_out or (other if size else "one number")
                 left_out.append((member.name, why))
-            elif member.width(axis) > MOST_COLUMNS_OF_ARRAY:
-                left_out.append((member.name, f"more than {MOST_COLUMNS_OF_ARRAY} columns"))
+            elif not 0 < member.width(axis) <= MOST_COLUMNS_OF_ARRAY:
+                most = f"more than {MOST_COLUMNS_OF_ARRAY} columns"
+                left_out.append((member.name, most if member.width(axis) else "no columns"))
             else:
                 columns.append(member.columns(axis))
                 width = range(len(columns[-1]))
@@ -132,7 +133,7 @@ class ArraysLog:
         start, stop = rows[0], self.n_rows if rows[1] is None else min(rows[1], self.n_rows)
         used = {(place.member, place.axis) for place in wanted}
         row = 8 * (len(wanted) + sum((p.member, p.axis) in used for p in self.places))
-        if start < stop:
+        if start < stop and wanted:
             yield from self.read(wanted, (start, stop), max(1, min(size, BYTES_OF_PART // row)))
 
 

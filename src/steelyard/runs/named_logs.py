@@ -100,7 +100,9 @@ def recording_of(argument: LogArgument, signals: Signals) -> Recording:
 def sample_of(path: Path) -> tuple[tuple[str, ...], dict[str, np.ndarray]]:
     """Names of a log's columns, and some values of each."""
     log = open_log(path)
-    table = next(log.parts(log.columns, (0, SAMPLE_ROWS), SAMPLE_ROWS))
+    table = next(log.parts(log.columns, (0, SAMPLE_ROWS), SAMPLE_ROWS), None)
+    if table is None:
+        raise LogError("the log has no rows", where=str(path), fix="record or export it again")
     return tuple(log.columns), dict(zip(log.columns, table.T, strict=True))
 
 

@@ -1,6 +1,7 @@
 """What a file of recorded messages can do, and how messages are decoded by their types."""
 
 import json
+import re
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import lru_cache
@@ -93,6 +94,10 @@ def seconds(nanoseconds: int) -> float:
 
 DEEPEST_TYPE, LONGEST_TYPE_DEFINITION, LARGEST_TYPE = 64, 1 << 18, 1 << 16
 """Types inside types, characters of a definition, and values that a type holds at least."""
+NO_NUMBER = 64
+"""Values that a text or a type inside counts as: code is made for each of them."""
+SHIFT = re.compile(r"<<(?!\s*\d{1,2}\b)")
+"""A shift in a definition by more than two digits can say: the constant would fill the memory."""
 LONGEST_SEQUENCE = 1 << 16
 Decoder = Callable[[bytes], Any]
 
@@ -154,6 +159,8 @@ def _parsed(channel: Channel) -> "Typesdict":
     text = channel.definition.replace("\r\n", "\n")
     if len(text) > LONGEST_TYPE_DEFINITION:
         raise ValueError(f"it has {len(text):,} characters")
+    if SHIFT.search(text):
+        raise ValueError("it shifts a constant by more than 99 bits, or by another constant")
     if channel.dialect in ("ros1msg", "ros2msg"):
         return get_types_from_msg(text, channel.type)
     if channel.dialect not in ("ros2idl", "omgidl"):
@@ -191,10 +198,10 @@ def _require_small(store: "Typestore", channel: Channel) -> None:
 
     def of_field(kind: Any, content: Any, depth: int) -> tuple[int, bool]:
         if kind == Nodetype.BASE:
-            return 1, False
+            return (NO_NUMBER if content[0] in ("string", "wstring") else 1), False
         if kind == Nodetype.NAME:
             size, empty = of_type(content, depth + 1)
-            return max(size, 1), empty
+            return max(size, NO_NUMBER), empty
         (inner, of), length = content
         size, empty = of_field(inner, of, depth)
         if kind == Nodetype.ARRAY:

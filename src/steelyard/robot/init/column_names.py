@@ -269,7 +269,7 @@ LISTED = 3  # columns of a group that are all named
 
 def give_up(wrong: str, columns: Sequence[str], fix: str = IN_FILE) -> NoReturn:
     """Refuse columns, with all their names."""
-    if all(map(UNNAMED.fullmatch, columns)):
+    if columns and all(map(UNNAMED.fullmatch, columns)):
         raise LogError(
             "the log's columns have no names: the file seems to have no header line",
             where=f"columns {columns[0]} to {columns[-1]}",
