@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import typer
 
+from steelyard.base.text import visible
 from steelyard.cli import interrupt
 from steelyard.cli.command import LogArgument, optional_folder, print_json, progress_bar
 from steelyard.cli.derived_command import DerivedCommand, from_function
@@ -286,5 +287,5 @@ def _table(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> "Table":
         words = heading in ("column", "kind", "topic", "type", "")
         table.add_column(heading, justify="left" if words else "right", overflow="fold")
     for row in rows:
-        table.add_row(*map(Text, row))
+        table.add_row(*(Text(visible(cell)) for cell in row))
     return table
