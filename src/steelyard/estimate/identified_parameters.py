@@ -145,7 +145,7 @@ def friction_curves(
     only friction that depends on load depends; `fastest` is the largest speed of each curve, `(n,)`
     [rad/s; m/s].
     """
-    names, covariance = _friction(identified)
+    names, covariance = identified.model.friction_names, _friction_covariance(identified)
     curves = []
     for j, joint in enumerate(identified.joints):
         speed = fastest[j] * np.linspace(1.0, 0.5 / GRID, GRID) ** DENSITY
@@ -164,24 +164,15 @@ def friction_curves(
     return tuple(curves)
 
 
-def _friction(identified: IdentifiedModel) -> tuple[list[str], Array]:
-    """Names of the parameters of friction, `p` of them, and their covariance, `(p, p)`.
-
-    Those that the data do not identify have no variance, like their value.
-    """
-    model, estimate = identified.model, identified.estimate
-    names = [
-        parameter.name
-        for term in model.terms
-        if term.cause == "friction"
-        for parameter in term.parameters(model.robot)
-    ]
+def _friction_covariance(identified: IdentifiedModel) -> Array:
+    """Covariance of the parameters of friction, `(p, p)`; zero of those not identified."""
+    estimate, names = identified.estimate, identified.model.friction_names
     known, full = estimate.parameters.names, estimate.covariance
     if estimate.standard is not None:
         known, full = estimate.standard.parameters.names, estimate.standard.covariance
     places = [known.index(name) if name in known else -1 for name in names]
     padded = np.pad(full, ((0, 1), (0, 1)))
-    return names, padded[np.ix_(places, places)]
+    return np.asarray(padded[np.ix_(places, places)])
 
 
 def _side(

@@ -162,23 +162,22 @@ def reduce(
             identified.provenance,
             runs=tuple(run.name for run in runs),
             inputs={
-                **{f"identification {n}": sha256(log.path) for n, log in enumerate(known, 1)},
-                **{f"validation {n}": sha256(log.path) for n, log in enumerate(unknown, 1)},
+                f"{role} {n}": sha256(log.path)
+                for role, logs_of in (("identification", known), ("validation", unknown))
+                for n, log in enumerate(logs_of, 1)
             },
         ),
     )
     names = estimate.parameters.names
-    smaller = replace(
+    calibration = calibrate(
         smaller,
-        calibration=calibrate(
-            smaller,
-            runs,
-            information.select(names),
-            lambda part: WeightedLeastSquares()(part.select(names)),
-            threads=cores,
-            progress=progress,
-        ),
+        runs,
+        information.select(names),
+        lambda part: WeightedLeastSquares()(part.select(names)),
+        threads=cores,
+        progress=progress,
     )
+    smaller = replace(smaller, calibration=calibration)
     name, both = smaller.model.robot.name, (*runs, *unseen)
     content = ReportContent(
         title=f"{name}: reduced model",
@@ -251,13 +250,7 @@ def moving_friction(model: Model, runs: Sequence[Run], columns: Sequence[str]) -
     greatest = np.array([fastest[units == unit].max() for unit in units])
     names = zip(model.robot.joint_names, fastest > STILL_SPEED_SHARE * greatest, strict=True)
     moving = {name for name, moves in names if moves}
-    mine = {
-        parameter.name
-        for term in model.terms
-        if term.cause == "friction"
-        for parameter in term.parameters(model.robot)
-        if parameter.name.rpartition(".")[2] in moving
-    }
+    mine = {name for name in model.friction_names if name.rpartition(".")[2] in moving}
     return tuple(name for name in columns if name in mine)
 
 

@@ -32,6 +32,7 @@ from steelyard.identify.scores import (
 from steelyard.identify.validation_data import holds_fitted_rows, marked_repeats
 from steelyard.report.result import Result
 from steelyard.runs.named_logs import log_files, paths_of
+from steelyard.runs.run import Run
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -102,35 +103,35 @@ def validate(
         else scored(identified, runs, progress)
     )
     scores = marked_repeats(identified, runs, scores)
-    known = [
-        fitted_before(identified, log) or holds_fitted_rows(identified, run)
-        for log, run in zip(files, runs, strict=True)
-    ]
-    again = tuple(score for score, old in zip(scores, known, strict=True) if old)
-    # checks compare with the measured motion: scores from a commanded one are left out
-    fresh = [
-        (run, score)
-        for run, score, old in zip(runs, scores, known, strict=True)
-        if not old and score.predicted_from == "measured"
-    ]
-    unseen, unseen_scores = tuple(run for run, _ in fresh), tuple(score for _, score in fresh)
+    fitted, fresh = list[RunScore](), list[tuple[Run, RunScore]]()
+    for log, run, score in zip(files, runs, scores, strict=True):
+        if fitted_before(identified, log) or holds_fitted_rows(identified, run):
+            fitted.append(score)
+        else:
+            fresh.append((run, score))
+    unseen = [(run, score) for run, score in fresh if score.predicted_from == "measured"]
+    case = FittedCase(  # checks compare with the measured motion, not with a commanded one
+        identified,
+        unseen=tuple(run for run, _ in unseen),
+        unseen_scores=tuple(score for _, score in unseen),
+    )
     open_loops = dropped(identified.model, runs)
     content = ReportContent(
         title=f"{identified.model.robot.name}: validation",
         robot=identified.model.robot.name,
         identified=identified,
-        scores=tuple(score for score, old in zip(scores, known, strict=True) if not old),
-        fitted=again,
+        scores=tuple(score for _, score in fresh),
+        fitted=tuple(fitted),
         qualities=tuple((run.name, run.quality.rows_of_text) for run in runs),
         notes=(
             *dropped_rows(runs),
             *first_dropped(open_loops),
             *commanded_note(identified, scores),
-            *(f"{score.run} was fitted: its score does not validate the model" for score in again),
+            *(f"{score.run} was fitted: its score does not validate the model" for score in fitted),
         ),
         details=(*notes_of(runs), *open_loops[1:]),
         settings=settings(identified),
-        limitations=examine_fit(FittedCase(identified, unseen=unseen, unseen_scores=unseen_scores)),
+        limitations=examine_fit(case),
         logs={run.name: log.text for run, log in zip(runs, files, strict=True)},
         only_errors=True,
     )

@@ -42,6 +42,12 @@ class Equations:
         return tuple(p.name for p in self.parameters)
 
     @cached_property
+    def friction_names(self) -> tuple[str, ...]:
+        """Names of the parameters of friction."""
+        laws = (term for term in self.terms if term.cause == "friction")
+        return tuple(p.name for law in laws for p in law.parameters(self.robot))
+
+    @cached_property
     def units(self) -> tuple[str, ...]:
         """Units of the standard parameters."""
         return tuple(p.unit for p in self.parameters)

@@ -116,8 +116,7 @@ class Truth:
                 where="drift of friction",
                 fix="give a factor such as 1.2",
             )
-        laws = (term for term in self.model.terms if term.cause == "friction")
-        names = (p.name for law in laws for p in law.parameters(self.robot))
+        names = self.model.friction_names
         return self.changed(**{name: factor * self.values[name] for name in names})
 
     def to_dict(self) -> dict[str, Any]:

@@ -6,7 +6,7 @@ and extrapolation alike. Where all runs are of one motion, stretches of it are l
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import reduce
 from operator import add
 
@@ -75,15 +75,12 @@ def calibrate(
     found, cutoff = [], residual_cutoff(identified, runs)
     for number, one in enumerate(chosen):
         report_progress(progress, "calibrating bands", number, len(chosen))
-        left_out = _errors(identified, runs, information, estimator, one, cutoff)
-        found += [] if left_out is None else [left_out]
+        if left_out := _errors(identified, runs, information, estimator, one, cutoff):
+            found.append(left_out)
     if len(found) < FEWEST_STRETCHES:
         return None
-    errors, speed, moving = (
-        np.concatenate([getattr(part, name) for part in found], axis=1)
-        for name in ("errors", "speed", "moving")
-    )
-    worth = np.concatenate([np.full(part.errors.shape[1], part.worth) for part in found])
+    *samples, traces = zip(*found, strict=True)
+    errors, speed, moving, worth = (np.concatenate(some, axis=-1) for some in samples)
     edges = np.sqrt(np.mean(np.square(speed), axis=1))[:, None] * EDGES
     at = bins(speed, moving, edges)
     factors = [_factors(*row, worth) for row in zip(np.abs(errors), at, strict=True)]
@@ -92,19 +89,8 @@ def calibrate(
     usual = rest_speed_of(identified.robot.n, calibration, identified.processing.rest_speed)
     rest_speed = rest_speed_of_runs([run.rest_speed for run in runs], usual)
     meet = np.maximum(np.column_stack([rest_speed, calibration.edges]), rest_speed[:, None])
-    peaks = [part.trace.peaks(meet, cutoff) for part in found]
+    peaks = [trace.peaks(meet, cutoff) for trace in traces]
     return replace(calibration, peaks=reduce(add, peaks))
-
-
-@dataclass(frozen=True, eq=False)
-class _Errors:
-    """Errors of a left-out stretch."""
-
-    errors: Array  # in standard deviations, `(n, N)`; NaN where a joint cannot be predicted
-    speed: Array  # of each joint, shape `(n, N)`
-    moving: NDArray[np.bool_]  # whether it moves, shape `(n, N)`
-    worth: float
-    trace: ResidualTrace  # its residual; NaN where a joint could not be predicted
 
 
 def _errors(
@@ -114,10 +100,12 @@ def _errors(
     estimator: Estimator[Information],
     one: LeftOut,
     cutoff: float,
-) -> _Errors | None:
+) -> tuple[Array, Array, NDArray[np.bool_], Array, ResidualTrace] | None:
     """How a fit to all else predicts a stretch; `None` where it cannot.
 
-    Of a run that is left out as a whole the rests before and after the motion have residuals too.
+    Errors in standard deviations, speeds, and whether joints move, `(n, N)`; how many independent
+    samples each is worth, `(N,)`; residuals. Errors and residuals are NaN of joints that cannot be
+    predicted. Of a run that is left out as a whole, rests around the motion have residuals too.
     """
     run = runs[one.run]
     whole = one.span == run.span
@@ -144,8 +132,9 @@ def _errors(
     ]
     errors[:, blind] = np.nan
     duration = one.span[1] - one.span[0]
-    worth = min(1.0, 2.0 * band * duration / max(len(traces.t), 1))
-    return _Errors(errors.T, traces.speed.T, traces.moving.T, worth, trace.without(blind))
+    count = len(traces.t)
+    worth = np.full(count, min(1.0, 2.0 * band * duration / max(count, 1)))
+    return errors.T, traces.speed.T, traces.moving.T, worth, trace.without(blind)
 
 
 def correlation_of(errors: Array, worth: Array) -> Array:

@@ -60,13 +60,7 @@ class EffortLimit(Constraint):
     how: str = field(init=False)
 
     def __post_init__(self) -> None:
-        own = {
-            parameter.name
-            for term in self.model.terms
-            if term.cause == "friction"
-            for parameter in term.parameters(self.model.robot)
-        }
-        rubs = [name in own for name in self.model.names]
+        rubs = [name in self.model.friction_names for name in self.model.names]
         how = "interval arithmetic bounds the rate of change of efforts over every time interval"
         worse = "; friction has its worse sign" if any(x[rubs].any() for x in self.cases) else ""
         object.__setattr__(self, "how", how + worse)

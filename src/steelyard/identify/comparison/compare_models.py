@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from rich.console import Console
 
 from steelyard.base.arguments import checked
-from steelyard.base.arrays import json_values
+from steelyard.base.arrays import json_values, records
 from steelyard.base.errors import ModelError
 from steelyard.base.progress import Progress, report_progress, silent
 from steelyard.estimate.identified import IdentifiedModel, load_model
@@ -92,17 +92,13 @@ class ComparedModels(Result):
         """Low-passed efforts over time, one row per model, log, joint and sample."""
         return frame(
             [
-                {"run": run.run, "model": model.name, "joint": joint, "t": t, **efforts}
+                {"run": run.run, "model": model.name, "joint": joint, **sample}
                 for model in self.comparison.models
                 for run in model.runs
                 for j, joint in enumerate(self.comparison.joints)
-                for t, *values in zip(
-                    run.t.tolist(),
-                    run.measured[:, j].tolist(),
-                    run.predicted[:, j].tolist(),
-                    strict=True,
+                for sample in records(
+                    t=run.t, measured=run.measured[:, j], predicted=run.predicted[:, j]
                 )
-                for efforts in [dict(zip(("measured", "predicted"), values, strict=True))]
             ],
             "efforts",
         )
@@ -232,12 +228,11 @@ def _notes(
             f"logs are processed as for {first_name}; {', '.join(processed)}: identified with "
             "other [processing]"
         )
-    if efforts := [name for name, other in others if _other_efforts(other, first)]:
+    kind = first.signals.effort_kind
+    if efforts := [
+        name
+        for name, other in others
+        if not same_efforts(other, first) or other.signals.effort_kind != kind
+    ]:
         notes.append(f"{', '.join(efforts)}: other effort columns than {first_name}")
     return (*notes, *dropped_rows(runs))
-
-
-def _other_efforts(one: IdentifiedModel, other: IdentifiedModel) -> bool:
-    """Whether two models predict different measurements."""
-    kinds = one.signals.effort_kind, other.signals.effort_kind
-    return not same_efforts(one, other) or kinds[0] != kinds[1]

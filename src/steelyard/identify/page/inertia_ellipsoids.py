@@ -1,15 +1,13 @@
 """The robot in space, with its links as solid ellipsoids of the same inertia."""
 
-from __future__ import annotations
-
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from steelyard.base.arrays import Array
 from steelyard.identify.page.content import ReportContent, fitted_samples
-from steelyard.identify.page.link_inertias import IdentifiedLink, identified_links
+from steelyard.identify.page.link_inertias import identified_links
 from steelyard.report.figures import Figure, Group, Traced
 from steelyard.report.page import FigureSection, Numbers, packed
 from steelyard.report.words import significant
@@ -42,16 +40,16 @@ class EllipsoidsSection(FigureSection, name="ellipsoids", title="Links as inerti
 
     def numbers(self, content: ReportContent) -> Numbers | None:
         """The figure, if the estimate knows all standard parameters."""
-        links = [
-            link
-            for link in identified_links(content.identified)
-            if semi_axes(link.inertia) is not None
-        ]
-        if not links:
-            return None
-        robot = content.identified.model.robot
+        robot, links = content.identified.robot, list(identified_links(content.identified))
         joints = _posture(robot, content)
-        figure = _figure(robot, links, joints)
+        rotations, origins = body_poses(robot, joints)
+        place = {body.name: (rotations[k], origins[k]) for k, body in enumerate(robot.bodies)}
+        solids = _placed([(link.name, link.inertia) for link in links], place)
+        if not solids:
+            return None
+        known = {solid.name for solid in solids}
+        file = [(x.name, x.nominal) for x in links if x.nominal is not None and x.name in known]
+        figure = _figure(sticks(robot, joints), solids, _placed(file, place))
         return {"words": WORDS, "groups": [Group([figure], columns="one")], "note": NOTE}
 
 
@@ -81,21 +79,42 @@ def _posture(robot: Robot, content: ReportContent) -> Array:
     return np.zeros(robot.n) if samples is None else samples[0].q[len(samples[0].q) // 2]
 
 
-def _figure(robot: Robot, links: Sequence[IdentifiedLink], joints: Array) -> Figure:
-    rotations, origins = body_poses(robot, joints)
-    place = {body.name: (rotations[k], origins[k]) for k, body in enumerate(robot.bodies)}
-    before = [
-        (link.name, link.nominal)
-        for link in links
-        if link.nominal is not None and semi_axes(link.nominal) is not None
-    ]
-    traces = [_arm(sticks(robot, joints)), _surfaces(links, place)]
-    traces += [_centres("identified centres", [(x.name, x.inertia) for x in links], place, True)]
-    if before:
-        traces += [_wires(before, place), _centres("centres in the file", before, place, False)]
+class Solid(NamedTuple):
+    """An ellipsoid in the base's frame."""
+
+    name: str
+    mass: float  # [kg]
+    centre: Array  # shape `(3,)` [m]
+    axes: Array  # half-lengths and directions as columns, shape `(3, 3)` [m]
+
+    def moved(self, unit: Array) -> Array:
+        """Points of the unit sphere on the ellipsoid, shape `(k, 3)` [m]."""
+        return np.asarray(unit @ self.axes.T + self.centre)
+
+
+def _placed(
+    bodies: Iterable[tuple[str, Inertia]], place: Mapping[str, tuple[Array, Array]]
+) -> list[Solid]:
+    """The ellipsoids of links by axes `(3, 3)` and origin `(3,)` [m] of each, if they have one."""
+    found = []
+    for name, inertia in bodies:
+        rotation, origin = place[name]
+        if (shape := semi_axes(inertia)) is not None:
+            centre, axes = rotation @ inertia.com + origin, rotation @ (shape[1] * shape[0])
+            found.append(Solid(name, inertia.mass, centre, axes))
+    return found
+
+
+def _figure(arm: Array, solids: Sequence[Solid], file: Sequence[Solid]) -> Figure:
+    unit, faces = _sphere()
+    points = np.concatenate([solid.moved(unit) for solid in solids])
+    traces = [_arm(arm), _surfaces(points, faces, len(solids))]
+    traces += [_centres("identified centres", solids, "--vermillion", "diamond")]
+    if file:
+        traces += [_wires(file), _centres("centres in the file", file, "--measured", "circle")]
     camera = {"eye": {"x": 1.15, "y": -1.25, "z": 0.6}, "center": {"x": 0.0, "y": 0.0, "z": -0.1}}
     layout = {
-        "scene": {**_axes(_extent(sticks(robot, joints), links, place)), "camera": camera},
+        "scene": {**_axes(np.concatenate([arm, points])), "camera": camera},
         "margin": {"l": 0, "r": 0, "t": 0, "b": 0},
         "legend": {"orientation": "h", "y": 1.0, "yanchor": "bottom"},
     }
@@ -103,18 +122,11 @@ def _figure(robot: Robot, links: Sequence[IdentifiedLink], joints: Array) -> Fig
     return Figure("", label, "", "", traces, layout, height=560)
 
 
-def _extent(arm: Array, links: Sequence[IdentifiedLink], place: Place) -> Array:
-    """The least and the greatest coordinates of arm and ellipsoids, with a margin, `(2, 3)` [m]."""
-    unit, _ = _sphere()
-    solid = [_moved(link.name, link.inertia, unit, place) for link in links]
-    points = np.concatenate([arm, *solid])
+def _axes(points: Array) -> dict[str, Any]:
+    """Axes of equal scale, the longest of length 1: slender arms are in view as a whole."""
     low, high = np.nanmin(points, axis=0), np.nanmax(points, axis=0)
     margin = SPACE_MARGIN * float(np.max(high - low))
-    return np.array([low - margin, high + margin])
-
-
-def _axes(extent: Array) -> dict[str, Any]:
-    """Axes of equal scale, the longest of length 1: slender arms are in view as a whole."""
+    extent = np.array([low - margin, high + margin])
     size = extent[1] - extent[0]
     found: dict[str, Any] = {"aspectmode": "manual"}
     found["aspectratio"] = dict(zip(AXES, (size / size.max()).tolist(), strict=True))
@@ -124,71 +136,45 @@ def _axes(extent: Array) -> dict[str, Any]:
     return found
 
 
-Place = dict[str, tuple[Array, Array]]  # axes `(3, 3)` and origin `(3,)` [m] of each link
-
-
-def _moved(name: str, inertia: Inertia, unit: Array, place: Place) -> Array:
-    """Points of the unit sphere, `(k, 3)`, on a link's ellipsoid in the base's frame [m]."""
-    shape = semi_axes(inertia)
-    if shape is None:
-        raise ValueError(f"link '{name}' has no ellipsoid")
-    lengths, directions = shape
-    rotation, origin = place[name]
-    own = inertia.com + (unit * lengths) @ directions.T
-    return np.asarray(own @ rotation.T + origin)
-
-
-def _space(name: str, points: Array, more: dict[str, Any]) -> Traced:
+def _space(name: str, points: Array, **more: Any) -> Traced:
     x, y, z = (packed(axis) for axis in points.T)
     return {"name": name, "kind": "line", "x": x, "y": y, "more": {"z": z, **more}}
 
 
-def _surfaces(links: Sequence[IdentifiedLink], place: Place) -> Traced:
-    unit, faces = _sphere()
-    points = [_moved(link.name, link.inertia, unit, place) for link in links]
-    all_faces = np.concatenate([faces + k * len(unit) for k in range(len(links))])
-    i, j, k = all_faces.T.tolist()
-    more = {
-        "type": "mesh3d",
-        **{"i": i, "j": j, "k": k},
-        "color": "--vermillion",
-        "opacity": 0.45,
-        "hoverinfo": "skip",
-        "showlegend": True,
-    }
-    return _space("identified", np.concatenate(points), more)
+def _surfaces(points: Array, faces: Array, count: int) -> Traced:
+    every = np.concatenate([faces + k * (len(points) // count) for k in range(count)])
+    i, j, k = every.T.tolist()
+    style = {"color": "--vermillion", "opacity": 0.45, "hoverinfo": "skip", "showlegend": True}
+    return _space("identified", points, type="mesh3d", i=i, j=j, k=k, **style)
 
 
-def _wires(before: Sequence[tuple[str, Inertia]], place: Place) -> Traced:
+def _wires(solids: Sequence[Solid]) -> Traced:
     angle = np.linspace(0.0, 2.0 * np.pi, POINTS_OF_CIRCLE)
     flat = np.column_stack([np.cos(angle), np.sin(angle), np.zeros(POINTS_OF_CIRCLE)])
     gap = np.full((1, 3), np.nan)
     circles = np.concatenate([part for k in range(3) for part in (np.roll(flat, k, axis=1), gap)])
-    points = np.concatenate([_moved(name, body, circles, place) for name, body in before])
-    line = {"color": "--measured", "width": 3}
-    more = {"type": "scatter3d", "mode": "lines", "line": line, "hoverinfo": "skip"}
-    return _space("model file", points, more)
+    points = np.concatenate([solid.moved(circles) for solid in solids])
+    style = {"mode": "lines", "line": {"color": "--measured", "width": 3}, "hoverinfo": "skip"}
+    return _space("model file", points, type="scatter3d", **style)
 
 
-def _centres(
-    name: str, bodies: Sequence[tuple[str, Inertia]], place: Place, identified: bool
-) -> Traced:
-    points = np.array([place[n][1] + place[n][0] @ body.com for n, body in bodies])
-    colour, symbol = ("--vermillion", "diamond") if identified else ("--measured", "circle")
-    more = {
-        "type": "scatter3d",
-        "mode": "markers",
-        "marker": {"color": colour, "symbol": symbol, "size": 5},
-        "text": [f"{n}: {significant(body.mass)} kg" for n, body in bodies],
-        "hovertemplate": "%{text}<extra></extra>",
-    }
-    return _space(name, points, more)
+def _centres(name: str, solids: Sequence[Solid], colour: str, symbol: str) -> Traced:
+    return _space(
+        name,
+        np.array([solid.centre for solid in solids]),
+        type="scatter3d",
+        mode="markers",
+        marker={"color": colour, "symbol": symbol, "size": 5},
+        text=[f"{solid.name}: {significant(solid.mass)} kg" for solid in solids],
+        hovertemplate="%{text}<extra></extra>",
+    )
 
 
 def _arm(points: Array) -> Traced:
     style = {"line": {"color": "--arm", "width": 6}, "marker": {"color": "--arm", "size": 3}}
-    more = {"type": "scatter3d", "mode": "lines+markers", "hoverinfo": "skip", **style}
-    return _space("robot", points, more)
+    return _space(
+        "robot", points, type="scatter3d", mode="lines+markers", hoverinfo="skip", **style
+    )
 
 
 def _sphere() -> tuple[Array, Array]:

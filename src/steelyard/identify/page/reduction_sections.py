@@ -157,15 +157,9 @@ def _errors(found: Reduction) -> Figure:
     traces.append(points("chosen", chosen, fitted[[found.chosen]].mean(axis=1), "--residual", 9))
     most = 3.0 * float(fitted[0].mean()) if fitted[0].mean() > 0.0 else None
     layout = {"showlegend": False, "yaxis": {"range": [0.0, most]} if most else {}}
-    return Figure(
-        "Error by the number of parameters",
-        "Error of fitted, left-out and unseen data by the number of parameters",
-        "parameters",
-        "error [%]",
-        traces,
-        layout,
-        f"chosen: {int(chosen[0])}",
-    )
+    label = "Error of fitted, left-out and unseen data by the number of parameters"
+    title, caption = "Error by the number of parameters", f"chosen: {int(chosen[0])}"
+    return Figure(title, label, "parameters", "error [%]", traces, layout, caption)
 
 
 def _conditions(found: Reduction) -> Figure:
@@ -177,14 +171,8 @@ def _conditions(found: Reduction) -> Figure:
         line("condition number", sizes, values, "--measured"),
         points("chosen", sizes[chosen], values[chosen], "--measured", 9),
     ]
-    return Figure(
-        "Condition number",
-        "Condition number by the number of parameters",
-        "parameters",
-        "condition number",
-        traces,
-        {"showlegend": False},
-    )
+    label, layout = "Condition number by the number of parameters", {"showlegend": False}
+    return Figure("Condition number", label, "parameters", "condition number", traces, layout)
 
 
 def _removals(found: Reduction) -> PlainTable:

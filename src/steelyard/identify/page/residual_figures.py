@@ -64,22 +64,20 @@ class ResidualsSection(
         if samples is None:
             return None
         parts, runs = samples
-        joints = content.identified.model.robot.coordinates
         rows, groups = [], []
-        for j, joint in enumerate(joints):
-            bins, residual = _of_joint(parts, j), _moving(parts, j)[1]
+        for j, joint in enumerate(content.identified.robot.coordinates):
+            signals, residual = _moving(parts, j)
+            bins = {over: binned(signal, residual) for over, signal in signals.items()}
             rms = float(np.sqrt(np.mean(residual**2))) if len(residual) else None
             shares = [
-                percent(100.0 * bins[over].share) if len(bins[over].centre) else NONE
-                for over in RESIDUAL_AXES
+                percent(100.0 * one.share) if len(one.centre) else NONE for one in bins.values()
             ]
             rows.append(Row((joint.name, significant(rms), joint.effort_unit, *shares)))
-            carried = {over: bins[over].share for over in RESIDUAL_AXES}
-            most = max(carried, key=carried.__getitem__)
-            caption = f"most over {most}: {percent(100.0 * carried[most])}"
+            most = max(bins, key=lambda over: bins[over].share)
+            caption = f"most over {most}: {percent(100.0 * bins[most].share)}"
             if not any(len(one.centre) for one in bins.values()):
                 caption = "too few samples in motion"
-            figures = [_figure(parts, j, joint, over, bins[over]) for over in RESIDUAL_AXES]
+            figures = [_figure(joint, over, signals[over], residual, bins[over]) for over in bins]
             groups.append(Group(figures, joint.name, caption, "three"))
         shares = [f"Share by {over}" for over in RESIDUAL_AXES]
         headings = ("Joint", "Residual RMS", "Unit", *shares)
@@ -104,13 +102,12 @@ class ResidualsSection(
         samples = unseen_samples(content)
         if samples is None:
             return {"residual_shares": None}
-        found = [_of_joint(samples[0], j) for j in range(len(content.identified.joints))]
-        return {
-            "residual_shares": [
-                {"joint": joint, **{over: rounded(bins[over].share) for over in RESIDUAL_AXES}}
-                for joint, bins in zip(content.identified.joints, found, strict=True)
-            ]
-        }
+        found = []
+        for j, joint in enumerate(content.identified.joints):
+            signals, residual = _moving(samples[0], j)
+            shares = {n: rounded(binned(x, residual).share) for n, x in signals.items()}
+            found.append({"joint": joint, **shares})
+        return {"residual_shares": found}
 
 
 def _moving(parts: TorqueParts, j: int) -> tuple[dict[str, Array], Array]:
@@ -120,26 +117,16 @@ def _moving(parts: TorqueParts, j: int) -> tuple[dict[str, Array], Array]:
     return {n: x[at, j] for n, x in zip(RESIDUAL_AXES, signals, strict=True)}, parts.residual[at, j]
 
 
-def _of_joint(parts: TorqueParts, j: int) -> dict[str, Binned]:
-    signals, residual = _moving(parts, j)
-    return {over: binned(signals[over], residual) for over in RESIDUAL_AXES}
-
-
-def _figure(parts: TorqueParts, j: int, joint: Coordinate, over: str, bins: Binned) -> Figure:
-    signals, residual = _moving(parts, j)
+def _figure(joint: Coordinate, over: str, signal: Array, residual: Array, bins: Binned) -> Figure:
     at = evenly(len(residual), MOST_RESIDUAL_POINTS)
     units = {"position": joint.unit, "speed": f"{joint.unit}/s", "effort": joint.effort_unit}
     lower, upper = bins.mean - bins.std, bins.mean + bins.std
     traces = [
         area("± std", bins.centre, lower, upper, "--rest"),
-        points("samples", signals[over][at], residual[at], "--arm", 3),
+        points("samples", signal[at], residual[at], "--arm", 3),
         line("mean", bins.centre, bins.mean, "--residual", width=2.5),
     ]
-    return Figure(
-        "",
-        f"Residual of {joint.name} over {over}",
-        f"{'measured ' * (over == 'effort')}{over} [{units[over]}]",
-        f"residual [{joint.effort_unit}]",
-        traces,
-        {"showlegend": False},
-    )
+    label = f"Residual of {joint.name} over {over}"
+    x = f"{'measured ' * (over == 'effort')}{over} [{units[over]}]"
+    y = f"residual [{joint.effort_unit}]"
+    return Figure("", label, x, y, traces, {"showlegend": False})
