@@ -86,10 +86,7 @@ Belief = tuple[Array, Array]  # parameters `(p,)`, and their covariance `(p, p)`
 
 
 class Steps:
-    """Steps from one sample to the next and their derivatives, all lanes at once.
-
-    The derivatives are taken at the parameters `about`, `(p,)`.
-    """
+    """Steps between samples and their derivatives at parameters `about`, all lanes at once."""
 
     def __init__(self, experiment: Experiment, noise: Noise, about: Array, scale: Array) -> None:
         """Begin, with the sizes of the parameters' changes, shape `(p,)`."""
@@ -160,10 +157,7 @@ class State:
         spread[moving, fixed], spread[fixed, moving] = moved[:, fixed], moved[:, fixed].T
 
     def correct(self, missed: Array) -> Array:
-        """Take in measured positions by their distance from the predicted ones, shape `(n,)`.
-
-        Returns its squares over what was expected, shape `(n,)`.
-        """
+        """Take in measured less predicted positions `(n,)`; returns squares over the expected."""
         n, spread = self._n, self.spread
         expected = spread[:n, :n] + np.diag(self._noise.position**2)
         gain = np.linalg.solve(expected, spread[:n]).T

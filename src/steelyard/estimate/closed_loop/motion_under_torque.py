@@ -53,10 +53,7 @@ def tuned_pd(masses: Array, bandwidth: float = 20.0, rate: float = 1000.0) -> Jo
 
 
 def joint_inertia(masses: Array, rate: float = 1000.0) -> tuple[Array, float]:
-    """Mean inertia of each joint, `(n,)`, and the largest stable natural frequency [rad/s].
-
-    From mass matrices at some postures, shape `(K, n, n)`, and the controller's rate [1/s].
-    """
+    """Mean inertia of joints `(n,)` of masses `(K, n, n)`; greatest stable frequency [rad/s]."""
     own = np.diagonal(masses, axis1=1, axis2=2).mean(axis=0)
     coupling = float(np.abs(np.linalg.eigvals(np.linalg.solve(masses, np.diag(own)[None]))).max())
     return own, rate / (4.0 * coupling)

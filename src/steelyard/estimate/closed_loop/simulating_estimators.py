@@ -72,10 +72,7 @@ class Simulating(ABC):
         """At most so many rounds."""
 
     def __call__(self, experiment: Experiment) -> Estimate:
-        """Estimate all columns that the filtered motion shows.
-
-        A `DataError` says that the model cannot be simulated, or that the values do not settle.
-        """
+        """Estimate all columns that the filtered motion shows."""
         torque = FilteredRows.of(experiment, [run.tau.T for run in experiment.runs])
         fix = "filter the motion more, or log one that excites the joints more"
         for number, step in enumerate(self.steps(experiment, torque)):

@@ -45,10 +45,7 @@ def refuse_contradictions(knowledge: Knowledge) -> None:
 
 
 def contradictions(knowledge: Knowledge) -> tuple[str, ...]:
-    """Labels of constraints and bounds that cannot hold together for any bodies.
-
-    They can if any one is left out; empty if all can hold, or the solver cannot decide.
-    """
+    """Labels of constraints and bounds of which all but one, but not all, can hold together."""
     allowed = partial(_allowed, knowledge)
     rows = (*_bounds(knowledge), *knowledge.rows)
     if not knowledge.rows or allowed(rows):
@@ -254,10 +251,7 @@ def active_bounds(program: Program, u: Array, covariance: Array) -> tuple[Array,
 
 
 def contradicted(program: Program, free: Array, covariance: Array) -> tuple[str, ...]:
-    """Constraints of the user that the data contradict, with the values without them.
-
-    `free` are the unknowns at the optimum without them, `(m,)`, with their covariance `(m, m)`.
-    """
+    """Constraints that the data contradict; `free` `(m,)` is the optimum without them."""
     constraints, known = program.constraints, program.unknowns
     found: dict[str, tuple[float, float]] = {}
     values, roots = constraints.matrix @ free, constraints.matrix @ covariance

@@ -319,10 +319,7 @@ def bounded_gauss_newton(
 
 
 def bounded_step(residuals: Array, slopes: Array, low: Array, high: Array) -> Array:
-    """The step `(k,)` of least squares for residuals `(r,)` and slopes `(r, k)` within bounds.
-
-    Only what has bounds takes part in the search for those that hold.
-    """
+    """The step `(k,)` of least squares for residuals `(r,)` and slopes `(r, k)` within bounds."""
     from scipy.optimize import lsq_linear
 
     bounded = np.isfinite(low) | np.isfinite(high)

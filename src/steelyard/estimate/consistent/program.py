@@ -258,10 +258,7 @@ def _share(
 
 
 def _gaining(program: Program, gamma: float, u: Array, step: Array, allowed: float) -> float | None:
-    """Share of a step `(m,)` with all bodies inside that gains; `None` if none does.
-
-    `allowed` is what it may cost to fulfil the rows that hold.
-    """
+    """Share of a step with bodies inside that gains; it may cost `allowed` to fulfil the rows."""
     most = program.cost(u, gamma)
     most += allowed + ROUNDING * max(1.0, most)
     for halvings in range(HALVINGS + 1):

@@ -146,11 +146,10 @@ class Observer:
                 fix="give one number per joint in each",
             ) from None
         gap = since > self._longest
+        left, inverse = (1.0, 0.0) if gap else (exp(-self._rate * since), 1.0 / since)
         if gap:
             self._begin()
-            self._scalars[:] = 1.0, 0.0, self._rate
-        else:
-            self._scalars[:] = exp(-self._rate * since), 1.0 / since, self._rate
+        self._scalars[:] = left, inverse, self._rate
         if self._scan is not None:
             motion = (self._q, self._dq, self._accelerations())
             self._channels[:] = self._scan(*(x[:, None] for x in motion))[:, 0]

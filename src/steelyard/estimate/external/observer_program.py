@@ -217,10 +217,7 @@ def observed_torque(
     old: tuple[Sequence[Scalar], Sequence[Scalar], Sequence[Scalar]],
     scalars: Sequence[Scalar],
 ) -> tuple[Sequence[Scalar], list[Scalar], list[Scalar]]:
-    """Momentum, drive and external efforts after a step, `(n,)` each, from those before.
-
-    `scalars` are as of `StepProgram`.
-    """
+    """Momentum, drive and external efforts `(n,)` after a step; scalars as of `StepProgram`."""
     left, inverse, _ = scalars
     old_momentum, old_drive, old_torque = old
     momentum, beside = momentum_and_drive(equations, given)

@@ -77,10 +77,7 @@ class Tail:
         return np.asarray(np.log(np.exp(self._log_likelihood - highest).sum(axis=1) + 1e-300))
 
     def size(self, probability: float, log_shape: Array) -> float:
-        """The size that a maximum above the base exceeds with a probability; the base from 1 on.
-
-        `log_shape` is the logarithm of what is known otherwise of every shape.
-        """
+        """The size that maxima above the base exceed with a probability; `log_shape` is a prior."""
         from scipy.optimize import brentq
 
         if probability >= 1.0:
@@ -402,10 +399,7 @@ class ChangeStepper:
         self.time, self.change = np.nan, np.full(len(self._limits), np.nan)
 
     def step(self, t: float, resting: bool, residual: Array) -> NDArray[np.bool_]:
-        """Whether the change of each joint exceeded its threshold `ONSET` ago, shape `(n,)`.
-
-        `resting` says that all joints rest; residuals have the shape `(n,)` [Nm; N].
-        """
+        """Whether each joint's change `ONSET` ago exceeded its threshold, `(n,)`, if all rest."""
         if not resting:
             self.begin()
             return np.zeros(len(self._limits), dtype=bool)

@@ -390,10 +390,7 @@ def _staged(
 
 
 def _least(found: Sequence[tuple[Mix, Array]]) -> Mix:
-    """The mix of least error, or one before it that is next to as good.
-
-    The first is preferred if chance explains what it loses to each of the others.
-    """
+    """The mix of least error, or the first if chance explains what it loses to each other."""
     first, best = found[0], min((error for _, error in found), key=lambda e: float(e.mean()))
     if not any(worse(first[1], error, DIRECTION_LOSS_PROBABILITY) for _, error in found):
         return first[0]
@@ -401,10 +398,7 @@ def _least(found: Sequence[tuple[Mix, Array]]) -> Mix:
 
 
 def _simplest(found: Sequence[tuple[Mix, Array]]) -> Mix:
-    """The first mix of a stage that is not worse than the best, nor than the first of all.
-
-    What is added to the first must gain more than chance explains.
-    """
+    """The first mix of a stage not worse than the best; what is added must gain beyond chance."""
     best = min((error for _, error in found), key=lambda error: float(error.mean()))
     most = float(found[0][1].mean())
     return next(mix for mix, e in found if not worse(e, best) and e.mean() <= most)

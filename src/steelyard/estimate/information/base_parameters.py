@@ -50,10 +50,7 @@ def seen_columns(matrix: Array) -> list[int]:
 
 
 def independent_columns(matrix: Array) -> list[int]:
-    """Indices of columns that span a matrix, as many as its rank, in ascending order.
-
-    The matrix is of shape `(rows, p)`, `rows >= p`.
-    """
+    """Ascending indices of columns that span a matrix `(rows, p)` with `rows >= p`."""
     seen = seen_columns(matrix)
     if not seen:
         return []

@@ -172,10 +172,7 @@ def accumulate(
     duration: float = 0.0,
     progress: Progress = silent,
 ) -> Information:
-    """Sum up pieces, in order, on some threads; the result does not depend on their number.
-
-    When a run of any length gets too many windows, neighbours merge.
-    """
+    """Sum up pieces, in order, on threads; where windows get too many, neighbours merge."""
     windows, sums, size, filled = list[Window](), list[Sums](), 1, 1
     for (window, _), result in in_order(accumulator, pieces, threads):
         report_progress(progress, f"gathering {window.run}", window.stop, duration)

@@ -193,10 +193,7 @@ class InformationEvaluator:
         return clear_map(self.model).without(self.absent)
 
     def at(self, q: Array, dq: Array, ddq: Array, *, step: float = 1.0) -> SampledInformation:
-        """The information of samples of shape `(n, N)`, each of which counts `step` times.
-
-        A motion at one of whose samples a loop of the robot cannot close shows nothing.
-        """
+        """Information of samples `(n, N)`, each `step` times; none where a loop cannot close."""
         scan = self.model.scan(drop=True)
         channels = scan(q, dq, ddq)
         if not scan.closed.all():
@@ -211,10 +208,7 @@ class InformationEvaluator:
         return SampledInformation(inputs, entries, step, gram)
 
     def pull(self, seen: SampledInformation, slope: Array) -> tuple[Array, Array, Array]:
-        """Derivatives by `q`, `dq` and `ddq`, each `(n, N)`, of a function of the information.
-
-        `slope` is $S$, the function's symmetric slope by `seen.gram`, shape `(c, c)`.
-        """
+        """Derivatives by `q`, `dq`, `ddq`, `(n, N)`, of a function with slope $S$ `(c, c)`."""
         seeds = np.empty_like(seen.entries)
         blocks = zip(self._blocks(seeds), self._blocks(seen.entries), self._places, strict=True)
         for seed, block, (_, square, weight) in blocks:

@@ -161,10 +161,7 @@ class Box:
         return np.asarray(np.clip(found.x / lengths, self.lower, self.upper))
 
     def estimate(self, name: str, values: Array, notes: tuple[str, ...]) -> Estimate:
-        """An estimate at these values `(k,)`; it says which of them lie at a bound.
-
-        The covariance is that of weighted least squares, with the residuals that the values leave.
-        """
+        """An estimate at values `(k,)`; its covariance counts the residuals that they leave."""
         fit = self.data.fit
         data, old = fit.data, fit.solution
         full = np.zeros(len(old.values))
@@ -188,10 +185,7 @@ class Box:
 
 
 def residual_squares(fit: Fit, values: Array) -> Array:
-    """Sum of squared residuals per row, `(rows,)`, with each run's own parameters fitted.
-
-    Values are those of the shared columns, `(p,)`; the weights of the fit are used for the others.
-    """
+    """Squared residuals per row `(rows,)` at shared values `(p,)`, each run's own fitted."""
     total = np.zeros(len(fit.variances))
     for run, own in zip(fit.data.runs, fit.solution.locals, strict=True):
         total += run.residual_squares(own.solved(values).among(values))
@@ -202,25 +196,19 @@ def refuse_bad_bounds(bounds: Bounds, columns: tuple[str, ...]) -> None:
     """Bounds must be of known columns and leave room."""
     for name, (lower, upper) in bounds.items():
         if name not in columns:
-            raise DataError(
-                f"there is no column '{name}' that could be bounded",
-                where="bounds of the parameters",
-                fix=f"its columns are {', '.join(columns[:12])}, ...",
-            )
-        if not lower < upper:
-            raise DataError(
-                f"the bounds of '{name}' are empty: {lower:g} to {upper:g}",
-                where="bounds of the parameters",
-                fix="give a lower bound below the upper one, or leave the term out of the model",
-            )
+            wrong = f"there is no column '{name}' that could be bounded"
+            fix = f"its columns are {', '.join(columns[:12])}, ..."
+        elif not lower < upper:
+            wrong = f"the bounds of '{name}' are empty: {lower:g} to {upper:g}"
+            fix = "give a lower bound below the upper one, or leave the term out of the model"
+        else:
+            continue
+        raise DataError(wrong, where="bounds of the parameters", fix=fix)
 
 
 @dataclass(frozen=True)
 class BoundedLeastSquares:
-    """Weighted least squares within bounds.
-
-    The intervals are those without the bounds: wider than need be where a bound holds.
-    """
+    """Weighted least squares within bounds; intervals are those without them, if anything wide."""
 
     # lower and upper bound by column, see `base_bounds`
     bounds: Mapping[str, tuple[float, float]] = field(default_factory=dict)

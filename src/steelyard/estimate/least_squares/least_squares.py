@@ -143,10 +143,7 @@ class Whitened:
 def whitened(
     information: Information, per_run: Sequence[str] = (), *, equal: bool = False
 ) -> Whitened:
-    """Compress information; `equal` weighs all rows the same, by their mean variance.
-
-    A `DataError` says that there are too few samples to distinguish noise from motion.
-    """
+    """Compress information; `equal` weighs all rows the same, by their mean variance."""
     refuse_few(information, len(information.layout.columns), FREEDOM)
     fit = WeightedLeastSquares(per_run=tuple(per_run)).fit(information)
     variances = fit.variances * inflations(fit)

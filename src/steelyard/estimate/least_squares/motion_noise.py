@@ -317,8 +317,21 @@ class TotalLeastSquares:
             _, of_run, size = run.normal(weights)
             square += size - float(of_run[list(own.columns)] @ own.offset)
         effort = np.sqrt(max(square, 0.0))
-        right = vector[kept] / lengths
-        x, inverse = _solved(unit, right / max(effort, 1e-300), information)
+        right, size = vector[kept] / lengths / max(effort, 1e-300), len(kept)
+        whole = np.ones((size + 1, size + 1))
+        whole[:size, :size], whole[size, :size], whole[:size, size] = unit, right, right
+        smallest = max(float(np.linalg.eigvalsh(whole)[0]), 0.0)
+        if np.linalg.eigvalsh(unit)[0] - smallest < GENERIC:
+            raise DataError(
+                "total least squares has no solution: the smallest change of the data that makes "
+                "them consistent makes a column vanish",
+                where=information.runs,
+                fix="use weighted least squares, or a more exciting motion",
+            )
+        left = unit - smallest * np.eye(size)
+        inverse = np.asarray(np.linalg.inv(left), dtype=np.float64)
+        x = inverse @ right
+        x += inverse @ (right - left @ x)
         values = np.zeros(len(vector))
         values[kept] = effort * x / lengths
         found = fit.at(values)
@@ -326,23 +339,3 @@ class TotalLeastSquares:
         ratios = found.variances / fit.variances
         covariance *= np.average(ratios, weights=information.n_samples)
         return described("total least squares", found, Spread.of(found.solution, covariance))
-
-
-def _solved(unit: Array, right: Array, information: Information) -> tuple[Array, Array]:
-    """Parameters in unit lengths, and the inverse of what is left of the Gram matrix."""
-    size = len(right)
-    whole = np.ones((size + 1, size + 1))
-    whole[:size, :size], whole[size, :size], whole[:size, size] = unit, right, right
-    smallest = max(float(np.linalg.eigvalsh(whole)[0]), 0.0)
-    if np.linalg.eigvalsh(unit)[0] - smallest < GENERIC:
-        raise DataError(
-            "total least squares has no solution: the smallest change of the data that makes them "
-            "consistent makes a column vanish",
-            where=information.runs,
-            fix="use weighted least squares, or a more exciting motion",
-        )
-    left = unit - smallest * np.eye(size)
-    inverse = np.asarray(np.linalg.inv(left), dtype=np.float64)
-    x = inverse @ right
-    x += inverse @ (right - left @ x)
-    return x, inverse

@@ -307,10 +307,7 @@ class Spread:
 def scores_of(
     data: Runs, locals_: Sequence[Eliminated], kept: Sequence[int], weights: Array
 ) -> Array:
-    """Covariance of the scores of shared columns `(k, k)`, those of the runs themselves fitted.
-
-    Weights are variances of the residuals times the square of their weight, per row.
-    """
+    """Covariance of the shared columns' scores `(k, k)`, of variances per row as weights."""
     total = np.zeros((len(kept), len(kept)))
     for run, own in zip(data.runs, locals_, strict=True):
         matrix, _, _ = run.normal(weights)

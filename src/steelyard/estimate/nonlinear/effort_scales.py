@@ -264,10 +264,7 @@ class EffortScales:
 def effort_scales(
     estimator: Consistent, information: Information, *, progress: Progress = silent
 ) -> EffortScales | None:
-    """Scales, where the data ask for them and predict better with them; else `None`.
-
-    Efforts of the information are in the model's units.
-    """
+    """Scales, where data in the model's units ask for them and predict better; or `None`."""
     scaled = Scaled(estimator, information.layout.rows)
     try:
         start = scaled.unscaled(information)

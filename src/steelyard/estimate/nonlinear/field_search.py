@@ -100,10 +100,7 @@ class Costs:
         return np.asarray(np.linalg.solve(grams, self.vector[columns][:, :, None])[:, :, 0])
 
     def descended(self, choice: Indices, fixed: int | None = None) -> tuple[Indices, float]:
-        """Coordinate descent from a choice, one unknown after another over its whole grid.
-
-        One unknown may stay fixed.
-        """
+        """Coordinate descent from a choice, one unknown after another; one may stay fixed."""
         best = float(self(choice[None])[0])
         while True:
             before = best
@@ -129,10 +126,7 @@ class Problem:
     slots: Slots
 
     def solved(self, starts: Indices) -> tuple[Indices, Costs, float]:
-        """The best of several descents, its costs under its own weights, and its criterion.
-
-        Starts are choices, shape `(starts, unknowns)`.
-        """
+        """The best of descents from `(starts, unknowns)`, its costs and its criterion."""
         one_window = [range(len(self.information.windows))]
         whole = replace(self, information=self.information.grouped(one_window))
         found = [whole._from(start) for start in starts]
@@ -220,10 +214,7 @@ class CostShape:
         return float(np.sqrt(2.0 * RISE * self.spread[unknown, unknown]))
 
     def interval(self, unknown: int) -> tuple[float, float]:
-        """Where the costs, least over all other unknowns, rise by `RISE`; the grid's end if never.
-
-        Within one step of the grid from the quadratic, beyond it from the grid.
-        """
+        """Where the costs, least over other unknowns, rise by `RISE`; else the end of the grid."""
         half = self.half(unknown)
         middle, grid = self.place[unknown], self.grids[unknown]
         if half <= self.step(unknown) and grid[0] < middle - half and middle + half < grid[-1]:

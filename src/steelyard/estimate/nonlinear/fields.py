@@ -114,10 +114,7 @@ def information_from(
     threads: int = 1,
     progress: Progress = silent,
 ) -> InformationOf:
-    """What runs say, with their efforts in the joints' units; every call is a pass over the runs.
-
-    Windows should not be longer than `longest` [s]; for `rests` see `gather`.
-    """
+    """What runs say, efforts in the joints' units; every call is a pass; options as of `gather`."""
 
     def information_of(regressor: Regressor) -> Information:
         units = regressor.model.robot.effort_units

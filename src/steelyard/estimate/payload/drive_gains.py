@@ -181,28 +181,26 @@ def _refuse_unanswerable(
     mass: float | None,
     unscaled: bool,
 ) -> None:
-    where = "identification of drive gains"
+    wrong = fix = ""
     if not unloaded and not loaded:
-        raise DataError("there is no run", where=where, fix="give runs of the robot")
-    if unscaled:
-        raise DataError(
-            "nothing determines the scale: gains are identifiable only relative to each other",
-            where=where,
-            fix="give a loaded run with the payload's mass (--loaded LOG --payload-mass KG), or "
-            "the gain of one joint",
+        wrong, fix = "there is no run", "give runs of the robot"
+    elif unscaled:
+        wrong = "nothing determines the scale: gains are identifiable only relative to each other"
+        fix = (
+            "give a loaded run with the payload's mass (--loaded LOG --payload-mass KG), or the "
+            "gain of one joint"
         )
-    if mass is None:
-        return
-    if not (mass > 0.0 and np.isfinite(mass)):
-        raise DataError(f"the payload's mass is {mass:g} kg", where=where, fix="give it in kg")
-    for runs, lacking in ((loaded, "with"), (unloaded, "without")):
-        if not runs:
-            raise DataError(
-                f"a known mass needs runs with and without it; there is none {lacking}",
-                where=where,
-                fix=f"give a run {lacking} the payload, best of the same motion (--loaded LOG for "
-                "those with it)",
-            )
+    elif mass is not None and not (mass > 0.0 and np.isfinite(mass)):
+        wrong, fix = f"the payload's mass is {mass:g} kg", "give it in kg"
+    elif mass is not None and not (loaded and unloaded):
+        lacking = "without" if loaded else "with"
+        wrong = f"a known mass needs runs with and without it; there is none {lacking}"
+        fix = (
+            f"give a run {lacking} the payload, best of the same motion (--loaded LOG for those "
+            "with it)"
+        )
+    if wrong:
+        raise DataError(wrong, where="identification of drive gains", fix=fix)
 
 
 def _assumed(problem: Bilinear, solution: Solution, row: int, units: Sequence[str]) -> Array:

@@ -73,10 +73,7 @@ def inverse(matrix: Array) -> Array:
 
 
 def marginal(matrix: Array, chosen: Sequence[int]) -> Array:
-    r"""Information left about some parameters when all others are free.
-
-    The Schur complement $A_{cc} - A_{co} A_{oo}^{-1} A_{oc}$.
-    """
+    """Information left of some when all others are free, $A_{cc} - A_{co} A_{oo}^{-1} A_{oc}$."""
     mine = list(chosen)
     others = [k for k in range(len(matrix)) if k not in set(mine)]
     cross = matrix[np.ix_(mine, others)]
@@ -101,10 +98,7 @@ def seen_information(matrix: Array, chosen: Sequence[int]) -> Array:
 
 
 def covariance_of(matrix: Array, chosen: Sequence[int]) -> Array:
-    """Covariance of `c` chosen of `p` parameters with an information matrix, shape `(c, c)`.
-
-    Rows of those that the data do not see are not numbers.
-    """
+    """Covariance `(c, c)` of chosen of `p` parameters with an information matrix; NaN if unseen."""
     scale, values, vectors = _scaled(matrix, chosen)
     null = values < SEEN
     kept = vectors[:, ~null] / scale[:, None]

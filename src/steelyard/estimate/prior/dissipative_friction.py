@@ -56,11 +56,7 @@ class Coordinate:
 
 
 def friction_curves(model: Model, fastest: Sequence[float] | Array) -> tuple[Row, ...]:
-    """Rows by which friction along every coordinate takes energy.
-
-    `fastest` is the greatest speed of each joint in the data, `(n,)` [rad/s; m/s]; joints that
-    loops determine have none.
-    """
+    """Rows by which friction takes energy up to the joints' greatest speeds in the data, `(n,)`."""
     laws = [
         term
         for term in model.terms

@@ -146,10 +146,7 @@ class PriorBody:
 
 
 def default_knowledge(model: Model) -> Knowledge:
-    """What the model file says: its bodies, and the bounds of the terms' parameters.
-
-    The notes say which bodies were repaired, widened, or replaced by simple shapes.
-    """
+    """What the model file says: its bodies, corrected with notes, and bounds of the parameters."""
     bodies = rigid_bodies(model)
     return knowledge_with(
         model, {body.name: model_prior(model.robot, k) for k, body in bodies.items()}
