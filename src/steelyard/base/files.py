@@ -157,7 +157,6 @@ def _beside(path: Path) -> Path:
 
 
 def _remove(part: Path) -> None:
-    """Remove a temporary file or folder, if it is still there."""
     if part.is_dir():
         shutil.rmtree(part, ignore_errors=True)
     else:

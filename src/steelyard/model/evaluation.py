@@ -38,12 +38,6 @@ class CompiledQuantity:
     columns: Sequence[int]
     code: Code
 
-    @classmethod
-    def of(cls, quantity: Quantity, equations: Equations) -> "CompiledQuantity":
-        """Compile, or load from the cache."""
-        part, place = quantity.part(equations), {n: k for k, n in enumerate(equations.names)}
-        return cls(quantity, part, [place[n] for n in part.names], quantity.code(part))
-
     @cached_property
     def step_code(self) -> Code:
         """Machine code of one step, see `Quantity.step_program`."""

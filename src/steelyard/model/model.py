@@ -81,7 +81,10 @@ class Model(Equations):
         """A quantity's machine code, kept."""
         found = self._compiled.get(quantity)
         if found is None:
-            found = self._compiled[quantity] = CompiledQuantity.of(quantity, self)
+            part, place = quantity.part(self), {name: k for k, name in enumerate(self.names)}
+            columns = [place[name] for name in part.names]
+            found = CompiledQuantity(quantity, part, columns, quantity.code(part))
+            self._compiled[quantity] = found
         return found
 
     @cached_property

@@ -170,12 +170,13 @@ def reduced(
         snap: Whether entries of rotations and axes below `DIRT` are rounding errors of the file.
     """
     mechanism = mechanism.snapped() if snap else mechanism
-    _check_links(mechanism, mechanism.root if base is None else base, tip)
+    tips = [] if tip is None else [tip] if isinstance(tip, str) else list(tip)
+    _check_links(mechanism, mechanism.root if base is None else base, tips)
     mechanism, locked, left_out = without_free_joints(mechanism, base, joints, locked or {})
     limits, closing = dict(limits or {}), closing or Closing()
     base = mechanism.root if base is None else base
     drives = {j.name: drive_of(mechanism, j) for j in mechanism.joints if j.movable}
-    free = _moving(mechanism, None, locked, base, tip)
+    free = _moving(mechanism, None, locked, base, tips)
     masters = {name: drive.master for name, drive in drives.items()}
     passive = passive_joints(mechanism, masters, free, joints, closing)
     if both := [name for name in joints or () if name in passive]:
@@ -185,7 +186,7 @@ def reduced(
             fix="list each joint of a loop under joints if it is logged, else under passive",
         )
     active = [n for n in free if n not in passive] if joints is None else joints
-    moving = _moving(mechanism, [*active, *passive], locked, base, tip)
+    moving = _moving(mechanism, [*active, *passive], locked, base, tips)
     refuse_coupled(mechanism, masters, moving)
     _check_joints(mechanism, [*locked], "locked")
     _check_joints(mechanism, [*limits], "given limits")
@@ -217,10 +218,10 @@ def reduced(
     return robot, (*left_out, *notes, *closed)
 
 
-def _check_links(mechanism: Mechanism, base: str, tip: str | Sequence[str] | None) -> None:
+def _check_links(mechanism: Mechanism, base: str, tips: Sequence[str]) -> None:
     links = [link.name for link in mechanism.links]
     below = {base, *(j.child for j in mechanism.from_link(base))}
-    for role, name in [("base", base)] + [("tip", t) for t in _tips(tip)]:
+    for role, name in [("base", base)] + [("tip", t) for t in tips]:
         if name not in links:
             raise ModelError(
                 f"the {role} link '{name}' does not exist",
@@ -233,10 +234,6 @@ def _check_links(mechanism: Mechanism, base: str, tip: str | Sequence[str] | Non
                 where=mechanism.where,
                 fix="choose a tip beyond the base, or another base",
             )
-
-
-def _tips(tip: str | Sequence[str] | None) -> list[str]:
-    return [] if tip is None else [tip] if isinstance(tip, str) else list(tip)
 
 
 def _check_joints(mechanism: Mechanism, names: Sequence[str], use: str) -> None:
@@ -265,11 +262,11 @@ def _moving(
     joints: Sequence[str] | None,
     locked: Mapping[str, float],
     base: str,
-    tip: str | Sequence[str] | None,
+    tips: Sequence[str],
 ) -> tuple[str, ...]:
     """Names of the joints that are identified, in the order of the coordinates."""
     inside = mechanism.from_link(base)
-    if tips := _tips(tip):
+    if tips:
         chain = {j.name for t in tips for j in mechanism.to_link(t)}
         inside = tuple(j for j in inside if j.name in chain)
     free = [j.name for j in inside if j.movable and j.mimic is None]

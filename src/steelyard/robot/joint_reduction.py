@@ -88,7 +88,6 @@ def _word(joint: Joint) -> str:
 
 
 def _floats(mechanism: Mechanism, trees: Mapping[Joint, int]) -> ModelError:
-    """A robot floats, and nobody says what is its base."""
     most = max(trees, key=lambda joint: trees[joint])
     choices = {joint.child: count for joint, count in trees.items() if count}
     if fixed := carried_joints(mechanism, mechanism.root):

@@ -166,7 +166,9 @@ def checked_equations(robot: Robot, where: Sequence[str]) -> LoopEquations:
 
 def _check_count(robot: Robot, near: Sequence[Array], where: str) -> None:
     """As many passive joints as the loops have independent equations."""
-    count = max(_rank(residual(robot, q)[1]) for q in near)
+    slopes = [residual(robot, q)[1] for q in near]
+    floors = [_RANK * float(np.linalg.norm(slope, 2) or 1.0) for slope in slopes]
+    count = max(int(np.linalg.matrix_rank(*x)) for x in zip(slopes, floors, strict=True))
     if count == len(robot.passive):
         return
     names = ", ".join(c.name for c in robot.passive)
@@ -178,10 +180,6 @@ def _check_count(robot: Robot, near: Sequence[Array], where: str) -> None:
         where=where,
         fix=f"name {count} of the loops' joints: [robot] passive = [...]",
     )
-
-
-def _rank(matrix: Array) -> int:
-    return int(np.linalg.matrix_rank(matrix, _RANK * float(np.linalg.norm(matrix, 2) or 1.0)))
 
 
 def _assembled(robot: Robot, passive: Sequence[int]) -> Array:
@@ -235,17 +233,11 @@ def _directions(slopes: Array) -> Array:
 
 def _independent(rows: Array) -> list[int]:
     """Rows that are independent, the largest remainder first; in ascending order."""
-    rest, floor = rows.copy(), _RANK * max(float(np.abs(rows).max(initial=0.0)), 1e-300)
-    kept: list[int] = []
-    for _ in range(rows.shape[1]):
-        sizes = np.linalg.norm(rest, axis=1)
-        best = int(sizes.argmax())
-        if sizes[best] <= floor:
-            break
-        kept.append(best)
-        unit = rest[best] / sizes[best]
-        rest = rest - np.outer(rest @ unit, unit)
-    return sorted(kept)
+    from scipy.linalg import qr
+
+    triangle, order = qr(rows.T, mode="r", pivoting=True)
+    floor = _RANK * max(float(np.abs(rows).max(initial=0.0)), 1e-300)
+    return sorted(int(k) for k in order[: int(np.sum(np.abs(np.diag(triangle)) > floor))])
 
 
 def all_joints(robot: Robot, q: Array) -> Array:
@@ -289,13 +281,13 @@ def passive_joints(
     could move; `joints` are those to be identified, if given.
     """
     pins = (*mechanism.pins, *closing.pins)
-    if not pins and (closing.passive or closing.assembly):
-        raise ModelError(
-            "passive joints or a reference configuration are given, but the robot has no loops",
-            where=closing.where,
-            fix="add [[robot.loops]] with links and points, or remove them",
-        )
     if not pins:
+        if closing.passive or closing.assembly:
+            raise ModelError(
+                "passive joints or a reference configuration are given, but the robot has no loops",
+                where=closing.where,
+                fix="add [[robot.loops]] with links and points, or remove them",
+            )
         return ()
     if closing.passive is not None:
         return closing.passive
@@ -372,7 +364,6 @@ def closed_robot(
 
 
 def _loop(pin: Pin, frames: Mapping[str, Frame]) -> LoopClosure:
-    """The pin between bodies, from the pin between links."""
     bodies, points = [], []
     for link, point in zip(pin.links, pin.points, strict=True):
         if link not in frames:

@@ -131,12 +131,10 @@ class _Softener:
         self._linear: list[Linear] = []
 
     def push(self, operation: str, *arguments: int, value: float = 0.0) -> int:
-        """Add a step; its number."""
         self.steps.append(Step(operation, arguments, value))
         return len(self.steps) - 1
 
     def take(self, step: Step) -> None:
-        """Write one step of the old program, softened if it jumps."""
         softened = self._softened(step)
         self._linear.append(self._slope(step))
         if softened is None:

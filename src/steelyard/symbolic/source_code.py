@@ -23,14 +23,6 @@ class Syntax:
     assignment: str
 
 
-@dataclass(frozen=True)
-class ProgramSource:
-    """Statements of a program, and how many variables `v0`, `v1`, ... they use."""
-
-    lines: tuple[str, ...]
-    variables: int
-
-
 def variables_of(program: Program) -> tuple[dict[int, int], int]:
     """A variable for every computed step, reused when no later one reads it."""
     last, free, count = program.last_use(), list[int](), 0
@@ -48,8 +40,8 @@ def variables_of(program: Program) -> tuple[dict[int, int], int]:
     return place, count
 
 
-def source_of(program: Program, outputs: Sequence[str], syntax: Syntax) -> ProgramSource:
-    """A program as statements; `outputs` is where each output entry is stored."""
+def source_of(program: Program, outputs: Sequence[str], syntax: Syntax) -> tuple[list[str], int]:
+    """Statements of a program, and how many variables `v0`, `v1`, ... they use."""
     place, count = variables_of(program)
     entries: dict[int, list[str]] = {}
     for name, number in zip(outputs, program.outputs, strict=True):
@@ -70,7 +62,7 @@ def source_of(program: Program, outputs: Sequence[str], syntax: Syntax) -> Progr
             expression = syntax.operations[step.operation].format(*map(value, step.arguments))
             lines.append(syntax.assignment.format(value(number), expression))
         lines += [syntax.assignment.format(name, value(number)) for name in entries.get(number, [])]
-    return ProgramSource(tuple(lines), count)
+    return lines, count
 
 
 Precision = Literal["double", "float"]
@@ -127,20 +119,20 @@ def c_function(
     Output arrays, by name and size, are filled while inputs are still read: they must not overlap.
     """
     places = [f"{array}[{k}]" for array, size in outputs for k in range(size)]
-    source = source_of(program, places, c_syntax_of(precision))
+    lines, count = source_of(program, places, c_syntax_of(precision))
     read = {s.arguments[0] for s in program.steps if s.operation == "input"}
     arguments = [
         *(f"const {precision} {x.name}[{x.entries}]" for x in program.inputs),
         *(f"{precision} {array}[{size}]" for array, size in outputs),
     ]
     signature = f"void {name}({', '.join(arguments)})"
-    names = [f"v{k}" for k in range(source.variables)]
+    names = [f"v{k}" for k in range(count)]
     declared = [
         f"    {precision} {', '.join(names[k : k + 16])};" for k in range(0, len(names), 16)
     ]
     unread = [f"    (void){x.name};" for k, x in enumerate(program.inputs) if k not in read]
-    body = "\n".join([*declared, *unread, *source.lines])
+    body = "\n".join([*declared, *unread, *lines])
     size = 8 if precision == "double" else 4
     return CFunction(
-        signature, f"{signature}\n{{\n{body}\n}}\n", size * source.variables, program.n_operations
+        signature, f"{signature}\n{{\n{body}\n}}\n", size * count, program.n_operations
     )

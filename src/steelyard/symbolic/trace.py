@@ -27,6 +27,10 @@ def _operator(operation: str, turned: bool = False) -> Callable[["Symbol", Any],
     return apply
 
 
+def _function(operation: str) -> Callable[["Symbol"], Any]:
+    return lambda self: self._applied(operation, self)
+
+
 class Symbol:
     """One value of a tape as a scalar, by its number there."""
 
@@ -78,11 +82,9 @@ class Symbol:
             value = value * self
         return value
 
-    def __neg__(self) -> Any:
-        return self._applied("neg", self)
-
-    def __abs__(self) -> Any:
-        return self._applied("abs", self)
+    __neg__, __abs__ = _function("neg"), _function("abs")
+    # as NumPy asks the entries of an array for them
+    sin, cos = _function("sin"), _function("cos")
 
     def __eq__(self, other: object) -> bool:
         raise NotImplementedError("programs do not know '=='")
@@ -94,14 +96,6 @@ class Symbol:
         raise NotImplementedError(
             "a program does not branch: use np.minimum, np.maximum, or products with comparisons"
         )
-
-    def sin(self) -> Any:
-        """As NumPy asks the entries of an array for it."""
-        return self._applied("sin", self)
-
-    def cos(self) -> Any:
-        """As NumPy asks the entries of an array for it."""
-        return self._applied("cos", self)
 
 
 def number_of(tape: Tape, scalar: Any) -> int:

@@ -83,7 +83,7 @@ def _function(name: str, function: Function) -> str:
     # zeros are there already
     lines = [
         line
-        for line in source_of(function.program, places, SYNTAX).lines
+        for line in source_of(function.program, places, SYNTAX)[0]
         if not (line.startswith("    found[") and line.endswith("= 0.0"))
     ]
     moved = "\n".join(

@@ -218,7 +218,6 @@ class Scan:
         self._last: Array | None = None
 
     def _channels(self, q: Array, dq: Array, ddq: Array, place: slice) -> Array:
-        """Channels of a stretch of all joints, and whether they are warm there."""
         samples = TermSamples(q, dq, ddq, lambda tens: self._rigid_torque(q, dq, ddq, tens))
         found = []
         for k, term in enumerate(self._terms):
@@ -232,7 +231,6 @@ class Scan:
         return np.ascontiguousarray(np.concatenate(found))
 
     def _passive(self, q: Array, t: Array | None) -> Array:
-        """Positions of the passive joints, shape `(n_passive, N)`."""
         if self._follower is None:
             self.closed = np.ones(q.shape[1], dtype=bool)
             return np.empty((0, q.shape[1]))

@@ -104,7 +104,6 @@ def _matrix(
 
 
 def _why(scaled: Array, motors: Sequence[str]) -> str:
-    """Which motors' rows are dependent, in words."""
     idle = [m for m, row in zip(motors, scaled, strict=True) if not row.any()]
     if idle:
         return f"'{idle[0]}' turns no joint"

@@ -63,7 +63,6 @@ class Kinds:
 
 
 def _value(declared: Any, name: str, value: Any, where: str) -> Any:
-    """A value from a file as a type says it, strictly; lists are tuples."""
     from steelyard.robot.file.toml import as_declared
 
     try:

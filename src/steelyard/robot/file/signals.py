@@ -275,7 +275,6 @@ def _columns(
 
 
 def _check_distinct(lists: Sequence[tuple[tuple[str, ...], Sequence[str]]], locate: Locate) -> None:
-    """No column is in two of the lists, each with its key, or twice in one."""
     known: dict[str, str] = {}
     for key, columns in lists:
         name = ".".join(key)

@@ -229,7 +229,6 @@ def checked(path: Path, text: str, schema: type[Schema]) -> tuple[Schema, Callab
 def _explained(
     error: ValidationError, data: Any, schema: type[BaseModel], locate: Callable[..., str]
 ) -> ModelError:
-    """The first flaw, in the users' words."""
     flaws = error.errors(include_url=False)
     first = min(flaws, key=lambda f: (f["type"] != "extra_forbidden", -len(_path(data, f["loc"]))))
     path = place = _path(data, first["loc"])

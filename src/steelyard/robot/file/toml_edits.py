@@ -92,7 +92,6 @@ def _changed(text: str, path: tuple[str, ...], value: Any) -> str:
 
 
 def _set(table: dict[str, Any], path: Sequence[str], value: Any) -> dict[str, Any]:
-    """A table of plain values with one key changed."""
     name, *inside = path
     inner = table.get(name)
     if inside:

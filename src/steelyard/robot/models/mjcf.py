@@ -15,7 +15,7 @@ import numpy as np
 
 from steelyard.base.arrays import Array, frozen
 from steelyard.base.errors import ModelError
-from steelyard.robot.mechanism import Joint, Link, Mechanism, Mimic
+from steelyard.robot.mechanism import Joint, Link, Mechanism, MechanismJointKind, Mimic
 from steelyard.robot.models.mjcf_equalities import WORLD, Equalities, name_of, reference
 from steelyard.robot.models.mjcf_forces import (
     Actuators,
@@ -281,8 +281,6 @@ def read_mjcf(path: Path) -> Mechanism:
 
 @dataclass(frozen=True)
 class _Reading:
-    """One pass over the bodies of a compiled model."""
-
     path: Path
     compiled: Compiled
     actuators: Actuators
@@ -381,10 +379,9 @@ class _Reading:
         model = self.model
         name, kind = self._name("joint", joint), mujoco.mjtJoint(int(model.jnt_type[joint]))
         where = f"{self.path}, joint '{name}'"
-        if kind == mujoco.mjtJoint.mjJNT_FREE:
-            return Joint(name, "floating", parent, child, placement, where=where)
-        if kind == mujoco.mjtJoint.mjJNT_BALL:
-            return Joint(name, "ball", parent, child, placement, where=where)
+        if kind in (mujoco.mjtJoint.mjJNT_FREE, mujoco.mjtJoint.mjJNT_BALL):
+            free: MechanismJointKind = "floating" if kind == mujoco.mjtJoint.mjJNT_FREE else "ball"
+            return Joint(name, free, parent, child, placement, where=where)
         axis, ref = frozen(model.jnt_axis[joint]), reference(model, joint)
         slide = kind == mujoco.mjtJoint.mjJNT_SLIDE
         at_zero = Placement(position=-ref * axis) if slide else Placement(turn(axis, -ref))

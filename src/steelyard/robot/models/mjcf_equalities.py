@@ -151,7 +151,6 @@ class Equalities:
         return found
 
     def _proportional(self, index: int) -> bool:
-        """Whether a joint equality is one joint following another in proportion."""
         return bool(self.model.eq_obj2id[index] >= 0 and not self.model.eq_data[index][2:5].any())
 
     def _pair(self, index: int) -> dict[int, float] | None:

@@ -258,7 +258,6 @@ def _compensation_notes(model: Any, name: Naming) -> list[ModelNote]:
 
 
 def _tendon_notes(model: Any, name: Naming) -> list[ModelNote]:
-    """Tendons that pull, brake or carry inertia."""
     lengths = np.zeros((model.ntendon, model.nv))
     if lengths.size:
         where = (model.ten_J_rownnz, model.ten_J_rowadr, model.ten_J_colind)

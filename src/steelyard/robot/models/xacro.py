@@ -119,7 +119,6 @@ def _check_robot(path: Path, root: Element, macros: set[str]) -> None:
 
 
 def _users(path: Path) -> list[str]:
-    """Files nearby that include the file."""
     folder = path.resolve().parent
     nearby = [*folder.glob("*.xacro"), *folder.parent.glob("*/*.xacro")][:200]
     found = []
@@ -243,17 +242,12 @@ class Expander:
             self.depth -= 1
 
     def _plain(self, element: Element, scope: Scope, tag: str | None = None) -> Element:
-        """An element that is not of xacro: its attributes and what is inside are expanded."""
         attributes = self._attributes(element, scope)
         children = self._inside(element, scope, attributes)
         texts = [str(scope.text("".join(element.texts)))] if element.texts else []
-        return Element(
-            tag or element.tag,
-            MappingProxyType(attributes),
-            element.path,
-            element.line,
-            children,
-            texts,
+        proxy = MappingProxyType(attributes)
+        return replace(
+            element, tag=tag or element.tag, attributes=proxy, children=children, texts=texts
         )
 
     def _attributes(self, element: Element, scope: Scope) -> dict[str, str]:
