@@ -12,7 +12,7 @@ from steelyard.estimate.friction.friction_choice import MixScore
 from steelyard.estimate.payload.payload_estimate import PayloadEstimate
 from steelyard.identify.page.calibration_tables import DrivesSection, PerRunSection
 from steelyard.identify.page.content import ReportContent
-from steelyard.identify.page.friction_sections import FrictionSection
+from steelyard.identify.page.friction_and_residuals import FrictionSection
 from steelyard.model.laws.presliding import Dahl
 from steelyard.model.laws.viscous import Viscous
 from steelyard.report.page import Section

@@ -20,11 +20,15 @@ from steelyard.identify.page.effort_figures import (
     TORQUE_PART_NAMES,
     TorqueSplitSection,
 )
-from steelyard.identify.page.friction_sections import FrictionCurvesSection, curves_of
+from steelyard.identify.page.friction_and_residuals import (
+    FrictionCurvesSection,
+    ResidualsSection,
+    binned,
+    curves_of,
+)
 from steelyard.identify.page.inertia_ellipsoids import EllipsoidsSection, semi_axes
 from steelyard.identify.page.link_inertias import MassesSection
 from steelyard.identify.page.parameter_table import TruthSection
-from steelyard.identify.page.residual_figures import ResidualsSection, binned
 from steelyard.identify.page.section_register import render
 from steelyard.report.figures import Figure
 from steelyard.robot.rigid_body import Inertia

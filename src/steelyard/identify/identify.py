@@ -5,7 +5,6 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from html import escape
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from steelyard.base.arguments import checked
 from steelyard.base.arrays import Parameters
@@ -49,6 +48,7 @@ from steelyard.identify.scores import (
 )
 from steelyard.identify.validation_data import marked_repeats, refuse_same_rows
 from steelyard.model.robot_file_model import model_with_open_friction
+from steelyard.report.result import DataFrame
 from steelyard.robot.file.loaded_robot import LoadedRobot
 from steelyard.robot.file.robot_file import load_robot
 from steelyard.robot.file.signals import Signals
@@ -61,9 +61,6 @@ from steelyard.runs.named_logs import (
     signals_of,
 )
 from steelyard.runs.run import Run
-
-if TYPE_CHECKING:
-    from polars import DataFrame
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -81,7 +78,7 @@ class Identification(ModelReport):
     """
 
     @property
-    def parameters(self) -> "DataFrame":
+    def parameters(self) -> DataFrame:
         """The base parameters, one a row: value, standard deviation, 95 % interval, status."""
         return parameter_table(self.model)
 

@@ -5,7 +5,7 @@ import io
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from steelyard.base.arguments import checked
 from steelyard.base.errors import DataError, LogError
@@ -26,7 +26,7 @@ from steelyard.identify.fit import Fit
 from steelyard.identify.page.scatter_of_estimates import repeated_table
 from steelyard.identify.page.score_words import relative_errors
 from steelyard.identify.scores import processing_of, scored
-from steelyard.report.result import frame
+from steelyard.report.result import DataFrame, frame
 from steelyard.report.tables import text_table
 from steelyard.report.terminal import terminal
 from steelyard.robot.file.signals import Signals
@@ -35,9 +35,6 @@ from steelyard.runs.named_logs import LogArgument, recording_of
 from steelyard.runs.prepare import prepare
 from steelyard.runs.processing import Processing
 from steelyard.runs.run import Run
-
-if TYPE_CHECKING:
-    from polars import DataFrame
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,7 +48,7 @@ class Repeated:
     estimates: RepeatedEstimates
 
     @property
-    def table(self) -> "DataFrame":
+    def table(self) -> DataFrame:
         """One row per parameter: mean, standard deviation, and one column per estimation."""
         return frame(self._rows(), "table")
 

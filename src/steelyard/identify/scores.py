@@ -1,36 +1,50 @@
-"""Scores of an identified model on logs, and tables of scores and parameters."""
+"""Scores of an identified model on logs, tables of scores and parameters, and residuals."""
 
 import io
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from html import escape
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+import numpy as np
 from rich.console import Console
 
+from steelyard.base.arguments import checked
+from steelyard.base.arrays import Array, frozen
 from steelyard.base.errors import DataError, advice
-from steelyard.base.progress import Progress, report_progress
+from steelyard.base.progress import Progress, report_progress, silent
 from steelyard.estimate.identified import IdentifiedModel, load_model
+from steelyard.estimate.information.gather import Mask
 from steelyard.estimate.scores.bands import Bands
-from steelyard.estimate.scores.joint_errors import effort_reference
+from steelyard.estimate.scores.joint_errors import (
+    band_of,
+    effort_reference,
+    joints_moving,
+    known_efforts,
+)
 from steelyard.estimate.scores.residuals import TorqueSplit
-from steelyard.estimate.scores.score import RunScore, score
+from steelyard.estimate.scores.score import RunScore, low_passed, no_closed_sample, score
 from steelyard.identify.page.content import ReportContent
 from steelyard.identify.page.model_verdict import Verdict, verdict
 from steelyard.identify.page.parameter_table import parameter_rows
 from steelyard.identify.page.score_words import both_words
 from steelyard.identify.page.section_register import SECTIONS, parameters_csv, print_report, render
 from steelyard.identify.page.verdict_section import joints_table
-from steelyard.report.result import TEXT_WIDTH, Result, frame
+from steelyard.report.result import TEXT_WIDTH, DataFrame, Result, Series, frame
 from steelyard.report.terminal import terminal
 from steelyard.robot.file.signals import Signals
-from steelyard.runs.named_logs import LogArgument, _overlap, prepared, recording_of, sha256
+from steelyard.runs.named_logs import (
+    LogArgument,
+    _overlap,
+    log_files,
+    paths_of,
+    prepared,
+    recording_of,
+    sha256,
+)
 from steelyard.runs.processing import Processing
 from steelyard.runs.run import Run
-
-if TYPE_CHECKING:
-    from polars import DataFrame, Series
 
 
 def fitted_before(identified: IdentifiedModel, log: LogArgument) -> bool:
@@ -108,7 +122,7 @@ class Scores:
     unseen: tuple[RunScore, ...]
 
     @property
-    def table(self) -> "DataFrame":
+    def table(self) -> DataFrame:
         """All columns as a Polars data frame, one row per joint of each log.
 
         `error`, `used` and `limit` are in `unit`, below `band_hz`; the other errors (`rmse`, `mae`
@@ -145,7 +159,7 @@ class Scores:
             ("unit", "percent_of_used", "moving", "band_hz"),
         )
 
-    def __getitem__(self, column: str) -> "Series":
+    def __getitem__(self, column: str) -> Series:
         """A column of `table`.
 
         Raises:
@@ -179,7 +193,7 @@ PRINTED_ERRORS = ("error", "unit", "percent_of_used", "percent_of_limit", "used"
 UNSCALED = ("error", "used", "percent_of_used")  # as logged too, with estimated scales
 
 
-def parameter_table(model: str | Path | IdentifiedModel) -> "DataFrame":
+def parameter_table(model: str | Path | IdentifiedModel) -> DataFrame:
     """The base parameters of a model as a data frame, one a row.
 
     Its columns are those of `parameters.csv`, in an order whose first and last ones, which Polars
@@ -207,7 +221,7 @@ def parameter_table(model: str | Path | IdentifiedModel) -> "DataFrame":
     )
 
 
-def _ends_first(table: "DataFrame", first: Sequence[str], last: Sequence[str]) -> "DataFrame":
+def _ends_first(table: DataFrame, first: Sequence[str], last: Sequence[str]) -> DataFrame:
     """The same columns in an order of which `print` shows those that matter."""
     between = [name for name in table.columns if name not in (*first, *last)]
     return table.select(*first, *between, *last)
@@ -262,3 +276,137 @@ class ModelReport(Result):
         error = f", {both_words(judged.errors, judged.as_logged)}" if judged.errors else ""
         line = f"{type(self).__name__}({self.content.robot}: {level}{error})"
         return line.replace("\u00a0", " ")
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Residuals:
+    """Efforts along a log, measured and predicted, both behind one zero-phase low-pass.
+
+    Every sample is there from the first to the last motion. With estimated scales of the efforts,
+    the measured ones are divided by them.
+
+    Attributes:
+        run: Name of the log.
+        joints: Names of the joints, in the order of the columns.
+        units: Unit of each joint's efforts: Nm or N; the logged unit without a known drive gain.
+        cutoff: Of the low-pass [Hz].
+        t: Time, shape `(N,)` [s].
+        measured: Measured effort, shape `(N, n)`.
+        predicted: Effort predicted by the model, shape `(N, n)`.
+        moving: Whether each joint moves, shape `(N, n)`.
+    """
+
+    run: str
+    joints: tuple[str, ...]
+    units: tuple[str, ...]
+    cutoff: float
+    t: Array
+    measured: Array
+    predicted: Array
+    moving: Mask
+
+    @property
+    def residual(self) -> Array:
+        """Measured minus predicted effort, shape `(N, n)`."""
+        return self.measured - self.predicted
+
+    @property
+    def counted(self) -> Mask:
+        """Samples that the errors are computed from, shape `(N, n)`.
+
+        Where a joint moves; all of a joint that rests.
+        """
+        return self.moving | ~joints_moving(self.moving.sum(axis=0))
+
+    @property
+    def error(self) -> Array:
+        """Root mean square of the residual over the `counted` samples, shape `(n,)`."""
+        squares = np.where(self.counted, self.residual**2, 0.0)
+        return np.asarray(np.sqrt(squares.sum(axis=0) / self.counted.sum(axis=0)))
+
+    @property
+    def table(self) -> DataFrame:
+        """A Polars data frame with one row per sample and joint.
+
+        Raises:
+            PackageError: Polars is not installed.
+        """
+        count, n = self.measured.shape
+        columns = {
+            "t": np.repeat(self.t, n),
+            "joint": list(self.joints) * count,
+            "measured": self.measured.ravel(),
+            "predicted": self.predicted.ravel(),
+            "residual": self.residual.ravel(),
+            "unit": list(self.units) * count,
+            "moving": self.moving.ravel(),
+        }
+        return frame(columns, "residuals")
+
+    def __repr__(self) -> str:
+        errors = zip(self.joints, self.error, self.units, strict=True)
+        listed = ", ".join(f"{joint} {error:.3g} {unit}" for joint, error, unit in errors)
+        return f"Residuals({self.run}, below {self.cutoff:g} Hz: {listed})"
+
+
+@checked()
+def residuals(
+    model: str | Path | IdentifiedModel,
+    log: str | Path,
+    *,
+    cutoff: float | None = None,
+    progress: Progress = silent,
+) -> Residuals:
+    """Measured and predicted efforts of a log, in the band and the unit of the printed errors.
+
+    `error` is then what `identify` and `validate` print for each joint.
+
+    Args:
+        model: The model, its `model.json`, or the folder that contains it.
+        log: The log; `run.csv@5:20` is a window in seconds.
+        cutoff: Of the low-pass of measured and predicted efforts [Hz]; that of the printed errors
+            (5 Hz, unless the robot file says otherwise) if `None`.
+        progress: Receives events of progress; an exception from it stops the work.
+
+    Raises:
+        SteelyardError: A file cannot be used, or the cut-off is too high for the log's rate.
+
+    Example:
+        >>> found = residuals("arm-model", "other.csv")
+        >>> found.residual.shape == found.measured.shape == (len(found.t), 2)
+        True
+        >>> printed = validate("arm-model", "other.csv").scores["error"]
+        >>> bool(abs(found.error - printed.to_numpy()).max() < 1e-9)
+        True
+    """
+    if cutoff is not None and not cutoff > 0.0:
+        raise DataError(
+            f"a low-pass of {cutoff:g} Hz passes nothing",
+            where="cutoff of residuals",
+            fix="give a positive frequency, or None for that of the printed errors",
+        )
+    identified = load_model(model)
+    (file,) = log_files(paths_of(log))
+    (run,) = runs_for(identified, [file], progress)
+    gains = identified.signals.gains
+    band = band_of(effort_reference(identified), run.rate) if cutoff is None else cutoff
+    found = [(x.t, x.moving, x.efforts) for x in low_passed([identified.valued], run, gains, band)]
+    if not found:
+        raise no_closed_sample(identified.valued, run)
+    t, moving, efforts = (np.concatenate(some, axis=-1) for some in zip(*found, strict=True))
+    known = known_efforts(identified)
+    measured, predicted = efforts * np.where(known, gains, 1.0)[:, None]
+    coordinates = identified.model.robot.coordinates
+    return Residuals(
+        run.name,
+        identified.joints,
+        tuple(
+            c.effort_unit if ok else unit
+            for c, unit, ok in zip(coordinates, run.effort_units, known, strict=True)
+        ),
+        band,
+        frozen(t),
+        frozen(measured.T),
+        frozen(predicted.T),
+        moving.T,
+    )

@@ -16,7 +16,10 @@ from steelyard.base.files import whole_folder
 from steelyard.report.terminal import terminal
 
 if TYPE_CHECKING:
-    from polars import DataFrame
+    from polars import DataFrame as DataFrame
+    from polars import Series as Series
+else:
+    DataFrame = Series = Any  # polars may be missing, and takes its time
 
 
 TEXT_WIDTH = 120  # columns of the text that `print` shows
@@ -78,7 +81,7 @@ def print_verdict(console: Console, headline: str, claim: str, warnings: Iterabl
         console.print(Text(f"! {warning}", style="yellow"))
 
 
-def frame(records: Sequence[Mapping[str, Any]] | Mapping[str, Any], where: str) -> "DataFrame":
+def frame(records: Sequence[Mapping[str, Any]] | Mapping[str, Any], where: str) -> DataFrame:
     """A data frame of rows that have the same keys, or of columns by name.
 
     Raises:

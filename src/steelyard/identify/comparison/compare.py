@@ -4,7 +4,7 @@ import os
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn
+from typing import Any, NamedTuple, NoReturn
 
 from rich.console import Console
 
@@ -37,13 +37,10 @@ from steelyard.identify.prepared_fit import FitTask, PreparedFit, prepare_fit
 from steelyard.identify.run_notes import dropped, dropped_rows, notes_of
 from steelyard.model.robot_file_model import model_with_open_friction
 from steelyard.report.page import render_sections
-from steelyard.report.result import Result, frame
+from steelyard.report.result import DataFrame, Result, frame
 from steelyard.robot.file.loaded_robot import LoadedRobot
 from steelyard.robot.file.robot_file import load_robot
 from steelyard.runs.named_logs import log_files, paths_of, refuse_overlaps, runs_of, signals_of
-
-if TYPE_CHECKING:
-    from polars import DataFrame
 
 
 def _refuse_one_run(information: Information) -> NoReturn:
@@ -133,7 +130,7 @@ class EstimatorComparison(Result):
         return self.comparison.untried
 
     @property
-    def table(self) -> "DataFrame":
+    def table(self) -> DataFrame:
         """One row per estimator: its errors on left-out runs, and its time."""
         return frame(self.comparison.to_dict()["estimators"], "table")
 

@@ -4,7 +4,7 @@ import json
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from rich.console import Console
 
@@ -26,13 +26,9 @@ from steelyard.identify.run_notes import dropped_rows, notes_of
 from steelyard.identify.scores import fitted_before, runs_for
 from steelyard.identify.validation_data import holds_fitted_rows
 from steelyard.report.page import render_sections
-from steelyard.report.result import Result, frame
+from steelyard.report.result import DataFrame, Result, frame
 from steelyard.runs.named_logs import LogArgument, log_files, paths_of
 from steelyard.runs.run import Run
-
-if TYPE_CHECKING:
-    from polars import DataFrame
-
 
 GivenModel = str | Path | IdentifiedModel  # also a `model.json`, or its folder
 
@@ -73,22 +69,22 @@ class ComparedModels(Result):
         return self.content.models
 
     @property
-    def errors(self) -> "DataFrame":
+    def errors(self) -> DataFrame:
         """Errors of predicted efforts, one row per model, log and joint."""
         return frame(self.to_dict()["errors"], "errors")
 
     @property
-    def parameters(self) -> "DataFrame":
+    def parameters(self) -> DataFrame:
         """One row per base parameter and model."""
         return frame(self.to_dict()["parameters"], "parameters")
 
     @property
-    def bodies(self) -> "DataFrame":
+    def bodies(self) -> DataFrame:
         """Masses and centres, one row per link and model; none of models without link inertias."""
         return frame(self.to_dict()["bodies"], "bodies")
 
     @property
-    def efforts(self) -> "DataFrame":
+    def efforts(self) -> DataFrame:
         """Low-passed efforts over time, one row per model, log, joint and sample."""
         return frame(
             [

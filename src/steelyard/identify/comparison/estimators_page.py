@@ -14,7 +14,7 @@ from steelyard.estimate.payload.drive_gains import GainEstimate
 from steelyard.estimate.scores.estimator_advice import Comparison, EstimatorScore, Failure
 from steelyard.identify.page.calibration_tables import DrivesSection
 from steelyard.identify.page.content import QualitySection, SettingsSection
-from steelyard.identify.page.friction_sections import FrictionSection
+from steelyard.identify.page.friction_and_residuals import FrictionSection
 from steelyard.report.page import (
     Numbers,
     PageContent,
