@@ -11,6 +11,7 @@ from steelyard.estimate.estimate import Estimator
 from steelyard.estimate.information.accumulate import Accumulator, Stretch
 from steelyard.estimate.information.information import Information, Signature, Window
 from steelyard.estimate.information.regressor import base_regressor
+from steelyard.estimate.least_squares.constrained import Ridge
 from steelyard.estimate.least_squares.least_squares import (
     OrdinaryLeastSquares,
     WeightedLeastSquares,
@@ -21,7 +22,6 @@ from steelyard.estimate.least_squares.residual_covariance import (
     moved_scores,
     scatter,
 )
-from steelyard.estimate.least_squares.ridge import Ridge
 from steelyard.estimate.prior.prior import default_knowledge
 from steelyard.model.model import Model
 

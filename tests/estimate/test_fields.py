@@ -16,7 +16,7 @@ from steelyard.estimate.information.accumulate import Accumulator, Stretch
 from steelyard.estimate.information.base_parameters import base_parameters
 from steelyard.estimate.information.information import Information, Signature, Window
 from steelyard.estimate.information.regressor import Regressor, base_regressor, chosen_regressor
-from steelyard.estimate.nonlinear.field_passes import unknowns_of
+from steelyard.estimate.nonlinear.field_search import unknowns_of
 from steelyard.estimate.nonlinear.fields import FoundFields, find_fields
 from steelyard.model.laws.coulomb import Coulomb
 from steelyard.model.laws.coupled import Coupled
@@ -264,7 +264,7 @@ def test_dictionary_columns_are_the_terms_columns(law: type[Any], field: str) ->
 
 def test_too_many_columns_are_searched_one_after_another(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("steelyard.estimate.nonlinear.fields.WIDEST", 40)
-    monkeypatch.setattr("steelyard.estimate.nonlinear.field_passes.WIDEST", 40)
+    monkeypatch.setattr("steelyard.estimate.nonlinear.field_search.WIDEST", 40)
     terms, wanted = (*BARE, Dahl(length=1e-3)), (*BARE, Dahl(length=LENGTHS))
     information_of, passes = data(terms, Stribeck(speed=0.07), 0.02)
     result = find_fields(Model(ROBOT, (*wanted, Stribeck(speed=Find(1e-3, 1.0)))), information_of)

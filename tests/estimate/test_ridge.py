@@ -9,8 +9,8 @@ from drawn import motion_of, samples_of
 from invented import tree
 from steelyard.estimate.information.information import Information
 from steelyard.estimate.information.regressor import base_regressor
+from steelyard.estimate.least_squares.constrained import Ridge
 from steelyard.estimate.least_squares.least_squares import WeightedLeastSquares
-from steelyard.estimate.least_squares.ridge import Ridge
 from steelyard.estimate.prior.prior import default_knowledge
 from steelyard.model.model import Model
 

@@ -27,6 +27,7 @@ from steelyard.estimate.information.regressor import Layout, ParallelFilter, Reg
 from steelyard.estimate.information.samples import FilteredSamples, gather_samples
 from steelyard.estimate.least_squares.constrained import (
     BoundedLeastSquares,
+    Ridge,
     WithKnownValues,
     base_bounds,
     fixed_values,
@@ -38,7 +39,6 @@ from steelyard.estimate.least_squares.least_squares import (
 )
 from steelyard.estimate.least_squares.motion_noise import MotionNoise, TotalLeastSquares
 from steelyard.estimate.least_squares.normal_equations import own_columns
-from steelyard.estimate.least_squares.ridge import Ridge
 from steelyard.estimate.least_squares.robust import Huber, Reweighted, Tukey, Weigh
 from steelyard.estimate.prior.constraint_kinds import knowledge_of
 from steelyard.estimate.prior.prior import Knowledge

@@ -21,7 +21,7 @@ from steelyard.estimate.information.gather import gather
 from steelyard.estimate.information.information import Information
 from steelyard.estimate.information.regressor import base_regressor
 from steelyard.estimate.least_squares.normal_equations import own_columns
-from steelyard.estimate.nonlinear.field_passes import InformationOf
+from steelyard.estimate.nonlinear.field_search import InformationOf
 from steelyard.estimate.nonlinear.fields import (
     Finding,
     converged_reference,

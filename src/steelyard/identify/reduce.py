@@ -37,12 +37,7 @@ from steelyard.model.terms.term import Term
 from steelyard.report.result import Result
 from steelyard.robot.file.loaded_robot import LoadedRobot
 from steelyard.robot.file.robot_file import load_robot
-from steelyard.runs.named_logs import (
-    log_files,
-    paths_of,
-    refuse_overlaps,
-    sha256,
-)
+from steelyard.runs.named_logs import log_files, paths_of, refuse_overlaps, sha256
 from steelyard.runs.run import Run, fastest_of
 from steelyard.runs.run_samples import motion_samples
 

@@ -24,7 +24,6 @@ from steelyard.estimate.consistent.program import (
 )
 from steelyard.estimate.prior.prior import Knowledge, Row
 from steelyard.estimate.prior.prior_constraint import in_words
-from steelyard.robot.rigid_body import INERTIAL_NAMES
 
 MARGIN = 1e-4  # least eigenvalue of a body's pseudo-inertia in the scale of its prior
 
@@ -76,12 +75,11 @@ def irreducible(
 
 def _bounds(knowledge: Knowledge) -> tuple[Row, ...]:
     """Bounds of the parameters but those of bodies."""
-    bodies = {f"{kind}.{name}" for kind in INERTIAL_NAMES for name in knowledge.bodies}
     bounds = zip(knowledge.names, knowledge.lower.tolist(), knowledge.upper.tolist(), strict=True)
     return tuple(
         Row(f"'{name}' is {in_words((low, high))} by its law", {name: 1.0}, low, high)
-        for name, low, high in bounds
-        if name not in bodies and (np.isfinite(low) or np.isfinite(high))
+        for (name, low, high), of_body in zip(bounds, knowledge.of_bodies, strict=True)
+        if not of_body and (np.isfinite(low) or np.isfinite(high))
     )
 
 
@@ -234,10 +232,8 @@ def active_bounds(program: Program, u: Array, covariance: Array) -> tuple[Array,
         sign, std = constraints.matrix[number, k], float(np.sqrt(max(covariance[k, k], 0.0)))
         for bound, outward in ((constraints.lower[number], 1.0), (constraints.upper[number], -1.0)):
             slack = outward * (sign * u[k] - bound)
-            if (
-                slack <= DISTANCE_TO_BOUND * std
-                and outward * sign * slope[k] * std >= DISTANCE_BEYOND_BOUND
-            ):
+            beyond = outward * sign * slope[k] * std
+            if slack <= DISTANCE_TO_BOUND * std and beyond >= DISTANCE_BEYOND_BOUND:
                 at[k] = sign * bound
                 names.append(known.names[known.terms[k - first]])
     several = constraints.matrix[np.count_nonzero(constraints.matrix, axis=1) > 1]
@@ -329,14 +325,9 @@ def _physical(
     whole = attempt(program, LEAST_PRIOR_WEIGHT)
     if whole.rise <= len(program.unknowns.vector):
         return None
-    bodies = {k for body in range(len(knowledge.bodies)) for k in knowledge.tens(body)}
-    laws = [k not in bodies for k in range(len(knowledge.names))]
-    unbounded = replace(
-        knowledge,
-        lower=np.where(laws, -np.inf, knowledge.lower),
-        upper=np.where(laws, np.inf, knowledge.upper),
-        curves=(),
-    )
+    lower = np.where(knowledge.of_bodies, knowledge.lower, -np.inf)
+    upper = np.where(knowledge.of_bodies, knowledge.upper, np.inf)
+    unbounded = replace(knowledge, lower=lower, upper=upper, curves=())
     bare = replace(program, constraints=conic_constraints(program.unknowns, unbounded))
     alone = attempt(bare, LEAST_PRIOR_WEIGHT)
     _, at = active_bounds(program, whole.u, spread(program, whole))

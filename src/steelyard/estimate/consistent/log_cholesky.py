@@ -64,9 +64,8 @@ class LogCholesky(Consistent):
     def __call__(self, information: Information) -> Estimate:
         """Estimate all standard parameters."""
         known = self.knowledge
-        bodies = [k for body in range(len(known.bodies)) for k in known.tens(body)]
-        lower, upper = known.lower.copy(), known.upper.copy()
-        lower[bodies], upper[bodies] = -np.inf, np.inf
+        lower = np.where(known.of_bodies, -np.inf, known.lower)
+        upper = np.where(known.of_bodies, np.inf, known.upper)
         used = tuple(filter(_is_used, known.rows))
         kept = replace(self, knowledge=replace(known, lower=lower, upper=upper, rows=used))
         estimate = super(LogCholesky, kept).__call__(information)

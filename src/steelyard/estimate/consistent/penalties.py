@@ -113,7 +113,7 @@ def unknowns(data: Whitened, base: BaseMap, knowledge: Knowledge) -> Unknowns:
 def scale_of(knowledge: Knowledge) -> tuple[Array, tuple[int, ...]]:
     """Parameters per entry of every `X`, then the others, which are given, as they are."""
     tens = [knowledge.tens(body) for body in range(len(knowledge.bodies))]
-    terms = [k for k in range(len(knowledge.names)) if not any(k in ten for ten in tens)]
+    terms = np.flatnonzero(~knowledge.of_bodies).tolist()
     scale = np.zeros((len(knowledge.names), 10 * len(tens) + len(terms)))
     for body, ten in enumerate(tens):
         part = ten_map(knowledge.priors[body] or SCALE_WITHOUT_PRIOR)

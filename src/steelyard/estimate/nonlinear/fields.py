@@ -26,7 +26,7 @@ from steelyard.estimate.friction.mixes import has_memory
 from steelyard.estimate.information.gather import gather
 from steelyard.estimate.information.information import Information
 from steelyard.estimate.information.regressor import Regressor, base_regressor
-from steelyard.estimate.nonlinear.field_passes import (
+from steelyard.estimate.nonlinear.field_search import (
     WIDEST,
     InformationOf,
     Search,

@@ -25,7 +25,7 @@ from steelyard.estimate.information.information import Information
 from steelyard.estimate.information.regressor import base_regressor
 from steelyard.estimate.least_squares.least_squares import WeightedLeastSquares
 from steelyard.estimate.least_squares.normal_equations import own_columns
-from steelyard.estimate.nonlinear.field_passes import InformationOf
+from steelyard.estimate.nonlinear.field_search import InformationOf
 from steelyard.estimate.nonlinear.fields import bodies_of
 from steelyard.model.model import Model
 from steelyard.model.terms.error_columns import GeometryErrors

@@ -371,13 +371,13 @@ def _of_absent_law(constraint: PriorConstraint, model: Model) -> str | None:
 def _loosened(known: Knowledge, rows: list[Row]) -> tuple[Array, list[str]]:
     """Lower bounds with those of laws that the user sets lower, and the names of these."""
     lower, place = np.array(known.lower), {name: k for k, name in enumerate(known.names)}
-    bodies = {f"{kind}.{name}" for kind in INERTIAL_NAMES for name in known.bodies}
     loosened = []
     for row in rows:
         if len(row.coefficients) != 1 or not np.isfinite(row.lower):
             continue
         name = next(iter(row.coefficients))
-        if name not in bodies and row.lower < lower[place[name]]:
-            lower[place[name]] = row.lower
+        k = place[name]
+        if not known.of_bodies[k] and row.lower < lower[k]:
+            lower[k] = row.lower
             loosened.append(name)
     return lower, loosened

@@ -2,9 +2,10 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from steelyard.base.arrays import Array, frozen
 from steelyard.model.model import Model
@@ -48,6 +49,12 @@ class Knowledge:
             object.__setattr__(self, name, frozen(getattr(self, name), (len(self.names),)))
         if len(self.priors) != len(self.bodies):
             raise ValueError(f"{len(self.priors)} priors for {len(self.bodies)} bodies")
+
+    @cached_property
+    def of_bodies(self) -> NDArray[np.bool_]:
+        """Whether each parameter is one of a body's ten, shape `(p,)`."""
+        mine = [k for body in range(len(self.bodies)) for k in self.tens(body)]
+        return np.isin(np.arange(len(self.names)), mine)
 
     def tens(self, body: int) -> list[int]:
         """Indices of a body's ten parameters among `names`."""
