@@ -2,13 +2,14 @@
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from enum import IntEnum
 from typing import Any, Literal, Self
 
 import numpy as np
 
 from steelyard.base.arrays import Array
+from steelyard.robot.file.toml_edits import Edit as Edit
 
 MOST_NAMED_JOINTS = 3  # most joints that a place names
 OPEN_WORD = "open"  # the word for a question that could not be answered
@@ -26,16 +27,6 @@ class Severity(IntEnum):
     def word(self) -> str:
         """As it is printed."""
         return self.name.lower()
-
-
-@dataclass(frozen=True)
-class Edit:
-    """One key of the robot file and its new value."""
-
-    path: tuple[str, ...]  # tables and key, such as `("signals", "effort", "unit")`
-    value: Any  # a TOML value; `None` takes the key out
-    # relative standard deviation of the numbers where they are fitted factors, else 0
-    spread: float = field(default=0.0, compare=False)
 
 
 @dataclass(frozen=True)

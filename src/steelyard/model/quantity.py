@@ -31,16 +31,11 @@ Given = Mapping[str, Scalars]
 
 @dataclass(frozen=True, eq=False)
 class Quantity:
-    """A quantity of a model with values.
+    """A quantity of a model with values, of arguments among `q`, `dq`, `ddq` and `tau`.
 
-    Attributes:
-        name: Its name.
-        arguments: What it is computed from, of `q`, `dq`, `ddq` and `tau`.
-        enters: Whether a term enters it.
-        build: The terms that enter, and symbols, to the entries in C order.
-        shape: Of one sample.
-        key: What else its program depends on, as JSON.
-        pivot: Whether the last entry is the least pivot of a mass matrix; it must be positive.
+    `build` makes its entries of the terms that enter and of symbols, in C order; the `key` is what
+    else its program depends on, as JSON. With a `pivot` the last entry is the least one of a mass
+    matrix; it must be positive.
     """
 
     name: str
@@ -142,15 +137,11 @@ def _mass(part: Equations, given: Given) -> list[Scalar]:
     return [slopes[max(i, j)][min(i, j)] for i in range(n) for j in range(n)]
 
 
-def _momentum(part: Equations, given: Given) -> list[Scalar]:
-    return _inertial(part, given, given["dq"])
-
-
 def _momentum_rate(part: Equations, given: Given) -> list[Scalar]:
     r"""$\partial_q (\frac12 \dot q^T M \dot q) - g$, passive joints following the others."""
     from steelyard.symbolic.trace import slopes_of
 
-    momentum = zip(given["dq"], _momentum(part, given), strict=True)
+    momentum = zip(given["dq"], _inertial(part, given, given["dq"]), strict=True)
     twice: Scalar = sum((rate * p for rate, p in momentum), 0.0)
     slopes = slopes_of([0.5 * twice], [*given["q"], *given["channels"]])
     slopes = _followed(part, given, slopes)
@@ -202,7 +193,9 @@ REGRESSOR = Quantity(
 GRAVITY = Quantity("gravity", ("q",), lambda t: t.role == "body", _efforts, _vector)
 BIAS = Quantity("bias", ("q", "dq"), _inertias, _efforts, _vector)
 MASS_MATRIX = Quantity("mass matrix", ("q",), _inertias, _mass, lambda p: (p.robot.n, p.robot.n))
-MOMENTUM = Quantity("momentum", ("q", "dq"), _inertias, _momentum, _vector)
+MOMENTUM = Quantity(
+    "momentum", ("q", "dq"), _inertias, lambda p, x: _inertial(p, x, x["dq"]), _vector
+)
 MOMENTUM_RATE = Quantity("momentum rate", ("q", "dq"), _inertias, _momentum_rate, _vector)
 FORWARD_DYNAMICS = Quantity(
     "forward dynamics",

@@ -276,9 +276,8 @@ def passive_joints(
 ) -> tuple[str, ...]:
     """Names of the joints that the loops determine.
 
-    If nobody says which: those of the loops' joints that are not to be identified, or that no
-    actuator drives. `masters` are the joints that joints follow, themselves for most; `free` joints
-    could move; `joints` are those to be identified, if given.
+    If nobody says which: those of the loops' joints, or of the ones that they follow (`masters`),
+    that are `free` and not to be identified (`joints`, if given), or that no actuator drives.
     """
     pins = (*mechanism.pins, *closing.pins)
     if not pins:

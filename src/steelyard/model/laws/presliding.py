@@ -33,11 +33,7 @@ PRESLIDING_DISPLACEMENT = "presliding displacement"
 
 @dataclass(frozen=True)
 class OneState(Presliding):
-    """A law whose torque is one channel per coordinate, which a presliding state makes.
-
-    Attributes:
-        length: Presliding length, one for all or one per coordinate [rad; m].
-    """
+    """A law whose torque is one channel per coordinate, from a state over a length [rad; m]."""
 
     state_only_fields: ClassVar[tuple[str, ...]] = ("length",)
     bounds: ClassVar[Mapping[str, tuple[float, float]]] = {"length": (1e-5, 3e-2)}

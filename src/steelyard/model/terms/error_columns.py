@@ -87,16 +87,12 @@ GeometryErrorKind = Literal["zero_offset", "compliance", "position", "axis"]
 
 @dataclass(frozen=True)
 class GeometryErrors(StatefulTerm):
-    r"""Errors of the geometry, $\partial \tau / \partial x$ at a reference model.
+    r"""Errors of the geometry, $\partial \tau / \partial x$ at a reference, ten numbers per body.
 
-    Per joint its `zero_offset` [rad; m], per body the `position` of its joint in the parent
-    [m; three numbers in the joint's frame] and the tilt of its `axis` [rad; two numbers], and per
-    joint its `compliance` [rad/Nm; m/N]: the offset per torque, against which it turns.
-    Trees only: closed chains have no columns.
-
-    Attributes:
-        which: Kinds of errors.
-        reference: Ten numbers per body by name; absent ones are zero.
+    Per joint its `zero_offset` [rad; m], per body the `position` of its joint in the parent [m;
+    three numbers in the joint's frame] and the tilt of its `axis` [rad; two numbers], and per joint
+    its `compliance` [rad/Nm; m/N]: the offset per torque, against which it turns. Trees only:
+    closed chains have no columns.
     """
 
     law: ClassVar[str] = "displaced"
@@ -164,15 +160,11 @@ def _displacement_with_joint(robot: Robot, joint: int) -> Array:
 
 @dataclass(frozen=True)
 class EffortReadingErrors(StatefulTerm):
-    r"""Errors of efforts, around the torque $\tau$ of a reference model's bodies.
+    r"""Errors of efforts, around the torque $\tau$ of a reference model, ten numbers per body.
 
-    Per joint `gain`, $\tau_j$: its effort is that share too large; and `saturation`,
-    $\tau_j |\tau_j| / \tau_0$: the gain has changed by that share at a torque $\tau_0$. Both are
-    without a unit. Trees only.
-
-    Attributes:
-        reference: Ten numbers per body by name; absent ones are zero.
-        scale: $\tau_0$, one per joint [Nm; N]; 1 if nothing is given.
+    Per joint `gain`, $\tau_j$: its effort is that share too large; and `saturation`, $\tau_j
+    |\tau_j| / \tau_0$: the gain has changed by that share at a torque $\tau_0$, the scale [Nm; N],
+    1 if none is given. Both are without a unit. Trees only.
     """
 
     law: ClassVar[str] = "misread"

@@ -4,7 +4,8 @@ import json
 import re
 import textwrap
 from collections.abc import Mapping, Sequence
-from typing import Any, Protocol
+from dataclasses import dataclass, field
+from typing import Any
 
 from steelyard.base.arrays import json_values
 from steelyard.base.errors import ModelError
@@ -32,28 +33,24 @@ def toml_key(name: str) -> str:
     return name if re.fullmatch(r"[A-Za-z0-9_-]+", name) else toml_text(name)
 
 
-class KeyChange(Protocol):
-    """A key and its new value."""
+@dataclass(frozen=True)
+class Edit:
+    """One key of the robot file and its new value."""
 
-    @property
-    def path(self) -> tuple[str, ...]:
-        """Tables and key, such as `("signals", "effort", "unit")`."""
-        ...
-
-    @property
-    def value(self) -> Any:
-        """A TOML value; `None` takes the key out."""
-        ...
+    path: tuple[str, ...]  # tables and key, such as `("signals", "effort", "unit")`
+    value: Any  # a TOML value; `None` takes the key out
+    # relative standard deviation of the numbers where they are fitted factors, else 0
+    spread: float = field(default=0.0, compare=False)
 
 
-def edited(text: str, changes: Sequence[KeyChange]) -> str:
+def edited(text: str, changes: Sequence[Edit]) -> str:
     """A text with keys changed; a new one goes behind the last of its table, or the text."""
     for change in changes:
         text = _changed(text, change.path, json_values(change.value))
     return text
 
 
-def lines_of(changes: Sequence[KeyChange]) -> str:
+def lines_of(changes: Sequence[Edit]) -> str:
     """The changes as lines of a robot file, by table; a key that goes is a comment."""
     tables: dict[tuple[str, ...], list[str]] = {}
     for change in changes:

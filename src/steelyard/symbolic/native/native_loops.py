@@ -11,6 +11,13 @@ TILE_COLUMNS = 3
 FIR_OUTPUTS = 4
 
 
+def _until(counter: str, step: int, limit: str, done: str, again: str) -> str:
+    """The end of a loop: count on to `%counter1`, and leave at the limit."""
+    return f"""%{counter}1 = add i64 %{counter}, {step}
+%{counter}e = icmp sge i64 %{counter}1, {limit}
+br i1 %{counter}e, label %{done}, label %{again}"""
+
+
 def gram(lanes: int, name: str = "gram") -> str:
     """Inner products of rows.
 
@@ -69,14 +76,10 @@ br label %samples
 samples:
 %b = phi i64 [0, %tile], [%b1, %samples]
 {chr(10).join(phis + body)}
-%b1 = add i64 %b, {lanes}
-%f = icmp sge i64 %b1, %N
-br i1 %f, label %done, label %samples
+{_until("b", lanes, "%N", "done", "samples")}
 done:
 {chr(10).join(stores)}
-%k1 = add i64 %k, 1
-%h = icmp sge i64 %k1, %nt
-br i1 %h, label %exit, label %tile
+{_until("k", 1, "%nt", "exit", "tile")}
 exit:
 ret void
 }}
@@ -108,14 +111,10 @@ samples:
 %x = load {t}, ptr %px, align 8
 %ax = call {t} {fabs}({t} %x)
 %s1 = fadd {t} %s, %ax
-%b1 = add i64 %b, {lanes}
-%f = icmp sge i64 %b1, %N
-br i1 %f, label %done, label %samples
+{_until("b", lanes, "%N", "done", "samples")}
 done:
 store {t} %s1, ptr %q, align 8
-%k1 = add i64 %k, 1
-%h = icmp sge i64 %k1, %rows
-br i1 %h, label %exit, label %row
+{_until("k", 1, "%rows", "exit", "row")}
 exit:
 ret void
 }}
@@ -135,7 +134,7 @@ def decimating_fir(lanes: int, name: str = "fir") -> str:
     reduce = f"@llvm.vector.reduce.fadd.v{lanes}f64"
     outputs = range(FIR_OUTPUTS)
     starts = "\n".join(
-        f"%m{u} = add i64 %m, {u}\n%o{u} = mul i64 %m{u}, %D\n"
+        f"%at{u} = add i64 %m, {u}\n%o{u} = mul i64 %at{u}, %D\n"
         f"%p{u} = getelementptr double, ptr %row, i64 %o{u}"
         for u in outputs
     )
@@ -147,7 +146,7 @@ def decimating_fir(lanes: int, name: str = "fir") -> str:
     )
     stores = "\n".join(
         f"%z{u} = call reassoc double {reduce}(double 0.0, {t} %n{u})\n"
-        f"%pz{u} = getelementptr double, ptr %out, i64 %m{u}\n"
+        f"%pz{u} = getelementptr double, ptr %out, i64 %at{u}\n"
         f"store double %z{u}, ptr %pz{u}, align 8"
         for u in outputs
     )
@@ -164,27 +163,21 @@ rowloop:
 %out = getelementptr double, ptr %z, i64 %oz
 br label %group
 group:
-%m = phi i64 [0, %rowloop], [%mnext, %write]
+%m = phi i64 [0, %rowloop], [%m1, %write]
 {starts}
 br label %taps
 taps:
-%k = phi i64 [0, %group], [%knext, %taps]
+%k = phi i64 [0, %group], [%k1, %taps]
 {phis}
 %ph = getelementptr double, ptr %h0, i64 %k
 %h = load {t}, ptr %ph, align 8
 {body}
-%knext = add i64 %k, {lanes}
-%kdone = icmp sge i64 %knext, %T
-br i1 %kdone, label %write, label %taps
+{_until("k", lanes, "%T", "write", "taps")}
 write:
 {stores}
-%mnext = add i64 %m, {FIR_OUTPUTS}
-%mdone = icmp sge i64 %mnext, %M
-br i1 %mdone, label %rowdone, label %group
+{_until("m", FIR_OUTPUTS, "%M", "rowdone", "group")}
 rowdone:
-%r1 = add i64 %r, 1
-%rdone = icmp sge i64 %r1, %rows
-br i1 %rdone, label %exit, label %rowloop
+{_until("r", 1, "%rows", "exit", "rowloop")}
 exit:
 ret void
 }}
@@ -321,14 +314,10 @@ samples:
 %y1 = call double @llvm.maxnum.f64(double %u, double %n)
 %py = getelementptr double, ptr %y, i64 %at
 store double %y1, ptr %py
-%i1 = add i64 %i, 1
-%f = icmp sge i64 %i1, %N
-br i1 %f, label %done, label %samples
+{_until("i", 1, "%N", "done", "samples")}
 done:
 store double %y1, ptr %ps
-%k1 = add i64 %k, 1
-%h = icmp sge i64 %k1, %rows
-br i1 %h, label %exit, label %row
+{_until("k", 1, "%rows", "exit", "row")}
 exit:
 ret void
 }}
