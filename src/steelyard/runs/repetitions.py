@@ -193,11 +193,11 @@ def mean_of_logs(recordings: Sequence[Recording]) -> MeanMotion:
 
 def _lag(reference: Array, q: Array) -> float:
     """Samples by which a motion comes later than a reference, both `(n, N)`."""
-    size = reference.shape[1] + q.shape[1]
-    spectra = [np.fft.rfft(x - x[:, :1], size) for x in (reference, q)]
-    match = np.fft.irfft(np.conj(spectra[0]) * spectra[1], size).sum(axis=0)
-    best = int(np.argmax(match))
-    return float(best if best < q.shape[1] else best - size)
+    from scipy.signal import correlate
+
+    pairs = zip(q, reference, strict=True)
+    match = np.sum([correlate(x - x[0], y - y[0], method="fft") for x, y in pairs], axis=0)
+    return float(np.argmax(match) - (reference.shape[1] - 1))
 
 
 def _evenly_sampled(recording: Recording, rate: float | None = None) -> tuple[Array, float]:
@@ -245,10 +245,10 @@ def weights_of(variance: Array, count: int) -> Array:
     Few repetitions estimate a variance badly, so it is averaged over neighbouring time steps until
     it has `FREEDOM_OF_VARIANCE` degrees of freedom.
     """
+    from scipy.ndimage import uniform_filter1d
+
     span = min(2 * (FREEDOM_OF_VARIANCE // max(count - 1, 1) // 2) + 1, variance.shape[1])
-    padded = np.pad(variance, ((0, 0), (span // 2, span - 1 - span // 2)), mode="edge")
-    sums = np.cumsum(np.pad(padded, ((0, 0), (1, 0))), axis=1)
-    smooth = (sums[:, span:] - sums[:, :-span]) / span
+    smooth = uniform_filter1d(variance, span, axis=1, mode="nearest")
     least = LEAST_VARIANCE_SHARE * np.median(smooth, axis=1, keepdims=True)
     weights = 1.0 / np.maximum(smooth, np.maximum(least, 1e-300))
     return np.asarray(weights / weights.mean(axis=1, keepdims=True))

@@ -60,7 +60,6 @@ class SampleStream:
         self._shift, self._last = 0.0, -np.inf
         self._q: Array | None = None
         self._jumps = 0
-        self._before: tuple[float, Array] | None = None
         lags = {"q": 0.0, "dq": signals.velocity_delay, "effort": signals.effort_delay}
         self._aligned = _Aligned(lags) if any(lags.values()) else None
 
@@ -130,23 +129,21 @@ class SampleStream:
         return RowVerdict.JUMP if jumps else RowVerdict.KEPT
 
     def _sample(self, t: float, x: Array, row: Array) -> StreamSample | None:
-        c = self._channels
+        c, q = self._channels, x[self._channels.q]
         if np.isnan(self.start):
             self.start = t
-        q, effort = x[c.q], x[c.effort]
+        before, step = self._q, t - self._last
         self._last, self._q = t, q
-        dq = x[c.dq] if c.velocities else self._velocity(t, q)
-        if dq is None:
+        if c.velocities:
+            dq = x[c.dq]
+        elif before is None:
             return None
+        else:
+            dq = (q - before) / step
         logged = row.copy()
         logged[0] = t / self._signals.time_scale
-        sample = StreamSample(t - self.start, q, dq, effort, logged)
+        sample = StreamSample(t - self.start, q, dq, x[c.effort], logged)
         return sample if self._aligned is None else self._aligned(sample)
-
-    def _velocity(self, t: float, q: Array) -> Array | None:
-        """Difference to the position before; `None` of the first sample."""
-        before, self._before = self._before, (t, q)
-        return None if before is None else (q - before[1]) / (t - before[0])
 
 
 class _Aligned:

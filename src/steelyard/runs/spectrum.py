@@ -175,7 +175,10 @@ def find_period(q: Array, rate: float) -> float | None:
         stretch = near[: int(np.argmax(np.diff(near, append=near[-1] + 2) > 1)) + 1]
         lag, depth = _refined(q, every * int(stretch[np.argmin(coarse[stretch])]), every)
         if depth < RETURN_DISTANCE:
-            return _over_many(q, lag) / rate
+            many = int(0.6 * q.shape[1] / lag)  # seen over as many as half the motion holds
+            for times in (2**k for k in range(1, max(many, 1).bit_length())):
+                lag = _refined(q, round(times * lag), 2)[0] / times
+            return lag / rate
         near = near[len(stretch) :]
     return None
 
@@ -203,14 +206,6 @@ def _refined(q: Array, near: int, around: int) -> tuple[float, float]:
     shift = float(np.clip(0.5 * (left - right) / bend, -1.0, 1.0)) if bend > 0.0 else 0.0
     depth = middle - 0.125 * (left - right) ** 2 / bend if bend > 0.0 else middle
     return float(lags[k]) + shift, float(max(depth, 0.0) / size)
-
-
-def _over_many(q: Array, lag: float) -> float:
-    """A period, in samples, seen over as many of its like as half the motion holds."""
-    many = int(0.6 * q.shape[1] / lag)
-    for times in (2**k for k in range(1, max(many, 1).bit_length())):
-        lag = _refined(q, round(times * lag), 2)[0] / times
-    return lag
 
 
 def mean_period(x: Array, length: float, bent: int = 0) -> Array:

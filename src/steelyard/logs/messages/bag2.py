@@ -62,8 +62,13 @@ class SqliteFile:
                 for i, channel in _channels(base).items()
                 if topics is None or channel.topic in topics
             }
+            wanted = ", ".join(str(i) for i in channels) or "NULL"
+            query = (
+                "SELECT rowid, topic_id, timestamp, CASE WHEN length(data) <= ? THEN data END "
+                f"FROM messages NOT INDEXED WHERE topic_id IN ({wanted}) ORDER BY rowid"
+            )
             last = None
-            for row, topic, time, data in base.execute(_select(channels), (LARGEST_MESSAGE,)):
+            for row, topic, time, data in base.execute(query, (LARGEST_MESSAGE,)):
                 if last is not None and row <= last:
                     raise sqlite3.DatabaseError("rows occur twice")
                 last = row
@@ -113,14 +118,6 @@ def _require_whole(path: Path) -> None:
     size = (65536 if page == 1 else page) * int.from_bytes(head[28:32], "big")
     if len(head) < 100 or path.stat().st_size < size:
         raise ValueError(f"it has {path.stat().st_size:,} of {size:,} bytes")
-
-
-def _select(channels: dict[int, Channel]) -> str:
-    wanted = ", ".join(str(i) for i in channels) or "NULL"
-    return (
-        "SELECT rowid, topic_id, timestamp, CASE WHEN length(data) <= ? THEN data END "
-        f"FROM messages NOT INDEXED WHERE topic_id IN ({wanted}) ORDER BY rowid"
-    )
 
 
 def _channels(base: sqlite3.Connection) -> dict[int, Channel]:

@@ -155,12 +155,11 @@ def _bent(x: Array, bend: Array) -> NDArray[np.bool_]:
 
 def without_long(marks: NDArray[np.bool_], longest: int) -> NDArray[np.bool_]:
     """The marks without those that stand more than `longest` in a row, shape `(C, N)`."""
-    kept = marks.copy()
-    for channel in np.flatnonzero(marks.any(axis=1)):
-        for start, stop in stretches(marks[channel]):
-            if stop - start > longest:
-                kept[channel, start:stop] = False
-    return kept
+    if not marks.any():
+        return marks
+    from scipy.ndimage import binary_opening
+
+    return np.asarray(marks & ~binary_opening(marks, np.ones((1, longest + 1))))
 
 
 def usual_bend(q: Array) -> Array:
@@ -173,11 +172,11 @@ def usual_bend(q: Array) -> Array:
 
 def jolted(q: Array, bend: Array) -> NDArray[np.bool_]:
     """Rows at or next to which a joint jolts, `(N,)`; positions `(n, N)` are without outliers."""
+    from scipy.ndimage import binary_dilation
+
     sharp = (np.abs(np.diff(q, n=2, axis=1)) > JOLT_RATIO * bend[:, None]).any(axis=0)
-    near = np.zeros(q.shape[1], dtype=np.bool_)
-    for start, stop in stretches(np.atleast_1d(sharp)):
-        near[max(0, start + 1 - LONGEST_SPIKE) : stop + 1 + LONGEST_SPIKE] = True
-    return near
+    near = np.ones(2 * LONGEST_SPIKE + 1)
+    return np.asarray(binary_dilation(np.pad(sharp, 1), near))
 
 
 def stretches(marks: NDArray[np.bool_]) -> list[tuple[int, int]]:
@@ -192,34 +191,16 @@ def bridged(t: Array, x: Array, marks: NDArray[np.bool_], smooth: Sequence[int])
     Channels in `smooth` take the cubic through two neighbours on each side; others take the
     straight line between two.
     """
-    if not marks.any():
-        return x
-    filled = x.copy()
-    some = np.flatnonzero(marks.any(axis=1))
-    before, after = _neighbours(marks[some])
-    of, row = np.nonzero(marks[some])
-    channel, low, high = some[of], before[of, row], after[of, row]
-    low, high = np.where(low < 0, high, low), np.where(high == len(t), low, high)
-    known = (low >= 0) & (high < len(t))
-    of, channel, row, low, high = (v[known] for v in (of, channel, row, low, high))
-    span = np.where(high > low, t[high] - t[low], 1.0)
-    share = (t[row] - t[low]) / span
-    filled[channel, row] = (1.0 - share) * x[channel, low] + share * x[channel, high]
-    lower, higher = before[of, low - 1], after[of, np.minimum(high + 1, len(t) - 1)]
-    cubic = np.isin(channel, list(smooth)) & (high > low) & (low > 0) & (high < len(t) - 1)
-    cubic &= (lower >= 0) & (higher < len(t))
-    points = np.stack([v[cubic] for v in (lower, low, high, higher)], axis=1)
-    channel, row = channel[cubic], row[cubic]
-    filled[channel, row] = _through(t[points], x[channel[:, None], points], t[row])
+    filled = x.copy() if marks.any() else x
+    for channel in np.flatnonzero(marks.any(axis=1) & ~marks.all(axis=1)).tolist():
+        known, rows = np.flatnonzero(~marks[channel]), np.flatnonzero(marks[channel])
+        filled[channel, rows] = np.interp(t[rows], t[known], x[channel, known])
+        if channel in smooth:
+            after = np.searchsorted(known, rows)
+            inside = (after >= 2) & (after <= len(known) - 2)
+            points, rows = known[after[inside, None] + np.arange(-2, 2)], rows[inside]
+            filled[channel, rows] = _through(t[points], x[channel, points], t[rows])
     return filled
-
-
-def _neighbours(marks: NDArray[np.bool_]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """The nearest rows up to and from each row on that are not marked; -1 and N where none is."""
-    rows = np.arange(marks.shape[1])
-    before = np.maximum.accumulate(np.where(marks, -1, rows), axis=1)
-    after = np.minimum.accumulate(np.where(marks, len(rows), rows)[:, ::-1], axis=1)[:, ::-1]
-    return before, after
 
 
 def _through(t: Array, values: Array, at: Array) -> Array:
@@ -333,12 +314,9 @@ class _Top:
 
 def saturated(x: Array, limits: Array) -> NDArray[np.bool_]:
     """Whether rows `(C, N)` stay at one of the limits `(C, 2)` for `ROWS_OF_STAY` rows or more."""
-    marks = np.zeros(x.shape, dtype=np.bool_)
-    for channel in np.flatnonzero(~np.isnan(limits).all(axis=1)).tolist():
-        for limit in limits[channel]:
-            for start, stop in stretches(x[channel] == limit):
-                marks[channel, start:stop] |= stop - start >= ROWS_OF_STAY
-    return marks
+    low, high = (x == limit[:, None] for limit in limits.T)
+    short = without_long(low, ROWS_OF_STAY - 1) | without_long(high, ROWS_OF_STAY - 1)
+    return (low | high) & ~short
 
 
 MOVED_STEPS = 3.0

@@ -149,13 +149,11 @@ class Thinning:
 
     def __call__(self, extended: Array) -> Array:
         """Channels `(C, N + 2 halo)` to channels `(C, N)`."""
+        from scipy.ndimage import maximum_filter1d
+
         signals = len(extended) - self.flags
         low = self.bank(extended[:signals])
         if not self.flags:
             return low
-        flags = np.abs(extended[signals:])
-        near = [
-            flags[:, self.halo + shift : extended.shape[1] - self.halo + shift]
-            for shift in range(-self.factor, self.factor + 1)
-        ]
-        return np.concatenate((low, np.max(near, axis=0)))
+        near = maximum_filter1d(np.abs(extended[signals:]), 2 * self.factor + 1, axis=1)
+        return np.concatenate((low, near[:, self.halo : -self.halo]))
