@@ -10,7 +10,7 @@ from bag_writers import joint_state, write_mcap
 from steelyard.base.arrays import Array
 from steelyard.base.errors import LogError
 from steelyard.logs.formats import open_log
-from steelyard.logs.streams import BATCH_ROWS, Lines, file_pieces, pipe_pieces, rows_of
+from steelyard.logs.streams import BATCH_ROWS, file_pieces, pipe_pieces, rows_of, rows_of_lines
 
 WANTED = ("t", "b")
 TABLE = b"Recorder 3.1\ngain 2\n# free text\nt,a,b\n0,1,2\n0.1,1.5,3\n\n0.2,x,\n0.3,1,4\n0.4,1"
@@ -24,29 +24,29 @@ def cut(text: bytes, size: int) -> list[bytes]:
     return [text[k : k + size] for k in range(0, len(text), size)]
 
 
-def read(lines: Lines, pieces: Iterable[bytes]) -> Array:
-    return np.concatenate(list(lines.rows(pieces)))
+def read(pieces: Iterable[bytes]) -> Array:
+    return np.concatenate(list(rows_of_lines(Path("x"), WANTED, pieces)))
 
 
 @pytest.mark.parametrize("size", [1, 2, 3, 7, 20, 1000])
 @pytest.mark.parametrize("text", [TABLE, OBJECTS], ids=["csv", "json"])
 def test_rows_are_the_same_however_the_bytes_are_cut(text: bytes, size: int) -> None:
-    found = read(Lines(Path("x"), WANTED), cut(text, size))
+    found = read(cut(text, size))
     assert np.array_equal(found[:4], ROWS, equal_nan=True)
     assert np.isnan(found[4:]).all() and len(found) == (5 if text is TABLE else 4)
 
 
 def test_other_separators_and_a_broken_line_of_json() -> None:
     semicolons = b"t;b\n0,5;1,25\n1,0;2\n"
-    assert read(Lines(Path("x"), WANTED), [semicolons]).tolist() == [[0.5, 1.25], [1.0, 2.0]]
-    broken = read(Lines(Path("x"), WANTED), [b'{"t": 0, "b": 1}\n{"t": 1, "b"\n[3]\n'])
+    assert read([semicolons]).tolist() == [[0.5, 1.25], [1.0, 2.0]]
+    broken = read([b'{"t": 0, "b": 1}\n{"t": 1, "b"\n[3]\n'])
     assert np.isnan(broken[1:]).all() and broken[0].tolist() == [0.0, 1.0]
 
 
 def test_lines_of_json_that_cannot_be_parsed_are_passed_over() -> None:
     deep = b'{"a":' * 50_000 + b"1" + b"}" * 50_000 + b"\n"
     huge = b'{"t": 1, "b": 1' + b"0" * 400 + b"}\n"
-    found = read(Lines(Path("x"), WANTED), [deep, OBJECTS[:30], OBJECTS[30:], deep, huge])
+    found = read([deep, OBJECTS[:30], OBJECTS[30:], deep, huge])
     assert np.array_equal(found[1:5], ROWS, equal_nan=True)
     assert np.isnan(found[0]).all() and np.isnan(found[5]).all() and np.isnan(found[6, 1])
 
@@ -64,7 +64,7 @@ def test_lines_of_json_that_cannot_be_parsed_are_passed_over() -> None:
 )
 def test_what_is_no_table_is_refused(text: bytes, words: str) -> None:
     with pytest.raises(LogError, match=words):
-        list(Lines(Path("x"), WANTED).rows([text]))
+        read([text])
 
 
 def appended(path: Path, pieces: Iterable[bytes]) -> Callable[[], bool]:

@@ -6,6 +6,7 @@ import queue
 import threading
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +19,6 @@ from steelyard.logs.messages.message_log import MessageLog
 from steelyard.logs.messages.record_files import open_mcap
 from steelyard.logs.text_table import (
     HEADER_LINES,
-    Header,
     by_numpy,
     read_header,
     rows_of_numbers,
@@ -42,22 +42,18 @@ def file_pieces(path: Path, waiting: Waiting) -> Iterator[bytes]:
                 if piece := file.read(PIECE_BYTES):
                     yield piece
                     continue
-                _refuse_replaced(path, file.fileno(), file.tell())
+                named, opened = path.stat(), os.fstat(file.fileno())
+                same = (named.st_ino, named.st_dev) == (opened.st_ino, opened.st_dev)
+                if not same or opened.st_size < file.tell():
+                    raise LogError(
+                        "the log was replaced or cut off while it was read",
+                        where=str(path),
+                        fix="start again with the new file; a recorder has to append to its file",
+                    )
                 if not waiting():
                     return
     except OSError as error:
         raise unreadable(path, error) from error
-
-
-def _refuse_replaced(path: Path, number: int, at: int) -> None:
-    """The path still names the open file, which has all bytes that were read."""
-    named, opened = path.stat(), os.fstat(number)
-    if (named.st_ino, named.st_dev) != (opened.st_ino, opened.st_dev) or opened.st_size < at:
-        raise LogError(
-            "the log was replaced or cut off while it was read",
-            where=str(path),
-            fix="start again with the new file; a recorder has to append to its file",
-        )
 
 
 def pipe_pieces(read: Callable[[], bytes], waiting: Waiting) -> Iterator[bytes]:
@@ -90,87 +86,69 @@ LONGEST_STREAM_LINE = 1 << 20
 """Bytes of a line, at most."""
 
 
-class Lines:
-    """Turns pieces of bytes into rows of columns.
+Read = Callable[[list[bytes]], Array]
+"""Turns lines into rows of the columns wanted."""
+
+
+def rows_of_lines(path: Path, wanted: Sequence[str], pieces: Iterable[bytes]) -> Iterator[Array]:
+    """Rows of columns in every piece of bytes, shape `(N, len(wanted))` with N > 0.
 
     Lines before the header are passed over; it is known once two rows follow it. A table whose
     first line begins like a JSON object has such objects in all lines, with the columns as keys. A
     cell that is missing or no number is NaN; a line that is no row, and a last line without its
     end, are rows of NaN.
     """
-
-    def __init__(self, path: Path, wanted: Sequence[str]) -> None:
-        """Begin."""
-        self._path, self._wanted = path, tuple(wanted)
-        self._rest = b""
-        self._header: Header | None = None
-        self._json = False
-
-    def rows(self, pieces: Iterable[bytes]) -> Iterator[Array]:
-        """Rows of every piece, shape `(N, len(wanted))` with N > 0."""
-        for piece in pieces:
-            self._rest += piece
-            end = self._rest.rfind(b"\n") + 1
-            if len(self._rest) - end > LONGEST_STREAM_LINE:
-                raise LogError(
-                    f"a line is longer than {LONGEST_STREAM_LINE >> 20} MiB",
-                    where=str(self._path),
-                    fix="give one line per sample",
-                )
-            if not end or not self._begun(self._rest[:end]):
-                continue
-            end = self._rest.rfind(b"\n") + 1
-            whole, self._rest = self._rest[:end], self._rest[end:]
-            lines = [line for line in whole.split(b"\n") if line.strip()]
+    rest, read = b"", None
+    for piece in pieces:
+        rest += piece
+        end = rest.rfind(b"\n") + 1
+        if len(rest) - end > LONGEST_STREAM_LINE:
+            raise LogError(
+                f"a line is longer than {LONGEST_STREAM_LINE >> 20} MiB",
+                where=str(path),
+                fix="give one line per sample",
+            )
+        if read is None and end:
+            read, start = _reader(path, wanted, rest[:end])
+            rest, end = rest[start:], end - start
+        if read is not None:
+            lines = [line for line in rest[:end].split(b"\n") if line.strip()]
+            rest = rest[end:]
             if lines:
-                yield self._objects(lines) if self._json else self._cells(lines)
-        if self._header is None and not self._json:
-            raise self._no_table()
-        if self._rest.strip():
-            yield np.full((1, len(self._wanted)), np.nan)
+                yield read(lines)
+    if read is None:
+        raise _no_table(path)
+    if rest.strip():
+        yield np.full((1, len(wanted)), np.nan)
 
-    def _begun(self, whole: bytes) -> bool:
-        """Whether the header is known; it is taken off when it becomes so."""
-        if self._json or self._header is not None:
-            return True
-        lines = whole.split(b"\n")[:-1]
-        text = [line.decode("utf-8", errors="replace").strip("\ufeff \r") for line in lines]
-        if next((line for line in text if line), "").startswith("{"):
-            names = next((row for row in map(_object, lines) if row), None)
-            if names is None and len(lines) > HEADER_LINES:
-                raise self._no_table()
-            if names is None:
-                return False
-            require_columns(self._path, tuple(names), self._wanted)
-            self._json = True
-            return True
+
+def _reader(path: Path, wanted: Sequence[str], begin: bytes) -> tuple[Read | None, int]:
+    """What reads the lines of a table, and where these begin; `None` until its header is known."""
+    lines = begin.split(b"\n")[:-1]
+    text = [line.decode("utf-8", errors="replace").strip("\ufeff \r") for line in lines]
+    header = None
+    if not next((line for line in text if line), "").startswith("{"):
         header = read_header(text[:HEADER_LINES])
-        if header is None or rows_of_numbers(text[:HEADER_LINES], header) < ROWS_BELOW_HEADER:
-            if len(lines) > HEADER_LINES:
-                raise self._no_table()
-            return False
-        require_columns(self._path, header.columns, self._wanted)
-        self._header = header
-        self._rest = self._rest[sum(len(line) + 1 for line in lines[: header.body]) :]
-        return True
+    elif names := next((row for row in map(_object, lines) if row), None):
+        require_columns(path, tuple(names), wanted)
+        return partial(_of_objects, wanted), 0
+    if header is None or rows_of_numbers(text[:HEADER_LINES], header) < ROWS_BELOW_HEADER:
+        if len(lines) > HEADER_LINES:
+            raise _no_table(path)
+        return None, 0
+    require_columns(path, header.columns, wanted)
+    places = [header.columns.index(name) for name in wanted]
+    separator, comma = header.separator, header.decimal_comma
 
-    def _cells(self, lines: Sequence[bytes]) -> Array:
-        header = self._header
-        assert header is not None
-        places = [header.columns.index(name) for name in self._wanted]
-        chunk = tidied(b"\n".join(lines) + b"\n", header.separator)
-        return by_numpy(chunk, places, header.separator, header.decimal_comma)
+    def cells(lines: list[bytes]) -> Array:
+        return by_numpy(tidied(b"\n".join([*lines, b""]), separator), places, separator, comma)
 
-    def _objects(self, lines: Sequence[bytes]) -> Array:
-        cells = [row.get(name) for row in map(_object, lines) for name in self._wanted]
-        return np.array(list(map(_number, cells))).reshape(len(lines), len(self._wanted))
+    return cells, sum(len(line) + 1 for line in lines[: header.body])
 
-    def _no_table(self) -> LogError:
-        return LogError(
-            "there is no table: no header with two rows of numbers below it",
-            where=str(self._path),
-            fix="send a line of column names, then one line per sample; or one JSON object a line",
-        )
+
+def _of_objects(wanted: Sequence[str], lines: list[bytes]) -> Array:
+    cells = [row.get(name) for row in map(_object, lines) for name in wanted]
+    return np.array(list(map(_number, cells))).reshape(len(lines), len(wanted))
 
 
 def _object(line: bytes) -> dict[str, Any]:
@@ -190,6 +168,14 @@ def _number(cell: Any) -> float:
         return np.nan
 
 
+def _no_table(path: Path) -> LogError:
+    return LogError(
+        "there is no table: no header with two rows of numbers below it",
+        where=str(path),
+        fix="send a line of column names, then one line per sample; or one JSON object a line",
+    )
+
+
 STANDARD_INPUT = "-"
 """Name of the source that is no file."""
 TEXT_SUFFIXES = (".csv", ".tsv", ".txt", ".jsonl", ".ndjson")
@@ -203,7 +189,7 @@ def rows_of(
 ) -> Iterator[Array]:
     """Rows of some columns as they arrive, shape `(N, len(columns))`."""
     if source == STANDARD_INPUT:
-        return Lines(Path("standard input"), columns).rows(pipe_pieces(read, waiting))
+        return rows_of_lines(Path("standard input"), columns, pipe_pieces(read, waiting))
     path = Path(source)
     if not path.is_file():
         raise LogError(
@@ -214,13 +200,13 @@ def rows_of(
     if path.suffix.lower() == ".mcap":
         return _messages(path, columns, waiting)
     if path.suffix.lower() in TEXT_SUFFIXES:
-        return Lines(path, columns).rows(file_pieces(path, waiting))
+        return rows_of_lines(path, columns, file_pieces(path, waiting))
     raise LogError(
         f"a log of the kind '{path.suffix or path.name}' cannot be read while it is written",
         where=source,
         fix=f"record a file that ends in {', '.join(TEXT_SUFFIXES)} or .mcap, or send rows to "
-        "standard "
-        "input (--from -); steelyard contact and payload --when read finished logs of all kinds",
+        "standard input (--from -); steelyard contact and payload --when read finished logs of all "
+        "kinds",
     )
 
 
