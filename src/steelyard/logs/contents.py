@@ -1,7 +1,7 @@
 """What is in a log: rows, time, the kind and range of each column; and a window of it."""
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from math import inf, isfinite
 from os.path import commonprefix
@@ -131,30 +131,26 @@ class LogContent:
         return {**asdict(self), "left_out": left_out}
 
 
-class ColumnTally:
-    """First value, range and missing values of columns, part by part."""
-
-    def __init__(self, width: int) -> None:
-        self.rows = 0
-        self.first: list[float] = []
-        self.least, self.most = np.full(width, inf), np.full(width, -inf)
-        self.missing = np.zeros(width, dtype=np.int64)
-
-    def add(self, part: Array) -> None:
-        """Count the rows of a part, shape `(N, width)` with N > 0."""
+def _columns_of(
+    names: Sequence[str], parts: Iterable[Array]
+) -> tuple[int, tuple[ColumnContent, ...]]:
+    """Rows in all parts, and what is in each column."""
+    rows, width = 0, len(names)
+    first, least, most = np.full(width, inf), np.full(width, inf), np.full(width, -inf)
+    missing = np.zeros(width, dtype=np.int64)
+    for part in parts:
         finite = np.isfinite(part)
-        self.first = self.first or part[0].tolist()
-        self.rows += len(part)
-        self.missing += (~finite).sum(axis=0)
-        self.least = np.minimum(self.least, np.where(finite, part, inf).min(axis=0))
-        self.most = np.maximum(self.most, np.where(finite, part, -inf).max(axis=0))
-
-    def column(self, name: str, place: int) -> ColumnContent:
-        """What was found in a column."""
-        found = self.first[place] if self.first else inf, self.least[place], self.most[place]
-        first, least, most = (float(x) if isfinite(x) else None for x in found)
-        missing = float(self.missing[place]) / max(1, self.rows)
-        return ColumnContent(name, Column(name).quantity or "", first, least, most, missing)
+        first = first if rows else part[0].copy()
+        rows += len(part)
+        missing += (~finite).sum(axis=0)
+        least = np.minimum(least, np.where(finite, part, inf).min(axis=0))
+        most = np.maximum(most, np.where(finite, part, -inf).max(axis=0))
+    found = []
+    for name, *values, absent in zip(names, first, least, most, missing, strict=True):
+        start, low, high = (float(x) if isfinite(x) else None for x in values)
+        kind, share = Column(name).quantity or "", float(absent) / max(1, rows)
+        found.append(ColumnContent(name, kind, start, low, high, share))
+    return rows, tuple(found)
 
 
 def content_of(log: Log, cut: Cut = Cut(), progress: Progress = silent) -> LogContent:  # noqa: B008
@@ -162,17 +158,15 @@ def content_of(log: Log, cut: Cut = Cut(), progress: Progress = silent) -> LogCo
     counts = Counter(log.columns)
     names = tuple(name for name, count in counts.items() if count == 1)
     time = time_column(log, names)
-    tally = ColumnTally(len(names))
-    for part in with_progress(windowed(log, names, cut), log, progress, "reading the log"):
-        tally.add(part)
-    columns = tuple(tally.column(name, place) for place, name in enumerate(names))
-    duration, rate = _clock(columns, time, tally.rows)
+    parts = with_progress(windowed(log, names, cut), log, progress, "reading the log")
+    rows, columns = _columns_of(names, parts)
+    duration, rate = _clock(columns, time, rows)
     twice = tuple((n, f"{k} columns are called so") for n, k in counts.items() if k > 1)
     return LogContent(
         path=f"{log.path}{cut.text}",
         format=kind_of(log.path),
         size=size_of(log.path),
-        rows=tally.rows,
+        rows=rows,
         time=time,
         duration=duration,
         rate=rate,

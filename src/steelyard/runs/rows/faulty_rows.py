@@ -316,7 +316,7 @@ def saturated(x: Array, limits: Array) -> NDArray[np.bool_]:
     """Whether rows `(C, N)` stay at one of the limits `(C, 2)` for `ROWS_OF_STAY` rows or more."""
     low, high = (x == limit[:, None] for limit in limits.T)
     short = without_long(low, ROWS_OF_STAY - 1) | without_long(high, ROWS_OF_STAY - 1)
-    return (low | high) & ~short
+    return np.asarray((low | high) & ~short)
 
 
 MOVED_STEPS = 3.0
