@@ -10,8 +10,8 @@ from rich.console import Console
 
 from steelyard.estimate.friction.friction_choice import MixScore
 from steelyard.estimate.payload.payload_estimate import PayloadEstimate
-from steelyard.identify.page.calibration_tables import DrivesSection, PerRunSection
 from steelyard.identify.page.content import ReportContent
+from steelyard.identify.page.estimate_tables import DrivesSection, PerRunSection
 from steelyard.identify.page.friction_and_residuals import FrictionSection
 from steelyard.model.laws.presliding import Dahl
 from steelyard.model.laws.viscous import Viscous

@@ -366,14 +366,12 @@ class IdentifiedModel(Dynamics):
 
 def _beside(path: Path) -> str:
     """Models that may be meant, in folders of a similar name or within; empty if there are none."""
-    near = nearest(path.name, (one.name for one in _models(path.parent)))
-    found = [path.parent / name for name in near] or _models(path)
+    models, inside = (
+        sorted(file.parent for file in folder.glob("*/model.json"))
+        for folder in (path.parent, path)
+    )
+    found = [path.parent / name for name in nearest(path.name, (x.name for x in models))] or inside
     return f"did you mean {' or '.join(map(str, found[:3]))}?" if found else ""
-
-
-def _models(folder: Path) -> list[Path]:
-    """Folders in a folder that contain a model."""
-    return sorted(file.parent for file in folder.glob("*/model.json"))
 
 
 @checked()

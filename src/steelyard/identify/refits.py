@@ -23,7 +23,7 @@ from steelyard.estimate.identified import IdentifiedModel, load_model
 from steelyard.estimate.information.regressor import base_regressor
 from steelyard.estimate.scores.score import RunScore
 from steelyard.identify.fit import Fit
-from steelyard.identify.page.scatter_of_estimates import repeated_table
+from steelyard.identify.page.estimate_tables import repeated_table
 from steelyard.identify.page.score_words import relative_errors
 from steelyard.identify.scores import processing_of, scored
 from steelyard.report.result import DataFrame, frame

@@ -12,9 +12,10 @@ from steelyard.estimate.friction.friction_choice import FrictionChoice
 from steelyard.estimate.nonlinear.fields import Finding
 from steelyard.estimate.payload.drive_gains import GainEstimate
 from steelyard.estimate.scores.estimator_advice import Comparison, EstimatorScore, Failure
-from steelyard.identify.page.calibration_tables import DrivesSection
 from steelyard.identify.page.content import QualitySection, SettingsSection
+from steelyard.identify.page.estimate_tables import DrivesSection
 from steelyard.identify.page.friction_and_residuals import FrictionSection
+from steelyard.report.figures import dots
 from steelyard.report.page import (
     Numbers,
     PageContent,
@@ -194,19 +195,14 @@ def _figure(drawn: Sequence[EstimatorScore], comparison: Comparison) -> dict[str
                 text=[part for _ in drawn for part in comparison.parts],
                 hovertemplate="%{y}, %{text}: %{x:.3g} %<extra></extra>",
             ),
-            _dots(
+            dots(
                 "mean and its standard error",
-                [rounded(score.mean or 0.0) for score in drawn],
+                [score.mean or 0.0 for score in drawn],
                 names,
-                {"size": 10, "symbol": "diamond", "color": "--blue"},
-                hovertemplate="%{y}: %{x:.3g} %<extra></extra>",
-                error_x={
-                    "type": "data",
-                    "array": [rounded(score.standard_error or 0.0) for score in drawn],
-                    "color": "--blue",
-                    "thickness": 2,
-                    "width": 5,
-                },
+                "--blue",
+                symbol="diamond",
+                size=10,
+                half_widths=[score.standard_error or 0.0 for score in drawn],
             ),
             _dots(
                 "time of one fit",

@@ -9,6 +9,7 @@ from rich.text import Text
 
 from steelyard.estimate.scores.joint_errors import EffortError
 from steelyard.estimate.scores.model_comparison import ModelComparison
+from steelyard.identify.page.effort_figures import drawn_efforts
 from steelyard.report.figures import (
     Figure,
     Group,
@@ -214,10 +215,6 @@ def _errors_figure(found: ModelComparison) -> Figure:
     return figure_of_rows(label, x, found.joints, traces, 30, xaxis={"rangemode": "tozero"})
 
 
-MOST_POINTS_OF_MODEL_EFFORT = 1500  # most points of a line
-LEAST_POINTS_OF_MODEL_EFFORT = 200  # points of a line below which rather a whole log is left out
-MOST_POINTS_OF_MODEL_EFFORTS = 170_000  # points of all lines together
-
 MEASURED_COLOUR = "--ink"
 
 
@@ -227,21 +224,15 @@ class ModelEffortsSection(FigureSection, name="model-efforts", title="Efforts ov
     def numbers(self, content: ModelsContent) -> Numbers:
         """Efforts."""
         found = content.models
-        of_run = len(found.joints) * (len(found.models) + 1)
-        runs = found.runs[
-            : max(MOST_POINTS_OF_MODEL_EFFORTS // (of_run * LEAST_POINTS_OF_MODEL_EFFORT), 1)
-        ]
-        most = max(
-            min(MOST_POINTS_OF_MODEL_EFFORT, MOST_POINTS_OF_MODEL_EFFORTS // (of_run * len(runs))),
-            LEAST_POINTS_OF_MODEL_EFFORT,
-        )
-        left_out = found.runs[len(runs) :]
+        lines = len(found.joints) * (len(found.models) + 1)
+        count, most = drawn_efforts(lines, len(found.runs))
+        left_out = found.runs[count:]
         cutoff = found.models[0].runs[0].errors.cutoff
         return {
             "words": f"Measured and predicted below {cutoff:g} Hz.",
             "groups": [
                 Group([_efforts_figure(found, k, j, most) for j in range(len(found.joints))], name)
-                for k, name in enumerate(runs)
+                for k, name in enumerate(found.runs[:count])
             ],
             "legend": [Key(MEASURED_COLOUR, "measured"), *legend(found, "line")],
             "note": f"Not drawn: {', '.join(left_out)}." if left_out else "",

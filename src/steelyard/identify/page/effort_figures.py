@@ -49,15 +49,9 @@ class EffortSection(Section, name="effort", title="Effort, measured and predicte
         everything += [(s, "fitted") for s in content.fitted]
         if not everything:
             return None
-        n_joints = max(len(everything[0][0].joints), 1)
-        most_runs = max(
-            MOST_POINTS_OF_EFFORTS // (LINES_OF_EFFORT_PLOT * n_joints * LEAST_POINTS_OF_EFFORT), 1
-        )
+        lines = LINES_OF_EFFORT_PLOT * max(len(everything[0][0].joints), 1)
+        most_runs, points = drawn_efforts(lines, len(everything))
         chosen = everything[:most_runs]
-        points = min(
-            MOST_POINTS_OF_EFFORT,
-            MOST_POINTS_OF_EFFORTS // (LINES_OF_EFFORT_PLOT * n_joints * len(chosen)),
-        )
         figures = [
             _effort_figure(s, joint, points) for s, _ in chosen for joint in range(len(s.joints))
         ]
@@ -82,6 +76,13 @@ class EffortSection(Section, name="effort", title="Effort, measured and predicte
             for index, figure in enumerate(numbers["figures"])
         ]
         return fill("effort.html", {**numbers, "data": data})
+
+
+def drawn_efforts(lines: int, runs: int) -> tuple[int, int]:
+    """How many of some runs with so many lines each are drawn, and with how many points a line."""
+    count = min(max(MOST_POINTS_OF_EFFORTS // (lines * LEAST_POINTS_OF_EFFORT), 1), runs)
+    points = min(MOST_POINTS_OF_EFFORT, MOST_POINTS_OF_EFFORTS // (lines * count))
+    return count, max(points, LEAST_POINTS_OF_EFFORT)
 
 
 def band_text(identified: IdentifiedModel) -> str:
