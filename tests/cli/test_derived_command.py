@@ -11,7 +11,6 @@ from typer.testing import CliRunner, Result
 from steelyard.base.arguments import checked
 from steelyard.base.progress import Progress, silent
 from steelyard.cli.app import app
-from steelyard.cli.command import Json
 from steelyard.cli.derived_command import DerivedCommand, from_function
 
 
@@ -44,7 +43,7 @@ CALLS: list[tuple[dict[str, object], bool]] = []
 
 
 @from_function(f"{__name__}:weighed", names={"name": "--name"})
-def weigh(call: "partial[None]", as_json: Json = False) -> None:
+def weigh(call: "partial[None]", as_json: bool = False) -> None:
     """Weigh something.
 
     Example: weigh model log

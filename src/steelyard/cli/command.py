@@ -133,42 +133,17 @@ def output_folder(default: str) -> Any:
     )
 
 
-Json = Annotated[bool, typer.Option("--json", help="Machine-readable results on standard output.")]
-Details = Annotated[
-    bool, typer.Option("--verbose", "-v", help="Print all errors, parameters and notes.")
-]
 ReportFolder = Annotated[Path | None, output_option("Output folder for the report; none if unset.")]
 PlotsFolder = Annotated[
     Path | None, output_option("Output folder for a page with plots; none if unset.")
 ]
-Threads = Annotated[
-    int | None, typer.Option(min=1, help="Threads for the pass over the data; all cores if unset.")
-]
-Seed = Annotated[int, typer.Option(min=0, help="Seed of the random numbers.")]
 XACRO_ARGUMENTS_HELP = "Arguments of a xacro file follow it: arm.urdf.xacro name:=left."
-RobotArgument = Annotated[
-    str,
-    typer.Argument(
-        help=f"Robot file (TOML), URDF, xacro file or MJCF. {XACRO_ARGUMENTS_HELP}", metavar="ROBOT"
-    ),
-]
 MODEL_HELP = "model.json, or the folder that contains it."
-ModelArgument = Annotated[str, typer.Argument(help=MODEL_HELP, metavar="MODEL")]
-FixedBase = Annotated[
-    str | None,
-    typer.Option(
-        help="Link to fix to the world, for a URDF or MJCF with a floating base; in a robot "
-        "file, base = ... does this.",
-        metavar="LINK",
-    ),
-]
 LOG_HELP = (
     "Logs: CSV, Parquet (a file, or a folder of parts), MCAP, ROS 1 and 2 bags, NumPy, MATLAB, "
     "HDF5. Cut by time: run.parquet@0.6:9.5 (seconds from its start), "
     "or by rows: run.parquet#921:4442."
 )
-LogArgument = Annotated[str, typer.Argument(help=LOG_HELP, metavar="LOG")]
-LogArguments = Annotated[list[str], typer.Argument(help=LOG_HELP, metavar="LOG...")]
 
 
 class CommandResult(Protocol):
@@ -243,27 +218,27 @@ def computed(compute: Callable[..., R], folder: Path | None) -> R:
 def reported(
     compute: Callable[..., R], output: Path | None, as_json: bool, *shown: bool, **files: str
 ) -> R:
-    """Compute a result, write it if wanted, and print it.
+    """Compute a result, write it if wanted, and print it, with the written files by what they are.
 
-    Args:
-        compute: Takes the watcher as `progress`.
-        output: Folder to write to; none if `None`.
-        as_json: Whether to print it as JSON.
-        *shown: How much the terminal shows; the JSON values of such a command name the folder.
-        **files: Names of written files that the terminal lists, by what they are.
+    `shown` says how much the terminal shows; the JSON values of such a command name the folder.
     """
-    from steelyard.report.terminal import terminal
-
     folder = optional_folder(output)
     found = computed(compute, folder)
     if as_json:
         place = {"output": folder and str(folder)} if shown else {}
         print_json({**found.to_dict(), **place})
         return found
-    found.show(terminal(), *shown)
+    show(found, *shown)
     if folder is not None:
         typer.echo("\n" + file_lines(folder, **files))
     return found
+
+
+def show(found: CommandResult, *shown: bool) -> None:
+    """Print a result for people."""
+    from steelyard.report.terminal import terminal
+
+    found.show(terminal(), *shown)
 
 
 def optional_folder(output: Path | None) -> Path | None:

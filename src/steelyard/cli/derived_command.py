@@ -16,29 +16,25 @@ import typer
 import typer.main
 from typer.core import TyperCommand
 
-from steelyard.cli.command import (
-    Details,
-    FixedBase,
-    Json,
-    LogArgument,
-    LogArguments,
-    ModelArgument,
-    RobotArgument,
-    Seed,
-    Threads,
-    guarded,
-)
+from steelyard.cli.command import LOG_HELP, MODEL_HELP, XACRO_ARGUMENTS_HELP, guarded
 
-SHARED: Mapping[str, Any] = {
-    "robot": RobotArgument,
-    "model": ModelArgument,
-    "logs": LogArguments,
-    "log": LogArgument,
-    "fixed_base": FixedBase,
-    "threads": Threads,
-    "seed": Seed,
-    "verbose": Details,
-    "as_json": Json,
+SHARED: Mapping[str, Mapping[str, Any]] = {
+    "robot": {
+        "help": f"Robot file (TOML), URDF, xacro file or MJCF. {XACRO_ARGUMENTS_HELP}",
+        "metavar": "ROBOT",
+    },
+    "model": {"help": MODEL_HELP, "metavar": "MODEL"},
+    "logs": {"help": LOG_HELP},
+    "log": {"help": LOG_HELP, "metavar": "LOG"},
+    "fixed_base": {
+        "help": "Link to fix to the world, for a URDF or MJCF with a floating base; in a robot "
+        "file, base = ... does this.",
+        "metavar": "LINK",
+    },
+    "threads": {"help": "Threads for the pass over the data; all cores if unset.", "min": 1},
+    "seed": {"help": "Seed of the random numbers.", "min": 0},
+    "verbose": {"help": "Print all errors, parameters and notes."},
+    "as_json": {"name": "--json", "help": "Machine-readable results on standard output."},
 }
 """Parameters that are the same in every command."""
 
@@ -232,8 +228,6 @@ def _parameter(
 ) -> inspect.Parameter:
     """A parameter as Typer reads it; a switch that is on by default gets the name `no_NAME`."""
     name, default, hint = parameter.name, parameter.default, parameter.annotation
-    if get_origin(hint) is not Annotated and changes is None:
-        hint = SHARED.get(name, hint)
     if get_origin(hint) is Annotated:
         return parameter.replace(annotation=hint, kind=parameter.KEYWORD_ONLY)
     kind = _command_line_type(hint)
@@ -248,7 +242,7 @@ def _parameter(
         "min": least,
         "metavar": METAVARS.get(parameter.name) or UNIT_METAVARS.get(unit[1] if unit else ""),
         "type": kind,
-        **(changes or {}),
+        **(SHARED.get(name, {}) if changes is None else changes),
     }
     if get_origin(kind) is Literal:
         told["metavar"] = None

@@ -18,6 +18,7 @@ from steelyard.cli.command import (
     output_folder,
     print_json,
     reported,
+    show,
 )
 from steelyard.cli.derived_command import from_function
 
@@ -46,7 +47,6 @@ def identify(
     """
     from steelyard.base.files import new_folder
     from steelyard.identify.page.model_verdict import exit_code, next_steps, step_lines
-    from steelyard.report.terminal import terminal
     from steelyard.robot.models.xacro import stem_of
 
     robot = call.keywords["robot"]
@@ -55,7 +55,7 @@ def identify(
     if as_json:
         print_json({"output": str(folder), **found.to_dict()})
     else:
-        found.show(terminal(), verbose)
+        show(found, verbose)
         lines = step_lines(next_steps(found.content, robot, folder))
         paths = file_lines(folder, model="model.json", report="report.html")
         typer.echo("\n".join(["", *lines, paths]))
@@ -89,14 +89,13 @@ def validate(
         robot_file,
         step_lines,
     )
-    from steelyard.report.terminal import terminal
 
     folder, model = optional_folder(output), call.keywords["model"]
     found = computed(call, folder)
     if as_json:
         print_json(found.to_dict()["logs"])
     else:
-        found.show(terminal(), verbose)
+        show(found, verbose)
         steps = fix_commands(found.content, model, robot_file(found.content))
         if not found.content.scores:
             steps = (

@@ -11,7 +11,7 @@ import typer
 
 from steelyard.base.text import visible
 from steelyard.cli import interrupt
-from steelyard.cli.command import LogArgument, optional_folder, print_json, progress_bar
+from steelyard.cli.command import LOG_HELP, optional_folder, print_json, progress_bar
 from steelyard.cli.derived_command import DerivedCommand, from_function
 
 if TYPE_CHECKING:
@@ -122,12 +122,9 @@ def hints(
 ) -> list[str]:
     """Where things are written, or how to have them written; and what to do next.
 
-    Args:
-        found: What was found.
-        folder: Folder of the page, if there is one.
-        named: Robot file and logs as they were given, to be identified from; else empty.
-        ends: Why the log that validates ends before its last row, if it does.
-        gains: Whether the drive gains are known; if not, a robot file is needed for them.
+    `named` are robot file and logs as they were given, to be identified from, else none; `ends`
+    says why the log that validates ends before its last row. Without known drive gains a robot
+    file is needed for them.
     """
     from steelyard.identify.page.model_verdict import (
         gear_side_steps,
@@ -193,9 +190,13 @@ def info(logs: list[str], as_json: bool = False) -> None:
 
 
 @log.command(cls=DerivedCommand)
-@from_function(output={"metavar": "OUTPUT"}, columns={"metavar": "NAME..."})
+@from_function(
+    source={"help": LOG_HELP, "metavar": "LOG"},
+    output={"metavar": "OUTPUT"},
+    columns={"metavar": "NAME..."},
+)
 def convert(
-    source: LogArgument, output: Path, columns: list[str] | None = None, as_json: bool = False
+    source: str, output: Path, columns: list[str] | None = None, as_json: bool = False
 ) -> None:
     """Convert a log, or a part of it, to another format; no number is changed.
 

@@ -14,6 +14,7 @@ from steelyard.cli.command import (
     output_folder,
     print_json,
     progress_bar,
+    show,
 )
 from steelyard.cli.derived_command import from_function
 
@@ -62,7 +63,6 @@ def reduce(
     from steelyard.base.files import new_folder, whole_folder
     from steelyard.excite.excite import design_excitation
     from steelyard.identify.page.model_verdict import exit_code
-    from steelyard.report.terminal import terminal
 
     _refuse_missing(robot, {"--bodies": bodies, "--next": following is not None}, last)
     folder, motion_folder = new_folder(output, "steelyard-reduced"), optional_folder(following)
@@ -74,7 +74,7 @@ def reduce(
                 interrupt.too_late()
     interrupt.finished(str(folder))
     if not as_json:
-        found.show(terminal(), verbose)
+        show(found, verbose)
         typer.echo("\n" + file_lines(folder, model="model.json", report="report.html"))
     if motion_folder is not None and robot is not None:
         with progress_bar() as progress, whole_folder(motion_folder) as place:
@@ -267,6 +267,10 @@ def _print_export(path: Path, made: "Exported", as_json: bool) -> None:
 
 def _print_code(path: Path, form: Kind, written: "WrittenCode", as_json: bool) -> None:
     """What was written, names that became others, and functions that there cannot be."""
+    from rich.text import Text
+
+    from steelyard.report.terminal import terminal
+
     if as_json:
         print_json(
             {
@@ -291,4 +295,4 @@ def _print_code(path: Path, form: Kind, written: "WrittenCode", as_json: bool) -
     if written.renamed:
         pairs = ", ".join(f"{name} as {plain}" for name, plain in written.renamed.items())
         lines.append(f"identifiers: {pairs}")
-    typer.echo("\n".join(lines))
+    terminal().print(Text("\n".join(lines)), soft_wrap=True)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from steelyard.cli import interrupt
-from steelyard.cli.command import output_folder, print_json, progress_bar
+from steelyard.cli.command import output_folder, print_json, progress_bar, show
 from steelyard.cli.derived_command import from_function
 
 if TYPE_CHECKING:
@@ -63,7 +63,6 @@ def excite(
     from steelyard.excite.excite import design_task
     from steelyard.excite.page.design_words import design_level
     from steelyard.excite.search.parallel_search import SearchBudget
-    from steelyard.report.terminal import terminal
     from steelyard.robot.models.xacro import stem_of
 
     given = dict(call.keywords)
@@ -77,7 +76,7 @@ def excite(
     if as_json:
         print_json(found.to_dict() | {"files": written})
     else:
-        found.show(terminal(), verbose)
+        show(found, verbose)
         files = [f"{name:<12} {path}" for name, path in written.items()]
         typer.echo("\n".join(["", *files, *_withheld(task, found)]))
     if code := EXITS[design_level(found.designed)]:

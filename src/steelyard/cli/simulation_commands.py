@@ -15,6 +15,7 @@ from steelyard.cli.command import (
     output_folder,
     print_json,
     progress_bar,
+    show,
 )
 from steelyard.cli.derived_command import from_function
 
@@ -112,7 +113,6 @@ def track(
     Example: steelyard track panda.toml motion.json --model panda-model -o panda-tracking
     """
     from steelyard.base.files import new_folder
-    from steelyard.report.terminal import terminal
     from steelyard.robot.models.xacro import stem_of
 
     folder = new_folder(output, f"steelyard-{stem_of(call.keywords['robot'])}-tracking")
@@ -120,7 +120,7 @@ def track(
     if as_json:
         print_json({**found.to_dict(), "output": str(folder)})
         return
-    found.show(terminal())
+    show(found)
     typer.echo(file_lines(folder, page="tracking.html", JSON="tracking.json"))
 
 

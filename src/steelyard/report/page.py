@@ -32,18 +32,23 @@ PLOTLY = Path(__file__).parent / "plotly" / "plotly.min.js.gz"
 PICTURE = 'class="picture'  # what marks a picture in the page
 
 
-@cache
-def _environment() -> Environment:
-    """Templates that escape everything: names come from files of strangers."""
+def templates_of(folder: Path, **options: Any) -> Environment:
+    """The templates of a folder; a value that is missing is an error."""
     from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
-    environment = Environment(
-        loader=FileSystemLoader(TEMPLATES, encoding="utf-8"),
-        autoescape=True,
+    return Environment(
+        loader=FileSystemLoader(folder, encoding="utf-8"),
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
+        **options,
     )
+
+
+@cache
+def _environment() -> Environment:
+    """Templates that escape everything: names come from files of strangers."""
+    environment = templates_of(TEMPLATES, autoescape=True)
     environment.filters |= {
         "significant": words.significant,
         "percent": words.percent,

@@ -23,43 +23,6 @@ from steelyard.simulate.virtual_robot import VirtualRobot, customary_sensors
 
 LARGEST_LIMIT_SHARE = 0.9  # of the limits that a random motion uses, where the table has room
 
-_URDF = "demo_arm.urdf"
-_ROBOT_FILE = """\
-# The steelyard demo arm: what its URDF cannot say.
-
-[robot]
-urdf = "demo_arm.urdf"
-
-[model]
-terms = ["rigid_body", "rotor_inertia", "coulomb", "viscous", "offset"]
-
-[signals]
-time = "time_s"
-position = "q{}_rad"
-velocity = "dq{}_rad_s"
-
-[signals.effort]
-columns = "tau{}_Nm"
-kind = "joint_torque"
-unit = "Nm"
-
-[excitation.motion]
-kind = "fourier"
-period = 20.0
-harmonics = 16
-
-[excitation.criterion]
-kind = "d_optimal"
-
-[excitation.limits]
-acceleration = 8.0
-
-[excitation.workspace]
-frame = "tool"
-radius = 0.05
-floor = 0.0 # it stands on a table: no link, no tool goes below
-"""
-
 
 @dataclass(frozen=True)
 class DemoFiles:
@@ -122,7 +85,7 @@ def _above_table(loaded: LoadedRobot, seed: int, period: float) -> FourierMotion
 
 def write_demo_arm(folder: Path) -> LoadedRobot:
     """Write the demo arm's URDF and robot file to a folder; the robot they describe."""
-    urdf = (files("steelyard.simulate") / _URDF).read_text(encoding="utf-8")
-    (folder / _URDF).write_text(urdf, encoding="utf-8")
-    (folder / "demo_arm.toml").write_text(_ROBOT_FILE, encoding="utf-8")
+    for name in ("demo_arm.urdf", "demo_arm.toml"):
+        text = (files("steelyard.simulate") / name).read_text(encoding="utf-8")
+        (folder / name).write_text(text, encoding="utf-8")
     return load_robot(folder / "demo_arm.toml")

@@ -99,41 +99,20 @@ class Laws:
             from steelyard.symbolic.trace import symbolic
 
             about: dict[str, Any] = {}
-
-            def outputs(*x: Any) -> list[Scalar]:
-                rows, found = self._outputs(*x)
-                about.update(found)
-                return rows
-
-            program = symbolic(outputs, self._inputs())
+            program = symbolic(lambda *given: self._outputs(about, *given), self._inputs())
             return softened(program, VELOCITY, WIDTHS), about
 
         return compiled(["virtual", described, *self.places], build)
 
     def _inputs(self) -> tuple[Input, ...]:
-        n = len(self.model.offset)
-        return (
-            Input("position", n, shared=True),
-            Input("velocity", n, shared=True),
-            Input("acceleration", n, shared=True),
-            Input("applied", self.robot.n, shared=True),
-            Input("memory", self.n_memory),
-            Input("channels", self.n_channels, shared=True),
-            Input("parameters", len(self.values), shared=True),
-            Input("widths", n, shared=True),
-        )
+        rows = dict.fromkeys(("position", "velocity", "acceleration"), len(self.model.offset))
+        rows |= {"applied": self.robot.n, "memory": self.n_memory, "channels": self.n_channels}
+        rows |= {"parameters": len(self.values), "widths": len(self.model.offset)}
+        return tuple(Input(name, n, shared=name != "memory") for name, n in rows.items())
 
-    def _outputs(
-        self,
-        position: Sequence[Scalar],
-        velocity: Sequence[Scalar],
-        acceleration: Sequence[Scalar],
-        applied: Sequence[Scalar],
-        before: Sequence[Scalar],
-        channels: Sequence[Scalar],
-        values: Sequence[Scalar],
-        _: Sequence[Scalar],
-    ) -> tuple[list[Scalar], dict[str, Any]]:
+    def _outputs(self, about: dict[str, Any], *given: Sequence[Scalar]) -> list[Scalar]:
+        """Rows of `code` over its inputs; tells which joints they load and brake."""
+        position, velocity, acceleration, applied, before, channels, values, _ = given
         places = list(zip(*self.places, strict=True))
         q = [(position[c] - zero) / ratio for c, ratio, zero in places]
         dq, ddq = ([x[c] / ratio for c, ratio, _ in places] for x in (velocity, acceleration))
@@ -154,9 +133,8 @@ class Laws:
                     brakes[row] = brakes[row] + effort if row in brakes else effort
         loads = sorted(total)
         forces = [total[row] / places[row][1] for row in loads]
-        behind = sorted(brakes)
-        rows = [*forces, *(brakes[row] for row in behind), *memory]
-        return rows, {"loads": loads, "brakes": behind}
+        about.update(loads=loads, brakes=sorted(brakes))
+        return [*forces, *(brakes[row] for row in sorted(brakes)), *memory]
 
 
 class LawsInUse:

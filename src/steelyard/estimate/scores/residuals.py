@@ -32,6 +32,7 @@ from steelyard.estimate.external.residual_peaks import (
     FEWEST,
     HOLD,
     SETTLED,
+    ContactThresholds,
     ResidualPeaks,
     changes_at_rest,
     low_passed,
@@ -255,6 +256,14 @@ def supported_rate(peaks: ResidualPeaks, wanted: float | None, usual: float = 1.
             f"{minutes * least / wanted:.0f} min of free motion",
         )
     return wanted
+
+
+def thresholds_of(
+    identified: IdentifiedModel, peaks: ResidualPeaks, rate: float | None
+) -> ContactThresholds:
+    """Thresholds for a rate of false alarms per hour, or for the usual one."""
+    friction = sliding_friction(identified, peaks.edges[:, 1])
+    return peaks.thresholds(supported_rate(peaks, rate), friction)
 
 
 CLEAR = 2.0  # frequencies from that many regression cut-offs on hold none of what is fitted

@@ -4,11 +4,14 @@ import re
 import unicodedata
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
+from pathlib import Path
 from textwrap import wrap
+from typing import Any
 
 from steelyard.export.code.c_state import closing_code, memory_code, observer_code
 from steelyard.export.code.functions import Controller, Function
+from steelyard.report.page import templates_of
 from steelyard.robot.robot import Coordinate
 from steelyard.symbolic.source_code import CFunction, Precision, c_function, c_literal
 
@@ -51,6 +54,26 @@ def commented(text: str) -> str:
     for risky, safe in (("\\", "/"), ("*/", "* /"), ("/*", "/ *"), ("??", "? ?"), ('"', "'")):
         plain = plain.replace(risky, safe)
     return " ".join(plain.split())
+
+
+TEMPLATES = Path(__file__).parent / "templates"
+
+
+def filled(template: str, values: Mapping[str, Any]) -> str:
+    """A file's text: a template whose brackets and braces are its language's, with values."""
+    return _templates().get_template(template).render(values)
+
+
+@cache
+def _templates() -> Any:
+    return templates_of(
+        TEMPLATES,
+        variable_start_string="[[",
+        variable_end_string="]]",
+        block_start_string="[%",
+        block_end_string="%]",
+        keep_trailing_newline=True,
+    )
 
 
 COMMENT_WIDTH = 94  # columns of text in comments

@@ -88,41 +88,29 @@ class FunctionSpec:
     """A function that can be exported."""
 
     quantity: Quantity | None  # what it computes; `None` for the regressor of base parameters
-    arguments: tuple[str, ...]
+    arguments: str
     output: str
     meaning: str  # what the result is, with units
 
 
-EFFORT_UNIT_WORDS = "[Nm; N]"
 FUNCTIONS = {
-    "torque": FunctionSpec(
-        TORQUE, ("q", "dq", "ddq"), "tau", f"efforts of the whole model {EFFORT_UNIT_WORDS}"
-    ),
-    "gravity": FunctionSpec(
-        GRAVITY, ("q",), "tau", f"efforts that hold the bodies at rest {EFFORT_UNIT_WORDS}"
-    ),
-    "bias": FunctionSpec(
-        BIAS, ("q", "dq"), "tau", f"Coriolis, centrifugal and gravity efforts {EFFORT_UNIT_WORDS}"
-    ),
-    "friction": FunctionSpec(
-        FRICTION, ("q", "dq"), "tau", f"efforts of the friction laws {EFFORT_UNIT_WORDS}"
-    ),
+    "torque": FunctionSpec(TORQUE, "q dq ddq", "tau", "efforts of the whole model [Nm; N]"),
+    "gravity": FunctionSpec(GRAVITY, "q", "tau", "efforts that hold the bodies at rest [Nm; N]"),
+    "bias": FunctionSpec(BIAS, "q dq", "tau", "Coriolis, centrifugal and gravity efforts [Nm; N]"),
+    "friction": FunctionSpec(FRICTION, "q dq", "tau", "efforts of the friction laws [Nm; N]"),
     "mass": FunctionSpec(
-        MASS_MATRIX, ("q",), "matrix", "mass matrix of bodies and rotors [kg m^2; kg m; kg]"
+        MASS_MATRIX, "q", "matrix", "mass matrix of bodies and rotors [kg m^2; kg m; kg]"
     ),
     "regressor": FunctionSpec(
-        None, ("q", "dq", "ddq"), "columns", "efforts per unit of each base parameter"
+        None, "q dq ddq", "columns", "efforts per unit of each base parameter"
     ),
-    "momentum": FunctionSpec(MOMENTUM, ("q", "dq"), "p", "generalised momentum [kg m^2/s; kg m/s]"),
+    "momentum": FunctionSpec(MOMENTUM, "q dq", "p", "generalised momentum [kg m^2/s; kg m/s]"),
     "momentum_rate": FunctionSpec(
-        MOMENTUM_RATE,
-        ("q", "dq"),
-        "rate",
-        f"rate of the momentum without efforts {EFFORT_UNIT_WORDS}",
+        MOMENTUM_RATE, "q dq", "rate", "rate of the momentum without efforts [Nm; N]"
     ),
     "forward_dynamics": FunctionSpec(
         FORWARD_DYNAMICS,
-        ("q", "dq", "tau"),
+        "q dq tau",
         "ddq",
         "accelerations under efforts [rad/s^2; m/s^2], then the least pivot of the mass matrix, "
         "which is positive where the matrix is positive definite",
@@ -215,12 +203,13 @@ class Controller:
 
     def _function(self, name: str) -> Function:
         wanted = FUNCTIONS[name]
+        arguments = tuple(wanted.arguments.split())
         n = self.model.robot.n
         if wanted.quantity is None:
-            program = self._traced(wanted.arguments, self._regressor)
+            program = self._traced(arguments, self._regressor)
             shape: tuple[int, ...] = (n, len(self.parameters))
         else:
-            quantity = replace(wanted.quantity, arguments=wanted.arguments)
+            quantity = replace(wanted.quantity, arguments=arguments)
             program, shape = self._program(quantity), quantity.shape(self.equations)
         return Function(name, program, ((wanted.output, shape),), wanted.meaning)
 

@@ -10,8 +10,7 @@ from steelyard.base.errors import DataError, ModelError, OutputError, advice
 from steelyard.base.files import refuse_existing, whole_file, whole_folder
 from steelyard.estimate.external.residual_peaks import FEWEST
 from steelyard.estimate.identified import IdentifiedModel, load_model
-from steelyard.estimate.scores.joint_errors import known_efforts
-from steelyard.estimate.scores.residuals import sliding_friction, supported_rate
+from steelyard.estimate.scores.residuals import thresholds_of
 from steelyard.export.code.c_code import CCode, identifier, identifiers, named_functions
 from steelyard.export.code.c_files import c_files
 from steelyard.export.code.fmu import write_fmu
@@ -30,6 +29,7 @@ from steelyard.export.code.simulink import simulink_files
 from steelyard.model.equations.kinematics import frame_of
 from steelyard.robot.robot import Robot
 from steelyard.symbolic.source_code import Precision
+from steelyard.uses.control.model_torques import refuse_unknown_gains
 
 
 def controller_of(
@@ -72,8 +72,7 @@ def observer_of(identified: IdentifiedModel) -> ObserverNumbers:
     peaks = None if calibration is None else calibration.peaks
     if peaks is None or not (peaks.visits >= FEWEST).any():
         return ObserverNumbers(identified.cutoffs.score, None)
-    friction = sliding_friction(identified, peaks.edges[:, 1])
-    return ObserverNumbers(peaks.cutoff, peaks.thresholds(supported_rate(peaks, None), friction))
+    return ObserverNumbers(peaks.cutoff, thresholds_of(identified, peaks, None))
 
 
 def end_frames(robot: Robot) -> tuple[str, ...]:
@@ -106,21 +105,11 @@ def origin_of(identified: IdentifiedModel) -> tuple[str, ...]:
 
 
 def _refuse_unusable(identified: IdentifiedModel) -> None:
-    signals, robot = identified.signals, identified.model.robot
-    known = known_efforts(identified)
-    unknown = signals.unknown_gains or (False,) * len(known)
-    for joint, sure, lacking in zip(robot.joint_names, known, unknown, strict=True):
-        if lacking or not sure:
-            raise ModelError(
-                f"the drive gain of joint '{joint}' is unknown: efforts of the model are no Nm",
-                where=f"model of '{robot.name}', [signals.effort] gain",
-                fix="identify again with the gains in Nm/A, or with a payload of known mass "
-                "(--loaded, --payload-mass), which fixes their scale",
-            )
-    if signals.effort_kind == "gravity_compensated_torque":
+    refuse_unknown_gains(identified)
+    if identified.signals.effort_kind == "gravity_compensated_torque":
         raise ModelError(
             "the model lacks the weight: it was identified from gravity-compensated efforts",
-            where=f"model of '{robot.name}', [signals.effort] kind",
+            where=f"model of '{identified.model.robot.name}', [signals.effort] kind",
             fix="identify from efforts that include the weight, such as motor currents or "
             "measured joint torques",
         )

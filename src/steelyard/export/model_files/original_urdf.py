@@ -11,7 +11,8 @@ import xml.etree.ElementTree as ET
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
+from xml.parsers.expat import ParserCreate
 
 from steelyard.base.errors import ModelError, advice
 from steelyard.export.model_files.content import Content, carriers_of
@@ -52,16 +53,28 @@ class Edit(NamedTuple):
 
 def spans_of(path: Path) -> tuple[bytes, Span]:
     """An XML file's content without byte order mark, and its outermost element."""
-    from defusedxml.ElementTree import DefusedXMLParser
-
     read_xml(path)
     content = read_bytes(path, "a URDF").removeprefix(codecs.BOM_UTF8)
     _refuse_other_encodings(path, content)
-    builder = _Builder(content)
-    parser: Any = DefusedXMLParser(target=builder)
-    builder.expat = parser.parser
-    parser.feed(content)
-    return content, parser.close()
+    # plain expat: `read_xml` has refused entities
+    parser, opened, root = ParserCreate(), list[Span](), Span("", {}, 0, 0)
+
+    def start(tag: str, attributes: dict[str, str]) -> None:
+        place = parser.CurrentByteIndex
+        found = _TAG.match(content, place)
+        span = Span(tag, dict(attributes), place, found.end() if found else place)
+        (opened[-1] if opened else root).children.append(span)
+        opened.append(span)
+
+    def end(_: str) -> None:
+        span = opened.pop()
+        empty = content[span.inside - 2 : span.inside] == b"/>"
+        last = parser.CurrentByteIndex
+        span.stop = span.inside if empty else content.index(b">", last) + 1
+
+    parser.StartElementHandler, parser.EndElementHandler = start, end
+    parser.Parse(content, True)
+    return content, root.children[0]
 
 
 def edited(content: bytes, edits: Iterable[Edit]) -> str:
@@ -83,36 +96,6 @@ def indent_at(content: bytes, start: int) -> str:
     """The blanks before `start`."""
     line = content[content.rfind(b"\n", 0, start) + 1 : start]
     return line.decode("utf-8") if not line.strip() else ""
-
-
-class _Builder:
-    """Target of the parser: asks the parser for the place of every tag."""
-
-    def __init__(self, content: bytes) -> None:
-        self.content = content
-        self.expat: Any = None
-        self.open: list[Span] = []
-        self.root: Span | None = None
-
-    def start(self, tag: str, attributes: dict[str, str]) -> None:
-        start = self.expat.CurrentByteIndex
-        found = _TAG.match(self.content, start)
-        inside = found.end() if found else start
-        span = Span(tag, dict(attributes), start, inside)
-        if self.open:
-            self.open[-1].children.append(span)
-        else:
-            self.root = span
-        self.open.append(span)
-
-    def end(self, tag: str) -> None:
-        span = self.open.pop()
-        empty = self.content[span.inside - 2 : span.inside] == b"/>"
-        place = self.expat.CurrentByteIndex
-        span.stop = span.inside if empty else self.content.index(b">", place) + 1
-
-    def close(self) -> Span | None:
-        return self.root
 
 
 def _refuse_other_encodings(path: Path, content: bytes) -> None:

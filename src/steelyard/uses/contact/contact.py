@@ -11,7 +11,7 @@ from steelyard.base.arrays import Array
 from steelyard.base.errors import DataError, LogError
 from steelyard.base.progress import Progress, silent
 from steelyard.estimate.effort_uncertainty import EDGES, rest_speed_of, rest_speed_of_runs
-from steelyard.estimate.external.residual_peaks import ContactThresholds, ResidualPeaks
+from steelyard.estimate.external.residual_peaks import ResidualPeaks
 from steelyard.estimate.friction.mixes import has_memory
 from steelyard.estimate.identified import IdentifiedModel, load_model
 from steelyard.estimate.information.gather import gather
@@ -20,8 +20,7 @@ from steelyard.estimate.scores.residuals import (
     ResidualTrace,
     residual_cutoff,
     residual_trace,
-    sliding_friction,
-    supported_rate,
+    thresholds_of,
 )
 from steelyard.identify.run_notes import left_out, notes_of
 from steelyard.identify.scores import fitted_before, runs_for
@@ -145,14 +144,6 @@ def fitted_note(log: str) -> str:
     return (
         f"{log} was fitted: its residuals say nothing of other motion; left out of the calibration"
     )
-
-
-def thresholds_of(
-    identified: IdentifiedModel, peaks: ResidualPeaks, rate: float | None
-) -> ContactThresholds:
-    """Thresholds for a rate of false alarms per hour, or for the usual one."""
-    friction = sliding_friction(identified, peaks.edges[:, 1])
-    return peaks.thresholds(supported_rate(peaks, rate), friction)
 
 
 def left_out_words(identified: IdentifiedModel) -> str:

@@ -17,7 +17,7 @@ from steelyard.estimate.identified import IdentifiedModel, load_model
 from steelyard.estimate.information.regressor import base_regressor
 from steelyard.estimate.information.samples import gather_samples
 from steelyard.estimate.payload.load_case import carrier
-from steelyard.estimate.scores.residuals import FORGOTTEN, ResidualTrace, greatest
+from steelyard.estimate.scores.residuals import FORGOTTEN, ResidualTrace, greatest, thresholds_of
 from steelyard.identify.scores import fitted_before, processing_of
 from steelyard.logs.contents import windowed
 from steelyard.logs.formats import open_log
@@ -26,12 +26,7 @@ from steelyard.runs.named_logs import LogArgument, log_files, paths_of
 from steelyard.runs.prepare import prepare
 from steelyard.runs.recording import LogInMemory, Recording
 from steelyard.runs.sample_stream import SampleStream
-from steelyard.uses.contact.contact import (
-    fitted_note,
-    left_out_words,
-    peaks_of_free_motion,
-    thresholds_of,
-)
+from steelyard.uses.contact.contact import fitted_note, left_out_words, peaks_of_free_motion
 from steelyard.uses.payload.payload_events import PayloadEvents, find_payload_events
 from steelyard.uses.watch.stream_output import StreamFiles
 from steelyard.uses.watch.watcher import PayloadStream, StreamEvent, Watcher, rests_of, velocity_of

@@ -81,8 +81,8 @@ class Smoothed:
         before = np.eye(6 + n)
         before[6:, 6:] = efforts.correlation
         data = np.concatenate([efforts.torque[:, :, None], efforts.spread], axis=2)
-        smoother = _Smoother(np.exp(-efforts.step / lasts), before)
-        states, covariances, gram = smoother(data, loads, noise * efforts.per_independent)
+        keeps, noise = np.exp(-efforts.step / lasts), noise * efforts.per_independent
+        states, covariances, gram = _smoothed(keeps, before, data, loads, noise)
         off = np.linalg.inv(np.eye(len(gram) - 1) + gram[1:, 1:])
         wrench = states[:, :6]
         values = wrench[:, :, 0] - wrench[:, :, 1:] @ (off @ gram[1:, 0])
@@ -103,50 +103,47 @@ class Smoothed:
         )
 
 
-@dataclass(frozen=True, eq=False)
-class _Smoother:
-    """Kalman smoother of a stationary process, on several columns of data with the same gains."""
+def _smoothed(
+    keeps: Array, before: Array, data: Array, loads: Array, noise: Array
+) -> tuple[Array, Array, Array]:
+    """Kalman smoother of a stationary process, on several columns of data with the same gains.
 
-    keeps: Array  # what is left of each state after a step, shape `(m,)`
-    before: Array  # covariance of the states without data, shape `(m, m)`
+    Args:
+        keeps: What is left of each state after a step, shape `(m,)`.
+        before: Covariance of the states without data, shape `(m, m)`.
+        data: Shape `(N, n, c)`.
+        loads: From states to data, shape `(N, n, m)`.
+        noise: Covariance of the data's noise, shape `(N, n, n)`.
 
-    def __call__(self, data: Array, loads: Array, noise: Array) -> tuple[Array, Array, Array]:
-        """Smooth.
-
-        Args:
-            data: Shape `(N, n, c)`.
-            loads: From states to data, shape `(N, n, m)`.
-            noise: Covariance of the data's noise, shape `(N, n, n)`.
-
-        Returns:
-            States `(N, m, c)`, their covariances `(N, m, m)`, and the sum of squares and products
-            of the whitened innovations, `(c, c)`.
-        """
-        count, n, columns = data.shape
-        m = len(self.keeps)
-        added = self.before * (1.0 - np.outer(self.keeps, self.keeps))
-        states, covariances = np.empty((count, m, columns)), np.empty((count, m, m))
-        predicted, innovations = np.empty((count, m, m)), np.empty((count, n, columns))
-        state, covariance = np.zeros((m, columns)), self.before
-        for k in range(count):
-            load = loads[k]
-            shared = load @ covariance
-            root = np.linalg.cholesky(shared @ load.T + noise[k])
-            white = np.linalg.solve(root, np.concatenate([data[k] - load @ state, shared], axis=1))
-            innovations[k], gain = white[:, :columns], white[:, columns:]
-            predicted[k], states[k] = covariance, state + gain.T @ innovations[k]
-            covariances[k] = covariance - gain.T @ gain
-            state = self.keeps[:, None] * states[k]
-            covariance = self.keeps[:, None] * covariances[k] * self.keeps + added
-        carried = self.keeps[:, None] * covariances[:-1]
-        back = np.linalg.solve(predicted[1:], carried).swapaxes(1, 2)
-        states[:-1] -= back @ (self.keeps[:, None] * states[:-1])
-        covariances[:-1] -= back @ carried
-        for k in range(count - 2, -1, -1):
-            states[k] += back[k] @ states[k + 1]
-            covariances[k] += back[k] @ covariances[k + 1] @ back[k].T
-        flat = innovations.reshape(-1, columns)
-        return states, covariances, flat.T @ flat
+    Returns:
+        States `(N, m, c)`, their covariances `(N, m, m)`, and the sum of squares and products
+        of the whitened innovations, `(c, c)`.
+    """
+    count, n, columns = data.shape
+    m = len(keeps)
+    added = before * (1.0 - np.outer(keeps, keeps))
+    states, covariances = np.empty((count, m, columns)), np.empty((count, m, m))
+    predicted, innovations = np.empty((count, m, m)), np.empty((count, n, columns))
+    state, covariance = np.zeros((m, columns)), before
+    for k in range(count):
+        load = loads[k]
+        shared = load @ covariance
+        root = np.linalg.cholesky(shared @ load.T + noise[k])
+        white = np.linalg.solve(root, np.concatenate([data[k] - load @ state, shared], axis=1))
+        innovations[k], gain = white[:, :columns], white[:, columns:]
+        predicted[k], states[k] = covariance, state + gain.T @ innovations[k]
+        covariances[k] = covariance - gain.T @ gain
+        state = keeps[:, None] * states[k]
+        covariance = keeps[:, None] * covariances[k] * keeps + added
+    carried = keeps[:, None] * covariances[:-1]
+    back = np.linalg.solve(predicted[1:], carried).swapaxes(1, 2)
+    states[:-1] -= back @ (keeps[:, None] * states[:-1])
+    covariances[:-1] -= back @ carried
+    for k in range(count - 2, -1, -1):
+        states[k] += back[k] @ states[k + 1]
+        covariances[k] += back[k] @ covariances[k + 1] @ back[k].T
+    flat = innovations.reshape(-1, columns)
+    return states, covariances, flat.T @ flat
 
 
 def _without_negligible(efforts: ExternalEfforts) -> ExternalEfforts:
