@@ -9,9 +9,9 @@ import numpy as np
 
 from steelyard.base.arrays import Array, Parameter
 from steelyard.model.equations.closed_chains import completed, projected
-from steelyard.model.equations.inverse_dynamics import JointState, Scalar, Scalars, inverse_dynamics
+from steelyard.model.equations.inverse_dynamics import JointState, Scalar, Scalars
 from steelyard.model.laws.register import description_of
-from steelyard.model.laws.rigid_body import RigidBody
+from steelyard.model.laws.rigid_body import RigidBody, body_efforts
 from steelyard.model.terms.memory import Presliding, Scan
 from steelyard.model.terms.term import Columns, StatefulTerm, Term, channels_of
 from steelyard.robot.robot import Robot, robot_to_dict
@@ -105,11 +105,7 @@ class Equations:
         efforts: list[Scalar] = [0.0] * self.robot.n_joints
         for start, term, seen in self._seen(full):
             if term.role == "body":
-                tens = [
-                    [0.0] * 10 if body.massless else values[start + 10 * k : start + 10 * k + 10]
-                    for k, body in enumerate(self.robot.bodies)
-                ]
-                for row, effort in enumerate(inverse_dynamics(self.robot, seen, tens)):
+                for row, effort in enumerate(body_efforts(self.robot, seen, values[start:])):
                     efforts[row] += effort
                 continue
             for (row, column), value in term.columns(self.robot, seen).items():

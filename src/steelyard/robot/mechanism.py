@@ -1,6 +1,6 @@
 """The mechanism as a model file describes it: links, joints, mimics and pins, nothing merged."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass, field, replace
 from types import MappingProxyType
 from typing import Any, Literal
@@ -9,9 +9,6 @@ from steelyard.base.arrays import Array, frozen, set_fields
 from steelyard.base.errors import ModelError, advice
 from steelyard.robot.rigid_body import DIRT, Inertia, Placement, clean_axis, turn
 from steelyard.robot.robot import Limits
-
-Naming = Callable[[str, int], str]
-"""Name of a model file's object by its kind and number."""
 
 Answer = Literal["gravity", "weight", "efforts", "springs"]
 """What a robot file says instead: its gravity, that efforts are without the robot's weight, limits

@@ -4,10 +4,7 @@ import dataclasses
 from collections.abc import Mapping
 from typing import Any, cast
 
-import numpy as np
-
 from steelyard.base.errors import ModelError
-from steelyard.model.equations.inverse_dynamics import JointState
 from steelyard.model.laws.coulomb import Coulomb
 from steelyard.model.laws.coupled import Coupled
 from steelyard.model.laws.directional import DirectionalCoulomb, DirectionalViscous
@@ -23,7 +20,7 @@ from steelyard.model.laws.stribeck import DirectionalStribeck, Stribeck
 from steelyard.model.laws.viscous import Viscous
 from steelyard.model.terms.axes import Find, finds_of, is_search, search_of
 from steelyard.model.terms.memory import Presliding
-from steelyard.model.terms.term import ActsOnAxes, StatefulTerm, Term, channels_of
+from steelyard.model.terms.term import ActsOnAxes, StatefulTerm, Term, columns_at_rest
 from steelyard.robot.file.kinds import Kinds
 from steelyard.robot.rigid_body import INERTIAL_NAMES
 from steelyard.robot.robot import Robot
@@ -118,9 +115,7 @@ def refuse_unfit(term: Term, robot: Robot, where: str) -> None:
         if isinstance(term, StatefulTerm) and not finds_of(term):
             term.warm_up(robot)
         if term.role != "body" and not finds_of(term):
-            still = [np.zeros(1)] * robot.n_joints
-            channels = [np.zeros(1)] * channels_of(term, robot)
-            term.columns(robot, JointState(still, still, still, channels))
+            columns_at_rest(term, robot)
     except ModelError as error:
         raise ModelError(error.wrong, where=where, fix=error.fix) from None
 

@@ -7,11 +7,20 @@ from typing import ClassVar
 import numpy as np
 
 from steelyard.base.arrays import Array, Parameter
-from steelyard.model.equations.inverse_dynamics import JointState, Scalar, inverse_dynamics
+from steelyard.model.equations.inverse_dynamics import JointState, Scalar, Scalars, inverse_dynamics
 from steelyard.model.terms.model_files import Placed, Values
 from steelyard.model.terms.term import Cause, Columns, Dissipation, Role, Term
 from steelyard.robot.rigid_body import INERTIAL_NAMES, INERTIAL_UNITS
 from steelyard.robot.robot import Robot
+
+
+def body_efforts(robot: Robot, state: JointState, numbers: Scalars) -> list[Scalar]:
+    """Efforts of the bodies, from their numbers one after another; frames have none."""
+    tens = [
+        [0.0] * 10 if body.massless else numbers[10 * k : 10 * k + 10]
+        for k, body in enumerate(robot.bodies)
+    ]
+    return inverse_dynamics(robot, state, tens)
 
 
 @dataclass(frozen=True)
@@ -53,11 +62,7 @@ class RigidBody(Term):
         tape = Tape.current()
         numbers = [tape.variable() for _ in range(10 * len(robot.bodies))]
         flat: list[Scalar] = [Symbol(tape, number) for number in numbers]
-        tens = [
-            [0.0] * 10 if body.massless else flat[10 * k : 10 * k + 10]
-            for k, body in enumerate(robot.bodies)
-        ]
-        efforts = [number_of(tape, x) for x in inverse_dynamics(robot, state, tens)]
+        efforts = [number_of(tape, x) for x in body_efforts(robot, state, flat)]
         between, one = edges(tape, numbers), tape.constant(1.0)
         entries: dict[tuple[int, int], Scalar] = {}
         for row, effort in enumerate(efforts):

@@ -113,18 +113,17 @@ class Presliding(ActsOnAxes, StatefulTerm):
         begins at rest begins with states of zero.
         """
         axes = self.axes(robot)
-        rows = np.array([axis.row for axis in axes])
-        q, speeds = rows @ samples.q, rows @ samples.dq
+        along = np.array([axis.row for axis in axes])
+        q, speeds = along @ samples.q, along @ samples.dq
         if memory is None:
             memory = Memory(q[:, 0], np.array(_begun(list(speeds[:, 0]), self.lengths_of(axes))))
         moved = np.diff(q, axis=1, prepend=memory.q[:, None])
         steps = self.steps(axes, list(moved), list(speeds))
-        parts = np.empty((3, len(steps), q.shape[1]))
-        for k, step in enumerate(steps):
-            for part, values in zip(parts, step, strict=True):
-                part[k] = values
-        decay, drive, bound = parts
-        states, last = recurrence(decay, drive, bound, memory.states)
+        rows = [
+            [np.broadcast_to(x, q.shape[1:]) for x in part] for part in zip(*steps, strict=True)
+        ]
+        decay, drive, bound = np.array(rows)
+        states, last = recurrence(np.array(decay), np.array(drive), np.array(bound), memory.states)
         state = JointState(list(samples.q), list(samples.dq), list(samples.ddq), [])
         channels = self.channels(robot, state, list(states), samples.rigid_torque)
         return np.array(channels), Memory(q[:, -1].copy(), last)

@@ -147,6 +147,13 @@ def channels_of(term: Term, robot: Robot) -> int:
     return term.n_channels(robot) if isinstance(term, StatefulTerm) else 0
 
 
+def columns_at_rest(term: Term, robot: Robot) -> Columns:
+    """Columns over one sample of zeros."""
+    still = [np.zeros(1)] * robot.n_joints
+    channels = [np.zeros(1)] * channels_of(term, robot)
+    return term.columns(robot, JointState(still, still, still, channels))
+
+
 @dataclass(frozen=True, kw_only=True)
 class ActsOnAxes(Term):
     """Where a term acts; every law that acts along coordinates has these fields.
@@ -214,11 +221,9 @@ class CandidateTerms(StatefulTerm):
     @classmethod
     def of(cls, robot: Robot, candidates: Sequence[Term], longest: Term) -> "CandidateTerms":
         """A dictionary of at least one candidate."""
-        first, still = candidates[0], [np.zeros(1)] * robot.n_joints
-        channels = [np.zeros(1)] * channels_of(first, robot)
-        columns = first.columns(robot, JointState(still, still, still, channels))
-        names = tuple(p.name for p in first.parameters(robot))
-        return cls(tuple(candidates), longest, names, tuple(columns))
+        names = tuple(p.name for p in candidates[0].parameters(robot))
+        places = tuple(columns_at_rest(candidates[0], robot))
+        return cls(tuple(candidates), longest, names, places)
 
     def parameters(self, robot: Robot) -> tuple[Parameter, ...]:
         """Those of all candidates."""

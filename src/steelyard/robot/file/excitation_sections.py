@@ -22,8 +22,6 @@ Count = Annotated[int, Field(ge=1)]
 Span = Annotated[tuple[float, float], Field(strict=False)]
 Posture = Many[float] | dict[str, float]
 
-Period = Annotated[Positive, Field(description="Length of one period [s].")]
-Harmonics = Annotated[Count, Field(description="Number of harmonics.")]
 Periods = Annotated[Count, Field(description="Number of periods.")]
 _START = "First configuration, a list or by joint [rad; m]; chosen by the search if left out."
 Start = Annotated[Posture | None, Field(description=_START)]
@@ -32,10 +30,6 @@ _NEARBY = "Configuration near which it starts, a list or by joint [rad; m]."
 StartNearby = Annotated[Posture | None, Field(description=_NEARBY)]
 _PATH = "Path of the tool: a straight `line`, or straight in `joint` space."
 ToolPath = Annotated[Literal["line", "joint"], Field(description=_PATH)]
-Dwell = Annotated[float, Field(ge=0.0, description="Standstill between moves [s].")]
-ToolSpeed = Annotated[Positive, Field(description="Greatest speed of the tool [m/s].")]
-_ACCELERATION = "Greatest acceleration of the tool [m/s²]."
-ToolAcceleration = Annotated[Positive, Field(description=_ACCELERATION)]
 _AXIS = "Direction of the tool's z axis in the base frame; free if left out."
 ToolAxis = Annotated[Vector | None, Field(description=_AXIS)]
 
@@ -59,41 +53,50 @@ class MotionOfAKind(Section):
     kind: str = key(..., "Kind of motion.")
 
 
-class FourierSection(MotionOfAKind):
+class SeriesOfAKind(MotionOfAKind):
+    """What all Fourier series have."""
+
+    period: Positive = key(10.0, "Length of one period [s].")
+    harmonics: Count = key(5, "Number of harmonics.")
+
+
+class ToolMotionOfAKind(MotionOfAKind):
+    """What all moves of the tool from point to point have."""
+
+    dwell: Annotated[float, Field(ge=0.0)] = key(0.1, "Standstill between moves [s].")
+    speed: Positive = key(1.0, "Greatest speed of the tool [m/s].")
+    acceleration: Positive = key(5.0, "Greatest acceleration of the tool [m/s²].")
+    tool_axis: ToolAxis = None
+
+
+class FourierSection(SeriesOfAKind):
     """A finite Fourier series that starts and ends at rest."""
 
     kind: Literal["fourier"] = "fourier"
-    period: Period = 10.0
     harmonics: Annotated[int, Field(ge=2)] = key(5, "Number of harmonics.")
     start: Start = None
     end: End = None
 
 
-class RawFourierSection(MotionOfAKind):
+class RawFourierSection(SeriesOfAKind):
     """A finite Fourier series that need not rest anywhere: for rigs that get into it themselves."""
 
     kind: Literal["raw_fourier"]
-    period: Period = 10.0
-    harmonics: Harmonics = 5
 
 
-class BlendedFourierSection(MotionOfAKind):
+class BlendedFourierSection(SeriesOfAKind):
     """A Fourier series between two quintic blends, from rest and back to it."""
 
     kind: Literal["blended_fourier"]
-    period: Period = 10.0
-    harmonics: Harmonics = 5
     periods: Periods = 1
     blend: Positive = key(2.0, "Length of each blend [s].")
     start: Start = None
 
 
-class RampedFourierSection(MotionOfAKind):
+class RampedFourierSection(SeriesOfAKind):
     """A Fourier series whose amplitude rises from zero and falls back to it."""
 
     kind: Literal["ramped_fourier"]
-    period: Period = 10.0
-    harmonics: Harmonics = 5
     periods: Periods = 1
     ramp: Positive = key(2.0, "Length of each ramp [s].")
     start: Start = None
@@ -120,7 +123,7 @@ class ReachingSection(MotionOfAKind):
     start: Start = None
 
 
-class PickAndPlaceSection(MotionOfAKind):
+class PickAndPlaceSection(ToolMotionOfAKind):
     """Random pick-and-place cycles between two boxes."""
 
     kind: Literal["pick_and_place"]
@@ -129,26 +132,18 @@ class PickAndPlaceSection(MotionOfAKind):
     cycles: Count = key(8, "Number of cycles.")
     lift: Annotated[float, Field(ge=0.0)] = key(0.1, "Height of the lift [m].")
     path: ToolPath = "line"
-    dwell: Dwell = 0.1
-    speed: ToolSpeed = 1.0
-    acceleration: ToolAcceleration = 5.0
-    tool_axis: ToolAxis = None
 
 
-class SquareSection(MotionOfAKind):
+class SquareSection(ToolMotionOfAKind):
     """The edges of a horizontal square."""
 
     kind: Literal["square"]
     centre: Vector = key(..., "Centre in the base frame [m].")
     side: Positive = key(..., "Length of an edge [m].")
     laps: Count = key(2, "Number of laps.")
-    dwell: Dwell = 0.1
-    speed: ToolSpeed = 1.0
-    acceleration: ToolAcceleration = 5.0
-    tool_axis: ToolAxis = None
 
 
-class WaypointsSection(MotionOfAKind):
+class WaypointsSection(ToolMotionOfAKind):
     """From point to point of the tool."""
 
     kind: Literal["waypoints"]
@@ -156,10 +151,6 @@ class WaypointsSection(MotionOfAKind):
         ..., "Points of the tool in the base frame [m]."
     )
     path: ToolPath = "line"
-    dwell: Dwell = 0.1
-    speed: ToolSpeed = 1.0
-    acceleration: ToolAcceleration = 5.0
-    tool_axis: ToolAxis = None
 
 
 class CircleSection(MotionOfAKind):

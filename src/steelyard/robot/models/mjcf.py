@@ -16,10 +16,11 @@ import numpy as np
 from steelyard.base.arrays import Array, frozen
 from steelyard.base.errors import ModelError
 from steelyard.robot.mechanism import Joint, Link, Mechanism, MechanismJointKind, Mimic
-from steelyard.robot.models.mjcf_equalities import WORLD, Equalities, name_of, reference
+from steelyard.robot.models.mjcf_equalities import WORLD, Equalities, reference
 from steelyard.robot.models.mjcf_forces import (
     Actuators,
     joints_of,
+    name_of,
     passive_notes,
     springs_of,
     wraps_of,
@@ -309,15 +310,15 @@ class _Reading:
             driven=self._driven(),
             pulled=self._pulled(),
             rest=self._rest(equalities.offsets()) if pins or couplings else {},
-            springs=springs_of(self.model, self._name),
-            statements=[*self.actuators.notes(self._name), *passive_notes(self.model, self._name)],
+            springs=springs_of(self.model),
+            statements=[*self.actuators.notes(), *passive_notes(self.model)],
             couplings=couplings,
             notes=notes,
         )
 
     def _rest(self, offsets: Mapping[str, float]) -> dict[str, float]:
         """Reference positions of the joints of one degree of freedom, where equalities hold."""
-        numbers = {self._name("joint", k): k for k in range(self.model.njnt)}
+        numbers = {name_of(self.model, "joint", k): k for k in range(self.model.njnt)}
         return {
             j.name: reference(self.model, numbers[j.name]) + offsets.get(j.name, 0.0)
             for j in self.joints
@@ -330,20 +331,21 @@ class _Reading:
         through = np.flatnonzero(model.actuator_trntype == int(mujoco.mjtTrn.mjTRN_TENDON))
         wraps = [w for k in through for w in wraps_of(model, int(model.actuator_trnid[k][0]))]
         joints = [k for kind, k, _ in wraps if kind == mujoco.mjtWrap.mjWRAP_JOINT]
-        return [self._name("joint", k) for k in dict.fromkeys(joints)]
+        return [name_of(self.model, "joint", k) for k in dict.fromkeys(joints)]
 
     def _driven(self) -> list[str]:
         """Joints with an actuator of their own."""
         kinds = (int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT))
         driving = self.model.actuator_trnid[np.isin(self.model.actuator_trntype, kinds), 0]
-        return [self._name("joint", int(joint)) for joint in driving]
+        return [name_of(self.model, "joint", int(joint)) for joint in driving]
 
     def _body(self, body: int, parent_origin: Placement, mimics: dict[int, Mimic]) -> Placement:
         """Adds the body and its joints; returns the body's frame in its link's frame."""
         model = self.model
-        name, where = self._name("body", body), f"{self.path}, body '{self._name('body', body)}'"
+        name = name_of(model, "body", body)
+        where = f"{self.path}, body '{name}'"
         parent_body = int(model.body_parentid[body])
-        parent = self._name("body", parent_body) if parent_body else WORLD
+        parent = name_of(self.model, "body", parent_body) if parent_body else WORLD
         start = parent_origin @ Placement(_rotation(model.body_quat[body]), model.body_pos[body])
         joints = joints_of(model, body)
         if not joints:
@@ -352,7 +354,7 @@ class _Reading:
         for joint in joints:
             anchor = frozen(model.jnt_pos[joint])
             last = joint == joints[-1]
-            child = name if last else f"{name}/{self._name('joint', joint)}"
+            child = name if last else f"{name}/{name_of(model, 'joint', joint)}"
             placement = start @ Placement(position=anchor)
             self.joints.append(self._joint(joint, parent, child, placement, mimics))
             if not last:
@@ -377,7 +379,7 @@ class _Reading:
         self, joint: int, parent: str, child: str, placement: Placement, mimics: dict[int, Mimic]
     ) -> Joint:
         model = self.model
-        name, kind = self._name("joint", joint), mujoco.mjtJoint(int(model.jnt_type[joint]))
+        name, kind = name_of(model, "joint", joint), mujoco.mjtJoint(int(model.jnt_type[joint]))
         where = f"{self.path}, joint '{name}'"
         if kind in (mujoco.mjtJoint.mjJNT_FREE, mujoco.mjtJoint.mjJNT_BALL):
             free: MechanismJointKind = "floating" if kind == mujoco.mjtJoint.mjJNT_FREE else "ball"
@@ -398,9 +400,6 @@ class _Reading:
             mimics.get(joint),
             where,
         )
-
-    def _name(self, kind: str, index: int) -> str:
-        return name_of(self.model, kind, index)
 
 
 def _rotation(quaternion: Array) -> Array:

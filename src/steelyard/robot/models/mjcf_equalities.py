@@ -9,15 +9,16 @@ import mujoco
 import numpy as np
 
 from steelyard.robot.mechanism import Coupling, Mimic, Pin
-from steelyard.robot.models.mjcf_forces import joints_of, joints_to, single_joints, wraps_of
+from steelyard.robot.models.mjcf_forces import (
+    joints_of,
+    joints_to,
+    name_of,
+    single_joints,
+    wraps_of,
+)
 from steelyard.robot.rigid_body import Placement
 
 WORLD = "world"
-
-
-def name_of(model: Any, kind: str, index: int) -> str:
-    """The name of an element of MuJoCo's model, or one made of its kind and number."""
-    return str(getattr(model, kind)(index).name) or f"{kind}_{index}"
 
 
 def reference(model: Any, joint: int) -> float:

@@ -14,7 +14,7 @@ import mujoco
 import numpy as np
 
 from steelyard.base.arrays import Array, frozen
-from steelyard.robot.mechanism import JointSpring, ModelNote, Naming
+from steelyard.robot.mechanism import JointSpring, ModelNote
 
 _FOLLOWING = (
     mujoco.mjtDyn.mjDYN_NONE,
@@ -25,6 +25,11 @@ _FOLLOWING = (
 
 _GENERIC = 0.3
 """Distance from the reference at which no moment is zero by chance [rad; m]."""
+
+
+def name_of(model: Any, kind: str, index: int) -> str:
+    """The name of an element of MuJoCo's model, or one made of its kind and number."""
+    return str(getattr(model, kind)(index).name) or f"{kind}_{index}"
 
 
 def posed(model: Any) -> Any:
@@ -101,27 +106,27 @@ class Actuators:
             limits[joint] = min(-lower, upper)
         return frozen(limits)
 
-    def notes(self, name: Naming) -> list[ModelNote]:
+    def notes(self) -> list[ModelNote]:
         """Limits that are not limits of one joint."""
         notes = []
         for actuator in range(self.model.nactuator):
             dofs = np.flatnonzero(self.moments[actuator])
             touched = [k for k in single_joints(self.model) if self._dof(k) in dofs]
-            joints = tuple(name("joint", k) for k in touched)
+            joints = tuple(name_of(self.model, "joint", k) for k in touched)
             limited = np.isfinite(self._force_range(actuator)).any()
             if limited and joints and not self._of_one_joint(actuator):
                 what = (
                     "limits of actuators that act through tendons or sites are no limits of one "
                     "joint (state [robot.limits.JOINT] effort): "
                 )
-                item = f"'{name('actuator', actuator)}'"
+                item = f"'{name_of(self.model, 'actuator', actuator)}'"
                 notes.append(ModelNote(what, item, joints, "efforts"))
         for joint in np.flatnonzero(self.limits <= 0.0):
             what = (
                 "actuators with one direction of force are not a limit (state [robot.limits.JOINT] "
                 "effort): "
             )
-            named = name("joint", int(joint))
+            named = name_of(self.model, "joint", int(joint))
             notes.append(ModelNote(what, named, (named,), "efforts"))
         return notes
 
@@ -196,7 +201,7 @@ class Actuators:
         return np.sort(ends)
 
 
-def springs_of(model: Any, name: Naming) -> dict[str, JointSpring]:
+def springs_of(model: Any) -> dict[str, JointSpring]:
     """Springs of the joints of a compiled model, by joint, unless the file switches springs off."""
     if _off(model, mujoco.mjtDisableBit.mjDSBL_SPRING):
         return {}
@@ -206,11 +211,11 @@ def springs_of(model: Any, name: Naming) -> dict[str, JointSpring]:
         stiffness = float(model.jnt_stiffness[joint])
         linear = not np.any(model.jnt_stiffnesspoly[joint])
         if stiffness or not linear:
-            springs[name("joint", joint)] = JointSpring(stiffness, free, linear)
+            springs[name_of(model, "joint", joint)] = JointSpring(stiffness, free, linear)
     return springs
 
 
-def passive_notes(model: Any, name: Naming) -> list[ModelNote]:
+def passive_notes(model: Any) -> list[ModelNote]:
     """What the file says of gravity, tendons and fluids that the robot is without."""
     notes = list[ModelNote]()
     if not np.any(model.opt.gravity):
@@ -223,7 +228,7 @@ def passive_notes(model: Any, name: Naming) -> list[ModelNote]:
             "under [robot], [0.0, 0.0, 0.0] for none"
         )
         notes.append(ModelNote(what, answer="gravity"))
-    notes += [*_compensation_notes(model, name), *_tendon_notes(model, name)]
+    notes += [*_compensation_notes(model), *_tendon_notes(model)]
     density, viscosity = float(model.opt.density), float(model.opt.viscosity)
     if density != 0.0 or viscosity != 0.0:
         what = (
@@ -238,7 +243,7 @@ def _off(model: Any, bit: Any) -> bool:
     return bool(int(model.opt.disableflags) & bit.value)
 
 
-def _compensation_notes(model: Any, name: Naming) -> list[ModelNote]:
+def _compensation_notes(model: Any) -> list[ModelNote]:
     """Joints that do not carry in simulation what they carry here.
 
     Where a joint's actuators compensate (`actuatorgravcomp`), its efforts hold the weight.
@@ -251,13 +256,13 @@ def _compensation_notes(model: Any, name: Naming) -> list[ModelNote]:
         'without weight have kind = "gravity_compensated_torque": '
     )
     return [
-        ModelNote(what, name("joint", joint), (name("joint", joint),), "weight")
+        ModelNote(what, name_of(model, "joint", joint), (name_of(model, "joint", joint),), "weight")
         for joint in single_joints(model)
         if joint in relieved and not model.jnt_actgravcomp[joint]
     ]
 
 
-def _tendon_notes(model: Any, name: Naming) -> list[ModelNote]:
+def _tendon_notes(model: Any) -> list[ModelNote]:
     lengths = np.zeros((model.ntendon, model.nv))
     if lengths.size:
         where = (model.ten_J_rownnz, model.ten_J_rowadr, model.ten_J_colind)
@@ -274,11 +279,14 @@ def _tendon_notes(model: Any, name: Naming) -> list[ModelNote]:
         }
         acting = [cause for cause, there in causes.items() if there]
         dofs = np.flatnonzero(lengths[tendon])
-        joints = [name("joint", k) for k in single_joints(model) if model.jnt_dofadr[k] in dofs]
+        pulled = [k for k in single_joints(model) if model.jnt_dofadr[k] in dofs]
+        joints = [name_of(model, "joint", k) for k in pulled]
         if acting and joints:
             what = (
                 "forces of tendons in the MJCF are not in the model unless a term represents them "
             )
-            item = f"'{name('tendon', tendon)}' on {', '.join(joints)} ({', '.join(acting)})"
+            item = (
+                f"'{name_of(model, 'tendon', tendon)}' on {', '.join(joints)} ({', '.join(acting)})"
+            )
             notes.append(ModelNote(what + "(along = {...}): ", item, tuple(joints)))
     return notes

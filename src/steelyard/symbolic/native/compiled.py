@@ -3,6 +3,7 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache, partial
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -132,34 +133,16 @@ def compiled_equations(
     return compiled(description, build)
 
 
-@dataclass(frozen=True, eq=False)
-class CompiledLoops:
-    """The loops that do not depend on the program; see `native_loops`."""
-
-    lanes: int
-    module: machine.Library
-    gram: Any
-    absolute: Any
-    fir: Any
-    recurrence: Any
-
-
 @lru_cache
-def loops() -> CompiledLoops:
-    """The small loops for this machine."""
-    lanes = machine.lanes()
+def loops() -> Any:
+    """The small loops of `native_loops` that do not depend on the program, and their `module`."""
+    lanes, arguments = machine.lanes(), {"gram": 6, "absolute": 5, "fir": 9, "recurrence": 7}
     writers = native_loops.gram, native_loops.absolute_sums, native_loops.decimating_fir
     pieces = (*(writer(lanes) for writer in writers), native_loops.recurrence())
     code = machine_code("loops", lambda: (_joined(*pieces), {}))[1]
-    library = machine.Library(code, ["gram", "absolute", "fir", "recurrence"])
-    return CompiledLoops(
-        lanes=lanes,
-        module=library,
-        gram=library.function("gram", 6),
-        absolute=library.function("absolute", 5),
-        fir=library.function("fir", 9),
-        recurrence=library.function("recurrence", 7),
-    )
+    module = machine.Library(code, list(arguments))
+    functions = {name: module.function(name, count) for name, count in arguments.items()}
+    return SimpleNamespace(module=module, **functions)
 
 
 def _module(program: Program, lanes: int) -> str:
