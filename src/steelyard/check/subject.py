@@ -33,6 +33,7 @@ from steelyard.runs.named_logs import (
     signals_of,
 )
 from steelyard.runs.rows.clock import no_row, time_span
+from steelyard.runs.run import Run
 
 READING_CHECK = "log"  # what a log that cannot be read is suspected of
 
@@ -152,9 +153,13 @@ def diagnosed(
     quick: bool,
 ) -> Diagnosis:
     """All that is found in logs; what cannot be read is a finding too."""
-    case, unread = case_of(subject, files, reference, progress)
+    return _diagnosis(*case_of(subject, files, reference, progress), subject.text, quick=quick)
+
+
+def _diagnosis(case: Case, unread: Sequence[Finding], text: str, *, quick: bool) -> Diagnosis:
+    """What is found in a case, beside what cannot be read, for a robot file of this text."""
     found = examine(case, quick=quick).findings if case.logs else ()
-    data = tomllib.loads(subject.text)
+    data = tomllib.loads(text)
     return Diagnosis((*unread, *(_with_needed_edits(finding, data) for finding in found)))
 
 
@@ -189,19 +194,21 @@ def refuse_foreign(reference: IdentifiedModel, loaded: LoadedRobot, where: str) 
 
 def prechecked(
     robot: str, loaded: LoadedRobot, files: Sequence[LogArgument], progress: Progress
-) -> Diagnosis:
-    """What the quick checks find.
+) -> tuple[Diagnosis, dict[str, Run]]:
+    """What the quick checks find, and the runs that they made of logs, by their place.
 
     Raises:
         DataError: Something is wrong that lines of the robot file correct.
     """
     path = Path(robot)
     text = robot_text(path) if path.suffix.lower() == ".toml" else ""
-    diagnosis = diagnosed(Subject(path, text, loaded), files, None, progress, quick=True)
+    case, unread = case_of(Subject(path, text, loaded), files, None, progress)
+    diagnosis = _diagnosis(case, unread, text, quick=True)
     mendable = [f for f in diagnosis.findings if f.fix is not None and f.fix.edits]
     if error := refusal(Diagnosis(tuple(mendable)), robot):
         raise error
-    return diagnosis
+    made = {one.recording.where: vars(one).get("run") for one in case.logs}
+    return diagnosis, {where: run for where, run in made.items() if isinstance(run, Run)}
 
 
 def notes_of_precheck(diagnosis: Diagnosis, robot: str) -> tuple[str, ...]:

@@ -170,10 +170,11 @@ def identify(
     if commanded:
         _refuse_uncommanded(signals, unknown)
     model, diagnosis, unresolved = model_with_open_friction(file), None, tuple[str, ...]()
+    made = dict[str, Run]()
     if check:
         given = replace(file, signals=signals)
-        diagnosis = prechecked(file.reference, given, (*known, *unknown), progress)
-    clean, unseen = runs_of(file, signals, [*known, *carrying], unknown, progress)
+        diagnosis, made = prechecked(file.reference, given, (*known, *unknown), progress)
+    clean, unseen = runs_of(file, signals, [*known, *carrying], unknown, progress, made)
     if diagnosis is not None:
         unresolved = notes_of_precheck(diagnosis, file.reference)
     every = (*clean, *unseen)

@@ -46,14 +46,9 @@ STILL_SPEED_SHARE = 0.05  # speed over that of the fastest joint of its kind: ha
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ReducedModel(ModelReport):
-    """A reduced model, the path it lies on, and how well it predicts.
+    """A reduced model, the path it lies on, and how well it predicts."""
 
-    Attributes:
-        content: All that the report shows.
-        reduction: The path, the errors along it and the choice.
-    """
-
-    reduction: Reduction
+    reduction: Reduction  # the path, the errors along it and the choice
 
     @property
     def kept(self) -> tuple[str, ...]:

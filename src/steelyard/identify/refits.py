@@ -39,11 +39,7 @@ from steelyard.runs.run import Run
 
 @dataclass(frozen=True, eq=False)
 class Repeated:
-    """Mean and scatter of repeated estimations; `print` it.
-
-    Attributes:
-        estimates: The estimates.
-    """
+    """Mean and scatter of repeated estimations; `print` it."""
 
     estimates: RepeatedEstimates
 

@@ -111,15 +111,10 @@ def scored_from_commanded(
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Scores:
-    """Errors of predicted efforts in logs, fitted or not: `print` shows a table per log.
+    """Errors of predicted efforts in logs, fitted or not: `print` shows a table per log."""
 
-    Attributes:
-        fitted: Scores of the fitted logs.
-        unseen: Scores of the others.
-    """
-
-    fitted: tuple[RunScore, ...]
-    unseen: tuple[RunScore, ...]
+    fitted: tuple[RunScore, ...]  # scores of the fitted logs
+    unseen: tuple[RunScore, ...]  # scores of the others
 
     @property
     def table(self) -> DataFrame:

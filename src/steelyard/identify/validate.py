@@ -37,11 +37,7 @@ from steelyard.runs.run import Run
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Validation(ModelReport):
-    """Errors of a model on logs.
-
-    Attributes:
-        content: All that the report shows.
-    """
+    """Errors of a model on logs."""
 
     write = Result.write
 

@@ -1,9 +1,10 @@
 """Logs as they are named on a command line, made runs."""
 
 import hashlib
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from types import MappingProxyType
 
 import numpy as np
 
@@ -125,15 +126,18 @@ def prepared(
     progress: Progress,
     *,
     at_rest: bool = False,
+    known: Mapping[str, Run] = MappingProxyType({}),
 ) -> tuple[Run, ...]:
     """Clean runs with common cut-offs: those wanted, or the widest that a run's motion needs.
 
-    Logs in which no joint moves are refused, unless they may be `at_rest`.
+    Logs in which no joint moves are refused, unless they may be `at_rest`. Of `known` runs by the
+    place of their log, made as wanted, the log is not surveyed again.
     """
     runs = []
     for number, recording in enumerate(recordings):
         report_progress(progress, "reading logs", number, len(recordings))
-        runs.append(prepare(recording, wanted, at_rest=at_rest))
+        run = known.get(recording.where)
+        runs.append(prepare(recording, wanted, at_rest=at_rest) if run is None else run)
     if not runs:
         return ()
     common = processing_used(wanted, runs)
@@ -154,10 +158,15 @@ def runs_of(
     fitted: Sequence[LogArgument],
     unseen: Sequence[LogArgument],
     progress: Progress,
+    made: Mapping[str, Run] = MappingProxyType({}),
 ) -> tuple[tuple[Run, ...], tuple[Run, ...]]:
-    """Clean runs, to be fitted and to be predicted, with the cut-offs that the former come to."""
+    """Clean runs, to be fitted and to be predicted, with the cut-offs that the former come to.
+
+    Runs that were `made` of single motions before, by the place of their log, are taken over.
+    """
     wanted = processing_of_robot(loaded)
-    clean = prepared([recording_of(log, signals) for log in fitted], wanted, progress)
+    known = made if wanted.repetitions is None else {}
+    clean = prepared([recording_of(log, signals) for log in fitted], wanted, progress, known=known)
     fresh = [recording_of(log, signals) for log in unseen]
     once = replace(processing_used(wanted, clean), repetitions=None)
     runs = distinct([*clean, *prepared(fresh, once, progress, at_rest=True)])

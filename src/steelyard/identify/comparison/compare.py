@@ -41,6 +41,7 @@ from steelyard.report.result import DataFrame, Result, frame
 from steelyard.robot.file.loaded_robot import LoadedRobot
 from steelyard.robot.file.robot_file import load_robot
 from steelyard.runs.named_logs import log_files, paths_of, refuse_overlaps, runs_of, signals_of
+from steelyard.runs.run import Run
 
 
 def _refuse_one_run(information: Information) -> NoReturn:
@@ -90,10 +91,11 @@ def comparison_inputs(
             fix="identify the gains first (steelyard identify ROBOT LOG --loaded LOG "
             "--payload-mass KG), and write them into the robot file",
         )
-    model, unresolved = model_with_open_friction(file), tuple[str, ...]()
+    model, unresolved, made = model_with_open_friction(file), tuple[str, ...](), dict[str, Run]()
     if check:
-        diagnosis = prechecked(file.reference, replace(file, signals=signals), files, progress)
-    runs = runs_of(file, signals, files, (), progress)[0]
+        given = replace(file, signals=signals)
+        diagnosis, made = prechecked(file.reference, given, files, progress)
+    runs = runs_of(file, signals, files, (), progress, made)[0]
     if check:
         unresolved = notes_of_precheck(diagnosis, file.reference)
     task = FitTask(model, file, runs, threads=threads, progress=progress)
