@@ -1,6 +1,6 @@
 """A robot and the terms of its torque as equations over symbols, and the programs made of them."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -44,8 +44,7 @@ class Equations:
     @cached_property
     def friction_names(self) -> tuple[str, ...]:
         """Names of the parameters of friction."""
-        laws = (term for term in self.terms if term.cause == "friction")
-        return tuple(p.name for law in laws for p in law.parameters(self.robot))
+        return names_of(self, lambda term: term.cause == "friction")
 
     @cached_property
     def units(self) -> tuple[str, ...]:
@@ -185,3 +184,9 @@ class Equations:
     def rigid_torque(self, q: Array, dq: Array, ddq: Array, tens: Array) -> Array:
         """Torques of the bodies as a tree, shape `(n_joints, N)`."""
         return self.bodies_only.torque_code([q, dq, ddq, np.empty((0, q.shape[1])), tens])
+
+
+def names_of(equations: Equations, chosen: Callable[[Term], bool]) -> tuple[str, ...]:
+    """Names of the parameters of some terms."""
+    terms = (term for term in equations.terms if chosen(term))
+    return tuple(p.name for term in terms for p in term.parameters(equations.robot))

@@ -16,6 +16,7 @@ from steelyard.base.errors import DataError
 from steelyard.estimate.estimate import Estimate, RunParameters, Unidentifiable
 from steelyard.estimate.information.information import Information
 from steelyard.model.model import Model
+from steelyard.model.torque_equations import names_of
 
 SEEN = 1e-10
 """Squared sine of the angle to earlier columns below which the data do not see a column; eigenvalue
@@ -26,12 +27,7 @@ TIED = 1e-3  # share of a column's length that another must have in it to be nam
 
 def own_columns(model: Model) -> tuple[str, ...]:
     """Parameters that every run of a model has for itself."""
-    return tuple(
-        p.name
-        for term in model.terms
-        if getattr(term, "per_run", False)
-        for p in term.parameters(model.robot)
-    )
+    return names_of(model, lambda term: term.per_run)
 
 
 @dataclass(frozen=True, eq=False)

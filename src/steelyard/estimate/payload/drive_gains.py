@@ -28,6 +28,7 @@ from steelyard.estimate.payload.load_case import (
 )
 from steelyard.estimate.payload.payload_estimate import PayloadEstimate, payload_of
 from steelyard.model.model import Model
+from steelyard.model.torque_equations import names_of
 from steelyard.robot.robot import Frame, Robot
 
 LARGEST = 0.5  # largest relative standard deviation of a gain; beyond it the interval reaches zero
@@ -118,12 +119,7 @@ def identified_gains(
     refuse_foreign(model, (*unloaded, *loaded))
     carries = carrier(model.robot, frame)
     case = load_case(model, base_parameters(model), carries, unloaded, loaded, first_deviates=False)
-    dissipative = frozenset(
-        p.name
-        for term in model.terms
-        if term.dissipation == "each"
-        for p in term.parameters(model.robot)
-    )
+    dissipative = frozenset(names_of(model, lambda term: term.dissipation == "each"))
     problem = Bilinear.of(case, mass, given, bool(loaded), dissipative)
     solution = solved(problem)
     pairs = zip(model.robot.effort_units, case.information.signature.effort, strict=True)

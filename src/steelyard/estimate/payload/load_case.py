@@ -21,6 +21,7 @@ from steelyard.estimate.information.base_parameters import BaseMap
 from steelyard.estimate.information.information import Information
 from steelyard.estimate.information.regressor import Layout
 from steelyard.model.model import Model
+from steelyard.model.torque_equations import names_of
 from steelyard.robot.rigid_body import INERTIAL_NAMES, INERTIAL_UNITS, Inertia
 from steelyard.robot.robot import Frame, Robot
 
@@ -153,12 +154,7 @@ def payload_lift(robot: Robot, base: BaseMap, frame: Frame) -> Array:
 
 def drifting(model: Model, columns: Sequence[str]) -> tuple[int, ...]:
     """Numbers of the columns that differ from day to day: friction, offset, what is per run."""
-    steady = {
-        parameter.name
-        for term in model.terms
-        if not (term.drifts() or term.per_run)
-        for parameter in term.parameters(model.robot)
-    }
+    steady = names_of(model, lambda term: not (term.drifts() or term.per_run))
     return tuple(k for k, name in enumerate(columns) if name not in steady)
 
 

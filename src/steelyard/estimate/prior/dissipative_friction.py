@@ -21,6 +21,7 @@ from steelyard.model.model import Model
 from steelyard.model.terms.axes import Axis
 from steelyard.model.terms.memory import LENGTHS_TO_FORGET, Presliding
 from steelyard.model.terms.term import ActsOnAxes, StatefulTerm, TermSamples
+from steelyard.model.torque_equations import names_of
 from steelyard.robot.robot import Robot
 
 REACH = 1.5  # speed up to which friction takes energy, over the greatest of the data
@@ -106,13 +107,8 @@ def _groups(found: Sequence[Coordinate]) -> list[list[Coordinate]]:
 def shaped(model: Model, rows: Sequence[Row]) -> frozenset[str]:
     """Names of coefficients in rows that may be negative, as their curve is bounded."""
     bounded = {name for row in rows for name in row.coefficients}
-    return frozenset(
-        p.name
-        for term in model.terms
-        if term.dissipation == "together"
-        for p in term.parameters(model.robot)
-        if p.name in bounded
-    )
+    names = names_of(model, lambda term: term.dissipation == "together")
+    return frozenset(bounded.intersection(names))
 
 
 def _rows_of(
