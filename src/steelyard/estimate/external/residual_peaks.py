@@ -3,15 +3,14 @@ r"""Maxima of the residuals of free motion, their Pareto tail, and contact thres
 A joint's speed is divided into ranges: rest, turning, slow, medium, fast. Of every visit to a
 range the largest residual $\max |r|$ is kept: residuals of neighbouring samples are alike, those of
 visits much less. A threshold $x$ of a range is exceeded $\zeta\,P(\max |r| > x)$ times per hour in
-that range, with $\zeta$ visits per hour. Above a base $u$, $P$ follows a generalised Pareto law
-whose shape $\xi$ and scale $s$ are uncertain [Coles2001]: over both, weighted by how they explain
-the $k$ of $n$ maxima above $u$,
+that range, with $\zeta$ visits per hour. Above a base $u$, which $k$ of $n$ maxima exceed, $P$
+follows a generalised Pareto law [Coles2001],
 
-$$ P(\max|r| > x) = \frac{k}{n} \iint \left(1 + \xi \frac{x - u}{s}\right)^{-1/\xi}
-   p(\xi, s \mid \text{maxima})\, ds\, d\xi . $$
+$$ P(\max|r| > x) = \frac{k}{n} \left(1 + \xi \frac{x - u}{s}\right)^{-1/\xi} , $$
 
-All joints share the shape of a range, each has a scale of its own. Few maxima make this tail
-heavier: what is uncertain raises the threshold.
+whose shape $\xi$ and scale $s$ are uncertain. Laws are weighted by how they explain the maxima,
+$p(\xi, s \mid \text{maxima})$; the threshold suffices for `RATE_CONFIDENCE` of them, so that few
+maxima raise it. All joints share the shape of a range, each has a scale of its own.
 
 At rest the friction of a joint lies anywhere in a dead zone, and stays where it is: not the
 residual $r$ shows a push, but its change. Where all joints rest, the change is $r - s$ with a slow
@@ -77,27 +76,23 @@ class Tail:
         return np.asarray(np.log(np.exp(self._log_likelihood - highest).sum(axis=1) + 1e-300))
 
     def size(self, probability: float, log_shape: Array) -> float:
-        """The size that maxima above the base exceed with a probability; `log_shape` is a prior."""
-        from scipy.optimize import brentq
+        """The size that a maximum above the base exceeds with a probability; the base from 1 on.
 
+        It holds for `RATE_CONFIDENCE` of the laws, weighted by how they explain the maxima and by
+        `log_shape`, the logarithm of what is known otherwise of every shape.
+        """
         if probability >= 1.0:
             return self.base
         logs = self._log_likelihood + log_shape[:, None]
-        weights = np.exp(logs - logs.max())
-        weights /= weights.sum()
+        weights = np.exp(logs - logs.max()).ravel()
+        excesses = (self._scales * (probability**-_SHAPES - 1.0) / _SHAPES).ravel()
+        order = np.argsort(excesses)
+        share = np.cumsum(weights[order]) / weights.sum()
+        return self.base + float(excesses[order][np.searchsorted(share, RATE_CONFIDENCE)])
 
-        def exceeded(excess: float) -> float:
-            inside = np.maximum(1.0 + _SHAPES * excess / self._scales, 1e-300)
-            return float(np.sum(weights * np.exp(-np.log(inside) / _SHAPES)))
 
-        high = float(self.excesses.max())
-        while exceeded(high) > probability:
-            high *= 2.0
-        found = brentq(
-            lambda x: exceeded(x) - probability, 0.0, high, xtol=1e-14 * high, rtol=1e-14
-        )
-        return self.base + float(found)
-
+RATE_CONFIDENCE = 0.95
+"""With that probability a threshold is exceeded at most as often as it is stated."""
 
 RANGES = ("rest", "turning", "slow", "medium", "fast")
 """Ranges of a joint's speed; it is turning where it starts, stops or reverses."""

@@ -5,7 +5,8 @@ $e$ in the standard deviations $s$ of the prediction hold noise, model error, dr
 and extrapolation alike. Where all runs are of one motion, stretches of it are left out instead.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from functools import reduce
 from operator import add
@@ -75,7 +76,7 @@ def calibrate(
     found, cutoff = [], residual_cutoff(identified, runs)
     for number, one in enumerate(chosen):
         report_progress(progress, "calibrating bands", number, len(chosen))
-        if left_out := _errors(identified, runs, information, estimator, one, cutoff):
+        if left_out := _errors(identified, runs, information, estimator, one):
             found.append(left_out)
     if len(found) < FEWEST_STRETCHES:
         return None
@@ -89,8 +90,11 @@ def calibrate(
     usual = rest_speed_of(identified.robot.n, calibration, identified.processing.rest_speed)
     rest_speed = rest_speed_of_runs([run.rest_speed for run in runs], usual)
     meet = np.maximum(np.column_stack([rest_speed, calibration.edges]), rest_speed[:, None])
-    peaks = [trace.peaks(meet, cutoff) for trace in traces]
-    return replace(calibration, peaks=reduce(add, peaks))
+    peaks = []
+    for trace in traces:
+        with suppress(LogError):  # too short for the residual's low-pass
+            peaks.append(trace(rest_speed, cutoff).peaks(meet, cutoff))
+    return replace(calibration, peaks=reduce(add, peaks)) if peaks else calibration
 
 
 def _errors(
@@ -99,13 +103,13 @@ def _errors(
     information: Information,
     estimator: Estimator[Information],
     one: LeftOut,
-    cutoff: float,
-) -> tuple[Array, Array, NDArray[np.bool_], Array, ResidualTrace] | None:
+) -> tuple[Array, Array, NDArray[np.bool_], Array, Callable[[Array, float], ResidualTrace]] | None:
     """How a fit to all else predicts a stretch; `None` where it cannot.
 
     Errors in standard deviations, speeds, and whether joints move, `(n, N)`; how many independent
-    samples each is worth, `(N,)`; residuals. Errors and residuals are NaN of joints that cannot be
-    predicted. Of a run that is left out as a whole, rests around the motion have residuals too.
+    samples each is worth, `(N,)`; residuals, from rest speeds and the cut-off of their low-pass.
+    Errors and residuals are NaN of joints that cannot be predicted. Of a run that is left out as a
+    whole, rests around the motion have residuals too.
     """
     run = runs[one.run]
     whole = one.span == run.span
@@ -115,7 +119,6 @@ def _errors(
         other = replace(identified, estimate=estimate, calibration=None)
         gains, band = other.signals.gains, identified.cutoffs.score
         traces = score(other.valued, run, gains, band, bands=Bands.of(other)).traces
-        trace = residual_trace(other, run, cutoff, at_rest=whole)
     except (DataError, LogError):
         return None
     if traces.band is None or traces.speed is None:
@@ -134,7 +137,12 @@ def _errors(
     duration = one.span[1] - one.span[0]
     count = len(traces.t)
     worth = np.full(count, min(1.0, 2.0 * band * duration / max(count, 1)))
-    return errors.T, traces.speed.T, traces.moving.T, worth, trace.without(blind)
+
+    def trace(rest_speed: Array, cutoff: float) -> ResidualTrace:
+        known = residual_trace(other, replace(run, rest_speed=rest_speed), cutoff, at_rest=whole)
+        return known.without(blind)
+
+    return errors.T, traces.speed.T, traces.moving.T, worth, trace
 
 
 def correlation_of(errors: Array, worth: Array) -> Array:

@@ -116,7 +116,8 @@ LEAST_RATE = 10.0  # least sampling rate over the cut-off of the residual's low-
 
 GRAVITY, FRICTION = PARTS.index("gravity"), PARTS.index("friction")
 
-FORGOTTEN = 5.0  # time constants of the low-pass after which it has forgotten its start
+FORGOTTEN = 5.0  # time constants of the low-pass after which it has forgotten its start; as much is
+# left out at the end, where derivatives are those of a signal that stops
 
 
 @dataclass(frozen=True, eq=False)
@@ -201,7 +202,7 @@ def residual_trace(
             parts.append((block.t, kept, block.dq))
         t, signals, dq = (np.concatenate(some, axis=-1) for some in zip(*parts, strict=True))
         first = int(FORGOTTEN / (2.0 * np.pi * cutoff) * run.rate)
-        at = slice(first, None, every)
+        at = slice(first, len(t) - first, every)
         slowest = -greatest(-np.abs(dq), round(HOLD * run.rate) + 1)[:, at]
         fastest = greatest(np.abs(dq), round(SETTLED * run.rate) + 1)[:, at]
         low = low_passed(signals, cutoff, run.rate)[..., at]
@@ -235,6 +236,9 @@ def sliding_friction(identified: IdentifiedModel, speed: Array) -> Array:
     return np.asarray(np.abs(identified.friction(along)).max(axis=0))
 
 
+ROUNDED = 0.95  # of the least rate that is refused: the least is printed with two digits
+
+
 def supported_rate(peaks: ResidualPeaks, wanted: float | None, usual: float = 1.0) -> float:
     """False alarms per hour to use: those wanted, or the usual, or the least that is supported."""
     least = peaks.lowest_rate
@@ -246,7 +250,7 @@ def supported_rate(peaks: ResidualPeaks, wanted: float | None, usual: float = 1.
         )
     if wanted is None:
         return max(usual, least)
-    if wanted < least:
+    if wanted < ROUNDED * least:
         minutes = peaks.duration / 60.0
         raise DataError(
             f"{wanted:.3g} false alarms per hour cannot be claimed from {minutes:.1f} min of free "

@@ -75,16 +75,16 @@ def contact(
     own = None if identified.calibration is None else identified.calibration.peaks
     cutoff = residual_cutoff(identified, unseen) if own is None else own.cutoff
     sigma = np.asarray(identified.estimate.sigma)
+    rest = common_rest_speed(identified, [one.rest_speed for one in unseen or [run]])
     suspected: tuple[SuspectedContact, ...] = ()
     if given:
-        traces, rest_speeds = [], []
+        traces = []
         for other in unseen:
-            free_trace = residual_trace(identified, other, cutoff)
+            free_trace = residual_trace(identified, replace(other, rest_speed=rest), cutoff)
             refuse_other_efforts(free_trace, sigma, identified.joints)
             carried = _carried(identified, other)
             if carried is None:
                 traces.append(free_trace)
-                rest_speeds.append(other.rest_speed)
             else:
                 notes.append(f"left out of the calibration: {carried}")
         if not traces:
@@ -93,7 +93,7 @@ def contact(
                 where="--calibrate",
                 fix="give logs of other motion without contact, or leave --calibrate out",
             )
-        peaks, suspected = peaks_of_free_motion(identified, traces, rest_speeds, cutoff, own)
+        peaks, suspected = peaks_of_free_motion(identified, traces, rest, cutoff, own)
         source = f"{len(traces)} calibration {'log' if len(traces) == 1 else 'logs'}"
     elif own is not None:
         peaks, source = own, left_out_words(identified)
@@ -105,7 +105,7 @@ def contact(
             "or more motions",
         )
     thresholds = thresholds_of(identified, peaks, rate)
-    trace = residual_trace(identified, run, cutoff)
+    trace = residual_trace(identified, replace(run, rest_speed=rest), cutoff)
     refuse_other_efforts(trace, sigma, identified.joints)
     robot = identified.model.robot
     found = Contacts(
@@ -155,25 +155,35 @@ def left_out_words(identified: IdentifiedModel) -> str:
     return f"{calibration.count} {what} that were left out when the model was identified"
 
 
+def common_rest_speed(identified: IdentifiedModel, speeds: Sequence[Array]) -> Array:
+    """Speed up to which joints rest in all logs that are compared, shape `(n,)` [rad/s; m/s].
+
+    A residual is without friction below it: chosen for each log, it would change the residual of
+    the same motion. That of the model's own left-out motion, else the largest of some runs.
+    """
+    calibration = identified.calibration
+    if calibration is not None and calibration.peaks is not None:
+        return calibration.peaks.edges[:, 0]
+    usual = rest_speed_of(identified.robot.n, calibration, identified.processing.rest_speed)
+    return rest_speed_of_runs(speeds, usual)
+
+
 def peaks_of_free_motion(
     identified: IdentifiedModel,
     traces: Sequence[ResidualTrace],
-    rest_speeds: Sequence[Array],
+    rest: Array,
     cutoff: float,
     known: ResidualPeaks | None,
 ) -> tuple[ResidualPeaks, tuple[SuspectedContact, ...]]:
     """Largest residuals of calibration runs, and what was left out of them.
 
-    The model's own ranges of speed are used if it has some. Those of runs otherwise, whose joints
-    rest up to `rest_speeds`, shape `(n,)` each [rad/s; m/s]; infinite for the usual ones. Runs are
-    compared with what is `known` of others.
+    The model's own ranges of speed are used if it has some. Those of the runs otherwise, whose
+    joints rest up to `rest`. Runs are compared with what is `known` of others.
     """
     calibration = identified.calibration
     if calibration is not None and calibration.peaks is not None:
         edges = calibration.peaks.edges
     else:
-        usual = rest_speed_of(identified.robot.n, calibration, identified.processing.rest_speed)
-        rest = rest_speed_of_runs(rest_speeds, usual)
         speeds = np.concatenate([trace.slowest for trace in traces], axis=1)
         typical = np.sqrt(np.mean(np.square(speeds), axis=1))
         edges = np.maximum(np.column_stack([rest, np.outer(typical, EDGES)]), rest[:, None])

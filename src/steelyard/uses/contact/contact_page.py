@@ -83,8 +83,9 @@ class Contacts(Result):
         rate, minutes = self.thresholds.rate, self.thresholds.duration / 60.0
         expected = rate * self.trace.duration / 3600.0
         return (
-            f"Thresholds for {rate:.3g} false alarms per hour ({expected:.2g} expected in this "
-            f"log), from {minutes:.1f} min of free motion: {self.source}."
+            f"Thresholds for at most {rate:.3g} false alarms per hour of such motion "
+            f"({expected:.2g} in a log as long as this), from {minutes:.1f} min of free motion: "
+            f"{self.source}."
         )
 
     @property

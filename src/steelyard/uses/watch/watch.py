@@ -26,7 +26,12 @@ from steelyard.runs.named_logs import LogArgument, log_files, paths_of
 from steelyard.runs.prepare import prepare
 from steelyard.runs.recording import LogInMemory, Recording
 from steelyard.runs.sample_stream import SampleStream
-from steelyard.uses.contact.contact import fitted_note, left_out_words, peaks_of_free_motion
+from steelyard.uses.contact.contact import (
+    common_rest_speed,
+    fitted_note,
+    left_out_words,
+    peaks_of_free_motion,
+)
 from steelyard.uses.payload.payload_events import PayloadEvents, find_payload_events
 from steelyard.uses.watch.stream_output import StreamFiles
 from steelyard.uses.watch.watcher import PayloadStream, StreamEvent, Watcher, rests_of, velocity_of
@@ -172,7 +177,7 @@ def watch_rows(
 
 def _claim(thresholds: ContactThresholds, source: str) -> str:
     return (
-        f"thresholds for {thresholds.rate:.3g} false alarms per hour, from "
+        f"thresholds for at most {thresholds.rate:.3g} false alarms per hour, from "
         f"{thresholds.duration / 60.0:.1f} min of free motion: {source}"
     )
 
@@ -196,8 +201,8 @@ def _calibrated(
     for number, log in enumerate(unseen):
         report_progress(progress, "calibrating thresholds", number, len(unseen))
         traces.append(stream_trace(identified, log, cutoff))
-    usual = [np.full(identified.robot.n, np.inf)]
-    peaks, suspected = peaks_of_free_motion(identified, traces, usual, cutoff, None)
+    rest = common_rest_speed(identified, [np.full(identified.robot.n, np.inf)])
+    peaks, suspected = peaks_of_free_motion(identified, traces, rest, cutoff, None)
     thresholds = thresholds_of(identified, peaks, rate)
     count = f"{len(unseen)} calibration {'log' if len(unseen) == 1 else 'logs'}"
     return thresholds, [
