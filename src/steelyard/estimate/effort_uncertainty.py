@@ -20,7 +20,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from steelyard.base.arrays import Array, frozen
+from steelyard.base.arrays import Array, frozen, set_fields
 from steelyard.estimate.estimate import Z95
 from steelyard.estimate.external.residual_peaks import ResidualPeaks
 from steelyard.model.model import ValuedModel
@@ -49,10 +49,10 @@ class Calibration:
 
     def __post_init__(self) -> None:
         n = len(self.edges)
-        object.__setattr__(self, "edges", frozen(self.edges, (n, len(EDGES))))
-        object.__setattr__(self, "factors", frozen(self.factors, (n, BINS)))
+        set_fields(self, edges=frozen(self.edges, (n, len(EDGES))))
+        set_fields(self, factors=frozen(self.factors, (n, BINS)))
         if self.correlation is not None:
-            object.__setattr__(self, "correlation", frozen(self.correlation, (n, n)))
+            set_fields(self, correlation=frozen(self.correlation, (n, n)))
 
     @property
     def text(self) -> str:

@@ -7,7 +7,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from steelyard.base.arrays import Array
 from steelyard.base.progress import Progress
 from steelyard.check.fitted.gear_side import LINK_SIDE_INSTEAD, rotors_at_zero
 from steelyard.estimate.consistent.consistent import Consistent
@@ -181,7 +180,11 @@ def _scaled_fit(
     if scales is None:
         return declared, None, ""
     values, units = scales.found.values, declared.information.signature.effort
-    runs = tuple(_with_gains_over(run, values) for run in declared.runs)
+    signals = (run.recording.signals for run in declared.runs)
+    runs = tuple(
+        with_signals(run, replace(own, gains=own.gains / values))
+        for run, own in zip(declared.runs, signals, strict=True)
+    )
     scaled = _fitted(
         lambda runs, information: partial(scales.scaled.estimate, scales=scales.found),
         runs,
@@ -191,12 +194,6 @@ def _scaled_fit(
     if zero:
         return declared, None, NO_SCALES.format(len(zero), every)
     return scaled, scales, ""
-
-
-def _with_gains_over(run: Run, scales: Array) -> Run:
-    """The run with its efforts divided by scales."""
-    signals = run.recording.signals
-    return with_signals(run, replace(signals, gains=signals.gains / scales))
 
 
 NO_SCALES = (

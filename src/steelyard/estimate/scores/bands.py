@@ -1,14 +1,10 @@
 r"""95 % bands of predicted efforts, and filtered efforts along a run with their bands.
 
 The low-passed prediction of row $j$ is $\bar y_j^T \hat\phi$ with the row's regressor entries
-behind the same filter, $\bar y_j$: its variance is $\bar y_j^T C \bar y_j$. Entries as they are
-have the noise of accelerations and the jumps of friction where a joint turns round, which the
-filter takes out of the prediction.
-
-The predicted effort of row $j$ is $y_j^T \hat\phi$ with the row's regressor entries $y_j$, behind
-the score's low-pass as the effort is; what is left open of the parameters makes its standard
-deviation $\sqrt{y_j^T C y_j}$: the band of the model. A new measurement scatters around that by its
-residual too: $\sqrt{y_j^T C y_j + s_j^2}$.
+behind the same filter, $\bar y_j$; what is left open of the parameters makes its standard deviation
+$\sqrt{\bar y_j^T C \bar y_j}$: the band of the model. Entries as they are have the noise of
+accelerations and the jumps of friction where a joint turns round, which the filter takes out of the
+prediction. A new measurement scatters by its residual too: $\sqrt{\bar y_j^T C \bar y_j + s_j^2}$.
 
 The residuals behind an estimate have gone through the parallel filter, scores go through another
 low-pass. White residuals have variances in the ratio of the filters' noise bandwidths, which $s_j$

@@ -183,13 +183,10 @@ class TorqueSplitSection(FigureSection, name="torque-split", title="Effort by ca
 
     def numbers(self, content: ReportContent) -> Numbers | None:
         """Parts of one run, one that was not fitted if there is one."""
-        found = _run(content)
+        found, joints = _run(content), content.identified.robot.coordinates
         if found is None:
             return None
-        score, kind = found
-        parts, joints = score.parts, content.identified.model.robot.coordinates
-        if parts is None:
-            return None
+        score, kind, parts = found
         sizes = _sizes(parts, parts.moving)
         rows, captions = [], []
         for j, joint in enumerate(joints):
@@ -233,27 +230,24 @@ class TorqueSplitSection(FigureSection, name="torque-split", title="Effort by ca
 
     def to_dict(self, content: ReportContent) -> dict[str, Any]:
         """RMS of the parts per joint, where it moves."""
-        found = _run(content)
-        if found is None or found[0].parts is None:
+        if (found := _run(content)) is None:
             return {"torque_split": None}
-        sizes = _sizes(found[0].parts, found[0].parts.moving)
-        joints = content.identified.joints
-        return {
-            "torque_split": {
-                "run": found[0].run,
-                "joints": [
-                    {"joint": joint, **{name: rounded(size[j]) for name, size in sizes.items()}}
-                    for j, joint in enumerate(joints)
-                ],
-            }
-        }
+        score, _, parts = found
+        sizes = _sizes(parts, parts.moving)
+        joints = [
+            {"joint": joint, **{name: rounded(size[j]) for name, size in sizes.items()}}
+            for j, joint in enumerate(content.identified.joints)
+        ]
+        return {"torque_split": {"run": score.run, "joints": joints}}
 
 
-def _run(content: ReportContent) -> tuple[RunScore, str] | None:
+def _run(content: ReportContent) -> tuple[RunScore, str, TorqueParts] | None:
     """The first run with parts, and its kind; those that were not fitted come first."""
-    scores = [(score, "not fitted") for score in content.scores]
-    scores += [(score, "fitted") for score in content.fitted]
-    return next(((score, kind) for score, kind in scores if score.parts is not None), None)
+    for kind, scores in (("not fitted", content.scores), ("fitted", content.fitted)):
+        for score in scores:
+            if score.parts is not None:
+                return score, kind, score.parts
+    return None
 
 
 def _sizes(parts: TorqueParts, chosen: Mask) -> dict[str, Array]:
