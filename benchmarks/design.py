@@ -33,11 +33,11 @@ from steelyard.excite.problem_from_tables import build
 from steelyard.excite.search.feasibility import random_starts
 from steelyard.excite.search.newton import InequalityConstraints
 from steelyard.excite.search.population import (
-    CmaEsSearch,
-    GeneticSearch,
-    Gradient,
     Method,
     Watch,
+    search_by_cma_es,
+    search_by_genes,
+    search_by_gradient,
     seeded,
 )
 from steelyard.excite.search.repair import scaled
@@ -168,31 +168,23 @@ class PinocchioLoop:
         return [limits, box] if self.box else [limits]
 
 
-@dataclass(frozen=True)
-class FiniteDifferences:
-    """SLSQP on a loop over Pinocchio, from the best of some random starts.
-
-    Attributes:
-        screened: How many.
-    """
-
-    screened: int = Gradient.screened
-
-    def search(self, problem: Problem, random: np.random.Generator, watch: Watch) -> np.ndarray:
-        """See `Method`."""
-        loop = PinocchioLoop(problem)
-        starts = random_starts(problem.inequalities, random, self.screened)
-        watch(starts[0])
-        start = min(starts, key=loop.cost)
-        found = minimize(
-            lambda z: loop.cost(z.reshape(start.shape)),
-            start.ravel(),
-            method="SLSQP",
-            constraints=loop.kept(start.shape),
-            callback=lambda z: watch(np.array(z).reshape(start.shape)),
-            options={"eps": STEP, "ftol": ENOUGH, "maxiter": ROUNDS},
-        )
-        return np.asarray(found.x).reshape(start.shape)
+def search_by_differences(
+    problem: Problem, random: np.random.Generator, watch: Watch, screened: int = 60
+) -> np.ndarray:
+    """SLSQP on a loop over Pinocchio, from the best of some random starts."""
+    loop = PinocchioLoop(problem)
+    starts = random_starts(problem.inequalities, random, screened)
+    watch(starts[0])
+    start = min(starts, key=loop.cost)
+    found = minimize(
+        lambda z: loop.cost(z.reshape(start.shape)),
+        start.ravel(),
+        method="SLSQP",
+        constraints=loop.kept(start.shape),
+        callback=lambda z: watch(np.array(z).reshape(start.shape)),
+        options={"eps": STEP, "ftol": ENOUGH, "maxiter": ROUNDS},
+    )
+    return np.asarray(found.x).reshape(start.shape)
 
 
 def visited(
@@ -211,7 +203,7 @@ def visited(
 
     try:
         for number in count():
-            x = method.search(problem, seeded(SEED, number), watch)
+            x = method(problem, seeded(SEED, number), watch)
             ends.append((time.perf_counter() - begun, x))
     except Stopped:
         pass
@@ -263,10 +255,10 @@ def designs() -> list[tuple[str, str, str, bool]]:
     name = loaded.robot.name
     problem = build(loaded, Model(loaded.robot, (RigidBody(), Viscous(), Coulomb())))
     ways: dict[str, Method] = {
-        "steelyard": Gradient(),
-        "SLSQP, finite differences, Pinocchio loop": FiniteDifferences(),
-        "CMA-ES, our criterion": CmaEsSearch(),
-        "genetic algorithm, our criterion": GeneticSearch(),
+        "steelyard": search_by_gradient,
+        "SLSQP, finite differences, Pinocchio loop": search_by_differences,
+        "CMA-ES, our criterion": search_by_cma_es,
+        "genetic algorithm, our criterion": search_by_genes,
     }
     problem.objective(problem.basis.still(np.zeros(problem.robot.n)), 1.0)
     marks = " ".join(f"{f'{share * SECONDS:g} s':>6}" for share in MARKS)

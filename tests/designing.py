@@ -62,7 +62,7 @@ def limits(jerk: bool = False) -> MotionLimits:
 def box(share: float = 1.0) -> Constraint:
     """Walls around the tool's place in the middle posture; shut at a share of zero."""
     still = MIDDLE[None]
-    tool = [Marker(ARM.bodies[-1].name, (0.3, 0.0, 0.1), 0.02)]
+    tool = Marker(ARM.bodies[-1].name, (0.3, 0.0, 0.1), 0.02)
     probe = tool_box(ARM, tool, [0.0] * 3, [None] * 3)
     middle = probe.margins(still, still, still).values[0] + 0.02
     reach = 0.02 + share * np.array([0.3, 0.35, 0.25])

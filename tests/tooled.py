@@ -9,14 +9,22 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
+from numpy.typing import ArrayLike
 
 from oracles import body_positions, pinocchio_model
 from steelyard.base.arrays import Array
 from steelyard.excite.constraints.constraint import MotionLimits, motion_limits
 from steelyard.excite.planned.inverse_kinematics import Pointing
-from steelyard.excite.planned.plans import Box, Process
-from steelyard.excite.planned.route import ProcessMotion
+from steelyard.excite.planned.plans import TASKS
+from steelyard.excite.planned.route import ProcessMotion, ToolGuidance, planned_tour
 from steelyard.model.equations.kinematics import frame_of
+from steelyard.robot.file.excitation_sections import (
+    BoxSpans,
+    MotionOfAKind,
+    PickAndPlaceSection,
+    SquareSection,
+    WaypointsSection,
+)
 from steelyard.robot.file.robot_file import load_robot
 from steelyard.robot.robot import Robot
 
@@ -27,6 +35,7 @@ FILES = {
 
 
 DOWN = Pointing([0.0, 0.0, -1.0])
+FREE = ToolGuidance()
 REACH = {"ur10": 0.8, "panda": 0.5}
 
 
@@ -78,11 +87,44 @@ def invented_arm(robot: Robot, frame: str) -> Arm:
     return Arm(robot, motion_limits(robot), frame, pose)
 
 
-def boxes(name: str) -> tuple[Box, Box]:
+def box(centre: ArrayLike, size: ArrayLike) -> BoxSpans:
+    low, high = centre - 0.5 * np.array(size), centre + 0.5 * np.array(size)
+    x, y, z = zip(low.tolist(), high.tolist(), strict=True)
+    return BoxSpans(x=x, y=y, z=z)
+
+
+def boxes(name: str) -> tuple[BoxSpans, BoxSpans]:
     x = REACH[name]
-    return Box((x, -0.25, 0.25), (0.2, 0.1, 0.1)), Box((x, 0.3, 0.2), (0.1, 0.2, 0.0))
+    return box((x, -0.25, 0.25), (0.2, 0.1, 0.1)), box((x, 0.3, 0.2), (0.1, 0.2, 0.0))
 
 
-def plan(name: str, task: Process, **settings: int) -> ProcessMotion:
-    tooled = arm(name)
-    return task.plan(tooled.robot, tooled.limits, tooled.frame, **settings)
+def carried(pick: BoxSpans, place: BoxSpans, **changes: float) -> PickAndPlaceSection:
+    """Pick and place without rests."""
+    return PickAndPlaceSection(
+        kind="pick_and_place", pick=pick, place=place, **{"dwell": 0.0} | changes
+    )
+
+
+def square(centre: tuple[float, ...], side: float, **changes: float) -> SquareSection:
+    """A lap of a square without rests."""
+    return SquareSection(
+        kind="square", centre=centre, side=side, **{"dwell": 0.0, "laps": 1} | changes
+    )
+
+
+def waypoints(points: ArrayLike, dwell: float = 0.0) -> WaypointsSection:
+    return WaypointsSection(kind="waypoints", points=np.array(points).tolist(), dwell=dwell)
+
+
+def plan(
+    tooled: str | Arm,
+    task: MotionOfAKind,
+    guidance: ToolGuidance = FREE,
+    *,
+    limits: MotionLimits | None = None,
+    seed: int = 0,
+) -> ProcessMotion:
+    tooled = arm(tooled) if isinstance(tooled, str) else tooled
+    robot, frame = tooled.robot, frame_of(tooled.robot, tooled.frame)
+    tour = TASKS[task.kind](task, robot, seed)
+    return planned_tour(robot, limits or tooled.limits, frame, tour, guidance, seed)

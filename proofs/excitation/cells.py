@@ -34,7 +34,7 @@ from steelyard.excite.page.design_words import design_headline, design_level
 from steelyard.excite.problem import Problem
 from steelyard.excite.problem_from_tables import build
 from steelyard.excite.search.feasibility import refuse_impossible
-from steelyard.excite.search.population import Gradient, seeded
+from steelyard.excite.search.population import search_by_gradient, seeded
 from steelyard.excite.search.repair import finished
 from steelyard.excite.trajectories.trajectory import ExactTrajectory
 from steelyard.model.robot_file_model import model_with_open_friction
@@ -91,7 +91,7 @@ def cell_found(seed: int) -> Found:
             loaded = load_robot(cell.file)
             problem = build(loaded, model_with_open_friction(loaded))
             refuse_impossible(problem, loaded)
-            x = Gradient(SCREENED).search(problem, seeded(0, seed), lambda x: None)
+            x = search_by_gradient(problem, seeded(0, seed), lambda x: None, SCREENED)
             best = finished(problem, [x], time.monotonic())
         except SteelyardError as error:
             found.refused.append(f"{seed} ({cell.kind}): {error.wrong}")
@@ -137,6 +137,7 @@ def check_headline(
         faint=0,
         absent=(),
         chosen_parameters=(0,),
+        gram=np.eye(1),
     )
     words, grade = design_headline(designed), design_level(designed)
     labels = [label for proof in certificate.proofs for label in proof.labels]

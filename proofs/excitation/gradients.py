@@ -19,7 +19,7 @@ sys.path.append(str(Path(__file__).parents[2] / "tests"))
 from steelyard.estimate.information.regressor import InformationEvaluator
 from steelyard.excite.criteria import CRITERIA, Measure
 from steelyard.excite.problem import Case, Objective, Problem
-from steelyard.excite.problem_from_tables import Recipe
+from steelyard.excite.problem_from_tables import build
 from steelyard.excite.search.feasibility import random_starts
 from steelyard.excite.search.population import seeded
 from steelyard.excite.trajectories.bases import Basis, rest_fourier
@@ -79,7 +79,7 @@ def of_laws() -> Claim:
 
 def of_panda() -> list[Claim]:
     """The five criteria on the Panda's problem; time of the first."""
-    problem = recipe().problem()
+    problem = panda_problem()
     worst = 0.0
     x = random_starts(problem.inequalities, seeded(0, 0), 1)[0]
     case = problem.cases[0]
@@ -126,12 +126,12 @@ def composed(problem: Problem, x: np.ndarray) -> float:
     return worst
 
 
-def recipe() -> Recipe:
+def panda_problem() -> Problem:
     """The Panda's problem."""
     from steelyard.model.robot_file_model import model_with_open_friction
 
     loaded = load_robot(PROBLEMS / "panda.toml")
-    return Recipe.of(loaded, model_with_open_friction(loaded))
+    return build(loaded, model_with_open_friction(loaded))
 
 
 def differences(objective: Objective, x: np.ndarray) -> np.ndarray:

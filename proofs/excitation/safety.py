@@ -29,7 +29,7 @@ from steelyard.excite.constraints.constraints_from_tables import Earlier
 from steelyard.excite.problem import Problem
 from steelyard.excite.problem_from_tables import build
 from steelyard.excite.search.feasibility import refuse_impossible
-from steelyard.excite.search.population import Gradient, seeded
+from steelyard.excite.search.population import search_by_gradient, seeded
 from steelyard.excite.search.repair import finished
 from steelyard.excite.trajectories.trajectory import ExactTrajectory
 from steelyard.model.robot_file_model import model_with_open_friction
@@ -189,7 +189,7 @@ def design(tally: Tally, seed: int, folder: Path) -> None:
     begun = time.process_time()
     try:
         problem = problem_of(case)
-        x = Gradient(SCREENED).search(problem, seeded(0, seed), lambda x: None)
+        x = search_by_gradient(problem, seeded(0, seed), lambda x: None, SCREENED)
         best = finished(problem, [x], time.monotonic())
     except SteelyardError as error:
         tally.refused.append(f"{seed} ({case.kind}): {error.wrong}")

@@ -19,7 +19,7 @@ from proofs.support.safety_motion import derivative, duration
 from steelyard.excite.constraints.certificate import certify
 from steelyard.excite.problem import Problem
 from steelyard.excite.problem_from_tables import build
-from steelyard.excite.search.population import Gradient, seeded
+from steelyard.excite.search.population import search_by_gradient, seeded
 from steelyard.excite.search.repair import finished
 from steelyard.model.robot_file_model import model_with_open_friction
 from steelyard.robot.file.robot_file import load_robot
@@ -97,7 +97,7 @@ def may_touch() -> set[frozenset[str]]:
 def searched(problem: Problem, number: int) -> tuple[np.ndarray, float]:
     """What one search ends with, and its time on one core [s]."""
     begun = time.process_time()
-    x = Gradient().search(problem, seeded(0, number), lambda x: None)
+    x = search_by_gradient(problem, seeded(0, number), lambda x: None)
     return x, time.process_time() - begun
 
 
@@ -106,7 +106,7 @@ def panda_claims() -> list[Claim]:
     free, watched = problem_of(False), problem_of(True)
     for problem in (free, watched):
         problem.objective(problem.basis.still(np.zeros(problem.robot.n)), 1.0)
-        Gradient(2).search(problem, seeded(1, 0), lambda x: None)
+        search_by_gradient(problem, seeded(1, 0), lambda x: None, 2)
     both = [(searched(free, k), searched(watched, k)) for k in range(SEARCHES)]
     seconds = np.median([[a[1], b[1]] for a, b in both], axis=0)
     best = [

@@ -1,6 +1,7 @@
 """An arm of three joints with shapes, and what `[excitation]` tables make of it."""
 
 import json
+import pickle
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -17,7 +18,7 @@ from steelyard.excite.constraints.constraints_from_tables import Earlier
 from steelyard.excite.design import design
 from steelyard.excite.designed import Designed
 from steelyard.excite.problem import Problem
-from steelyard.excite.problem_from_tables import Recipe, build
+from steelyard.excite.problem_from_tables import Tables, build
 from steelyard.excite.search import parallel_search, worker
 from steelyard.excite.search.feasibility import (
     NoMotion,
@@ -69,13 +70,12 @@ def problem_of(folder: Path, tables: str = "", earlier: Earlier | None = None) -
 
 
 @contextmanager
-def searching_here(recipe: Recipe, method: str, effort: SearchBudget) -> Iterator["Queue[Any]"]:
+def searching_here(tables: Tables, method: str, effort: SearchBudget) -> Iterator["Queue[Any]"]:
     """Search in this process, which has all packages loaded; `test_runner` has real ones."""
     messages: Queue[Any] = Queue()
     for number in range(effort.useful):
-        task = json.loads(json.dumps(parallel_search._task(recipe, method, effort, number)))
-        lines = worker.answers(task, time.monotonic() + effort.seconds)
-        for line in worker._explained(lines):
+        task = pickle.loads(parallel_search.task_of(tables, method, effort, number))
+        for line in worker.explained_answers(*task):
             messages.put(json.loads(json.dumps(line)))
         messages.put({"ended": 0})
     yield messages

@@ -8,9 +8,8 @@ import pytest
 
 from designing import FAMILIES, box, problem, torques
 from steelyard.base.arrays import Array
-from steelyard.base.progress import Progress, silent
 from steelyard.excite.constraints.constraint import Constraint, Margins
-from steelyard.excite.search.newton import CONSTRAINT_STEP, InequalityConstraints, joint_bounds
+from steelyard.excite.search.newton import CONSTRAINT_STEP, InequalityConstraints
 from steelyard.excite.trajectories.trajectory import ExactTrajectory
 
 MIDDLE = np.array([-0.1, 0.1, 0.3])
@@ -42,7 +41,7 @@ class Straight(Constraint):
         by = [np.broadcast_to(s, (len(q), 2, 3)) for s in slopes]
         return Margins(np.asarray(values), *by)
 
-    def proven(self, trajectory: ExactTrajectory, progress: Progress = silent) -> Array:
+    def proven(self, trajectory: ExactTrajectory) -> Array:
         return np.zeros(2)
 
 
@@ -104,7 +103,7 @@ def test_barrier_of_the_limits_is_its_formula(name: str, jerk: bool) -> None:
     x = inside(w, 0)
     motion = w.basis.motion(x)
     total = 0.0
-    sides = joint_bounds(w.limits)
+    sides = w.limits.bounds
     assert len(sides) == (4 if jerk else 3)
     for order, (lower, upper) in enumerate(sides):
         values, half = motion.derivative(w.t, order), 0.5 * (upper - lower)
@@ -225,7 +224,7 @@ def test_worst_is_the_smallest_of_all_margins() -> None:
     x = inside(w, 1, 0.95)
     motion = w.basis.motion(x)
     margins = []
-    for order, (lower, upper) in enumerate(joint_bounds(w.limits)):
+    for order, (lower, upper) in enumerate(w.limits.bounds):
         values, half = motion.derivative(w.t, order), 0.5 * (upper - lower)
         margins.append(min(((upper - values) / half).min(), ((values - lower) / half).min()))
     states = [motion.derivative(w.t, order) for order in range(3)]

@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
-from exact_motions import MAKERS, piecewise, rest_fourier
+from exact_motions import MAKERS, piecewise
 from steelyard.base.arrays import Array
-from steelyard.base.progress import Event, Stopped
 from steelyard.excite.constraints.bounding import MOST_STRETCHES, Course, Stretches, proven_minimum
 from steelyard.excite.trajectories.fourier import FourierMotion
 from steelyard.symbolic.program import InputArray as Input
@@ -88,16 +87,3 @@ def test_a_proof_that_cannot_close_ends_with_what_it_has() -> None:
 
     proven = proven_minimum(piecewise(np.random.default_rng(1)), hopeless, np.array([0.1]))
     assert proven.tolist() == [-3.0] and MOST_STRETCHES / 10 < sum(counts) <= MOST_STRETCHES
-
-
-def test_a_proof_can_be_stopped() -> None:
-    events: list[Event] = []
-
-    def watch(event: Event) -> bool:
-        events.append(event)
-        return len(events) < 2
-
-    motion = rest_fourier(np.random.default_rng(2))
-    with pytest.raises(Stopped, match="stopped during my proof"):
-        proven_minimum(motion, first_joint, np.full(2, 1e-9), watch, "my proof")
-    assert events[-1].total == motion.duration and 0.0 <= events[-1].done <= motion.duration

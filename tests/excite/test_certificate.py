@@ -9,7 +9,6 @@ import pytest
 from exact_motions import MAKERS, chained, raw_fourier, rest_fourier, several, table
 from invented import dh_arm
 from steelyard.base.arrays import Array
-from steelyard.base.progress import Event, Progress, silent
 from steelyard.excite.constraints.certificate import certify, trajectory_hash
 from steelyard.excite.constraints.constraint import Constraint, Margins, MotionLimits
 from steelyard.excite.constraints.torque import power_limit, torque_limit
@@ -39,7 +38,7 @@ def walls(*, low: float = -5.0, effort: float = 1e3) -> list[Constraint]:
     robot = dh_arm()
     arm = Model(robot, (RigidBody(),)).prior
     assert arm is not None
-    box = tool_box(robot, [Marker(robot.bodies[-1].name)], (low, None, None), (5.0, 5.0, 5.0))
+    box = tool_box(robot, Marker(robot.bodies[-1].name), (low, None, None), (5.0, 5.0, 5.0))
     return [box, torque_limit({"arm": arm}, [effort] * 3), power_limit({"arm": arm}, total=1e4)]
 
 
@@ -100,7 +99,7 @@ class Touching(Constraint):
     def margins(self, q: Array, dq: Array, ddq: Array) -> Margins:
         return Margins(np.ones((len(q), 2)))
 
-    def proven(self, trajectory: ExactTrajectory, progress: Progress = silent) -> Array:
+    def proven(self, trajectory: ExactTrajectory) -> Array:
         return np.array([-np.inf, 0.0])
 
 
@@ -164,7 +163,7 @@ def test_a_motion_that_does_not_rest_at_its_ends_says_so() -> None:
 class Near(Touching):
     """Margins that are only lower bounds where they are one metre or more, as of clearances."""
 
-    def proven(self, trajectory: ExactTrajectory, progress: Progress = silent) -> Array:
+    def proven(self, trajectory: ExactTrajectory) -> Array:
         return np.array([1.5, 0.5])
 
 
@@ -184,14 +183,3 @@ def test_the_hash_is_that_of_the_file() -> None:
 
     same = Same(motion().start, motion().sine, motion().cosine, 8.0)
     assert trajectory_hash(same) == trajectory_hash(motion())
-
-
-def test_progress_is_reported_of_everything() -> None:
-    phases = set()
-
-    def watch(event: Event) -> bool:
-        phases.add(event.phase)
-        return True
-
-    certify(dh_arm(), motion(), exact_limits(motion()), walls(), watch)
-    assert phases == {"certificate", "tool box", "torque", "power"}

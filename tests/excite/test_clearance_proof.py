@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from excite.colliding import joint, link, panda, snake, ur10, urdf, waves, written
-from steelyard.base.progress import Event, Stopped
 from steelyard.excite.collision.collision import Clearance, self_clearance
 from steelyard.excite.collision.shapes import obstacle, placed, rates, wall
 from steelyard.excite.collision.solids import Ball, Box, Capsule, Cylinder
@@ -128,17 +127,3 @@ def test_rates_of_a_hinge_are_its_reach(tmp_path: Path) -> None:
     # the slide's ball is as long as its stroke: 1 m off the axis, 0.05 m and half of 0.4 m around
     expected = [1.25, 1.0]
     np.testing.assert_allclose(rates(loaded.robot, shapes["rod"], shapes["hand"], *ends), expected)
-
-
-def test_a_proof_can_be_stopped(tmp_path: Path) -> None:
-    loaded = snake(tmp_path)
-    events: list[Event] = []
-
-    def watch(event: Event) -> bool:
-        events.append(event)
-        return len(events) < 2
-
-    with pytest.raises(Stopped):
-        self_clearance(loaded).proven(waves(loaded.robot, 0), watch)
-    assert events[0].phase == "proving clearances"
-    assert 0.0 < events[0].done <= events[1].done <= events[1].total

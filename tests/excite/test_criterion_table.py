@@ -278,10 +278,3 @@ def test_noise_of_predictions(tmp_path: Path) -> None:
     np.testing.assert_allclose(plain.noise, 0.6)
     half = designed(tmp_path, ANY + QUICK, earlier=replace(known, noise=0.5 * known.noise))
     np.testing.assert_allclose(half.shown.std(), 0.5 * informed.shown.std(), rtol=1e-9)
-
-
-def test_earlier_as_json(tmp_path: Path) -> None:
-    known = earlier(tmp_path, blind=1)
-    again = Earlier.from_dict(known.to_dict())
-    assert again.to_dict() == known.to_dict()
-    np.testing.assert_array_equal(again.covariance, known.covariance)

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from excite.tabled import OPEN, QUICK, arm, designed, model_with_open_friction, problem_of
-from steelyard.base.progress import Progress, silent
 from steelyard.excite import design as designs
 from steelyard.excite.constraints.certificate import certify, trajectory_hash
 from steelyard.excite.constraints.torque import EffortLimit
@@ -27,9 +26,9 @@ from steelyard.excite.trajectories.trajectory import ExactTrajectory
 def test_no_motion_is_proven_twice(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     seen, proven = list[str](), EffortLimit.proven
 
-    def counted(self: EffortLimit, motion: ExactTrajectory, progress: Progress = silent) -> object:
+    def counted(self: EffortLimit, motion: ExactTrajectory) -> object:
         seen.append(trajectory_hash(motion))
-        return proven(self, motion, progress)
+        return proven(self, motion)
 
     monkeypatch.setattr(EffortLimit, "proven", counted)
     found = designed(tmp_path, OPEN + QUICK)
@@ -88,7 +87,7 @@ def test_the_best_motion_is_finished_first(tmp_path: Path, monkeypatch: pytest.M
     starts = random_starts(problem.inequalities, np.random.default_rng(0), 3)
     best, middle, worst = sorted(starts, key=problem.criterion_value)
     found = tuple(
-        Found(k, x, problem.criterion_value(x), 1.0, True) for k, x in enumerate((best, middle))
+        Found(k, x, problem.criterion_value(x), True) for k, x in enumerate((best, middle))
     )
     monkeypatch.setattr(designs, "composed_motions", lambda *arguments: iter([worst]))
     first, *rest = designs._candidates(problem, SearchResult(found, 2, (), False), None)

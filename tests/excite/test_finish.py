@@ -10,12 +10,10 @@ import pytest
 from designing import FAMILIES, START, box, limits, problem, torques
 from steelyard.base.arrays import Array
 from steelyard.base.errors import DataError
-from steelyard.base.progress import Event, Progress, Stopped, silent
 from steelyard.excite.constraints.constraint import Constraint, Margins
 from steelyard.excite.problem import Problem
 from steelyard.excite.search import repair as finish
 from steelyard.excite.search.feasibility import random_starts
-from steelyard.excite.search.newton import joint_bounds
 from steelyard.excite.search.repair import LEAST_MOTION_SHARE, finished, scaled
 from steelyard.excite.trajectories.bases import rest_fourier
 from steelyard.excite.trajectories.trajectory import ExactTrajectory
@@ -29,7 +27,7 @@ def excess(design: Problem, x: Array) -> Array:
     motion = design.basis.motion(x)
     t = np.union1d(np.linspace(0.0, motion.duration, 4001), motion.breaks)
     worst = np.full(len(x), -np.inf)
-    for order, (lower, upper) in enumerate(joint_bounds(design.limits)):
+    for order, (lower, upper) in enumerate(design.limits.bounds):
         half = 0.5 * (upper - lower)
         values = motion.derivative(t, order)
         beyond = np.maximum(values - upper, lower - values).max(axis=0) / half
@@ -41,7 +39,7 @@ def exact_excess(design: Problem, x: Array) -> Array:
     """The same by the motion's own extremes."""
     motion = design.basis.motion(x)
     parts = []
-    for order, (lower, upper) in enumerate(joint_bounds(design.limits)):
+    for order, (lower, upper) in enumerate(design.limits.bounds):
         least, most = motion.extremes(order)
         parts += [most - upper, lower - least]
     return np.max(parts, axis=0)
@@ -147,11 +145,9 @@ class Reach(Constraint):
         """Blind: only the proof sees it."""
         return Margins(np.ones((len(q), 1)))
 
-    def proven(self, trajectory: ExactTrajectory, progress: Progress = silent) -> Array:
+    def proven(self, trajectory: ExactTrajectory) -> Array:
         least, most = trajectory.extremes(0)
         self.ranges.append(float(most[0] - least[0]))
-        if not progress(Event("reach", 1, 1)):
-            raise Stopped("requested")
         return np.array([self.most - self.ranges[-1]])
 
 
@@ -199,7 +195,7 @@ class Slab(Constraint):
         by_q[:, 0, 0] = np.sign(q[:, 0] - self.at)
         return Margins(np.abs(q[:, :1] - self.at) - self.half, by_q)
 
-    def proven(self, trajectory: ExactTrajectory, progress: Progress = silent) -> Array:
+    def proven(self, trajectory: ExactTrajectory) -> Array:
         low, high = (float(ends[0]) for ends in trajectory.extremes(0))
         return np.array([max(low - self.at, self.at - high) - self.half])
 
@@ -258,12 +254,6 @@ def test_the_second_best_counts_if_the_best_is_not_proven() -> None:
     reach = Reach(0.5 * LEAST_MOTION_SHARE * whole)
     best = finished(problem(plain.basis, [reach]), [x, quiet], deadline=time.monotonic() - 1.0)
     np.testing.assert_array_equal(best.x, quiet)
-
-
-def test_a_requested_stop() -> None:
-    plain, x = swinging(())
-    with pytest.raises(Stopped):
-        finished(problem(plain.basis, [Reach(10.0)]), [x], progress=lambda event: False)
 
 
 def test_after_the_deadline_one_motion_is_finished_and_no_more(

@@ -18,7 +18,7 @@ from steelyard.excite.criteria import CRITERIA
 from steelyard.excite.problem import Case, JointGroup, Problem, composed_motions, joint_groups_of
 from steelyard.excite.search import population as methods
 from steelyard.excite.search.feasibility import each_start, random_starts
-from steelyard.excite.search.population import Gradient, seeded
+from steelyard.excite.search.population import search_by_gradient, seeded
 from steelyard.excite.trajectories.bases import rest_fourier
 from steelyard.model.laws.coulomb import Coulomb
 from steelyard.model.laws.rigid_body import RigidBody
@@ -117,7 +117,7 @@ def test_a_start_that_shows_too_little_is_not_reported(monkeypatch: pytest.Monke
     good = random_starts(problem.inequalities, np.random.default_rng(3), 1)[0]
     starts = [problem.basis.still(good[:, -1]), good]
     monkeypatch.setattr(methods, "each_start", lambda *_: iter(starts))
-    Gradient().search(problem, seeded(0, 0), reported.append)
+    search_by_gradient(problem, seeded(0, 0), reported.append)
     np.testing.assert_array_equal(reported[0], good)
 
 
@@ -126,7 +126,7 @@ def test_a_limb_does_not_shrink_with_the_others() -> None:
     problem = design()
     mark = Marker(problem.robot.bodies[LEFT[-1]].name)
     place = mark_at(problem, mark)
-    constraint = tool_box(problem.robot, [mark], list(place - 0.02), list(place + 0.02))
+    constraint = tool_box(problem.robot, mark, list(place - 0.02), list(place + 0.02))
     inequalities = replace(problem, constraints=(constraint,)).inequalities
     joints = [limb.joints for limb in problem.limbs]
     sizes = []
@@ -140,7 +140,7 @@ def test_a_limb_does_not_shrink_with_the_others() -> None:
 def mark_at(problem: Problem, mark: Marker) -> Array:
     """Where a marker is in the middle posture, shape `(3,)`."""
     middle = 0.5 * (problem.limits.lower + problem.limits.upper)
-    return points_of(problem.robot, [mark], "tool")(middle[None])[0][0, 0]
+    return points_of(problem.robot, mark, "tool")(middle[None])[0][0, 0]
 
 
 def found(problem: Problem, steps: int, seed: int) -> list[Array]:
@@ -154,7 +154,7 @@ def found(problem: Problem, steps: int, seed: int) -> list[Array]:
 
     with suppress(Stopped):
         for number in count():
-            ends.append(Gradient().search(problem, seeded(seed, number), watch))
+            ends.append(search_by_gradient(problem, seeded(seed, number), watch))
     return sorted(ends, key=lambda x: problem.objective.value(x, 64.0))
 
 
@@ -181,6 +181,6 @@ def test_a_search_that_is_ended_has_the_best_start_so_far() -> None:
             raise Stopped("five starts are enough")
 
     with pytest.raises(Stopped):
-        Gradient().search(problem, seeded(5, 0), watch)
+        search_by_gradient(problem, seeded(5, 0), watch)
     values = [problem.objective.value(x, 4.0) for x in reported]
     assert values == sorted(values, reverse=True) and values[-1] < values[0]

@@ -10,7 +10,7 @@ from designing import FAMILIES, box, problem, torques
 from steelyard.base.arrays import Array
 from steelyard.base.progress import Stopped
 from steelyard.excite.search.feasibility import random_starts
-from steelyard.excite.search.newton import STAGES, InequalityConstraints, joint_bounds, minimised
+from steelyard.excite.search.newton import STAGES, InequalityConstraints, minimised
 from steelyard.excite.trajectories.bases import reaching
 
 MIDDLE = np.array([-0.1, 0.1, 0.3])
@@ -76,7 +76,7 @@ def oracle(objective: Bowl, inequalities: InequalityConstraints) -> Array:
     cost = 0.5 * cp.quad_form(flat, cp.psd_wrap(objective.matrix))
     kept = []
     for shape, offset, (lower, upper) in zip(
-        inequalities.shapes, inequalities.offsets, joint_bounds(inequalities.limits), strict=True
+        inequalities.shapes, inequalities.offsets, inequalities.limits.bounds, strict=True
     ):
         values = x @ shape.T + offset.T
         kept += [values <= upper[:, None], values >= lower[:, None]]

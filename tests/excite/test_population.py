@@ -2,6 +2,7 @@
 
 import sys
 from collections.abc import Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -16,20 +17,20 @@ from steelyard.excite.problem import Problem
 from steelyard.excite.search.feasibility import random_starts
 from steelyard.excite.search.population import (
     NOTHING_SHOWN_COST,
-    CmaEsSearch,
-    GeneticSearch,
     Method,
     _Genes,
+    search_by_cma_es,
+    search_by_genes,
     seeded,
 )
 
 METHODS: dict[str, Method] = {
-    "genetic": GeneticSearch(population=20, generations=15),
-    "cma_es": CmaEsSearch(evaluations=600),
+    "genetic": partial(search_by_genes, population=20, generations=15),
+    "cma_es": partial(search_by_cma_es, evaluations=600),
 }
 SHORT: dict[str, Method] = {
-    "genetic": GeneticSearch(population=20, generations=3),
-    "cma_es": CmaEsSearch(evaluations=120),
+    "genetic": partial(search_by_genes, population=20, generations=3),
+    "cma_es": partial(search_by_cma_es, evaluations=120),
 }
 BOTH = pytest.mark.parametrize("method", METHODS)
 CONSTRAINED: Sequence[Constraint] = (box(0.8), torques())
@@ -59,7 +60,7 @@ def of_starts(design: Problem, count: int) -> Array:
 def test_a_search_improves_and_stays_inside(name: str, method: str, constrained: bool) -> None:
     design = problem(FAMILIES[name], CONSTRAINED if constrained else ())
     reported: list[Array] = []
-    x = METHODS[method].search(design, seeded(0, 0), reported.append)
+    x = METHODS[method](design, seeded(0, 0), reported.append)
     assert x.shape == (3, design.basis.count)
     assert design.inequalities.smallest_margin(x) > 0.0
     assert reported and all(design.inequalities.smallest_margin(y) > 0.0 for y in reported)
@@ -75,7 +76,7 @@ def test_a_search_improves_and_stays_inside(name: str, method: str, constrained:
 def test_the_same_seed_gives_the_same_motion(method: str) -> None:
     design = problem(FAMILIES["rest"])
     before = np.random.get_state()[1].copy()  # type: ignore[union-attr]
-    one, two, other = (SHORT[method].search(design, seeded(s, 0), silently) for s in (1, 1, 2))
+    one, two, other = (SHORT[method](design, seeded(s, 0), silently) for s in (1, 1, 2))
     np.testing.assert_array_equal(one, two)
     assert not np.array_equal(one, other)
     np.testing.assert_array_equal(np.random.get_state()[1], before)  # type: ignore[index]
@@ -85,7 +86,7 @@ def test_the_same_seed_gives_the_same_motion(method: str) -> None:
 def test_more_work_is_not_worse(method: str) -> None:
     design = problem(FAMILIES["rest"])
     short, long = (
-        design.objective(which[method].search(design, seeded(0, 0), silently), 64.0)[0]
+        design.objective(which[method](design, seeded(0, 0), silently), 64.0)[0]
         for which in (SHORT, METHODS)
     )
     assert long < short
@@ -102,7 +103,7 @@ def test_the_watcher_is_called_at_every_generation_and_can_stop(method: str) -> 
             raise Stopped("enough")
 
     with pytest.raises(Stopped, match="enough"):
-        METHODS[method].search(design, seeded(0, 0), fifth)
+        METHODS[method](design, seeded(0, 0), fifth)
     assert len(reported) == 5
 
 
@@ -146,7 +147,7 @@ def test_postures_that_are_not_free_are_worse_the_more_they_lack() -> None:
 @BOTH
 def test_where_no_posture_is_free_it_is_reported(method: str) -> None:
     with pytest.raises(DataError, match="no motion about any of 31 random postures"):
-        METHODS[method].search(problem(FAMILIES["rest"], [box(0.0)]), seeded(0, 0), silently)
+        METHODS[method](problem(FAMILIES["rest"], [box(0.0)]), seeded(0, 0), silently)
 
 
 @pytest.mark.parametrize(
@@ -157,7 +158,7 @@ def test_a_missing_package_comes_with_the_line_that_installs_it(
 ) -> None:
     monkeypatch.setitem(sys.modules, module, None)
     with pytest.raises(DataError) as caught:
-        METHODS[method].search(problem(FAMILIES["rest"]), seeded(0, 0), silently)
+        METHODS[method](problem(FAMILIES["rest"]), seeded(0, 0), silently)
     assert caught.value.fix == 'pip install "steelyard[population]"'
 
 
@@ -173,8 +174,8 @@ def test_settings_are_passed_on(monkeypatch: pytest.MonkeyPatch) -> None:
 
     monkeypatch.setattr(genetic, "minimised_by_genes", spy)
     monkeypatch.setattr(cma_es, "minimised_by_cma_es", spy)
-    for method in (GeneticSearch(7, 11), CmaEsSearch(123)):
+    for method, *numbers in ((search_by_genes, 7, 11), (search_by_cma_es, 123)):
         with pytest.raises(Stopped):
-            method.search(problem(FAMILIES["rest"]), seeded(0, 0), silently)
+            method(problem(FAMILIES["rest"]), seeded(0, 0), silently, *numbers)
     assert (given[0]["population"], given[0]["generations"]) == (7, 11)
     assert given[1]["evaluations"] == 123

@@ -131,14 +131,6 @@ def test_differences_that_count_as_none_end_it() -> None:
     assert sharp.cost < rough.cost
 
 
-@pytest.mark.parametrize(("population", "generations"), [(1, 100), (30, 0)])
-def test_nobody_to_pair_is_refused(population: int, generations: int) -> None:
-    with pytest.raises(DataError) as caught:
-        genetic(bowl, population=population, generations=generations)
-    assert caught.value.wrong == f"a population of {population} over {generations} generations"
-    assert "at least two individuals" in caught.value.fix
-
-
 def test_the_best_ever_tried_is_the_answer() -> None:
     """Not that of the last generation, which need not hold it."""
     for seed in range(10):

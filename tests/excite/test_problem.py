@@ -14,7 +14,7 @@ from steelyard.estimate.information.regressor import InformationEvaluator, base_
 from steelyard.excite.criteria import CRITERIA, Measure
 from steelyard.excite.problem import KEPT_PER_WAVE, SHOWN_PER_WAVE, Case, Problem, jumping
 from steelyard.excite.search.feasibility import random_starts
-from steelyard.excite.search.population import METHODS, Gradient, method_of, seeded
+from steelyard.excite.search.population import METHODS, method_of, search_by_gradient, seeded
 from steelyard.model.laws.coulomb import Coulomb
 
 ALL = pytest.mark.parametrize("name", FAMILIES)
@@ -120,14 +120,13 @@ def test_a_robot_that_stands_shows_nothing() -> None:
 
 def test_searches_are_repeatable_and_end_inside() -> None:
     design = problem(FAMILIES["rest"], [box(0.7)])
-    method = Gradient(screened=5)
     margins: list[float] = []
 
     def watch(x: Array) -> None:
         margins.append(design.inequalities.smallest_margin(x))
 
     runs = [
-        {number: method.search(design, seeded(3, number), watch) for number in numbers}
+        {number: search_by_gradient(design, seeded(3, number), watch, 5) for number in numbers}
         for numbers in ([0, 1], [1])
     ]
     np.testing.assert_array_equal(runs[0][1], runs[1][1])
@@ -146,11 +145,11 @@ def test_a_search_can_be_stopped() -> None:
     design = problem(FAMILIES["rest"])
     for method in METHODS.values():
         with pytest.raises(Stopped, match="enough"):
-            method.search(design, seeded(0, 0), stop)
+            method(design, seeded(0, 0), stop)
 
 
 def test_methods_by_name() -> None:
-    assert isinstance(method_of("gradient"), Gradient)
+    assert method_of("gradient") is search_by_gradient
     with pytest.raises(DataError) as caught:
         method_of("gradint")
     assert caught.value.wrong == "there is no search method 'gradint'"

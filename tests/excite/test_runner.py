@@ -6,7 +6,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import asdict
+from dataclasses import replace
 from pathlib import Path
 from unittest.mock import patch
 
@@ -16,7 +16,7 @@ import pytest
 from excite.tabled import OPEN, arm, model_with_open_friction, searching_here
 from steelyard.base.errors import DataError
 from steelyard.base.progress import Event, Progress, Stopped, silent
-from steelyard.excite.problem_from_tables import Recipe, build
+from steelyard.excite.problem_from_tables import build
 from steelyard.excite.search import parallel_search
 from steelyard.excite.search.parallel_search import SearchBudget, SearchResult, search_in_parallel
 
@@ -35,9 +35,7 @@ def harvest(
 ) -> SearchResult:
     loaded = arm(folder, TABLES)
     model = model_with_open_friction(loaded)
-    return search_in_parallel(
-        Recipe.of(loaded, model), build(loaded, model), method, effort, progress
-    )
+    return search_in_parallel((loaded, model, None), build(loaded, model), method, effort, progress)
 
 
 def workers() -> list[int]:
@@ -141,37 +139,34 @@ def test_all_of_them_killed_is_reported(tmp_path: Path) -> None:
 
 
 def test_an_error_in_a_worker_is_reported(tmp_path: Path) -> None:
-    loaded = arm(tmp_path, TABLES)
+    loaded = arm(tmp_path, TABLES.replace("bodies = false", "bodies = true"))
     model = model_with_open_friction(loaded)
-    recipe, problem = Recipe.of(loaded, model), build(loaded, model)
+    problem = build(loaded, model)
     (tmp_path / "arm.urdf").unlink()
-    with pytest.raises(DataError, match="does not exist"):
-        search_in_parallel(recipe, problem, "gradient", SearchBudget(60.0))
+    with pytest.raises(DataError, match="there is no such file"):
+        search_in_parallel((loaded, model, None), problem, "gradient", SearchBudget(60.0))
 
 
 def test_a_flaw_in_a_worker_is_reported_with_its_traceback(tmp_path: Path) -> None:
     loaded = arm(tmp_path, TABLES)
     model = model_with_open_friction(loaded)
-    broken = Recipe(str(loaded.sources[0].path), (), {"limits": 3})
-    with pytest.raises(RuntimeError, match="ValidationError"):
+    broken = (replace(loaded, excitation=None), model, None)
+    with pytest.raises(RuntimeError, match="AttributeError"):
         search_in_parallel(broken, build(loaded, model), "gradient", SearchBudget(60.0))
 
 
-def task(folder: Path, searches: int | None, seconds: float = 60.0) -> str:
+def task(folder: Path, searches: int | None, seconds: float = 60.0) -> bytes:
     loaded = arm(folder, TABLES)
-    recipe = asdict(Recipe.of(loaded, model_with_open_friction(loaded)))
-    values = {"problem": recipe, "method": "gradient", "seed": 0}
-    values["until"] = time.time() + seconds
-    return json.dumps(values | {"first": 0, "step": 1, "searches": searches}) + "\n"
+    tables = (loaded, model_with_open_friction(loaded), None)
+    return parallel_search.task_of(tables, "gradient", SearchBudget(seconds, searches), 0)
 
 
-def worker() -> "subprocess.Popen[str]":
+def worker() -> "subprocess.Popen[bytes]":
     return subprocess.Popen(
         [sys.executable, "-m", "steelyard.excite.search.worker"],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
-        text=True,
     )
 
 
@@ -200,7 +195,7 @@ def test_a_worker_that_is_done_says_nothing_else(tmp_path: Path) -> None:
         process.stdin.flush()
         lines = process.stdout.read().splitlines()
         assert process.wait(timeout=10.0) == 0
-        assert process.stderr is not None and process.stderr.read() == ""
+        assert process.stderr is not None and process.stderr.read() == b""
     assert len(lines) == 1 and json.loads(lines[0])["number"] == 0
 
 

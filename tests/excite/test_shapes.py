@@ -103,7 +103,6 @@ def test_mjcf_shapes_that_are_not_convex_are_refused(tmp_path: Path) -> None:
     assert len(robot_shapes(load_robot(path).robot, path, skip=["world"]).shapes) == 1
     with pytest.raises(ModelError, match="of kind hfield"):
         world_shapes(path)
-    assert [shape.name for shape in world_shapes(path, skip=["world"])] == ["arm"]
 
 
 def test_a_cell_is_read_from_both_kinds_of_files(tmp_path: Path) -> None:
@@ -126,8 +125,6 @@ def test_a_cell_is_read_from_both_kinds_of_files(tmp_path: Path) -> None:
         assert first.origin == second.origin == "world" and first.body == second.body == -1
         np.testing.assert_allclose(first.rotation, second.rotation, atol=1e-12)
         np.testing.assert_allclose(first.position, second.position, atol=1e-12)
-    only = world_shapes(tmp_path / "cell.urdf", skip=["door"])
-    assert [shape.name for shape in only] == ["table"]
     with pytest.raises(ModelError, match="holds no collision shape"):
         world_shapes(written(tmp_path, urdf(link("empty")), "empty.urdf"))
 
@@ -137,8 +134,8 @@ def test_a_cell_is_read_from_both_kinds_of_files(tmp_path: Path) -> None:
     [
         ('<cone radius="1"/>', "a collision shape <cone>, which is unknown"),
         ('<sphere radius="-1"/>', "a sphere of -1 m is not a solid"),
-        ("<sphere/>", "radius=None of <sphere> is not a finite number"),
-        ('<box size="1 2"/>', "size='1 2' of <box> is not 3 finite numbers"),
+        ("<sphere/>", "<sphere> has no attribute 'radius'"),
+        ('<box size="1 2"/>', 'size="1 2" of <box> is not 3 finite numbers'),
         ('<box size="1 2 nan"/>', "is not 3 finite numbers"),
         ('<box size="1 1 1"/><sphere radius="1"/>', "a collision of link 'hand' has 2 shapes"),
         ('<mesh filename=""/>', "the collision mesh '' of link 'hand' does not exist"),

@@ -8,7 +8,6 @@ import pytest
 from designing import END, FAMILIES, MIDDLE, START, box, limits, problem, torques
 from steelyard.base.arrays import Array
 from steelyard.base.errors import DataError
-from steelyard.base.progress import Progress, silent
 from steelyard.excite.constraints.constraint import Constraint, Margins
 from steelyard.excite.search.feasibility import (
     POSTURE_ATTEMPTS,
@@ -43,7 +42,7 @@ class Nowhere(Constraint):
     def margins(self, q: Array, dq: Array, ddq: Array) -> Margins:
         return Margins(np.tile([-1.0, -2.0], (len(q), 1)))
 
-    def proven(self, trajectory: ExactTrajectory, progress: Progress = silent) -> Array:
+    def proven(self, trajectory: ExactTrajectory) -> Array:
         return np.array([-1.0, -2.0])
 
 

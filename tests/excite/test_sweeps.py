@@ -85,7 +85,7 @@ def test_no_speed_lasts_longer_than_requested() -> None:
 
 @pytest.mark.parametrize("count", [1, 7, 16])
 def test_postures_keep_the_limits_and_fill_the_ranges(count: int) -> None:
-    motion = static_postures(LIMITS, count=count, seed=3, dwell_s=1.5, fraction=0.9, speed=0.5)
+    motion = static_postures(LIMITS, count=count, seed=3, dwell_s=1.5, fraction=0.9)
     within(motion, LIMITS, 0.9, 0.5)
     assert len(motion.breaks) - 1 == 2 * (count + 1)
     dwells = np.diff(motion.breaks)[1::2]
@@ -100,44 +100,15 @@ def test_postures_keep_the_limits_and_fill_the_ranges(count: int) -> None:
     assert used.max() > 0.5
 
 
-def test_same_seed_same_postures_and_given_start() -> None:
-    start = [1.0, 0.0, 1.0, 0.1]
+def test_same_seed_same_postures() -> None:
     one, same, other = (
-        static_postures(LIMITS, count=4, seed=s, start=start).coefficients for s in (1, 1, 2)
+        static_postures(LIMITS, count=4, seed=s, dwell_s=2.0).coefficients for s in (1, 1, 2)
     )
     np.testing.assert_array_equal(one, same)
     assert np.abs(one - other).max() > 0.01
-    motion = static_postures(LIMITS, count=4, seed=1, start=start)
-    ends = motion.derivative([0.0, motion.duration], 0)
-    np.testing.assert_allclose(ends, [start, start], atol=1e-12)
 
 
 def test_a_posture_outside_is_refused_with_its_joint() -> None:
     with pytest.raises(DataError, match=r"joint 2 is at 0\.29, 0\.02 outside") as caught:
         friction_sweeps(LIMITS, [0.0, 0.29, 2.0, 0.2], fraction=0.9)
     assert "allow more than 0.9" in caught.value.fix
-    with pytest.raises(DataError, match=r"joint 4 is at 3, 2\.6 outside"):
-        static_postures(LIMITS, count=1, seed=0, start=[0.0, 0.0, 2.0, 3.0], fraction=1.0)
-
-
-@pytest.mark.parametrize(
-    "wrong",
-    [{"speeds": 0}, {"slowest": 0.0}, {"slowest": 1.1}, {"longest_s": 0.0}, {"longest_s": np.nan}],
-)
-def test_no_sweeps_are_refused(wrong: dict[str, float]) -> None:
-    with pytest.raises(DataError, match="are not valid sweeps"):
-        friction_sweeps(LIMITS, **wrong)
-
-
-@pytest.mark.parametrize("wrong", [{"count": 0}, {"dwell_s": -1.0}, {"speed": 0.0}, {"speed": 2.0}])
-def test_no_postures_are_refused(wrong: dict[str, float]) -> None:
-    with pytest.raises(DataError, match="are not a valid motion"):
-        static_postures(LIMITS, **({"count": 2, "seed": 0} | wrong))
-
-
-@pytest.mark.parametrize("fraction", [0.0, 1.1, np.nan])
-def test_no_share_is_refused(fraction: float) -> None:
-    with pytest.raises(DataError, match="not a valid share of the limits"):
-        friction_sweeps(LIMITS, fraction=fraction)
-    with pytest.raises(DataError, match="not a valid share of the limits"):
-        static_postures(LIMITS, count=1, seed=0, fraction=fraction)

@@ -5,7 +5,6 @@ from time import perf_counter
 import numpy as np
 import pytest
 
-from closed_chains import five_bar
 from exact_motions import MAKERS
 from invented import ball, dh_arm, measured, mimic, tree
 from oracles import pinocchio_torque
@@ -25,7 +24,6 @@ from steelyard.model.laws.coupled import Coupled
 from steelyard.model.laws.directional import DirectionalCoulomb, DirectionalViscous
 from steelyard.model.laws.offset import Offset
 from steelyard.model.laws.powers import Cubic, Quadratic, Root
-from steelyard.model.laws.presliding import Dahl
 from steelyard.model.laws.rigid_body import RigidBody
 from steelyard.model.laws.rotor_inertia import RotorInertia
 from steelyard.model.laws.spring import Spring
@@ -209,12 +207,6 @@ def test_panda_quickly() -> None:
 @pytest.mark.parametrize(
     ("make", "wrong", "fix"),
     [
-        (
-            lambda: torque_limit({"arm": valued(tree(), (Dahl(length=1e-3),))}),
-            "'dahl' has internal states",
-            "coul",
-        ),
-        (lambda: torque_limit({"a": valued(five_bar(), ())}), "closed chains", "leave out"),
         (lambda: torque_limit({"a": valued(tree(), ())}), "no joint has a limit", "above zero"),
         (
             lambda: torque_limit({"a": valued(tree(), ())}, [1, 1, 0, 1]),
@@ -222,12 +214,6 @@ def test_panda_quickly() -> None:
             "",
         ),
         (lambda: power_limit({"a": valued(tree(), ())}), "limit of power", "at least one"),
-        (lambda: torque_limit({}), "no model with values", "give one model"),
-        (
-            lambda: torque_limit({"a": valued(tree(), ()), "b": valued(dh_arm(), ())}),
-            "different models",
-            "one model",
-        ),
         (lambda: loaded(valued(tree(), ()), "hand", Inertia.zero()), "no frame 'hand'", "frames"),
     ],
 )
@@ -235,10 +221,3 @@ def test_what_cannot_be_bounded_is_refused(make, wrong: str, fix: str) -> None:
     with pytest.raises(ModelError, match=wrong) as caught:
         make()
     assert fix in caught.value.fix
-
-
-def test_payloads_need_bodies() -> None:
-    model = Model(tree(), (Coulomb(),))
-    bare = ValuedModel(model, Parameters(model.names, model.units, np.ones(4)))
-    with pytest.raises(ModelError, match="terms have none"):
-        loaded(bare, "tip", ball(1))

@@ -46,7 +46,7 @@ def designed_for(arm: Robot, *, height: float = 1.0, known: bool = True) -> Desi
             Measure(kind, None, None),
         )
     ]
-    box = tool_box(arm, [tool], (-1.0, None, -height), (1.0, None, height))
+    box = tool_box(arm, tool, (-1.0, None, -height), (1.0, None, height))
     noise = np.array([0.5, 0.2])
     weights = 20.0 / noise**2
     seen = predicted_accuracy(motion, cases, weights, 400)

@@ -14,7 +14,6 @@ from browser import Rendered
 from report.conftest import EVIL, robot
 from report.designed import REACH, designed_for, renamed
 from report.test_page import own_html
-from steelyard.base.progress import silent
 from steelyard.excite.constraints.certificate import proof_of
 from steelyard.excite.constraints.constraint import Declined, Gap
 from steelyard.excite.constraints.torque import torque_limit
@@ -27,13 +26,12 @@ from steelyard.excite.page.design_words import (
     design_headline,
     design_level,
     expected,
-    hardest,
     instead,
+    joint_limits,
     margin,
     nearest,
     print_design,
     tightest,
-    used,
 )
 from steelyard.excite.page.proof_sections import DESIGN_SECTIONS, render_design
 from steelyard.excite.page.tool_section import skeleton, tool_path
@@ -126,11 +124,10 @@ def test_the_limit_that_is_used_most(designed: Designed) -> None:
         shares[joint.name, "velocity"] = top
     for one in designed.certificate.extremes:
         if one.quantity == "velocity":
-            assert used(one) == pytest.approx(shares[one.joint, "velocity"])
+            assert one.used == pytest.approx(shares[one.joint, "velocity"])
         if one.quantity == "jerk":
-            assert used(one) is None
-    top = hardest(designed)
-    assert top is not None and 0.85 < top[1] <= 0.91
+            assert one.used is None
+    assert 0.85 < max(one.used for one in joint_limits(designed)) <= 0.91
 
 
 def test_only_what_is_near_its_limit_is_tight(designed: Designed) -> None:
@@ -193,7 +190,7 @@ def test_efforts_are_shares_of_their_limits_and_distances_of_the_activation_dist
     model = Model(arm, (RigidBody(),)).prior
     assert model is not None
     limits = np.array([500.0, 40.0])
-    efforts = proof_of(motion, torque_limit({"arm": model}, limits), silent)
+    efforts = proof_of(motion, torque_limit({"arm": model}, limits))
     assert efforts.scale == (500.0, 40.0, 500.0, 40.0)
     share = [1.0 - left / size for left, size in zip(efforts.proven, efforts.scale, strict=True)]
     assert efforts.used == pytest.approx(share)

@@ -1,3 +1,4 @@
+import pickle
 from pathlib import Path
 
 import mujoco
@@ -6,7 +7,8 @@ import pytest
 
 from oracles import pinocchio_torque
 from steelyard.base.errors import ModelError
-from steelyard.excite.problem_from_tables import Recipe
+from steelyard.excite.problem_from_tables import build
+from steelyard.excite.search.parallel_search import SearchBudget, task_of
 from steelyard.model.model import Model
 from steelyard.robot.file.robot_file import load_robot
 from steelyard.robot.from_mechanism import reduced
@@ -118,8 +120,9 @@ def test_a_base_beside_a_robot_file_is_refused(tmp_path: Path) -> None:
 
 def test_processes_that_search_motions_have_the_same_base(tmp_path: Path) -> None:
     loaded = load_robot(written(tmp_path, trunk(leg("left"))), base="trunk")
-    recipe = Recipe.of(loaded, Model(loaded.robot))
-    assert recipe.base == "trunk" and recipe.problem().basis.joints == loaded.robot.n
+    tables = (loaded, Model(loaded.robot), None)
+    tables, *_ = pickle.loads(task_of(tables, "gradient", SearchBudget(1.0), 0))
+    assert tables[0].base == "trunk" and build(*tables).basis.joints == loaded.robot.n
 
 
 def test_init_writes_the_base_with_most_joints(tmp_path: Path) -> None:

@@ -16,15 +16,13 @@ from numpy.typing import NDArray
 
 from steelyard.base.arrays import Array, frozen
 
-DEFINITE_EIGENVALUE = 1e-13
-"""Least eigenvalue, next to the Frobenius norm, of a matrix that is definite beyond rounding."""
+DEFINITE_EIGENVALUE = 1e-13  # least eigenvalue over the norm that is positive beyond rounding
 FAINT_EIGENVALUE = 1e-9
 """With an eigenvalue below this part of the largest, the small ones are taken from the inverse:
 where units of columns made them small, they are exact there. Above, the matrix is definite."""
 
 
-Spectrum = tuple[Array, Array]
-"""Eigenvalues in ascending order, shape `(c,)`, and their vectors, shape `(c, c)`."""
+Spectrum = tuple[Array, Array]  # eigenvalues, ascending, `(c,)`, and their vectors, `(c, c)`
 
 
 def excited(gram: Array) -> bool:
@@ -99,29 +97,21 @@ def assembled(vectors: Array, values: Array) -> Array:
 
 
 class Criterion(ABC):
-    r"""A scalar of an information matrix; less is better.
+    r"""A scalar of an information matrix; less is better. The name is for messages and reports.
 
     With growing sharpness, `smooth` falls to the logarithm of `value`: its distance is at most
     $\log(c)/p$ for $c$ columns and sharpness $p$. A matrix that is not positive definite beyond
     rounding, such as one with a column that nothing excites, has the value infinity.
-
-    Attributes:
-        name: For messages and reports, such as `condition number (raw)`.
     """
 
     name: str
 
     @abstractmethod
     def smooth(self, gram: Array, sharpness: float) -> tuple[float, Array]:
-        r"""A smooth approximation of the logarithm of the value, to be minimised.
+        r"""A smooth approximation of the logarithm of the value, by the $p$-norm over eigenvalues.
 
-        Args:
-            gram: Information $G$, symmetric, shape `(c, c)`.
-            sharpness: The order $p > 0$ of the norm over eigenvalues.
-
-        Returns:
-            The value, and its symmetric slope $\partial/\partial G$, shape `(c, c)`: a change
-            $dG$ changes the value by $\sum_{ij} S_{ij}\,dG_{ij}$; zeros where it is infinite.
+        Also its symmetric slope $\partial/\partial G$, `(c, c)`: a change $dG$ changes the value by
+        $\sum_{ij} S_{ij}\,dG_{ij}$; zeros where it is infinite.
         """
 
     def value(self, gram: Array) -> float:
@@ -255,8 +245,7 @@ def worst(
 ) -> tuple[float, tuple[Array, ...]]:
     r"""Smooth maximum of criteria over cases such as payloads, $\frac1p\log\sum_k e^{p\,s_k}$.
 
-    The order $p$ is the `sharpness`, of the criteria too. Also its slope by each information
-    matrix.
+    The order $p$ is the `sharpness`. Also its slope by each information matrix.
     """
     values, slopes = zip(*(kind.smooth(gram, sharpness) for kind, gram in cases), strict=True)
     highest = max(values)
@@ -279,20 +268,14 @@ def _unknown_criterion(gram: Array) -> tuple[float, Array]:
 
 @dataclass(frozen=True, eq=False)
 class Measure(Criterion):
-    r"""A criterion of what a motion adds to earlier runs, of chosen parameters, in fitting units.
+    """A criterion of what a motion adds to earlier runs, of chosen parameters, in fitting units.
 
-    In this order: $G + G_0$; then the Schur complement
-    $G_{cc} - G_{cr} G_{rr}^{-1} G_{rc}$ of the chosen columns $c$, the inverse of their block of
-    the covariance, for all others $r$ are estimated along with them [Pukelsheim2006]; then
-    $D G D$ with $D$ the sizes. A column outside the choice that nothing excites is not definite
-    either: leave it out of $G$, or give prior information of it.
-
-    Attributes:
-        prior: Information $G_0$ of earlier runs in the same columns and weights, shape `(c, c)`,
-            positive semidefinite; it need not be definite.
-        chosen: Indices of the columns that matter; all, if `None`.
-        sizes: Expected sizes of all parameters, shape `(c,)`, positive: the criterion then sees
-            the information on the parameters in these units.
+    In this order: $G + G_0$ with the `prior` information, positive semidefinite; then the Schur
+    complement $G_{cc} - G_{cr} G_{rr}^{-1} G_{rc}$ of the chosen columns $c$, all if `None`, the
+    inverse of their block of the covariance, for all others $r$ are estimated along with them
+    [Pukelsheim2006]; then $D G D$ with $D$ the expected `sizes` of all parameters, positive. A
+    column outside the choice that nothing excites is not definite either: leave it out of $G$, or
+    give prior information of it.
     """
 
     kind: Criterion
@@ -307,12 +290,6 @@ class Measure(Criterion):
             object.__setattr__(self, "prior", frozen(self.prior, (len(self.prior),) * 2))
         if self.sizes is not None:
             object.__setattr__(self, "sizes", frozen(self.sizes, (None,)))
-            if not np.all(self.sizes > 0.0):
-                raise ValueError("sizes of parameters must be positive")
-        if self.chosen is not None and (
-            not self.chosen or min(self.chosen) < 0 or len(set(self.chosen)) < len(self.chosen)
-        ):
-            raise ValueError("chosen columns must be some, from 0 on, and each one once")
         parts = [self.kind.name]
         parts += [] if self.chosen is None else [f"of {len(self.chosen)} chosen parameters"]
         parts += [] if self.prior is None else ["with earlier runs"]

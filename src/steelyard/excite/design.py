@@ -17,7 +17,7 @@ from steelyard.excite.constraints.constraints_from_tables import Earlier, constr
 from steelyard.excite.designed import Designed, advised_motions, predicted_accuracy, samples_of
 from steelyard.excite.planned.plans import planned
 from steelyard.excite.problem import Case, Problem, composed_motions
-from steelyard.excite.problem_from_tables import Recipe, build, cases_of, limits_of, memoryless
+from steelyard.excite.problem_from_tables import build, cases_of, limits_of, memoryless
 from steelyard.excite.search.feasibility import NoMotion, explained_no_motion, refuse_impossible
 from steelyard.excite.search.parallel_search import (
     ProcessPace,
@@ -34,20 +34,14 @@ from steelyard.model.equations.kinematics import positions_of
 from steelyard.model.model import Model
 from steelyard.robot.file.loaded_robot import LoadedRobot
 
-ASSUMED_NOISE = 0.01
-"""Noise that is assumed without an earlier log, over the joint's greatest effort."""
+ASSUMED_NOISE = 0.01  # assumed without an earlier log, over the joint's greatest effort
 
-ASSUMED_RATE = 20.0
-"""Independent samples a second that are assumed with it."""
+ASSUMED_RATE = 20.0  # independent samples a second that are assumed with it
 
-FINISH_SHARE = 0.08
-"""Share of the time that polishing, scaling and proofs get, and at least a second."""
+FINISH_SHARE = 0.08  # share of the time for polishing, scaling and proofs; a second at least
 
-HURRY_SECONDS = 1.0
-"""Time for polishing after the user has ended the search [s]."""
-
-FEW_SEARCHES = 4
-"""Searches below which a note says that more time would help."""
+HURRY_SECONDS = 1.0  # time for polishing after the user has ended the search [s]
+FEW_SEARCHES = 4  # searches below which a note says that more time would help
 
 _LEAST_SEARCH_SECONDS = 0.5
 _HEIGHT_SAMPLES = 500
@@ -55,8 +49,6 @@ _HEIGHT_SAMPLES = 500
 
 @dataclass(frozen=True, eq=False)
 class _Motion:
-    """A motion on its way to be described."""
-
     trajectory: ExactTrajectory
     cases: Sequence[Case]
     limits: MotionLimits
@@ -77,17 +69,12 @@ def design(
     progress: Progress = silent,
     since: float | None = None,
 ) -> Designed:
-    """The best motion that the time allows, or the one that is planned.
+    """The best motion that the time allows, or the one that is planned, of what a model is to show.
 
-    Args:
-        loaded: The robot and its tables.
-        model: What the motion is to show.
-        effort: How much is searched; its seconds are those of the whole design.
-        earlier: What an earlier identification of the robot knows.
-        start: A motion of the same kind, such as the last one that was run: it is improved beside
-            what is searched, so that the criterion does not rise above its own.
-        progress: Receives events of progress; when it requests a stop, it gets the best so far.
-        since: When the time began to count, of `time.monotonic`; now if `None`.
+    The effort's seconds are those of the whole design, which began at `since` of `time.monotonic`;
+    now if `None`. A motion of the same kind to `start` from, such as the last one that was run, is
+    improved beside what is searched, so that the criterion does not rise above its own. When
+    `progress` requests a stop, it gets the best so far.
 
     Raises:
         DataError: The tables allow no motion; says what would have to be changed.
@@ -144,7 +131,7 @@ def _searched(
     left = deadline - max(FINISH_SHARE * effort.seconds, 1.0) - time.monotonic()
     try:
         result = search_in_parallel(
-            Recipe.of(loaded, model, earlier),
+            (loaded, model, earlier),
             problem,
             loaded.excitation.search.method,
             replace(effort, seconds=max(left, _LEAST_SEARCH_SECONDS)),
@@ -262,7 +249,6 @@ def _described(
 
 
 def _cell(loaded: LoadedRobot, trajectory: ExactTrajectory) -> tuple[str, ...]:
-    """A note where no floor is given, with how low the links go."""
     section, robot = loaded.excitation, loaded.robot
     space, collision = section.workspace, section.collision
     limits_links = space is not None and space.limits_links

@@ -18,22 +18,16 @@ from steelyard.excite.trajectories.trajectory import ExactTrajectory
 from steelyard.robot.robot import Robot
 
 _CHUNK = 20_000
-_ROUNDING = 1e-13
-"""Information along an axis, over the largest, that rounding alone may leave."""
-_BLIND_SHARE = 1e-6
-"""Share of a parameter, squared, in axes without information from which on it is unknown."""
+_ROUNDING = 1e-13  # information along an axis, over the largest, that rounding alone may leave
+_BLIND_SHARE = 1e-6  # share of a parameter, squared, in axes without information: it is unknown
 
 
 @dataclass(frozen=True, eq=False)
 class PredictedAccuracy:
-    """The information of a motion about base parameters.
+    """The information of a motion about `b` base parameters, with the noise given, `(b, b)`.
 
-    Attributes:
-        names: Base parameters, `b` of them.
-        gram: Information with the noise given, shape `(b, b)`.
-        raw: Condition number of the regressor, columns as they are.
-        normalised: The same with columns of unit norm.
-        singular: Singular values of the regressor with columns of unit norm, falling, `(b,)`.
+    Condition numbers of the regressor are of columns as they are (`raw`) and of unit norm, and so
+    are its singular values, falling, `(b,)`.
     """
 
     names: tuple[str, ...]
@@ -45,10 +39,7 @@ class PredictedAccuracy:
     singular: Array
 
     def std(self, prior: Array | None = None) -> Array:
-        """Standard deviations to be expected of the parameters, shape `(b,)`.
-
-        Infinite for what neither the motion nor the `prior` information `(b, b)` shows.
-        """
+        """Standard deviations to be expected, `(b,)`; infinite for what nothing shows."""
         return deviations(self.gram if prior is None else self.gram + prior)
 
 
@@ -107,14 +98,12 @@ def information_of_motion(case: Case, trajectory: Trajectory, samples: int) -> A
 
 
 SAMPLES_A_SECOND = 50.0
-MOST_SAMPLES = 100_000
-"""Of motions of more than half an hour."""
+MOST_SAMPLES = 100_000  # of motions of more than half an hour
 
 ENOUGH_ADVICE_SAMPLES = 5_000
 """Samples of another motion: it moves one joint at a time or none, and its joints take minutes."""
 
-HELPFUL_SHARE = 0.8
-"""A deviation that falls below this share is worth telling."""
+HELPFUL_SHARE = 0.8  # a deviation that falls below this share is worth telling
 
 FREE_WORKSPACE_NOTE = ", if the workspace allows it"
 """Other motions keep the limits of joints; boxes and clearances are looked at when planned."""
@@ -145,13 +134,8 @@ def advised_motions(
 ) -> tuple[Advice, ...]:
     """Further motions and what they would add, as long as the designed one where that can be.
 
-    Args:
-        shown: What the designed motion shows.
-        trajectory: The designed motion.
-        cases: What it was judged by.
-        noise_weights: Independent samples a second over the variance of the noise, shape `(n,)`.
-        limits: Of the joints.
-        prior: Information of earlier runs, shape `(b, b)`.
+    Weights are independent samples a second over the variance of the noise, `(n,)`; `prior` is the
+    information of earlier runs, `(b, b)`.
     """
     first = jumping(cases)[0]
     case = replace(first, shows=replace(first.shows, weights=noise_weights))
@@ -202,22 +186,15 @@ def _advice_of_motion(
 
 @dataclass(frozen=True, eq=False)
 class Designed:
-    """A designed motion.
+    """A designed motion, its `kind` in a few words.
 
-    Attributes:
-        kind: Which motion it is, in a few words.
-        course: Time [s] and criterion of every improvement of the search; empty if it was planned.
-        searches: Searches that came to their end.
-        stopped: Whether the user ended it early.
-        noise: Standard deviations of effort that predictions assume, shape `(n,)` [Nm; N].
-        noise_from: Where they come from, for people.
-        prior: Information of earlier runs about the base parameters, if it counts.
-        values: Values of base parameters, as far as they are known.
-        notes: What was assumed and decided, one sentence each.
-        constraints: What the certificate's proofs are of, in their order.
-        chosen: Base parameters that matter; all if `None`.
-        faint: How many base parameters no motion shows apart from others: they are left out.
-        absent: Base parameters that the model does without.
+    The `course` is time [s] and criterion of every improvement of the search, empty if it was
+    planned; so many `searches` came to their end; `stopped` says whether the user ended it early.
+    Predictions assume the standard deviations of effort `noise`, `(n,)` [Nm; N], and information of
+    earlier runs (`prior`), if it counts; `values` are base parameters as far as known. The
+    certificate's proofs are of the `constraints`. Base parameters that matter are `chosen`, all if
+    `None`; so many `faint` ones no motion shows apart from others: they are left out; the model
+    does without the `absent`.
     """
 
     robot: Robot
@@ -242,6 +219,11 @@ class Designed:
     chosen: tuple[int, ...] | None = None
     faint: int = 0
     absent: tuple[str, ...] = ()
+
+    @property
+    def gram(self) -> Array:
+        """Information of the motion and of earlier runs, if that counts, shape `(b, b)`."""
+        return self.shown.gram if self.prior is None else self.shown.gram + self.prior
 
     @property
     def chosen_parameters(self) -> tuple[int, ...]:

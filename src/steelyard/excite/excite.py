@@ -36,11 +36,7 @@ from steelyard.robot.file.robot_file import load_robot
 
 
 def refuse_formats(loaded: LoadedRobot, formats: Sequence[str], rate: float | None) -> None:
-    """Formats that do not exist or cannot hold the motion, before any time is spent on it.
-
-    Raises:
-        OutputError: One cannot.
-    """
+    """Refuse formats that do not exist or cannot hold the motion, before time is spent on it."""
     robot, section = loaded.robot, loaded.excitation.motion
     zero = np.zeros(robot.n)
     still = through_postures([zero, zero], 1.0)
@@ -92,7 +88,7 @@ def identified_before(
 
 @dataclass(frozen=True, eq=False, repr=False)
 class DesignedMotion(Result):
-    """A designed motion, its certificate, and the files that it is written to.
+    """A designed motion, and the formats of its files.
 
     These have `rate` points a second; each format's own if `None`.
     """
@@ -232,11 +228,7 @@ def design_task(
     fixed_base: str | None = None,
     **tables: Any,
 ) -> DesignTask:
-    """The design problem; the arguments are those of `design_excitation`.
-
-    Raises:
-        SteelyardError: The problem has no solution, or a file cannot be used.
-    """
+    """The design problem; arguments and errors are those of `design_excitation`."""
     loaded = load_robot(robot, base=fixed_base)
     try:
         loaded = replace(loaded, excitation=changed_excitation(loaded.excitation, **tables))

@@ -34,16 +34,13 @@ from steelyard.excite.motion_points import (
 from steelyard.excite.trajectories.trajectory import ExactTrajectory
 from steelyard.robot.robot import Robot
 
-UR_RATES = (125.0, 500.0)
-"""Control rates of the UR controllers: CB series, and e-Series and later [1/s]."""
+UR_RATES = (125.0, 500.0)  # of the CB series, and of e-Series and later [1/s]
 
 RADIAN_DECIMALS = 10
-DEGREE_DECIMALS = 6
-"""Decimals of positions in rad, and in degrees or mm."""
+DEGREE_DECIMALS = 6  # decimals of positions in rad, and in degrees or mm
 
 KRL_AXES = tuple(f"{kind}{number}" for kind in "AE" for number in range(1, 7))
-NO_AXIS = "9E9"
-"""An external axis that is not there, in RAPID."""
+NO_AXIS = "9E9"  # an external axis that is not there, in RAPID
 
 SLOW_START_NOTE = (
     "Goes slowly to the start posture first. Before the first run compare signs and zeros of"
@@ -159,13 +156,9 @@ def _unfit_motion(robot: Robot, form: str, wanted: str, prismatic: int = 0) -> O
 
 @dataclass(frozen=True)
 class Export:
-    """A format of motions.
+    """A format of motions: the text of its file, and points a second if none are requested.
 
-    Attributes:
-        text: The file's content, from a motion, its robot and points a second.
-        rate: Points a second, if none is requested.
-        between: What a controller does between points, see `between_points`; `None` if the file
-            is for none.
+    What a controller does `between` points, see `error_between`; `None` if the file is for none.
     """
 
     title: str
@@ -239,8 +232,8 @@ _SPLINE_ERROR = 1e-6
 def error_between(trajectory: ExactTrajectory, between: str, rate: float) -> Array:
     """Bound of what a controller leaves a motion by between points, shape `(n,)` [rad; m].
 
-    There are `rate` points a second. What the controller does `between` them is `lines`, `rounded
-    lines`, `cubic spline` or `quintic splines`, of which there are as many as they need.
+    Between them it does `lines`, `rounded lines`, `cubic spline` or `quintic splines`, of which
+    there are as many as they need.
     """
     if between == "quintic splines":
         return np.full(len(trajectory.extremes(0)[0]), _SPLINE_ERROR)

@@ -19,22 +19,13 @@ from steelyard.base.errors import OutputError
 from steelyard.excite.trajectories.trajectory import ExactTrajectory
 from steelyard.robot.robot import Robot
 
-MOST_POINTS = 2_000_000
-"""Rows or commands that a file may hold."""
-
-AT_REST = 1e-7
-"""Speed below which a motion counts as at rest [rad/s; m/s]."""
-
-_STEP_ROUNDING = 1e-9
-"""Share of a step that counts as rounding."""
+MOST_POINTS = 2_000_000  # rows or commands that a file may hold
+AT_REST = 1e-7  # speed below which a motion counts as at rest [rad/s; m/s]
+_STEP_ROUNDING = 1e-9  # share of a step that counts as rounding
 
 
 def grid_times(duration: float, rate: float) -> Array:
-    """Times `k / rate` from 0 on, and the end, shape `(N,)` [s].
-
-    Raises:
-        OutputError: There are too many.
-    """
+    """Times `k / rate` from 0 on, and the end, `(N,)` [s]; `OutputError` for too many."""
     _refuse_many(duration, rate)
     times = np.arange(floor(duration * rate + _STEP_ROUNDING) + 1) / rate
     beyond = duration - times[-1] > _STEP_ROUNDING / rate
@@ -42,11 +33,7 @@ def grid_times(duration: float, rate: float) -> Array:
 
 
 def even_times(duration: float, rate: float) -> Array:
-    """Times from 0 to the duration in equal steps, at least `rate` a second, shape `(N,)` [s].
-
-    Raises:
-        OutputError: There are too many.
-    """
+    """Times from 0 to the duration in equal steps, at least `rate` a second, `(N,)` [s]."""
     _refuse_many(duration, rate)
     return np.linspace(0.0, duration, max(1, ceil(duration * rate - _STEP_ROUNDING)) + 1)
 
@@ -110,9 +97,9 @@ def _plain(text: str) -> str:
 
 
 def csv_of(trajectory: ExactTrajectory, robot: Robot, rate: float) -> str:
-    """A row every `1 / rate` seconds and one at the end, with all digits.
+    """A row every `1 / rate` seconds and one at the end, with all digits, in SI units.
 
-    Columns are `time_s`, then `q_NAME`, `dq_NAME` and `ddq_NAME` of all joints, in SI units.
+    Columns are `time_s`, then `q_NAME`, `dq_NAME` and `ddq_NAME` of all joints.
     """
     times = grid_times(trajectory.duration, rate)
     names = [f"{what}_{c.name}" for what in ("q", "dq", "ddq") for c in robot.coordinates]
@@ -161,7 +148,6 @@ def keyframes_of(trajectory: ExactTrajectory, robot: Robot, rate: float) -> str:
 
 
 def _depth_first(robot: Robot, parent: int = -1) -> list[int]:
-    """Indices of the bodies behind a parent, each followed by those that it carries."""
     found = []
     for index, body in enumerate(robot.bodies):
         if body.parent == parent:
@@ -169,17 +155,11 @@ def _depth_first(robot: Robot, parent: int = -1) -> list[int]:
     return found
 
 
-APPROACH_SECONDS = 10
-"""Seconds in which the controller goes from wherever the robot is to the start."""
+APPROACH_SECONDS = 10  # in which the controller goes from wherever the robot is to the start
 
-SPLINE_TOLERANCE = 5e-7
-"""What of the 1e-6 rad may be spent between two points [rad; m]."""
-
-PEANO_BOUND = 6.2e-3
-r"""Bound of $C$, which is 0.006185 and reached at the middle of the step."""
-
-BESIDE_JUMP_SECONDS = 1e-6
-"""How far before and after a jump of the acceleration points are put [s]."""
+SPLINE_TOLERANCE = 5e-7  # what of the 1e-6 rad may be spent between two points [rad; m]
+PEANO_BOUND = 6.2e-3  # bound of $C$, which is 0.006185 and reached at the middle of the step
+BESIDE_JUMP_SECONDS = 1e-6  # how far before and after a jump of the acceleration points are put [s]
 
 SECOND_DECIMALS = 9
 
@@ -190,9 +170,6 @@ def joint_trajectory_of(trajectory: ExactTrajectory, robot: Robot, rate: float) 
     """YAML of a message whose splines stay within 1e-6 rad (m) of the motion at all times.
 
     It has `rate` points a second, or more if the motion needs them.
-
-    Raises:
-        OutputError: The motion begins or ends with a speed, or there are too many points.
     """
     refuse_moving_ends(trajectory, robot, "a joint_trajectory_controller")
     nanoseconds = spline_points(trajectory, rate)

@@ -60,8 +60,7 @@ class Objective:
     def __call__(self, x: Array, sharpness: float) -> tuple[float, Array]:
         """The smooth criterion of coefficients `(n, m)`, and its slope, `(n, m)`.
 
-        The larger the sharpness, the nearer to the criterion itself. Infinite where the motion
-        shows too little; the slope is zero then.
+        Infinite where the motion shows too little; the slope is zero then.
         """
         seen = self.seen(x)
         value, slopes = worst(
@@ -92,8 +91,7 @@ class Objective:
         return [case.shows.at(q, dq, ddq, step=step) for case in self.cases]
 
 
-COMPOSING_SHARPNESS = 4.0
-"""Of the criterion by which motions are compared before they are improved."""
+COMPOSING_SHARPNESS = 4.0  # of the criterion by which motions are compared before they are improved
 
 
 @dataclass(frozen=True)
@@ -108,10 +106,7 @@ class JointGroup:
 
 
 def joint_groups_of(shows: InformationEvaluator) -> tuple[JointGroup, ...]:
-    """The limbs of a robot, by their first joints; one of all joints where loops close.
-
-    Joints whose efforts depend on no base parameter are limbs by themselves.
-    """
+    """The limbs of a robot, by their first joints; one of all joints where loops close."""
     sees = [set(columns) for columns in shows.sees]
     if shows.model.robot.passive:
         return (JointGroup(tuple(range(len(sees))), tuple(sorted(set().union(*sees)))),)
@@ -130,14 +125,10 @@ def joint_groups_of(shows: InformationEvaluator) -> tuple[JointGroup, ...]:
     return tuple(sorted(limbs, key=lambda limb: limb.joints))
 
 
-SHOWN_PER_WAVE = 20
-"""Samples of the criterion per wave of the highest frequency."""
+SHOWN_PER_WAVE = 20  # samples of the criterion per wave of the highest frequency
 
-KEPT_PER_WAVE = 40
-"""Samples of the constraints; between two of them an extreme is at most 0.3 % higher."""
-
-JUMP_WIDTH = 1e-9
-"""Width of speed [rad/s; m/s] below any that a sample has: the jumping laws themselves."""
+KEPT_PER_WAVE = 40  # of the constraints; between two an extreme is at most 0.3 % higher
+JUMP_WIDTH = 1e-9  # width of speed [rad/s; m/s] below any of a sample: the jumping laws themselves
 
 
 def jumping(cases: Sequence[Case]) -> tuple[Case, ...]:
@@ -150,12 +141,7 @@ def jumping(cases: Sequence[Case]) -> tuple[Case, ...]:
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """What is designed.
-
-    Attributes:
-        cases: What the motion shows and how that is judged, one per load of the robot.
-        samples: Samples of the criterion that people read.
-    """
+    """What is designed; the criterion that people read is of so many `samples`."""
 
     robot: Robot
     basis: Basis
@@ -205,8 +191,7 @@ def composed_motions(problem: Problem, motions: Iterable[Array]) -> Iterator[Arr
     """The best of motions in the feasible set so far, after each of them, mixed limb by limb.
 
     What a limb shows does not depend on the others: where another motion shows its parameters
-    better, by D-optimality, the limb takes it over as far as constraints and criterion permit. As
-    many coefficients, shape `(n, m)`, as there are motions.
+    better, by D-optimality, the limb takes it over as far as constraints and criterion permit.
     """
     objective, limbs = problem.objective, problem.limbs
     parts = [np.ix_(limb.columns, limb.columns) for limb in limbs]

@@ -1,8 +1,6 @@
 """From a robot file's `[excitation]` tables to the problem that they describe."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import Any
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -17,7 +15,6 @@ from steelyard.estimate.information.base_parameters import (
 from steelyard.estimate.information.regressor import InformationEvaluator
 from steelyard.excite.constraints.constraint import (
     ACCELERATIONS_ASSUMED,
-    DEFAULT_ACCELERATION,
     Declined,
     MotionLimits,
     motion_limits,
@@ -25,13 +22,13 @@ from steelyard.excite.constraints.constraint import (
 from steelyard.excite.constraints.constraints_from_tables import (
     Earlier,
     constraints_of,
-    load_numbers,
     without_memory,
 )
+from steelyard.excite.constraints.torque import payload_numbers
 from steelyard.excite.criteria import CRITERIA, Measure
 from steelyard.excite.problem import Case, Problem
 from steelyard.excite.trajectories.bases import basis_of, per_joint
-from steelyard.model.laws.register import description_of, term_of
+from steelyard.model.equations.kinematics import last_frame
 from steelyard.model.model import Model
 from steelyard.model.terms.term import StatefulTerm
 from steelyard.robot.file.excitation_sections import (
@@ -41,52 +38,15 @@ from steelyard.robot.file.excitation_sections import (
     MotionLimitsSection,
 )
 from steelyard.robot.file.loaded_robot import LoadedRobot
-from steelyard.robot.file.robot_file import load_robot
+from steelyard.robot.rigid_body import Inertia
 from steelyard.robot.robot import Robot
 
-JUMP_SOFTNESS = 0.01
-"""Width of speed within which jumping laws turn while optimising, over the highest speed."""
-
-RANGE_MARGIN = 0.02
-"""Share of a joint's range that is kept free at each end, where no margin is given."""
+JUMP_SOFTNESS = 0.01  # width within which jumping laws turn while optimising, over the top speed
+RANGE_MARGIN = 0.02  # share of a joint's range kept free at each end, if no margin is given
 
 
-@dataclass(frozen=True, eq=False)
-class Recipe:
-    """All that a process needs to build the problem anew.
-
-    Attributes:
-        terms: Descriptions of the model's terms.
-        earlier: What an earlier identification knows, as plain values, if anything.
-        base: The link of a model file that is fixed to the world; `None` if a robot file says so.
-    """
-
-    robot: str
-    terms: tuple[Any, ...]
-    excitation: Mapping[str, Any]
-    earlier: Mapping[str, Any] | None = None
-    base: str | None = None
-
-    @classmethod
-    def of(cls, loaded: LoadedRobot, model: Model, earlier: Earlier | None = None) -> "Recipe":
-        """The recipe for a robot, its model and the tables of its file."""
-        path = loaded.sources[0].path
-        return cls(
-            loaded.reference,
-            tuple(description_of(term) for term in model.terms),
-            loaded.excitation.model_dump(),
-            None if earlier is None else earlier.to_dict(),
-            None if path.suffix.lower() == ".toml" else loaded.base,
-        )
-
-    def problem(self) -> Problem:
-        """Build it."""
-        loaded = load_robot(self.robot, base=self.base)
-        where = "list of terms"
-        model = Model(loaded.robot, tuple(term_of(term, where) for term in self.terms))
-        section = ExcitationSection.model_validate(self.excitation)
-        earlier = None if self.earlier is None else Earlier.from_dict(self.earlier)
-        return build(replace(loaded, excitation=section), model, earlier)
+Tables = tuple[LoadedRobot, Model, Earlier | None]
+"""What `build` makes a problem of: another process gets it pickled, and builds it anew."""
 
 
 def build(loaded: LoadedRobot, model: Model, earlier: Earlier | None = None) -> Problem:
@@ -144,7 +104,6 @@ def limits_of(robot: Robot, section: MotionLimitsSection) -> MotionLimits:
                 where="[excitation.limits] position_margin",
                 fix=f"give a margin below {0.5 * whole:.4g}, or lock the joint",
             )
-    default = np.array([DEFAULT_ACCELERATION[joint.kind] for joint in robot.coordinates])
     velocity = per_joint(section.velocity, robot, "velocity", robot_limits.velocity)
     joints = zip(robot.coordinates, section.share * velocity, strict=True)
     if faster := [
@@ -154,7 +113,13 @@ def limits_of(robot: Robot, section: MotionLimitsSection) -> MotionLimits:
     ]:
         text = "the model file's speed limits are exceeded, as velocity sets higher ones: "
         notes += (Declined(text + ", ".join(faster)),)
-    acceleration = per_joint(section.acceleration, robot, "acceleration", default)
+    acceleration = per_joint(section.acceleration, robot, "acceleration", robot_limits.acceleration)
+    stated = {"velocity": section.velocity, "acceleration": section.acceleration}
+    given = {
+        (quantity, name)
+        for quantity, own in stated.items()
+        for name in (own if isinstance(own, dict) else () if own is None else robot.joint_names)
+    }
     jerk = None
     if section.jerk is not None:
         jerk = section.share * per_joint(section.jerk, robot, "jerk", np.full(robot.n, 1e6))
@@ -166,26 +131,8 @@ def limits_of(robot: Robot, section: MotionLimitsSection) -> MotionLimits:
         notes,
         jerk,
         section.share,
-        _assumed(robot, section),
+        robot_limits.assumed - given,
     )
-
-
-def _assumed(robot: Robot, section: MotionLimitsSection) -> frozenset[tuple[str, str]]:
-    """Quantity and joint of every limit that neither the tables nor the model file give."""
-
-    def given(limit: object, joint: str) -> bool:
-        return joint in limit if isinstance(limit, dict) else limit is not None
-
-    found = set[tuple[str, str]]()
-    for joint in robot.coordinates:
-        own = joint.limits
-        stated = {
-            "position": bool(np.isfinite([own.lower, own.upper]).all()),
-            "velocity": given(section.velocity, joint.name) or 0.0 < own.velocity < np.inf,
-            "acceleration": given(section.acceleration, joint.name),
-        }
-        found |= {(quantity, joint.name) for quantity, known in stated.items() if not known}
-    return frozenset(found)
 
 
 def cases_of(
@@ -262,7 +209,9 @@ def sizes_of(earlier: Earlier, model: Model, base: BaseMap, load: LoadSection | 
     """Sizes of the base parameters with a load, no smaller than twice their uncertainty, `(b,)`."""
     standard = np.array([earlier.standard.get(name, 0.0) for name in model.names])
     if load is not None:
-        for name, value in load_numbers(load, model.robot).items():
+        point = Inertia.about_com(load.mass, load.com, np.zeros((3, 3)))
+        added = payload_numbers(model.robot, load.frame or last_frame(model.robot), point)
+        for name, value in added.items():
             if name in model.names:
                 standard[model.names.index(name)] += value
     values = np.abs(base.base_values(standard))
@@ -309,7 +258,6 @@ def _named(wanted: Sequence[str], model: Model, base: BaseMap, key: str) -> set[
 
 
 def _chosen(wanted: Sequence[str], model: Model, base: BaseMap) -> tuple[int, ...]:
-    """Columns of laws or parameters that matter."""
     found = _named(wanted, model, base, "chosen")
     if not found & set(base.base_names):
         laws = [term.law for term in model.terms]

@@ -121,7 +121,6 @@ def _motion_file(place: Path) -> Path:
 
 
 def _smaller(last: Round, criterion: str, progress: Progress) -> IdentifiedModel:
-    """The last round's model without the parameter that its log shows to be worth least."""
     folder = last.folder / "smaller"
     if not folder.exists():
         log = last.folder / "log.csv"
@@ -159,7 +158,6 @@ def _model(
     check: bool,
     progress: Progress,
 ) -> IdentifiedModel:
-    """The round's model, from its log alone."""
     folder, log = place / "model", place / "log.csv"
     if not folder.exists():
         if smaller is None:

@@ -20,11 +20,9 @@ from steelyard.robot.file.excitation_sections import BoxSpans, WorkspaceSection
 from steelyard.robot.file.loaded_robot import LoadedRobot, beside
 from steelyard.robot.robot import Robot
 
-WALL_RESERVE = 5e-5
-"""Kept beyond every wall [m], for controllers that interpolate between points of a file."""
+WALL_RESERVE = 5e-5  # kept beyond every wall [m], for controllers that interpolate between points
 
-WALLS_NAME = "floor, planes and boxes"
-"""Of the constraint."""
+WALLS_NAME = "floor, planes and boxes"  # of the constraint
 
 _WALL_POSTURES = 24
 _SAME_DISTANCE = 1e-9
@@ -116,14 +114,10 @@ def _changing_pairs(
 
 _AXES = "xyz"
 
-_LEAST_NORMAL = 1e-12
-"""Length of a normal that has no direction, and is refused."""
 
 ASSUMED_FLOOR_NOTE = "no gravity is declared: the floor is assumed normal to z of the base"
-"""The note on a floor where gravity's direction is not declared."""
 
-ConstraintsAndNotes = tuple[list[Constraint], list[str]]
-"""Constraints, and what was assumed."""
+ConstraintsAndNotes = tuple[list[Constraint], list[str]]  # constraints, and what was assumed
 
 
 def world_of(loaded: LoadedRobot) -> tuple[Shape, ...]:
@@ -154,7 +148,7 @@ def workspace_of(loaded: LoadedRobot, world: tuple[Shape, ...]) -> ConstraintsAn
     lower, upper = _sides(section.box)
     if section.box.bounded:
         with written("workspace] box"):
-            found.append(tool_box(loaded.robot, [tool], lower, upper))
+            found.append(tool_box(loaded.robot, tool, lower, upper))
     if section.only_tool:
         found += _constraints_of_tool(section, loaded.robot, tool)
     if section.limits_links or (world and (loaded.excitation.loads or section.radius > 0.0)):
@@ -165,18 +159,15 @@ def workspace_of(loaded: LoadedRobot, world: tuple[Shape, ...]) -> ConstraintsAn
 
 
 def _constraints_of_tool(section: WorkspaceSection, robot: Robot, tool: Marker) -> list[Constraint]:
-    """Planes and forbidden boxes of the tool's ball."""
     found = list[Constraint]()
     if section.planes:
-        normals = np.array([plane.normal for plane in section.planes])
-        sizes = np.maximum(np.linalg.norm(normals, axis=1), _LEAST_NORMAL)
-        levels = np.array([plane.above for plane in section.planes]) / sizes
+        normals, levels = zip(*((x.normal, x.above) for x in section.planes), strict=True)
         with written("workspace] planes"):
-            found.append(planes(robot, [tool], normals, levels))
+            found.append(planes(robot, tool, normals, levels))
     if section.keep_out:
         low, high = _boxes(section)
         with written("workspace] keep_out"):
-            found.append(keep_out(robot, [tool], low, high))
+            found.append(keep_out(robot, tool, low, high))
     return found
 
 
@@ -187,7 +178,6 @@ def _constraints_of_robot(
     world: tuple[Shape, ...],
     found: list[Constraint],
 ) -> ConstraintsAndNotes:
-    """What holds for all that the robot moves."""
     collision, loads = loaded.excitation.collision, loaded.excitation.loads
     margin = 0.0 if collision is None else collision.margin
     with written("workspace]"):

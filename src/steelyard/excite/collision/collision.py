@@ -2,13 +2,11 @@
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
 
 from steelyard.base.arrays import Array, frozen
 from steelyard.base.errors import ModelError
-from steelyard.base.progress import Progress, silent
 from steelyard.excite.collision.distances import Indices, Scene, proven_distances
 from steelyard.excite.collision.model_shapes import robot_shapes
 from steelyard.excite.collision.pairs import (
@@ -20,34 +18,26 @@ from steelyard.excite.collision.pairs import (
     separable,
 )
 from steelyard.excite.collision.robot_shapes import reach
-from steelyard.excite.collision.shapes import Geometry, Poses, Shape, rates, sides
+from steelyard.excite.collision.shapes import Poses, Shape, rates, sides
 from steelyard.excite.constraints.constraint import PROOF_BY_BOUNDS, Constraint, Margins
 from steelyard.excite.trajectories.trajectory import ExactTrajectory
 from steelyard.robot.file.loaded_robot import LoadedRobot
 from steelyard.robot.robot import Robot
 
-CLEARANCE_MARGIN = 0.01
-"""Distance that is kept by default [m]."""
+CLEARANCE_MARGIN = 0.01  # distance that is kept by default [m]
+CLEARANCE_ROOM = 0.05  # beyond the margin by this much distances are not looked at closely [m]
 
-CLEARANCE_ROOM = 0.05
-"""Beyond the margin by this much distances are not looked at closely [m]."""
-
-ROOM_REACH_SHARE = 0.1
-"""The same over how far the robot reaches, for small ones: fingers are nowhere 50 mm apart."""
+ROOM_REACH_SHARE = 0.1  # the same over the reach, for small ones: fingers are nowhere 50 mm apart
 
 
 @dataclass(frozen=True, eq=False)
 class Clearance(Constraint):
-    r"""Every pair stays apart by its margin.
+    """Every pair stays apart by its margin.
 
-    A margin is the signed distance $s$ less the distance to keep. With the nearest points
-    $p_a, p_b$ and the unit vector $n$ from $a$ to $b$, its gradient is
-    $n^T (J_b(p_b) - J_a(p_a))$. Where a margin is given as `activation_distance` or more it may
-    be only a lower bound of it, and its gradient zero.
-
-    Attributes:
-        wanted: Distance to keep of each pair, shape `(k,)` [m].
-        walls: Names of the walls; from what else stands in the cell a distance is kept.
+    A margin is the signed distance $s$ less the distance to keep, `wanted`, `(k,)` [m]. With the
+    nearest points $p_a, p_b$ and the unit vector $n$ from $a$ to $b$, its gradient is $n^T
+    (J_b(p_b) - J_a(p_a))$. Where a margin is given as `activation_distance` or more it may be only
+    a lower bound of it, and its gradient zero. From `walls`, by name, no distance is kept.
     """
 
     robot: Robot
@@ -149,15 +139,11 @@ class Clearance(Constraint):
         first, second = self.pairs[k].first, self.pairs[k].second
         return f"'{first}' and '{second}' {how} {abs(distances[k]) * 1e3:.3g} mm"
 
-    def proven(self, trajectory: ExactTrajectory, progress: Progress = silent) -> Array:
-        """See `Constraint`.
-
-        Bounds are at most a tenth of a millimetre below the least margin, or that much below
-        `activation_distance` or higher.
-        """
+    def proven(self, trajectory: ExactTrajectory) -> Array:
+        """Bounds are at most 0.1 mm below the least margin or `activation_distance`."""
         enough = self.wanted + self.activation_distance
         found = proven_distances(
-            self.robot, self.scene, trajectory, self._owner, enough, self.wanted, progress=progress
+            self.robot, self.scene, trajectory, self._owner, enough, self.wanted
         )
         return found - self.wanted
 
@@ -169,10 +155,10 @@ class Clearance(Constraint):
         return most
 
 
-def clearance(
-    robot: Robot,
-    geometry: Geometry,
+def self_clearance(
+    loaded: LoadedRobot,
     *,
+    skip: Collection[str] = (),
     margin: float = CLEARANCE_MARGIN,
     activation_distance: float | None = None,
     others: Sequence[Shape] = (),
@@ -181,25 +167,32 @@ def clearance(
 ) -> Clearance:
     """The constraint that a robot keeps clear of itself and of its cell.
 
-    The robot's own pairs that overlap at all random postures tried are left out, as they cannot be
-    kept apart; those that are never as far apart as their margin are kept from touching. Both are
-    noted. Pairs with the cell must be able to keep the margin; what is fixed to the base has none.
-
-    Args:
-        robot: The robot.
-        geometry: Its shapes.
-        margin: Distance to keep [m].
-        activation_distance: Distance beyond the margin from which on a pair does not matter [m];
-            `CLEARANCE_ROOM`, or `ROOM_REACH_SHARE` of how far the robot reaches, whichever is less,
-            if `None`.
-        others: Tools, payloads and what stands in the cell.
-        ignore: Pairs of names that may touch.
-        bodies: Whether the robot and its tools keep clear of themselves, too, not only of the cell.
+    Its shapes are those of its model file but for the links `skip`, with the SRDF beside it, and
+    `others`: tools, payloads and what stands in the cell. The robot's own pairs that overlap at all
+    random postures tried are left out, as they cannot be kept apart; those that are never as far
+    apart as their margin [m] are kept from touching. Both are noted. Pairs with the cell must be
+    able to keep the margin; what is fixed to the base has none. From `activation_distance` [m]
+    beyond the margin on a pair does not matter: `CLEARANCE_ROOM`, or `ROOM_REACH_SHARE` of how far
+    the robot reaches, whichever is less, if `None`. Pairs of names to `ignore` may touch; without
+    `bodies` the robot and its tools keep clear of the cell only.
 
     Raises:
         ModelError: No pair is left, a name in `ignore` does not exist, two things have one, or the
             cell overlaps a link at all postures tried or is never `margin` away from it.
     """
+    robot, model = loaded.robot, loaded.sources[-1].path
+    if model.suffix.lower() == ".toml":
+        raise ModelError(
+            "a table of Denavit-Hartenberg parameters has no shapes that could collide",
+            where=str(model),
+            fix="name a URDF or an MJCF with collision shapes, or leave collision out",
+        )
+    geometry = robot_shapes(robot, model, skip)
+    srdf = find_srdf(model, loaded.model_given)
+    if srdf is not None:
+        never = geometry.never | disabled_pairs(srdf)
+        notes = (*geometry.notes, f"pairs of links that may touch are taken from '{srdf}'")
+        geometry = replace(geometry, never=never, notes=notes)
     shapes = (*geometry.shapes, *others)
     pairs, notes, left = candidate_pairs(robot, geometry, shapes, ignore, bodies)
     _check_pairs(robot, pairs)
@@ -214,30 +207,6 @@ def clearance(
     scope = f"{len(kept)} pair{'s' * (len(kept) != 1)}" + (f", {left} left out" if left else "")
     notes = (*geometry.notes, *notes, *more)
     return Clearance(robot, shapes, kept, wanted, far[: len(kept)], notes, scope=scope)
-
-
-def self_clearance(loaded: LoadedRobot, *, skip: Collection[str] = (), **options: Any) -> Clearance:
-    """`clearance` with the shapes of the robot's own model file, and the SRDF beside it.
-
-    Args:
-        loaded: The robot and the files it came from.
-        skip: Links to go without.
-        options: Those of `clearance`.
-    """
-    model = loaded.sources[-1].path
-    if model.suffix.lower() == ".toml":
-        raise ModelError(
-            "a table of Denavit-Hartenberg parameters has no shapes that could collide",
-            where=str(model),
-            fix="name a URDF or an MJCF with collision shapes, or leave collision out",
-        )
-    geometry = robot_shapes(loaded.robot, model, skip)
-    srdf = find_srdf(model, loaded.model_given)
-    if srdf is not None:
-        never = geometry.never | disabled_pairs(srdf)
-        notes = (*geometry.notes, f"pairs of links that may touch are taken from '{srdf}'")
-        geometry = replace(geometry, never=never, notes=notes)
-    return clearance(loaded.robot, geometry, **options)
 
 
 def _check_pairs(robot: Robot, pairs: tuple[Pair, ...]) -> None:

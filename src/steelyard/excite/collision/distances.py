@@ -8,33 +8,27 @@ whose bound is not good enough are cut up; this is conservative advancement [Mir
 an order in time.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.base.arrays import Array
-from steelyard.base.progress import Progress, report_progress, silent
 from steelyard.excite.collision.shapes import Poses, Shape, ShapeKinematics, rates
 from steelyard.excite.collision.solids import height
-from steelyard.excite.constraints.bounding import goals
+from steelyard.excite.constraints.bounding import cut, goals
 from steelyard.excite.trajectories.trajectory import ExactTrajectory
 from steelyard.robot.robot import Robot
 
 Indices = NDArray[np.intp]
 
-HEIGHT_ROUNDING = 1e-9
-"""What rounding may add to a bound that comes from the heights of two solids [m]."""
+HEIGHT_ROUNDING = 1e-9  # rounding of a bound that comes from the heights of two solids [m]
 
 
 class Scene:
     """Shapes on a robot and around it, and the pairs of them that matter.
 
-    Attributes:
-        shapes: `G` shapes.
-        ways: Numbers of the two shapes of each pair, shape `(W, 2)`; of a pair with a half-space
-            that is the second.
+    The numbers of the two shapes of each pair are its `ways`, `(W, 2)`; a half-space is the second.
     """
 
     def __init__(
@@ -124,41 +118,12 @@ def directions(vectors: Array) -> Array:
     return np.where(length > 1e-12, vectors / np.maximum(length, 1e-12), 0.0)
 
 
-DISTANCE_TOLERANCE = 1e-4
-"""A bound is at most this far below the least distance found [m]."""
-
-FIRST_PROOF_PIECES = 200
-"""Pieces of the motion to begin with."""
-
-MOST_PROOF_INTERVALS = 2_000_000
-"""Intervals after which a proof ends with the bounds that it has."""
+DISTANCE_TOLERANCE = 1e-4  # a bound is at most this far below the least distance found [m]
+FIRST_PROOF_PIECES = 200  # pieces of the motion to begin with
+MOST_PROOF_INTERVALS = 2_000_000  # intervals after which a proof ends with the bounds that it has
 
 _PIECES = 16
 _ROUNDING = 1e-12
-
-
-@dataclass(frozen=True, eq=False)
-class _Intervals:
-    """Numbers of pairs of shapes, each over an interval of time of a middle and a half length [s].
-
-    All have shape `(I,)`.
-    """
-
-    ways: Indices
-    middle: Array
-    half: Array
-
-    def at(self, chosen: NDArray[np.bool_]) -> "_Intervals":
-        """Some of them."""
-        return _Intervals(self.ways[chosen], self.middle[chosen], self.half[chosen])
-
-    def cut(self, pieces: Indices) -> "_Intervals":
-        """Each of them in a number of equal pieces."""
-        which = np.repeat(np.arange(len(pieces)), pieces)
-        number = np.arange(len(which)) - np.repeat(np.cumsum(pieces) - pieces, pieces)
-        half = self.half[which] / pieces[which]
-        start = self.middle[which] - self.half[which]
-        return _Intervals(self.ways[which], start + (2 * number + 1) * half, half)
 
 
 def proven_distances(
@@ -168,83 +133,72 @@ def proven_distances(
     owner: Indices,
     enough: Array,
     kept: Array,
-    *,
-    tolerance: float = DISTANCE_TOLERANCE,
-    progress: Progress = silent,
 ) -> Array:
     """Lower bounds of the distances of pairs at all times, shape `(k,)` [m].
 
-    Args:
-        robot: The robot.
-        scene: Its shapes, and `W` ways in which they may touch.
-        trajectory: The motion.
-        owner: The pair that each way belongs to, shape `(W,)`.
-        enough: Distances beyond which a bound need not be sharp, shape `(k,)` [m].
-        kept: Distances that must be kept: near above them, bounds are sharper, shape `(k,)` [m].
-        tolerance: How far below the least distance a bound may be otherwise [m].
-        progress: Told of the share of the time that is done.
+    Each of the scene's ways belongs to a pair, its `owner`, shape `(W,)`. Beyond `enough`, shape
+    `(k,)` [m], a bound need not be sharp; near above the distances to be `kept`, `(k,)` [m], it is
+    sharper than `DISTANCE_TOLERANCE`.
     """
-    search = _Search(robot, scene, trajectory)
+    bounds = _bounds_of(robot, scene, trajectory)
     least, proven = np.full(len(enough), np.inf), np.full(len(enough), np.inf)
+    tolerance = np.full(len(kept), DISTANCE_TOLERANCE)
     even = np.linspace(0.0, trajectory.duration, FIRST_PROOF_PIECES + 1)
     times = np.union1d(even, trajectory.breaks)
     times = times[(times >= 0.0) & (times <= trajectory.duration)]
-    middle, half = 0.5 * (times[1:] + times[:-1]), 0.5 * np.diff(times)
-    which, ways = np.repeat(np.arange(len(owner)), len(middle)), len(owner)
-    work = _Intervals(which, np.tile(middle, ways), np.tile(half, ways))
-    total, used = float(work.half.sum()), 0
-    while len(work.ways):
-        pair = owner[work.ways]
-        bound, gap, slack = search.bounds(work, enough[pair])
+    ways = np.repeat(np.arange(len(owner)), len(times) - 1)
+    start, end = (np.tile(edge, len(owner)) for edge in (times[:-1], times[1:]))
+    used = 0
+    while len(ways):
+        pair = owner[ways]
+        bound, gap, slack = bounds(ways, start, end, enough[pair])
         np.minimum.at(least, pair, gap)
-        goal = np.minimum(enough, goals(least - kept, np.full(len(kept), tolerance)) + kept)[pair]
-        used += len(work.ways)
+        goal = np.minimum(enough, goals(least - kept, tolerance) + kept)[pair]
+        used += len(ways)
         good = (bound >= goal) | (used > MOST_PROOF_INTERVALS)
         np.minimum.at(proven, pair[good], bound[good])
         with np.errstate(divide="ignore", over="ignore"):
-            wanted = np.ceil(slack / np.maximum(gap - goal, 0.01 * tolerance))
+            wanted = np.ceil(slack / np.maximum(gap - goal, 0.01 * DISTANCE_TOLERANCE))
         pieces = np.clip(wanted, 2, _PIECES).astype(np.intp)
-        work = work.at(~good).cut(pieces[~good])
-        report_progress(progress, "proving clearances", total - float(work.half.sum()), total)
+        start, end, of = cut(start[~good], end[~good], pieces[~good])
+        ways = ways[~good][of]
     return proven
 
 
-class _Search:
-    """What bounds an interval.
+def _bounds_of(
+    robot: Robot, scene: Scene, trajectory: ExactTrajectory
+) -> Callable[[Indices, Array, Array, Array], tuple[Array, Array, Array]]:
+    """What bounds distances of ways over intervals from start to end, `(I,)` each [s].
 
-    It takes `rates`, the change of distance per speed of each joint, `(W, n)`, and the greatest
-    speeds and accelerations, `(n,)` each.
+    It gives the bound, the distance's bound at the middle, and what lies between, `(I,)` each [m].
+    Bounds need not be better than its last argument, shape `(I,)` [m].
     """
+    lower, upper = trajectory.extremes(0)
+    both = [(scene.shapes[a], scene.shapes[b]) for a, b in scene.ways]
+    changes = np.array([rates(robot, a, b, lower, upper) for a, b in both])
+    fastest, acceleration = (
+        np.maximum(*(np.abs(x) for x in trajectory.extremes(order))) * (1.0 + _ROUNDING)
+        for order in (1, 2)
+    )
 
-    def __init__(self, robot: Robot, scene: Scene, trajectory: ExactTrajectory) -> None:
-        self.scene, self.trajectory = scene, trajectory
-        lower, upper = trajectory.extremes(0)
-        shapes = scene.shapes
-        both = [(shapes[a], shapes[b]) for a, b in scene.ways]
-        self.rates = np.array([rates(robot, a, b, lower, upper) for a, b in both])
-        self.speed, self.acceleration = (
-            np.maximum(*(np.abs(x) for x in trajectory.extremes(order))) * (1.0 + _ROUNDING)
-            for order in (1, 2)
-        )
-
-    def bounds(self, work: _Intervals, enough: Array) -> tuple[Array, Array, Array]:
-        """The bound, the distance's bound at the middle, and what lies between, `(I,)` each [m].
-
-        Bounds need not be better than `enough`, shape `(I,)` [m].
-        """
-        times, samples = np.unique(work.middle, return_inverse=True)
-        poses = self.scene.kinematics(self.trajectory.derivative(times, 0))
+    def bounds(
+        ways: Indices, start: Array, end: Array, enough: Array
+    ) -> tuple[Array, Array, Array]:
+        times, samples = np.unique(0.5 * (start + end), return_inverse=True)
+        poses = scene.kinematics(trajectory.derivative(times, 0))
         # a little more than half: the middle is rounded
-        half = work.half * (1.0 + 1e-9) + 1e-15 * self.trajectory.duration
-        speed = np.abs(self.trajectory.derivative(times, 1))[samples]
-        speed = np.minimum(speed + half[:, None] * self.acceleration, self.speed)
-        slack = half * np.einsum("ij,ij->i", speed, self.rates[work.ways])
-        gap = self.scene.balls(poses)[samples, work.ways]
-        for normals in (self.scene.centre_lines, lambda *at: self.scene.exact(*at)[2]):
+        half = 0.5 * (end - start) * (1.0 + 1e-9) + 1e-15 * trajectory.duration
+        speed = np.abs(trajectory.derivative(times, 1))[samples]
+        speed = np.minimum(speed + half[:, None] * acceleration, fastest)
+        slack = half * np.einsum("ij,ij->i", speed, changes[ways])
+        gap = scene.balls(poses)[samples, ways]
+        for normals in (scene.centre_lines, lambda *at: scene.exact(*at)[2]):
             short = np.flatnonzero(gap - slack < enough)
             # the solver moves fastest from sample to sample
             short = short[np.argsort(samples[short], kind="stable")]
-            at = (poses, work.ways[short], samples[short])
-            found = self.scene.along(*at, normals(*at))
+            at = (poses, ways[short], samples[short])
+            found = scene.along(*at, normals(*at))
             gap[short] = np.maximum(gap[short], found)
         return gap - slack, gap, slack
+
+    return bounds

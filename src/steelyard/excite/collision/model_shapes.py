@@ -1,6 +1,5 @@
 """Collision shapes as URDF and MJCF files give them, of robots and of cells."""
 
-import math
 from collections.abc import Collection
 from contextlib import suppress
 from functools import lru_cache
@@ -9,7 +8,6 @@ from typing import Literal
 
 import numpy as np
 
-from steelyard.base.arrays import Array
 from steelyard.base.errors import ModelError, advice, listing
 from steelyard.excite.collision.shapes import Geometry, Shape, placed
 from steelyard.excite.collision.solids import (
@@ -26,13 +24,13 @@ from steelyard.excite.collision.solids import (
 from steelyard.excite.constraints.constraint import Declined, Gap
 from steelyard.robot.file.loaded_robot import read_mechanism
 from steelyard.robot.mechanism import Mechanism
+from steelyard.robot.models.urdf import number_of, numbers_of, placement_of
 from steelyard.robot.models.xacro import expand
 from steelyard.robot.models.xml_reader import Element, read_xml
-from steelyard.robot.rigid_body import Placement, rpy_rotation
+from steelyard.robot.rigid_body import Placement
 from steelyard.robot.robot import Frame, Robot
 
-Kind = Literal["collision", "visual"]
-"""What a URDF gives shapes for."""
+Kind = Literal["collision", "visual"]  # what a URDF gives shapes for
 
 
 def robot_shapes(robot: Robot, model: Path, skip: Collection[str] = ()) -> Geometry:
@@ -48,7 +46,7 @@ def robot_shapes(robot: Robot, model: Path, skip: Collection[str] = ()) -> Geome
             fix="leave collision out for this robot, and bound its joints instead",
         )
     mechanism = read_mechanism(model)
-    _check_links(skip, mechanism, model)
+    check_links(skip, [link.name for link in mechanism.links], str(model))
     frames = {frame.name: frame for frame in robot.frames}
     root = read_xml(model)
     if root.tag == "mujoco":
@@ -72,8 +70,8 @@ def robot_shapes(robot: Robot, model: Path, skip: Collection[str] = ()) -> Geome
     return Geometry(shapes, parents, never, frozenset(skip), notes)
 
 
-def world_shapes(path: Path, skip: Collection[str] = ()) -> tuple[Shape, ...]:
-    """The shapes of a cell that stands still, from a URDF or MJCF, but for the links `skip`.
+def world_shapes(path: Path) -> tuple[Shape, ...]:
+    """The shapes of a cell that stands still, from a URDF or MJCF.
 
     Its root frame is the robot's base frame; what could move stands where its joints are at zero,
     or at the limit nearest to it.
@@ -84,10 +82,9 @@ def world_shapes(path: Path, skip: Collection[str] = ()) -> tuple[Shape, ...]:
     if root.tag == "mujoco":
         from steelyard.excite.collision.mujoco_geometry import mjcf_world
 
-        shapes = mjcf_world(path, skip)
+        shapes = mjcf_world(path)
     else:
         mechanism = read_mechanism(path)
-        _check_links(skip, mechanism, path)
         frames = dict[str, Frame]()
         for link in mechanism.links:
             placement = Placement()
@@ -98,7 +95,7 @@ def world_shapes(path: Path, skip: Collection[str] = ()) -> tuple[Shape, ...]:
         shapes = tuple(
             Shape(s.name, -1, s.rotation, s.position, s.solid, "world")
             for element in root.all("link")
-            for s in _shapes(element, frames, path, skip)
+            for s in _shapes(element, frames, path)
         )
     if not shapes:
         raise ModelError(
@@ -109,14 +106,14 @@ def world_shapes(path: Path, skip: Collection[str] = ()) -> tuple[Shape, ...]:
     return shapes
 
 
-def _check_links(skip: Collection[str], mechanism: Mechanism, path: Path) -> None:
-    names = [link.name for link in mechanism.links]
+def check_links(skip: Collection[str], links: Collection[str], where: str) -> None:
+    """Refuse a link to be left out that does not exist."""
     for name in skip:
-        if name not in names:
+        if name not in links:
             raise ModelError(
-                f"the link '{name}' to be skipped does not exist",
-                where=str(path),
-                fix=advice(name, names, "links"),
+                f"there is no link '{name}' to skip",
+                where=where,
+                fix=advice(name, links, "links"),
             )
 
 
@@ -161,7 +158,7 @@ def readable_shapes(
     for link in root.all("link"):
         if link.attributes["name"].strip() in links:
             with suppress(ModelError):
-                found += _shapes(link, frames, model, (), kind)
+                found += _shapes(link, frames, model, kind=kind)
     return tuple(found)
 
 
@@ -169,7 +166,7 @@ def _shapes(
     link: Element,
     frames: dict[str, Frame],
     model: Path,
-    skip: Collection[str],
+    skip: Collection[str] = (),
     kind: Kind = "collision",
 ) -> list[Shape]:
     """The shapes of one link of a URDF, to collide with or to be seen."""
@@ -178,17 +175,12 @@ def _shapes(
         return []
     shapes = []
     for collision in link.all(kind):
-        position, rotation = np.zeros(3), np.eye(3)
-        for origin in collision.all("origin"):
-            position = _vector(origin, "xyz", 3)
-            rotation = rpy_rotation(*_vector(origin, "rpy", 3))
-        solid = _solid(collision, name, model)
-        shapes.append(placed(frames[name], name, solid, position, rotation))
+        at, solid = placement_of(collision), _solid(collision, name, model)
+        shapes.append(placed(frames[name], name, solid, at.position, at.rotation))
     return shapes
 
 
 def _solid(collision: Element, link: str, model: Path) -> Solid:
-    """The solid of a `<collision>`."""
     found = [child for geometry in collision.all("geometry") for child in geometry.children]
     if len(found) != 1:
         raise _refused(
@@ -201,13 +193,13 @@ def _solid(collision: Element, link: str, model: Path) -> Solid:
         if element.tag == "mesh":
             return _mesh(element, link, model)
         if element.tag == "box":
-            x, y, z = _vector(element, "size", 3)
-            return Box((float(x), float(y), float(z)))
+            x, y, z = numbers_of(element, "size", 3)
+            return Box((x, y, z))
         if element.tag == "sphere":
-            return Ball(_number(element, "radius"))
+            return Ball(number_of(element, "radius"))
         if element.tag in ("cylinder", "capsule"):
             kind = Cylinder if element.tag == "cylinder" else Capsule
-            return kind(_number(element, "radius"), _number(element, "length"))
+            return kind(number_of(element, "radius"), number_of(element, "length"))
     except ValueError as error:
         raise _refused(str(error), element, "give lengths above zero") from None
     known = ["box", "sphere", "cylinder", "capsule", "mesh"]
@@ -219,7 +211,6 @@ def _solid(collision: Element, link: str, model: Path) -> Solid:
 
 
 def _mesh(element: Element, link: str, model: Path) -> Hull:
-    """The hull of a mesh."""
     name = element.attributes.get("filename", "").strip()
     path = find_mesh(name, model) if name else None
     if path is None:
@@ -229,8 +220,7 @@ def _mesh(element: Element, link: str, model: Path) -> Hull:
             "put the file where the model names it (a package:// path is looked for in the "
             f"model's folder and those above it), or {WITHOUT_MESH_ADVICE}",
         )
-    scale = _vector(element, "scale", 3) if "scale" in element.attributes else np.ones(3)
-    x, y, z = (float(factor) for factor in scale)
+    x, y, z = numbers_of(element, "scale", 3) if "scale" in element.attributes else [1.0] * 3
     return _hull(path, path.stat().st_mtime_ns, (x, y, z), f"{element.where} of link '{link}'")
 
 
@@ -238,29 +228,6 @@ def _mesh(element: Element, link: str, model: Path) -> Hull:
 def _hull(path: Path, changed: int, scale: tuple[float, float, float], where: str) -> Hull:
     """The hull of a mesh's file as it was when it changed last."""
     return Hull(mesh_points(path, where) * scale)
-
-
-def _vector(element: Element, attribute: str, count: int) -> Array:
-    """Numbers of an attribute, shape `(count,)`; zeros without it, where it may lack."""
-    text = element.attributes.get(attribute)
-    if text is None and attribute in ("xyz", "rpy"):
-        return np.zeros(count)
-    try:
-        values = [float(word) for word in (text or "").split()]
-    except ValueError:
-        values = []
-    if len(values) != count or not all(math.isfinite(v) for v in values):
-        wanted = "a finite number" if count == 1 else f"{count} finite numbers"
-        raise _refused(
-            f"{attribute}={text!r} of <{element.tag}> is not {wanted}",
-            element,
-            f'write {attribute}="' + " ".join(["1.0"] * count) + '" with your values',
-        )
-    return np.array(values)
-
-
-def _number(element: Element, attribute: str) -> float:
-    return float(_vector(element, attribute, 1)[0])
 
 
 def _refused(wrong: str, element: Element, fix: str) -> ModelError:

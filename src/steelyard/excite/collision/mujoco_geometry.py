@@ -25,8 +25,7 @@ from steelyard.excite.collision.solids import (
 from steelyard.robot.models.mjcf import Compiled, compiled
 from steelyard.robot.robot import Frame
 
-FARTHEST_DISTANCE = 1e6
-"""No two solids are farther apart [m]."""
+FARTHEST_DISTANCE = 1e6  # no two solids are farther apart [m]
 
 _GEOM = mujoco.mjtGeom
 
@@ -54,17 +53,12 @@ class Distances:
     def between(
         self, pairs: NDArray[np.intp], samples: NDArray[np.intp], at: tuple[Array, Array]
     ) -> tuple[Array, Array]:
-        """Distances of `H` pairs of solids, each at a sample.
+        """Distances of `H` pairs of solids `(H, 2)`, each at a sample, ascending, `(H,)`.
 
-        Args:
-            pairs: Numbers of the two solids, shape `(H, 2)`; none is a half-space.
-            samples: Sample of each, shape `(H,)`, ascending.
-            at: Axes `(N, G, 3, 3)` and origins `(N, G, 3)` of all solids at all samples [m].
-
-        Returns:
-            Distances, shape `(H,)` [m], negative by the depth of an overlap, and the nearest
-            points of both, shape `(H, 2, 3)` [m]; of an overlap those that would touch first if
-            the solids were drawn apart.
+        None is a half-space. Axes `(N, G, 3, 3)` and origins `(N, G, 3)` [m] are those of all
+        solids at all samples. Distances, `(H,)` [m], are negative by the depth of an overlap. Also
+        the nearest points of both, `(H, 2, 3)` [m]; of an overlap those that would touch first if
+        the solids were drawn apart.
         """
         # memory for the solver takes longer to get than a hundred distances
         model, data = self._model, self._spare.pop() if self._spare else mujoco.MjData(self._model)
@@ -112,59 +106,39 @@ def mjcf_shapes(
 ) -> tuple[tuple[Shape, ...], frozenset[frozenset[str]], frozenset[str]]:
     """Shapes of an MJCF robot, pairs of links that it excludes, and other links with shapes."""
     file = compiled(path)
-    model, shapes, outside = file.model, list[Shape](), set[str]()
-    for geom in _colliding(model):
-        body = int(model.geom_bodyid[geom])
-        name = _link(model, body)
-        if name not in frames:
-            outside.add(name)
+    model, shapes = file.model, list[Shape]()
+    names = {geom: _link(model, int(model.geom_bodyid[geom])) for geom in _colliding(model)}
+    for geom, name in names.items():
         if name in skip or name not in frames:
             continue
-        _refuse_absent(file, geom, name, path)
         # a link's origin is the anchor of its body's last joint
+        body = int(model.geom_bodyid[geom])
         last = int(model.body_jntadr[body]) + int(model.body_jntnum[body]) - 1
         anchor = model.jnt_pos[last] if model.body_jntnum[body] else np.zeros(3)
         rotation, position = _matrix(model.geom_quat[geom]), model.geom_pos[geom] - anchor
-        solid = _solid(model, geom, name, path)
+        solid = _solid(file, geom, name, path)
         shapes.append(placed(frames[name], name, solid, position, rotation))
-    return tuple(shapes), _excluded(model), frozenset(outside)
+    return tuple(shapes), _excluded(model), frozenset(names.values()) - frames.keys()
 
 
-def mjcf_world(path: Path, skip: Collection[str]) -> tuple[Shape, ...]:
+def mjcf_world(path: Path) -> tuple[Shape, ...]:
     """Shapes of a cell's MJCF, its joints at their reference positions."""
     file = compiled(path)
-    model = file.model
-    data = mujoco.MjData(model)
+    model, data = file.model, mujoco.MjData(file.model)
     mujoco.mj_kinematics(model, data)
     shapes = []
     for geom in _colliding(model):
         name = _link(model, int(model.geom_bodyid[geom]))
-        if name in skip:
-            continue
-        _refuse_absent(file, geom, name, path)
-        solid, rotation = _solid(model, geom, name, path), data.geom_xmat[geom].reshape(3, 3)
+        solid, rotation = _solid(file, geom, name, path), data.geom_xmat[geom].reshape(3, 3)
         shapes.append(obstacle(name, solid, data.geom_xpos[geom], rotation))
     return tuple(shapes)
 
 
-def _refuse_absent(file: Compiled, geom: int, link: str, path: Path) -> None:
-    """Raise if a colliding geom's mesh is absent."""
-    if geom in file.stand_ins:
-        raise ModelError(
-            f"the collision mesh '{file.stand_ins[geom]}' of link '{link}' is not there",
-            where=str(path),
-            fix="put the file where the MJCF looks for it (see its meshdir), or "
-            f"{WITHOUT_MESH_ADVICE}",
-        )
-
-
 def _link(model: Any, body: int) -> str:
-    """What the robot calls the link of a body."""
     return str(model.body(body).name) or f"body_{body}"
 
 
 def _colliding(model: Any) -> list[int]:
-    """Geoms that collide with anything."""
     active = (model.geom_contype != 0) | (model.geom_conaffinity != 0)
     return [int(geom) for geom in np.flatnonzero(active)]
 
@@ -187,7 +161,16 @@ def _excluded(model: Any) -> frozenset[frozenset[str]]:
     return frozenset(pairs)
 
 
-def _solid(model: Any, geom: int, link: str, path: Path) -> Solid:
+def _solid(file: Compiled, geom: int, link: str, path: Path) -> Solid:
+    """The solid of a colliding geom; its mesh must be there."""
+    if geom in file.stand_ins:
+        raise ModelError(
+            f"the collision mesh '{file.stand_ins[geom]}' of link '{link}' is not there",
+            where=str(path),
+            fix="put the file where the MJCF looks for it (see its meshdir), or "
+            f"{WITHOUT_MESH_ADVICE}",
+        )
+    model = file.model
     kind, size = _GEOM(int(model.geom_type[geom])), [float(s) for s in model.geom_size[geom]]
     if kind == _GEOM.mjGEOM_PLANE:
         return HalfSpace()

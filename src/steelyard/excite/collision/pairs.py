@@ -37,19 +37,10 @@ def candidate_pairs(
 ) -> tuple[tuple[Pair, ...], tuple[str, ...], int]:
     """All pairs that move against each other, less those that may touch.
 
-    Links may touch where the model says so, and where a joint, or several in one place, connects
-    their bodies and no third link with shapes lies between.
-
-    Args:
-        robot: The robot.
-        geometry: The robot's own shapes.
-        shapes: All shapes: the robot's, tools and the cell.
-        ignore: Pairs of names that may touch; `cell: NAME` is what the cell calls by a name that
-            is taken.
-        bodies: Whether pairs count that are no part of the cell.
-
-    Returns:
-        The pairs, notes on those left out, and how many these are.
+    Also notes on these and their number. Links may touch where the model says so, and where a
+    joint, or several in one place, connects their bodies and no third link with shapes lies
+    between. Names of pairs to `ignore`: `cell: NAME` is what the cell calls by a name that is
+    taken. Without `bodies` only pairs with the cell count.
     """
     groups = _groups(shapes)
     _check_names(groups, shapes, ignore)
@@ -176,7 +167,6 @@ def disabled_pairs(path: Path) -> frozenset[frozenset[str]]:
 
 
 def _srdf(path: Path) -> Element:
-    """The outermost element of an SRDF."""
     root = read_xml(path)
     if root.tag != "robot":
         raise ModelError(
@@ -187,8 +177,7 @@ def _srdf(path: Path) -> Element:
     return root
 
 
-SEPARABLE_POSTURES = 200
-"""Random postures that decide which pairs can be kept apart at all."""
+SEPARABLE_POSTURES = 200  # random postures that decide which pairs can be kept apart at all
 
 _WHERE = "collision of the robot with its cell"
 
@@ -207,11 +196,10 @@ def random_postures(robot: Robot) -> Array:
 def separable(
     shapes: Sequence[Shape], pairs: Sequence[Pair], farthest: Array, margin: float
 ) -> tuple[tuple[Pair, ...], Array, tuple[str, ...]]:
-    """The pairs that can be kept apart, and how far, `(k,)` [m].
+    """The pairs that can be kept apart, how far, `(k,)` [m], and notes on those that cannot.
 
     Links on the fixed base make no pairs with the cell, so whatever does can move. `farthest` are
-    the greatest distances that were seen, shape `(k,)` [m]. Notes name pairs of the robot itself
-    that cannot keep the margin.
+    the greatest distances that were seen, `(k,)` [m].
 
     Raises:
         ModelError: The cell overlaps a link in every posture, or is never `margin` away.
@@ -271,5 +259,4 @@ def _refuse_inseparable(
 
 
 def _rounded_down(distance: float) -> str:
-    """A distance rounded down to a tenth of a millimetre."""
     return f"{np.floor(max(distance, 0.0) * 1e4) / 1e4:g}"

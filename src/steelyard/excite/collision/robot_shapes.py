@@ -9,12 +9,11 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from steelyard.base.arrays import Array
-from steelyard.base.errors import ModelError, advice
-from steelyard.excite.collision.model_shapes import readable_shapes
-from steelyard.excite.collision.shapes import Origin, Shape, placed
+from steelyard.base.errors import ModelError
+from steelyard.excite.collision.model_shapes import check_links, readable_shapes
+from steelyard.excite.collision.shapes import Origin, Shape, axes_along, placed
 from steelyard.excite.collision.solids import Ball, Capsule
 from steelyard.excite.constraints.constraint import Declined, Gap
 from steelyard.excite.constraints.workspace import Marker
@@ -23,14 +22,10 @@ from steelyard.robot.file.loaded_robot import LoadedRobot, read_mechanism
 from steelyard.robot.rigid_body import Inertia
 from steelyard.robot.robot import Frame, Robot
 
-SLENDER_RADIUS_SHARE = 0.05
-"""Radius of a link of unknown mass, over the length of the robot from base to end."""
+SLENDER_RADIUS_SHARE = 0.05  # radius of a link of unknown mass, over the robot's length
 
-WIDEST_RADIUS_FACTOR = 3.0
-"""Radii from inertias stay within this factor of that, either way."""
-
-SHORT_REACH = 1e-3
-"""Reaches below this [m] are those of frames in one place."""
+WIDEST_RADIUS_FACTOR = 3.0  # radii from inertias stay within this factor of that, either way
+SHORT_REACH = 1e-3  # reaches below this [m] are those of frames in one place
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,17 +100,16 @@ def _link_shapes(
     more: Sequence[Array],
 ) -> list[Shape]:
     """A capsule to every end of a link; a ball at its origin if it has a mass and no end."""
-    frame, inertia = links.frames[name], links.inertias.get(name)
-    radius = usual
+    frame, inertia, radius = links.frames[name], links.inertias.get(name), usual
+    origins = {body.name: _origins(robot, k) for k, body in enumerate(robot.bodies)}
+    ends = list(more)
+    for child, parent in links.parents.items():
+        if parent == name and child in real and child in links.frames:
+            ends += origins.get(child, [links.frames[child].position])
     if inertia is not None:
         least = float(np.linalg.eigvalsh(inertia.inertia_com)[0])
-        even = np.sqrt(2.0 * max(least, 0.0) / inertia.mass) if inertia.mass > 0.0 else 0.0
+        even = np.sqrt(2.0 * max(least, 0.0) / inertia.mass)
         radius = float(np.clip(even, usual / WIDEST_RADIUS_FACTOR, usual * WIDEST_RADIUS_FACTOR))
-    children = [
-        c for c, p in links.parents.items() if p == name and c in real and c in links.frames
-    ]
-    ends = [*more, *(x for child in children for x in _places(robot, links, child))]
-    if inertia is not None and inertia.mass > 0.0:
         ends.append(frame.position + frame.rotation @ (2.0 * inertia.com))
     own = [
         rod(name, frame, end, radius)
@@ -127,55 +121,29 @@ def _link_shapes(
     return [Shape(name, frame.body, np.eye(3), frame.position, Ball(radius))]
 
 
-def _places(robot: Robot, links: LinkTree, child: str) -> list[Array]:
-    """Where a child link begins, in the frame of the body that carries it."""
-    for number, body in enumerate(robot.bodies):
-        if body.name == child:
-            return _origins(robot, number)
-    return [links.frames[child].position]
-
-
 def rod(name: str, frame: Frame, end: Array, radius: float, origin: Origin = "link") -> Shape:
     """A capsule from a frame's origin to a place, both in the frame of the body."""
     way = end - frame.position
     length = float(np.linalg.norm(way))
-    middle, turned = 0.5 * (frame.position + end), along(way / length)
+    middle, turned = 0.5 * (frame.position + end), axes_along(way)
     return Shape(name, frame.body, turned, middle, Capsule(radius, length), origin)
 
 
-def along(z: Array) -> Array:
-    """Axes whose third one is the unit vector `z`, shape `(3, 3)`."""
-    side = np.eye(3)[np.argmin(np.abs(z))]
-    x = np.cross(side, z)
-    x /= np.linalg.norm(x)
-    return np.column_stack([x, np.cross(z, x), z])
-
-
-POINT_TOOL_RADIUS = 1e-4
-"""Radius of the ball that stands for a tool that is a point [m]."""
+POINT_TOOL_RADIUS = 1e-4  # radius of the ball that stands for a tool that is a point [m]
 
 
 @dataclass(frozen=True, eq=False)
 class WholeRobot:
-    """Everything that moves.
+    """Shapes of all links that move, balls of tool and loads, and names of links that do not move.
 
-    Attributes:
-        links: Shapes of the links.
-        carried: Balls of the tool and of the loads.
-        still: Names of links that the base carries: they do not move.
-        without: Names of links that were left out.
+    The scope is what it stands for.
     """
 
     links: tuple[Shape, ...]
     carried: tuple[Shape, ...]
     still: tuple[str, ...]
     notes: tuple[str, ...]
-    without: tuple[str, ...] = ()
-
-    @property
-    def scope(self) -> str:
-        """What it stands for."""
-        return f"all links{' but ' if self.without else ''}{', '.join(self.without)}"
+    scope: str
 
 
 def whole_robot(loaded: LoadedRobot, tool: Marker, skip: Collection[str] = ()) -> WholeRobot:
@@ -189,18 +157,12 @@ def whole_robot(loaded: LoadedRobot, tool: Marker, skip: Collection[str] = ()) -
             "only_tool = true",
         )
     tree, model = _link_tree(loaded), loaded.sources[-1].path
-    for name in skip:
-        if name not in tree.frames:
-            raise ModelError(
-                f"there is no link '{name}' to skip",
-                where=f"robot '{robot.name}'",
-                fix=advice(name, tree.frames, "links"),
-            )
+    check_links(skip, tree.frames, f"robot '{robot.name}'")
     wanted = [name for name in tree.frames if name not in skip]
-    ends: dict[str, list[Array]] = {tool.frame: [_place_on_body(robot, tool.frame, tool.offset)]}
+    ends: dict[str, list[Array]] = {tool.frame: [tool.on(robot).position]}
     for load in loaded.excitation.loads:
         name = load.frame or last_frame(robot)
-        ends.setdefault(name, []).append(_place_on_body(robot, name, load.com))
+        ends.setdefault(name, []).append(Marker(name, load.com).on(robot).position)
     given, drawn = list[Shape](), list[Shape]()
     if model.suffix.lower() != ".toml":
         given += readable_shapes(robot, model, wanted)
@@ -220,7 +182,7 @@ def whole_robot(loaded: LoadedRobot, tool: Marker, skip: Collection[str] = ()) -
         tuple(s for s in (*carried, *load_balls(loaded)) if s.body >= 0),
         tuple(dict.fromkeys(shape.name for shape in links if shape.body < 0)),
         _notes_on_shapes(drawn, assumed, skip),
-        tuple(skip),
+        f"all links{' but ' if skip else ''}{', '.join(skip)}",
     )
 
 
@@ -243,12 +205,6 @@ def _link_tree(loaded: LoadedRobot) -> LinkTree:
     for name in roots:
         parents.pop(name, None)
     return LinkTree(frames, parents, masses)
-
-
-def _place_on_body(robot: Robot, name: str, place: ArrayLike) -> Array:
-    """A place in a frame, in that of the frame's body, shape `(3,)` [m]."""
-    frame = frame_of(robot, name)
-    return np.asarray(frame.position + frame.rotation @ np.asarray(place))
 
 
 def load_balls(loaded: LoadedRobot) -> tuple[Shape, ...]:

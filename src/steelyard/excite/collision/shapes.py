@@ -22,19 +22,14 @@ from steelyard.excite.collision.solids import Ball, HalfSpace, Solid
 from steelyard.model.equations.kinematics import Points
 from steelyard.robot.robot import Frame, Robot, bodies_along
 
-Origin = Literal["link", "tool", "world"]
-"""Whose a shape is: a link's of the model, a tool's or a payload's, or the cell's."""
+Origin = Literal["link", "tool", "world"]  # whose: of the model, a tool or payload, or the cell
 
 
 @dataclass(frozen=True, eq=False)
 class Shape:
-    """A convex solid on a body.
+    """A convex solid on a body, -1 for the base and the world, part of a link, tool or obstacle.
 
-    Attributes:
-        name: The link, tool or obstacle that it is a part of.
-        body: Index of the body that carries it; -1 is the base, and the world.
-        rotation: Shape `(3, 3)`, axes of the solid in the body's frame.
-        position: Shape `(3,)` [m], origin of the solid in the body's frame.
+    The solid's axes `(3, 3)` and origin `(3,)` [m] are in the body's frame.
     """
 
     name: str
@@ -56,13 +51,10 @@ class Shape:
 
 @dataclass(frozen=True, eq=False)
 class Geometry:
-    """The shapes of a robot.
+    """The shapes of a robot, in the order of the model file.
 
-    Attributes:
-        shapes: In the order of the model file.
-        parents: The link that carries a link, for all links but the root.
-        never: Pairs of links that the model itself lets pass through each other.
-        skipped: Links whose shapes are left out.
+    The links that carry all links but the root, pairs of links that the model itself lets pass
+    through each other (`never`), and links whose shapes are left out (`skipped`).
     """
 
     shapes: tuple[Shape, ...]
@@ -99,11 +91,16 @@ def wall(name: str, normal: ArrayLike, offset: float) -> Shape:
             where=f"plane '{name}'",
             fix="give the direction of the free side, such as 0, 0, 1 for a floor",
         )
-    z = vector / length
-    side = np.eye(3)[np.argmin(np.abs(z))]
-    x = np.cross(side, z) / np.linalg.norm(np.cross(side, z))
-    rotation = np.column_stack([x, np.cross(z, x), z])
-    return obstacle(name, HalfSpace(), z * offset / length, rotation)
+    at = vector * offset / length**2
+    return obstacle(name, HalfSpace(), at, axes_along(vector))
+
+
+def axes_along(way: Array) -> Array:
+    """Axes, the columns of shape `(3, 3)`, whose third one is along a vector."""
+    z = way / np.linalg.norm(way)
+    x = np.cross(np.eye(3)[np.argmin(np.abs(z))], z)
+    x /= np.linalg.norm(x)
+    return np.column_stack([x, np.cross(z, x), z])
 
 
 def placed(
@@ -126,9 +123,8 @@ def placed(
 class Poses:
     """All shapes and all joints' axes at `N` samples, in the base frame.
 
-    Axes `(N, G, 3, 3)` and origins `(N, G, 3)` of the solids, `centres` of the balls around them
-    `(N, G, 3)`, axes of the bodies' joints `(N, B, 3)` and points on these (`anchors`) `(N, B, 3)`
-    [m].
+    Axes `(N, G, 3, 3)` and origins `(N, G, 3)` of the solids, `centres` of the balls around them,
+    axes of the bodies' joints `(N, B, 3)` and points on these (`anchors`) [m].
     """
 
     rotations: Array

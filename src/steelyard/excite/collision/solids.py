@@ -7,9 +7,8 @@ distance itself, or less the depth of an overlap.
 
 import struct
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
 from urllib.parse import unquote, urlsplit
 
 import numpy as np
@@ -18,31 +17,30 @@ from numpy.typing import ArrayLike
 from steelyard.base.arrays import Array, frozen
 from steelyard.base.errors import ModelError
 
-FLAT_HULL_THICKNESS = 1e-4
-"""What a mesh without volume is thickened by to each side [m]."""
+FLAT_HULL_THICKNESS = 1e-4  # what a mesh without volume is thickened by to each side [m]
 
 
-class Solid(Protocol):
+class Solid:
     """A convex solid in a frame of its own.
 
-    Attributes:
-        centre: Shape `(3,)` [m], of a ball around the solid.
-        radius: Of that ball [m]; infinite for a half-space.
+    The `radius` [m] is that of a ball around it, infinite for a half-space, and `centre`, shape
+    `(3,)` [m], the middle of that ball: the origin, if not stated.
     """
 
-    @property
-    def centre(self) -> Array:
-        """Of a ball around the solid, shape `(3,)` [m]."""
-        ...
-
-    @property
-    def radius(self) -> float:
-        """Of that ball [m]."""
-        ...
+    centre: Array = frozen(np.zeros(3))
+    radius: float
 
     def farthest(self, directions: Array) -> Array:
         """A point of the solid that is farthest along each direction, both of shape `(N, 3)`."""
-        ...
+        raise NotImplementedError
+
+    def _around(self, radius: float, *sizes: float) -> None:
+        """Keep the radius, if all sizes are those of a solid."""
+        if not all(0.0 < size < np.inf for size in sizes):
+            kind = {"Ball": "sphere"}.get(type(self).__name__, type(self).__name__.lower())
+            shown = ", ".join(f"{size:g}" for size in sizes)
+            raise ValueError(f"a {kind} of {shown} m is not a solid")
+        object.__setattr__(self, "radius", float(radius))
 
 
 def height(solid: Solid, directions: Array) -> Array:
@@ -50,28 +48,14 @@ def height(solid: Solid, directions: Array) -> Array:
     return np.asarray(np.einsum("ij,ij->i", solid.farthest(directions), directions))
 
 
-class _Centred:
-    """A solid around the origin of its frame."""
-
-    @property
-    def centre(self) -> Array:
-        """The origin."""
-        return np.zeros(3)
-
-
-def _positive(what: str, *sizes: float) -> None:
-    if not all(0.0 < size < np.inf for size in sizes):
-        raise ValueError(f"a {what} of {', '.join(f'{size:g}' for size in sizes)} m is not a solid")
-
-
 @dataclass(frozen=True)
-class Ball(_Centred):
+class Ball(Solid):
     """A sphere of a radius [m]."""
 
     radius: float
 
     def __post_init__(self) -> None:
-        _positive("sphere", self.radius)
+        self._around(self.radius, self.radius)
 
     def farthest(self, directions: Array) -> Array:
         """See `Solid`."""
@@ -79,20 +63,14 @@ class Ball(_Centred):
 
 
 @dataclass(frozen=True)
-class Box(_Centred):
+class Box(Solid):
     """A box along the axes, by the full lengths of its edges [m]."""
 
     size: tuple[float, float, float]
 
     def __post_init__(self) -> None:
-        if len(self.size) != 3:
-            raise ValueError(f"a box has 3 edges, not {len(self.size)}")
-        _positive("box", *self.size)
-
-    @property
-    def radius(self) -> float:
-        """Half the diagonal [m]."""
-        return float(np.linalg.norm(self.size)) / 2.0
+        x, y, z = self.size
+        self._around(0.5 * np.linalg.norm(self.size), x, y, z)
 
     def farthest(self, directions: Array) -> Array:
         """See `Solid`."""
@@ -100,20 +78,14 @@ class Box(_Centred):
 
 
 @dataclass(frozen=True)
-class Ellipsoid(_Centred):
+class Ellipsoid(Solid):
     """An ellipsoid along the axes, by its three semi-axes [m]."""
 
     semi: tuple[float, float, float]
 
     def __post_init__(self) -> None:
-        if len(self.semi) != 3:
-            raise ValueError(f"an ellipsoid has 3 semi-axes, not {len(self.semi)}")
-        _positive("ellipsoid", *self.semi)
-
-    @property
-    def radius(self) -> float:
-        """The longest semi-axis [m]."""
-        return max(self.semi)
+        x, y, z = self.semi
+        self._around(max(self.semi), x, y, z)
 
     def farthest(self, directions: Array) -> Array:
         """See `Solid`."""
@@ -122,48 +94,35 @@ class Ellipsoid(_Centred):
 
 
 @dataclass(frozen=True)
-class _Round(_Centred):
-    """What turns about z with a radius `disc` [m].
-
-    The `length` along z [m] is that of a capsule without its caps.
-    """
+class _Round(Solid):
+    """What turns about z with a radius `disc` [m]; the `length` along z [m] is without caps."""
 
     disc: float
     length: float
 
-    def __post_init__(self) -> None:
-        _positive(type(self).__name__.lower(), self.disc, self.length)
-
     def _end(self, directions: Array) -> Array:
         """The end of the axis that is farther along each direction."""
-        ends = np.zeros_like(directions)
-        ends[:, 2] = np.copysign(self.length / 2.0, directions[:, 2])
-        return ends
+        return np.copysign(np.array([0.0, 0.0, self.length / 2.0]), directions)
 
 
 @dataclass(frozen=True)
 class Cylinder(_Round):
     """A cylinder about z with flat ends."""
 
-    @property
-    def radius(self) -> float:
-        """Half the diagonal [m]."""
-        return float(np.hypot(self.disc, self.length / 2.0))
+    def __post_init__(self) -> None:
+        self._around(np.hypot(self.disc, self.length / 2.0), self.disc, self.length)
 
     def farthest(self, directions: Array) -> Array:
         """See `Solid`."""
-        across = directions * (1.0, 1.0, 0.0)
-        return self._end(directions) + self.disc * _unit(across)
+        return self._end(directions) + self.disc * _unit(directions * (1.0, 1.0, 0.0))
 
 
 @dataclass(frozen=True)
 class Capsule(_Round):
     """All points near a piece of the z axis."""
 
-    @property
-    def radius(self) -> float:
-        """Half the length over all [m]."""
-        return self.disc + self.length / 2.0
+    def __post_init__(self) -> None:
+        self._around(self.disc + self.length / 2.0, self.disc, self.length)
 
     def farthest(self, directions: Array) -> Array:
         """See `Solid`."""
@@ -171,25 +130,15 @@ class Capsule(_Round):
 
 
 @dataclass(frozen=True, eq=False)
-class Hull:
-    """The convex hull of points.
-
-    Attributes:
-        vertices: Its corners, shape `(V, 3)` [m].
-        centre: Of a ball around it, shape `(3,)` [m].
-        radius: Of that ball [m].
-    """
+class Hull(Solid):
+    """The convex hull of points; `vertices` are its corners, shape `(V, 3)` [m]."""
 
     vertices: Array
-    centre: Array = field(init=False)
-    radius: float = field(init=False)
 
     def __init__(self, points: ArrayLike) -> None:
         object.__setattr__(self, "vertices", frozen(_corners(frozen(points, (None, 3)))))
-        centre = _ball(self.vertices)
-        object.__setattr__(self, "centre", frozen(centre))
-        radius = float(np.linalg.norm(self.vertices - centre, axis=1).max())
-        object.__setattr__(self, "radius", radius)
+        object.__setattr__(self, "centre", frozen(_ball(self.vertices)))
+        self._around(np.linalg.norm(self.vertices - self.centre, axis=1).max())
 
     def farthest(self, directions: Array) -> Array:
         """See `Solid`."""
@@ -198,13 +147,10 @@ class Hull:
 
 
 @dataclass(frozen=True)
-class HalfSpace(_Centred):
+class HalfSpace(Solid):
     """All points below the plane z = 0."""
 
-    @property
-    def radius(self) -> float:
-        """Infinite."""
-        return float("inf")
+    radius = np.inf
 
     def farthest(self, directions: Array) -> Array:
         """The origin: only the direction of z has a farthest point, and no other is requested."""
@@ -243,8 +189,7 @@ def _ball(points: Array, rounds: int = 200) -> Array:
     return np.asarray(centre)
 
 
-READABLE_MESHES = (".stl", ".obj")
-"""Endings of meshes that can be read."""
+READABLE_MESHES = (".stl", ".obj")  # endings of meshes that can be read
 
 _STL_HEAD_BYTES, _STL_FACET_BYTES = 84, 50
 
@@ -305,7 +250,6 @@ def mesh_points(path: Path, where: str) -> Array:
 
 
 WITHOUT_MESH_ADVICE = "name the link under `without` to ignore its shapes"
-"""The other way out of a mesh that cannot be used."""
 
 
 def _refused_mesh(wrong: str, where: str, fix: str) -> ModelError:
@@ -313,7 +257,6 @@ def _refused_mesh(wrong: str, where: str, fix: str) -> ModelError:
 
 
 def _stl(data: bytes) -> Array:
-    """Corners of a binary or written STL."""
     if len(data) >= _STL_HEAD_BYTES:
         count = struct.unpack("<I", data[_STL_HEAD_BYTES - 4 : _STL_HEAD_BYTES])[0]
         if len(data) == _STL_HEAD_BYTES + _STL_FACET_BYTES * count:

@@ -18,16 +18,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.base.arrays import Array
-from steelyard.base.progress import Progress, report_progress, silent
 from steelyard.excite.trajectories.trajectory import ExactTrajectory
 from steelyard.symbolic.interval import enclosed
 from steelyard.symbolic.program import Program
 
-STRETCHES = 512
-"""Stretches of time to begin with."""
-
-MOST_STRETCHES = 100_000
-"""Stretches after which a proof ends with the bound that it has."""
+STRETCHES = 512  # stretches of time to begin with
+MOST_STRETCHES = 100_000  # stretches after which a proof ends with the bound that it has
 
 _PIECES = 8
 _ROUNDING = 1e-12
@@ -36,15 +32,11 @@ _FINEST = 0.02
 
 @dataclass(frozen=True, eq=False)
 class Stretches:
-    """Stretches of time and where a motion of `n` joints is within them.
+    """Stretches of time, by middles and half lengths `(B,)` [s], and where a motion is within them.
 
-    Attributes:
-        middle: Shape `(B,)` [s].
-        half: Half their length, shape `(B,)` [s].
-        at: Position, velocity, acceleration and jerk at the middles, each `(n, B)`.
-        lower: Lower bounds of the four over the stretches, each `(n, B)`.
-        upper: Upper bounds, likewise.
-        rounding: How far the four at the middles may be from the motion's, each `(n, 1)`.
+    Position, velocity, acceleration and jerk at the middles (`at`), their bounds over the
+    stretches, each `(n, B)`, and how far those at the middles may be from the motion's, each `(n,
+    1)`.
     """
 
     middle: Array
@@ -57,8 +49,8 @@ class Stretches:
     def middles(self, program: Program, *shared: Array) -> tuple[Array, Array]:
         """Bounds of a program at the middles, each `(outputs, B)`.
 
-        Its inputs are as many of position, velocity, acceleration and jerk as it takes, in this
-        order, and those of `shared`, which does not change in time.
+        It takes as many of position, velocity, acceleration and jerk, in this order, as it has
+        inputs beside `shared`, which do not change in time.
         """
         count = len(program.inputs) - len(shared)
         lower = [x - r for x, r in zip(self.at[:count], self.rounding, strict=False)]
@@ -134,48 +126,33 @@ def proven_minimum(
     trajectory: ExactTrajectory,
     bound: Bound,
     tolerance: Array,
-    progress: Progress = silent,
-    phase: str = "proof",
     count: int = STRETCHES,
 ) -> Array:
-    """Lower bounds of margins that hold at all times.
+    """Lower bounds of margins that hold at all times, `(k,)`.
 
-    Args:
-        trajectory: The motion.
-        bound: Margins at the middles of stretches and all over them.
-        tolerance: How far below the least margin at a middle the bound may stay, shape `(k,)`; a
-            fiftieth of it where that decides whether the margin is kept.
-        progress: Told of every round.
-        phase: Name of the phase of progress.
-        count: Stretches to begin with.
-
-    Returns:
-        Shape `(k,)`; farther below than `tolerance` only where `MOST_STRETCHES` stretches were not
-        enough.
+    A bound may stay the tolerance, `(k,)`, below the least margin at a middle, or a fiftieth of
+    that where it decides whether the margin is kept. Begins with `count` stretches.
     """
     course = Course(trajectory)
     edges = course.edges(count)
     start, end = edges[:-1], edges[1:]
     seen = np.full(len(tolerance), np.inf)
     proven = seen.copy()
-    done = 0.0
     used = len(start)
     while len(start):
-        report_progress(progress, phase, done, course.duration)
         values, lower = bound(course.stretches(start, end))
         seen = np.minimum(seen, values.min(axis=1))
         spare = values - goals(seen, tolerance)[:, None]
         with np.errstate(invalid="ignore", divide="ignore"):
             ratio = ((values - lower) / spare).max(axis=0)
         open_ = ~(ratio <= 1.0)
-        pieces = np.clip(np.nan_to_num(np.ceil(ratio), nan=_PIECES), 2, _PIECES).astype(int)
+        pieces = np.clip(np.nan_to_num(np.ceil(ratio), nan=_PIECES), 2, _PIECES).astype(np.intp)
         used += int(pieces[open_].sum())
         if used > MOST_STRETCHES:
             open_[:] = False
         if not open_.all():
             proven = np.minimum(proven, lower[:, ~open_].min(axis=1))
-        done += float((end - start)[~open_].sum())
-        start, end = _parts(start[open_], end[open_], pieces[open_])
+        start, end, _ = cut(start[open_], end[open_], pieces[open_])
     return proven
 
 
@@ -185,9 +162,11 @@ def goals(seen: Array, tolerance: Array) -> Array:
     return seen - np.where(seen > 0.0, sharp, tolerance)
 
 
-def _parts(start: Array, end: Array, pieces: NDArray[np.int_]) -> tuple[Array, Array]:
-    """Every stretch in as many equal parts as are requested of it, without gaps."""
-    count = int(pieces.sum())
-    number = np.arange(count) - np.repeat(np.cumsum(pieces) - pieces, pieces)
-    origin, length = np.repeat(start, pieces), np.repeat((end - start) / pieces, pieces)
-    return origin + number * length, origin + (number + 1) * length
+def cut(
+    start: Array, end: Array, pieces: NDArray[np.intp]
+) -> tuple[Array, Array, NDArray[np.intp]]:
+    """Every stretch in as many equal parts as requested, without gaps; and whose each is."""
+    owner = np.repeat(np.arange(len(pieces)), pieces)
+    number = np.arange(len(owner)) - np.repeat(np.cumsum(pieces) - pieces, pieces)
+    origin, length = start[owner], ((end - start) / pieces)[owner]
+    return origin + number * length, origin + (number + 1) * length, owner

@@ -11,7 +11,6 @@ import numpy as np
 
 from steelyard.base.arrays import Array
 from steelyard.base.files import write_json
-from steelyard.base.progress import Progress, report_progress, silent
 from steelyard.excite.constraints.constraint import (
     PROOF_SAMPLES,
     Constraint,
@@ -31,16 +30,13 @@ from steelyard.robot.robot import Robot
 
 @dataclass(frozen=True)
 class Proof:
-    """Margins of one constraint.
+    """Margins of one constraint, see there.
 
-    Attributes:
-        how: How they were proven, in one sentence.
-        proven: A lower bound of each that holds at all times.
-        sampled: The least of each at samples; from the constraint's `activation_distance` on it may
-            be less, as the constraint computes no more there, but it is never less than `proven`.
-        scope: What of the robot the constraint is about, if it says so.
-        scale: What each margin is a share of: the limit of an effort or power; of a distance, whose
-            least value is no measure of it, the activation distance.
+    What is `proven` is a lower bound of each that holds at all times, `sampled` the least of each
+    at samples: from the `activation_distance` on it may be less, as the constraint computes no more
+    there, but it is never less than `proven`. The `scale` is what each is a share of: the limit of
+    an effort or power; of a distance, whose least value is no measure of it, the activation
+    distance.
     """
 
     name: str
@@ -74,27 +70,19 @@ class Proof:
 def proof_of(
     trajectory: ExactTrajectory,
     constraint: Constraint,
-    progress: Progress,
     known: Array | None = None,
 ) -> Proof:
     """What is proven of a motion, or was before (`known`, `(k,)`), beside what samples show."""
-    proven = constraint.proven(trajectory, progress) if known is None else known
+    proven = constraint.proven(trajectory) if known is None else known
     motion = trajectory.sample(np.linspace(0.0, trajectory.duration, PROOF_SAMPLES))
     sampled = constraint.margins(motion.q, motion.dq, motion.ddq).values.min(axis=0)
     sampled = np.where(
         sampled >= constraint.activation_distance, np.maximum(sampled, proven), sampled
     )
-    return Proof(
-        constraint.name,
-        constraint.unit,
-        constraint.how,
-        tuple(constraint.labels),
-        tuple(float(x) for x in proven),
-        tuple(float(x) for x in sampled),
-        tuple(float(x) for x in constraint.activation_distance),
-        constraint.scope,
-        tuple(float(x) for x in constraint.scale),
-    )
+    numbers = (proven, sampled, constraint.activation_distance, constraint.scale)
+    proven, sampled, distance, scale = (tuple(map(float, one)) for one in numbers)
+    c = constraint
+    return Proof(c.name, c.unit, c.how, tuple(c.labels), proven, sampled, distance, c.scope, scale)
 
 
 EXTREMES = (
@@ -133,17 +121,21 @@ class Extreme:
         above = None if self.upper is None else self.upper - self.greatest
         return min((x for x in (below, above) if x is not None), default=None)
 
+    @property
+    def used(self) -> float | None:
+        """Share of the way from the middle between two limits to the nearer one that is used."""
+        if self.margin is None or self.lower is None or self.upper is None:
+            return None
+        half = 0.5 * (self.upper - self.lower)
+        return 1.0 - self.margin / half if half > 0.0 else None
+
 
 @dataclass(frozen=True)
 class Certificate:
-    """What is proven of one motion of one robot.
+    """What is proven of one motion, given by its `trajectory_hash`, of one robot.
 
-    Attributes:
-        trajectory: SHA-256 of the motion's JSON, see `trajectory_hash`.
-        duration: Length in time [s].
-        how: How the extremes were found, in one sentence.
-        extremes: Joint by joint, the four quantities of each.
-        notes: What was assumed and not looked at, one sentence each.
+    Extremes are joint by joint the four quantities of each, found as `how` says in one sentence;
+    notes say what was assumed and not looked at.
     """
 
     robot: str
@@ -220,28 +212,16 @@ def certify(
     trajectory: ExactTrajectory,
     limits: MotionLimits,
     constraints: Sequence[Constraint] = (),
-    progress: Progress = silent,
     notes: Sequence[str] = (),
     proven: Sequence[Array] | None = None,
 ) -> Certificate:
     """Find out what holds of a motion at all times.
 
-    Args:
-        robot: Gives names and units.
-        trajectory: The motion.
-        limits: Of single joints.
-        constraints: What else it must keep.
-        progress: Told of every constraint and of its proof.
-        notes: What was assumed and not looked at; motions that do not rest at their ends add some.
-        proven: Margins of each constraint, `(k,)` each, where they were proven of this motion
-            before; proven here if `None`.
+    Notes say what was assumed and not looked at; motions that do not rest at their ends add some.
+    What was `proven` of this motion before, margins of each constraint, `(k,)` each, is not proven
+    again.
     """
-    allowed: list[tuple[Array, Array] | None] = [
-        (limits.lower, limits.upper),
-        (-limits.velocity, limits.velocity),
-        (-limits.acceleration, limits.acceleration),
-        None if limits.jerk is None else (-limits.jerk, limits.jerk),
-    ]
+    allowed = [*limits.bounds, None][: len(ORDERS)]
     reached = [trajectory.extremes(order) for order in range(len(ORDERS))]
     units = ("", "/s", "/s²", "/s³")
     extremes = [
@@ -259,11 +239,8 @@ def certify(
             ORDERS, units, reached, allowed, strict=True
         )
     ]
-    proofs = []
-    for number, constraint in enumerate(constraints):
-        report_progress(progress, "certificate", number, len(constraints))
-        known = None if proven is None else proven[number]
-        proofs.append(proof_of(trajectory, constraint, progress, known))
+    before = [None] * len(constraints) if proven is None else proven
+    proofs = [proof_of(trajectory, *one) for one in zip(constraints, before, strict=True)]
     return Certificate(
         robot=robot.name,
         trajectory=trajectory_hash(trajectory),

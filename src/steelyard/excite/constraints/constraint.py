@@ -6,7 +6,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from steelyard.base.arrays import Array, frozen
-from steelyard.base.progress import Progress, silent
 from steelyard.excite.trajectories.trajectory import (
     ExactTrajectory,
 )
@@ -20,17 +19,11 @@ ACCELERATIONS_ASSUMED = "accelerations are kept below 5 rad/s² (prismatic joint
 
 @dataclass(frozen=True, eq=False)
 class MotionLimits:
-    """Bounds of a motion, all finite.
+    """Bounds of a motion, all finite, shape `(n,)` each; of jerk `None` for any.
 
-    Attributes:
-        lower: Lowest positions, shape `(n,)` [rad; m].
-        upper: Highest positions, shape `(n,)` [rad; m].
-        velocity: Highest speeds, shape `(n,)` [rad/s; m/s].
-        acceleration: Highest accelerations, shape `(n,)` [rad/s²; m/s²].
-        notes: One line for everything that was assumed.
-        jerk: Highest jerks, shape `(n,)` [rad/s³; m/s³]; `None` for any.
-        share: What speeds, accelerations and jerks are of the limits that were given or assumed.
-        assumed: Quantity and joint of every limit that nobody has given.
+    [rad; m], [rad/s; m/s], [rad/s²; m/s²] and [rad/s³; m/s³]. Notes say what was assumed. Speeds,
+    accelerations and jerks are the `share` of the limits that were given or assumed; `assumed` are
+    quantity and joint of every limit that nobody has given.
     """
 
     lower: Array
@@ -51,44 +44,53 @@ class MotionLimits:
         if not np.all(self.lower < self.upper):
             raise ValueError("a lower position limit is not below its upper one")
 
+    @property
+    def bounds(self) -> list[tuple[Array, Array]]:
+        """Lower and upper bound of position, speed, acceleration and, where limited, jerk."""
+        symmetric = [self.velocity, self.acceleration]
+        symmetric += [] if self.jerk is None else [self.jerk]
+        return [(self.lower, self.upper), *((-most, most) for most in symmetric)]
+
 
 def motion_limits(robot: Robot) -> MotionLimits:
     """Limits of the robot's joints; what it does not state is assumed.
 
-    Notes name assumed ranges and speeds; accelerations, which no robot states, are those of
-    `ACCELERATIONS_ASSUMED`.
+    Notes name assumed ranges and speeds; accelerations are those of `ACCELERATIONS_ASSUMED`.
     """
-    assumed: dict[str, list[str]] = {}
-    ranges = [_position_range(c, assumed) for c in robot.coordinates]
-    speeds = []
+    lines: dict[str, list[str]] = {}
+    assumed = {("acceleration", name) for name in robot.joint_names}
+    ranges, speeds = list[tuple[float, float]](), list[float]()
+    for joint in robot.coordinates:
+        lower, upper = joint.limits.lower, joint.limits.upper
+        if not (np.isfinite([lower, upper]).all() and lower < upper):
+            lower, upper = _assumed_range(joint)
+            what = f"without a complete range, moved within {lower:.3g} .. {upper:.3g} {joint.unit}"
+            lines.setdefault(what, []).append(joint.name)
+            assumed.add(("position", joint.name))
+        ranges.append((lower, upper))
     for joint in robot.coordinates:
         speed = joint.limits.velocity
-        if not (np.isfinite(speed) and speed > 0.0):
+        if not 0.0 < speed < np.inf:
             speed = DEFAULT_VELOCITY[joint.kind]
             what = f"without a speed limit, moved at {speed:.3g} {joint.unit}/s at most"
-            assumed.setdefault(what, []).append(joint.name)
+            lines.setdefault(what, []).append(joint.name)
+            assumed.add(("velocity", joint.name))
         speeds.append(speed)
-    notes = [f"{what}: {', '.join(joints)}" for what, joints in assumed.items()]
-    bounds = [DEFAULT_ACCELERATION[c.kind] for c in robot.coordinates]
-    lower, upper = np.array(ranges).reshape(-1, 2).T
-    return MotionLimits(lower, upper, frozen(speeds), frozen(bounds), tuple(notes))
+    notes = tuple(f"{what}: {', '.join(joints)}" for what, joints in lines.items())
+    bounds = np.array([DEFAULT_ACCELERATION[c.kind] for c in robot.coordinates])
+    low, high = np.array(ranges).reshape(-1, 2).T
+    known = frozenset(assumed)
+    return MotionLimits(low, high, np.array(speeds), bounds, notes, assumed=known)
 
 
-def _position_range(joint: Coordinate, assumed: dict[str, list[str]]) -> tuple[float, float]:
-    """Position range of a joint; a missing end is a set distance from the other, or from zero."""
-    lower, upper = joint.limits.lower, joint.limits.upper
-    if np.isfinite(lower) and np.isfinite(upper) and lower < upper:
-        return lower, upper
-    span = DEFAULT_RANGE[joint.kind]
+def _assumed_range(joint: Coordinate) -> tuple[float, float]:
+    """Position range where an end is missing: a set distance from the other, or from zero."""
+    lower, upper, span = joint.limits.lower, joint.limits.upper, DEFAULT_RANGE[joint.kind]
     if np.isfinite(lower) and not np.isfinite(upper):
-        lower, upper = lower, lower + 2.0 * span
-    elif np.isfinite(upper) and not np.isfinite(lower):
-        lower, upper = upper - 2.0 * span, upper
-    else:
-        lower, upper = -span, span
-    what = f"without a complete range, moved within {lower:.3g} .. {upper:.3g} {joint.unit}"
-    assumed.setdefault(what, []).append(joint.name)
-    return lower, upper
+        return lower, lower + 2.0 * span
+    if np.isfinite(upper) and not np.isfinite(lower):
+        return upper - 2.0 * span, upper
+    return -span, span
 
 
 class Gap(str):
@@ -116,8 +118,7 @@ class Margins:
     by_ddq: Array | None = None
 
 
-PROOF_SAMPLES = 1000
-"""Samples of a motion whose least margins stand beside the proven ones."""
+PROOF_SAMPLES = 1000  # samples of a motion whose least margins stand beside the proven ones
 
 PROOF_BY_BOUNDS = "bounds over time intervals that cover the whole motion"
 """How a constraint is proven that does not say more."""
@@ -126,12 +127,9 @@ PROOF_BY_BOUNDS = "bounds over time intervals that cover the whole motion"
 class Constraint(ABC):
     """Something that must hold at all times and is not linear in the motion.
 
-    Attributes:
-        name: For certificates and messages, such as `tool box`.
-        labels: What each of the `k` margins is, such as `x of 'flange' above -0.75 m`.
-        activation_distance: Shape `(k,)`: the barrier acts on margins below it.
-        scope: What of the robot it is about, such as `tool point only`.
-        how: How it is proven, in one sentence.
+    Its labels say what each of the `k` margins is, such as `x of 'flange' above -0.75 m`; the
+    barrier acts on margins below `activation_distance`, `(k,)`; the scope is what of the robot it
+    is about, such as `tool point only`, and `how` the way of its proof, in one sentence.
     """
 
     name: str
@@ -151,7 +149,7 @@ class Constraint(ABC):
         """Margins at states of shape `(N, n)`."""
 
     @abstractmethod
-    def proven(self, trajectory: ExactTrajectory, progress: Progress = silent) -> Array:
+    def proven(self, trajectory: ExactTrajectory) -> Array:
         """A lower bound of every margin that holds at all times of the trajectory, shape `(k,)`."""
 
     def reaches(self, lower: Array, upper: Array) -> Array | None:

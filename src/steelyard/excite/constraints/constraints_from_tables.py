@@ -2,7 +2,6 @@
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -14,20 +13,17 @@ from steelyard.excite.collision.cell import ConstraintsAndNotes, workspace_of, w
 from steelyard.excite.collision.collision import self_clearance
 from steelyard.excite.collision.robot_shapes import load_balls
 from steelyard.excite.collision.shapes import Shape
+from steelyard.excite.constraints import torque
 from steelyard.excite.constraints.constraint import Constraint, Declined, Gap
 from steelyard.excite.constraints.torque import EffortLimit, power_limit, torque_limit
-from steelyard.excite.constraints.torque import loaded as loaded_with
 from steelyard.excite.trajectories.bases import per_joint
-from steelyard.model.equations.kinematics import frame_of, last_frame
+from steelyard.model.equations.kinematics import last_frame
 from steelyard.model.model import Model, ValuedModel
 from steelyard.model.terms.term import StatefulTerm
-from steelyard.robot.file.excitation_sections import LoadSection
 from steelyard.robot.file.loaded_robot import LoadedRobot
 from steelyard.robot.rigid_body import INERTIAL_NAMES, Inertia
-from steelyard.robot.robot import Robot
 
-SHELL_INERTIA = 2.0 / 3.0
-"""Inertia of a hollow ball about its centre, over its mass and its radius squared."""
+SHELL_INERTIA = 2.0 / 3.0  # of a hollow ball about its centre, over its mass and its radius squared
 
 LOADS_COUNTED = (
     "torques hold for loads of any inertia from a point mass to a hollow sphere of the load's "
@@ -37,37 +33,16 @@ LOADS_COUNTED = (
 """What torques count of loads."""
 
 
-def load_numbers(load: LoadSection, robot: Robot) -> Mapping[str, float]:
-    """What a point mass adds to standard parameters, by name; nothing where the base carries it.
-
-    Raises:
-        ModelError: Its frame does not exist.
-    """
-    frame = frame_of(robot, load.frame or last_frame(robot))
-    if frame.body < 0:
-        return {}
-    com = frame.rotation @ np.array(load.com) + frame.position
-    ten = Inertia.about_com(load.mass, com, np.zeros((3, 3))).ten
-    body = robot.bodies[frame.body].name
-    return {f"{name}.{body}": value for name, value in zip(INERTIAL_NAMES, ten, strict=True)}
-
-
-_RATE_OVER_CUTOFF = 20.0
-"""Sampling rate over the cut-off; the independent samples a second do not depend on it."""
+_RATE_OVER_CUTOFF = 20.0  # sampling rate; the independent samples a second do not depend on it
 
 
 @dataclass(frozen=True, eq=False)
 class Earlier:
     """What was learnt from an earlier log.
 
-    Attributes:
-        noise: Standard deviation of the filtered residuals, shape `(n,)` [Nm; N].
-        cutoff: Of the filter that they came through [Hz].
-        names: Base parameters that were estimated, `p` of them.
-        values: Their values, shape `(p,)`.
-        covariance: Shape `(p, p)`.
-        standard: Values of standard parameters, by name.
-        removed: Base parameters that the earlier model was reduced by: they are zero.
+    The `noise` of the filtered residuals, `(n,)` [Nm; N], and their filter's cutoff [Hz]; `values`,
+    `(p,)`, of the base parameters that were estimated, and their covariance, `(p, p)`; standard
+    parameters by name; the base parameters that the model was reduced by (`removed`) are zero.
     """
 
     noise: Array
@@ -96,7 +71,7 @@ class Earlier:
         return np.asarray(self.independent_rate / self.noise**2)
 
     def information(self, base: BaseMap, absent: Collection[str] = ()) -> Array:
-        """Information on a model's base parameters, shape `(b, b)`; none on those not estimated.
+        """Information on a model's base parameters, `(b, b)`; none on those not estimated.
 
         Parameters that the model does without (`absent`) are known to be zero.
         """
@@ -108,16 +83,6 @@ class Earlier:
         full = np.zeros((len(base), len(base)))
         full[np.ix_(targets, targets)] = own[np.ix_(left, left)]
         return full
-
-    def to_dict(self) -> dict[str, Any]:
-        """As JSON values; exact."""
-        arrays = {key: getattr(self, key).tolist() for key in ("noise", "values", "covariance")}
-        return {**vars(self), **arrays, "standard": dict(self.standard)}
-
-    @classmethod
-    def from_dict(cls, data: Mapping[str, Any]) -> "Earlier":
-        """The inverse of `to_dict`."""
-        return cls(**{**data, "names": tuple(data["names"]), "removed": tuple(data["removed"])})
 
 
 def constraints_of(
@@ -260,7 +225,7 @@ def _load_cases(
         ):
             inertia = Inertia.about_com(load.mass, load.com, about_com)
             with written("loads] frame"):
-                case = loaded_with(arm, frame, inertia)
+                case = torque.loaded(arm, frame, inertia)
             cases[f"with load {number}, {load.mass:g} kg {what}"] = case
     return cases
 

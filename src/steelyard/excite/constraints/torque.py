@@ -15,7 +15,6 @@ from numpy.typing import ArrayLike
 
 from steelyard.base.arrays import Array, Parameters, frozen
 from steelyard.base.errors import ModelError
-from steelyard.base.progress import Progress, silent
 from steelyard.excite.constraints.bounding import Stretches, proven_minimum
 from steelyard.excite.constraints.constraint import Constraint, Margins
 from steelyard.excite.trajectories.trajectory import ExactTrajectory
@@ -23,28 +22,23 @@ from steelyard.model.equations.effort_bounds import EffortBounds, effort_bounds
 from steelyard.model.equations.inverse_dynamics import JointState, Scalar
 from steelyard.model.equations.kinematics import frame_of
 from steelyard.model.model import Model, ValuedModel
-from steelyard.model.terms.term import StatefulTerm, Term
+from steelyard.model.terms.term import Term
 from steelyard.robot.rigid_body import INERTIAL_NAMES, Inertia
+from steelyard.robot.robot import Robot
 
-TORQUE_ROOM = 0.1
-"""Share of a limit at which it begins to matter."""
+TORQUE_ROOM = 0.1  # share of a limit at which it begins to matter
 
 TORQUE_TOLERANCE = 1e-3
-"""How far below the least margin at a sample a proof may stay, as a share of the limit."""
+"""A proof may stay so far below the least margin at a sample, over the limit."""
 
 
 @dataclass(frozen=True, eq=False)
 class EffortLimit(Constraint):
     """Efforts or powers within limits, either way, in every case.
 
-    Attributes:
-        labels: What each margin is; case by case, all upper sides before all lower ones.
-        model: The model whose efforts or powers are limited.
-        power: Whether the power of every joint and of all together is limited, not the effort.
-        which: Numbers of those that have a limit.
-        limits: Shape `(len(which),)`, positive.
-        cases: Parameters of the model per case, each `(p,)`.
-        scope: Whose torques these are, for certificates.
+    Of those `which` have a limit, their positive limits, one each; with `power` those of every
+    joint and of all together. Per case the parameters of the model, `(p,)`. Margins are case by
+    case, all upper sides before all lower ones.
     """
 
     name: str
@@ -82,10 +76,9 @@ class EffortLimit(Constraint):
         by_q, by_dq, by_ddq = (slopes[:, :, k] for k in range(3))
         return Margins(values, by_q, by_dq, by_ddq)
 
-    def proven(self, trajectory: ExactTrajectory, progress: Progress = silent) -> Array:
+    def proven(self, trajectory: ExactTrajectory) -> Array:
         """See `Constraint`."""
-        tolerance = TORQUE_TOLERANCE * self.scale
-        return proven_minimum(trajectory, self._bound, tolerance, progress, self.name)
+        return proven_minimum(trajectory, self._bound, TORQUE_TOLERANCE * self.scale)
 
     @property
     def scale(self) -> Array:
@@ -103,7 +96,6 @@ class EffortLimit(Constraint):
         return values, np.concatenate([-slopes[:, upper], slopes[:, lower]], axis=1)
 
     def _bound(self, stretches: Stretches) -> tuple[Array, Array]:
-        """Margins at the middles of stretches, and bounds all over them, of all cases."""
         parts = [self._case_bound(stretches, case) for case in self.cases]
         values, lower = (np.concatenate(x) for x in zip(*parts, strict=True))
         return values, lower
@@ -118,70 +110,61 @@ class EffortLimit(Constraint):
         return values, values - away * (1.0 + 1e-9)
 
 
-def torque_limit(
-    cases: Mapping[str, ValuedModel], limits: ArrayLike | None = None, name: str = "torque"
-) -> EffortLimit:
-    """Joint efforts within limits.
+def torque_limit(cases: Mapping[str, ValuedModel], limits: ArrayLike | None = None) -> EffortLimit:
+    """Joint efforts within limits, `(n,)` [Nm; N], infinite for any; the robot's if `None`.
 
-    Args:
-        cases: The same model with values, such as without and with a payload, by name.
-        limits: Greatest efforts, shape `(n,)` [Nm; N], infinite for any; the robot's if `None`.
-        name: For certificates and messages.
+    Cases are the same model with values, such as without and with a payload, by name. It is one of
+    a tree, of terms without internal states.
 
     Raises:
-        ModelError: A term remembers the motion, a chain is closed, or no joint has a limit.
+        ModelError: No joint has a limit.
     """
-    model = _one_model(cases, name)
-    own = [joint.limits.effort for joint in model.robot.coordinates]
-    given = own if limits is None else limits
-    units = model.robot.effort_units
+    robot = _model_of(cases).robot
+    own = [joint.limits.effort for joint in robot.coordinates]
     titles = [
-        f"{'torque' if u == 'Nm' else 'force'} of '{joint}'"
-        for joint, u in zip(model.robot.joint_names, units, strict=True)
+        f"{'torque' if unit == 'Nm' else 'force'} of '{joint}'"
+        for joint, unit in zip(robot.joint_names, robot.effort_units, strict=True)
     ]
-    return _limit(cases, given, titles, units, name, power=False)
+    given = own if limits is None else limits
+    return _limit(cases, given, titles, robot.effort_units, power=False)
 
 
 def power_limit(
-    cases: Mapping[str, ValuedModel],
-    limits: ArrayLike | None = None,
-    total: float = np.inf,
-    name: str = "power",
+    cases: Mapping[str, ValuedModel], limits: ArrayLike | None = None, total: float = np.inf
 ) -> EffortLimit:
-    """Mechanical powers within limits, whether joints drive or brake.
+    """Mechanical powers within limits, `(n,)` and in total [W], whether joints drive or brake.
 
-    Args:
-        cases: See `torque_limit`, also for the errors.
-        limits: Greatest powers, shape `(n,)` [W], infinite for any; `None` for any of all joints.
-        total: Greatest power of all joints together [W].
-        name: For certificates and messages.
+    Infinite for any, `None` for any of all joints. Cases and errors are those of `torque_limit`.
     """
-    model = _one_model(cases, name)
-    own = np.full(model.robot.n, np.inf) if limits is None else frozen(limits, (None,))
-    titles = [f"power of '{joint}'" for joint in model.robot.joint_names]
+    robot = _model_of(cases).robot
+    own = np.full(robot.n, np.inf) if limits is None else frozen(limits, (None,))
+    titles = [f"power of '{joint}'" for joint in robot.joint_names]
     titles.append("power of all joints")
-    return _limit(cases, [*own, total], titles, ["W"] * len(titles), name, power=True)
+    return _limit(cases, [*own, total], titles, ["W"] * len(titles), power=True)
+
+
+def payload_numbers(robot: Robot, frame: str, payload: Inertia) -> dict[str, float]:
+    """What a payload in a frame adds to standard parameters, by name; nothing on the base."""
+    place = frame_of(robot, frame)
+    if place.body < 0:
+        return {}
+    ten, body = payload.moved(place.rotation, place.position).ten, robot.bodies[place.body].name
+    return {f"{name}.{body}": float(x) for name, x in zip(INERTIAL_NAMES, ten, strict=True)}
 
 
 def loaded(arm: ValuedModel, frame: str, payload: Inertia) -> ValuedModel:
-    """A model with a payload, given in one of its frames, which must move."""
+    """A model of rigid bodies with a payload, given in one of its frames, which must move."""
     robot = arm.model.robot
-    place = frame_of(robot, frame)
-    body = robot.bodies[place.body].name if place.body >= 0 else None
-    if body is None or f"{INERTIAL_NAMES[0]}.{body}" not in arm.values:
+    added = payload_numbers(robot, frame, payload)
+    if not added:
         raise ModelError(
-            f"frame '{frame}' is fixed to the base: a payload there loads no joint"
-            if body is None
-            else "a payload adds to the robot's bodies, but the model's terms have none",
+            f"frame '{frame}' is fixed to the base: a payload there loads no joint",
             where=f"robot '{robot.name}'",
-            fix=f"name a frame that moves, such as '{robot.bodies[-1].name}'"
-            if body is None
-            else 'list the term "rigid_body"',
+            fix=f"name a frame that moves, such as '{robot.bodies[-1].name}'",
         )
-    values = np.array(arm.values.values)
-    ten = [arm.values.names.index(f"{number}.{body}") for number in INERTIAL_NAMES]
-    values[ten] += payload.moved(place.rotation, place.position).ten
-    return ValuedModel(arm.model, Parameters(arm.values.names, arm.values.units, values))
+    names, values = arm.values.names, arm.values.values
+    whole = [x + added.get(name, 0.0) for name, x in zip(names, values, strict=True)]
+    return ValuedModel(arm.model, Parameters(names, arm.values.units, whole))
 
 
 def _limit(
@@ -189,11 +172,10 @@ def _limit(
     limits: ArrayLike,
     titles: Sequence[str],
     units: Sequence[str],
-    name: str,
     power: bool,
 ) -> EffortLimit:
-    """A limit of positive values, at least one of them finite."""
     every, what = frozen(limits, (len(titles),)), "power" if power else "effort"
+    name = "power" if power else "torque"
     if not np.all(every > 0.0) or not np.isfinite(every).any():
         raise ModelError(
             f"no joint has a limit of {what}"
@@ -211,14 +193,17 @@ def _limit(
         for side in ("below ", "above -")
         for k, size in zip(which, chosen, strict=True)
     ]
-    model = next(iter(cases.values())).model
+    model = _model_of(cases)
     values = tuple(case.values.values for case in cases.values())
     unit = " or ".join(dict.fromkeys(units[k] for k in which))
     return EffortLimit(name, tuple(labels), unit, model, power, which, frozen(chosen), values)
 
 
+def _model_of(cases: Mapping[str, ValuedModel]) -> Model:
+    return next(iter(cases.values())).model
+
+
 def _programs(model: Model, power: bool) -> EffortBounds:
-    """Programs of a model's greatest and least efforts or powers."""
     rough = tuple(term for term in model.terms if term.role != "body")
     smooth = tuple(term for term in model.terms if term.role == "body")
 
@@ -239,28 +224,3 @@ def _programs(model: Model, power: bool) -> EffortBounds:
         len(model.parameters),
         power,
     )
-
-
-def _one_model(cases: Mapping[str, ValuedModel], name: str) -> Model:
-    """The model of all cases; it is a tree of laws without memory."""
-    models = [case.model for case in cases.values()]
-    if not models or len({model.fingerprint for model in models}) > 1:
-        raise ModelError(
-            "the cases are of different models" if models else "there is no model with values",
-            where=name,
-            fix="give one model, with its values in every case",
-        )
-    model = models[0]
-    if forgetless := [term.law for term in model.terms if isinstance(term, StatefulTerm)]:
-        raise ModelError(
-            f"the law '{forgetless[0]}' has internal states, so its effort cannot be bounded",
-            where=f"robot '{model.robot.name}', list of terms",
-            fix='limit efforts with a law without internal states, such as "coulomb"',
-        )
-    if model.robot.passive:
-        raise ModelError(
-            "the robot has closed chains, whose efforts are not bounded in this version",
-            where=f"robot '{model.robot.name}'",
-            fix=f"leave out the limit '{name}', or describe the robot as a tree",
-        )
-    return model

@@ -7,26 +7,22 @@ interval arithmetic over all states of the stretch.
 
 from abc import abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from steelyard.base.arrays import Array, frozen
 from steelyard.base.errors import ModelError
-from steelyard.base.progress import Progress, silent
-from steelyard.excite.collision.shapes import point_rates
+from steelyard.excite.collision.shapes import axes_along, point_rates
 from steelyard.excite.constraints.bounding import Stretches, proven_minimum
 from steelyard.excite.constraints.constraint import Constraint, Margins
 from steelyard.excite.trajectories.trajectory import ExactTrajectory
 from steelyard.model.equations.kinematics import FrameKinematics, Points, frame_of, points_on
-from steelyard.robot.robot import Robot
+from steelyard.robot.robot import Frame, Robot
 
-MARKER_ROOM = 0.05
-"""Activation distance: the barrier acts on margins below it [m]."""
-
-MARKER_TOLERANCE = 5e-4
-"""How far below the least margin at a sample a proof may stay [m]."""
+MARKER_ROOM = 0.05  # activation distance: the barrier acts on margins below it [m]
+MARKER_TOLERANCE = 5e-4  # how far below the least margin at a sample a proof may stay [m]
 
 MARKER_PROOF = (
     "positions and velocities at the middle of every time interval, and bounds of the "
@@ -34,20 +30,14 @@ MARKER_PROOF = (
 )
 """How margins of spheres are proven."""
 
-TOOL_ONLY = "tool point only"
-"""What of a robot such margins are about."""
+TOOL_ONLY = "tool point only"  # what of a robot such margins are about
 
 _ROUNDING = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
 class Marker:
-    """A sphere that a frame of the robot carries.
-
-    Attributes:
-        offset: Its centre in the frame, shape `(3,)` [m].
-        radius: Zero for a point [m].
-    """
+    """A sphere about `offset` in a frame of the robot, `(3,)` [m]; of radius 0 for a point [m]."""
 
     frame: str
     offset: Array
@@ -59,6 +49,12 @@ class Marker:
         object.__setattr__(self, "radius", float(radius))
         if not 0.0 <= self.radius < np.inf:
             raise ValueError(f"a sphere of radius {radius} m")
+
+    def on(self, robot: Robot) -> Frame:
+        """Its centre, as a frame on the body that carries it."""
+        own = frame_of(robot, self.frame)
+        place = own.position + own.rotation @ self.offset
+        return Frame(own.name, own.body, own.rotation, place)
 
     @property
     def ball(self) -> str:
@@ -76,44 +72,49 @@ class Marker:
 
 @dataclass(frozen=True, eq=False)
 class SphereDistances(Constraint):
-    """A constraint whose margins are distances of spheres from something in the cell.
-
-    Attributes:
-        labels: What each of the `k` margins is.
-        activation_distance: Shape `(k,)` [m].
-        which: Per margin the index of its point.
-    """
+    """A constraint whose margins are distances of the tool's sphere from something in the cell."""
 
     name: str
     labels: tuple[str, ...]
-    activation_distance: Array
     points: Points
-    which: tuple[int, ...]
     unit = "m"
     scope = TOOL_ONLY
     how = MARKER_PROOF
+    activation_distance: Array = field(init=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "activation_distance", np.full(len(self.labels), MARKER_ROOM))
+
+    @abstractmethod
+    def _distances(self, places: Array) -> tuple[Array, Array]:
+        """Margins at places `(N, 3)` of the centre, `(N, k)` [m], and their slopes `(k, 3)`."""
 
     @abstractmethod
     def _bound(self, stretches: Stretches) -> tuple[Array, Array]:
         """Margins at the middles of stretches, and bounds all over them, `(k, B)` each [m]."""
 
-    def proven(self, trajectory: ExactTrajectory, progress: Progress = silent) -> Array:
+    def margins(self, q: Array, dq: Array, ddq: Array) -> Margins:
         """See `Constraint`."""
-        return proven_minimum(
-            trajectory, self._bound, np.full(len(self.which), MARKER_TOLERANCE), progress, self.name
-        )
+        positions, slopes = self.points(q)
+        values, directions = self._distances(positions[:, 0])
+        return Margins(values, by_q=directions @ slopes[:, 0])
+
+    def proven(self, trajectory: ExactTrajectory) -> Array:
+        """See `Constraint`."""
+        tolerance = np.full(len(self.labels), MARKER_TOLERANCE)
+        return proven_minimum(trajectory, self._bound, tolerance)
 
     def reaches(self, lower: Array, upper: Array) -> Array:
         """See `Constraint`."""
-        return point_rates(self.points.robot, self.points, lower, upper)[list(self.which)]
+        once = point_rates(self.points.robot, self.points, lower, upper)
+        return np.repeat(once, len(self.labels), axis=0)
 
 
 @dataclass(frozen=True, eq=False)
 class Paths:
     """Bounds of where points are during stretches of half lengths `(B,)` [s].
 
-    Positions and speeds at the middles, and accelerations (`bends`) all over the stretches, shape
-    `(2, m, 3, B)` each.
+    Positions and speeds at the middles, accelerations (`bends`) all over, `(2, m, 3, B)` each.
     """
 
     middles: Array
@@ -122,7 +123,7 @@ class Paths:
     half: Array
 
     def along(self, point: int, normal: Array) -> Array:
-        """Bounds of a point's coordinate along a vector, shape `(2, 2, B)` [m].
+        """Bounds of a point's coordinate along a vector, `(2, 2, B)` [m].
 
         At the middles and all over the stretches, lower and upper.
         """
@@ -143,27 +144,16 @@ def paths(points: Points, stretches: Stretches) -> Paths:
     return Paths(flow[:, 0], flow[:, 1], bend, stretches.half)
 
 
-def points_of(robot: Robot, markers: Sequence[Marker], where: str) -> Points:
-    """Centres of the spheres."""
-    if not markers:
+def points_of(robot: Robot, marker: Marker, where: str) -> Points:
+    """The centre of a sphere."""
+    frame = marker.on(robot)
+    if frame.body < 0:
         raise ModelError(
-            "no point of the robot is named",
-            where=where,
-            fix="name at least one frame, such as that of the last link, "
-            f"'{robot.bodies[-1].name}'",
-        )
-    frames = [frame_of(robot, marker.frame) for marker in markers]
-    if still := [frame.name for frame in frames if frame.body < 0]:
-        raise ModelError(
-            f"frame '{still[0]}' is fixed to the base: no motion moves it",
+            f"frame '{frame.name}' is fixed to the base: no motion moves it",
             where=where,
             fix=f"name a frame that moves, such as '{robot.bodies[-1].name}'",
         )
-    places = [
-        frame.rotation @ marker.offset + frame.position
-        for frame, marker in zip(frames, markers, strict=True)
-    ]
-    return points_on(robot, [frame.body for frame in frames], places)
+    return points_on(robot, [frame.body], frame.position[None])
 
 
 def _combined(bounds: Array, normal: Array) -> Array:
@@ -172,16 +162,12 @@ def _combined(bounds: Array, normal: Array) -> Array:
     return np.asarray(np.sort(parts, axis=0).sum(axis=1))
 
 
-_FIRST_STRETCHES = 64
-"""Stretches of time that a proof begins with."""
+_FIRST_STRETCHES = 64  # stretches of time that a proof begins with
 
 
 @dataclass(frozen=True)
 class Extent:
-    """Bounds over all times of the tool's speed [m/s] and acceleration [m/s²].
-
-    The deviation is the distance from the straight line [m]; 0 where there is none.
-    """
+    """Bounds over all times of the tool's speed [m/s], acceleration [m/s²], way off a line [m]."""
 
     speed: float
     acceleration: float
@@ -220,13 +206,11 @@ class ToolWay:
     ) -> Extent:
         """Bounds that hold at all times.
 
-        Args:
-            motion: The motion.
-            tolerances: How far above what is reached the bounds of speed, acceleration and
-                deviation may stay; infinite where a rough bound will do.
-            ends: Two places on the straight line, shape `(2, 3)` [m]; none by default.
+        They may stay the tolerances above what is reached, of speed, acceleration and deviation;
+        infinite where a rough bound will do. The straight line is through two `ends`, `(2, 3)` [m],
+        if given.
         """
-        normals = np.zeros((0, 3)) if ends is None else unit_vectors_across(ends[1] - ends[0])
+        normals = np.zeros((0, 3)) if ends is None else axes_along(ends[1] - ends[0])[:, :2].T
         levels = np.zeros(0) if ends is None else normals @ ends[0]
 
         def bound(stretches: Stretches) -> tuple[Array, Array]:
@@ -250,20 +234,12 @@ def _greatest_length(bounds: Array) -> Array:
     return np.asarray(np.linalg.norm(np.abs(bounds).max(axis=0), axis=0))
 
 
-def unit_vectors_across(way: Array) -> Array:
-    """Two unit vectors across a way, shape `(2, 3)`."""
-    along = way / np.linalg.norm(way)
-    first = np.cross(along, np.eye(3)[int(np.argmin(np.abs(along)))])
-    first /= np.linalg.norm(first)
-    return np.stack([first, np.cross(along, first)])
-
-
 _AXES = "xyz"
 
 
 @dataclass(frozen=True, eq=False)
 class HalfSpaces(SphereDistances):
-    r"""Spheres that stay on one side of planes, $n \cdot p - \rho \ge d$.
+    r"""A sphere that stays on one side of planes, $n \cdot p - \rho \ge d$.
 
     The `normals` $n$ into the allowed side, shape `(k, 3)`, are unit vectors; `levels` are the
     least values of $n \cdot p$, radius included, shape `(k,)` [m].
@@ -272,169 +248,110 @@ class HalfSpaces(SphereDistances):
     normals: Array
     levels: Array
 
-    def margins(self, q: Array, dq: Array, ddq: Array) -> Margins:
-        """See `Constraint`."""
-        positions, slopes = self.points(q)
-        chosen = list(self.which)
-        values = (positions[:, chosen] * self.normals).sum(axis=2) - self.levels
-        by_q = (self.normals[:, None, :] @ slopes[:, chosen])[:, :, 0]
-        return Margins(values, by_q=by_q)
+    def _distances(self, places: Array) -> tuple[Array, Array]:
+        return places @ self.normals.T - self.levels, self.normals
 
     def _bound(self, stretches: Stretches) -> tuple[Array, Array]:
         path = paths(self.points, stretches)
-        values, lower = np.empty((2, len(self.which), len(stretches.middle)))
-        for k, (point, normal) in enumerate(zip(self.which, self.normals, strict=True)):
-            values[k], lower[k] = path.along(point, normal)[:, 0] - self.levels[k]
+        found = np.array([path.along(0, normal)[:, 0] for normal in self.normals])
+        values, lower = np.moveaxis(found - self.levels[:, None, None], 1, 0)
         return values, lower
 
 
 def tool_box(
     robot: Robot,
-    markers: Sequence[Marker],
+    marker: Marker,
     lower: Sequence[float | None],
     upper: Sequence[float | None],
-    name: str = "tool box",
 ) -> HalfSpaces:
-    """Spheres that stay inside a box along the base frame's axes.
-
-    `lower` and `upper` are its least and greatest x, y and z [m]; `None` where it is open.
-    """
-    sides = []
-    for axis, low, high in zip(range(3), lower, upper, strict=True):
+    """A sphere that stays in a box, by its least and greatest x, y and z [m]; `None` if open."""
+    name, sides = "tool box", []
+    for axis, normal, low, high in zip(_AXES, np.eye(3), lower, upper, strict=True):
         if low is not None and high is not None and not low < high:
             raise ModelError(
-                f"the box is empty along {_AXES[axis]}: from {low:g} to {high:g} m",
+                f"the box is empty along {axis}: from {low:g} to {high:g} m",
                 where=name,
                 fix="give a lower bound below the upper one",
             )
-        normal = np.eye(3)[axis]
         if low is not None:
-            sides.append((normal, low, f"{_AXES[axis]} of {{}} above {low:g} m"))
+            sides.append((normal, low, f"{axis} of {marker.title} above {low:g} m"))
         if high is not None:
-            sides.append((-normal, -high, f"{_AXES[axis]} of {{}} below {high:g} m"))
+            sides.append((-normal, -high, f"{axis} of {marker.title} below {high:g} m"))
     if not sides:
         raise ModelError(
             "the box is open on all sides",
             where=name,
             fix="give at least one bound, or leave the box out",
         )
-    return _half_spaces(robot, markers, sides, name)
+    normals, levels, labels = zip(*sides, strict=True)
+    points = points_of(robot, marker, name)
+    return HalfSpaces(name, labels, points, np.array(normals), np.array(levels) + marker.radius)
 
 
-def planes(
-    robot: Robot,
-    markers: Sequence[Marker],
-    normals: ArrayLike,
-    levels: ArrayLike,
-    name: str = "planes",
-) -> HalfSpaces:
-    r"""Spheres that stay on one side of planes, $n \cdot p \ge d$.
+def planes(robot: Robot, marker: Marker, normals: ArrayLike, levels: ArrayLike) -> HalfSpaces:
+    r"""A sphere that stays on one side of planes, $n \cdot p \ge d$.
 
-    Args:
-        robot: The robot.
-        markers: The spheres.
-        normals: $n$, into the allowed side, of any length, shape `(s, 3)`.
-        levels: $d$ for the unit vector, the distance of the plane from the base, shape `(s,)` [m].
-        name: For certificates and messages.
+    Normals $n$, `(s, 3)`, of any length, point into the allowed side; levels $d$, `(s,)` [m], are
+    those of such normals.
     """
     vectors = frozen(normals, (None, 3))
     lengths = np.linalg.norm(vectors, axis=1)
-    if not len(vectors) or not np.all(lengths > 1e-9):
+    if not np.all(lengths > 1e-9):
         raise ModelError(
-            "a plane has no direction" if len(vectors) else "there are no planes",
-            where=name,
+            "a plane has no direction",
+            where="planes",
             fix="give every plane a normal that is not zero, such as [0, 0, 1]",
         )
-    sides = [
-        (n / size, float(d), f"{{}} above plane {number}")
-        for number, (n, size, d) in enumerate(
-            zip(vectors, lengths, frozen(levels, (len(vectors),)), strict=True), start=1
-        )
-    ]
-    return _half_spaces(robot, markers, sides, name)
-
-
-def _half_spaces(
-    robot: Robot, markers: Sequence[Marker], sides: Sequence[tuple[Array, float, str]], name: str
-) -> HalfSpaces:
-    """Every sphere on every side: normal, level and label."""
-    every = [(k, m, *side) for k, m in enumerate(markers) for side in sides]
-    return HalfSpaces(
-        name,
-        labels=tuple(label.format(marker.title) for _, marker, _, _, label in every),
-        activation_distance=np.full(len(every), MARKER_ROOM),
-        points=points_of(robot, markers, name),
-        which=tuple(k for k, *_ in every),
-        normals=np.array([normal for _, _, normal, _, _ in every]),
-        levels=np.array([level + marker.radius for _, marker, _, level, _ in every]),
-    )
+    labels = tuple(f"{marker.title} above plane {k + 1}" for k in range(len(vectors)))
+    points, least = points_of(robot, marker, "planes"), np.asarray(levels) / lengths
+    return HalfSpaces("planes", labels, points, vectors / lengths[:, None], least + marker.radius)
 
 
 @dataclass(frozen=True, eq=False)
 class KeepOut(SphereDistances):
-    """Spheres of `radii` `(k,)` [m] that stay out of boxes.
+    """A sphere of a radius [m] that stays out of boxes.
 
     Distances are to the nearest face, edge or corner. Boxes have `centres` and half edges `halves`,
     shape `(k, 3)` each [m].
     """
 
-    radii: Array
+    radius: float
     centres: Array
     halves: Array
 
-    def margins(self, q: Array, dq: Array, ddq: Array) -> Margins:
-        """See `Constraint`."""
-        positions, slopes = self.points(q)
-        chosen = list(self.which)
-        apart = positions[:, chosen] - self.centres
+    def _distances(self, places: Array) -> tuple[Array, Array]:
+        apart = places[:, None] - self.centres
         beyond = np.abs(apart) - self.halves
-        values = box_distance(beyond) - self.radii
-        direction = _steepest(beyond) * np.where(apart < 0.0, -1.0, 1.0)
-        by_q = (direction[:, :, None, :] @ slopes[:, chosen])[:, :, 0]
-        return Margins(values, by_q=by_q)
+        directions = _steepest(beyond) * np.where(apart < 0.0, -1.0, 1.0)
+        return box_distance(beyond) - self.radius, directions
 
     def _bound(self, stretches: Stretches) -> tuple[Array, Array]:
         path = paths(self.points, stretches)
-        values, lower = np.empty((2, len(self.which), len(stretches.middle)))
-        for k, point in enumerate(self.which):
-            place = np.stack([path.along(point, axis) for axis in np.eye(3)], axis=-1)
-            values[k], lower[k] = (self._least(k, bounds) for bounds in place)
+        # least and greatest coordinates, `(2, B, 3)`, at the middles and all over
+        place = np.stack([path.along(0, axis) for axis in np.eye(3)], axis=-1)
+        boxes = list(zip(self.centres, self.halves, strict=True))
+        values, lower = (
+            np.array([self._least(*box, *bounds) for box in boxes]) for bounds in place
+        )
         return values, lower
 
-    def _least(self, k: int, bounds: Array) -> Array:
-        """Least distance while each coordinate is within bounds, `(2, B, 3)`: shape `(B,)`."""
-        above, below = bounds[0] - self.centres[k], self.centres[k] - bounds[1]
-        distance = box_distance(np.maximum(above, below) - self.halves[k])
-        return np.asarray(distance - self.radii[k])
+    def _least(self, centre: Array, half: Array, low: Array, high: Array) -> Array:
+        """Least distance from a box while each coordinate is within bounds, shape `(B,)`."""
+        distance = box_distance(np.maximum(low - centre, centre - high) - half)
+        return np.asarray(distance - self.radius)
 
 
-def keep_out(
-    robot: Robot,
-    markers: Sequence[Marker],
-    lower: ArrayLike,
-    upper: ArrayLike,
-    name: str = "forbidden boxes",
-) -> KeepOut:
-    """Spheres that stay out of boxes along the base frame's axes.
-
-    `lower` and `upper` are the least and greatest x, y and z of every box, shape `(b, 3)` each [m].
+def keep_out(robot: Robot, marker: Marker, lower: ArrayLike, upper: ArrayLike) -> KeepOut:
+    """A sphere that stays out of boxes, by their least and greatest corners, `(b, 3)` each [m].
 
     Raises:
         ModelError: A box is empty, or a frame does not exist.
     """
+    name = "forbidden boxes"
     low, high = checked_boxes(lower, upper, name)
-    every = [(k, m, b) for k, m in enumerate(markers) for b in range(len(low))]
-    boxes = [b for _, _, b in every]
-    return KeepOut(
-        name,
-        labels=tuple(f"{m.title} out of box {b + 1}" for _, m, b in every),
-        activation_distance=np.full(len(every), MARKER_ROOM),
-        points=points_of(robot, markers, name),
-        which=tuple(k for k, _, _ in every),
-        radii=np.array([m.radius for _, m, _ in every]),
-        centres=(0.5 * (low + high))[boxes],
-        halves=(0.5 * (high - low))[boxes],
-    )
+    labels = tuple(f"{marker.title} out of box {k + 1}" for k in range(len(low)))
+    centres, halves = 0.5 * (low + high), 0.5 * (high - low)
+    return KeepOut(name, labels, points_of(robot, marker, name), marker.radius, centres, halves)
 
 
 def checked_boxes(lower: ArrayLike, upper: ArrayLike, name: str) -> tuple[Array, Array]:

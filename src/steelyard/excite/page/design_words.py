@@ -20,7 +20,7 @@ from steelyard.report.words import COLOURS, NONE, Level, count, percent, relativ
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from steelyard.excite.constraints.certificate import Extreme, Proof
+    from steelyard.excite.constraints.certificate import Proof
     from steelyard.excite.designed import Advice, Designed
     from steelyard.robot.file.excitation_sections import WorkspaceSection
 
@@ -43,37 +43,20 @@ KINDS = {
 }
 """What kinds of motion are called."""
 
-MOST_LENGTH_IN_MILLIMETRES = 0.1
-"""Lengths below this [m] are printed in millimetres."""
+MOST_LENGTH_IN_MILLIMETRES = 0.1  # lengths below this [m] are printed in millimetres
+MOST_NAMED_PARAMETERS = 3  # most parameters that a line of advice names
+LEAST_TIGHT_SHARE = 0.9  # share of a limit from which on it is tight
 
-MOST_NAMED_PARAMETERS = 3
-"""Most parameters that a line of advice names."""
+LEAST_HIDING_RATIO = 50.0  # std over what it were with all others known: above, others hide it
 
-LEAST_TIGHT_SHARE = 0.9
-"""Share of a limit from which on it is tight."""
-
-LEAST_HIDING_RATIO = 50.0
-"""Std over what it were with all other parameters known: above it others hide a parameter."""
-
-LEAST_MARGIN = 1e-6
-"""Margins below this are none: motions are scaled until they reach a limit."""
-
-USED_SHARE_HEADING = "Share of the limit used"
-"""Heading of a column."""
-
-MOST_EQUAL_DEVIATION = 0.02
-"""Shares of deviations that differ by less are printed as one."""
+LEAST_MARGIN = 1e-6  # margins below this are none: motions are scaled until they reach a limit
+USED_SHARE_HEADING = "Share of the limit used"  # heading of a column
+MOST_EQUAL_DEVIATION = 0.02  # shares of deviations that differ by less are printed as one
 
 
 @dataclass(frozen=True, kw_only=True)
 class DesignContent(PageContent):
-    """What the page of `steelyard excite` shows.
-
-    Attributes:
-        design: The motion.
-        workspace: Where its tool may be, drawn with its path; `None` if none is given.
-        files: What was written beside the page, and the files' names.
-    """
+    """What the page shows, also where its tool may be, and the files that were written."""
 
     design: Designed
     workspace: WorkspaceSection | None = None
@@ -82,13 +65,10 @@ class DesignContent(PageContent):
 
 @dataclass(frozen=True)
 class Expected:
-    """What a motion will show of one parameter.
+    """What a motion will show of one parameter, as far as its value is known.
 
-    Attributes:
-        std: Predicted standard deviation; infinite if nothing shows it.
-        value: As far as it is known.
-        relative_percent: `std` over the value [%]; `None` without a value, or at zero.
-        spread: `std` over that with all other parameters known; `None` if nothing shows it.
+    The predicted standard deviation, infinite if nothing shows it; the same over the value [%],
+    `None` without one; its `spread`, over that with all other parameters known.
     """
 
     name: str
@@ -110,11 +90,9 @@ class Expected:
 
 def expected(designed: Designed) -> tuple[Expected, ...]:
     """All base parameters, the worst shown first."""
-    shown, prior = designed.shown, designed.prior
-    gram = shown.gram if prior is None else shown.gram + prior
-    alone = np.diagonal(gram)
-    found = []
-    for name, unit, std, own in zip(shown.names, shown.units, shown.std(prior), alone, strict=True):
+    shown, std_of = designed.shown, designed.shown.std(designed.prior)
+    alone, found = np.diagonal(designed.gram), []
+    for name, unit, std, own in zip(shown.names, shown.units, std_of, alone, strict=True):
         value = designed.values.get(name)
         found.append(
             Expected(
@@ -129,26 +107,12 @@ def expected(designed: Designed) -> tuple[Expected, ...]:
     return tuple(sorted(found, key=lambda one: one.rank, reverse=True))
 
 
-def used(extreme: Extreme) -> float | None:
-    """Share of the way from the middle between two limits to the nearer one that is used."""
-    if extreme.margin is None or extreme.lower is None or extreme.upper is None:
-        return None
-    half = 0.5 * (extreme.upper - extreme.lower)
-    return 1.0 - extreme.margin / half if half > 0.0 else None
-
-
-def hardest(designed: Designed) -> tuple[Extreme, float] | None:
-    """The limit of a joint that is used most, and the share that is used of it."""
-    known = [(x, share) for x in designed.certificate.extremes if (share := used(x)) is not None]
-    return max(known, key=lambda pair: pair[1], default=None)
-
-
 @dataclass(frozen=True)
 class Near:
     """A limit and how near the motion comes to it.
 
     The `kind` is a quantity of the joints or a constraint, the `name` a joint or one of its
-    margins. What is `left` is negative beyond the limit; see `used` and `Proof.used` for the share.
+    margins. What is `left` is negative beyond the limit; the share `used` is 1 there.
     """
 
     kind: str
@@ -156,6 +120,15 @@ class Near:
     left: float
     unit: str
     used: float
+
+
+def joint_limits(designed: Designed) -> list[Near]:
+    """All limits of joints."""
+    return [
+        Near(one.quantity, one.joint, one.margin, one.unit, one.used)
+        for one in designed.certificate.extremes
+        if one.margin is not None and one.used is not None
+    ]
 
 
 def margins_of(proof: Proof) -> list[Near]:
@@ -172,26 +145,22 @@ def rank(near: Near) -> float:
 def nearest(designed: Designed) -> list[Near]:
     """Of every kind of limit the one that is used most, the most used first."""
     found: dict[str, Near] = {}
-    for one in designed.certificate.extremes:
-        share = used(one)
-        if share is None or one.margin is None:
-            continue
-        if one.quantity not in found or share > found[one.quantity].used:
-            found[one.quantity] = Near(one.quantity, one.joint, one.margin, one.unit, share)
-    proofs = [margins_of(proof) for proof in designed.certificate.proofs if proof.labels]
-    return sorted((*found.values(), *(min(own, key=rank) for own in proofs)), key=rank)
+    proofs = designed.certificate.proofs
+    every = [*joint_limits(designed), *(one for proof in proofs for one in margins_of(proof))]
+    for one in sorted(every, key=rank):
+        found.setdefault(one.kind, one)
+    return list(found.values())
 
 
 def tightest(designed: Designed) -> list[str]:
     """All limits of joints and of constraints that are nearly used up, the most used first."""
-    groups: dict[tuple[str, bool], list[tuple[str, float]]] = {}
-    for one in designed.certificate.extremes:
-        share = used(one)
-        if share is not None and share >= LEAST_TIGHT_SHARE:
-            own = (one.quantity, (one.quantity, one.joint) in designed.limits.assumed)
-            groups.setdefault(own, []).append((one.joint, share))
+    groups: dict[tuple[str, bool], list[Near]] = {}
+    for one in joint_limits(designed):
+        if one.used >= LEAST_TIGHT_SHARE:
+            own = (one.kind, (one.kind, one.name) in designed.limits.assumed)
+            groups.setdefault(own, []).append(one)
     lines = [
-        (max(share for _, share in joints), _nearly(designed, *group, joints))
+        (max(one.used for one in joints), _nearly(designed, *group, joints))
         for group, joints in groups.items()
     ]
     for proof in designed.certificate.proofs:
@@ -203,23 +172,20 @@ def tightest(designed: Designed) -> list[str]:
     return [line for _, line in sorted(lines, key=lambda pair: -pair[0])]
 
 
-def _nearly(
-    designed: Designed, quantity: str, assumed: bool, joints: Sequence[tuple[str, float]]
-) -> str:
+def _nearly(designed: Designed, quantity: str, assumed: bool, joints: Sequence[Near]) -> str:
     """Joints that nearly use up their limits of one quantity, and where these come from."""
-    shares = sorted(100.0 * share for _, share in joints)
-    names = ", ".join(name for name, _ in joints)
+    shares = sorted(100.0 * one.used for one in joints)
     share = 1.0 if quantity == "position" else designed.limits.share
     origin = f"{100.0 * share:g} % of " if share < 1.0 else ""
+    names = ", ".join(one.name for one in joints)
+    ends = " to ".join(dict.fromkeys(f"{share:.1f}" for share in (shares[0], shares[-1])))
     if len(joints) == 1:
         given = "an assumed one" if assumed else "the given one" if origin else ""
         which = f", which is {origin}{given}" if given else ""
-        return f"{quantity} of {names}: {shares[0]:.1f} % of its limit used{which}"
+        return f"{quantity} of {names}: {ends} % of its limit used{which}"
     given = "assumed ones" if assumed else "the given ones" if origin else ""
     which = f", which are {origin}{given}" if given else ""
-    ends = dict.fromkeys(f"{share:.1f}" for share in (shares[0], shares[-1]))
-    spread = f"{' to '.join(ends)} %"
-    return f"{quantity} of {len(joints)} joints: {spread} of their limits used{which}: {names}"
+    return f"{quantity} of {len(joints)} joints: {ends} % of their limits used{which}: {names}"
 
 
 def used_words(near: Near) -> str:
@@ -256,8 +222,7 @@ def design_level(designed: Designed) -> Level:
 
 def hidden(designed: Designed) -> NDArray[np.bool_]:
     """Which parameters others hide, by more than `LEAST_HIDING_RATIO`, or wholly; shape `(b,)`."""
-    gram = designed.shown.gram if designed.prior is None else designed.shown.gram + designed.prior
-    alone = 1.0 / np.sqrt(np.maximum(np.diagonal(gram), 1e-300))
+    alone = 1.0 / np.sqrt(np.maximum(np.diagonal(designed.gram), 1e-300))
     std = designed.shown.std(designed.prior)
     return np.asarray(np.isinf(std) | (std > LEAST_HIDING_RATIO * alone))
 
@@ -342,13 +307,12 @@ def brings(designed: Designed, one: Advice, most: int = MOST_NAMED_PARAMETERS) -
 
 
 def _fall(designed: Designed, one: Advice, name: str) -> str:
-    shown = designed.shown
-    k = shown.names.index(name)
-    before, after = float(shown.std(designed.prior)[k]), float(one.std[k])
-    unit = shown.units[k]
+    k = designed.shown.names.index(name)
+    before, to = float(designed.shown.std(designed.prior)[k]), significant(float(one.std[k]), 2)
+    unit = designed.shown.units[k]
     if not isfinite(before):
-        return f"{name} to {significant(after, 2)} {unit}, not identifiable before"
-    return f"{name} from {significant(before, 2)} to {significant(after, 2)} {unit}"
+        return f"{name} to {to} {unit}, not identifiable before"
+    return f"{name} from {significant(before, 2)} to {to} {unit}"
 
 
 def instead(designed: Designed, one: Advice) -> str:
@@ -364,14 +328,9 @@ def helpful(advice: Sequence[Advice]) -> list[Advice]:
     return sorted(advice, key=lambda one: -len(one.helps))
 
 
-MOST_NAMED_WORST = 5
-"""Parameters that are named."""
-
-MOST_ADVICE_LINES = 3
-"""Most lines of advice, each of which names one parameter."""
-
-MOST_UNPROVEN_LINES = 5
-"""Most lines about what is not proven."""
+MOST_NAMED_WORST = 5  # parameters that are named
+MOST_ADVICE_LINES = 3  # most lines of advice, each of which names one parameter
+MOST_UNPROVEN_LINES = 5  # most lines about what is not proven
 
 
 def print_design(designed: Designed, console: Console, verbose: bool = False) -> None:

@@ -17,10 +17,9 @@ from steelyard.excite.page.design_words import (
     expected,
     helpful,
     instead,
-    used,
 )
-from steelyard.report.figures import thin
-from steelyard.report.page import Numbers, Section, packed, rounded, script_json
+from steelyard.report.figures import line, thin
+from steelyard.report.page import Numbers, Section, rounded, script_json
 from steelyard.report.tables import PlainTable, Row
 from steelyard.report.words import percent, significant
 
@@ -28,22 +27,15 @@ if TYPE_CHECKING:
     from steelyard.excite.designed import Designed
 
 
-JOINT_LINE_POINTS = 1000
-"""Most points of one line."""
-
-JOINT_POINTS_BUDGET = 150_000
-"""Points of all lines together."""
-
-JOINT_SAMPLES_A_SECOND = 100.0
-"""Samples a second of which the points are chosen."""
+JOINT_LINE_POINTS = 1000  # most points of one line
+JOINT_POINTS_BUDGET = 150_000  # points of all lines together
+JOINT_SAMPLES_A_SECOND = 100.0  # samples a second of which the points are chosen
 
 JOINT_ORDERS = ("position", "velocity", "acceleration")
 JOINT_COLOURS = ("--blue", "--vermillion", "--green")
-JOINT_DOMAINS = ((0.56, 1.0), (0.29, 0.48), (0.0, 0.19))
-"""Of the three parts of a picture, from its foot."""
+JOINT_DOMAINS = ((0.56, 1.0), (0.29, 0.48), (0.0, 0.19))  # of three parts, from the foot
 
-LIMITS_ROOM_SHARE = 0.06
-"""Share of the limits' width that is drawn beyond them."""
+LIMITS_ROOM_SHARE = 0.06  # share of the limits' width that is drawn beyond them
 
 
 class DesignJointsSection(
@@ -76,7 +68,6 @@ class DesignJointsSection(
 
 
 def _joint_caption(designed: Designed, joint: int) -> str:
-    """How far the joint goes, and how much of its speed and acceleration it uses."""
     name = designed.robot.coordinates[joint].name
     own = {one.quantity: one for one in designed.certificate.extremes if one.joint == name}
     words = []
@@ -84,7 +75,7 @@ def _joint_caption(designed: Designed, joint: int) -> str:
         far = own["position"]
         words.append(f"{significant(far.least)} … {significant(far.greatest)} {far.unit}")
     for quantity, short in (("velocity", "speed"), ("acceleration", "accel.")):
-        share = used(own[quantity]) if quantity in own else None
+        share = own[quantity].used if quantity in own else None
         if share is not None:
             words.append(f"{short}\u00a0{percent(100.0 * share)}")
     return ", ".join(words)
@@ -93,14 +84,8 @@ def _joint_caption(designed: Designed, joint: int) -> str:
 def _joint_figure(
     designed: Designed, joint: int, t: Array, lines: list[Array], most: int
 ) -> dict[str, Any]:
-    """Three lines above each other on one axis of time."""
     unit = designed.robot.coordinates[joint].unit
-    limits = designed.limits
-    bounds = [
-        (limits.lower[joint], limits.upper[joint]),
-        (-limits.velocity[joint], limits.velocity[joint]),
-        (-limits.acceleration[joint], limits.acceleration[joint]),
-    ]
+    bounds = [(low[joint], high[joint]) for low, high in designed.limits.bounds[:3]]
     units = (unit, f"{unit}/s", f"{unit}/s²")
     traces, shapes = list[dict[str, Any]](), list[dict[str, Any]]()
     layout: dict[str, Any] = {}
@@ -108,19 +93,9 @@ def _joint_figure(
         axis = "" if k == 0 else str(k + 1)
         signal = lines[k][:, joint]
         chosen = thin(signal, most)
-        traces.append(
-            {
-                "name": JOINT_ORDERS[k],
-                "kind": "line",
-                "x": packed(t[chosen]),
-                "y": packed(signal[chosen]),
-                "more": {
-                    "yaxis": f"y{axis}",
-                    "line": {"color": JOINT_COLOURS[k], "width": 1.8},
-                    "hovertemplate": f"%{{y:.4g}} {units[k]}<extra>{JOINT_ORDERS[k]}</extra>",
-                },
-            }
-        )
+        hover = f"%{{y:.4g}} {units[k]}<extra>{JOINT_ORDERS[k]}</extra>"
+        more = {"width": 1.8, "yaxis": f"y{axis}", "hovertemplate": hover}
+        traces.append(line(JOINT_ORDERS[k], t[chosen], signal[chosen], JOINT_COLOURS[k], **more))
         # the allowed band, with its edges
         across = {"xref": "paper", "x0": 0, "x1": 1, "yref": f"y{axis}", "layer": "below"}
         edge = {"type": "line", **across, "line": {"color": "--poor", "width": 1, "dash": "dot"}}
@@ -141,14 +116,9 @@ def _joint_figure(
     return {"x": "time [s]", "y": units[0], "traces": traces, "layout": layout}
 
 
-OPEN_ROWS = 12
-"""Rows of the table that are seen at once."""
-
-FULL_BAR_PERCENT = 50.0
-"""Relative standard deviation [%] of a full bar."""
-
-SINGULAR_VALUES_FLOOR = 1e-8
-"""Singular values below this share of the greatest are drawn there."""
+OPEN_ROWS = 12  # rows of the table that are seen at once
+FULL_BAR_PERCENT = 50.0  # relative standard deviation [%] of a full bar
+SINGULAR_VALUES_FLOOR = 1e-8  # singular values below this share of the greatest are drawn there
 
 
 class DesignShownSection(
@@ -179,7 +149,6 @@ class DesignShownSection(
 
 
 def _accuracy_row(one: Expected) -> dict[str, Any]:
-    """A row with what its template shows."""
     share = one.relative_percent
     if not isfinite(one.std):
         grade, bar = "poor", 100.0
@@ -194,7 +163,6 @@ def _accuracy_row(one: Expected) -> dict[str, Any]:
 
 
 def _singular_values_figure(designed: Designed) -> dict[str, Any]:
-    """Singular values over the greatest, falling, on a logarithmic axis."""
     singular = designed.shown.singular
     top = float(singular.max(initial=0.0)) or 1.0
     share = np.maximum(singular / top, SINGULAR_VALUES_FLOOR)

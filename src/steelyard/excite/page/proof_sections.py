@@ -12,7 +12,7 @@ from steelyard.excite.page.design_words import (
     design_headline,
     design_level,
     figure_of,
-    hardest,
+    joint_limits,
     left_words,
     margin,
     margins_of,
@@ -21,7 +21,6 @@ from steelyard.excite.page.design_words import (
     scopes,
     searches,
     unseen,
-    used,
     used_words,
 )
 from steelyard.excite.page.parameter_sections import (
@@ -74,20 +73,18 @@ class DesignVerdictSection(
 
 
 def _facts(designed: Designed) -> list[tuple[str, str]]:
-    """Values and labels."""
-    shown, top = designed.shown, hardest(designed)
-    total = len(shown.names)
+    shown, total = designed.shown, len(designed.shown.names)
+    top = max((one.used for one in joint_limits(designed)), default=None)
     return [
         (significant(shown.raw), "condition number, raw"),
         (significant(shown.normalised), "condition number, columns of unit length"),
         (f"{designed.trajectory.duration:.4g} s", "duration"),
         (f"{total - unseen(designed)} of {total}", "base parameters identifiable"),
-        (NONE if top is None else f"{100.0 * top[1]:.3g} %", "use of the closest joint limit"),
+        (NONE if top is None else f"{100.0 * top:.3g} %", "use of the closest joint limit"),
     ]
 
 
-QUANTITY_NAMES = {"velocity": "speed"}
-"""Quantities by another name."""
+QUANTITY_NAMES = {"velocity": "speed"}  # quantities by another name
 
 
 class DesignProofSection(
@@ -117,8 +114,7 @@ class DesignProofSection(
 
 
 def _extreme_cell(one: Extreme) -> dict[str, Any]:
-    """Range and share of the limit that is used."""
-    share = used(one)
+    share = one.used
     if one.quantity == "position":
         span = f"{significant(one.least)} … {significant(one.greatest)}"
     else:

@@ -19,10 +19,9 @@ from steelyard.base.arrays import Array
 from steelyard.base.errors import ModelError, OutputError
 from steelyard.excite.collision.cell import tool_of
 from steelyard.excite.collision.model_shapes import robot_shapes, world_shapes
-from steelyard.excite.collision.robot_shapes import along
-from steelyard.excite.collision.shapes import Shape, ShapeKinematics
+from steelyard.excite.collision.shapes import Shape, ShapeKinematics, axes_along
 from steelyard.excite.collision.solids import Ball, Cylinder, Ellipsoid, HalfSpace, Hull, Solid
-from steelyard.excite.page.tool_section import all_lines, faces_of, tool_frame, tool_path
+from steelyard.excite.page.tool_section import all_lines, faces_of, tool_path
 from steelyard.robot.loop_closures import all_joints, closest
 from steelyard.robot.robot import Robot
 
@@ -33,30 +32,18 @@ if TYPE_CHECKING:
     from steelyard.excite.trajectories.trajectory import ExactTrajectory
     from steelyard.robot.file.loaded_robot import LoadedRobot
 
-PATH_POINTS_A_SECOND = 50.0
-"""Points of the tool's path a second."""
-
-MOST_PATH_POINTS = 6000
-"""Most points of the path."""
-
-STICK_RADIUS_SHARE = 0.02
-"""Radius of a stick, over the length of the arm."""
-
-SHORT_STICK = 1e-6
-"""Sticks that are shorter [m] are left out."""
+PATH_POINTS_A_SECOND = 50.0  # points of the tool's path a second
+MOST_PATH_POINTS = 6000  # most points of the path
+STICK_RADIUS_SHARE = 0.02  # radius of a stick, over the length of the arm
+SHORT_STICK = 1e-6  # sticks that are shorter [m] are left out
 
 
 @dataclass(frozen=True, eq=False)
 class Stage:
-    """Everything that a replay shows.
+    """Everything that a replay shows; a stick stands for a link without shapes.
 
-    Attributes:
-        shapes: What is drawn; a stick stands for a link without shapes.
-        t: Times of the path, shape `(F,)` [s].
-        joints: Positions of all joints there, shape `(F, n_joints)`.
-        path: The tool there, shape `(F, 3)` [m].
-        walls: Lines of walls, shape `(L, 2, 3)` each [m], and whether they are of boxes that are
-            kept out of.
+    At times of the path `(F,)` [s] positions of all joints and of the tool, `(F, 3)` [m]. Lines of
+    walls, `(L, 2, 3)` each [m], and whether they are of boxes that are kept out of.
     """
 
     robot: Robot
@@ -119,7 +106,6 @@ def staged(loaded: LoadedRobot, trajectory: ExactTrajectory) -> Stage:
 
 
 def _shapes(loaded: LoadedRobot) -> tuple[tuple[Shape, ...], tuple[str, ...]]:
-    """Shapes of the model, none where it has none."""
     section, model = loaded.excitation.collision, loaded.sources[-1].path
     skip = () if section is None else section.without
     if model.suffix == ".toml":
@@ -136,7 +122,7 @@ def sticks(robot: Robot, tool: Marker, shaped: set[int]) -> tuple[Shape, ...]:
 
     Those that have shapes are `shaped`; -1 is the base.
     """
-    last = tool_frame(robot, tool)
+    last = tool.on(robot)
     ends = [(body.parent, body.joint, body.position) for body in robot.bodies]
     ends.append((last.body, last.name, last.position))
     reach = sum(float(np.linalg.norm(end)) for _, _, end in ends)
@@ -149,7 +135,7 @@ def sticks(robot: Robot, tool: Marker, shaped: set[int]) -> tuple[Shape, ...]:
     for carrier, name, end in ends:
         length = float(np.linalg.norm(end))
         if carrier not in shaped and length > SHORT_STICK:
-            turned = along(end / length)
+            turned = axes_along(end)
             stick = Cylinder(radius, length)
             found.append(Shape(f"to {name}", carrier, turned, 0.5 * end, stick))
     return tuple(found)
@@ -157,11 +143,8 @@ def sticks(robot: Robot, tool: Marker, shaped: set[int]) -> tuple[Shape, ...]:
 
 Faces = NDArray[np.uint32]
 
-ROUND_CORNERS = 32
-"""Corners around a round solid."""
-
-HALF_SPACE_EDGE = 3.0
-"""Edge of the square that stands for a half-space [m]."""
+ROUND_CORNERS = 32  # corners around a round solid
+HALF_SPACE_EDGE = 3.0  # edge of the square that stands for a half-space [m]
 
 
 def mesh_of(solid: Solid) -> tuple[Array, Faces]:
@@ -192,7 +175,6 @@ def _directions() -> Array:
 
 
 def _hull_mesh(points: Array) -> tuple[Array, Faces]:
-    """The hull of points that are not all in a plane."""
     from scipy.spatial import ConvexHull
 
     found = ConvexHull(points)
@@ -205,14 +187,9 @@ def _hull_mesh(points: Array) -> tuple[Array, Faces]:
     return corners, faces.astype(np.uint32)
 
 
-SPEEDS = (0.1, 2.0)
-"""Range of the speed, over that of the motion."""
-
-FRAME_SECONDS = 1.0 / 40.0
-"""Time between two pictures [s]."""
-
-LINK_COLOURS = ((208, 214, 222), (150, 165, 182))
-"""Of links in turn."""
+SPEEDS = (0.1, 2.0)  # range of the speed, over that of the motion
+FRAME_SECONDS = 1.0 / 40.0  # time between two pictures [s]
+LINK_COLOURS = ((208, 214, 222), (150, 165, 182))  # of links in turn
 
 CELL, PATH = (196, 178, 148), (213, 94, 0)
 ROOM, FORBIDDEN = (116, 136, 160), (168, 38, 29)
@@ -314,12 +291,10 @@ def _check_address(host: str) -> None:
 
 
 def _quiet() -> AbstractContextManager[object]:
-    """Without what viser prints."""
     return redirect_stdout(io.StringIO())
 
 
 def _scene(replay: Replay) -> None:
-    """A grid at the base, links, cell, path and walls."""
     stage, scene = replay.stage, replay.server.scene
     scene.set_up_direction("+z")
     drawn = np.concatenate([stage.path, np.zeros((1, 3))])
@@ -348,7 +323,6 @@ def _scene(replay: Replay) -> None:
 
 
 def _controls(replay: Replay) -> None:
-    """Time, play and pause, speed, path."""
     gui, clock = replay.server.gui, replay.clock
     gui.configure_theme(show_logo=False, show_share_button=False)
     step = min(0.01, clock.duration)

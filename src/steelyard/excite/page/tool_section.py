@@ -10,13 +10,13 @@ import numpy as np
 
 from steelyard.base.arrays import Array
 from steelyard.excite.collision.cell import up_of
-from steelyard.excite.collision.robot_shapes import along
+from steelyard.excite.collision.shapes import axes_along
 from steelyard.excite.page.design_words import DesignContent
-from steelyard.model.equations.kinematics import frame_of
+from steelyard.report.figures import line
 from steelyard.report.page import Numbers, Section, packed, rounded, script_json
 from steelyard.report.words import significant
 from steelyard.robot.loop_closures import all_joints
-from steelyard.robot.robot import Frame, Robot, body_frames, frame_origins, sticks
+from steelyard.robot.robot import Robot, body_frames, frame_origins, sticks
 
 if TYPE_CHECKING:
     from steelyard.excite.constraints.workspace import Marker
@@ -25,23 +25,16 @@ if TYPE_CHECKING:
 
 SPACE_AXES = "xyz"
 
-OPEN_WALL_LENGTH = 0.1
-"""A wall without an end is drawn so far beyond what is seen [m]."""
-
-LINES_OF_OPEN_FACE = 7
-"""Lines each way of a face that goes on."""
+OPEN_WALL_LENGTH = 0.1  # a wall without an end is drawn so far beyond what is seen [m]
+LINES_OF_OPEN_FACE = 7  # lines each way of a face that goes on
 
 
 @dataclass(frozen=True, eq=False)
 class Face:
-    """A rectangle of a wall.
+    """A rectangle of a wall, from a corner along two edges `(2, 3)` [m], like that of `floor`.
 
-    Attributes:
-        corner: Shape `(3,)` [m].
-        edges: From the corner along its two sides, shape `(2, 3)` [m].
-        ends: Per side whether the wall ends at its beginning and at its end, shape `(2, 2)`.
-        forbidden: Whether it belongs to a box that is kept out of.
-        name: Such as `floor`, `plane 1` or `forbidden box 1`.
+    Per side whether the wall ends at its beginning and at its end; and whether it is of a box to
+    keep out of.
     """
 
     corner: Array
@@ -83,7 +76,6 @@ def faces_of(workspace: WorkspaceSection | None, robot: Robot, seen: Array) -> t
 
 
 def _of_box(box: BoxSpans, seen: Array, name: str, *, forbidden: bool) -> Iterator[Face]:
-    """The faces that a box has."""
     low, high = box_corners(box, seen)
     spans = [getattr(box, axis) for axis in SPACE_AXES]
     for axis, span in enumerate(spans):
@@ -99,9 +91,8 @@ def _of_box(box: BoxSpans, seen: Array, name: str, *, forbidden: bool) -> Iterat
 
 
 def _of_plane(normal: Array, above: float, seen: Array, name: str) -> Face:
-    """A piece of a plane beside what is seen."""
     length = float(np.linalg.norm(normal))
-    axes = along(normal / length)
+    axes = axes_along(normal)
     inside = (seen @ axes)[:, :2]
     low, high = (
         np.nanmin(inside, axis=0) - OPEN_WALL_LENGTH,
@@ -142,15 +133,9 @@ def all_lines(faces: Sequence[Face]) -> Array:
     return np.concatenate([face.lines() for face in faces]) if faces else np.zeros((0, 2, 3))
 
 
-def tool_frame(robot: Robot, tool: Marker) -> Frame:
-    """The tool's centre, as a frame on its body."""
-    own = frame_of(robot, tool.frame)
-    return Frame(own.name, own.body, own.rotation, own.position + own.rotation @ tool.offset)
-
-
 def tool_path(robot: Robot, tool: Marker, joints: Array) -> Array:
     """Positions of the tool's centre, shape `(N, 3)` [m]."""
-    return frame_origins(robot, [tool_frame(robot, tool)], joints)[:, 0]
+    return frame_origins(robot, [tool.on(robot)], joints)[:, 0]
 
 
 def skeleton(robot: Robot, tool: Marker, joints: Array) -> Array:
@@ -158,18 +143,16 @@ def skeleton(robot: Robot, tool: Marker, joints: Array) -> Array:
 
     Two ends and a gap of NaN per stick, shape `(3 sticks, 3)` [m], at positions of all joints.
     """
-    last = tool_frame(robot, tool)
+    last = tool.on(robot)
     ends = frame_origins(robot, [body_frames(robot)[last.body + 1], last], joints[None])[0]
     return np.concatenate([sticks(robot, joints), ends, np.full((1, 3), np.nan)])
 
 
-TOOL_PATH_POINTS = 1500
-"""Points of the path."""
+TOOL_PATH_POINTS = 1500  # points of the path
 
 VIEWS = (("from above", 0, 1), ("from the side", 0, 2), ("from the front", 1, 2))
 PATH, ARM, PALE, START = "--blue", "--arm", "--pale", "--green"
-TIME_COLOURS = [[0.0, "--blue"], [0.5, "--purple"], [1.0, "--amber"]]
-"""Colours of time along the path, from its start to its end."""
+TIME_COLOURS = [[0.0, "--blue"], [0.5, "--purple"], [1.0, "--amber"]]  # along the path
 
 WALL, FORBIDDEN = "--poor", "--forbidden"
 
@@ -213,7 +196,6 @@ class DesignToolSection(
 
 
 def _space(t: Array, path: Array, arm: Array, faces: Sequence[Face]) -> dict[str, Any]:
-    """Path and arm in space, coloured by time."""
     way = _in_space(
         "tool",
         path,
@@ -284,21 +266,19 @@ def _view(
     """What is seen along one axis, both scales alike."""
     a, b = axes
 
-    def line(name: str, points: Array, colour: str, width: float, **more: Any) -> dict[str, Any]:
-        own = {"line": {"color": colour, "width": width}, **more}
-        x, y = packed(points[:, a]), packed(points[:, b])
-        return {"name": name, "kind": "line", "x": x, "y": y, "more": own}
+    def seen(name: str, at: Array, colour: str, width: float, **more: Any) -> dict[str, Any]:
+        return line(name, at[:, a], at[:, b], colour, width=width, **more)
 
     joints = {"mode": "lines+markers", "marker": {"color": ARM, "size": 6}, "hoverinfo": "skip"}
     traces = [
-        line("arm at the start", arm, PALE, 4.0, **joints),
-        line("tool", path, PATH, 1.3, hovertemplate="%{x:.3f}, %{y:.3f} m<extra></extra>"),
-        line("start", path[:1], START, 1.0, mode="markers", marker={"color": START, "size": 8}),
+        seen("arm at the start", arm, PALE, 4.0, **joints),
+        seen("tool", path, PATH, 1.3, hovertemplate="%{x:.3f}, %{y:.3f} m<extra></extra>"),
+        seen("start", path[:1], START, 1.0, mode="markers", marker={"color": START, "size": 8}),
     ]
     filled = {"type": "rect", "fillcolor": FORBIDDEN, "layer": "below"}
     shapes = [_line(np.stack([low[[a, b]], high[[a, b]]])) | filled for low, high in boxes]
-    seen = [face_segment(face, a, b) for face in faces if not face.forbidden]
-    shapes += [_line(ends) for ends in seen if ends is not None]
+    edges = [face_segment(face, a, b) for face in faces if not face.forbidden]
+    shapes += [_line(ends) for ends in edges if ends is not None]
     return {
         "x": f"{SPACE_AXES[a]} [m]",
         "y": f"{SPACE_AXES[b]} [m]",

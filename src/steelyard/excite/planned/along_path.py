@@ -13,13 +13,14 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from steelyard.base.arrays import Array
+from steelyard.base.arrays import Array, frozen
+from steelyard.base.errors import DataError
 from steelyard.excite.constraints.constraint import MotionLimits
 from steelyard.excite.planned.inverse_kinematics import (
     Attitude,
     InverseKinematics,
+    Kinematics,
     refuse_fixed,
-    start_posture,
     weights_of,
 )
 from steelyard.excite.planned.postures import UnfollowableWay
@@ -30,34 +31,23 @@ from steelyard.model.equations.passive_joints import Follower, random_positions
 from steelyard.robot.loop_closures import loop_equations
 from steelyard.robot.robot import Frame, Robot
 
-_CLOSE = 1e-8
-"""Greatest distance from the path between knots [m], and turn from the attitude [rad]."""
-_SINGULAR = 1e-3
-"""Least over greatest singular value of the Jacobian below which a posture is singular."""
-_RANK = 1e-6
-"""The same, below which the mechanism cannot move that way at all."""
-_CHANGE = 0.3
-"""From knot to knot, no joint differs by more from its prediction [rad; m]."""
-_ROUNDS = 20
-"""Newton steps at most."""
-_SHORTEST = 2.0**-14
-"""Shortest piece, as a share of the duration."""
-_STARTS = 48
-"""Random starts of the search for a first posture."""
-_BRANCHES = 8
-"""First postures that are tried at most."""
+_CLOSE = 1e-8  # greatest distance from the path between knots [m], and turn from the attitude [rad]
+_SINGULAR = 1e-3  # least over greatest singular value of the Jacobian of a singular posture
+_RANK = 1e-6  # the same, below which the mechanism cannot move that way at all
+_CHANGE = 0.3  # from knot to knot, no joint differs by more from its prediction [rad; m]
+_ROUNDS = 20  # newton steps at most
+_SHORTEST = 2.0**-14  # shortest piece, as a share of the duration
+_STARTS = 48  # random starts of the search for a first posture
+_BRANCHES = 8  # first postures that are tried at most
 
 
 @dataclass(frozen=True, eq=False)
 class PathMotion:
-    """A motion that leads a frame along a path.
+    """A motion that leads a frame along a path, from rest to rest.
 
-    Attributes:
-        trajectory: Of the joints, from rest to rest.
-        still: Names of the joints that stand still, as the path does not need them.
-        excess: Greatest share of a limit of speed or acceleration that is used, as a factor on the
-            speed: 1.2 means that the motion keeps the limits in 1.2 times the time.
-        limited: Joint and limit of that share.
+    Joints that the path does not need are `still`. The `excess` is the greatest share of a limit of
+    speed or acceleration that is used, as a factor on the speed: 1.2 means that the motion keeps
+    the limits in 1.2 times the time; `limited` is its joint and limit.
     """
 
     trajectory: PiecewiseMotion
@@ -89,15 +79,10 @@ def along_path(
 ) -> PathMotion:
     """The motion of the joints that leads the origin of a frame along a path.
 
-    Args:
-        robot: The robot; it may have closed loops, and the frame may hang on their passive joints.
-        limits: Of its joints. Positions are kept; speeds and accelerations are those of the path.
-        frame: The frame, or its name.
-        path: Where the frame's origin is to be.
-        attitude: What is required of the frame's orientation; nothing by default.
-        start: Posture near which to begin, shape `(n,)` [rad; m]; by default the posture that can
-            move best, with closed loops the one nearest to the assembly.
-        seed: Of the search for the first posture.
+    The robot may have closed loops, and the frame may hang on their passive joints. Limits of
+    positions are kept; speeds and accelerations are those of the path. It begins near the posture
+    `start`, `(n,)` [rad; m]; by default in the one that can move best, with closed loops in the one
+    nearest to the assembly. The seed is that of the search for it.
 
     Raises:
         ModelError: The robot has no such frame, or it does not move.
@@ -106,7 +91,9 @@ def along_path(
     """
     chosen = frame_of(robot, frame) if isinstance(frame, str) else frame
     refuse_fixed(robot, chosen)
-    posture = None if start is None else start_posture(robot, limits, start)
+    posture = None if start is None else frozen(start, (robot.n,))
+    if posture is not None:
+        _refuse_start(robot, limits, posture)
     walk = _Walk(robot, chosen, limits, path, attitude or Attitude())
     made: list[PathMotion] = []
     failed: list[UnfollowableWay] = []
@@ -122,41 +109,29 @@ def along_path(
     return min(made, key=lambda motion: motion.excess)
 
 
-@dataclass(frozen=True, eq=False)
-class _Poses:
-    """Pose and Jacobian of a frame behind loops, each posture reached straight from the assembly.
+def _poses(motion: FrameKinematics) -> Kinematics:
+    """Kinematics of a frame behind loops, each posture reached straight from the assembly.
 
     Postures in which a loop stays open have no pose: their numbers are not finite.
     """
+    robot, follower = motion.robot, Follower(motion.robot)
+    assembly = loop_equations(robot).assembly
 
-    motion: FrameKinematics
-
-    def pose(self, q: Array) -> tuple[Array, Array]:
-        """See `Kinematics`."""
-        found = [self._at(posture) for posture in q]
-        return np.array([x[0] for x in found]), np.array([x[1] for x in found])
-
-    def jacobian(self, q: Array) -> Array:
-        """See `Kinematics`."""
-        return np.array([self._at(posture)[2] for posture in q])
-
-    def _at(self, q: Array) -> tuple[Array, Array, Array]:
-        robot, follower = self.motion.robot, self._follower
-        assembly = loop_equations(robot).assembly
+    def at(q: Array) -> tuple[Array, ...]:
         follower.restart((assembly[: robot.n], assembly[robot.n :]))
         if not follower.step(q):
             return np.full(3, np.nan), np.full((3, 3), np.nan), np.zeros((6, robot.n))
-        return self.motion.moving(q, follower.closed[1], np.zeros(robot.n))[:3]
+        return motion.moving(q, follower.closed[1], np.zeros(robot.n))[:3]
 
-    @cached_property
-    def _follower(self) -> Follower:
-        return Follower(self.motion.robot)
+    def poses(q: Array) -> tuple[Array, Array, Array]:
+        places, rotations, rates = zip(*map(at, q), strict=True)
+        return np.array(places), np.array(rotations), np.array(rates)
+
+    return poses
 
 
 @dataclass(frozen=True, eq=False)
 class _Walk:
-    """A path on the way from knot to knot."""
-
     robot: Robot
     frame: Frame
     limits: MotionLimits
@@ -176,7 +151,7 @@ class _Walk:
     def first_postures(self, start: Array | None, seed: int) -> Array:
         """Postures to begin in, the best first, shape `(B, n)`."""
         closed, robot, limits = bool(self.robot.passive), self.robot, self.limits
-        kinematics = _Poses(self.motion) if closed else self.motion
+        kinematics = _poses(self.motion) if closed else self.motion
         solver = InverseKinematics(kinematics, limits.lower, limits.upper, self.attitude)
         near, rng = start, np.random.default_rng(seed)
         if near is None:
@@ -324,7 +299,6 @@ class _Walk:
         return rows
 
     def _excess(self, curve: PiecewiseMotion) -> tuple[float, str]:
-        """Greatest factor on the time that a limit needs, and the limit."""
         found = []
         for order, name, bound in (
             (1, "speed", self.limits.velocity),
@@ -337,7 +311,6 @@ class _Walk:
         return max(found)
 
     def _check_range(self, q: Array, t: float) -> None:
-        """Refuse a posture that is outside a joint's range."""
         past = np.maximum(self.limits.lower - q, q - self.limits.upper)
         j = int(np.argmax(past))
         if past[j] > 0.0:
@@ -349,7 +322,6 @@ class _Walk:
             )
 
     def _astray(self, wrong: str, t: float) -> UnfollowableWay:
-        """An error with time and place."""
         place = ", ".join(f"{x:.3f}" for x in self.path.at(t)[0] + 0.0)
         error = UnfollowableWay(
             wrong,
@@ -362,6 +334,19 @@ class _Walk:
         return error
 
 
+def _refuse_start(robot: Robot, limits: MotionLimits, posture: Array) -> None:
+    past = np.maximum(limits.lower - posture, posture - limits.upper)
+    j = int(np.argmax(past))
+    if past[j] > 0.0:
+        joint = robot.coordinates[j]
+        raise DataError(
+            f"the start posture is outside the range of joint '{joint.name}' by {past[j]:.3g} "
+            f"{joint.unit}",
+            where=f"robot '{robot.name}'",
+            fix=f"choose it from {limits.lower[j]:.4g} to {limits.upper[j]:.4g} {joint.unit}",
+        )
+
+
 def _ratios(rates: Array) -> Array:
     """Singular values over the greatest, descending."""
     sizes = np.linalg.svd(rates, compute_uv=False)
@@ -369,5 +354,4 @@ def _ratios(rates: Array) -> Array:
 
 
 def _piece(a: _Knot, b: _Knot) -> Array:
-    """The polynomials between two knots, see `quintic`."""
     return quintic((a.q, a.dq, a.ddq), (b.q, b.dq, b.ddq), b.t - a.t)

@@ -10,17 +10,18 @@ would leave it stand still, so the method ends at the nearest place within the r
 target itself is out of reach.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import ClassVar, Protocol
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from steelyard.base.arrays import Array, frozen
-from steelyard.base.errors import DataError, ModelError
+from steelyard.base.errors import ModelError
+from steelyard.excite.collision.shapes import axes_along
 from steelyard.excite.constraints.constraint import MotionLimits
-from steelyard.excite.constraints.workspace import unit_vectors_across
 from steelyard.model.equations.kinematics import frame_kinematics, refuse_passive
 from steelyard.robot.robot import Frame, Robot
 
@@ -42,11 +43,9 @@ class Attitude:
 
 @dataclass(frozen=True, eq=False)
 class Pointing(Attitude):
-    """An axis of the tool points in a direction; the turn about it is free.
+    """An `axis` of the tool, in its frame, points in a direction of the base frame, `(3,)` each.
 
-    Attributes:
-        direction: Shape `(3,)`, in the base frame.
-        axis: Shape `(3,)`, in the tool's frame.
+    The turn about it is free.
     """
 
     rows: ClassVar[int] = 2
@@ -81,39 +80,23 @@ class Pointing(Attitude):
 
     @cached_property
     def _across(self) -> Array:
-        """Two unit vectors across the direction, shape `(2, 3)`."""
-        return unit_vectors_across(self.direction)
+        return axes_along(self.direction)[:, :2].T
 
 
-REACHED = 1e-8
-"""A place is reached when it is missed by less than this [m; rad]."""
-_LENGTH = 0.3
-"""One radian of turn weighs as much as this many metres."""
-_DRAW = 0.1
-"""Spare joints are drawn by this at once at most [rad; m]."""
-_TRUSTED = 1e-6
-"""Damping, relative to the Jacobian's size, where the start is near; elsewhere a thousandfold."""
+REACHED = 1e-8  # a place is reached when it is missed by less than this [m; rad]
+_LENGTH = 0.3  # one radian of turn weighs as much as this many metres
+_DRAW = 0.1  # spare joints are drawn by this at once at most [rad; m]
+_TRUSTED = 1e-6  # damping over the Jacobian's size, where the start is near; else a thousandfold
 
 
-class Kinematics(Protocol):
-    """Where a frame is, and how it moves with the joints."""
-
-    def pose(self, q: Array) -> tuple[Array, Array]:
-        """Origins `(N, 3)` [m] and orientations `(N, 3, 3)` in the base, at `q` `(N, n)`."""
-        ...
-
-    def jacobian(self, q: Array) -> Array:
-        """Rates of the origin, then of turning, per joint rate, `(N, 6, n)`, in the base."""
-        ...
+Kinematics = Callable[[Array], tuple[Array, Array, Array]]
+"""At postures `(N, n)` the origin `(N, 3)` [m] and orientation `(N, 3, 3)` of a frame in the base,
+and the rates of the origin, then of turning, per joint rate, `(N, 6, n)`."""
 
 
 @dataclass(frozen=True, eq=False)
 class Postures:
-    """Postures `(N, n)` found for targets.
-
-    What is `missed` is the distance to the target, shape `(N,)` [m], what is `turned` the turn that
-    is left to the attitude, shape `(N,)` [rad].
-    """
+    """Postures `(N, n)` for targets, and how far they miss these [m] and the attitude [rad]."""
 
     q: Array
     missed: Array
@@ -136,17 +119,16 @@ class InverseKinematics:
 
     @classmethod
     def of(
-        cls, robot: Robot, frame: str, limits: MotionLimits, attitude: Attitude | None = None
+        cls, robot: Robot, frame: Frame, limits: MotionLimits, attitude: Attitude
     ) -> "InverseKinematics":
-        """For a frame of a robot, within the position limits; by default it may turn freely.
+        """For a frame of a robot, within the position limits.
 
         Raises:
-            ModelError: The robot has no such frame, it does not move, or loops decide where it is.
+            ModelError: It does not move, or loops decide where it is.
         """
-        kinematics = frame_kinematics(robot, frame)
-        refuse_passive(robot, kinematics.frame.body, frame)
-        refuse_fixed(robot, kinematics.frame)
-        return cls(kinematics, limits.lower, limits.upper, attitude or Attitude())
+        refuse_passive(robot, frame.body, frame.name)
+        refuse_fixed(robot, frame)
+        return cls(frame_kinematics(robot, frame), limits.lower, limits.upper, attitude)
 
     @property
     def spare(self) -> int:
@@ -155,7 +137,7 @@ class InverseKinematics:
 
     def place(self, q: Array) -> Array:
         """The frame's origin, shape `(N, 3)` [m], at postures `(N, n)`."""
-        return self.kinematics.pose(q)[0]
+        return self.kinematics(q)[0]
 
     def solve(
         self, targets: Array, seeds: Array, *, near: bool = False, rounds: int = 100
@@ -207,8 +189,8 @@ class InverseKinematics:
     def agile_first(self, q: Array) -> Array:
         """Postures `(N, n)` in another order: first those that can move best.
 
-        How well a posture can move is the least singular value of its Jacobian times its room to
-        the nearest end of a range, relative to half the range.
+        By the least singular value of the Jacobian times the room to the nearest end of a range,
+        relative to half the range.
         """
         half = 0.5 * (self.upper - self.lower)
         room = np.min(np.minimum(q - self.lower, self.upper - q) / half, axis=1)
@@ -217,7 +199,7 @@ class InverseKinematics:
         return ordered
 
     def drawn(self, target: Array, q: Array, towards: Array, share: float = 0.2) -> Array:
-        """A posture `(n,)` that keeps the target, its spare joints drawn towards another posture.
+        """A posture that keeps the target, its spare joints drawn towards another posture.
 
         They go a share of the way, and at most by `_DRAW`.
         """
@@ -232,14 +214,13 @@ class InverseKinematics:
 
     def missing(self, q: Array, targets: Array) -> Array:
         """What is left to go and to turn, shape `(N, 3 + k)`; turns weighed as lengths [m]."""
-        place, rotation = self.kinematics.pose(q)
-        return np.hstack([targets - place, self.attitude.turns(rotation)]) * weights_of(
-            self.attitude
-        )
+        place, rotation, _ = self.kinematics(q)
+        left = np.hstack([targets - place, self.attitude.turns(rotation)])
+        return np.asarray(left * weights_of(self.attitude))
 
     def rates(self, q: Array) -> Array:
         """How the way made grows with the joints, shape `(N, 3 + k, n)`, weighed alike."""
-        rates = self.kinematics.jacobian(q)
+        rates = self.kinematics(q)[2]
         rows = np.concatenate([rates[:, :3], self.attitude.slopes(rates[:, 3:])], axis=1)
         weighed: Array = rows * weights_of(self.attitude)[:, None]
         return weighed
@@ -272,28 +253,6 @@ def refuse_fixed(robot: Robot, frame: Frame) -> None:
             where=f"robot '{robot.name}'",
             fix=f"name a frame of a moving link, such as '{robot.bodies[-1].name}'",
         )
-
-
-def start_posture(robot: Robot, limits: MotionLimits, start: ArrayLike) -> Array:
-    """The start posture, refused with its worst joint if a range does not hold it."""
-    posture = np.atleast_1d(np.asarray(start, dtype=np.float64))
-    if posture.shape != (robot.n,) or not np.isfinite(posture).all():
-        raise DataError(
-            f"the start posture has {posture.size} values, or one that is no number",
-            where=f"robot '{robot.name}'",
-            fix=f"give one finite position for each of its {robot.n} joints",
-        )
-    past = np.maximum(limits.lower - posture, posture - limits.upper)
-    j = int(np.argmax(past))
-    if past[j] > 0.0:
-        joint = robot.coordinates[j]
-        raise DataError(
-            f"the start posture is outside the range of joint '{joint.name}' by {past[j]:.3g} "
-            f"{joint.unit}",
-            where=f"robot '{robot.name}'",
-            fix=f"choose it from {limits.lower[j]:.4g} to {limits.upper[j]:.4g} {joint.unit}",
-        )
-    return frozen(posture)
 
 
 def within(limits: MotionLimits, margin: float = 1e-3) -> MotionLimits:

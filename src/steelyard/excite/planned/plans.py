@@ -5,23 +5,20 @@ or the edges of a horizontal square, at the speed of the work. Each move starts 
 the whole ends in the posture it started in, so it can be repeated.
 """
 
-from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import replace
 from types import MappingProxyType
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from steelyard.base.arrays import Array, frozen
+from steelyard.base.arrays import Array
 from steelyard.base.errors import DataError
 from steelyard.excite.collision.cell import tool_of, up_of
 from steelyard.excite.constraints.constraint import MotionLimits
-from steelyard.excite.constraints.workspace import Marker
 from steelyard.excite.planned.along_path import along_path
 from steelyard.excite.planned.inverse_kinematics import Attitude, Pointing
-from steelyard.excite.planned.route import Planner, ProcessMotion, ToolGuidance, ToolLimits, Tour
+from steelyard.excite.planned.route import ToolGuidance, Tour, planned_tour
 from steelyard.excite.planned.tool_paths import (
     Circle,
     Reaches,
@@ -34,238 +31,50 @@ from steelyard.excite.planned.tool_paths import (
 from steelyard.excite.trajectories.bases import posture_of
 from steelyard.excite.trajectories.trajectory import ExactTrajectory, SlowedMotion
 from steelyard.excite.trajectories.trajectory_files import read_motion
-from steelyard.model.equations.kinematics import frame_of
-from steelyard.robot.file.excitation_sections import BoxSpans
+from steelyard.robot.file.excitation_sections import (
+    BoxSpans,
+    PickAndPlaceSection,
+    SquareSection,
+    WaypointsSection,
+)
 from steelyard.robot.file.loaded_robot import LoadedRobot, beside
 from steelyard.robot.robot import Frame, Robot
 
-_SAME = 1e-6
-"""Places nearer to each other than this are one [m]."""
-
-
-class Process(ABC):
-    """A task of a robot that can be planned; `manner` is how the tool is led."""
-
-    manner: ToolGuidance
-
-    @abstractmethod
-    def tour(self, robot: Robot, seed: int) -> Tour:
-        """The places that the tool visits."""
-
-    def required(self, robot: Robot) -> Iterable[tuple[Array, str, str]]:
-        """Places `(K, 3)` [m] that must be in reach, what they are, and which places of it."""
-        return ()
-
-    def plan(
-        self,
-        robot: Robot,
-        limits: MotionLimits,
-        frame: str,
-        *,
-        seed: int = 0,
-        start: ArrayLike | None = None,
-    ) -> ProcessMotion:
-        """The fastest motion of the task.
-
-        Args:
-            robot: The robot.
-            limits: Of its joints.
-            frame: The frame that does the task, such as the tool's.
-            seed: Same seed, same motion: of what is random in the task and in the search.
-            start: Posture near which to begin, shape `(n,)` [rad; m]; by default one from which
-                the whole task can be done.
-
-        Raises:
-            DataError: The task cannot be done, where, and how it would have to be changed.
-        """
-        planner = Planner(robot, limits, frame, self.manner, seed, start)
-        for places, what, which in self.required(robot):
-            planner.refuse_out_of_reach(places, what, which)
-        return planner.run(self.tour(robot, seed))
-
-
-@dataclass(frozen=True)
-class Box:
-    """A box along the axes of the base frame by its middle and its edges [m]; it may be flat."""
-
-    centre: tuple[float, float, float]
-    size: tuple[float, float, float]
-
-    def __post_init__(self) -> None:
-        sizes = np.array([*self.centre, *self.size])
-        if sizes.shape != (6,) or not np.isfinite(sizes).all() or min(self.size) < 0.0:
-            raise _refused(
-                f"a box of centre {self.centre} and size {self.size} is none",
-                "give three finite numbers for each, the size not negative [m]",
-            )
-
-    @property
-    def corners(self) -> Array:
-        """The corners, shape `(8, 3)` [m]."""
-        signs = np.stack(np.meshgrid(*[[-0.5, 0.5]] * 3, indexing="ij"), axis=-1).reshape(8, 3)
-        return np.asarray(self.centre + signs * self.size)
-
-    def points(self, rng: np.random.Generator, count: int) -> Array:
-        """Random places inside, evenly spread, shape `(count, 3)` [m]."""
-        return np.asarray(self.centre + rng.uniform(-0.5, 0.5, (count, 3)) * self.size)
-
-
-@dataclass(frozen=True)
-class PickAndPlace(Process):
-    """Random points of one box carried to random points of another, by way of lifted ones.
-
-    Between the boxes the tool is lifted upwards by `lift` [m], or not at all; it dwells in the
-    boxes.
-    """
-
-    pick: Box
-    place: Box
-    cycles: int = 10
-    lift: float = 0.1
-    manner: ToolGuidance = ToolGuidance()
-
-    def __post_init__(self) -> None:
-        if self.cycles < 1 or not 0.0 <= self.lift < np.inf:
-            raise _refused(
-                f"{self.cycles} cycles with a lift of {self.lift} m are not a valid task",
-                "give 1 cycle or more, and a lift of 0 m or more",
-            )
-
-    def tour(self, robot: Robot, seed: int) -> Tour:
-        """The places, drawn at random: pick, lifted, lifted, place, lifted, lifted, and so on."""
-        rng, up = np.random.default_rng(seed), self.lift * up_of(robot)
-        picks = self.pick.points(rng, self.cycles)
-        puts = self.place.points(rng, self.cycles)
-        places, names, dwells = [], list[str](), list[float]()
-        for k in range(self.cycles):
-            for point, what in ((picks[k], "pick"), (puts[k], "place")):
-                name = f"{what} point {k + 1}"
-                places += [point + up, point, point + up] if self.lift else [point]
-                names += [f"above {name}", name, f"above {name}"] if self.lift else [name]
-                dwells += [0.0, self.manner.dwell, 0.0] if self.lift else [self.manner.dwell]
-        return Tour(np.array(places), tuple(names), np.array(dwells), self.cycles)
-
-    def required(self, robot: Robot) -> Iterable[tuple[Array, str, str]]:
-        """The corners of the boxes, lifted or not."""
-        lifts = np.outer([0.0, 1.0] if self.lift else [0.0], self.lift * up_of(robot))
-        for box, name in ((self.pick, "the pick box"), (self.place, "the place box")):
-            corners = (lifts[:, None] + box.corners).reshape(-1, 3)
-            yield corners, name, "corners and raised corners"
-
-
-@dataclass(frozen=True)
-class Square(Process):
-    """The edges of a horizontal square of a `side` [m] about a `centre` [m] in the base frame.
-
-    It is turned by `angle` about the upright axis [rad]; 0 has an edge along the base's x axis. The
-    tool dwells at the corners.
-    """
-
-    centre: tuple[float, float, float]
-    side: float
-    angle: float = 0.0
-    laps: int = 1
-    manner: ToolGuidance = ToolGuidance()
-
-    def __post_init__(self) -> None:
-        if not 0.0 < self.side < np.inf or self.laps < 1:
-            raise _refused(
-                f"a square of {self.side} m, {self.laps} times round, is not a valid task",
-                "give a side above 0 m and 1 lap or more",
-            )
-
-    def corners(self, robot: Robot) -> Array:
-        """The four corners in the order of the visits, shape `(4, 3)` [m]."""
-        first = self.angle + 0.25 * np.pi
-        radius = self.side / np.sqrt(2.0)
-        return on_circle(np.array(self.centre), radius, 4, up_of(robot), first)
-
-    def required(self, robot: Robot) -> Iterable[tuple[Array, str, str]]:
-        """The corners."""
-        return ((self.corners(robot), "the square", "corners"),)
-
-    def tour(self, robot: Robot, seed: int) -> Tour:
-        """The corners, as often as there are laps."""
-        return _laps(self.corners(robot), "corner", self.laps, self.manner)
-
-
-@dataclass(frozen=True, eq=False)
-class Waypoints(Process):
-    """Given places `(K, 3)` [m] in the base frame, one after another and back to the first.
-
-    The tool dwells at each place.
-    """
-
-    places: Array
-    laps: int = 1
-    manner: ToolGuidance = ToolGuidance()
-
-    def __post_init__(self) -> None:
-        try:
-            points = frozen(self.places, (None, 3))
-        except ValueError as error:
-            raise _refused(
-                f"the waypoints are not positions: {error}", "give x, y, z of each"
-            ) from None
-        moved = np.linalg.norm(np.diff(points, axis=0), axis=1) if len(points) > 1 else np.zeros(1)
-        if not np.isfinite(points).all() or moved.max() < _SAME or self.laps < 1:
-            raise _refused(
-                f"{len(points)} waypoints, visited {self.laps} times, are not a valid path",
-                "give two different places or more as finite numbers [m], and 1 lap or more",
-            )
-        object.__setattr__(self, "places", points)
-
-    def tour(self, robot: Robot, seed: int) -> Tour:
-        """The places, as often as there are laps."""
-        return _laps(self.places, "waypoint", self.laps, self.manner)
-
-
-def _laps(places: Array, what: str, laps: int, manner: ToolGuidance) -> Tour:
-    names = tuple(f"{what} {k + 1}" for k in range(len(places))) * laps
-    return Tour(np.tile(places, (laps, 1)), names, np.full(len(names), manner.dwell), laps)
-
-
-def _refused(wrong: str, fix: str) -> DataError:
-    return DataError(wrong, where="process motion", fix=fix)
-
-
 WHERE = "[excitation.motion]"
 
-Planned = tuple[ExactTrajectory, tuple[str, ...]]
-"""A motion, and notes on it."""
+Planned = tuple[ExactTrajectory, tuple[str, ...]]  # a motion, and notes on it
 
 
-def _process(s: Any, loaded: LoadedRobot, limits: MotionLimits, seed: int) -> Planned:
-    robot, frame = with_tool_point(loaded.robot, tool_of(loaded.excitation.workspace, loaded.robot))
-    motion = TASKS[s.kind](s).plan(robot, limits, frame, seed=seed)
-    return motion.trajectory, (motion.summary,)
+def pick_and_place(s: PickAndPlaceSection, robot: Robot, seed: int) -> Tour:
+    """Random points of one box carried to random points of another, by way of lifted ones.
 
-
-def with_tool_point(robot: Robot, tool: Marker) -> tuple[Robot, str]:
-    """The robot with a frame at the tool's point, and the frame's name."""
-    if not tool.offset.any():
-        return robot, tool.frame
-    frame = frame_of(robot, tool.frame)
-    place = frame.position + frame.rotation @ tool.offset
-    point = Frame(tool.title, frame.body, frame.rotation, place)
-    return robot.changed(frames=(*robot.frames, point)), tool.title
-
-
-def _attitude(s: Any) -> Attitude:
-    return Attitude() if s.tool_axis is None else Pointing(s.tool_axis)
-
-
-def _guidance(s: Any, path: str) -> ToolGuidance:
-    return ToolGuidance(
-        path="joint" if path == "joint" else "line",
-        attitude=_attitude(s),
-        tool=ToolLimits(s.speed, s.acceleration),
-        dwell=s.dwell,
+    The tool dwells in the boxes. Their corners, lifted or not, must be in reach.
+    """
+    rng, up = np.random.default_rng(seed), s.lift * up_of(robot)
+    boxes = (("pick", _box(s.pick, "pick")), ("place", _box(s.place, "place")))
+    points = [rng.uniform(*box, (s.cycles, 3)) for _, box in boxes]
+    places, names, dwells = [], list[str](), list[float]()
+    for k in range(s.cycles):
+        for (what, _), own in zip(boxes, points, strict=True):
+            name, point = f"{what} point {k + 1}", own[k]
+            places += [point + up, point, point + up] if s.lift else [point]
+            names += [f"above {name}", name, f"above {name}"] if s.lift else [name]
+            dwells += [0.0, s.dwell, 0.0] if s.lift else [s.dwell]
+    lifts = np.outer([0.0, 1.0] if s.lift else [0.0], up)[:, None]
+    corners = [np.stack(np.meshgrid(*box.T, indexing="ij"), axis=-1) for _, box in boxes]
+    required = tuple(
+        (
+            (lifts + own.reshape(8, 3)).reshape(-1, 3),
+            f"the {what} box",
+            "corners and raised corners",
+        )
+        for own, (what, _) in zip(corners, boxes, strict=True)
     )
+    return Tour(np.array(places), tuple(names), np.array(dwells), s.cycles, required)
 
 
-def _box(spans: BoxSpans, key: str) -> Box:
-    """A closed box."""
+def _box(spans: BoxSpans, key: str) -> Array:
+    """Least and greatest corner of a closed box, shape `(2, 3)` [m]."""
     given = [getattr(spans, axis) for axis in "xyz"]
     if None in given:
         raise DataError(
@@ -273,28 +82,55 @@ def _box(spans: BoxSpans, key: str) -> Box:
             where=f"{WHERE} {key}",
             fix="give x, y and z, two numbers each [m]; equal ones for a flat box",
         )
-    lower, upper = zip(*given, strict=True)
-    centre = tuple(0.5 * (a + b) for a, b in zip(lower, upper, strict=True))
-    size = tuple(b - a for a, b in zip(lower, upper, strict=True))
-    return Box(centre, size)
+    lower, upper = box = np.array(given).T
+    if np.any(lower > upper):
+        raise DataError(
+            f"the box '{key}' ends below its beginning",
+            where=f"{WHERE} {key}",
+            fix="give the lower number of x, y and z first [m]",
+        )
+    return box
 
 
-TASKS: Mapping[str, Callable[[Any], Process]] = MappingProxyType(
-    {
-        "pick_and_place": lambda s: PickAndPlace(
-            _box(s.pick, "pick"), _box(s.place, "place"), s.cycles, s.lift, _guidance(s, s.path)
-        ),
-        "square": lambda s: Square(s.centre, s.side, laps=s.laps, manner=_guidance(s, "line")),
-        "waypoints": lambda s: Waypoints(s.points, manner=_guidance(s, s.path)),
-    }
+def square(s: SquareSection, robot: Robot, seed: int) -> Tour:
+    """The corners of a horizontal square, one edge of it along the base's x axis, lap after lap."""
+    corners = on_circle(np.array(s.centre), s.side / np.sqrt(2.0), 4, up_of(robot), 0.25 * np.pi)
+    names = tuple(f"corner {k + 1}" for k in range(4)) * s.laps
+    dwells, required = np.full(len(names), s.dwell), ((corners, "the square", "corners"),)
+    return Tour(np.tile(corners, (s.laps, 1)), names, dwells, s.laps, required)
+
+
+def waypoints(s: WaypointsSection, robot: Robot, seed: int) -> Tour:
+    """Given places, one after another and back to the first; the tool dwells at each."""
+    names = tuple(f"waypoint {k + 1}" for k in range(len(s.points)))
+    return Tour(np.array(s.points), names, np.full(len(names), s.dwell), 1)
+
+
+TASKS: Mapping[str, Callable[[Any, Robot, int], Tour]] = MappingProxyType(
+    {"pick_and_place": pick_and_place, "square": square, "waypoints": waypoints}
 )
+"""Tasks of the tool by their names, from their sections; same seed, same places."""
+
+
+def _process(s: Any, loaded: LoadedRobot, limits: MotionLimits, seed: int) -> Planned:
+    guidance = ToolGuidance(getattr(s, "path", "line"), _attitude(s), s.speed, s.acceleration)
+    tour = TASKS[s.kind](s, loaded.robot, seed)
+    motion = planned_tour(loaded.robot, limits, _tool(loaded), tour, guidance, seed)
+    return motion.trajectory, (motion.summary,)
+
+
+def _tool(loaded: LoadedRobot) -> Frame:
+    tool = tool_of(loaded.excitation.workspace, loaded.robot)
+    return replace(tool.on(loaded.robot), name=tool.title if tool.offset.any() else tool.frame)
+
+
+def _attitude(s: Any) -> Attitude:
+    return Attitude() if s.tool_axis is None else Pointing(s.tool_axis)
 
 
 def _along(path: ToolPath, s: Any, loaded: LoadedRobot, limits: MotionLimits, seed: int) -> Planned:
-    """The motion that leads the tool along a path, and notes on what it lacks."""
-    robot, frame = with_tool_point(loaded.robot, tool_of(loaded.excitation.workspace, loaded.robot))
-    start = posture_of(s.start, robot, "start")
-    motion = along_path(robot, limits, frame, path, _attitude(s), start=start, seed=seed)
+    robot, start = loaded.robot, posture_of(s.start, loaded.robot, "start")
+    motion = along_path(robot, limits, _tool(loaded), path, _attitude(s), start=start, seed=seed)
     notes = list[str]()
     if motion.still:
         notes.append(f"joints that the path does not need stand still: {', '.join(motion.still)}")

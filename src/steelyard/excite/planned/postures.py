@@ -11,32 +11,21 @@ from steelyard.base.arrays import Array
 from steelyard.base.errors import DataError
 from steelyard.excite.planned.inverse_kinematics import InverseKinematics
 
-_STEP = 0.05
-"""Steps along a line are this long at most [m]."""
-_LARGEST_CHANGE = 0.3
-"""From step to step no joint changes by more than this [rad; m]; else the step is halved."""
-_LINE_END = 1.0 - 1e-9
-"""A share of the line that is its end, but for rounding."""
-_SHORTEST = 2.0**-12
-"""A step this share of the line that still changes a posture too much is a jump."""
+_STEP = 0.05  # steps along a line are this long at most [m]
+_LARGEST_CHANGE = 0.3  # most change of a joint from step to step [rad; m]; else the step is halved
+_LINE_END = 1.0 - 1e-9  # a share of the line that is its end, but for rounding
+_SHORTEST = 2.0**-12  # a share of the line so short that still changes a posture too much: a jump
 
 
 class UnfollowableWay(DataError):
-    """A way that cannot be followed, and how far it could.
-
-    Attributes:
-        progress: Moves that were followed, the last one as a fraction.
-    """
+    """A way that cannot be followed; its `progress` counts the moves that were, with fractions."""
 
     progress: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
 class Followed:
-    """Postures `(k, n)` along a line between two places, shape `(2, 3)` [m].
-
-    They are known at `shares` of the line, ascending from 0 to 1, shape `(k,)`.
-    """
+    """Postures `(k, n)` along a line between two places, `(2, 3)` [m], at `shares` of it."""
 
     solver: InverseKinematics
     ends: Array
@@ -53,7 +42,6 @@ class Followed:
 
     @cached_property
     def _between(self) -> Any:
-        """A smooth guess between the known postures."""
         from scipy.interpolate import make_interp_spline
 
         return make_interp_spline(self.shares, self.q, k=3)
@@ -69,16 +57,10 @@ def follow(
     to: Array | None = None,
     where: str,
 ) -> Followed:
-    """Follow a straight line from a posture.
+    """Follow a straight line between two places, `(2, 3)` [m], from the posture `start`.
 
-    Args:
-        solver: Of the inverse kinematics.
-        ends: The two places, shape `(2, 3)` [m].
-        start: Posture at the first, shape `(n,)` [rad; m].
-        rest: Posture that spare joints are drawn to, shape `(n,)`.
-        names: Of the joints, for messages.
-        to: Posture to arrive in, shape `(n,)`; any by default.
-        where: The move, for messages.
+    Spare joints are drawn to the posture `rest`; the line ends in the posture `to`, if given, each
+    `(n,)` [rad; m]. The joints' names and the move are for messages.
     """
     most = 1.0 / max(4, int(np.ceil(np.linalg.norm(ends[1] - ends[0]) / _STEP)))
     shares, postures, step = [0.0], [start], most
@@ -162,12 +144,9 @@ def unfollowable_error(wrong: str, where: str, share: float) -> UnfollowableWay:
     return error
 
 
-_OFF_TARGET_WEIGHT = 100.0
-"""A metre off the shifted target weighs as much as a shift of this many metres."""
-_SHIFT_FACTORS = (1.0, 1.002, 1.01, 1.03, 1.1, 1.25)
-"""Factors on the least shift; the first that is seen to work is advised."""
-_MOST_SHIFT_STEPS = 200
-"""Steps of the search for the least shift at most."""
+_OFF_TARGET_WEIGHT = 100.0  # a metre off the shifted target weighs as so many metres of shift
+_SHIFT_FACTORS = (1.0, 1.002, 1.01, 1.03, 1.1, 1.25)  # on the least shift; the first that works
+_MOST_SHIFT_STEPS = 200  # steps of the search for the least shift at most
 
 
 def postures_at(solver: InverseKinematics, places: Array, start: Array, seed: int) -> Array | None:
@@ -188,8 +167,7 @@ def refuse_out_of_reach(
 ) -> None:
     """Refuse places `(K, 3)` [m], which would be moved together, if one is out of reach.
 
-    The error says how far, and the least move of all that would help. `what` the places are is such
-    as `the pick box`; the search begins at the posture `start`.
+    The error says how far, and the least move of all that would help. The search begins at `start`.
     """
     if postures_at(solver, places, start, seed) is not None:
         return
@@ -233,7 +211,6 @@ def least_shift(solver: InverseKinematics, places: Array, start: Array, seed: in
 
 
 def _nearest(solver: InverseKinematics, places: Array, start: Array, seed: int) -> Array:
-    """The postures that come nearest to places, shape `(K, n)`."""
     return np.array([solver.reach(place, start, seed).q[0] for place in places])
 
 
@@ -275,5 +252,4 @@ def _shifted(
 
 
 def _point_text(place: Array) -> str:
-    """Coordinates to the millimetre."""
     return ", ".join(f"{x:.3f}" for x in np.round(place, 3) + 0.0)

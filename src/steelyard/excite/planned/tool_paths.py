@@ -27,16 +27,12 @@ from steelyard.excite.trajectories.polynomials import (
     through_postures,
 )
 
-_PER_LAP = 16
-"""Stretches of a lap, and of its ramps, that are followed at once at most."""
-_PER_REACH = 4
-"""Stretches of a reach that are followed at once at most."""
-_SAME = 1e-9
-"""Places nearer to each other than this are one [m]."""
+_PER_LAP = 16  # stretches of a lap, and of its ramps, that are followed at once at most
+_PER_REACH = 4  # stretches of a reach that are followed at once at most
+_SAME = 1e-9  # places nearer to each other than this are one [m]
 
 _STEP = Polynomial(SMOOTH)
-_RISE = _STEP.integ()
-"""Way at a speed that rises from 0 to 1 within the unit of time."""
+_RISE = _STEP.integ()  # way at a speed that rises from 0 to 1 within the unit of time
 
 
 class ToolPath(Protocol):
@@ -54,17 +50,12 @@ class ToolPath(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Circle:
-    r"""A circle, started and stopped smoothly; its whole turns include both ramps.
+    """A circle about `centre` [m], started and stopped smoothly; whole turns include both ramps.
 
-    Attributes:
-        centre: Its middle [m], shape `(3,)`, in the base frame.
-        radius: Its radius [m].
-        period: Time of a lap at full speed [s].
-        ramp: Time in which the speed rises, and in which it falls [s]; each takes
-            `ramp / (2 period)` of a turn.
-        normal: Axis of the turn, shape `(3,)`; it turns right-handed about it.
-        angle: Where it starts [rad], from the projection of the base's x axis on its plane, or of
-            the y axis where x is normal to it.
+    A lap at full speed takes `period`, the speed rises and falls in `ramp` [s] each, which takes
+    `ramp / (2 period)` of a turn. It turns right-handed about `normal`. The start's `angle` [rad]
+    is from the projection of the base's x axis on its plane, or of the y axis where x is normal to
+    it.
     """
 
     centre: Array
@@ -78,8 +69,6 @@ class Circle:
     def __post_init__(self) -> None:
         for name in ("centre", "normal"):
             object.__setattr__(self, name, frozen(getattr(self, name), (3,)))
-        if not min(self.radius, self.period, self.ramp, self.laps) > 0.0:
-            raise ValueError("radius, period, laps and ramp of a circle are above 0")
         if self.ramp > self.laps * self.period:
             raise ValueError(
                 f"a ramp of {self.ramp:g} s is longer than the circle's laps, "
@@ -144,10 +133,8 @@ class Reaches:
     def __post_init__(self) -> None:
         object.__setattr__(self, "places", frozen(self.places, (None, 3)))
         ways = np.linalg.norm(np.diff(self.places, axis=0), axis=1)
-        if len(ways) == 0 or ways.min() < _SAME or not np.isfinite(self.places).all():
+        if ways.min() < _SAME:
             raise ValueError("each place of the reaches differs from the one before it")
-        if not (self.move > 0.0 and self.dwell >= 0.0):
-            raise ValueError("reaches take more than 0 s, and pauses 0 s or more")
 
     @cached_property
     def knots(self) -> Array:
@@ -204,12 +191,9 @@ def out_and_back(home: Array, targets: Array, times: int) -> Array:
     return np.concatenate([np.reshape(home, (1, 3)), np.tile(once, (times, 1))])
 
 
-_GAIN = 1.5
-"""Largest acceleration of a change of speed, over the change per time."""
-_STEADY = 0.5
-"""Share of a sweep's way that is gone at constant speed, at least."""
-_ROOM = 1.0 - 1e-9
-"""Keeps the largest values below the limits, not on them, whatever rounding does."""
+_GAIN = 1.5  # largest acceleration of a change of speed, over the change per time
+_STEADY = 0.5  # share of a sweep's way that is gone at constant speed, at least
+_ROOM = 1.0 - 1e-9  # keeps the largest values below the limits, not on them, whatever rounding does
 
 
 def friction_sweeps(
@@ -227,21 +211,10 @@ def friction_sweeps(
     joint whose range is too short for its highest speed goes as fast as half of the range can be
     gone at. It changes all its speeds in the time that the fastest one needs.
 
-    Args:
-        limits: Bounds of the motion.
-        posture: Where the joints stand, shape `(n,)`; by default the middle of the ranges.
-        speeds: Speeds per joint, geometrically spaced.
-        slowest: The slowest speed, as a share of the fastest.
-        fraction: Share of the speeds, accelerations and position ranges that may be used.
-        longest_s: Longest time at constant speed, each way [s].
+    Speeds are geometrically spaced from the share `slowest` of the fastest on. A `fraction` of the
+    speeds, accelerations and position ranges is used. The posture is the middle of the ranges if
+    `None`.
     """
-    if speeds < 1 or not 0.0 < slowest <= 1.0 or not longest_s > 0.0:
-        raise DataError(
-            f"{speeds} speeds from {slowest:g} of the fastest, {longest_s:g} s each, are not "
-            "valid sweeps",
-            where="friction sweeps",
-            fix="give 1 speed or more, a slowest share from 0 to 1 and a time above 0",
-        )
     lower, upper = _allowed(limits, _ROOM * fraction)
     posture = _inside(limits, fraction, posture)
     shares = np.geomspace(slowest, 1.0, speeds) if speeds > 1 else np.ones(1)
@@ -307,34 +280,22 @@ def static_postures(
     *,
     count: int,
     seed: int,
-    dwell_s: float = 2.0,
+    dwell_s: float,
     fraction: float = 0.9,
-    speed: float = 0.5,
-    start: ArrayLike | None = None,
 ) -> PiecewiseMotion:
-    """Stands still at postures that fill the ranges evenly, and comes back to its start.
+    """Stands still at postures that fill the ranges evenly, and comes back to their middle.
 
-    The postures are the first ones of a scrambled Sobol sequence [Owen1998].
-
-    Args:
-        limits: Bounds of the motion.
-        count: Number of postures besides the start.
-        seed: Same seed, same postures.
-        dwell_s: Time to stand at each [s].
-        fraction: Share of the position ranges that may be used.
-        speed: Share of the speeds and accelerations that the moves between them use at most.
-        start: Posture at both ends, shape `(n,)`; by default the middle of the ranges.
+    The postures are the first ones of a scrambled Sobol sequence [Owen1998], in a `fraction` of the
+    position ranges; moves between them use half of the speeds and accelerations.
     """
-    if count < 1 or not dwell_s >= 0.0 or not 0.0 < speed <= 1.0:
-        raise DataError(
-            f"{count} postures of {dwell_s:g} s at {speed:g} of the speed are not a valid motion",
-            where="static postures",
-            fix="give 1 posture or more, 0 s or more, and a share of the speed from 0 to 1",
-        )
+    from scipy.stats.qmc import Sobol
+
     lower, upper = _allowed(limits, fraction)
-    start = _inside(limits, fraction, start)
-    postures = np.vstack([start, lower + (upper - lower) * _sobol(len(lower), count, seed), start])
-    share = speed * _ROOM
+    sequence = Sobol(len(lower), seed=np.random.default_rng(seed))
+    places = sequence.random_base2((count - 1).bit_length())[:count]
+    middle = 0.5 * (lower + upper)
+    postures = np.vstack([middle, lower + (upper - lower) * places, middle])
+    share = 0.5 * _ROOM
     seconds = [
         reach_seconds(step, share * limits.velocity, share * limits.acceleration)
         for step in np.diff(postures, axis=0)
@@ -342,22 +303,8 @@ def static_postures(
     return through_postures(postures, seconds, dwell_s)
 
 
-def _sobol(dimensions: int, count: int, seed: int) -> Array:
-    """The first points of a scrambled sequence, shape `(count, dimensions)`, from 0 to 1."""
-    from scipy.stats.qmc import Sobol
-
-    sequence = Sobol(dimensions, seed=np.random.default_rng(seed))
-    return np.asarray(sequence.random_base2((count - 1).bit_length())[:count])
-
-
 def _allowed(limits: MotionLimits, fraction: float) -> tuple[Array, Array]:
     """The share of the position ranges, around their middle."""
-    if not 0.0 < fraction <= 1.0:
-        raise DataError(
-            f"{fraction:g} is not a valid share of the limits",
-            where="share of the limits",
-            fix="give a number above 0 and up to 1",
-        )
     middle, half = 0.5 * (limits.lower + limits.upper), 0.5 * (limits.upper - limits.lower)
     return middle - fraction * half, middle + fraction * half
 

@@ -10,20 +10,18 @@ from steelyard.base.arrays import Array
 from steelyard.base.errors import DataError
 from steelyard.excite.constraints.constraint import Constraint, MotionLimits
 from steelyard.excite.problem import Problem
-from steelyard.excite.search.newton import InequalityConstraints, joint_bounds
+from steelyard.excite.search.newton import InequalityConstraints
 from steelyard.excite.trajectories.bases import posture_of
 from steelyard.robot.file.loaded_robot import LoadedRobot
 from steelyard.robot.robot import Robot
 
-POSTURE_ATTEMPTS = 60
-"""Random postures among which a free one is sought before none is reported."""
+POSTURE_ATTEMPTS = 60  # random postures among which a free one is sought before none is reported
 
 _MIDDLE_SHARE = 0.4
 _EDGE_SHARE = 0.95
 _FREE_ROOM_SHARE = 0.8
 _SIZE_SHRINK = 0.7
-_POWERS = 20
-"""Times that a motion is shrunk before it is next to nothing, a thousandth."""
+_POWERS = 20  # times that a motion is shrunk before it is next to nothing, a thousandth
 _WANTED_MARGIN = 0.05
 _POSTURES = 30
 _DRAWN_POSTURES = 180
@@ -126,12 +124,8 @@ def each_start(
 ) -> Iterator[Array]:
     """Motions about random postures, as large as the constraints allow but for a fifth.
 
-    Args:
-        inequalities: Inequality constraints of the motion.
-        random: Source of all random choices.
-        count: How many, if so many postures are free; some of them, but one at least, if not.
-        limbs: Joints that are given as much room as there is one limb after the other, in random
-            order; all at once if empty.
+    As many as `count`, if so many postures are free; some of them, but one at least, if not. Limbs
+    are joints that are given as much room as there is one after the other, in random order.
     """
     found = 0
     for posture in _free(inequalities, random, count):
@@ -192,9 +186,7 @@ def _widened_in_turn(
 
 def widened(inequalities: InequalityConstraints, still: Array, change: Array) -> Array | None:
     """Standing still plus as much of a change as the constraints allow; `None` if hardly any."""
-    rates, margins = inequalities.margin_rates(change), inequalities.limit_margins(still)
-    room = np.min(margins / np.maximum(-rates, 1e-12), axis=1)
-    sized = _FREE_ROOM_SHARE * room[:, None] * change
+    sized = _FREE_ROOM_SHARE * inequalities.room(still, change)[:, None] * change
     # the power of the shrinking at which the motion comes inside, by halving their range
     low, high = 0, _POWERS
     while low < high:
@@ -209,8 +201,7 @@ def widened(inequalities: InequalityConstraints, still: Array, change: Array) ->
     return None
 
 
-WORTHY_MOTION_SIZE = 0.1
-"""Size of a motion that is worth its name, over the largest that the limits of joints allow."""
+WORTHY_MOTION_SIZE = 0.1  # size of a small motion, over the largest that the joints' limits allow
 
 _WIDENING_POSTURES = 12
 _WIDENING_TRIES = 4
@@ -218,20 +209,17 @@ _WIDENING_FACTOR = 1.05
 
 
 def lacking(problem: Problem, places: Iterable[Array]) -> tuple[Lack, ...]:
-    """What a small motion lacks that lacks as little as can be, worst first.
+    """What a small motion about one of `places`, `(n,)` each, lacks that lacks the least.
 
-    A witness: with everything widened by that much, it is a motion that keeps all samples. It is
-    about one of `places`, each `(n,)`, or about the given start.
+    A witness: with everything widened by that much, it is a motion that keeps all samples.
     """
     inequalities, random = problem.inequalities, np.random.default_rng(0)
     best: tuple[float, tuple[Lack, ...]] | None = None
     for place in places:
         still = problem.basis.still(place)
-        room = inequalities.limit_margins(still)
         for _ in range(_WIDENING_TRIES):
             change = random.standard_normal(still.shape)
-            rates = inequalities.margin_rates(change)
-            most = np.min(room / np.maximum(-rates, 1e-12), axis=1)
+            most = inequalities.room(still, change)
             lacks = _lacks(problem, still + WORTHY_MOTION_SIZE * most[:, None] * change)
             size = sum(_share_of_room(lack) for lack in lacks)
             if best is None or size < best[0]:
@@ -295,8 +283,7 @@ def _share_of_room(lack: Lack) -> float:
 LEAST_SWING = {"revolute": 2e-3, "prismatic": 5e-4}
 """Amplitude [rad; m] of the highest harmonic below which a series shows next to nothing."""
 
-TIME_KEYS = ("period", "duration", "move", "blend", "ramp")
-"""Keys of the motion's table that say how fast it is [s]."""
+TIME_KEYS = ("period", "duration", "move", "blend", "ramp")  # that say how fast it is [s]
 
 _RANGE_ROOM = 1e-6
 _SPARE_SHARE = 0.02
@@ -305,7 +292,7 @@ _WHERE = "[excitation.motion]"
 
 
 def refuse_impossible(problem: Problem, loaded: LoadedRobot) -> None:
-    """Whatever can be seen to allow no motion.
+    """Refuse what can be seen to allow no motion.
 
     Raises:
         DataError: Says what is impossible, by how much, and the smallest change that would work.
@@ -325,7 +312,6 @@ def refuse_impossible(problem: Problem, loaded: LoadedRobot) -> None:
 
 
 def _refuse_short(problem: Problem, section: Any) -> None:
-    """Times so short that the limits leave the highest frequency next to nothing."""
     robot, limits, highest = problem.robot, problem.limits, problem.basis.highest
     least = np.array([LEAST_SWING[joint.kind] for joint in robot.coordinates])
     rates = [limits.velocity / least, np.sqrt(limits.acceleration / least)]
@@ -356,10 +342,9 @@ def _refuse_short(problem: Problem, section: Any) -> None:
 
 
 def _refuse_far(problem: Problem, start: Array) -> None:
-    """An end that the time does not allow to be gone to."""
     motion = problem.basis.motion(problem.basis.still(start))
     ratio = 0.0
-    for order, (_, most) in enumerate(joint_bounds(problem.limits)[1:], start=1):
+    for order, (_, most) in enumerate(problem.limits.bounds[1:], start=1):
         size = np.maximum(*np.abs(motion.extremes(order)))
         ratio = max(ratio, float(np.max(size / most)) ** (1.0 / order))
     if ratio >= 1.0:
@@ -373,7 +358,6 @@ def _refuse_far(problem: Problem, start: Array) -> None:
 
 
 def _refuse_outside(robot: Robot, limits: MotionLimits, posture: Array, key: str) -> None:
-    """A posture beyond the position limits, or on them."""
     for j, joint in enumerate(robot.coordinates):
         at, low, high = posture[j], limits.lower[j], limits.upper[j]
         room = _RANGE_ROOM * (high - low)
@@ -404,7 +388,6 @@ def _range_text(low: float, high: float) -> str:
 def _refuse_lacking(
     limits: MotionLimits, constraints: Sequence[Constraint], posture: Array, key: str
 ) -> None:
-    """A posture at which something touches, or is outside its box."""
     here = standing(constraints, posture)
     if not here.lacks:
         return
@@ -418,7 +401,6 @@ def _refuse_lacking(
 
 
 def _refuse_nowhere(problem: Problem) -> None:
-    """Constraints that no posture keeps."""
     limits, constraints = problem.limits, problem.constraints
     if not constraints:
         return
@@ -455,7 +437,6 @@ def _nearest_posture(
 
 
 def _posture_between(constraints: Sequence[Constraint], bad: Array, free: Array) -> Array:
-    """The posture nearest to the bad one on the way to the free one."""
     low, high = 0.0, 1.0
     for _ in range(12):
         middle = 0.5 * (low + high)

@@ -26,8 +26,7 @@ _DIP_FACTOR = 1.2
 _MOST_OF_MARGIN = 0.9
 _SPARSE_STEP = 5
 
-CONSTRAINT_STEP = 2
-"""Constraints are looked at in every second sample: they change more slowly than accelerations."""
+CONSTRAINT_STEP = 2  # constraints are seen at each second sample: slower than accelerations
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,13 +43,11 @@ class Barrier:
 
 @dataclass(frozen=True, eq=False)
 class InequalityConstraints:
-    """Margins of a motion at sample times.
+    """Margins of a motion at sample times `(N,)` [s].
 
-    Attributes:
-        t: Sample times, shape `(N,)` [s]; constraints are looked at in each second one.
-        reserves: What each constraint's margins keep for the time between samples, each `(N', k)`;
-            nothing if empty.
-        edge: What the limits' margins keep for it, shape `(n, 2 R)`.
+    Constraints are looked at in each second one. For the time between samples each constraint's
+    margins keep its `reserves`, `(N', k)`, none if empty, and the limits' margins the `edge`, `(n,
+    2 R)`.
     """
 
     basis: Basis
@@ -76,16 +73,12 @@ class InequalityConstraints:
     @cached_property
     def shapes(self) -> list[Array]:
         """The basis' functions and their derivatives at the samples, each `(N, m)`."""
-        return [self.basis.shapes(self.t, order) for order in range(self._orders)]
+        return [self.basis.shapes(self.t, order) for order in range(len(self.limits.bounds))]
 
     @cached_property
     def offsets(self) -> list[Array]:
         """What the basis has without coefficients, each `(N, n)`."""
-        return [self.basis.offset(self.t, order) for order in range(self._orders)]
-
-    @property
-    def _orders(self) -> int:
-        return 3 if self.limits.jerk is None else 4
+        return [self.basis.offset(self.t, order) for order in range(len(self.limits.bounds))]
 
     @cached_property
     def _rows(self) -> Array:
@@ -95,13 +88,13 @@ class InequalityConstraints:
     @cached_property
     def _middle(self) -> Array:
         """What the limits leave in the middle, less the offset, shape `(n, R)`."""
-        sides = zip(joint_bounds(self.limits)[: self._orders], self.offsets, strict=True)
+        sides = zip(self.limits.bounds, self.offsets, strict=True)
         return np.hstack([0.5 * (low + high)[:, None] - offset.T for (low, high), offset in sides])
 
     @cached_property
     def _halves(self) -> Array:
         """Half of each limit's range, shape `(n, R)`."""
-        halves = [0.5 * (high - low) for low, high in joint_bounds(self.limits)[: self._orders]]
+        halves = [0.5 * (high - low) for low, high in self.limits.bounds]
         return np.repeat(np.column_stack(halves), len(self.t), axis=1)
 
     def limit_margins(self, x: Array) -> Array:
@@ -113,6 +106,11 @@ class InequalityConstraints:
         """How fast those margins change along `dx`."""
         rate = (dx @ self._rows.T) / self._halves
         return np.hstack([-rate, rate])
+
+    def room(self, x: Array, dx: Array) -> Array:
+        """How much of a change the limits allow each joint, shape `(n,)`."""
+        falls = np.maximum(-self.margin_rates(dx), 1e-12)
+        return np.asarray(np.min(self.limit_margins(x) / falls, axis=1))
 
     def state(self, x: Array) -> tuple[Array, Array, Array]:
         """Position, speed and acceleration at the constraints' samples, each `(N', n)`."""
@@ -167,7 +165,6 @@ class InequalityConstraints:
         return total
 
     def _limited(self, x: Array) -> Barrier | None:
-        """The barrier of the joints' limits."""
         margins = self.limit_margins(x)
         if not margins.min() > 0.0:
             return None
@@ -189,7 +186,6 @@ class InequalityConstraints:
         shape: tuple[int, ...],
         reserve: Array | float,
     ) -> Barrier | None:
-        """The barrier of one constraint."""
         margins = constraint.margins(*state)
         s = (margins.values - reserve) / constraint.activation_distance
         if not s.min() > 0.0:
@@ -220,19 +216,10 @@ def _dips(margins: Array) -> Array:
     return _DIP_FACTOR / 8.0 * np.maximum(np.maximum(beside[:-2], beside[2:]), bend)
 
 
-def joint_bounds(limits: MotionLimits) -> list[tuple[Array, Array]]:
-    """Lower and upper bound of position, speed, acceleration and, where limited, jerk."""
-    sides = [(limits.lower, limits.upper)]
-    symmetric = [limits.velocity, limits.acceleration]
-    symmetric += [] if limits.jerk is None else [limits.jerk]
-    return sides + [(-most, most) for most in symmetric]
-
-
 ObjectiveFunction = Callable[[Array, float], tuple[float, Array]]
 """Coefficients and sharpness to the value to be minimised and its slope."""
 
-StepWatch = Callable[[Array], None]
-"""Told of every step's coefficients; may raise `progress.Stopped`."""
+StepWatch = Callable[[Array], None]  # told of every step; may raise `Stopped`
 
 STAGES = ((4.0, 1e-1), (4.0, 1e-2), (16.0, 1e-2), (16.0, 1e-3), (64.0, 1e-3), (64.0, 1e-4))
 """Sharpness and weight of the barrier, one after the other."""
@@ -247,14 +234,9 @@ _STEP_TRIALS = 12
 
 
 class Deadline:
-    """Watches a search, and ends it when its time is spent.
+    """Ends a search at a time of `time.monotonic`, and keeps the latest coefficients, if any.
 
-    Args:
-        at: When that is, of `time.monotonic`.
-        begun: Where the search begins, if it does so in the feasible set.
-
-    Attributes:
-        latest: The last coefficients that were reported to it, if any.
+    A search that begins in the feasible set gives them where it does so.
     """
 
     def __init__(self, at: float, *begun: Array) -> None:
@@ -329,19 +311,12 @@ def minimised(
     tolerance: float = 1e-3,
     watch: StepWatch = lambda x: None,
 ) -> Array:
-    """The nearest minimum from a motion in the feasible set.
+    """The nearest minimum of an objective from a motion strictly inside, `(n, m)`.
 
-    Args:
-        objective: What is minimised, like the logarithm of a criterion.
-        inequalities: Inequality constraints of the motion.
-        x: Where to begin, strictly inside; shape `(n, m)`.
-        stages: Sharpness and weight of the barrier, one after the other.
-        extra: What each constraint's margins keep on top, each `(k,)`; nothing if empty.
-        between: Whether every stage keeps free what margins dip between samples; see
-            `InequalityConstraints.with_reserves`.
-        steps: Most steps per stage.
-        tolerance: Predicted gain of a step at which a stage ends.
-        watch: Told of every step.
+    Stages are sharpness and weight of the barrier, one after the other, of most `steps` each; one
+    ends where the predicted gain of a step is below the tolerance. Each constraint's margins keep
+    `extra` on top, `(k,)` each, if given, and with `between` what they dip between samples, see
+    `with_reserves`.
     """
     hessian = np.eye(x.size)
     for sharpness, weight in stages:

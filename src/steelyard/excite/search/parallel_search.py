@@ -6,13 +6,15 @@ long that is by the clock depends on what else the machine does.
 
 import json
 import os
+import pickle
 import queue
 import subprocess
+import sys
 import threading
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -21,11 +23,10 @@ from steelyard.base.arrays import Array
 from steelyard.base.errors import DataError
 from steelyard.base.progress import Progress, Stopped, module_command, report_progress, silent
 from steelyard.excite.problem import Problem
-from steelyard.excite.problem_from_tables import Recipe
+from steelyard.excite.problem_from_tables import Tables
 from steelyard.excite.search.feasibility import NoMotion
 
-KEPT_MOTIONS = 4
-"""Best motions that are kept for the end."""
+KEPT_MOTIONS = 4  # best motions that are kept for the end
 
 _POLL_SECONDS = 0.05
 _GRACE_SECONDS = 2.0
@@ -33,7 +34,7 @@ _GRACE_SECONDS = 2.0
 
 @dataclass(frozen=True, eq=False)
 class Found:
-    """A motion, coefficients `(n, m)`, that search `number` ended with after `seconds`.
+    """A motion, coefficients `(n, m)`, that search `number` ended with.
 
     It is `whole` if the search came to its end, not only to the end of the time.
     """
@@ -41,7 +42,6 @@ class Found:
     number: int
     x: Array
     criterion_value: float
-    seconds: float
     whole: bool
 
 
@@ -49,8 +49,8 @@ class Found:
 class SearchResult:
     """What the searches found, the best first, and how many of them came to their end.
 
-    The `course` is time [s] and criterion of every improvement. The searches are `stopped` if the
-    user stopped them before the time; `killed` is how many processes something else ended.
+    The `course` is time [s] and criterion of every improvement. The user `stopped` the searches
+    before the time; something else `killed` so many processes.
     """
 
     best: tuple[Found, ...]
@@ -62,12 +62,7 @@ class SearchResult:
 
 @dataclass(frozen=True)
 class SearchBudget:
-    """How much is searched.
-
-    Attributes:
-        searches: After how many to stop before that; `None` for never.
-        seed: Same seed, same searches.
-    """
+    """How much is searched, and after how many `searches` to stop before that, if at all."""
 
     seconds: float
     searches: int | None = None
@@ -81,28 +76,27 @@ class SearchBudget:
 
 
 def search_in_parallel(
-    recipe: Recipe, problem: Problem, method: str, effort: SearchBudget, progress: Progress = silent
+    tables: Tables, problem: Problem, method: str, effort: SearchBudget, progress: Progress = silent
 ) -> SearchResult:
     """Search until the time is spent; the best so far if the watcher stops it.
 
-    Every process builds the `problem` from the `recipe` again.
+    Every process builds the `problem` of the `tables` anew.
 
     Raises:
-        NoMotion: No motion keeps everything.
-        DataError: No search found one.
+        DataError: No search found a motion (`NoMotion`: none keeps everything).
         Stopped: The watcher stopped them before one was found.
     """
     begun = time.monotonic()
     found, course, stopped = list[Found](), list[tuple[float, float]](), False
     ends, refused = list[int](), list[DataError]()
-    with _workers(recipe, method, effort) as messages:
+    with _workers(tables, method, effort) as messages:
         try:
             for line in _lines(messages, effort, begun, found, ends, refused, progress):
                 x = np.array(line["x"])
-                value, seconds = problem.criterion_value(x), time.monotonic() - begun
+                value = problem.criterion_value(x)
                 if not found or value < found[0].criterion_value:
-                    course.append((seconds, value))
-                found.append(Found(line["number"], x, value, seconds, line["whole"]))
+                    course.append((time.monotonic() - begun, value))
+                found.append(Found(line["number"], x, value, line["whole"]))
                 found.sort(key=lambda f: (f.criterion_value, f.number))
         except Stopped:
             if not found:
@@ -171,26 +165,23 @@ def _lines(
 
 
 @contextmanager
-def _workers(recipe: Recipe, method: str, effort: SearchBudget) -> Iterator["queue.Queue[Any]"]:
-    """Processes that search, and the queue of what they say and how they ended."""
+def _workers(tables: Tables, method: str, effort: SearchBudget) -> Iterator["queue.Queue[Any]"]:
     messages: queue.Queue[Any] = queue.Queue()
     with ExitStack() as stack:
         for number in range(effort.useful):
-            stack.enter_context(_worker(recipe, method, effort, number, messages))
+            stack.enter_context(_worker(tables, method, effort, number, messages))
         yield messages
 
 
 @contextmanager
 def _worker(
-    recipe: Recipe, method: str, effort: SearchBudget, number: int, messages: "queue.Queue[Any]"
+    tables: Tables, method: str, effort: SearchBudget, number: int, messages: "queue.Queue[Any]"
 ) -> Iterator[None]:
     """A process that searches; a session of its own keeps Ctrl-C from it."""
-    task = _task(recipe, method, effort, number)
     process = subprocess.Popen(
         module_command("steelyard.excite.search.worker"),
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
-        encoding="utf-8",
         env={**os.environ, "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"},
         start_new_session=True,
     )
@@ -199,7 +190,7 @@ def _worker(
     assert process.stdin is not None and process.stdout is not None
     try:
         with suppress(BrokenPipeError):
-            process.stdin.write(json.dumps(task) + "\n")
+            process.stdin.write(task_of(tables, method, effort, number))
             process.stdin.flush()
         yield
     finally:
@@ -210,44 +201,33 @@ def _worker(
         process.stdout.close()
 
 
-def _task(recipe: Recipe, method: str, effort: SearchBudget, number: int) -> dict[str, Any]:
-    """What a process searches, as JSON values."""
-    return {
-        "problem": asdict(recipe),
-        "method": method,
-        "seed": effort.seed,
-        "until": time.time() + effort.seconds,
-        "first": number,
-        "step": effort.useful,
-        "searches": effort.searches,
-    }
+def task_of(tables: Tables, method: str, effort: SearchBudget, number: int) -> bytes:
+    """What a process searches: every so many of the searches, from `number` on."""
+    until = time.time() + effort.seconds
+    searches = range(number, sys.maxsize if effort.searches is None else effort.searches)
+    # places in the robot file are functions, which have no pickle; nothing asks for them there
+    tables = (replace(tables[0], where=str), *tables[1:])
+    return pickle.dumps((tables, method, effort.seed, until, searches[:: effort.useful]))
 
 
-def _read_worker(process: "subprocess.Popen[str]", messages: "queue.Queue[Any]") -> None:
+def _read_worker(process: "subprocess.Popen[bytes]", messages: "queue.Queue[Any]") -> None:
     """Put what a process says into the queue, and its exit code; half a line is none."""
     assert process.stdout is not None
     for line in process.stdout:
-        if line.endswith("\n"):
+        if line.endswith(b"\n"):
             messages.put(json.loads(line))
     messages.put({"ended": process.wait()})
 
 
-RESERVED_SECONDS = 1.4
-"""What the certificate, the report and the files take of the processor's time [s]."""
+RESERVED_SECONDS = 1.4  # processor time of certificate, report and files [s]
 
-RESERVED_EVALUATIONS = 50.0
-"""What they take beyond that, in times that a look at the motion takes."""
-
-MOST_RESERVED_SHARE = 0.25
-"""Share of the whole time that is kept for them at most."""
+RESERVED_EVALUATIONS = 50.0  # what they take beyond that, in times that a look at the motion takes
+MOST_RESERVED_SHARE = 0.25  # share of the whole time that is kept for them at most
 
 
 @dataclass(frozen=True)
 class ProcessPace:
-    """How fast this process gets on since the pace was made: other programs slow it down.
-
-    Times are of `time.monotonic` and `time.process_time` [s].
-    """
+    """How fast this process gets on since its start, in clock and processor times [s]."""
 
     clock: float = field(default_factory=time.monotonic)
     processor: float = field(default_factory=time.process_time)

@@ -9,7 +9,6 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from math import ceil
 from types import MappingProxyType
-from typing import Protocol
 
 import numpy as np
 
@@ -20,45 +19,31 @@ from steelyard.excite.problem import Problem, composed_motions
 from steelyard.excite.search.feasibility import each_start, random_starts
 from steelyard.excite.search.newton import STAGES, minimised
 
-Watch = Callable[[Array], None]
-"""Told of coefficients in the feasible set; may raise `progress.Stopped`."""
+Watch = Callable[[Array], None]  # told of coefficients in the feasible set; may raise `Stopped`
 
 
-class Method(Protocol):
-    """A way to search."""
+Method = Callable[[Problem, np.random.Generator, Watch], Array]
+"""A search: of a problem, with a source of all its random choices, and told of every step.
 
-    def search(self, problem: Problem, random: np.random.Generator, watch: Watch) -> Array:
-        """The coefficients that one search ends with, feasible at their samples.
-
-        Args:
-            problem: What is designed.
-            random: Source of all random choices: another one makes another search.
-            watch: Told of every step.
-        """
-        ...
+It gives the coefficients that it ends with, feasible at their samples.
+"""
 
 
-@dataclass(frozen=True)
-class Gradient:
-    """Random starts, and Newton's method within a barrier from the best of them.
+def search_by_gradient(
+    problem: Problem, random: np.random.Generator, watch: Watch, screened: int = 60
+) -> Array:
+    """Newton's method within a barrier from the best of `screened` random starts.
 
-    Attributes:
-        screened: Random starts of which the best is improved; of a robot with `l` limbs one for
-            `l**2`: each start takes `l` looks at the constraints, and gives each limb one of its
-            own.
+    Of a robot with `l` limbs one for `l**2` is tried: each start takes `l` looks at the
+    constraints, and gives each limb one of its own. Starts that show too little are not reported.
     """
-
-    screened: int = 60
-
-    def search(self, problem: Problem, random: np.random.Generator, watch: Watch) -> Array:
-        """See `Method`; starts that show too little are not reported."""
-        count = ceil(self.screened / len(problem.limbs) ** 2)
-        joints = [limb.joints for limb in problem.limbs]
-        starts = each_start(problem.inequalities, random, count, joints)
-        for start in composed_motions(problem, starts):
-            if np.isfinite(problem.objective.value(start, STAGES[0][0])):
-                watch(start)
-        return minimised(problem.objective, problem.inequalities, start, watch=watch)
+    count = ceil(screened / len(problem.limbs) ** 2)
+    joints = [limb.joints for limb in problem.limbs]
+    starts = each_start(problem.inequalities, random, count, joints)
+    for start in composed_motions(problem, starts):
+        if np.isfinite(problem.objective.value(start, STAGES[0][0])):
+            watch(start)
+    return minimised(problem.objective, problem.inequalities, start, watch=watch)
 
 
 def seeded(seed: int, number: int) -> np.random.Generator:
@@ -68,7 +53,7 @@ def seeded(seed: int, number: int) -> np.random.Generator:
 
 @dataclass(frozen=True, eq=False)
 class PopulationResult:
-    """The best point that was tried, shape `(k,)`, its criterion, and evaluations of that.
+    """The best point that was tried, its criterion, and evaluations of that.
 
     The search is `spent` if its budget of evaluations ended it.
     """
@@ -89,10 +74,7 @@ def minimised_by_genes(
     seed: int = 0,
     progress: Progress = silent,
 ) -> PopulationResult:
-    """Minimise any criterion within a box `(k,)` by a genetic algorithm with elitism.
-
-    The criterion gives costs `(B,)` of individuals `(B, k)`.
-    """
+    """Minimise any criterion, `(B, k)` to costs `(B,)`, within a box by a genetic algorithm."""
     try:
         from pymoo.algorithms.soo.nonconvex.ga import GA
         from pymoo.core.evaluator import Evaluator
@@ -104,12 +86,6 @@ def minimised_by_genes(
             where="genetic algorithm",
             fix='pip install "steelyard[population]"',
         ) from error
-    if population < 2 or generations < 1:
-        raise DataError(
-            f"a population of {population} over {generations} generations",
-            where="genetic algorithm",
-            fix="give at least two individuals and one generation, such as 30 and 100",
-        )
     span = upper - lower
     genes = Problem(n_var=len(span), n_obj=1, xl=np.zeros(len(span)), xu=np.ones(len(span)))
     algorithm = GA(pop_size=population)
@@ -128,11 +104,8 @@ def minimised_by_genes(
     return PopulationResult(values, cost, evaluations)
 
 
-FIRST_DEVIATION_SHARE = 0.3
-"""First standard deviation, over the width of the box."""
-
-BUDGET_SPENT = "maxfevals"
-"""How cma says that its budget is spent."""
+FIRST_DEVIATION_SHARE = 0.3  # first standard deviation, over the width of the box
+BUDGET_SPENT = "maxfevals"  # how cma says that its budget is spent
 
 
 def minimised_by_cma_es(
@@ -146,17 +119,10 @@ def minimised_by_cma_es(
     random: np.random.Generator,
     progress: Progress = silent,
 ) -> PopulationResult:
-    """Minimise any criterion within a box `(k,)` by CMA-ES [Hansen2001], from its middle.
+    """Minimise any criterion, `(B, k)` to costs `(B,)`, within a box by CMA-ES [Hansen2001].
 
-    Args:
-        criterion: Costs `(B,)` of points `(B, k)`.
-        lower: Shape `(k,)`.
-        upper: Shape `(k,)`.
-        units: Length of each variable for which all are alike, shape `(k,)`; ones if `None`.
-        evaluations: Most evaluations.
-        least: Difference of costs that counts as none.
-        random: Source of all random choices.
-        progress: Told about every generation.
+    It begins in the middle. Units are the length of each variable for which all are alike, `(k,)`;
+    ones if `None`. Costs that differ by less than `least` are equal.
     """
     lengths = np.ones_like(lower) if units is None else units
     spans = (upper - lower) * lengths
@@ -194,8 +160,7 @@ def minimised_by_cma_es(
     return PopulationResult(values, best, int(strategy.countevals), spent)
 
 
-POPULATION_SHARPNESS = 64.0
-"""Of the criterion: within some percent of its value."""
+POPULATION_SHARPNESS = 64.0  # of the criterion: within some percent of its value
 
 _INSIDE_SHARE = 0.98
 _SIZE_SHRINK = 0.7
@@ -206,8 +171,7 @@ _LEAST_SIZE = 1e-3
 class _Genes:
     """Variables from -1 to 1: a posture per joint, then how far each function is moved.
 
-    Attributes:
-        units: How far each function alone may be moved, shape `(n, m)`.
+    The `units` are how far each function alone may be moved, `(n, m)`.
     """
 
     problem: Problem
@@ -245,11 +209,7 @@ class _Genes:
         if inequalities.smallest_margin(still) <= 0.0:
             return None
         change = self.units * genes[n:].reshape(self.units.shape)
-        room = np.min(
-            inequalities.limit_margins(still)
-            / np.maximum(-inequalities.margin_rates(change), 1e-12),
-            axis=1,
-        )
+        room = inequalities.room(still, change)
         change = np.minimum(1.0, _INSIDE_SHARE * room)[:, None] * change
         factor = 1.0
         while inequalities.smallest_margin(still + factor * change) <= 0.0:
@@ -261,8 +221,8 @@ class _Genes:
     def costs(self, watch: Watch, start: Array) -> Callable[[Array], Array]:
         """The criterion of many sets of genes, `(B, k)` to `(B,)`; each is shrunk until feasible.
 
-        Where a posture is not free, what it lacks leads out. Whatever is better than `start` and
-        all before is reported to `watch`.
+        Where a posture is not free, what it lacks leads out. What is better than all before is
+        reported.
         """
         best = [self.problem.objective(start, POPULATION_SHARPNESS)[0]]
 
@@ -280,8 +240,7 @@ class _Genes:
         return lambda many: np.array([cost(genes) for genes in many])
 
 
-NOTHING_SHOWN_COST = 50.0
-"""Cost of a motion that shows too little, that of a condition number of 5e21; more if not free."""
+NOTHING_SHOWN_COST = 50.0  # of showing too little, as a condition of 5e21; more if not free
 
 
 def _evolved(
@@ -306,46 +265,41 @@ def _evolved(
     return best[-1]
 
 
-@dataclass(frozen=True)
-class GeneticSearch:
+def search_by_genes(
+    problem: Problem,
+    random: np.random.Generator,
+    watch: Watch,
+    population: int = 100,
+    generations: int = 400,
+) -> Array:
     """A genetic algorithm over postures and amplitudes, shrunk until feasible."""
-
-    population: int = 100
-    generations: int = 400
-
-    def search(self, problem: Problem, random: np.random.Generator, watch: Watch) -> Array:
-        """See `Method`."""
-        options: dict[str, int] = {"population": self.population, "generations": self.generations}
-        return _evolved(
-            problem,
-            random,
-            watch,
-            lambda costs, box, progress: minimised_by_genes(
-                costs, -box, box, **options, seed=int(random.integers(2**31)), progress=progress
-            ),
-        )
+    options: dict[str, int] = {"population": population, "generations": generations}
+    return _evolved(
+        problem,
+        random,
+        watch,
+        lambda costs, box, progress: minimised_by_genes(
+            costs, -box, box, **options, seed=int(random.integers(2**31)), progress=progress
+        ),
+    )
 
 
-@dataclass(frozen=True)
-class CmaEsSearch:
-    """CMA-ES over postures and amplitudes, shrunk until feasible; most `evaluations`."""
-
-    evaluations: int = 40_000
-
-    def search(self, problem: Problem, random: np.random.Generator, watch: Watch) -> Array:
-        """See `Method`."""
-        return _evolved(
-            problem,
-            random,
-            watch,
-            lambda costs, box, progress: minimised_by_cma_es(
-                costs, -box, box, evaluations=self.evaluations, random=random, progress=progress
-            ),
-        )
+def search_by_cma_es(
+    problem: Problem, random: np.random.Generator, watch: Watch, evaluations: int = 40_000
+) -> Array:
+    """CMA-ES over postures and amplitudes, shrunk until feasible."""
+    return _evolved(
+        problem,
+        random,
+        watch,
+        lambda costs, box, progress: minimised_by_cma_es(
+            costs, -box, box, evaluations=evaluations, random=random, progress=progress
+        ),
+    )
 
 
 METHODS: Mapping[str, Method] = MappingProxyType(
-    {"gradient": Gradient(), "genetic": GeneticSearch(), "cma_es": CmaEsSearch()}
+    {"gradient": search_by_gradient, "genetic": search_by_genes, "cma_es": search_by_cma_es}
 )
 
 

@@ -9,13 +9,11 @@ import numpy as np
 
 from steelyard.base.arrays import Array
 from steelyard.base.errors import DataError
-from steelyard.base.progress import Progress, silent
 from steelyard.excite.problem import Problem
 from steelyard.excite.search.feasibility import NoMotion
 from steelyard.excite.search.newton import (
     BACK_STAGES,
     InequalityConstraints,
-    joint_bounds,
     minimised_by,
 )
 from steelyard.excite.trajectories.trajectory import ExactTrajectory
@@ -28,27 +26,20 @@ _HALF_SIZE = 0.5
 _POSTURE_PLACES = 41
 _HALVINGS = 7
 
-FIRST_SHRINK_SHARE = 1e-3
-"""First share by which a motion is shrunk that cannot be proven."""
+FIRST_SHRINK_SHARE = 1e-3  # first share by which a motion is shrunk that cannot be proven
+LEAST_MOTION_SHARE = 0.02  # share of a motion below which it is given up
+REPAIRS = 5  # rounds of optimising again before a motion is made smaller
 
-LEAST_MOTION_SHARE = 0.02
-"""Share of a motion below which it is given up."""
+MOST_REPAIR_DENSITY = 4  # most samples of the constraints in repair, over those in the search
 
-REPAIRS = 5
-"""Rounds of optimising again before a motion is made smaller."""
-
-MOST_REPAIR_DENSITY = 4
-"""Most samples of the constraints while repairing, over those while searching."""
-
-REPAIR_RESERVE = 1.5
-"""What is reserved for what a proof lacked."""
+REPAIR_RESERVE = 1.5  # what is reserved for what a proof lacked
 
 
 @dataclass(frozen=True, eq=False)
 class Kept:
-    """A motion that keeps the limits of its joints, and what is proven of its constraints.
+    """A motion that keeps the limits of its joints, by its coefficients `(n, m)`.
 
-    Coefficients `(n, m)`, the motion, and margins of each constraint at all times, `(k,)` each.
+    What is `proven` are the margins of each constraint at all times, `(k,)` each.
     """
 
     x: Array
@@ -56,10 +47,10 @@ class Kept:
     proven: tuple[Array, ...]
 
     @classmethod
-    def of(cls, problem: Problem, x: Array, progress: Progress) -> "Kept":
+    def of(cls, problem: Problem, x: Array) -> "Kept":
         """Prove what can be proven."""
         motion = problem.basis.motion(x)
-        return cls(x, motion, tuple(c.proven(motion, progress) for c in problem.constraints))
+        return cls(x, motion, tuple(c.proven(motion) for c in problem.constraints))
 
     @property
     def holds(self) -> bool:
@@ -74,12 +65,12 @@ class Finished(Kept):
     criterion_value: float = math.inf
 
 
-def repaired(problem: Problem, x: Array, deadline: float, progress: Progress) -> Kept | None:
+def repaired(problem: Problem, x: Array, deadline: float) -> Kept | None:
     """The motion with every constraint proven, as far as that can be had by the deadline.
 
     What a proof lacks is reserved, with some more, and the motion optimised again from inside the
-    feasible set at closer samples, some rounds long or until there is no time. It may lack
-    something still; `None` if not even standing keeps the limits of the joints.
+    feasible set at closer samples. It may lack something still; `None` if not even standing keeps
+    the limits of the joints.
     """
     inside = scaled(problem, x)
     if inside is None:
@@ -88,7 +79,7 @@ def repaired(problem: Problem, x: Array, deadline: float, progress: Progress) ->
         [np.zeros(len(c.labels)) for c in problem.constraints],
         problem.inequalities,
     )
-    kept = Kept.of(problem, inside, progress)
+    kept = Kept.of(problem, inside)
     for _ in range(REPAIRS):
         if kept.holds or time.monotonic() > deadline:
             break
@@ -108,7 +99,7 @@ def repaired(problem: Problem, x: Array, deadline: float, progress: Progress) ->
         again = scaled(problem, x)
         if again is None:
             break
-        kept = Kept.of(problem, again, progress)
+        kept = Kept.of(problem, again)
     return kept
 
 
@@ -171,7 +162,7 @@ def scaled(problem: Problem, x: Array) -> Array | None:
 def _excess(problem: Problem, x: Array) -> Array:
     """By how much extremes are beyond their limits, in half ranges of these, shape `(n, k)`."""
     motion, found = problem.basis.motion(x), list[Array]()
-    for order, (lower, upper) in enumerate(joint_bounds(problem.limits)):
+    for order, (lower, upper) in enumerate(problem.limits.bounds):
         least, most = motion.extremes(order)
         half = 0.5 * (upper - lower)
         found += [(most - upper) / half, (lower - least) / half]
@@ -188,7 +179,7 @@ def _standing_at_start(problem: Problem, x: Array) -> Array:
     return basis.still(np.where(outside, inside, start))
 
 
-def shrunk(problem: Problem, x: Array, progress: Progress) -> Array | None:
+def shrunk(problem: Problem, x: Array) -> Array | None:
     """The most of a motion that is proven, smaller about standing at one of its postures.
 
     That is its start, or where not half of it is left so, its freest posture.
@@ -196,7 +187,7 @@ def shrunk(problem: Problem, x: Array, progress: Progress) -> Array | None:
     best: tuple[float, Array] | None = None
     start, freest = _standing_at_start(problem, x), _freest(problem, x)
     for still in (start,) if np.array_equal(start, freest) else (start, freest):
-        share = _proven_share(problem, still, x, progress)
+        share = _proven_share(problem, still, x)
         if share is not None and (best is None or share > best[0]):
             best = share, np.asarray(still + share * (x - still))
         if best is not None and best[0] > _HALF_SIZE:
@@ -204,13 +195,13 @@ def shrunk(problem: Problem, x: Array, progress: Progress) -> Array | None:
     return None if best is None else best[1]
 
 
-def _proven_share(problem: Problem, still: Array, x: Array, progress: Progress) -> float | None:
+def _proven_share(problem: Problem, still: Array, x: Array) -> float | None:
     """The largest share of the motion about standing that is proven, to a tenth of a percent."""
 
     def holds(share: float) -> bool:
         """Whether all constraints hold at all times."""
         motion = problem.basis.motion(still + share * (x - still))
-        return all(np.all(c.proven(motion, progress) >= 0.0) for c in problem.constraints)
+        return all(np.all(c.proven(motion) >= 0.0) for c in problem.constraints)
 
     failed, step = 1.0, FIRST_SHRINK_SHARE
     while True:
@@ -240,24 +231,18 @@ def _freest(problem: Problem, x: Array) -> Array:
     return problem.basis.still(places[int(np.argmax(least))])
 
 
-POLISH_STAGES = ((256.0, 1e-5),)
-"""Last stage: the criterion nearly itself, the barrier nearly gone."""
+POLISH_STAGES = ((256.0, 1e-5),)  # last stage: the criterion nearly itself, the barrier nearly gone
 
 
 def finished(
     problem: Problem,
     candidates: Iterable[Array],
     deadline: float = math.inf,
-    progress: Progress = silent,
 ) -> Finished:
     """The best of some motions, once each is polished, scaled exactly and proven.
 
-    Args:
-        problem: What is designed.
-        candidates: Coefficients, the most promising first; at least one.
-        deadline: When to stop once there is one, of `time.monotonic`; a motion is not begun with
-            that would pass it, by what the slowest one before took to prove.
-        progress: Told of the proofs.
+    Candidates are coefficients, the most promising first; at least one is finished. A motion is not
+    begun with that would pass the deadline, of `time.monotonic`, by what the slowest before took.
     """
     best: tuple[float, Kept] | None = None
     lacking, slowest = list[Array](), 0.0
@@ -270,7 +255,7 @@ def finished(
             if best is not None and problem.criterion_value(tried) >= best[0]:
                 break
             start = time.monotonic()
-            kept = repaired(problem, tried, deadline, progress)
+            kept = repaired(problem, tried, deadline)
             slowest = max(slowest, time.monotonic() - start)
             if kept is None:
                 continue
@@ -280,7 +265,7 @@ def finished(
                 best = problem.criterion_value(kept.x), kept
                 break
     if best is None:
-        best = _best_made_smaller(problem, lacking, deadline, progress)
+        best = _best_made_smaller(problem, lacking, deadline)
     if best is not None and not math.isfinite(best[0]):
         raise DataError(
             "no motion was found that identifies all parameters; a base parameter may be "
@@ -300,16 +285,16 @@ def finished(
 
 
 def _best_made_smaller(
-    problem: Problem, lacking: list[Array], deadline: float, progress: Progress
+    problem: Problem, lacking: list[Array], deadline: float
 ) -> tuple[float, Kept] | None:
     """Of motions that lack something, the best made smaller until it is proven; its criterion."""
     best: tuple[float, Kept] | None = None
     for x in sorted(lacking, key=problem.criterion_value):
         if best is not None and time.monotonic() > deadline:
             break
-        less = shrunk(problem, x, progress)
+        less = shrunk(problem, x)
         if less is not None and (best is None or problem.criterion_value(less) < best[0]):
-            best = problem.criterion_value(less), Kept.of(problem, less, progress)
+            best = problem.criterion_value(less), Kept.of(problem, less)
     return best
 
 

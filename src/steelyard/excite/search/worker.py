@@ -1,23 +1,26 @@
 """A process of its own that searches: `python -m steelyard.excite.search.worker`.
 
-It reads one line of JSON, the task, and writes one line per search, `{"number", "x", "whole"}`;
+It reads one pickle, the task, and writes one line of JSON per search, `{"number", "x", "whole"}`;
 when its time is spent it writes what it has reached, and ends. What goes wrong is a line too. It
 ends when its standard input is closed: nobody reads it any more.
 """
 
 import json
 import os
+import pickle
 import signal
 import sys
 import threading
 import time
 import traceback
-from collections.abc import Iterator, Mapping
-from itertools import count
-from typing import Any
+from collections.abc import Iterable, Iterator
+from typing import TYPE_CHECKING, Any
 
 from steelyard.base.errors import SteelyardError
 from steelyard.base.progress import Stopped
+
+if TYPE_CHECKING:
+    from steelyard.excite.problem_from_tables import Tables
 
 
 def main() -> None:
@@ -25,39 +28,39 @@ def main() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     answer = os.fdopen(os.dup(1), "w", encoding="utf-8")
     os.dup2(2, 1)
-    task = json.loads(sys.stdin.readline())
+    task = pickle.load(sys.stdin.buffer)
     threading.Thread(target=_end_with_parent, daemon=True).start()
-    for line in _explained(answers(task, task["until"] - time.time() + time.monotonic())):
+    for line in explained_answers(*task):
         answer.write(json.dumps(line) + "\n")
         answer.flush()
 
 
-def _explained(lines: Iterator[dict[str, Any]]) -> Iterator[dict[str, Any]]:
-    """The lines, and a last one of what went wrong."""
-    try:
-        yield from lines
-    except SteelyardError as error:
-        from steelyard.excite.search.feasibility import NoMotion
+def explained_answers(
+    tables: "Tables", method: str, seed: int, until: float, searches: Iterable[int]
+) -> Iterator[dict[str, Any]]:
+    """Do a task of `parallel_search` until a time of `time.time`; say last what went wrong."""
+    from steelyard.excite.search.feasibility import NoMotion
 
+    try:
+        yield from _answers(tables, method, seed, until - time.time() + time.monotonic(), searches)
+    except SteelyardError as error:
         message = {"error": error.wrong, "where": error.where, "fix": error.fix}
         yield {**message, "none": isinstance(error, NoMotion)}
     except Exception:
         yield {"broken": traceback.format_exc()}
 
 
-def answers(task: Mapping[str, Any], deadline: float) -> Iterator[dict[str, Any]]:
-    """Do a task that `parallel_search` described, as long as there is time."""
-    from steelyard.excite.problem_from_tables import Recipe
+def _answers(
+    tables: "Tables", method: str, seed: int, deadline: float, searches: Iterable[int]
+) -> Iterator[dict[str, Any]]:
+    from steelyard.excite.problem_from_tables import build
     from steelyard.excite.search.newton import Deadline
     from steelyard.excite.search.population import method_of, seeded
 
-    problem, method = Recipe(**task["problem"]).problem(), method_of(task["method"])
-    watch = Deadline(deadline)
-    for number in count(task["first"], task["step"]):
-        if task["searches"] is not None and number >= task["searches"]:
-            return
+    problem, watch = build(*tables), Deadline(deadline)
+    for number in searches:
         try:
-            x = method.search(problem, seeded(task["seed"], number), watch)
+            x = method_of(method)(problem, seeded(seed, number), watch)
         except Stopped:
             if watch.latest:
                 yield {"number": number, "x": watch.latest[0].tolist(), "whole": False}

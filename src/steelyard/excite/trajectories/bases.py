@@ -22,8 +22,7 @@ from steelyard.excite.trajectories.polynomials import (
 from steelyard.excite.trajectories.trajectory import ChainedMotion, ExactTrajectory
 from steelyard.robot.robot import Robot
 
-SAME_MOTION_TOLERANCE = 1e-6
-"""Relative difference up to which two motions are one."""
+SAME_MOTION_TOLERANCE = 1e-6  # relative difference up to which two motions are one
 
 _WHERE = "[excitation.motion]"
 
@@ -32,16 +31,11 @@ _WHERE = "[excitation.motion]"
 class Basis:
     r"""A family of motions $q_j(t) = \sum_i x_{ji} \phi_i(t) + \sum_h p_{jh} \psi_h(t)$.
 
-    The `x` are its coefficients, and the `p` prescribed postures. A family only says how a
-    motion is made of both; all functions are then that motion for a row of ones and zeros.
-
-    Attributes:
-        count: Functions per joint `m`.
-        highest: The highest frequency that the functions hold [Hz]; says how densely to sample.
-        prescribed: Prescribed postures `p`, the start first, each of shape `(n,)`; may be none.
-        made_of: The motion of coefficients and prescribed postures, shape `(k, m + p)`.
-        standing: Coefficients of standing at the posture 1 of one joint, shape `(m,)`.
-        going: What standing adds to go to a prescribed end, shape `(n, m)`.
+    The `x` are coefficients of `count` functions per joint, the `p` prescribed postures, `(n,)`
+    each, the start first; the functions hold frequencies up to `highest` [Hz]. A family says how a
+    motion is `made_of` both, `(k, m + p)`; all functions are that motion for a row of ones and
+    zeros. Standing at the posture 1 of one joint has the coefficients `standing`, `(m,)`; `going`,
+    `(n, m)`, is added to go to a prescribed end.
     """
 
     joints: int
@@ -107,19 +101,9 @@ def coefficients_of(basis: Basis, trajectory: ExactTrajectory) -> Array | None:
     return np.asarray(found.T)
 
 
-def _checked(
-    joints: int, start: ArrayLike | None, end: ArrayLike | None = None, **seconds: float
-) -> tuple[Array, ...]:
+def _given(joints: int, *postures: ArrayLike | None) -> tuple[Array, ...]:
     """Those postures that are given, shape `(n,)` each."""
-    for name, value in seconds.items():
-        if not (np.isfinite(value) and value > 0.0):
-            raise ValueError(f"{name} = {value} s: it must be above 0")
-    if joints < 1:
-        raise ValueError(f"a motion needs a joint or more, not {joints}")
-    postures = tuple(frozen(place, (joints,)) for place in (start, end) if place is not None)
-    if end is not None and start is None:
-        raise ValueError("an end posture of its own needs a start posture")
-    return postures
+    return tuple(frozen(place, (joints,)) for place in postures if place is not None)
 
 
 def rest_fourier(
@@ -132,11 +116,10 @@ def rest_fourier(
     """Series of one period [s] from rest to rest, by the null space of these conditions.
 
     The first `2H - 2` coefficients are coordinates in `rest_basis`. Without a `start`, the posture
-    at both ends is one more and the last. Where the `end` is another posture than the start, a
-    minimum-jerk move over the whole time is added [Swevers1997].
+    at both ends is one more. To another `end` a minimum-jerk move is added [Swevers1997].
     """
     rest_basis(harmonics)
-    postures = _checked(joints, start, end, period=period)
+    postures = _given(joints, start, end)
 
     def made_of(rows: Array) -> FourierMotion:
         free, places = np.split(rows, [2 * harmonics - 2], axis=1)
@@ -160,14 +143,11 @@ def _series_basis(
     made_of: Callable[[Array], ExactTrajectory],
 ) -> Basis:
     """Coefficients are those of the sines, the cosines and the mean posture, in this order."""
-    if harmonics < 1:
-        raise ValueError(f"a series needs 1 harmonic or more, not {harmonics}")
     standing = np.eye(2 * harmonics + 1)[-1]
     return Basis(joints, len(standing), highest, postures, made_of, standing)
 
 
 def _series(rows: Array, harmonics: int, period: float, periods: int) -> FourierMotion:
-    """The series of sines, cosines and mean in the columns."""
     sine, cosine, mean = np.split(rows[:, : 2 * harmonics + 1], [harmonics, 2 * harmonics], axis=1)
     start = mean[:, 0] + cosine.sum(axis=1)
     return FourierMotion(start, sine, cosine, period, periods, rests=False)
@@ -175,13 +155,9 @@ def _series(rows: Array, harmonics: int, period: float, periods: int) -> Fourier
 
 def raw_fourier(joints: int, period: float, harmonics: int) -> Basis:
     """Series of one period [s] of any coefficients, not at rest at their ends."""
-    postures = _checked(joints, None, period=period)
+    highest = harmonics / period
     return _series_basis(
-        joints,
-        harmonics,
-        harmonics / period,
-        postures,
-        lambda rows: _series(rows, harmonics, period, 1),
+        joints, harmonics, highest, (), lambda rows: _series(rows, harmonics, period, 1)
     )
 
 
@@ -195,12 +171,10 @@ def blended_fourier(
 ) -> Basis:
     """From rest by a quintic blend of `blend` s into a series, and by one back to where it began.
 
-    The blends meet position, velocity and acceleration of the series at its first and last time.
-    The posture at both ends is the mean posture if there is no `start`.
+    Blends meet position, velocity and acceleration of the series. The posture at both ends is the
+    mean one if there is no `start`.
     """
-    postures = _checked(joints, start, period=period, blend=blend)
-    if periods < 1:
-        raise ValueError(f"{periods} periods are not a valid motion")
+    postures = _given(joints, start)
 
     def made_of(rows: Array) -> ChainedMotion:
         series = _series(rows, harmonics, period, periods)
@@ -226,9 +200,9 @@ def ramped_fourier(
     """Series whose amplitude rises from zero in `ramp` s, and falls back to it.
 
     Unlike blends, ramps take no time before and after the periods. The posture at both ends is the
-    mean posture if there is no `start`.
+    mean one if there is no `start`.
     """
-    postures = _checked(joints, start, period=period, ramp=ramp)
+    postures = _given(joints, start)
 
     def made_of(rows: Array) -> FourierMotion:
         series, place = _series(rows, harmonics, period, periods), rows[:, -1]
@@ -248,10 +222,10 @@ def reaching(
 ) -> Basis:
     """Minimum-jerk moves of `move_s` between postures, which are the coefficients.
 
-    It stands `dwell_s` after every move. Without a `start`, the first target is the start. If
-    `closed`, a last move leads back to the start. A move's acceleration is about one sine long.
+    It stands `dwell_s` after every move. Without a `start`, the first target is it. If `closed`, a
+    last move leads back there. A move's acceleration is about one sine long.
     """
-    postures = _checked(joints, start, move_s=move_s)
+    postures = _given(joints, start)
     if targets < (fewest := 2 - len(postures)):
         raise ValueError(f"{targets} targets are no motion, {fewest} or more are")
 
@@ -264,8 +238,7 @@ def reaching(
     return Basis(joints, targets, 1.0 / move_s, postures, made_of, np.ones(targets))
 
 
-_REST_CONTROL_POINTS = 3
-"""Equal control points at an end make velocity and acceleration zero there."""
+_REST_CONTROL_POINTS = 3  # equal control points at an end make velocity and acceleration zero there
 
 
 def splines(
@@ -278,19 +251,15 @@ def splines(
 ) -> Basis:
     """B-splines of degree 3 or 5 on even knots, clamped, at rest at both ends [DeBoor2001].
 
-    The first three of the control points, 7 or more, are the posture at the start, the last three
-    that at the end; the ones between are the coefficients. Without a `start`, the posture at both
-    ends is one more and the last. Two knot spans hold one wave at most.
+    The first three of 7 or more control points are the posture at the start, the last three that at
+    the end; the others are the coefficients. Without a `start`, the posture at both ends is one
+    more and the last. Two knot spans hold one wave at most.
     """
     from scipy.interpolate import BSpline
 
-    postures = _checked(joints, start, end, seconds=seconds)
-    if degree not in (3, 5):
-        raise ValueError(f"the splines' degree is 3 or 5, not {degree}")
+    postures = _given(joints, start, end)
     fixed = _REST_CONTROL_POINTS
     inner = control_points - 2 * fixed
-    if inner < 1:
-        raise ValueError(f"a spline needs 7 control points or more, not {control_points}")
     knots = np.pad(np.linspace(0.0, 1.0, control_points - degree + 1), degree, mode="edge")
 
     def made_of(rows: Array) -> PiecewiseMotion:
@@ -334,7 +303,6 @@ def posture_of(given: Any, robot: Robot, what: str) -> Array | None:
 
 
 def _ends(s: Any, robot: Robot) -> tuple[Array | None, Array | None]:
-    """The start and the end."""
     start, end = (posture_of(getattr(s, key), robot, key) for key in ("start", "end"))
     if end is not None and start is None:
         raise DataError(

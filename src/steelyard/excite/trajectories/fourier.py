@@ -24,8 +24,7 @@ from steelyard.excite.trajectories.polynomials import SMOOTH, PiecewiseMotion, p
 from steelyard.excite.trajectories.trajectory import ChainedMotion, ExactTrajectory
 from steelyard.robot.robot import Robot
 
-TAYLOR = 13
-"""Degree of the Taylor polynomials."""
+TAYLOR = 13  # degree of the Taylor polynomials
 
 
 def rest_basis(harmonics: int) -> Array:
@@ -39,12 +38,6 @@ def rest_basis(harmonics: int) -> Array:
         rows = slice(half * harmonics, (half + 1) * harmonics)
         basis[rows, half * (harmonics - 1) : (half + 1) * (harmonics - 1)] = null
     return basis
-
-
-def fourier_basis(t: ArrayLike, period: float, harmonics: int) -> tuple[Array, Array, Array]:
-    """Functions of the series and their first two derivatives at times `(N,)`, each `(N, 2H)`."""
-    position, velocity, acceleration = (fourier_shapes(t, period, harmonics, o) for o in range(3))
-    return position, velocity, acceleration
 
 
 def fourier_shapes(t: ArrayLike, period: float, harmonics: int, order: int) -> Array:
@@ -63,17 +56,11 @@ def fourier_shapes(t: ArrayLike, period: float, harmonics: int, order: int) -> A
 class FourierMotion(ExactTrajectory):
     r"""A series of all joints $s(t)$, with a trend and amplitude ramps if wanted.
 
-    $q(t) = p(t) + w(t)\,s(t)$ with polynomials $p$ of degree 13 or less, and $w$ rising from 0 to 1
-    at the start, and falling back at the end, like a smooth step.
-
-    Attributes:
-        start: Posture of the series at both ends, shape `(n,)` [rad; m].
-        sine: Coefficients `a`, shape `(n, H)` [rad; m].
-        cosine: Coefficients `b`, shape `(n, H)` [rad; m].
-        period: Base period [s].
-        rests: Whether velocity and acceleration of the series are zero at both ends; it is checked.
-        trend: $p$, of the same joints and duration, with ramps a constant; zero if `None`.
-        ramp: How long $w$ rises, and how long it falls [s]; $w = 1$ if `None`.
+    $q(t) = p(t) + w(t)\,s(t)$ with a trend $p$ of polynomials of degree 13 or less, of the same
+    duration, with ramps a constant; and $w$ rising from 0 to 1 within `ramp` [s] at the start, and
+    falling back at the end, like a smooth step. The posture of the series at both ends is `start`,
+    `(n,)`, its coefficients $a$ and $b$, `(n, H)` [rad; m]. If it `rests`, velocity and
+    acceleration of the series are checked to be zero at both ends.
     """
 
     start: Array
@@ -258,11 +245,7 @@ class FourierMotion(ExactTrajectory):
 
 
 def repeated(trajectory: ExactTrajectory, times: int) -> ExactTrajectory:
-    """The trajectory several times without a stop.
-
-    Raises:
-        ValueError: It does not end where it starts.
-    """
+    """The trajectory several times without a stop; `ValueError` if it ends elsewhere."""
     if isinstance(trajectory, FourierMotion) and trajectory.trend is None:
         return replace(trajectory, periods=times * trajectory.periods)
     if isinstance(trajectory, ChainedMotion):
@@ -291,8 +274,7 @@ def taylor_pieces(trajectory: ExactTrajectory, cells: Array, order: int) -> Arra
 
 
 _POINTS_PER_WAVE = 100
-_GRID_MARGIN = 1e-3
-"""A sine on 100 points a wave has its extremum between two of them, at most 0.05 % higher."""
+_GRID_MARGIN = 1e-3  # a sine on 100 points a wave has its extremum at most 0.05 % higher between
 
 
 def random_fourier(
@@ -308,22 +290,20 @@ def random_fourier(
 ) -> FourierMotion:
     """A random series per joint, as large as one of its limits allows; same seed, same motion.
 
-    It uses a share of the speeds, accelerations and position ranges. By default limits are those of
-    the robot, and the posture `start` at both ends, shape `(n,)`, is the middle of the ranges.
+    It uses a share of the speeds, accelerations and position ranges; of the robot's limits, and
+    about the middle of the ranges, if limits and posture `(n,)` at both ends are not given.
     """
     limits = motion_limits(robot) if limits is None else limits
     start = 0.5 * (limits.lower + limits.upper) if start is None else frozen(start, (robot.n,))
     free = np.random.default_rng(seed).standard_normal((robot.n, 2 * harmonics - 2))
     t = np.linspace(0.0, period, _POINTS_PER_WAVE * harmonics + 1)
-    shapes = [
-        basis @ rest_basis(harmonics) @ free.T for basis in fourier_basis(t, period, harmonics)
-    ]
+    series = rest_basis(harmonics) @ free.T
+    q, dq, ddq = (fourier_shapes(t, period, harmonics, order) @ series for order in range(3))
     centre, half = 0.5 * (limits.lower + limits.upper), 0.5 * (limits.upper - limits.lower)
     room_up = centre + limits_fraction * half - start
     room_down = start - centre + limits_fraction * half
     if np.any(room_up <= 0.0) or np.any(room_down <= 0.0):
         raise ValueError("the start posture is outside the allowed share of the position ranges")
-    q, dq, ddq = shapes
     needed = np.max(
         [
             q.max(axis=0) / room_up,

@@ -29,7 +29,7 @@ _EPSILON = float(np.finfo(np.float64).eps)
 def polynomial_extremes(pieces: Array) -> tuple[Array, Array]:
     r"""Least and greatest value of $\sum_i a_i \tau^i$ over all pieces and $0 \le \tau \le 1$.
 
-    Coefficients `a` are ascending, `(p, d + 1, n)`. Both `(n,)`, rounded away from each other.
+    Coefficients are ascending, `(p, d + 1, n)`; values, `(n,)`, are rounded away from each other.
     """
     degree, joints = pieces.shape[1] - 1, pieces.shape[2]
     points = np.einsum("ji,pin->pnj", _to_bernstein(degree), pieces)
@@ -86,14 +86,10 @@ def _halves(degree: int) -> tuple[Array, Array]:
 
 @dataclass(frozen=True, eq=False)
 class PiecewiseMotion(ExactTrajectory):
-    r"""Polynomials of all joints between shared times.
+    r"""Polynomials of all joints between shared times, `edges` from 0 on, `(p + 1,)` [s].
 
-    Between `edges` $t_p$ and $t_{p+1}$, with $\tau = (t - t_p) / (t_{p+1} - t_p)$, joint `j` is at
-    $\sum_i c_{pij} \tau^i$.
-
-    Attributes:
-        edges: Ascending from 0, shape `(p + 1,)` [s].
-        coefficients: Shape `(p, d + 1, n)` [rad; m].
+    Between $t_p$ and $t_{p+1}$, with $\tau = (t - t_p) / (t_{p+1} - t_p)$, joint `j` is at
+    $\sum_i c_{pij} \tau^i$, with coefficients `(p, d + 1, n)` [rad; m].
     """
 
     edges: Array
@@ -156,19 +152,15 @@ def from_scipy(curve: Any) -> PiecewiseMotion:
     return PiecewiseMotion(knots, np.stack(pieces, axis=1))
 
 
-SMOOTH = frozen([0.0, 0.0, 0.0, 10.0, -15.0, 6.0])
-"""From 0 to 1, at rest at both ends: coefficients of the powers of the time's share."""
+SMOOTH = frozen([0.0, 0.0, 0.0, 10.0, -15.0, 6.0])  # from 0 to 1, at rest at both ends, by powers
 
 
 def through_postures(
     postures: ArrayLike, move_s: ArrayLike, dwell_s: float = 0.0
 ) -> PiecewiseMotion:
-    """The motion that reaches posture after posture, and stands at each for a while.
+    """The motion through postures, `(k, n)` [rad; m], that stands `dwell_s` at all but the first.
 
-    Args:
-        postures: Two or more, the first of them the start, shape `(k, n)` [rad; m].
-        move_s: Time of every move, or one per move, shape `(k - 1,)` [s].
-        dwell_s: Time to stand after every move [s].
+    Moves take `move_s`, all the same or one each, `(k - 1,)` [s].
     """
     postures = frozen(postures, (None, None))
     if len(postures) < 2:
@@ -190,7 +182,7 @@ def through_postures(
 def reach_seconds(distance: ArrayLike, velocity: ArrayLike, acceleration: ArrayLike) -> float:
     """The shortest time of a minimum-jerk move within limits [s]; zero for no distance.
 
-    Distances of all joints, of any sign, highest speeds and accelerations have shape `(n,)`.
+    Distances, of any sign, highest speeds and accelerations are those of all joints, `(n,)`.
     """
     way = np.abs(np.asarray(distance, dtype=np.float64))
     by_speed = 15.0 / 8.0 * way / np.asarray(velocity, dtype=np.float64)
@@ -201,7 +193,7 @@ def reach_seconds(distance: ArrayLike, velocity: ArrayLike, acceleration: ArrayL
 def quintic(start: Sequence[Array], end: Sequence[Array], seconds: float) -> Array:
     """The polynomials of degree 5 with given position, velocity and acceleration at both ends.
 
-    These are of shape `(n,)` each. Coefficients of the powers of the time's share, `(1, 6, n)`.
+    `(n,)` each. Coefficients of the powers of the time's share, `(1, 6, n)`.
     """
     p, v, a = (value * seconds**k for k, value in enumerate(start))
     end_p, end_v, end_a = (value * seconds**k for k, value in enumerate(end))
@@ -212,12 +204,9 @@ def quintic(start: Sequence[Array], end: Sequence[Array], seconds: float) -> Arr
 
 @dataclass(frozen=True, eq=False)
 class SampledMotion(PiecewiseMotion):
-    """A motion through given postures: the cubic spline that starts and ends with given speeds.
+    """A motion through postures `(N, n)`: the cubic spline with given speeds at its ends, `(2, n)`.
 
-    Attributes:
-        t: Times, shape `(N,)` [s], increasing; kept from zero on.
-        q: Postures, shape `(N, n)` [rad; m].
-        ends: Speeds at the first and the last time, shape `(2, n)` [rad/s; m/s]; `None`: at rest.
+    Times `(N,)` [s] are kept from zero on; without speeds it rests.
     """
 
     t: Array
@@ -252,9 +241,9 @@ class SampledMotion(PiecewiseMotion):
 def end_speeds(t: Array, q: Array) -> Array:
     """Speeds of a table of postures `(N, n)` in its first and last row, `(2, n)` [rad/s; m/s].
 
-    They are those of the not-a-knot cubic spline. A joint is at rest where its speed there is not
-    larger than the error of differentiation, taken as the difference from the parabola through the
-    three rows at that end. With fewer than four rows all joints are at rest.
+    Those of the not-a-knot cubic spline; zero where not larger than the error of differentiation,
+    taken as the difference from the parabola through the three rows at that end, and for fewer than
+    four rows.
     """
     from scipy.interpolate import CubicSpline
 

@@ -13,8 +13,7 @@ from steelyard.base.arrays import Array, frozen
 from steelyard.base.motion import Motion, sample_times
 from steelyard.robot.robot import Robot
 
-ORDERS = ("position", "velocity", "acceleration", "jerk")
-"""Derivatives by their order."""
+ORDERS = ("position", "velocity", "acceleration", "jerk")  # derivatives by their order
 
 
 class ExactTrajectory(ABC):
@@ -90,8 +89,7 @@ class SlowedMotion(ExactTrajectory):
         return {"kind": "slowed", "factor": self.factor, "motion": self.motion.to_dict()}
 
 
-JOIN_TOLERANCE = 1e-9
-"""Positions that differ by less than this are one [rad; m], relative to values above 1."""
+JOIN_TOLERANCE = 1e-9  # positions closer than this are one [rad; m], relative above 1
 
 
 def check_join(ends: Array, starts: Array, times: Array) -> None:
@@ -169,8 +167,7 @@ class ChainedMotion(ExactTrajectory):
         return np.cumsum([part.duration for part in self.parts])
 
 
-ROUNDING_JUMP_SHARE = 1e-9
-"""Changes of velocity below this share of its limit are rounding."""
+ROUNDING_JUMP_SHARE = 1e-9  # changes of velocity below this share of its limit are rounding
 
 _JUMP_STEP_ULPS = 8.0
 
@@ -226,12 +223,9 @@ def unrest(trajectory: ExactTrajectory, limit: Array) -> tuple[str, ...]:
     return tuple(notes)
 
 
-HOLD_TEST_PLACES = (0.1, 0.5, 0.9)
-"""Places between two breaks at which a motion that stands still is looked at."""
-STILL_SPEED_SHARE = 1e-9
-"""Speed below which all joints stand still, over the motion's highest."""
-SHORTEST_HOLD = 1e-3
-"""Shortest time that counts as a hold [s]."""
+HOLD_TEST_PLACES = (0.1, 0.5, 0.9)  # between two breaks, at which a hold is tested
+STILL_SPEED_SHARE = 1e-9  # speed below which all joints stand still, over the motion's highest
+SHORTEST_HOLD = 1e-3  # shortest time that counts as a hold [s]
 
 
 def holds(motion: ExactTrajectory) -> Array:

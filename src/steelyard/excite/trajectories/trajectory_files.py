@@ -20,16 +20,14 @@ from steelyard.robot.file.loaded_robot import LoadedRobot
 from steelyard.robot.file.robot_file import load_robot
 from steelyard.robot.robot import Robot
 
-_AT_REST = 1e-9
-"""Speeds up to this are rounding [rad/s; m/s]."""
+_AT_REST = 1e-9  # speeds up to this are rounding [rad/s; m/s]
 
 
 @dataclass(frozen=True, eq=False)
 class MotionTable:
     """A table of times and postures; `start` is the time of its first row [s], zero of the motion.
 
-    The motion rests in the first and the last row unless the table states speeds of all joints
-    there.
+    The motion rests at its ends unless the table states speeds of all joints there.
     """
 
     start: float
@@ -70,14 +68,11 @@ def trajectory_from_dict(values: Mapping[str, Any]) -> ExactTrajectory:
 
 
 def read_motion(path: Path, robot: Robot) -> ExactTrajectory:
-    """The motion in a file.
+    """The motion in a file, `trajectory.json` or a `.csv` or `.parquet` table.
 
-    Args:
-        path: `trajectory.json`, or a `.csv` or `.parquet` table with a column of times
-            (`time_s`, `time` or `t`) and one of positions per joint: `q1_rad` (`q1_m`), `q1`,
-            `q_NAME` or `NAME`. Where it has speeds of all joints too (`dq1_rad_s`, `dq1` or
-            `dq_NAME`), it starts and ends with those of its first and last row, else at rest.
-        robot: Says how many joints there are, and their names.
+    A table has a column of times (`time_s`, `time` or `t`) and one of positions per joint: `q1_rad`
+    (`q1_m`), `q1`, `q_NAME` or `NAME`. Where it has speeds of all joints too (`dq1_rad_s`, `dq1` or
+    `dq_NAME`), it starts and ends with those of its first and last row, else at rest.
     """
     if not path.is_file():
         raise _refused(path, "the file does not exist", "check its name and folder")
@@ -165,7 +160,6 @@ def _rows(table: Log, columns: Sequence[str]) -> Array:
 
 
 def _find(path: Path, what: str, choices: Sequence[str], names: Mapping[str, str]) -> str:
-    """The table's own name of the first choice that it has."""
     for choice in choices:
         if choice.lower() in names:
             return names[choice.lower()]
@@ -180,7 +174,6 @@ def _find(path: Path, what: str, choices: Sequence[str], names: Mapping[str, str
 
 
 def _numbers(table: Log, name: str) -> Array:
-    """A column as finite numbers."""
     values = _rows(table, [name])[:, 0]
     good = np.isfinite(values)
     if not good.all():

@@ -72,7 +72,8 @@ def _text(element: Element, attribute: str) -> str:
     return value
 
 
-def _numbers(element: Element, attribute: str, count: int, infinite: bool = False) -> list[float]:
+def numbers_of(element: Element, attribute: str, count: int, infinite: bool = False) -> list[float]:
+    """The numbers of an attribute, `count` of them."""
     text = _text(element, attribute)
     try:
         values = [float(word) for word in text.split()]
@@ -89,8 +90,9 @@ def _numbers(element: Element, attribute: str, count: int, infinite: bool = Fals
     return values
 
 
-def _number(element: Element, attribute: str, infinite: bool = False) -> float:
-    return _numbers(element, attribute, 1, infinite)[0]
+def number_of(element: Element, attribute: str, infinite: bool = False) -> float:
+    """The number of an attribute."""
+    return numbers_of(element, attribute, 1, infinite)[0]
 
 
 def _only(parent: Element, tag: str) -> Element | None:
@@ -115,14 +117,15 @@ def _needed(parent: Element, tag: str) -> Element:
     return child
 
 
-def _placement(parent: Element) -> Placement:
+def placement_of(parent: Element) -> Placement:
+    """Where the `<origin>` of an element is."""
     origin = _only(parent, "origin")
     if origin is None:
         return Placement()
-    xyz = _numbers(origin, "xyz", 3) if "xyz" in origin.attributes else (0.0, 0.0, 0.0)
+    xyz = numbers_of(origin, "xyz", 3) if "xyz" in origin.attributes else (0.0, 0.0, 0.0)
     if "rpy" not in origin.attributes:
         return Placement(position=xyz)
-    roll, pitch, yaw = _numbers(origin, "rpy", 3)
+    roll, pitch, yaw = numbers_of(origin, "rpy", 3)
     return Placement(rpy_rotation(roll, pitch, yaw), xyz)
 
 
@@ -131,10 +134,10 @@ def _link(element: Element) -> Link:
     inertial = _only(element, "inertial")
     if inertial is None:
         return Link(name, None, element.where)
-    mass = _number(_needed(inertial, "mass"), "value")
+    mass = number_of(_needed(inertial, "mass"), "value")
     tensor = _only(inertial, "inertia")
-    about_com = symmetric([0.0 if tensor is None else _number(tensor, six) for six in _SIX])
-    placement = _placement(inertial)
+    about_com = symmetric([0.0 if tensor is None else number_of(tensor, six) for six in _SIX])
+    placement = placement_of(inertial)
     inertia = Inertia.about_com(mass, (0.0, 0.0, 0.0), about_com)
     return Link(name, inertia.moved(placement.rotation, placement.position), element.where)
 
@@ -152,17 +155,17 @@ def _joint(element: Element) -> Joint:
     mimic, follows = None, _only(element, "mimic") if moves else None
     if follows is not None:
         ratio, offset = (
-            _number(follows, name) if name in follows.attributes else usual
+            number_of(follows, name) if name in follows.attributes else usual
             for name, usual in (("multiplier", 1.0), ("offset", 0.0))
         )
         mimic = Mimic(_text(follows, "joint"), ratio, offset)
-    xyz = _numbers(axis, "xyz", 3) if axis is not None and moves else (1.0, 0.0, 0.0)
+    xyz = numbers_of(axis, "xyz", 3) if axis is not None and moves else (1.0, 0.0, 0.0)
     return Joint(
         name,
         cast(MechanismJointKind, kind),
         _text(_needed(element, "parent"), "link"),
         _text(_needed(element, "child"), "link"),
-        _placement(element),
+        placement_of(element),
         frozen(xyz),
         limits=_limits(element, kind) if moves else Limits(),
         mimic=mimic,
@@ -176,7 +179,7 @@ def _limits(joint: Element, kind: str) -> Limits:
         return Limits()
 
     def value(name: str, default: float) -> float:
-        return _number(limit, name, infinite=True) if name in limit.attributes else default
+        return number_of(limit, name, infinite=True) if name in limit.attributes else default
 
     lower, upper = -math.inf, math.inf
     if kind != "continuous" and {"lower", "upper"} & set(limit.attributes):
