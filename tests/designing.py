@@ -44,7 +44,6 @@ FAMILIES: dict[str, Basis] = {
     "quintic, from to": splines(3, 8.0, 14, 5, START, END),
     "reaching": reaching(3, 4, 1.6, 0.2),
     "reaching, from": reaching(3, 3, 1.6, 0.2, START),
-    "reaching, open": reaching(3, 3, 1.6, closed=False),
 }
 
 

@@ -28,7 +28,7 @@ from proofs.support.safety_motion import derivative, fine_times
 sys.path.insert(0, str(Path(__file__).parents[2] / "tests"))
 from excite.interpreters import Follower, URController
 from steelyard.base.errors import SteelyardError
-from steelyard.excite.constraints.certificate import Certificate, certify
+from steelyard.excite.constraints.constraint import Certificate, certify
 from steelyard.excite.motion_export import exported
 from steelyard.excite.page.design_words import design_headline, design_level
 from steelyard.excite.problem import Problem

@@ -24,7 +24,7 @@ from proofs.support.safety_panda import panda_claims
 
 from steelyard.base.errors import SteelyardError
 from steelyard.excite.collision.cell import WALLS_NAME
-from steelyard.excite.constraints.certificate import Certificate, Proof, certify
+from steelyard.excite.constraints.constraint import Certificate, Proof, certify
 from steelyard.excite.constraints.constraints_from_tables import Earlier
 from steelyard.excite.problem import Problem
 from steelyard.excite.problem_from_tables import build

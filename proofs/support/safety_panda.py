@@ -16,7 +16,7 @@ from proofs.support.claims import Claim, data_folder
 from proofs.support.designs import PROBLEMS
 from proofs.support.safety_motion import derivative, duration
 
-from steelyard.excite.constraints.certificate import certify
+from steelyard.excite.constraints.constraint import certify
 from steelyard.excite.problem import Problem
 from steelyard.excite.problem_from_tables import build
 from steelyard.excite.search.population import search_by_gradient, seeded

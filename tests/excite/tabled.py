@@ -13,7 +13,7 @@ from unittest.mock import patch
 import numpy as np
 
 from excite.colliding import joint, link, urdf, written
-from steelyard.excite.constraints.certificate import certify
+from steelyard.excite.constraints.constraint import certify
 from steelyard.excite.constraints.constraints_from_tables import Earlier
 from steelyard.excite.design import design
 from steelyard.excite.designed import Designed
@@ -27,7 +27,7 @@ from steelyard.excite.search.feasibility import (
     refuse_impossible,
 )
 from steelyard.excite.search.parallel_search import SearchBudget
-from steelyard.excite.search.repair import Finished, finished
+from steelyard.excite.search.repair import Kept, finished
 from steelyard.excite.trajectories.trajectory import ExactTrajectory
 from steelyard.model.model import Model
 from steelyard.model.robot_file_model import model_with_open_friction as model_with_rigid_bodies
@@ -99,7 +99,7 @@ def designed(
         )
 
 
-def some_motion(folder: Path, tables: str) -> Finished:
+def some_motion(folder: Path, tables: str) -> Kept:
     """The first motion that a search would begin with, proven; whatever refuses it is raised."""
     loaded = arm(folder, tables)
     problem = build(loaded, model_with_open_friction(loaded))

@@ -33,9 +33,7 @@ BASES: dict[str, Basis] = {
     "quintic": splines(3, 6.0, 15, 5),
     "quintic, from to": splines(3, 6.0, 15, 5, START, END),
     "reaching": reaching(3, 4, 1.2, 0.3),
-    "reaching, open": reaching(3, 2, 1.2, closed=False),
     "reaching, from": reaching(3, 1, 1.2, 0.3, START),
-    "reaching, from, open": reaching(3, 3, 1.2, 0.3, START, closed=False),
 }
 ALL = pytest.mark.parametrize("name", list(BASES))
 

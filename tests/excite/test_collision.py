@@ -117,13 +117,15 @@ def test_distance_changes_no_faster_than_its_rate(cell: Clearance) -> None:
         assert np.all(change[:, k] <= bound + 1e-6), pair
 
 
-def test_nearest_names_the_pair_and_the_depth(tmp_path: Path) -> None:
+def test_an_overlap_is_less_than_no_distance(tmp_path: Path) -> None:
     loaded = snake(tmp_path)
     ball = obstacle("ball", Ball(0.1), (0.2, 0.0, 0.06))
     apart = self_clearance(loaded, others=(obstacle("far", Ball(0.1), (-1.0, 0.0, 0.06)),))
     both = self_clearance(loaded, others=(ball, obstacle("far", Ball(0.1), (-1.0, 0.0, 0.06))))
-    assert str(both.nearest(np.zeros(4))).endswith("'one' and 'ball' overlap by 150 mm")
-    assert "are apart by" in str(apart.nearest(np.zeros(4)))
+    near = both.distances(np.zeros((1, 4)))[0]
+    assert both.pairs[int(near.argmin())].names == {"one", "ball"}
+    assert near.min() == pytest.approx(-0.15, abs=1e-6)
+    assert apart.distances(np.zeros((1, 4))).min() > 0.0
 
 
 def test_margins_of_a_copy_are_the_same(tmp_path: Path) -> None:

@@ -12,8 +12,7 @@ from steelyard.base.errors import ModelError
 from steelyard.excite.collision.cell import WALL_RESERVE, WALLS_NAME, up_of
 from steelyard.excite.collision.collision import Clearance
 from steelyard.excite.collision.solids import Ball, Box, Capsule
-from steelyard.excite.constraints.certificate import certify
-from steelyard.excite.constraints.constraint import Declined, Gap
+from steelyard.excite.constraints.constraint import Declined, Gap, certify
 from steelyard.excite.problem_from_tables import build
 from steelyard.excite.trajectories.fourier import random_fourier
 from steelyard.excite.trajectories.trajectory import ExactTrajectory

@@ -5,8 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from steelyard.estimate.information.regressor import InformationEvaluator
-from steelyard.excite.constraints.certificate import certify
-from steelyard.excite.constraints.constraint import motion_limits
+from steelyard.excite.constraints.constraint import certify, motion_limits
 from steelyard.excite.constraints.workspace import Marker, tool_box
 from steelyard.excite.criteria import CRITERIA, Measure
 from steelyard.excite.designed import Designed, advised_motions, predicted_accuracy

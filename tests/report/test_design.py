@@ -14,11 +14,11 @@ from browser import Rendered
 from report.conftest import EVIL, robot
 from report.designed import REACH, designed_for, renamed
 from report.test_page import own_html
-from steelyard.excite.constraints.certificate import proof_of
-from steelyard.excite.constraints.constraint import Declined, Gap
+from steelyard.excite.constraints.constraint import Declined, Gap, proof_of
 from steelyard.excite.constraints.torque import torque_limit
 from steelyard.excite.constraints.workspace import Marker
 from steelyard.excite.designed import Advice, Designed
+from steelyard.excite.page.design_sections import DESIGN_SECTIONS, render_design
 from steelyard.excite.page.design_words import (
     DesignContent,
     brings,
@@ -33,7 +33,6 @@ from steelyard.excite.page.design_words import (
     print_design,
     tightest,
 )
-from steelyard.excite.page.proof_sections import DESIGN_SECTIONS, render_design
 from steelyard.excite.page.tool_section import skeleton, tool_path
 from steelyard.excite.trajectories.fourier import random_fourier
 from steelyard.identify.page.section_register import SECTIONS
@@ -150,8 +149,8 @@ def test_only_what_is_near_its_limit_is_tight(designed: Designed) -> None:
     )
     tight = replace(certificate, extremes=symmetric)
     lines = tightest(replace(designed, certificate=tight))
-    both = r"velocity of 2 joints: 9\d\.\d( to 9\d\.\d)? % of their limits used: shoulder, elbow"
-    assert re.fullmatch(both, lines[0])
+    both = r"velocity of 2 joints: 9\d\.\d( to 9\d\.\d)? % of their limits used"
+    assert re.fullmatch(rf"{both}, which are assumed ones: shoulder, elbow", lines[0])
     limits = replace(designed.limits, share=0.95, assumed=frozenset({("velocity", "elbow")}))
     first, second = sorted(tightest(replace(designed, certificate=tight, limits=limits)))[::-1]
     used = r"9\d\.\d % of its limit used, which is 95 % of"

@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -11,8 +11,7 @@ from steelyard.base.errors import DataError
 from steelyard.base.progress import Progress, silent
 from steelyard.estimate.information.base_parameters import base_parameters, clear_map
 from steelyard.excite.collision.cell import tool_of
-from steelyard.excite.constraints.certificate import certify
-from steelyard.excite.constraints.constraint import Constraint, Gap, MotionLimits
+from steelyard.excite.constraints.constraint import Constraint, Gap, MotionLimits, certify
 from steelyard.excite.constraints.constraints_from_tables import Earlier, constraints_of
 from steelyard.excite.designed import Designed, advised_motions, predicted_accuracy, samples_of
 from steelyard.excite.planned.plans import planned
@@ -47,18 +46,6 @@ _LEAST_SEARCH_SECONDS = 0.5
 _HEIGHT_SAMPLES = 500
 
 
-@dataclass(frozen=True, eq=False)
-class _Motion:
-    trajectory: ExactTrajectory
-    cases: Sequence[Case]
-    limits: MotionLimits
-    constraints: Sequence[Constraint]
-    result: SearchResult | None
-    notes: tuple[str, ...]
-    hints: tuple[str, ...] = ()
-    proven: Sequence[Array] | None = None
-
-
 def design(
     loaded: LoadedRobot,
     model: Model,
@@ -84,12 +71,17 @@ def design(
     begun = time.monotonic() if since is None else since
     kind = loaded.excitation.motion.kind
     if kind in FAMILIES:
-        motion = _searched(loaded, model, effort, earlier, start, progress, begun)
-    else:
-        if start is not None:
-            raise _not_of_kind(kind)
-        motion = _planned(loaded, model, effort, earlier, progress, begun)
-    return _described(loaded, motion, earlier, begun)
+        return _searched(loaded, model, effort, earlier, start, progress, begun)
+    if start is not None:
+        raise _not_of_kind(kind)
+    section = loaded.excitation
+    limits = limits_of(loaded.robot, section.limits)
+    plain, notes = memoryless(model)
+    constraints, more = constraints_of(loaded, model, earlier)
+    trajectory, plan_notes = planned(loaded, limits, effort.seed)
+    cases = cases_of(section, plain, limits, earlier)
+    notes = (*plan_notes, *limits.notes, *notes, *more)
+    return _described(loaded, earlier, begun, trajectory, cases, limits, constraints, notes)
 
 
 def condition_of_motion(
@@ -119,7 +111,7 @@ def _searched(
     start: ExactTrajectory | None,
     progress: Progress,
     begun: float,
-) -> _Motion:
+) -> Designed:
     method_of(loaded.excitation.search.method)
     pace = ProcessPace()
     problem = build(loaded, model, earlier)
@@ -157,15 +149,18 @@ def _searched(
             converged, f"only {converged} searches converged"
         )
         hints = (f"{whole} in the time limit: a longer --budget finds better motions",)
-    return _Motion(
+    return _described(
+        loaded,
+        earlier,
+        begun,
         best.trajectory,
         problem.cases,
         problem.limits,
         problem.constraints,
-        result,
         notes,
         hints,
         best.proven,
+        result,
     )
 
 
@@ -177,56 +172,39 @@ def _candidates(problem: Problem, result: SearchResult, first: Array | None) -> 
     return sorted(every, key=problem.criterion_value)
 
 
-def _planned(
-    loaded: LoadedRobot,
-    model: Model,
-    effort: SearchBudget,
-    earlier: Earlier | None,
-    progress: Progress,
-    begun: float,
-) -> _Motion:
-    section = loaded.excitation
-    limits = limits_of(loaded.robot, section.limits)
-    plain, notes = memoryless(model)
-    constraints, more = constraints_of(loaded, model, earlier)
-    trajectory, plan_notes = planned(loaded, limits, effort.seed)
-    cases = cases_of(section, plain, limits, earlier)
-    return _Motion(
-        trajectory, cases, limits, constraints, None, (*plan_notes, *limits.notes, *notes, *more)
-    )
-
-
 def _described(
-    loaded: LoadedRobot, motion: _Motion, earlier: Earlier | None, begun: float
+    loaded: LoadedRobot,
+    earlier: Earlier | None,
+    begun: float,
+    trajectory: ExactTrajectory,
+    cases: Sequence[Case],
+    limits: MotionLimits,
+    constraints: Sequence[Constraint],
+    notes: tuple[str, ...],
+    hints: tuple[str, ...] = (),
+    proven: Sequence[Array] | None = None,
+    result: SearchResult | None = None,
 ) -> Designed:
     robot, section = loaded.robot, loaded.excitation
-    notes = (*motion.notes, *holds_note(motion.trajectory), *_cell(loaded, motion.trajectory))
-    certificate = certify(
-        robot,
-        motion.trajectory,
-        motion.limits,
-        motion.constraints,
-        notes=notes,
-        proven=motion.proven,
-    )
+    notes = (*notes, *holds_note(trajectory), *_cell(loaded, trajectory))
+    certificate = certify(robot, trajectory, limits, constraints, notes=notes, proven=proven)
     noise, rate, source = noise_of(loaded, earlier)
     weights = rate / noise**2
     # as many samples as requested, and 50 a second of long motions
-    samples = max(section.samples, samples_of(motion.trajectory.duration))
-    seen = predicted_accuracy(motion.trajectory, motion.cases, weights, samples)
-    shows = motion.cases[0].shows
+    samples = max(section.samples, samples_of(trajectory.duration))
+    seen = predicted_accuracy(trajectory, cases, weights, samples)
+    shows = cases[0].shows
     base = shows.base
     prior = None
     if earlier is not None and section.criterion.after_earlier:
         prior = earlier.information(base, shows.absent)
-    result = motion.result
     return Designed(
         robot=robot,
-        trajectory=motion.trajectory,
+        trajectory=trajectory,
         kind=section.motion.kind,
-        limits=motion.limits,
+        limits=limits,
         certificate=certificate,
-        criterion=motion.cases[0].criterion.name,
+        criterion=cases[0].criterion.name,
         shown=seen,
         course=() if result is None else result.course,
         searches=0 if result is None else result.searches,
@@ -236,13 +214,11 @@ def _described(
         noise_from=source,
         prior=prior,
         values={} if earlier is None else dict(zip(earlier.names, earlier.values, strict=True)),
-        advice=advised_motions(
-            seen, motion.trajectory, motion.cases, weights, motion.limits, prior
-        ),
+        advice=advised_motions(seen, trajectory, cases, weights, limits, prior),
         tool=tool_of(section.workspace, robot),
-        notes=(*loaded.notes, *notes, *motion.hints),
-        constraints=tuple(motion.constraints),
-        chosen=motion.cases[0].chosen,
+        notes=(*loaded.notes, *notes, *hints),
+        constraints=tuple(constraints),
+        chosen=cases[0].chosen,
         faint=len(base_parameters(shows.model)) - len(clear_map(shows.model)),
         absent=shows.absent,
     )

@@ -8,8 +8,7 @@ import numpy as np
 from steelyard.base.arrays import Array
 from steelyard.base.errors import DataError
 from steelyard.base.motion import Trajectory
-from steelyard.excite.constraints.certificate import Certificate
-from steelyard.excite.constraints.constraint import Constraint, MotionLimits
+from steelyard.excite.constraints.constraint import Certificate, Constraint, MotionLimits
 from steelyard.excite.constraints.workspace import Marker
 from steelyard.excite.criteria import CRITERIA, worst_value
 from steelyard.excite.planned.tool_paths import friction_sweeps, static_postures

@@ -14,14 +14,14 @@ from steelyard.base.arguments import checked
 from steelyard.base.errors import DataError
 from steelyard.base.progress import DESIGN_BUDGET_S, Progress, silent
 from steelyard.estimate.identified import IdentifiedModel, load_model
-from steelyard.excite.constraints.certificate import COVERS
+from steelyard.excite.constraints.constraint import COVERS
 from steelyard.excite.constraints.constraints_from_tables import Earlier
 from steelyard.excite.design import design
 from steelyard.excite.designed import Designed
 from steelyard.excite.motion_export import EXPORTS, exported, gaps_of_files, write_export
 from steelyard.excite.motion_points import grid_times
+from steelyard.excite.page.design_sections import render_design
 from steelyard.excite.page.design_words import DesignContent, design_headline, print_design, scopes
-from steelyard.excite.page.proof_sections import render_design
 from steelyard.excite.search.parallel_search import SearchBudget
 from steelyard.excite.trajectories.bases import FAMILIES, basis_of
 from steelyard.excite.trajectories.polynomials import through_postures

@@ -45,6 +45,7 @@ NO_AXIS = "9E9"  # an external axis that is not there, in RAPID
 SLOW_START_NOTE = (
     "Goes slowly to the start posture first. Before the first run compare signs and zeros of"
 )
+SLOW_AXES_NOTE = f"{SLOW_START_NOTE} the axes with the model's."
 
 
 def urscript_of(trajectory: ExactTrajectory, robot: Robot, rate: float) -> str:
@@ -62,18 +63,10 @@ def urscript_of(trajectory: ExactTrajectory, robot: Robot, rate: float) -> str:
     step = 1.0 / rate
     times = grid_times(trajectory.duration, rate)
     q = trajectory.derivative(times, 0)
-    lines = comment_head(
-        trajectory,
-        robot,
-        "#",
-        f"{len(q)} set points in rad, one every {step:g} s.",
-        f"{SLOW_START_NOTE} the arm's joints with the model's.",
-    )
-    lines += [
-        "def steelyard_motion():",
-        f"  movej([{comma_row(q[0], RADIAN_DECIMALS)}], a=0.5, v=0.2)",
-    ]
-    lines += ["  sleep(1.0)"]
+    what = f"{len(q)} set points in rad, one every {step:g} s."
+    start = f"{SLOW_START_NOTE} the arm's joints with the model's."
+    lines = [*comment_head(trajectory, robot, "#", what, start), "def steelyard_motion():"]
+    lines += [f"  movej([{comma_row(q[0], RADIAN_DECIMALS)}], a=0.5, v=0.2)", "  sleep(1.0)"]
     options = f"t={step:g}, lookahead_time=0.1, gain=300"
     lines += [f"  servoj([{comma_row(point, RADIAN_DECIMALS)}], {options})" for point in q]
     return "\n".join([*lines, "  stopj(1.0)", "end", ""])
@@ -93,27 +86,16 @@ def krl_of(trajectory: ExactTrajectory, robot: Robot, rate: float) -> str:
         )
         for point in points
     ]
+    what = f"{_points_apart(times, f'{times[1]:.9g}')}; a spline leads through them."
     lines = ["&ACCESS RVP", "DEF trajectory( )"]
-    lines += comment_head(
-        trajectory,
-        robot,
-        ";",
-        f"{len(times)} points in degrees (prismatic axes: mm), {times[1]:.9g} s apart; "
-        "a spline leads through them.",
-        f"{SLOW_START_NOTE} the axes with the model's.",
-    )
+    lines += comment_head(trajectory, robot, ";", what, SLOW_AXES_NOTE)
     lines += ["BAS(#INITMOV, 0)", "BAS(#VEL_PTP, 10)", "BAS(#ACC_PTP, 10)"]
     lines += [f"PTP {{{targets[0]}}}", "BAS(#VEL_PTP, 100)", "BAS(#ACC_PTP, 100)"]
     lines += ["PTP_SPLINE", "  TIME_BLOCK START"]
     for target in targets[1:]:
         lines += [f"  SPTP {{{target}}}", "  TIME_BLOCK PART = 1.0"]
-    lines += [
-        f"  TIME_BLOCK END = {fixed_point_text(trajectory.duration, DEGREE_DECIMALS)}",
-        "ENDSPLINE",
-        "END",
-        "",
-    ]
-    return "\n".join(lines)
+    lines.append(f"  TIME_BLOCK END = {fixed_point_text(trajectory.duration, DEGREE_DECIMALS)}")
+    return "\n".join([*lines, "ENDSPLINE", "END", ""])
 
 
 def rapid_of(trajectory: ExactTrajectory, robot: Robot, rate: float) -> str:
@@ -125,15 +107,8 @@ def rapid_of(trajectory: ExactTrajectory, robot: Robot, rate: float) -> str:
     points = trajectory.derivative(times, 0) * degrees_and_millimetres(robot)
     step = fixed_point_text(times[1], DEGREE_DECIMALS)
     free = [NO_AXIS] * (12 - robot.n)
-    lines = ["MODULE Trajectory"]
-    lines += comment_head(
-        trajectory,
-        robot,
-        "  !",
-        f"{len(times)} points in degrees (prismatic axes: mm), {step} s apart; "
-        "corners are rounded within zone z10.",
-        f"{SLOW_START_NOTE} the axes with the model's.",
-    )
+    what = f"{_points_apart(times, step)}; corners are rounded within zone z10."
+    lines = ["MODULE Trajectory", *comment_head(trajectory, robot, "  !", what, SLOW_AXES_NOTE)]
     lines += ["  PROC SteelyardMotion()", "    VelSet 20, 5000;"]
     for number, point in enumerate(points):
         axes = [fixed_point_text(x, DEGREE_DECIMALS) for x in point] + free
@@ -143,6 +118,10 @@ def rapid_of(trajectory: ExactTrajectory, robot: Robot, rate: float) -> str:
         lines.append(f"    MoveAbsJ {target}, {speed}, {zone}, tool0;")
         lines += ["    VelSet 100, 5000;"] if number == 0 else []
     return "\n".join([*lines, "  ENDPROC", "ENDMODULE", ""])
+
+
+def _points_apart(times: Array, step: str) -> str:
+    return f"{len(times)} points in degrees (prismatic axes: mm), {step} s apart"
 
 
 def _unfit_motion(robot: Robot, form: str, wanted: str, prismatic: int = 0) -> OutputError:
@@ -178,7 +157,6 @@ EXPORTS: dict[str, Export] = {
     "rapid": Export("ABB RAPID", "trajectory.mod", rapid_of, 10.0, "rounded lines"),
     "mujoco": Export("MuJoCo keyframes", "trajectory.xml", keyframes_of, 50.0),
 }
-"""Formats by the name that requests them."""
 
 
 def exported(

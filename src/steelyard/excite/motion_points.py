@@ -130,13 +130,8 @@ def keyframes_of(trajectory: ExactTrajectory, robot: Robot, rate: float) -> str:
     times = even_times(trajectory.duration, rate)
     q, dq, _ = orders_at(trajectory, times)
     joints = ", ".join(body.joint for body in bodies)
-    lines = comment_head(
-        trajectory,
-        robot,
-        " ",
-        f"{len(times)} keyframes in rad (prismatic joints: m). Include this file in a model whose",
-        f"joints are, in this order: {joints}.",
-    )
+    top = f"{len(times)} keyframes in rad (prismatic joints: m). Include this file in a model whose"
+    lines = comment_head(trajectory, robot, " ", top, f"joints are, in this order: {joints}.")
     lines = ["<mujoco>", "  <!--", *lines, "  -->", "  <keyframe>"]
     for t, position, velocity in zip(
         times.tolist(), q[:, followed] * ratio + offset, dq[:, followed] * ratio, strict=True
@@ -174,14 +169,9 @@ def joint_trajectory_of(trajectory: ExactTrajectory, robot: Robot, rate: float) 
     refuse_moving_ends(trajectory, robot, "a joint_trajectory_controller")
     nanoseconds = spline_points(trajectory, rate)
     q, dq, ddq = orders_at(trajectory, np.minimum(nanoseconds * 1e-9, trajectory.duration))
-    lines = comment_head(
-        trajectory,
-        robot,
-        "#",
-        f"The first {APPROACH_SECONDS} s lead from wherever the robot is to the start of the "
-        "motion.",
-        f"{len(q)} points; splines of degree five between them are within 1e-6 of the motion.",
-    )
+    way = "lead from wherever the robot is to the start of the motion."
+    what = f"{len(q)} points; splines of degree five between them are within 1e-6 of the motion."
+    lines = comment_head(trajectory, robot, "#", f"The first {APPROACH_SECONDS} s {way}", what)
     names = ", ".join(json.dumps(c.name) for c in robot.coordinates)
     lines += ["header:", "  stamp: {sec: 0, nanosec: 0}", "  frame_id: ''"]
     lines += [f"joint_names: [{names}]", "points:"]
@@ -205,15 +195,11 @@ def spline_points(trajectory: ExactTrajectory, rate: float) -> Nanoseconds:
     rate = max(rate, 1.0 / step, 1.0 / trajectory.duration)
     grid_times(trajectory.duration, rate)
     jumps = _acceleration_jumps(trajectory)
-    edges = np.sort(
-        np.concatenate(
-            [[0.0, trajectory.duration], jumps - BESIDE_JUMP_SECONDS, jumps + BESIDE_JUMP_SECONDS]
-        )
-    )
-    counts = [max(1, ceil((b - a) * rate)) for a, b in zip(edges, edges[1:], strict=False)]
+    beside = [jumps - BESIDE_JUMP_SECONDS, jumps + BESIDE_JUMP_SECONDS]
+    edges = np.sort(np.concatenate([[0.0, trajectory.duration], *beside]))
     pieces = [
-        np.linspace(a, b, count, endpoint=False)
-        for a, b, count in zip(edges, edges[1:], counts, strict=False)
+        np.linspace(a, b, max(1, ceil((b - a) * rate)), endpoint=False)
+        for a, b in zip(edges, edges[1:], strict=False)
     ]
     times = np.concatenate([*pieces, edges[-1:]])
     return np.unique(np.rint(times * 1e9).astype(np.int64))

@@ -14,10 +14,7 @@ from math import ceil
 import numpy as np
 
 from steelyard.base.arrays import Array
-from steelyard.estimate.information.regressor import (
-    InformationEvaluator,
-    SampledInformation,
-)
+from steelyard.estimate.information.regressor import InformationEvaluator, SampledInformation
 from steelyard.excite.constraints.constraint import Constraint, MotionLimits
 from steelyard.excite.criteria import Criterion, DOptimal, Measure, worst, worst_value
 from steelyard.excite.search.newton import InequalityConstraints

@@ -1,6 +1,6 @@
 """Floor, planes, boxes and models of the cell to keep out of, from `[excitation.workspace]`."""
 
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 
 import numpy as np
@@ -34,22 +34,18 @@ WALLS_PROOF = (
     "distances of convex shapes with bounds of their rate of change, over time intervals; "
     f"{1e3 * WALL_RESERVE:g} mm are reserved at every boundary"
 )
-"""How it is proven."""
 
 
 def clearance_of_walls(
-    robot: Robot,
-    whole: WholeRobot,
-    walls: Sequence[Shape],
-    cell: Sequence[Shape] = (),
-    margin: float = 0.0,
-    aside: Collection[str] = (),
-) -> tuple[Clearance | None, tuple[str, ...]]:
-    """All that moves against walls, and what it carries against the cell; `None` for nothing.
+    loaded: LoadedRobot, whole: WholeRobot, walls: Sequence[Shape], cell: Sequence[Shape]
+) -> tuple[list[Constraint], tuple[str, ...]]:
+    """All that moves against walls, and what it carries against the cell, if there is something.
 
-    Links are kept from the `cell` elsewhere, and so is what is carried and named in `aside`; all
-    else keeps the distance `margin` [m] from it. Also what the user should know, one sentence each.
+    Links are kept from the `cell` elsewhere, and so are loads with a radius; all else keeps the
+    margin of collisions from it. Also what the user should know, one sentence each.
     """
+    collision, loads = loaded.excitation.collision, loaded.excitation.loads
+    aside = [ball.name for ball, one in zip(load_balls(loaded), loads, strict=True) if one.radius]
     shapes = (*whole.links, *whole.carried, *walls, *cell)
     first = len(whole.links) + len(whole.carried)
     standing = first + len(walls)
@@ -61,18 +57,19 @@ def clearance_of_walls(
         ways.setdefault((shapes[i].name, shapes[j].name), []).append((i, j))
     pairs = tuple(Pair(first, second, tuple(own)) for (first, second), own in ways.items())
     if not pairs:
-        return None, whole.notes
-    kept, notes = _changing_pairs(robot, shapes, pairs)
+        return [], whole.notes
+    kept, notes = _changing_pairs(loaded.robot, shapes, pairs)
     notes = (*whole.notes, *notes)
     if walls and whole.still:
         still = ", ".join(whole.still)
         notes += (f"the base does not move, so workspace limits ignore its links: {still}",)
     if not kept:
-        return None, notes
+        return [], notes
     names = frozenset(wall.name for wall in walls)
     things = len({pair.first for pair in kept})
-    return Clearance(
-        robot,
+    margin = 0.0 if collision is None else collision.margin
+    found = Clearance(
+        loaded.robot,
         shapes,
         kept,
         np.array([WALL_RESERVE if pair.second in names else margin for pair in kept]),
@@ -81,7 +78,8 @@ def clearance_of_walls(
         scope=f"{whole.scope}, tool and loads: {things} moving bodies",
         walls=names,
         how=WALLS_PROOF,
-    ), notes
+    )
+    return [found], notes
 
 
 def _changing_pairs(
@@ -178,19 +176,12 @@ def _constraints_of_robot(
     world: tuple[Shape, ...],
     found: list[Constraint],
 ) -> ConstraintsAndNotes:
-    collision, loads = loaded.excitation.collision, loaded.excitation.loads
-    margin = 0.0 if collision is None else collision.margin
     with written("workspace]"):
         whole = whole_robot(loaded, tool, section.without)
-    walls = walls_of(section, loaded.robot)
-    own = [ball.name for ball, load in zip(load_balls(loaded), loads, strict=True) if load.radius]
-    built, notes = clearance_of_walls(loaded.robot, whole, walls, world, margin, own)
-    level = (
-        [Gap(ASSUMED_FLOOR_NOTE)]
-        if section.floor is not None and not loaded.robot.gravity.any()
-        else []
-    )
-    return [*found, *([] if built is None else [built])], [*notes, *level]
+    built, notes = clearance_of_walls(loaded, whole, walls_of(section, loaded.robot), world)
+    if section.floor is not None and not loaded.robot.gravity.any():
+        notes += (Gap(ASSUMED_FLOOR_NOTE),)
+    return [*found, *built], list(notes)
 
 
 def walls_of(section: WorkspaceSection, robot: Robot) -> tuple[Shape, ...]:

@@ -111,9 +111,7 @@ def check_links(skip: Collection[str], links: Collection[str], where: str) -> No
     for name in skip:
         if name not in links:
             raise ModelError(
-                f"there is no link '{name}' to skip",
-                where=where,
-                fix=advice(name, links, "links"),
+                f"there is no link '{name}' to skip", where=where, fix=advice(name, links, "links")
             )
 
 

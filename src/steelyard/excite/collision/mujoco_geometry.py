@@ -115,9 +115,10 @@ def mjcf_shapes(
         body = int(model.geom_bodyid[geom])
         last = int(model.body_jntadr[body]) + int(model.body_jntnum[body]) - 1
         anchor = model.jnt_pos[last] if model.body_jntnum[body] else np.zeros(3)
-        rotation, position = _matrix(model.geom_quat[geom]), model.geom_pos[geom] - anchor
+        rotation, position = np.zeros(9), model.geom_pos[geom] - anchor
+        mujoco.mju_quat2Mat(rotation, model.geom_quat[geom])
         solid = _solid(file, geom, name, path)
-        shapes.append(placed(frames[name], name, solid, position, rotation))
+        shapes.append(placed(frames[name], name, solid, position, rotation.reshape(3, 3)))
     return tuple(shapes), _excluded(model), frozenset(names.values()) - frames.keys()
 
 
@@ -192,10 +193,3 @@ def _solid(file: Compiled, geom: int, link: str, path: Path) -> Solid:
         where=str(path),
         fix="replace it by boxes or meshes, or name the link under skip to ignore its shapes",
     )
-
-
-def _matrix(quaternion: Array) -> Array:
-    """The rotation of a unit quaternion, shape `(3, 3)`."""
-    flat = np.zeros(9)
-    mujoco.mju_quat2Mat(flat, quaternion)
-    return flat.reshape(3, 3)

@@ -10,6 +10,7 @@ from steelyard.base.arrays import Array
 from steelyard.base.errors import ModelError, advice
 from steelyard.excite.collision.shapes import Geometry, Shape
 from steelyard.excite.collision.solids import Hull
+from steelyard.report.words import count
 from steelyard.robot.models.xml_reader import Element, read_xml
 from steelyard.robot.robot import Robot
 
@@ -46,7 +47,12 @@ def candidate_pairs(
     _check_names(groups, shapes, ignore)
     ignored = {frozenset(pair) for pair in ignore}
     names, pairs = list(groups), list[Pair]()
-    modelled, near, specified = list[str](), list[str](), list[str]()
+    near, modelled, specified = (
+        "links connected by a joint",
+        "which may touch according to the model or its SRDF",
+        "which may touch as specified",
+    )
+    left: dict[str, list[str]] = {near: [], modelled: [], specified: []}
     for k, first in enumerate(names):
         for second in names[k + 1 :]:
             both = frozenset((first, second))
@@ -64,25 +70,19 @@ def candidate_pairs(
                 continue
             pair = f"{first} and {second}"
             if both in ignored:
-                specified.append(pair)
+                left[specified].append(pair)
             elif links and both in geometry.never:
-                modelled.append(pair)
+                left[modelled].append(pair)
             elif links and _neighbours(robot, geometry, shapes[mine[0]], shapes[theirs[0]]):
-                near.append(pair)
+                left[near].append(pair)
             else:
                 pairs.append(Pair(first, second, ways))
-    reasons = {
-        "links connected by a joint": near,
-        "which may touch according to the model or its SRDF": modelled,
-        "which may touch as specified": specified,
-    }
     notes = tuple(
-        f"clearance is not checked for {len(left)} pair{'s' * (len(left) > 1)}, {why}: "
-        f"{', '.join(left)}"
-        for why, left in reasons.items()
-        if left
+        f"clearance is not checked for {count(len(some), 'pair')}, {why}: {', '.join(some)}"
+        for why, some in left.items()
+        if some
     )
-    return tuple(pairs), notes, len(near) + len(modelled) + len(specified)
+    return tuple(pairs), notes, sum(map(len, left.values()))
 
 
 def _groups(shapes: Sequence[Shape]) -> dict[str, list[int]]:
@@ -253,8 +253,7 @@ def _refuse_inseparable(
             f"{_rounded_down(distance)} m",
             where=_WHERE,
             fix=f"give a margin of {_rounded_down(distance)} m or less, move the object in the "
-            "cell, or "
-            "name the pair in ignore",
+            "cell, or name the pair in ignore",
         )
 
 

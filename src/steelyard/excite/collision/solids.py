@@ -40,7 +40,7 @@ class Solid:
             kind = {"Ball": "sphere"}.get(type(self).__name__, type(self).__name__.lower())
             shown = ", ".join(f"{size:g}" for size in sizes)
             raise ValueError(f"a {kind} of {shown} m is not a solid")
-        object.__setattr__(self, "radius", float(radius))
+        object.__setattr__(self, "radius", radius)
 
 
 def height(solid: Solid, directions: Array) -> Array:
@@ -70,7 +70,7 @@ class Box(Solid):
 
     def __post_init__(self) -> None:
         x, y, z = self.size
-        self._around(0.5 * np.linalg.norm(self.size), x, y, z)
+        self._around(0.5 * float(np.linalg.norm(self.size)), x, y, z)
 
     def farthest(self, directions: Array) -> Array:
         """See `Solid`."""
@@ -102,7 +102,7 @@ class _Round(Solid):
 
     def _end(self, directions: Array) -> Array:
         """The end of the axis that is farther along each direction."""
-        return np.copysign(np.array([0.0, 0.0, self.length / 2.0]), directions)
+        return np.asarray(np.copysign([0.0, 0.0, self.length / 2.0], directions))
 
 
 @dataclass(frozen=True)
@@ -110,7 +110,7 @@ class Cylinder(_Round):
     """A cylinder about z with flat ends."""
 
     def __post_init__(self) -> None:
-        self._around(np.hypot(self.disc, self.length / 2.0), self.disc, self.length)
+        self._around(float(np.hypot(self.disc, self.length / 2.0)), self.disc, self.length)
 
     def farthest(self, directions: Array) -> Array:
         """See `Solid`."""
@@ -138,7 +138,7 @@ class Hull(Solid):
     def __init__(self, points: ArrayLike) -> None:
         object.__setattr__(self, "vertices", frozen(_corners(frozen(points, (None, 3)))))
         object.__setattr__(self, "centre", frozen(_ball(self.vertices)))
-        self._around(np.linalg.norm(self.vertices - self.centre, axis=1).max())
+        self._around(float(np.linalg.norm(self.vertices - self.centre, axis=1).max()))
 
     def farthest(self, directions: Array) -> Array:
         """See `Solid`."""
@@ -198,9 +198,8 @@ def find_mesh(name: str, model: Path) -> Path | None:
     """The file that a model means by a mesh's name, or none.
 
     A name is absolute, relative to the model's folder, or `package://PACKAGE/...`. A package is
-    looked for by its name in the model's folder and in every folder above it. Where that finds
-    nothing, leading parts of the path are left out, one after the other, but for the file's own
-    folder.
+    looked for by its name in the model's folder and in those above it, then with leading parts of
+    the path left out, but for the file's own folder.
     """
     url = urlsplit(name)
     folder = model.resolve().parent
@@ -235,11 +234,9 @@ def mesh_points(path: Path, where: str) -> Array:
         ) from None
     try:
         points = _stl(data) if path.suffix.lower() == ".stl" else _numbers_of_obj(data, b"v")
+        what = "a vertex is not finite" if len(points) else "it has no vertices"
     except (ValueError, IndexError) as error:
-        points = np.empty((0, 3))
-        what: object = error
-    else:
-        what = "it has no vertices" if not len(points) else "a vertex is not finite"
+        points, what = np.empty((0, 3)), str(error)
     if not len(points) or not np.isfinite(points).all():
         raise _refused_mesh(
             f"the mesh '{path}' is not an {path.suffix[1:].upper()} file: {what}",

@@ -71,7 +71,7 @@ class Course:
     """A motion with the bounds of its derivatives over all times."""
 
     def __init__(self, trajectory: ExactTrajectory) -> None:
-        self._trajectory = trajectory
+        self._trajectory, self.duration = trajectory, trajectory.duration
         ends = [trajectory.extremes(order) for order in range(4)]
         sizes = [np.maximum(np.abs(low), np.abs(high))[:, None] for low, high in ends]
         self._rounding = tuple(_ROUNDING * size for size in sizes)
@@ -91,11 +91,6 @@ class Course:
             for start, end, number in zip(breaks[:-1], breaks[1:], numbers, strict=True)
         ]
         return np.concatenate([*parts, breaks[-1:]])
-
-    @property
-    def duration(self) -> float:
-        """Length in time [s]."""
-        return self._trajectory.duration
 
     def stretches(self, start: Array, end: Array) -> Stretches:
         """Stretches from `start` to `end`, each `(B,)` [s], none of them across a break."""
@@ -123,10 +118,7 @@ class Course:
 
 
 def proven_minimum(
-    trajectory: ExactTrajectory,
-    bound: Bound,
-    tolerance: Array,
-    count: int = STRETCHES,
+    trajectory: ExactTrajectory, bound: Bound, tolerance: Array, count: int = STRETCHES
 ) -> Array:
     """Lower bounds of margins that hold at all times, `(k,)`.
 

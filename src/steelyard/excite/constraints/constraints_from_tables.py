@@ -27,10 +27,8 @@ SHELL_INERTIA = 2.0 / 3.0  # of a hollow ball about its centre, over its mass an
 
 LOADS_COUNTED = (
     "torques hold for loads of any inertia from a point mass to a hollow sphere of the load's "
-    "radius "
-    "about its centre of mass, alike about all axes; not for an elongated one"
+    "radius about its centre of mass, alike about all axes; not for an elongated one"
 )
-"""What torques count of loads."""
 
 
 _RATE_OVER_CUTOFF = 20.0  # sampling rate; the independent samples a second do not depend on it
@@ -239,12 +237,8 @@ def clearance_of(loaded: LoadedRobot, world: tuple[Shape, ...] = ()) -> Constrai
     bare = [f"{number}" for number, load in enumerate(loads, start=1) if load.radius is None]
     notes = list[str]()
     if bare and (section is None or section.bodies):
-        notes.append(
-            Gap(
-                "loads without a radius are not checked against the robot's own links: load "
-                + ", ".join(bare)
-            )
-        )
+        text = "loads without a radius are not checked against the robot's own links: load "
+        notes.append(Gap(text + ", ".join(bare)))
     balls = tuple(ball for ball, load in zip(load_balls(loaded), loads, strict=True) if load.radius)
     if section is None:
         try:
@@ -254,10 +248,9 @@ def clearance_of(loaded: LoadedRobot, world: tuple[Shape, ...] = ()) -> Constrai
             return [], [Gap(f"self-collisions are not checked: {why}")]
         return [found], [*found.notes, *notes]
     if not section.bodies:
-        text = "self-collisions are not checked, as specified"
-        notes.append(Declined(text))
-    if not section.bodies and not world:
-        return [], notes
+        notes.append(Declined("self-collisions are not checked, as specified"))
+        if not world:
+            return [], notes
     found = self_clearance(
         loaded,
         skip=section.without,

@@ -28,7 +28,6 @@ MARKER_PROOF = (
     "positions and velocities at the middle of every time interval, and bounds of the "
     "accelerations over the interval"
 )
-"""How margins of spheres are proven."""
 
 TOOL_ONLY = "tool point only"  # what of a robot such margins are about
 
@@ -259,10 +258,7 @@ class HalfSpaces(SphereDistances):
 
 
 def tool_box(
-    robot: Robot,
-    marker: Marker,
-    lower: Sequence[float | None],
-    upper: Sequence[float | None],
+    robot: Robot, marker: Marker, lower: Sequence[float | None], upper: Sequence[float | None]
 ) -> HalfSpaces:
     """A sphere that stays in a box, by its least and greatest x, y and z [m]; `None` if open."""
     name, sides = "tool box", []

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from steelyard.excite.constraints.certificate import COVERS
+from steelyard.excite.constraints.constraint import COVERS
 from steelyard.excite.designed import HELPFUL_SHARE
 from steelyard.excite.trajectories.bases import FAMILIES
 from steelyard.report.page import LabelledValues, PageContent
@@ -20,7 +20,7 @@ from steelyard.report.words import COLOURS, NONE, Level, count, percent, relativ
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from steelyard.excite.constraints.certificate import Proof
+    from steelyard.excite.constraints.constraint import Proof
     from steelyard.excite.designed import Advice, Designed
     from steelyard.robot.file.excitation_sections import WorkspaceSection
 
@@ -41,7 +41,6 @@ KINDS = {
     "postures": "static postures",
     "replay": "motion from a file",
 }
-"""What kinds of motion are called."""
 
 MOST_LENGTH_IN_MILLIMETRES = 0.1  # lengths below this [m] are printed in millimetres
 MOST_NAMED_PARAMETERS = 3  # most parameters that a line of advice names
@@ -234,14 +233,10 @@ def unended(designed: Designed) -> bool:
 
 def design_headline(designed: Designed) -> str:
     """What the motion shows, and whether it is safe, in a line."""
-    missing = unseen(designed)
-    every = len(designed.shown.names) + designed.faint
-    shows = f"The motion makes all {every} base parameters identifiable"
-    if missing or designed.faint:
-        shows = (
-            f"The motion makes {every - missing - designed.faint} of {every} base parameters "
-            "identifiable"
-        )
+    missing, every = unseen(designed), len(designed.shown.names) + designed.faint
+    known = every - missing - designed.faint
+    which = f"all {every}" if known == every else f"{known} of {every}"
+    shows = f"The motion makes {which} base parameters identifiable"
     if designed.absent:
         shows += f" of a model reduced by {len(designed.absent)}"
     if hardly := int(hidden(designed).sum()) - missing:

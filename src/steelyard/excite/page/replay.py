@@ -56,11 +56,6 @@ class Stage:
     walls: tuple[tuple[bool, Array], ...]
     notes: tuple[str, ...]
 
-    @property
-    def duration(self) -> float:
-        """Length of the motion [s]."""
-        return self.trajectory.duration
-
     @cached_property
     def _kinematics(self) -> ShapeKinematics:
         return ShapeKinematics(self.robot, self.shapes)
@@ -269,7 +264,7 @@ def replayed(stage: Stage, host: str, port: int, speed: float = 1.0) -> Replay:
     _check_address(host)
     with _quiet():
         server = viser.ViserServer(host=host, port=port, label=stage.robot.name, verbose=False)
-    replay = Replay(stage, Clock(stage.duration, speed), server)
+    replay = Replay(stage, Clock(stage.trajectory.duration, speed), server)
     _scene(replay)
     _controls(replay)
     replay.show(0.0)

@@ -52,7 +52,7 @@ def pick_and_place(s: PickAndPlaceSection, robot: Robot, seed: int) -> Tour:
     """
     rng, up = np.random.default_rng(seed), s.lift * up_of(robot)
     boxes = (("pick", _box(s.pick, "pick")), ("place", _box(s.place, "place")))
-    points = [rng.uniform(*box, (s.cycles, 3)) for _, box in boxes]
+    points = [rng.uniform(box[0], box[1], (s.cycles, 3)) for _, box in boxes]
     places, names, dwells = [], list[str](), list[float]()
     for k in range(s.cycles):
         for (what, _), own in zip(boxes, points, strict=True):

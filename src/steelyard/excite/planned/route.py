@@ -15,11 +15,7 @@ from steelyard.base.arrays import Array, frozen
 from steelyard.base.errors import DataError
 from steelyard.excite.constraints.constraint import MotionLimits
 from steelyard.excite.constraints.workspace import ToolWay
-from steelyard.excite.planned.inverse_kinematics import (
-    Attitude,
-    InverseKinematics,
-    within,
-)
+from steelyard.excite.planned.inverse_kinematics import Attitude, InverseKinematics, within
 from steelyard.excite.planned.postures import (
     Followed,
     UnfollowableWay,
@@ -110,11 +106,7 @@ def line_move(followed: Followed, way: ToolWay, where: str) -> Move:
 
 
 def pace(
-    move: Move,
-    way: ToolWay,
-    limits: MotionLimits,
-    guidance: ToolGuidance,
-    names: tuple[str, ...],
+    move: Move, way: ToolWay, limits: MotionLimits, guidance: ToolGuidance, names: tuple[str, ...]
 ) -> MovePace:
     """The shortest time that keeps all limits, for a move that goes somewhere."""
     times: list[tuple[float, str]] = []

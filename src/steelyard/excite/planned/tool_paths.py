@@ -276,12 +276,7 @@ def _sweep(start: float, end: float, speed: float, change: float) -> Iterator[tu
 
 
 def static_postures(
-    limits: MotionLimits,
-    *,
-    count: int,
-    seed: int,
-    dwell_s: float,
-    fraction: float = 0.9,
+    limits: MotionLimits, *, count: int, seed: int, dwell_s: float, fraction: float = 0.9
 ) -> PiecewiseMotion:
     """Stands still at postures that fill the ranges evenly, and comes back to their middle.
 

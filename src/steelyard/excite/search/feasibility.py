@@ -213,27 +213,20 @@ def lacking(problem: Problem, places: Iterable[Array]) -> tuple[Lack, ...]:
 
     A witness: with everything widened by that much, it is a motion that keeps all samples.
     """
-    inequalities, random = problem.inequalities, np.random.default_rng(0)
-    best: tuple[float, tuple[Lack, ...]] | None = None
-    for place in places:
-        still = problem.basis.still(place)
-        for _ in range(_WIDENING_TRIES):
-            change = random.standard_normal(still.shape)
-            most = inequalities.room(still, change)
-            lacks = _lacks(problem, still + WORTHY_MOTION_SIZE * most[:, None] * change)
-            size = sum(_share_of_room(lack) for lack in lacks)
-            if best is None or size < best[0]:
-                best = size, lacks
-    return () if best is None else best[1]
+    room, random = problem.inequalities.room, np.random.default_rng(0)
+    tries = (
+        _lacks(problem, still + WORTHY_MOTION_SIZE * room(still, change)[:, None] * change)
+        for still in map(problem.basis.still, places)
+        for change in (random.standard_normal(still.shape) for _ in range(_WIDENING_TRIES))
+    )
+    return min(tries, key=lambda lacks: sum(map(_share_of_room, lacks)), default=())
 
 
 def explained_no_motion(problem: Problem, error: NoMotion) -> DataError:
     """An error that no motion was found, with what would have to be widened if that is known."""
     random = np.random.default_rng(0)
-    drawn = [
-        p.posture for p in postures(problem.limits, problem.constraints, random, _WIDENING_POSTURES)
-    ]
-    lacks = lacking(problem, drawn)
+    drawn = postures(problem.limits, problem.constraints, random, _WIDENING_POSTURES)
+    lacks = lacking(problem, [place.posture for place in drawn])
     if not lacks:
         return error
     return DataError(
@@ -312,11 +305,10 @@ def refuse_impossible(problem: Problem, loaded: LoadedRobot) -> None:
 
 
 def _refuse_short(problem: Problem, section: Any) -> None:
-    robot, limits, highest = problem.robot, problem.limits, problem.basis.highest
+    robot, highest = problem.robot, problem.basis.highest
     least = np.array([LEAST_SWING[joint.kind] for joint in robot.coordinates])
-    rates = [limits.velocity / least, np.sqrt(limits.acceleration / least)]
-    if limits.jerk is not None:
-        rates.append(np.cbrt(limits.jerk / least))
+    sides = enumerate(problem.limits.bounds[1:], start=1)
+    rates = [(most / least) ** (1.0 / order) for order, (_, most) in sides]
     fastest = np.min(rates, axis=0) / (2.0 * np.pi)
     best = int(np.argmax(fastest))
     factor = highest / float(fastest[best])

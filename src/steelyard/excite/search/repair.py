@@ -3,7 +3,7 @@
 import math
 import time
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -11,11 +11,7 @@ from steelyard.base.arrays import Array
 from steelyard.base.errors import DataError
 from steelyard.excite.problem import Problem
 from steelyard.excite.search.feasibility import NoMotion
-from steelyard.excite.search.newton import (
-    BACK_STAGES,
-    InequalityConstraints,
-    minimised_by,
-)
+from steelyard.excite.search.newton import BACK_STAGES, InequalityConstraints, minimised_by
 from steelyard.excite.trajectories.trajectory import ExactTrajectory
 
 _SHRINK_ROUNDS = 12
@@ -45,6 +41,7 @@ class Kept:
     x: Array
     trajectory: ExactTrajectory
     proven: tuple[Array, ...]
+    criterion_value: float = math.inf
 
     @classmethod
     def of(cls, problem: Problem, x: Array) -> "Kept":
@@ -56,13 +53,6 @@ class Kept:
     def holds(self) -> bool:
         """Whether all constraints hold at all times."""
         return all(bool(np.all(margins >= 0.0)) for margins in self.proven)
-
-
-@dataclass(frozen=True, eq=False)
-class Finished(Kept):
-    """A motion whose limits are exact and whose constraints are proven, and its criterion."""
-
-    criterion_value: float = math.inf
 
 
 def repaired(problem: Problem, x: Array, deadline: float) -> Kept | None:
@@ -234,17 +224,13 @@ def _freest(problem: Problem, x: Array) -> Array:
 POLISH_STAGES = ((256.0, 1e-5),)  # last stage: the criterion nearly itself, the barrier nearly gone
 
 
-def finished(
-    problem: Problem,
-    candidates: Iterable[Array],
-    deadline: float = math.inf,
-) -> Finished:
+def finished(problem: Problem, candidates: Iterable[Array], deadline: float = math.inf) -> Kept:
     """The best of some motions, once each is polished, scaled exactly and proven.
 
     Candidates are coefficients, the most promising first; at least one is finished. A motion is not
     begun with that would pass the deadline, of `time.monotonic`, by what the slowest before took.
     """
-    best: tuple[float, Kept] | None = None
+    best: Kept | None = None
     lacking, slowest = list[Array](), 0.0
     for x in candidates:
         if best is not None and time.monotonic() + slowest > deadline:
@@ -252,7 +238,7 @@ def finished(
         for tried in sorted(
             _polished_motions(problem, x, deadline - slowest), key=problem.criterion_value
         ):
-            if best is not None and problem.criterion_value(tried) >= best[0]:
+            if best is not None and problem.criterion_value(tried) >= best.criterion_value:
                 break
             start = time.monotonic()
             kept = repaired(problem, tried, deadline)
@@ -261,12 +247,14 @@ def finished(
                 continue
             if not kept.holds:
                 lacking.append(kept.x)
-            elif best is None or problem.criterion_value(kept.x) < best[0]:
-                best = problem.criterion_value(kept.x), kept
+                continue
+            kept = replace(kept, criterion_value=problem.criterion_value(kept.x))
+            if best is None or kept.criterion_value < best.criterion_value:
+                best = kept
                 break
     if best is None:
         best = _best_made_smaller(problem, lacking, deadline)
-    if best is not None and not math.isfinite(best[0]):
+    if best is not None and not math.isfinite(best.criterion_value):
         raise DataError(
             "no motion was found that identifies all parameters; a base parameter may be "
             "unidentifiable with all motions of this family within these limits",
@@ -280,21 +268,19 @@ def finished(
             where="excitation",
             fix="widen the boxes or the margins, or give a start posture farther from the limits",
         )
-    criterion_value, kept = best
-    return Finished(kept.x, kept.trajectory, kept.proven, criterion_value)
+    return best
 
 
-def _best_made_smaller(
-    problem: Problem, lacking: list[Array], deadline: float
-) -> tuple[float, Kept] | None:
-    """Of motions that lack something, the best made smaller until it is proven; its criterion."""
-    best: tuple[float, Kept] | None = None
+def _best_made_smaller(problem: Problem, lacking: list[Array], deadline: float) -> Kept | None:
+    """Of motions that lack something, the best made smaller until it is proven."""
+    best: Kept | None = None
     for x in sorted(lacking, key=problem.criterion_value):
         if best is not None and time.monotonic() > deadline:
             break
         less = shrunk(problem, x)
-        if less is not None and (best is None or problem.criterion_value(less) < best[0]):
-            best = problem.criterion_value(less), Kept.of(problem, less)
+        value = math.inf if less is None else problem.criterion_value(less)
+        if less is not None and (best is None or value < best.criterion_value):
+            best = replace(Kept.of(problem, less), criterion_value=value)
     return best
 
 

@@ -213,17 +213,12 @@ def ramped_fourier(
 
 
 def reaching(
-    joints: int,
-    targets: int,
-    move_s: float,
-    dwell_s: float = 0.0,
-    start: ArrayLike | None = None,
-    closed: bool = True,
+    joints: int, targets: int, move_s: float, dwell_s: float = 0.0, start: ArrayLike | None = None
 ) -> Basis:
     """Minimum-jerk moves of `move_s` between postures, which are the coefficients.
 
-    It stands `dwell_s` after every move. Without a `start`, the first target is it. If `closed`, a
-    last move leads back there. A move's acceleration is about one sine long.
+    It stands `dwell_s` after every move. Without a `start`, the first target is it; a last move
+    leads back there. A move's acceleration is about one sine long.
     """
     postures = _given(joints, start)
     if targets < (fewest := 2 - len(postures)):
@@ -231,9 +226,7 @@ def reaching(
 
     def made_of(rows: Array) -> PiecewiseMotion:
         places = np.roll(rows.T, len(postures), axis=0)
-        if closed:
-            places = np.vstack([places, places[:1]])
-        return through_postures(places, move_s, dwell_s)
+        return through_postures(np.vstack([places, places[:1]]), move_s, dwell_s)
 
     return Basis(joints, targets, 1.0 / move_s, postures, made_of, np.ones(targets))
 
@@ -284,22 +277,8 @@ def posture_of(given: Any, robot: Robot, what: str) -> Array | None:
     """A posture from a list or a table by joint; joints that a table leaves out are at zero."""
     if given is None:
         return None
-    if isinstance(given, Mapping):
-        for name in given:
-            if name not in robot.joint_names:
-                raise DataError(
-                    f"'{what}' names a joint '{name}' that the robot does not have",
-                    where=_WHERE,
-                    fix=advice(name, robot.joint_names, "joints"),
-                )
-        return frozen([given.get(name, 0.0) for name in robot.joint_names])
-    if len(given) != robot.n:
-        raise DataError(
-            f"'{what}' has {len(given)} numbers for {robot.n} joints",
-            where=_WHERE,
-            fix="give one number per joint: " + ", ".join(robot.joint_names),
-        )
-    return frozen(given)
+    fix = "give one number per joint: " + ", ".join(robot.joint_names)
+    return frozen(_by_joint(given, robot, f"{_WHERE} {what}", np.zeros(robot.n), fix))
 
 
 def _ends(s: Any, robot: Robot) -> tuple[Array | None, Array | None]:
@@ -344,11 +323,15 @@ def basis_of(section: Any, robot: Robot) -> Basis:
 
 def per_joint(given: Any, robot: Robot, what: str, default: Array) -> Array:
     """Numbers by joint, from one for all, a list, or a table that changes some of the defaults."""
-    where = f"[excitation.limits] {what}"
     if given is None:
         return default
     if isinstance(given, float | int):
         return np.full(robot.n, float(given))
+    fix = "give one number, one per joint, or a table by joint name"
+    return _by_joint(given, robot, f"[excitation.limits] {what}", default, fix)
+
+
+def _by_joint(given: Any, robot: Robot, where: str, default: Array, fix: str) -> Array:
     if isinstance(given, Mapping):
         values = np.array(default)
         for name, value in given.items():
@@ -361,9 +344,5 @@ def per_joint(given: Any, robot: Robot, what: str, default: Array) -> Array:
             values[robot.joint_names.index(name)] = value
         return values
     if len(given) != robot.n:
-        raise DataError(
-            f"{len(given)} numbers for {robot.n} joints",
-            where=where,
-            fix="give one number, one per joint, or a table by joint name",
-        )
+        raise DataError(f"{len(given)} numbers for {robot.n} joints", where=where, fix=fix)
     return np.array(given, dtype=np.float64)
