@@ -169,7 +169,9 @@ def fix_of(
     every = log_files(logs)
     subject, target = subject_of(robot, every[0]), folder / "fixed.toml"
     try:
-        corrected = correct_robot_file(subject, target, diagnosis, every, None, silent, quick=False)
+        corrected = correct_robot_file(
+            subject, target, diagnosis, lambda new: diagnosed(new, every, None, silent, quick=False)
+        )
     except SteelyardError as error:
         return None, (str(error),)
     if not corrected.changes:

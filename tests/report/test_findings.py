@@ -134,7 +134,7 @@ def test_words_of_the_verdict() -> None:
         "No check applies",
         "no findings",
     )
-    assert [group.severity for group in groups(diagnosis())] == [0, 0, 1, 2]
+    assert [group[0].severity for group in groups(diagnosis())] == [0, 0, 1, 2]
 
 
 def opened(checks: str, hidden: bool = True) -> Diagnosis:

@@ -33,8 +33,7 @@ class Knowledge:
 
     steady: ValuedModel  # bodies, rotors and springs with their values
     whole: ValuedModel | None = None  # the same with friction; `None` if friction is not known
-    # standard deviation of the reference's own residuals, joint efforts, shape `(n,)`
-    sigma: Array | None = None
+    sigma: Array | None = None  # std of the reference's residuals, joint efforts, shape `(n,)`
     _turned: dict[bytes, ValuedModel] = field(default_factory=dict)
 
     @property
@@ -139,8 +138,7 @@ be misread, which only the whole log shows."""
 class Evidence:
     """One log as the robot file reads it; whatever takes time is computed once, on first use."""
 
-    # the log, with the signals that the robot file declares or that were guessed
-    recording: Recording
+    recording: Recording  # the log, with the signals that are declared or that were guessed
     processing: Processing  # how it is made a run
     name: str  # the log's name
 
@@ -232,8 +230,7 @@ class CaseCheck(Generic[CaseType]):
     """One thing that may be wrong with logs, or with a fitted model."""
 
     name: str  # one word or two, as users see it: `clock`
-    # the findings, without the check's name; none where it does not apply
-    look: Callable[[CaseType], Iterable[Finding]]
+    look: Callable[[CaseType], Iterable[Finding]]  # findings, without the check's name
     question: str = ""  # the question in a few words: "Is the clock regular?"
     quick: bool = False  # whether `identify` runs it before the fit
 
@@ -250,9 +247,7 @@ def case_check(
 
 
 def log_check(
-    name: str,
-    question: str,
-    logs: Callable[[Case], Iterable[Evidence]] = lambda case: case.logs,
+    name: str, question: str, logs: Callable[[Case], Iterable[Evidence]] = lambda case: case.logs
 ) -> Callable[[Callable[[Case, Evidence], Finding | None]], CaseCheck[Case]]:
     """The quick check that a function makes of one log after the other; `None` for no finding."""
 

@@ -27,7 +27,7 @@ from steelyard.robot.file.toml import tomllib
 from steelyard.robot.file.toml_edits import edited, lines_of
 from steelyard.robot.init.template import path_from
 from steelyard.robot.models.xacro import stem_of
-from steelyard.runs.named_logs import LogArgument, log_files, paths_of
+from steelyard.runs.named_logs import log_files, paths_of
 
 MOST_CHECK_ROUNDS = 4  # checks at most: one thing that is wrong can hide another
 REFINED_KEY = ("signals", "effort", "delay")
@@ -86,11 +86,7 @@ class CorrectedFile:
 
 
 def target_of(robot: str, named: str) -> Path:
-    """The robot file to write; without a name one beside the robot's.
-
-    Raises:
-        OutputError: It is there already, or its folder is not.
-    """
+    """The robot file to write, new in a folder; without a name one beside the robot's."""
     path = Path(robot)
     folder = path.parent if path.suffix.lower() == ".toml" else Path()
     target = Path(named) if named else folder / f"{stem_of(robot)}-fixed.toml"
@@ -110,14 +106,7 @@ def target_of(robot: str, named: str) -> Path:
 
 
 def correct_robot_file(
-    subject: Subject,
-    target: Path,
-    diagnosis: Diagnosis,
-    files: Sequence[LogArgument],
-    reference: IdentifiedModel | None,
-    progress: Progress,
-    *,
-    quick: bool,
+    subject: Subject, target: Path, diagnosis: Diagnosis, again: Callable[[Subject], Diagnosis]
 ) -> CorrectedFile:
     """Apply the proposed edits and check again, as long as more are proposed.
 
@@ -141,7 +130,7 @@ def correct_robot_file(
                 where=error.where,
                 fix=f"change the file by hand, as the check without --fix says; {error.fix}",
             ) from None
-        diagnosis = diagnosed(new, files, reference, progress, quick=quick)
+        diagnosis = again(new)
     wrong, before = (_with(d, lambda f: f.severity == Severity.WRONG) for d in (diagnosis, first))
     worse = sorted(wrong & _with(first, _fine))
     why, lines = "", "; ".join(c.line for c in changes)
@@ -315,12 +304,13 @@ def check(
     named = None if model is None or isinstance(model, IdentifiedModel) else str(model)
     if known is not None:
         refuse_foreign(known, subject.loaded, named or "the model")
-    diagnosis = diagnosed(subject, files, known, progress, quick=quick)
-    corrected = None
+
+    def check_with(robot_file: Subject) -> Diagnosis:
+        return diagnosed(robot_file, files, known, progress, quick=quick)
+
+    diagnosis, corrected = check_with(subject), None
     if target is not None:
-        corrected = correct_robot_file(
-            subject, target, diagnosis, files, known, progress, quick=quick
-        )
+        corrected = correct_robot_file(subject, target, diagnosis, check_with)
     content = CheckContent(
         subject.loaded.robot.name,
         str(robot),

@@ -136,16 +136,7 @@ CORRECTED_BY_FIX = ", or --fix corrects it and checks again"  # by a line of the
 
 
 def examine(case: Case, *, quick: bool = False, checks: Sequence[Check] | None = None) -> Diagnosis:
-    """Ask every check; where clock, positions or the choice of efforts are wrong, no `OF_MOTION`.
-
-    Args:
-        case: Robot, logs and what is known beforehand.
-        quick: Whether to ask the quick ones only.
-        checks: Which to ask; all that are registered if `None`.
-
-    Raises:
-        Stopped: The case's `progress` requested a stop.
-    """
+    """Ask checks, all or quick ones; where clock, positions or efforts are wrong no `OF_MOTION`."""
     selected = [s for s in (CHECKS if checks is None else checks) if s.quick or not quick]
     selected.sort(key=lambda check: (check in OF_MOTION, check is not clock_check))
     findings: list[Finding] = []

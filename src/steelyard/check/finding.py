@@ -34,13 +34,11 @@ class Fix:
     """What to do about a finding."""
 
     says: str  # in one sentence
-    # what to change in the robot file; none where the file cannot correct it
-    edits: tuple[Edit, ...] = ()
+    edits: tuple[Edit, ...] = ()  # of the robot file; none where it cannot correct it
     # whether all such edits of a log were tried as one change: one without the others is untested,
     # and none is written where another one cannot be
     jointly: bool = False
-    # a command that goes on from here, or none; MODEL, ROBOT and LOG stand for paths
-    command: str = ""
+    command: str = ""  # that goes on from here; MODEL, ROBOT and LOG stand for paths
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,54 +78,35 @@ class Finding:
     log: str  # name of the log; empty if it is about all logs together
     severity: Severity  # how bad it is
     says: str  # what was found, in one sentence
-    figure: str  # the evidence as a number with its unit, and what it is compared with
-    # the joints concerned; empty if it is about all or none in particular
-    joints: tuple[str, ...] = ()
+    figure: str = ""  # the evidence as a number with its unit, and what it is compared with
+    joints: tuple[str, ...] = ()  # those concerned; empty if it is about all or none
     fix: Fix | None = None  # what to do; `None` if nothing need be done
     picture: Picture | None = None  # the evidence as a plot, if there is one to show
-    # explanations that were compared, the likeliest first
-    hypotheses: tuple[ComparedHypothesis, ...] = ()
-    # whether they were compared with the masses of a model file, not of a reference
-    nominal: bool = False
+    hypotheses: tuple[ComparedHypothesis, ...] = ()  # that were compared, the likeliest first
+    nominal: bool = False  # whether by the masses of a model file, not of a reference
     answered: bool = True  # whether the question could be answered; what is open is not suspicious
-    # whether it is open because of a large misfit that other link inertias leave too
-    hidden: bool = False
+    hidden: bool = False  # whether open for a large misfit that other link inertias leave too
     headline: bool = False  # whether it stands beside the headline though it is ok
     brief: str = ""  # what was found, for a line of a terminal; empty where `says` is short
 
     @classmethod
-    def of(
-        cls,
-        severity: Severity,
-        says: str,
-        figure: str = "",
-        *more: Any,
-        log: str = "",
-        **named: Any,
-    ) -> Self:
+    def of(cls, severity: Severity, says: str, *more: Any, log: str = "", **named: Any) -> Self:
         """A finding without the name of its check, which the check itself fills in."""
-        return cls("", log, severity, says, figure, *more, **named)
+        return cls("", log, severity, says, *more, **named)
 
     @classmethod
-    def ok(cls, says: str, figure: str = "", *more: Any, **named: Any) -> Self:
+    def ok(cls, says: str, *more: Any, **named: Any) -> Self:
         """One that is ok, or open."""
-        return cls.of(Severity.OK, says, figure, *more, **named)
+        return cls.of(Severity.OK, says, *more, **named)
 
     @classmethod
-    def doubtful(cls, says: str, figure: str = "", *more: Any, **named: Any) -> Self:
+    def doubtful(cls, says: str, *more: Any, **named: Any) -> Self:
         """One that is doubtful."""
-        return cls.of(Severity.DOUBTFUL, says, figure, *more, **named)
+        return cls.of(Severity.DOUBTFUL, says, *more, **named)
 
     @classmethod
     def doubtful_if(
-        cls,
-        bad: bool,
-        says: str,
-        figure: str,
-        fix: Fix,
-        *,
-        joints: Sequence[str] = (),
-        **named: Any,
+        cls, bad: bool, says: str, figure: str, fix: Fix, joints: Sequence[str] = (), **named: Any
     ) -> Self:
         """One that is doubtful, with what to do about which joints, or else ok."""
         if not bad:
@@ -135,9 +114,9 @@ class Finding:
         return cls.doubtful(says, figure, tuple(joints), fix, **named)
 
     @classmethod
-    def wrong(cls, says: str, figure: str = "", *more: Any, **named: Any) -> Self:
+    def wrong(cls, says: str, *more: Any, **named: Any) -> Self:
         """One that is wrong."""
-        return cls.of(Severity.WRONG, says, figure, *more, **named)
+        return cls.of(Severity.WRONG, says, *more, **named)
 
     def by(self, check: str) -> Self:
         """The finding of a check."""
@@ -183,13 +162,7 @@ def histogram(name: str, values: Array, bins: int = 60) -> Trace:
     return Trace(name, 0.5 * (edges[1:] + edges[:-1]), count.astype(np.float64), "bars")
 
 
-def of_joints(y: str, traces: Sequence[tuple[str, Array, Literal["bars", "points"]]]) -> Picture:
+def of_joints(y: str, rows: Sequence[tuple[str, Array, Literal["bars", "points"]]]) -> Picture:
     """One number per joint, for some names."""
-    return Picture(
-        "joint",
-        y,
-        tuple(
-            Trace(name, np.arange(1.0, len(values) + 1.0), np.array(values), kind)
-            for name, values, kind in traces
-        ),
-    )
+    traces = (Trace(n, np.arange(1.0, len(v) + 1.0), np.array(v), kind) for n, v, kind in rows)
+    return Picture("joint", y, tuple(traces))

@@ -14,7 +14,6 @@ from steelyard.check.findings_text import (
     LEVEL_OF_SEVERITY,
     Group,
     check_headline,
-    edit_lines,
     fixes,
     groups,
     tally,
@@ -22,6 +21,7 @@ from steelyard.check.findings_text import (
 from steelyard.report.figures import thin
 from steelyard.report.page import Numbers, Shown, fill, packed, page_of, script_json
 from steelyard.report.words import percent
+from steelyard.robot.file.toml_edits import lines_of
 
 if TYPE_CHECKING:
     from steelyard.check.examine import Diagnosis
@@ -37,16 +37,28 @@ def findings_of(
     diagnosis: Diagnosis, budget: int = MOST_POINTS_OF_CHECK_PAGE, *, fine: bool = True
 ) -> Numbers:
     """What the template shows: the worst findings first, then those that are ok."""
-    found = [one for group in groups(diagnosis) for one in group.findings]
-    found.sort(key=lambda finding: -finding.severity)
+    found = [one for group in groups(diagnosis) for one in group]
     left, shown = budget, []
-    for finding in found:
-        picture = finding.picture if fine or finding.severity else None
-        traces = () if picture is None else picture.traces
-        left -= sum(min(len(t.x), MOST_POINTS_OF_EVIDENCE_LINE) for t in traces)
+    for finding in sorted(found, key=lambda finding: -finding.severity):
+        picture, fix = finding.picture, finding.fix if finding.severity else None
+        if picture is not None and (fine or finding.severity):
+            left -= sum(min(len(t.x), MOST_POINTS_OF_EVIDENCE_LINE) for t in picture.traces)
+            drawn = script_json(_figure(picture)) if left >= 0 else None
+        else:
+            drawn = None
         shown.append(
-            _finding_numbers(finding, drawn=picture is not None and left >= 0)
-            | {"still": _reason_it_is_ok(finding, diagnosis)}
+            {
+                "check": finding.check,
+                "place": finding.place,
+                "level": LEVEL_OF_SEVERITY.get(finding.word, OPEN_WORD),
+                "word": finding.word,
+                "says": finding.says,
+                "figure": finding.figure,
+                "hypotheses": finding.hypotheses,
+                "fix": fix and (fix.says, lines_of(fix.edits)),
+                "picture": drawn,
+                "still": _reason_it_is_ok(finding, diagnosis),
+            }
         )
     return {
         "alone": True,
@@ -56,24 +68,9 @@ def findings_of(
         "bad": [one for one in shown if one["level"] != "good"],
         "fine": [one for one in shown if one["level"] == "good"],
         "fixes": [
-            (fix.says, edit_lines(fix.edits), ", ".join(dict.fromkeys(f.check for f in asking)))
+            (fix.says, lines_of(fix.edits), ", ".join(dict.fromkeys(f.check for f in asking)))
             for fix, asking in fixes(diagnosis).values()
         ],
-    }
-
-
-def _finding_numbers(finding: Finding, *, drawn: bool) -> dict[str, Any]:
-    fix = finding.fix if finding.severity else None
-    return {
-        "check": finding.check,
-        "place": finding.place,
-        "level": LEVEL_OF_SEVERITY.get(finding.word, OPEN_WORD),
-        "word": finding.word,
-        "says": finding.says,
-        "figure": finding.figure,
-        "hypotheses": finding.hypotheses,
-        "fix": None if fix is None else (fix.says, edit_lines(fix.edits)),
-        "picture": script_json(_figure(finding.picture)) if drawn and finding.picture else None,
     }
 
 
@@ -161,18 +158,15 @@ def render_check(content: CheckContent) -> str:
 
 def _rows_of_group(group: Group) -> list[dict[str, str]]:
     """One row per finding; of many that are ok the first speaks."""
-    count = len(group.findings)
-    alike = count > 1 and not group.severity
+    more = len(group) - 1 if not group[0].severity else 0
     return [
         {
-            "word": group.word,
-            "level": group.level if group.word != OPEN_WORD else OPEN_WORD,
-            "check": group.check,
-            "place": f"{finding.log or 'all logs'} (and {count - 1} more)"
-            if alike
-            else finding.place,
+            "word": finding.word,
+            "level": LEVEL_OF_SEVERITY.get(finding.word, OPEN_WORD),
+            "check": finding.check,
+            "place": f"{finding.log or 'all logs'} (and {more} more)" if more else finding.place,
             "says": finding.says,
             "figure": finding.figure,
         }
-        for finding in (group.findings[:1] if alike else group.findings)
+        for finding in (group[:1] if more else group)
     ]

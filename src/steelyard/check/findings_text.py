@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 from math import isfinite
 from typing import TYPE_CHECKING, Any
 
 from steelyard.base.arrays import json_values
 from steelyard.check.finding import OPEN_WORD
 from steelyard.report.words import COLOURS, Level, count
+from steelyard.robot.file.toml_edits import lines_of
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -24,23 +24,8 @@ FINDING_WORDS = ("wrong", "doubtful", OPEN_WORD, "ok")  # what a check finds, th
 LEVEL_OF_SEVERITY: dict[str, Level] = {"ok": "good", "doubtful": "fair", "wrong": "poor"}
 
 
-@dataclass(frozen=True, eq=False)
-class Group:
-    """All findings of one check with one severity, at least one."""
-
-    check: str
-    severity: Severity
-    findings: tuple[Finding, ...]
-
-    @property
-    def word(self) -> str:
-        """The severity, or that the question is open."""
-        return self.findings[0].word
-
-    @property
-    def level(self) -> Level:
-        """The severity as a colour."""
-        return LEVEL_OF_SEVERITY[self.severity.word]
+Group = tuple["Finding", ...]
+"""All findings of one check with one word, at least one."""
 
 
 def by_edits(findings: Iterable[Finding]) -> tuple[tuple[Finding, ...], ...]:
@@ -48,7 +33,7 @@ def by_edits(findings: Iterable[Finding]) -> tuple[tuple[Finding, ...], ...]:
     found: dict[object, list[Finding]] = {}
     for finding in findings:
         edits = () if finding.fix is None else finding.fix.edits
-        key = (finding.check, edit_lines(edits)) if edits else id(finding)
+        key = (finding.check, lines_of(edits)) if edits else id(finding)
         found.setdefault(key, []).append(finding)
     return tuple(map(tuple, found.values()))
 
@@ -59,7 +44,7 @@ def groups(diagnosis: Diagnosis) -> tuple[Group, ...]:
     for finding in sorted(diagnosis.findings, key=lambda f: f.severity):
         key = finding.severity, finding.check, finding.answered
         found.setdefault(key, []).append(finding)
-    return tuple(Group(name, word, tuple(some)) for (word, name, _), some in found.items())
+    return tuple(map(tuple, found.values()))
 
 
 def check_headline(diagnosis: Diagnosis) -> str:
@@ -111,16 +96,9 @@ def fixes(diagnosis: Diagnosis) -> dict[str, tuple[Fix, list[Finding]]]:
     found: dict[str, tuple[Fix, list[Finding]]] = {}
     for finding in sorted(diagnosis.findings, key=lambda f: -f.severity):
         if finding.severity and finding.fix is not None:
-            key = f"{finding.fix.says} {edit_lines(finding.fix.edits)}"
+            key = f"{finding.fix.says} {lines_of(finding.fix.edits)}"
             found.setdefault(key, (finding.fix, []))[1].append(finding)
     return found
-
-
-def edit_lines(edits: tuple[Edit, ...]) -> str:
-    """Edits as lines of a robot file."""
-    from steelyard.robot.file.toml_edits import lines_of
-
-    return lines_of(edits)
 
 
 def finding_dict(finding: Finding) -> dict[str, Any]:
@@ -138,7 +116,7 @@ def finding_dict(finding: Finding) -> dict[str, Any]:
         and {
             "says": fix.says,
             "edits": [edit_dict(edit) for edit in fix.edits],
-            "lines": edit_lines(fix.edits),
+            "lines": lines_of(fix.edits),
         },
         "hypotheses": [
             {
@@ -186,7 +164,7 @@ def print_findings(
     shown = [
         group
         for group in groups(diagnosis)
-        if (fine or group.severity) and (verbose or worst[group.check] == group.word)
+        if (fine or group[0].severity) and (verbose or worst[group[0].check] == group[0].word)
     ]
     if shown:
         console.print(_table(shown, verbose))
@@ -195,7 +173,7 @@ def print_findings(
         console.print()
         console.print(Text.assemble((f"fix {names}: ", "bold"), fix.says))
         if fix.edits:
-            console.print(Padding(Text(edit_lines(fix.edits), style="cyan"), (0, 0, 0, 4)))
+            console.print(Padding(Text(lines_of(fix.edits), style="cyan"), (0, 0, 0, 4)))
     if shown:
         console.print()
     style = f"bold {COLOURS[LEVEL_OF_SEVERITY[diagnosis.severity.word]]}"
@@ -206,11 +184,11 @@ def print_findings(
 def print_notes(diagnosis: Diagnosis) -> tuple[str, ...]:
     """The findings that are not ok, one sentence per check."""
     sentences = []
-    for group in (group for group in groups(diagnosis) if group.severity):
-        first, more = group.findings[0], _others(group, 1)
+    for group in (group for group in groups(diagnosis) if group[0].severity):
+        first, more = group[0], _others(group, 1)
         where = f"{first.place}: " if first.place else ""
-        note = MASS_ERROR_NOTE if group.check == PAYLOAD_CHECK and first.nominal else ""
-        says = f"check, {group.check}: {where}{first.says} ({first.figure}){note}"
+        note = MASS_ERROR_NOTE if first.check == PAYLOAD_CHECK and first.nominal else ""
+        says = f"check, {first.check}: {where}{first.says} ({first.figure}){note}"
         sentences.append(f"{says}; {more}" if more else says)
     return tuple(sentences)
 
@@ -224,40 +202,42 @@ def _table(shown: Sequence[Group], verbose: bool) -> Table:
     table.add_column(max_width=18)
     table.add_column(ratio=1)
     before = None
-    passed = [group for group in shown if not verbose and group.word == "ok" and not _brief(group)]
+    passed = [
+        group for group in shown if not verbose and group[0].word == "ok" and not _brief(group)
+    ]
     if passed:
-        names = ", ".join(group.check for group in passed)
+        names = ", ".join(group[0].check for group in passed)
         word = Text("ok", style=f"bold {COLOURS['good']}")
         table.add_row(word, count(len(passed), "check"), names)
-        before = passed[0].severity
+        before = passed[0][0].severity
     for group in (group for group in shown if group not in passed):
+        first = group[0]
         # questions that are open for the same reason have one row
-        alike = [g for g in shown if g.word == OPEN_WORD and _first_says(g) == _first_says(group)]
+        alike = [
+            g for g in shown if g[0].word == OPEN_WORD == first.word and g[0].says == first.says
+        ]
         if group in alike[1:]:
             continue
-        if before not in (None, group.severity):
+        if before not in (None, first.severity):
             table.add_row()
-        before = group.severity
-        style = f"bold {COLOURS[group.level]}" if group.word != OPEN_WORD else "dim"
-        name, found = Text(group.check), _found(group)
-        if not verbose and group.word == "ok":
+        before = first.severity
+        style = f"bold {COLOURS[LEVEL_OF_SEVERITY[first.severity.word]]}"
+        name, found = Text(first.check), _found(group)
+        if not verbose and first.word == "ok":
             found = Text(_brief(group))
-        if group in alike and len(alike) > 1:
+        if len(alike) > 1:
             name = Text(count(len(alike), "check"))
-            found = Text(", ".join(g.check for g in alike) + ": ").append_text(found)
-        table.add_row(Text(group.word, style=style), name, found)
+            found = Text(", ".join(g[0].check for g in alike) + ": ").append_text(found)
+        word = Text(first.word, style="dim" if first.word == OPEN_WORD else style)
+        table.add_row(word, name, found)
     return table
-
-
-def _first_says(group: Group) -> str:
-    return group.findings[0].says
 
 
 def _brief(group: Group) -> str:
     """What findings say in brief, each with its log if several do; empty if none does."""
-    said = [finding for finding in group.findings if finding.brief]
-    if len(group.findings) == 1:
-        return group.findings[0].brief
+    said = [finding for finding in group if finding.brief]
+    if len(group) == 1:
+        return group[0].brief
     briefs = [f"{f.log}: {f.brief}" for f in said[:MOST_SHOWN_FINDINGS]]
     more = len(said) - MOST_SHOWN_FINDINGS
     return "; ".join([*briefs, *[f"and {more} more logs"] * (more > 0)])
@@ -267,10 +247,10 @@ def _found(group: Group) -> Text:
     """What one row says; of many that are ok the first speaks."""
     from rich.text import Text
 
-    if not group.severity:
-        return Text.assemble((_speaks(group), "dim"), _first_says(group))
+    if not group[0].severity:
+        return Text.assemble((_speaks(group), "dim"), group[0].says)
     shown = []
-    for one, *same in by_edits(group.findings[:MOST_SHOWN_FINDINGS]):
+    for one, *same in by_edits(group[:MOST_SHOWN_FINDINGS]):
         place = [(f"{one.place}: ", "bold")] if one.place else []
         figure = [(f"\n{one.figure}", "dim")] if one.figure else []
         shown.append(Text.assemble(*place, one.says, *figure))
@@ -283,14 +263,14 @@ def _found(group: Group) -> Text:
 
 def _speaks(group: Group) -> str:
     """Which logs a sentence is about that stands for findings of several."""
-    first = group.findings[0]
-    others = {finding.log for finding in group.findings[1:]} - {first.log}
+    first = group[0]
+    others = {finding.log for finding in group[1:]} - {first.log}
     if not others:
         return ""
     logs = count(len(others - {""}) + bool(first.log), "log")
     together = ["all logs together"] if "" in others or not first.log else []
     every = " and ".join([logs, *together])
-    if all(finding.says == first.says for finding in group.findings):
+    if all(finding.says == first.says for finding in group):
         return f"{every}: "
     if len(others) == len(together):
         return f"{first.log} (and all logs together): "
@@ -298,7 +278,7 @@ def _speaks(group: Group) -> str:
 
 
 def _others(group: Group, shown: int) -> str:
-    rest = [finding.log or "all logs" for finding in group.findings[shown:]]
+    rest = [finding.log or "all logs" for finding in group[shown:]]
     if not rest:
         return ""
     more = len(rest) - MOST_NAMED_LOGS

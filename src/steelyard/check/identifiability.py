@@ -43,21 +43,19 @@ def identifiability_check(case: Case) -> Iterable[Finding]:
     except SteelyardError as error:
         yield Finding.doubtful(f"undecided: {error.wrong}", "none", fix=Fix(error.fix))
         return
-    left_open = case.loaded.friction and (
-        case.reference is None or model is not case.reference.model
-    )
+    left_open = case.loaded.friction and case.reference is None
     of = " (of the model with Coulomb and viscous friction)" if left_open else ""
     seen, blind = len(estimate.parameters.names), estimate.blind
     whole = seen + len(blind)
     says = f"the motion makes {seen} of {whole} base parameters{of} identifiable"
     figure = f"{seen} of {whole}, condition number {estimate.condition_normalised:.3g} (normalised)"
-    if not blind:
+    if blind:
+        listed = ", ".join(b.name for b in blind[:SHOWN_PARAMETERS])
+        says += f"; not {listed}" + (" and more" if len(blind) > SHOWN_PARAMETERS else "")
+        yield Finding.doubtful(says, figure, fix=Fix(_advice(blind)))
+    else:
         says += "; how accurately they are identified depends on the noise"
         yield Finding.ok(says, figure)
-        return
-    listed = ", ".join(b.name for b in blind[:SHOWN_PARAMETERS])
-    says += f"; not {listed}" + (" and more" if len(blind) > SHOWN_PARAMETERS else "")
-    yield Finding.doubtful(says, figure, fix=Fix(_advice(blind)))
 
 
 def _advice(blind: Sequence[Unidentifiable]) -> str:
@@ -89,11 +87,7 @@ def clean_runs(case: Case) -> list[Run]:
 
 
 def longest_run(case: Case, of: Callable[[Evidence], bool] = bool) -> tuple[Evidence, Run] | None:
-    """The log with the longest clean run of those that something holds for, and that run.
-
-    Raises:
-        SteelyardError: The run cannot be made with these cut-offs.
-    """
+    """The log with the longest clean run of those that something holds for, and that run."""
     runs = [
         (e.run.duration, k) for k, e in enumerate(case.logs) if isinstance(e.run, Run) and of(e)
     ]

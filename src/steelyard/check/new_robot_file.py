@@ -26,11 +26,7 @@ from steelyard.runs.processing import Processing
 def refuse_other_columns(
     logs: Sequence[LogArgument], guess: Guess, moving: Sequence[Coordinate]
 ) -> None:
-    """All logs have the columns of the first.
-
-    Raises:
-        LogError: One lacks some.
-    """
+    """Raise `LogError` where a log lacks columns of the first."""
     section = guess.section
     listed = [section.position, section.velocity or (), section.effort.columns]
     each = [expanded(names, moving) if isinstance(names, str) else names for names in listed]
@@ -109,10 +105,7 @@ def _joints(columns: Array, signals: Signals) -> Array:
 
 
 def _heaviest(
-    loaded: LoadedRobot,
-    moving: Sequence[Coordinate],
-    excerpts: Sequence[Excerpt],
-    signals: Signals,
+    loaded: LoadedRobot, moving: Sequence[Coordinate], excerpts: Sequence[Excerpt], signals: Signals
 ) -> int:
     """The joint whose nominal gravity effort varies most along the logs."""
     robot = loaded.robot

@@ -12,7 +12,7 @@ from steelyard.base.progress import Progress, report_progress
 from steelyard.check.case import Case, Evidence
 from steelyard.check.examine import Diagnosis, examine
 from steelyard.check.finding import Edit, Finding, Fix, Severity
-from steelyard.check.findings_text import by_edits, edit_lines, print_notes
+from steelyard.check.findings_text import by_edits, print_notes
 from steelyard.estimate.identified import IdentifiedModel
 from steelyard.logs.log import parse_log_argument
 from steelyard.model.laws.register import term_of
@@ -20,7 +20,7 @@ from steelyard.robot.file.loaded_robot import LoadedRobot
 from steelyard.robot.file.robot_file import load_robot, robot_text
 from steelyard.robot.file.signals import Signals
 from steelyard.robot.file.toml import tomllib
-from steelyard.robot.file.toml_edits import edited
+from steelyard.robot.file.toml_edits import edited, lines_of
 from steelyard.robot.init.guess_columns import guess_columns, refuse_motors, velocities_beside
 from steelyard.robot.init.proposal import proposed
 from steelyard.robot.init.template import assigned, drafted, notes_beside
@@ -49,11 +49,7 @@ class Subject:
 
     @property
     def signals(self) -> Signals:
-        """Its signals.
-
-        Raises:
-            ModelError: It has none.
-        """
+        """Its signals; `ModelError` without any."""
         if self.loaded.signals is None:
             raise ModelError(
                 "the robot file does not assign the columns of a log",
@@ -70,9 +66,7 @@ class Subject:
 def subject_of(robot: str, log: LogArgument, base: str | None = None) -> Subject:
     """The robot file, or for a URDF or MJCF what `steelyard init` would write from the log.
 
-    Raises:
-        ModelError: The file cannot be used.
-        LogError: The log's columns cannot be guessed.
+    `ModelError` where the file cannot be used, `LogError` where columns cannot be guessed.
     """
     path = Path(robot)
     if path.suffix.lower() == ".toml":
@@ -130,11 +124,7 @@ def case_of(
 
 
 def _refuse_empty(evidence: Evidence) -> None:
-    """A log, and its window, have rows.
-
-    Raises:
-        LogError: They have none.
-    """
+    """Raise `LogError` where a log, or its window, has no rows."""
     recording = evidence.recording
     start = recording.cut.seconds[0]
     late = isfinite(start) and 0.0 < time_span(recording)[0] < start
@@ -178,11 +168,7 @@ def _given(data: Any, path: Sequence[str]) -> bool:
 
 
 def refuse_foreign(reference: IdentifiedModel, loaded: LoadedRobot, where: str) -> None:
-    """The model of clean runs must be one of the same joints.
-
-    Raises:
-        ModelError: It is not.
-    """
+    """Raise `ModelError` where the model of clean runs is of other joints."""
     mine, its = loaded.robot.joint_names, reference.model.robot.joint_names
     if mine != its:
         raise ModelError(
@@ -197,8 +183,7 @@ def prechecked(
 ) -> tuple[Diagnosis, dict[str, Run]]:
     """What the quick checks find, and the runs that they made of logs, by their place.
 
-    Raises:
-        DataError: Something is wrong that lines of the robot file correct.
+    `DataError` of what is wrong that lines of the robot file correct.
     """
     path = Path(robot)
     text = robot_text(path) if path.suffix.lower() == ".toml" else ""
@@ -212,11 +197,7 @@ def prechecked(
 
 
 def notes_of_precheck(diagnosis: Diagnosis, robot: str) -> tuple[str, ...]:
-    """Notes on what is doubtful; made once runs are clean, whose own errors say more.
-
-    Raises:
-        DataError: Something is wrong.
-    """
+    """Notes on what is doubtful, `DataError` of what is wrong; once runs are clean."""
     if error := refusal(diagnosis, robot):
         raise error
     return print_notes(diagnosis)
@@ -231,7 +212,7 @@ def refusal(diagnosis: Diagnosis, robot: str) -> DataError | None:
     advice = "; ".join(dict.fromkeys(f.fix.says for f in wrong if f.fix)) or "examine the log"
     command = f"`steelyard check {robot} LOG..."
     if edits := Diagnosis(tuple(wrong)).edits:
-        lines = indent(edit_lines(edits), "    ")
+        lines = indent(lines_of(edits), "    ")
         advice += f":\n\n{lines}\n\n  {command} --fix` writes a robot file with these lines"
     else:
         advice += f"; {command}` shows the evidence"

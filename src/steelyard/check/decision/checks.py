@@ -3,7 +3,6 @@
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
 
 import numpy as np
 
@@ -16,12 +15,10 @@ from steelyard.check.decision.gain_sources import (
     unwritten_number_advice,
 )
 from steelyard.check.decision.joint_zeros import quarter_turns
-from steelyard.check.decision.ranking import HOPELESS_MISFIT
+from steelyard.check.decision.ranking import HOPELESS_MISFIT, Judged, LogVerdict
 from steelyard.check.decision.verdict import (
     CLEAN,
     ROUGH_MISFIT,
-    Judged,
-    LogVerdict,
     bodies_that_explain,
     friction_alone_explains,
     judge_log,
@@ -81,8 +78,7 @@ class HypothesisCheck:
     question: str  # the question in a few words
     fine: Callable[[LogVerdict], str]  # what is said where nothing is wrong
     advice: str  # what to do about a hypothesis that explains a log better
-    # the findings with those that this check makes by other means
-    completed: Callable[[Case, Findings], Findings] = lambda case, found: found
+    completed: Callable[[Case, Findings], Findings] = lambda case, found: found  # by other means
     quick = True
 
     def __call__(self, case: Case) -> Findings:
@@ -91,25 +87,29 @@ class HypothesisCheck:
         if case.knowledge is not None:
             judged = [(evidence, judge_log(case, evidence)) for evidence in case.logs]
             found = tuple(
-                replace(self._of_log(case, evidence, decision), log=evidence.name)
+                replace(
+                    self._of_log(case, evidence, decision),
+                    log=evidence.name,
+                    hypotheses=self._hypotheses(decision),
+                    nominal=not decision.likelihood.knowledge.identified,
+                )
                 for evidence, decision in judged
                 if decision is not None and not decision.of_other_check
             )
         return tuple(finding.by(self.name) for finding in self.completed(case, found))
 
     def _of_log(self, case: Case, evidence: Evidence, decision: LogVerdict) -> Finding:
-        shown, nominal = self._hypotheses(decision), not decision.likelihood.knowledge.identified
         mine = [(number, w) for number, w in enumerate(decision.winners) if w[0].cause == self.name]
         if not mine:
-            return self._without_fault(decision, shown, nominal)
+            return self._without_fault(decision)
         number, (hypothesis, severity) = mine[-1]
         before = decision.winners[number - 1][0] if number else decision.declared
-        known, then, rise = _known(decision), before.reading.percent, ""
-        if hypothesis.compared is None:
-            gain = hypothesis.log_likelihood - before.reading.log_likelihood
-            rise = f", log-likelihood rises by {gain:.0f}" * (gain > 0.0)
-        else:
+        (known, then), rise = (_known(decision), before.reading.percent), ""
+        gain = hypothesis.log_likelihood - before.reading.log_likelihood
+        if hypothesis.compared is not None:
             known, then = hypothesis.compared
+        elif gain > 0.0:
+            rise = f", log-likelihood rises by {gain:.0f}"
         fix, severity = self._fix(case, evidence, decision, hypothesis, severity)
         return Finding.of(
             severity,
@@ -120,40 +120,32 @@ class HypothesisCheck:
             tuple(case.joints[j] for j in hypothesis.joints),
             fix,
             picture(decision, before, hypothesis),
-            shown,
-            nominal,
             answered=bool(severity),
         )
 
-    def _without_fault(
-        self, decision: LogVerdict, shown: tuple[ComparedHypothesis, ...], nominal: bool
-    ) -> Finding:
+    def _without_fault(self, decision: LogVerdict) -> Finding:
         """That nothing is wrong, that it is open, or once that nothing explains the efforts."""
         declared, sure = decision.declared, has_finding(decision)
         unclear = undecided(decision, self.name) if sure else ""
-        says = unclear or self.fine(decision)
-        more: dict[str, Any] = {"hypotheses": shown, "nominal": nominal}
-        more["answered"] = sure and not unclear
-        more["hidden"] = not more["answered"] and misfit_hides(decision)
+        says, answered = unclear or self.fine(decision), sure and not unclear
+        hidden = not answered and misfit_hides(decision)
         if self.name == UNEXPLAINED_CHECK and nothing_explains(decision):
-            joint = int(np.argmax(declared.misfits))
-            worst = (
-                f"{decision.likelihood.names[joint]} {_percent(100.0 * declared.misfits[joint])}"
-            )
-            figure = f"misfit of {worst}, at most 90 % allowed"
-            return Finding.doubtful(says, figure, fix=Fix(NO_HYPOTHESIS), **more)
+            j, names = int(np.argmax(declared.misfits)), decision.likelihood.names
+            much = _percent(100.0 * declared.misfits[j])
+            figure, fix = f"misfit of {names[j]} {much}, at most 90 % allowed", Fix(NO_HYPOTHESIS)
+            return Finding.doubtful(says, figure, fix=fix, answered=answered, hidden=hidden)
         mine = next((r for r in decision.rounds[0] if r.cause == self.name), None)
         figure = f"misfit {declared.percent:.1f} %"
         if mine is not None:
             figure += f"; best alternative of this check ({mine.says}): {mine.percent:.1f} %"
-        return Finding.ok(says, figure, **more)
+        return Finding.ok(says, figure, answered=answered, hidden=hidden)
 
     def _hypotheses(self, decision: LogVerdict) -> tuple[ComparedHypothesis, ...]:
         """The likeliest hypotheses, with the declared reading and this check's own best ones."""
         first, declared = decision.rounds[0], decision.declared
         mine = [r for r in first if r.cause == self.name][:2]
-        shown = {id(r): r for r in (*first[: SHOWN_HYPOTHESES - 2], declared, *mine)}
-        ordered = sorted(shown.values(), key=lambda r: -r.log_likelihood)
+        shown = dict.fromkeys((*first[: SHOWN_HYPOTHESES - 2], declared, *mine))
+        ordered = sorted(shown, key=lambda r: -r.log_likelihood)
         top = ordered[0].log_likelihood
         return tuple(
             ComparedHypothesis(r.says, r.percent, r.log_likelihood - top, r is declared)
@@ -264,10 +256,6 @@ def _winners(case: Case) -> list[tuple[Evidence, LogVerdict, Judged]]:
     return [(log, decision, w) for log, decision in judged if decision for w in decision.winners]
 
 
-def _signs_of_friction(case: Case, found: Findings) -> Findings:
-    return (friction_signs(case) if case.knowledge is None else ()) or found
-
-
 def _gains_not_found(case: Case, found: Findings) -> Findings:
     """Where neither unit nor gain is wrong, what the controller and the logs say of gains."""
     winners = _winners(case)
@@ -361,7 +349,8 @@ EFFORT_SIGN = HypothesisCheck(
     "Do efforts have the right sign?",
     partial(agreement_sentence, what="efforts have the right sign"),
     "change the sign of the gain",
-    _signs_of_friction,
+    # without masses, what friction determines
+    lambda case, found: (friction_signs(case) if case.knowledge is None else ()) or found,
 )
 EFFORT_UNIT = HypothesisCheck(
     "effort unit",

@@ -17,14 +17,13 @@ import numpy as np
 
 from steelyard.base.arrays import Array
 from steelyard.check.decision.gain_sources import CAUSES_THAT_SCALE
-from steelyard.check.decision.ranking import DECISIVE_GAIN
+from steelyard.check.decision.ranking import DECISIVE_GAIN, LogVerdict
 from steelyard.check.decision.verdict import (
     CLEAN,
     FAIR_BODIES_MISFIT,
     HEAVIEST_FACTOR,
     LATE_MARGIN,
     LEAST_DELAY,
-    LogVerdict,
     least_mass,
 )
 from steelyard.check.hypotheses.bodies import consistent_bodies

@@ -15,7 +15,7 @@ import numpy as np
 from steelyard.base.arrays import Array
 from steelyard.base.errors import ModelError, SteelyardError
 from steelyard.check.case import Case, Evidence
-from steelyard.check.decision.verdict import LogVerdict
+from steelyard.check.decision.ranking import LogVerdict
 from steelyard.check.finding import Edit
 from steelyard.check.hypotheses.effort_columns import PERCENT
 from steelyard.check.hypotheses.excerpt import excerpt_of

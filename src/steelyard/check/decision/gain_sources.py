@@ -283,11 +283,14 @@ def gains_of_controller(case: Case) -> tuple[Finding, ...]:
     factor = np.exp(np.abs(np.log(ratios)))
     joints = np.flatnonzero(factor > DOUBTFUL_GAIN_FACTOR)
     source = f"{found.columns[0]} over {found.columns[1]}, friction fitted beside it"
-    if unit := _other_unit(float(np.median(ratios[both])), float(signals.effort_scale[0])):
-        says = f"by the controller's targets ({source}) efforts are in {unit}"
-        figure = f"gains are {np.median(ratios[both]):.4g} times the declared ones"
-        fix = Fix("declare the unit of the columns", (Edit(("signals", "effort", "unit"), unit),))
-        return (Finding.wrong(says, figure, fix=fix),)
+    ratio, scale = float(np.median(ratios[both])), float(signals.effort_scale[0])
+    for unit, size in CURRENT_UNITS.items():
+        # in another unit the controller's gains would be about those declared
+        if size != scale and abs(np.log(ratio * scale / size)) < np.log(WRONG_GAIN_FACTOR):
+            says = f"by the controller's targets ({source}) efforts are in {unit}"
+            figure = f"gains are {ratio:.4g} times the declared ones"
+            line = (Edit(("signals", "effort", "unit"), unit),)
+            return (Finding.wrong(says, figure, fix=Fix("declare the unit of the columns", line)),)
     figure = (
         f"gains differ from the controller's by {100.0 * (factor.max() - 1.0):.2g} % or less, "
         f"at most {100.0 * (DOUBTFUL_GAIN_FACTOR - 1.0):.0f} % allowed"
@@ -312,14 +315,3 @@ def gains_of_controller(case: Case) -> tuple[Finding, ...]:
         (Edit(("signals", "effort", "gain"), entries),),
     )
     return (Finding.of(severity, says, figure, tuple(case.joints[j] for j in joints), fix),)
-
-
-def _other_unit(ratio: float, scale: float) -> str:
-    """The unit of current of which the controller's gains are `ratio` times the declared ones.
-
-    Empty if there is none; the declared unit is of `scale` [A].
-    """
-    for unit, size in CURRENT_UNITS.items():
-        if size != scale and abs(np.log(ratio * scale / size)) < np.log(WRONG_GAIN_FACTOR):
-            return unit
-    return ""

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from steelyard.base.arrays import Array
 from steelyard.base.progress import report_progress
 from steelyard.check.case import Case, Evidence
+from steelyard.check.finding import Severity
 from steelyard.check.hypotheses.bodies import efforts_first, link_hypotheses
 from steelyard.check.hypotheses.effort_columns import (
     PERCENT,
@@ -43,20 +44,27 @@ FITTING_MISFIT = 8.0  # typical misfit [%] up to which free gains leave no doubt
 READINGS = ("joint order", "position sign", "effort sign", "effort unit", "mounting")
 """Causes that free gains hide."""
 SUSPECT_GAIN = 10.0  # gain for which others are looked at where the reading is fine
-CAUSES_OF_OTHER_CHECKS = ("position unit", "clock")  # what they leave is for later
+CAUSES_OF_OTHER_CHECKS = ("position unit", "clock")  # reported there; what they leave is for later
 COMPARING_PHASE = "comparing explanations: order, signs, units, gains, mounting"
 """The phase of the work that the checks share."""
 FAULT_ROUNDS = 3  # faults that are looked for, one after the other
 
 
+Judged = tuple[Hypothesis, Severity]
+
+
 @dataclass(frozen=True, eq=False)
-class Ranking:
-    """Explanations of one log."""
+class LogVerdict:
+    """Explanations of one log, and what holds of it."""
 
     declared: Hypothesis  # as the robot file reads the log
     # per round all hypotheses, the likeliest first; a round starts from the winner of the one
     # before, and the last one's winner is what it started from, or agrees
     rounds: tuple[tuple[Hypothesis, ...], ...]
+    # what is wrong, in the order in which it was found, with how sure that is; ok where the model
+    # file alone is wrong, which leaves a question open
+    winners: tuple[Judged, ...] = ()
+    explained: bool = False  # whether the last winner agrees with what is known
 
     @property
     def likelihood(self) -> Likelihood:
@@ -64,15 +72,24 @@ class Ranking:
         return self.declared.reading.likelihood
 
     @property
-    def chain(self) -> tuple[Hypothesis, ...]:
-        """The winners, without the declared reading."""
-        winners = [hypotheses[0] for hypotheses in self.rounds]
-        return tuple(dict.fromkeys(w for w in winners if w.cause))
+    def last(self) -> Hypothesis:
+        """The last winner, or the declared reading."""
+        return self.winners[-1][0] if self.winners else self.declared
+
+    @property
+    def written(self) -> tuple[Hypothesis, ...]:
+        """Those of the winners that the robot file may be changed to say."""
+        return tuple(hypothesis for hypothesis, _ in self.winners if hypothesis.fixed)
+
+    @property
+    def of_other_check(self) -> bool:
+        """Whether another check's cause is the first to be corrected."""
+        return any(hypothesis.cause in CAUSES_OF_OTHER_CHECKS for hypothesis, _ in self.winners)
 
 
 @remembered
-def ranking(case: Case, evidence: Evidence) -> Ranking | None:
-    """The ranking of one log; `None` without motion, or if nothing is known of the robot."""
+def ranking(case: Case, evidence: Evidence) -> LogVerdict | None:
+    """Explanations, not judged yet; `None` without motion, or if the robot is unknown."""
     signals, knowledge = evidence.recording.signals, case.knowledge
     if knowledge is None:
         return None
@@ -97,7 +114,7 @@ def ranking(case: Case, evidence: Evidence) -> Ranking | None:
             break
         now = best
     report_progress(case.progress, COMPARING_PHASE, number + 1, of, evidence.name)
-    return Ranking(first, tuple(rounds)) if np.any(first.score.counts > 0.0) else None
+    return LogVerdict(first, tuple(rounds)) if np.any(first.score.counts > 0.0) else None
 
 
 def _gains(case: Case, signals: Signals) -> Array:

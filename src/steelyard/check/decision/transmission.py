@@ -60,19 +60,24 @@ def transmission_check(case: Case, evidence: Evidence) -> Finding | None:
     figure = (
         f"log-likelihood of the best other gears {best:+.0f}, at most {-DECISIVE_GAIN:g} required"
     )
-    misfit = f"{now.percent:.1f} %"
-    first = int(np.argmax(rises)) if rises else 0
-    other = f"{readings[first].percent:.1f} %" if rises else ""
+    if not near:
+        return Finding.ok("other signs of gear ratios and other couplings fit worse", figure)
+    first, misfit = int(np.argmax(rises)), f"{now.percent:.1f} %"
+    says, other = others[first].says, f"{readings[first].percent:.1f} %"
     if best > DECISIVE_GAIN:
-        says = f"{others[first].says} fits clearly better: misfit {other}, as declared {misfit}"
+        says = f"{says} fits clearly better: misfit {other}, as declared {misfit}"
         return Finding.doubtful(says, figure, fix=COMPARE_RATIOS)
-    if near:
-        says = (
-            f"undecided: misfit {misfit}, but about as well fit {_listed(near)}; the best of them, "
-            f"{others[first].says}, has a misfit of {other}"
-        )
-        return Finding.ok(says, figure, fix=COMPARE_RATIOS, answered=False)
-    return Finding.ok("other signs of gear ratios and other couplings fit worse", figure)
+    signs, couplings = (
+        ", ".join(dict.fromkeys(o.motor for o in near if o.coupling == coupling))
+        for coupling in (False, True)
+    )
+    words = [f"opposite signs of the ratios of {signs}"] if signs else []
+    words += [f"{COUPLED}{couplings}{WITH}"] if couplings else []
+    says = (
+        f"undecided: misfit {misfit}, but about as well fit {', and '.join(words)}; the best of "
+        f"them, {says}, has a misfit of {other}"
+    )
+    return Finding.ok(says, figure, fix=COMPARE_RATIOS, answered=False)
 
 
 def missing_coupling(findings: Sequence[Finding], stated: bool) -> tuple[Finding, ...]:
@@ -84,17 +89,6 @@ def missing_coupling(findings: Sequence[Finding], stated: bool) -> tuple[Finding
     motors = open_ones[0].says.partition(COUPLED)[2].partition(WITH)[0]
     says = f"no coupling is declared, but one of {motors}{WITH} fits the logs about as well"
     return (Finding.ok(says, fix=ENTER_COUPLING, headline=True).by(name),)
-
-
-def _listed(near: Sequence[OtherGears]) -> str:
-    """Motors with other signs, and those with other couplings, in words."""
-    signs, couplings = (
-        ", ".join(dict.fromkeys(o.motor for o in near if o.coupling == coupling))
-        for coupling in (False, True)
-    )
-    words = [f"opposite signs of the ratios of {signs}"] if signs else []
-    words += [f"{COUPLED}{couplings}{WITH}"] if couplings else []
-    return ", and ".join(words)
 
 
 def other_gears(gears: Transmission, moving: Sequence[bool]) -> Iterator[OtherGears]:
@@ -132,18 +126,14 @@ def with_gears(likelihood: Likelihood, matrix: Array) -> Likelihood:
         own = matrix.T @ np.linalg.solve(gears.matrix.T, own)
     bounds = likelihood.bounds
     if own is not None and signals.effort_map is None:
-        bounds = _of_motors(bounds, np.diag(gears.matrix))
+        # of friction, offset and rotor inertia at rates of motors, from those at joints'
+        ratios = np.diag(gears.matrix)
+        factors = np.stack((np.sign(ratios), 1.0 / ratios, np.ones_like(ratios), 1.0 / ratios), 1)
+        lower, upper = np.sort([factors * side for side in bounds], axis=0)
+        bounds = lower, upper
     return replace(
         likelihood,
         signals=replace(signals, effort_map=own),
         gears=Transmission(gears.motors, matrix),
         bounds=bounds,
     )
-
-
-def _of_motors(bounds: tuple[Array, Array], ratios: Array) -> tuple[Array, Array]:
-    """Bounds of friction, offset and rotor inertia at rates of motors, from those at joints'."""
-    turned, slower, one = np.sign(ratios), 1.0 / ratios, np.ones_like(ratios)
-    factors = np.stack((turned, slower, one, slower), axis=1)
-    lower, upper = (factors * side for side in bounds)
-    return np.minimum(lower, upper), np.maximum(lower, upper)

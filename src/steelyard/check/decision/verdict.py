@@ -9,19 +9,13 @@ the same effect.
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from steelyard.base.arrays import Array
 from steelyard.check.case import Case, Evidence, Knowledge
-from steelyard.check.decision.ranking import (
-    CAUSES_OF_OTHER_CHECKS,
-    Ranking,
-    disagrees,
-    has_bad_joint,
-    ranking,
-)
+from steelyard.check.decision.ranking import Judged, LogVerdict, disagrees, has_bad_joint, ranking
 from steelyard.check.finding import Severity
 from steelyard.check.hypotheses.bodies import (
     ConsistentBodies,
@@ -76,32 +70,6 @@ UNCONCERNED_CHANGE = 0.1  # relative, of a joint's misfit that gravity does not 
 THOUSAND_TOLERANCE = 2.5
 """Factor up to which links may differ from a model file's, and gains from the declared ones, for
 efforts to be in a unit that is a thousand times the declared one, or a thousandth of it."""
-Judged = tuple[Hypothesis, Severity]
-
-
-@dataclass(frozen=True, eq=False)
-class LogVerdict(Ranking):
-    """What holds of one log, with all explanations."""
-
-    # what is wrong, in the order in which it was found, with how sure that is; ok where the model
-    # file alone is wrong, which leaves a question open
-    winners: tuple[Judged, ...]
-    explained: bool  # whether the last winner agrees with what is known
-
-    @property
-    def last(self) -> Hypothesis:
-        """The last winner, or the declared reading."""
-        return self.winners[-1][0] if self.winners else self.declared
-
-    @property
-    def written(self) -> tuple[Hypothesis, ...]:
-        """Those of the winners that the robot file may be changed to say."""
-        return tuple(hypothesis for hypothesis, _ in self.winners if hypothesis.fixed)
-
-    @property
-    def of_other_check(self) -> bool:
-        """Whether another check's cause is the first to be corrected."""
-        return any(hypothesis.cause in CAUSES_OF_OTHER_CHECKS for hypothesis, _ in self.winners)
 
 
 @remembered
@@ -112,7 +80,8 @@ def judge_log(case: Case, evidence: Evidence) -> LogVerdict | None:
         return None
     winners: list[Judged] = []
     before = found.declared
-    for hypotheses, winner in zip(found.rounds, found.chain, strict=False):
+    chain = dict.fromkeys(hypotheses[0] for hypotheses in found.rounds if hypotheses[0].cause)
+    for hypotheses, winner in zip(found.rounds, chain, strict=False):
         severity = _judged(before, winner, hypotheses)
         if severity is Severity.OK:
             link = _link(before, winner, hypotheses)
@@ -128,12 +97,11 @@ def judge_log(case: Case, evidence: Evidence) -> LogVerdict | None:
             if late.cause == "effort delay":
                 winners += [(late, Severity.WRONG)] * _late(before, late)
                 break
-    explained = not has_bad_joint(before)
-    verdict = LogVerdict(found.declared, found.rounds, tuple(winners), explained)
+    verdict = replace(found, winners=tuple(winners), explained=not has_bad_joint(before))
     if found.likelihood.knowledge.identified or verdict.of_other_check:
         return verdict
     kept = supported(found.likelihood, winners)
-    explained = not has_bad_joint(kept[-1][0]) if kept else explained
+    explained = not has_bad_joint(kept[-1][0]) if kept else verdict.explained
     return replace(verdict, winners=kept, explained=explained)
 
 
@@ -161,8 +129,9 @@ def _judged(before: Hypothesis, winner: Hypothesis, hypotheses: Sequence[Hypothe
     if gain < VERDICT_MARGIN[sure]:
         return Severity.OK
     if winner.cause == "payload":
-        possible = (sure or has_bad_joint(before)) and _heavy(winner)
-        return _when(sure) if possible else Severity.OK
+        knowledge, ten = winner.reading.knowledge, winner.reading.payload
+        heavy = ten is not None and ten[0] > max(least_mass(knowledge), SURE_MASS * winner.spread)
+        return _when(sure) if heavy and (sure or has_bad_joint(before)) else Severity.OK
     if winner.cause == "effort delay":
         return Severity.WRONG if _late(before, winner) else Severity.OK
     if sure:
@@ -224,13 +193,6 @@ def least_mass(knowledge: Knowledge) -> float:
     """Payload from which on one matters [kg]."""
     arm = sum(body.inertia.mass for body in knowledge.robot.bodies)
     return max(LEAST_MASS, LEAST_SHARE * arm)
-
-
-def _heavy(hypothesis: Hypothesis) -> bool:
-    ten, knowledge = hypothesis.reading.payload, hypothesis.reading.knowledge
-    return ten is not None and bool(
-        ten[0] > max(least_mass(knowledge), SURE_MASS * hypothesis.spread)
-    )
 
 
 def _late(before: Hypothesis, hypothesis: Hypothesis) -> bool:

@@ -98,13 +98,10 @@ def wide_model(model: Model, estimate: Estimate) -> Model:
 def causes(
     model: Model, information: Information, sigma: Array, ratios: Array
 ) -> tuple[Cause, ...]:
-    """All causes, the most likely first.
+    """All causes, the most likely first, from the columns of `wide_model`.
 
-    Args:
-        model: The fitted model.
-        information: Of the columns of `wide_model`.
-        sigma: Standard deviations of the fit's residuals, shape `(n,)`.
-        ratios: Of these over the measurement noise; NaN where that is not known.
+    `sigma` has the standard deviations of the fit's residuals, `ratios` these over the measurement
+    noise, NaN where that is not known, each of the shape `(n,)`.
     """
     counts, weights = information.n_samples, _weights(sigma)
     seen = (counts > 0.0) & (sigma > 0.0)
@@ -185,9 +182,7 @@ its columns stand for other effects as well, and reduce the error of a sound Pan
 class LeftOutGain:
     """Errors on left-out motion without and with a cause."""
 
-    # relative error without it: the geometric mean of a typical joint's and of all joints'
-    # together, mean over parts [%]
-    before: float
+    before: float  # geometric mean of a typical joint's and all joints' relative error [%]
     after: float  # the same with it [%]
     confirmed: bool  # whether it falls by more than is worth it, and than chance explains
     left_out: str  # what is left out in turn, `run` or `segment`

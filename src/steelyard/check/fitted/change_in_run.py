@@ -10,13 +10,13 @@ the row's own fit $\hat\phi$ times the time from the run's middle over its lengt
 the relative change of the scale.
 """
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
 from steelyard.base.arrays import Array
-from steelyard.base.errors import SteelyardError
+from steelyard.base.errors import ModelError, SteelyardError
 from steelyard.check.finding import Finding, Fix
 from steelyard.check.fitted.fitted_case import FittedCase, post_fit_check
 from steelyard.check.hypotheses.friction_evidence import whitened_columns
@@ -26,8 +26,8 @@ from steelyard.estimate.information.base_parameters import BaseMap
 from steelyard.estimate.information.information import Information
 from steelyard.estimate.information.regressor import base_regressor
 from steelyard.estimate.nonlinear.fields import information_from
+from steelyard.estimate.payload.load_case import carrier, payload_lift
 from steelyard.model.laws.register import law_of
-from steelyard.robot.rigid_body import INERTIAL_NAMES
 from steelyard.robot.robot import Robot
 
 LEAST_LEFT_SHARE = 1e-9  # least share of the squared residual that a change is taken to leave
@@ -47,8 +47,7 @@ class ChangeWithinRun:
     # from the run's start to its end
     value: float
     std: float  # its standard deviation
-    # share of the squared residual that it explains; of a load the geometric mean over rows
-    explained: float
+    explained: float  # share of the squared residual; of a load the geometric mean over rows
     rise: float  # what it takes from the squared residual, over the noise that is left
 
     @property
@@ -152,7 +151,11 @@ def _by_one_column(
 
 def load_change(run: Information, robot: Robot, base: BaseMap) -> ChangeWithinRun | None:
     """The most likely time from which on the last link carries more, or less, than before."""
-    columns = _load_columns(run, robot, base)
+    try:
+        lift = dict(zip(base.base_names, payload_lift(robot, base, carrier(robot)), strict=True))
+    except ModelError:
+        return None
+    columns = np.array([lift.get(name, np.zeros(10)) for name in run.layout.columns])
     own = [columns[list(seen)] for seen in run.layout.sees]
     changes = []
     for about, rows in _borders(run):
@@ -181,22 +184,6 @@ def _load(rows: list[tuple[_Row, Array]]) -> tuple[float, float, float, float]:
     return float(ten[0]), float(np.sqrt(max(inverse[0, 0], 0.0))), explained, rise
 
 
-def _load_columns(run: Information, robot: Robot, base: BaseMap) -> Array:
-    """Ten numbers of the last link to the information's columns, shape `(columns, 10)`.
-
-    Zero where the model has no rigid bodies.
-    """
-    names = [f"{kind}.{robot.bodies[-1].name}" for kind in INERTIAL_NAMES]
-    found = np.zeros((len(run.layout.columns), len(names)))
-    if set(names) <= set(base.names):
-        numbers = [base.names.index(name) for name in names]
-        place = {name: k for k, name in enumerate(run.layout.columns)}
-        for row, name in zip(base.lift, base.base_names, strict=True):
-            if name in place:
-                found[place[name]] = row[numbers]
-    return found
-
-
 FEWEST_DRIFT_WINDOWS = 4  # fewest windows of a run whose scale may drift
 
 
@@ -210,12 +197,6 @@ def scale_drifts(run: Information, *, friction: bool = False) -> tuple[ChangeWit
     drifts = ((row, _drift_of_row(run, row, time, friction)) for row in range(len(run.layout.rows)))
     about = run.windows[0].run, 0.5 * (start + stop), 0.5 * (stop - start)
     return tuple(ChangeWithinRun(*about, row, *found) for row, found in drifts if found)
-
-
-def share_of_drifts(rows: Sequence[ChangeWithinRun]) -> float:
-    """Share of the squared residual that they explain, geometric mean over rows, as of a load."""
-    left = [np.log(max(1.0 - row.explained, LEAST_LEFT_SHARE)) for row in rows]
-    return 1.0 - float(np.exp(np.mean(left))) if left else 0.0
 
 
 def _drift_of_row(
@@ -264,8 +245,14 @@ def _of_run(case: FittedCase, run: Information) -> Iterator[Finding]:
     coordinates, log = model.robot.coordinates, run.runs
     load, rows = load_change(run, model.robot, base), scale_drifts(run)
     drifts = [drift for drift in rows if _sure_drift(drift)]
-    picked = load is not None and load.certain(LEAST_LOAD_SHARE, LEAST_CHANGE_RISE["load"])
-    if load is not None and picked and not (drifts and share_of_drifts(rows) > load.explained):
+    # share that all drifts explain together, geometric mean over rows, as of a load
+    logs = [np.log(max(1.0 - drift.explained, LEAST_LEFT_SHARE)) for drift in rows]
+    share = 1.0 - np.exp(np.mean(logs)) if drifts else 0.0
+    if (
+        load
+        and share <= load.explained
+        and load.certain(LEAST_LOAD_SHARE, LEAST_CHANGE_RISE["load"])
+    ):
         way = "picks up" if load.value > 0.0 else "puts down"
         mass = f"{abs(load.value):.3g} ± {Z95 * load.std:.1g} kg"
         says = f"the arm {way} a payload of {mass} {load.when}"
@@ -290,9 +277,12 @@ def _of_run(case: FittedCase, run: Information) -> Iterator[Finding]:
         )
     warm = [drift for drift in scale_drifts(run, friction=True) if _sure_drift(drift)]
     names = tuple(coordinates[drift.row].name for drift in drifts or warm)
-    words = ", ".join(
-        f"'{name}' by {_change_words(x)}" for name, x in zip(names, drifts or warm, strict=True)
-    )
+    large = f"more than +{100.0 * LARGEST_PRINTED_CHANGE:.0f} %"
+    sizes = [
+        f"about {100.0 * x.value:+.0f} %" if x.value <= LARGEST_PRINTED_CHANGE else large
+        for x in drifts or warm
+    ]
+    words = ", ".join(f"'{n}' by {size}" for n, size in zip(names, sizes, strict=True))
     if drifts and not steps:
         least = min(drift.explained for drift in drifts)
         figure = (
@@ -328,9 +318,3 @@ def _sure_drift(drift: ChangeWithinRun) -> bool:
 def _explains(change: ChangeWithinRun, bound: float) -> str:
     share = f"{100.0 * change.explained:.0f} % of the squared residual"
     return f"this explains {share}, at least {100.0 * bound:.0f} % required"
-
-
-def _change_words(drift: ChangeWithinRun) -> str:
-    if drift.value > LARGEST_PRINTED_CHANGE:
-        return f"more than +{100.0 * LARGEST_PRINTED_CHANGE:.0f} %"
-    return f"about {100.0 * drift.value:+.0f} %"

@@ -51,8 +51,7 @@ class RankedCauses:
 
     beside: ResidualNoise  # residuals and measurement noise
     found: tuple[Cause, ...]  # all causes, the most likely first
-    # errors of geometry or efforts that explain much more than a lack of friction
-    blamed: tuple[Cause, ...]
+    blamed: tuple[Cause, ...]  # not of friction, and explain much more than a lack of it
     total: float  # chi square of the fit
     wide: Regressor  # columns of all causes
 
@@ -141,8 +140,7 @@ class FittedCase:
     unseen_scores: tuple[RunScore, ...] = ()  # one score per unseen run
     # information of the fitted runs on the base columns, by windows and runs; `None` in `validate`
     information: Information | None = None
-    # what the check before the fit is doubtful about in the fitted runs
-    unresolved: tuple[Finding, ...] = ()
+    unresolved: tuple[Finding, ...] = ()  # doubts of the check before the fit in the fitted runs
     scales: EffortScales | None = None  # scales of the efforts that were estimated, if any
 
     @cached_property

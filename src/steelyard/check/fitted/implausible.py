@@ -46,11 +46,7 @@ def absurd_bodies_check(case: FittedCase) -> Iterable[Finding]:
 
 
 def refuse_absurd(identified: IdentifiedModel, where: str) -> None:
-    """Stop at an estimate that no robot can have.
-
-    Raises:
-        DataError: There is such a number.
-    """
+    """Raise `DataError` at an estimate that no robot can have."""
     found = absurdities(identified)
     if found:
         raise DataError(

@@ -55,7 +55,16 @@ def model_error_check(case: FittedCase) -> Iterable[Finding]:
         return ()
     ratios = ranked.beside.ratios
     if not ranked.blamed and not np.isfinite(ratios).any():
-        return _noise_not_compared(case)
+        errors = [score.pooled_percent or score.mean_percent for score in case.fitted_scores]
+        error, run = max(errors, default=0.0), case.examined[0]
+        if not error > LARGE_FIT_ERROR:
+            return ()
+        says = (
+            "residuals could not be compared with noise: the regression cut-off of "
+            f"{run.matched_cutoff:g} Hz leaves no band above it at {run.rate:g} Hz, and the fitted "
+            f"runs have errors up to {error:.0f} %"
+        )
+        return (Finding.ok(says, headline=True),)
     if not ranked.blamed and float(np.nanmax(ratios)) < INCOMPLETE_RESIDUAL:
         return ()
     zeros = _zeros(case, ranked)
@@ -119,19 +128,6 @@ def term_advice(tested: Sequence[tuple[Cause, LeftOutGain | None]], scaled: bool
     way = "larger with it" if more >= 0.0 else "smaller with it"
     way += ", not significantly" if found.after < found.before else ""
     return f"{most}: not confirmed on left-out motion (error {abs(more):.0f} % {way})"
-
-
-def _noise_not_compared(case: FittedCase) -> tuple[Finding, ...]:
-    errors = [score.pooled_percent or score.mean_percent for score in case.fitted_scores]
-    error, run = max(errors, default=0.0), case.examined[0]
-    if not error > LARGE_FIT_ERROR:
-        return ()
-    says = (
-        "residuals could not be compared with noise: the regression cut-off of "
-        f"{run.matched_cutoff:g} Hz leaves no band above it at {run.rate:g} Hz, and the fitted "
-        f"runs have errors up to {error:.0f} %"
-    )
-    return (Finding.ok(says, headline=True),)
 
 
 def _doubtful(ranked: RankedCauses, zeros: tuple[str, Fix] | None) -> Finding:

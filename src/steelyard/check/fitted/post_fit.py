@@ -2,9 +2,6 @@
 
 Bands are calibrated on left-out motion of the fitted logs. Where they hold clearly less of another
 log, it differs from the fitted ones by more than these differ from each other.
-
-They complete the checks before a fit: what they find qualifies the headline of `identify` and
-`validate`. A new check is one file of this room and one entry of `POST_FIT`.
 """
 
 from collections.abc import Iterable, Sequence
@@ -73,7 +70,7 @@ def clipped_efforts_check(case: FittedCase) -> Iterable[Finding]:
             yield Finding.ok(says, headline=True, log=run.name)
 
 
-TERMS_LIKE_A_SCALE = (Spring.law, LoadDependent.law)  # efforts by posture or load
+TERMS_LIKE_A_SCALE = (Spring.law, LoadDependent.law)  # their efforts change with posture or load
 WRONG_SCALE = 1.3  # factor beyond a scale's interval from which on a gain is doubtful
 
 
@@ -146,15 +143,9 @@ POST_FIT: tuple[PostFitCheck, ...] = (
 
 
 def examine_fit(
-    case: FittedCase,
-    progress: Progress = silent,
-    checks: Sequence[PostFitCheck] | None = None,
+    case: FittedCase, progress: Progress = silent, checks: Sequence[PostFitCheck] | None = None
 ) -> tuple[Finding, ...]:
-    """The findings that are doubtful, wrong or for the headline, the most severe first.
-
-    Raises:
-        Stopped: `progress` requested a stop.
-    """
+    """The findings that are doubtful, wrong or for the headline, the most severe first."""
     chosen = POST_FIT if checks is None else checks
     found: list[Finding] = []
     for number, check in enumerate(chosen):

@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 from steelyard.base.arrays import Array
 from steelyard.check.case import Case, Evidence
 from steelyard.check.decision.edits import zero_edits
-from steelyard.check.decision.verdict import LogVerdict, judge_log
+from steelyard.check.decision.ranking import LogVerdict
+from steelyard.check.decision.verdict import judge_log
 from steelyard.check.finding import Finding, Fix, Severity
 from steelyard.check.fitted.fitted_case import FittedCase, post_fit_check
 from steelyard.check.hypotheses.likelihood import Likelihood
