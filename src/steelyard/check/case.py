@@ -81,10 +81,7 @@ class Knowledge:
         return self._of(self.whole, q, dq, ddq) - self._of(self.steady, q, dq, ddq)
 
     def payload(self, q: Array, dq: Array, ddq: Array, gravity: Array) -> Array:
-        """Joint efforts per unit of each of the payload's ten numbers, shape `(10, n, N)`.
-
-        In the frame of the last body.
-        """
+        """Joint efforts per unit of a payload's ten numbers in the last body's frame."""
         body = self.robot.bodies[carrier(self.robot).body].name
         bare = Model(self.robot.changed(gravity=np.asarray(gravity)), (RigidBody(),))
         found = []
@@ -168,10 +165,7 @@ class Evidence:
 
     @cached_property
     def rows(self) -> tuple[Array, Array]:
-        """Time `(N,)` [s] and channels `(N, C)` of the rows of `window`.
-
-        In the SI units that the robot file declares, broken rows included.
-        """
+        """Time `(N,)` [s] and channels `(N, C)` of `window`, SI as declared, broken rows too."""
         parts = list(self.recording.raw(self.window))
         if not parts:
             return np.zeros(0), np.zeros((0, self.channels.count))

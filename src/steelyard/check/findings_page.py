@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from steelyard.check.finding import OPEN_WORD
+from steelyard.check.finding import OPEN_WORD, Finding, Picture, Trace
 from steelyard.check.findings_text import (
     LEVEL_OF_SEVERITY,
     Group,
@@ -25,7 +25,6 @@ from steelyard.robot.file.toml_edits import lines_of
 
 if TYPE_CHECKING:
     from steelyard.check.examine import Diagnosis
-    from steelyard.check.finding import Finding, Picture, Trace
 
 
 MOST_POINTS_OF_EVIDENCE_LINE = 2000  # most points of one line
@@ -118,10 +117,7 @@ def _trace(trace: Trace) -> dict[str, Any]:
 
 @dataclass(frozen=True, eq=False)
 class CheckContent:
-    """Everything that the page shows: what was given, what was found, and what was assumed.
-
-    `asks` has the question of each check by its name.
-    """
+    """What the page shows; `asks` has the question of each check by its name."""
 
     robot: str
     file: str

@@ -7,7 +7,7 @@ from math import isfinite
 from typing import TYPE_CHECKING, Any
 
 from steelyard.base.arrays import json_values
-from steelyard.check.finding import OPEN_WORD
+from steelyard.check.finding import OPEN_WORD, Edit, Finding, Fix, Severity
 from steelyard.report.words import COLOURS, Level, count
 from steelyard.robot.file.toml_edits import lines_of
 
@@ -17,14 +17,13 @@ if TYPE_CHECKING:
     from rich.text import Text
 
     from steelyard.check.examine import Diagnosis
-    from steelyard.check.finding import Edit, Finding, Fix, Severity
 
 
 FINDING_WORDS = ("wrong", "doubtful", OPEN_WORD, "ok")  # what a check finds, the worst first
 LEVEL_OF_SEVERITY: dict[str, Level] = {"ok": "good", "doubtful": "fair", "wrong": "poor"}
 
 
-Group = tuple["Finding", ...]
+Group = tuple[Finding, ...]
 """All findings of one check with one word, at least one."""
 
 

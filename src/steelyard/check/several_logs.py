@@ -64,10 +64,7 @@ def _without(fix: Fix, why: str) -> Fix:
 
 
 def _against(found: Sequence[Finding], findings: Sequence[Finding]) -> str:
-    """Why the other logs speak against what one suggests; empty if none does.
-
-    A log with which nothing else is wrong agrees with the robot file as it is.
-    """
+    """Why other logs, with nothing else wrong, speak against what one suggests; or empty."""
     fine = [f.log for f in found if f.severity == Severity.OK and f.answered and f.log]
     others = {log: [f.check for f in findings if f.severity and f.log == log] for log in fine}
     if not fine or not all(others.values()):
@@ -164,10 +161,7 @@ def friction_drift_check(case: Case) -> Iterable[Finding]:
 
 
 def _friction_level(case: Case, evidence: Evidence) -> tuple[Array, Array] | None:
-    """Friction of every joint at half of its speed, and where it is reliable, each `(n,)`.
-
-    In base units of the effort; `None` where something else is wrong with the log.
-    """
+    """Friction at half of the speed [base unit], where it is reliable; `None` of a wrong log."""
     decision = judge_log(case, evidence)
     if decision is None or decision.winners:
         return None

@@ -268,7 +268,22 @@ def _gains_not_found(case: Case, found: Findings) -> Findings:
             for log, decision, (hypothesis, _) in winners
             if hypothesis.cause == GAIN.name
         ]
-        other = tuple(_other_links(log, x[0]) for log, x in factors if np.allclose(x, x[0]))
+        # efforts that are not those of the model file's links, though the gains are confirmed
+        other = tuple(
+            Finding.doubtful(
+                f"the controller's targets confirm the gains, but efforts are {x[0]:.2g} times "
+                "those of the links in the model file: it is of another robot, or the arm carries "
+                "a payload",
+                f"efforts over those of the model file: {x[0]:.3g}",
+                fix=Fix(
+                    "compare the masses of the model file with the robot; if they are right, weigh "
+                    "the payload (steelyard payload)"
+                ),
+                log=log,
+            )
+            for log, x in factors
+            if np.allclose(x, x[0])
+        )
         if other:
             return other
     if any(f.severity for f in found):
@@ -276,20 +291,6 @@ def _gains_not_found(case: Case, found: Findings) -> Findings:
     if any(f.severity for f in controller):
         return controller
     return gains_left(case) or controller or found
-
-
-def _other_links(log: str, factor: float) -> Finding:
-    """Efforts that are not those of the model file's links, though the gains are confirmed."""
-    return Finding.doubtful(
-        f"the controller's targets confirm the gains, but efforts are {factor:.2g} times those of "
-        "the links in the model file: it is of another robot, or the arm carries a payload",
-        f"efforts over those of the model file: {factor:.3g}",
-        fix=Fix(
-            "compare the masses of the model file with the robot; if they are right, weigh the "
-            "payload (steelyard payload)"
-        ),
-        log=log,
-    )
 
 
 def _short_delays(case: Case, found: Findings) -> Findings:

@@ -10,7 +10,7 @@ can be there, given the masses. A question with alternatives (signs, orders, uni
 each of them agrees clearly worse.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from itertools import combinations
 
 import numpy as np
@@ -31,7 +31,6 @@ from steelyard.check.hypotheses.effort_columns import poorly_identified
 from steelyard.check.hypotheses.likelihood import Hypothesis, Reading, scored
 from steelyard.check.hypotheses.position_columns import (
     ZERO_CAUSE,
-    JointZero,
     zero_offsets,
     zeros_without_effect,
 )
@@ -81,10 +80,20 @@ def undecided(decision: LogVerdict, cause: str) -> str:
 
 
 def _zeros(reading: Reading) -> str:
-    """That zeros of some joints are not identifiable, though other motion would identify them."""
+    """Zeros that fit better though the misfit is small, or that other motion would identify."""
     zeros = zero_offsets(reading)
-    if moved_zeros := _moved_zeros(reading, zeros):
-        return moved_zeros
+    moved = {z: reading.with_zero(z.joint, z.value) for z in zeros if z.identifiable}
+    rises = {z: other.log_likelihood - reading.log_likelihood for z, other in moved.items()}
+    best = max(rises, key=lambda zero: rises[zero], default=None)
+    if best is not None and rises[best] >= NOTICED_ZERO_RISE:
+        least = max(rises[best] - DECISIVE_GAIN, NOTICED_ZERO_RISE)
+        alike = [z.words for z, r in rises.items() if z is not best and r > least]
+        others = f" (or of {', '.join(alike)})" if alike else ""
+        return (
+            f"undecided: with a zero offset of {best.words}{others} the misfit falls from "
+            f"{reading.percent:.2g} to {moved[best].percent:.2g} %; compare the zeros with the "
+            "robot"
+        )
     never = zeros_without_effect(reading.knowledge.robot)
     left = [z.name for z in zeros if not z.identifiable and not never[z.joint]]
     if not left:
@@ -92,22 +101,6 @@ def _zeros(reading: Reading) -> str:
     rest = ", ".join(zero.name for zero in zeros if zero.identifiable)
     says = f"undecided: not identifiable from these data: {', '.join(left)}"
     return f"{says}; no significant zero offset of {rest}" if rest else says
-
-
-def _moved_zeros(reading: Reading, zeros: Sequence[JointZero]) -> str:
-    """Zero offsets that fit better, though the misfit without them is small."""
-    moved = {z: reading.with_zero(z.joint, z.value) for z in zeros if z.identifiable}
-    rises = {z: other.log_likelihood - reading.log_likelihood for z, other in moved.items()}
-    best = max(rises, key=lambda zero: rises[zero], default=None)
-    if best is None or rises[best] < NOTICED_ZERO_RISE:
-        return ""
-    least = max(rises[best] - DECISIVE_GAIN, NOTICED_ZERO_RISE)
-    alike = [z.words for z, r in rises.items() if z is not best and r > least]
-    others = f" (or of {', '.join(alike)})" if alike else ""
-    return (
-        f"undecided: with a zero offset of {best.words}{others} the misfit falls from "
-        f"{reading.percent:.2g} to {moved[best].percent:.2g} %; compare the zeros with the robot"
-    )
 
 
 def zero_bounds(reading: Reading) -> str:
@@ -152,10 +145,7 @@ def _hidden_tilt(reading: Reading) -> str:
 
 
 def _size(reading: Reading, column: Array) -> float:
-    """What one number comes to if it makes all that is left, of the joint that shows it best.
-
-    `column` has joint efforts per unit, shape `(n, N)`.
-    """
+    """What a number of joint efforts `(n, N)` per unit may be at most, by its best joint."""
     e, unit, score = reading.efforts(), reading.into_logged() @ column, reading.score
     moving = reading.columns()[1] > 0.0
     left, shown = np.full(len(e), np.inf), np.ones(len(e))

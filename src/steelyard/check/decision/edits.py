@@ -33,10 +33,7 @@ LEAST_FACTOR_STD = 1e-3  # least standard deviation that is stated, relative
 
 
 def spread_of(reading: Reading) -> float:
-    """Largest relative standard deviation of a reading's fitted gains and gear ratios.
-
-    Zero where nothing differs from what is declared, infinity where the log does not show it.
-    """
+    """Largest relative std of fitted gains and ratios; 0 of declared ones, or infinity."""
     gains = reading.effort_scale / reading.likelihood.declared.effort_scale
     found, steps = [0.0], (-ACCURACY_STEP, 0.0, ACCURACY_STEP)
     for one in np.eye(len(gains)):
@@ -212,10 +209,7 @@ ROUNDING_SLACK = 0.5  # and what rounding may add [%]
 
 
 def confirmed(case: Case, evidence: Evidence, edits: Sequence[Edit], decision: LogVerdict) -> bool:
-    """Whether the edited robot file reads the log as the last winner that is to be written does.
-
-    True where there is no robot file of that content, such as for a bare URDF.
-    """
+    """Whether the edited robot file, if there is one, reads the log as the last winner does."""
     from steelyard.robot.file.robot_file import load_robot, robot_text
     from steelyard.robot.file.toml_edits import edited
 

@@ -83,10 +83,7 @@ def gains_of_logs(logs: Sequence[Evidence], joints: int) -> ControllerGains | No
 
 
 def _target_rows(evidence: Evidence) -> tuple[tuple[str, str], list[Array]] | None:
-    """Target torque, target current [A], speed and acceleration, shape `(4, N)` per joint.
-
-    With the first columns of both targets; `None` without them.
-    """
+    """Names of both targets; per joint both, speed, acceleration, `(4, N)`; `None` without."""
     recording, signals = evidence.recording, evidence.recording.signals
     if set(signals.effort_units) != {"A"} or signals.effort_map is not None:
         return None
@@ -147,10 +144,7 @@ CAUSES_THAT_SCALE = ("gain", "effort kind", "effort unit")  # causes that are a 
 
 
 def unwritten_number_advice(case: Case, hypothesis: Hypothesis, *, sure: bool) -> Fix:
-    """What to do about an explanation whose numbers are not written.
-
-    `sure` says whether it is beyond doubt that efforts are wrong.
-    """
+    """What to do about an explanation without numbers; `sure` if efforts are wrong."""
     if hypothesis.cause in CAUSES_THAT_SCALE:
         if unit := _of_names(case, hypothesis):
             return unit

@@ -55,10 +55,7 @@ CLEAR_OFFSET = 4.0  # standard deviations from what is given from which on an of
 
 
 def estimated_offsets(model: Model, runs: Sequence[Run]) -> ZeroOffsets | None:
-    """Zero offsets of all joints, from those that the runs are read with; `None` of too few data.
-
-    The robot is an open chain.
-    """
+    """Zero offsets of an open chain, from those that are given; `None` of too few data."""
     rests = has_memory(model.terms)
     try:
         return find_offsets(
@@ -211,20 +208,18 @@ def joint_zeros_check(case: Case) -> Iterable[Finding]:
             return ()
         if any(signals.unknown_gains):
             return (Finding.ok(UNKNOWN_GAINS[ZERO_CAUSE], answered=False),)
-        return (_zeros_found(model, first_parts_of_runs(runs)),)
+        some = first_parts_of_runs(runs)
+        information = information_from(some, rests=has_memory(model.terms))(base_regressor(model))
+        estimate = WeightedLeastSquares(per_run=own_columns(model))(information)
+        ranked = ranked_causes(model, estimate, some)
+        found = _zeros_by_derivatives(model.robot, ranked, estimated_offsets(model, some))
+        if not found.severity and ranked.of_geometry:
+            turned = turned_zeros(model, estimate.sigma, some)
+            if turned is not None:
+                found = replace(turned, figure=worst_residual_words(ranked.beside))
+        return (found,)
     except SteelyardError as error:
         return (Finding.ok(f"not estimated: {error.wrong}", answered=False),)
-
-
-def _zeros_found(model: Model, runs: tuple[Run, ...]) -> Finding:
-    information = information_from(runs, rests=has_memory(model.terms))(base_regressor(model))
-    estimate = WeightedLeastSquares(per_run=own_columns(model))(information)
-    ranked = ranked_causes(model, estimate, runs)
-    found = _zeros_by_derivatives(model.robot, ranked, estimated_offsets(model, runs))
-    if found.severity or not ranked.of_geometry:
-        return found
-    turned = turned_zeros(model, estimate.sigma, runs)
-    return found if turned is None else replace(turned, figure=worst_residual_words(ranked.beside))
 
 
 def _zeros_by_derivatives(

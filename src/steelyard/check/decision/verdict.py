@@ -166,10 +166,7 @@ def _when(sure: bool) -> Severity:
 def _link(
     before: Hypothesis, winner: Hypothesis, hypotheses: Sequence[Hypothesis]
 ) -> Hypothesis | None:
-    """That the last link differs from a model file: it explains the log, and nothing is wrong.
-
-    `None` where it does not, or where another explanation does as well.
-    """
+    """That the last link is not the model file's, where this explains a log as nothing else."""
     link = next((hypothesis for hypothesis in hypotheses if of_link(hypothesis)), None)
     if link is None or winner.cause != link.cause:
         return None
@@ -196,10 +193,7 @@ def least_mass(knowledge: Knowledge) -> float:
 
 
 def _late(before: Hypothesis, hypothesis: Hypothesis) -> bool:
-    """Whether a delay is long enough, and certain enough, to matter.
-
-    Of a nominal model, friction that gives way must not explain as much.
-    """
+    """Whether a delay matters for certain; by a nominal model, more than friction that yields."""
     reading = hypothesis.reading
     sure, x = reading.knowledge.identified, reading.likelihood.excerpt
     least = max(LEAST_DELAY[sure], DELAY_ROWS / x.log_rate)
@@ -351,10 +345,7 @@ def _poor(bodies: ConsistentBodies) -> bool:
 
 
 def _worst_joint_misfit(bodies: ConsistentBodies, before: ConsistentBodies | None = None) -> float:
-    """Misfit of the joint that bodies of the log's own fit least [%].
-
-    Of the joints whose misfit differs from the one before, if there is one.
-    """
+    """Largest misfit of a joint [%]; of those that differ from the one `before`, if given."""
     seen = bodies.score.counts > 0.0
     if before is not None:
         change = np.abs(bodies.score.misfits - before.score.misfits)

@@ -166,10 +166,7 @@ def load_change(run: Information, robot: Robot, base: BaseMap) -> ChangeWithinRu
 
 
 def _load(rows: list[tuple[_Row, Array]]) -> tuple[float, float, float, float]:
-    """Mass, its standard deviation, the share that the load explains, and its rise.
-
-    Ten numbers shared by all rows, each row weighed by the noise that a load leaves to it.
-    """
+    """Mass, std, share and rise of ten numbers of all rows, weighed by the noise they leave."""
     before = left = np.array([row.left for row, _ in rows])
     freedom = np.array([row.freedom for row, _ in rows])
     h, g = (np.array(x) for x in zip(*(row.reduced(columns) for row, columns in rows), strict=True))

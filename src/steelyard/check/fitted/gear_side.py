@@ -31,10 +31,7 @@ SEPARABLE_ROTORS = "rotor inertias (those separable from link inertias)"
 
 @case_check("gear side", "Do torques contain those of the rotors?", quick=False)
 def gear_side_check(case: Case) -> Iterable[Finding]:
-    """Rotor inertias that the torques of the longest log contain.
-
-    One finding if torques are declared as those at the joints, open if nothing decides.
-    """
+    """Rotor inertias that torques declared as those at joints contain; open if nothing decides."""
     signals = case.loaded.signals
     if signals is None or signals.effort_kind != "joint_torque":
         return ()

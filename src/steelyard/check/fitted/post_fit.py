@@ -25,10 +25,7 @@ from steelyard.model.laws.spring import Spring
 
 @post_fit_check("95 % bands")
 def band_coverage_check(case: FittedCase) -> Iterable[Finding]:
-    """A remark on logs that were not fitted, of which the bands hold too little.
-
-    Of a log at rest, the headline says what it shows.
-    """
+    """A remark on logs in motion that were not fitted, of which the bands hold too little."""
     scores = [score for score in case.unseen_scores if not score.errors.at_rest]
     known = {score.run: score.coverage_percent for score in scores}
     below = {run: x for run, x in known.items() if x is not None and x < PROMISED}

@@ -126,10 +126,7 @@ KNOWN_MASS_SHARE = 0.5  # of a mass's knowledge that must come from the data
 
 @post_fit_check("last link")
 def last_link_check(case: FittedCase) -> Iterable[Finding]:
-    """A last link that is much heavier than the model file says, in fitted runs that agree.
-
-    Nothing of plain least squares, which gives no masses.
-    """
+    """A last link far heavier than the model file says, in fitted runs that agree, with masses."""
     standard, bodies = case.identified.estimate.standard, case.identified.model.robot.bodies
     if not case.fitted or standard is None:
         return

@@ -114,10 +114,7 @@ def _reason(fit: FittedCase, run: Run, score: RunScore, ratio: float) -> Finding
 
 
 def _explains(decision: LogVerdict, own: float) -> bool:
-    """Whether the winners bring the misfit down, to about what the fit left of its own runs.
-
-    A zero offset does so in few joints, by which it was found.
-    """
+    """Whether winners leave about what the fit left of its own runs; a zero does in few joints."""
     last, declared = decision.last, decision.declared
     small = last.percent <= min(max(LEAST_LEFT_ERROR, NEAR_OWN_ERROR * own), MOST_LEFT_ERROR)
     of_joints = any(hypothesis.cause == ZERO_CAUSE for hypothesis, _ in decision.winners)
