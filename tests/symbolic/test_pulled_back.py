@@ -5,13 +5,15 @@ import pytest
 
 from steelyard.base.arrays import Array as Values
 from steelyard.symbolic.native.compiled import compiled
-from steelyard.symbolic.program import BINARY, UNARY, InputArray, Program, Step, run
+from steelyard.symbolic.program import NUMPY, InputArray, Program, Step, run
 from steelyard.symbolic.trace import pulled_back
 
 KINKED = ("abs", "sign", "less", "less_equal", "minimum", "maximum")
 INPUTS = (InputArray("x", 3), InputArray("y", 2), InputArray("w", 2, shared=True))
 FAR = 0.02
 """How far from a kink a sample is kept."""
+
+UNARY, BINARY = ([x for x, f in NUMPY.items() if f.nin == n] for n in (1, 2))
 
 
 class Draft:

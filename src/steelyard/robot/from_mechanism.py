@@ -169,7 +169,8 @@ def reduced(
             identify, and are listed apart from them.
         snap: Whether entries of rotations and axes below `DIRT` are rounding errors of the file.
     """
-    mechanism = mechanism.snapped() if snap else mechanism
+    if snap:
+        mechanism = mechanism.changed(joints=[joint.snapped() for joint in mechanism.joints])
     tips = [] if tip is None else [tip] if isinstance(tip, str) else list(tip)
     _check_links(mechanism, mechanism.root if base is None else base, tips)
     mechanism, locked, left_out = without_free_joints(mechanism, base, joints, locked or {})

@@ -236,10 +236,6 @@ class Mechanism:
         """Joints of one degree of freedom that follow no other, parents before children."""
         return tuple(j for j in self.from_link(self.root) if j.movable and j.mimic is None)
 
-    def snapped(self) -> "Mechanism":
-        """The same mechanism, its angles and axes free of what rounding in the file left."""
-        return self.changed(joints=[joint.snapped() for joint in self.joints])
-
     def changed(self, **fields: Any) -> "Mechanism":
         """The same mechanism with some of its attributes replaced."""
         return replace(self, **fields)

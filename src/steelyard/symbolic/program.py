@@ -33,8 +33,6 @@ NUMPY: dict[str, np.ufunc] = {
     "maximum": np.maximum,
 }
 """Operations of programs and NumPy's functions for them; comparisons give 1 or 0."""
-UNARY = tuple(name for name, function in NUMPY.items() if function.nin == 1)
-BINARY = tuple(name for name, function in NUMPY.items() if function.nin == 2)
 
 
 class Step(NamedTuple):

@@ -14,7 +14,6 @@ by one.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -53,14 +52,8 @@ def _cofactor(matrix: Sequence[Scalars], row: int, column: int) -> Scalar:
     rest = [
         [x for k, x in enumerate(line) if k != column] for j, line in enumerate(matrix) if j != row
     ]
-    value = _determinant(rest)
+    value = along(rest[0], [_cofactor(rest, 0, k) for k in range(len(rest))]) if rest else 1.0
     return value if (row + column) % 2 == 0 else -value
-
-
-def _determinant(matrix: Sequence[Scalars]) -> Scalar:
-    if not matrix:
-        return 1.0
-    return along(matrix[0], [_cofactor(matrix, 0, k) for k in range(len(matrix))])
 
 
 def solved_by_factors(
@@ -96,21 +89,10 @@ def along(row: Scalars, values: Scalars) -> Scalar:
     return 0.0 if total is None else total
 
 
-@dataclass(frozen=True)
-class _Hinge:
-    """A joint on the way to a pin, in the frame of the last body that carries both ends."""
-
-    body: Body
-    axis: Vector
-    origin: Vector
-
-
-@dataclass(frozen=True)
-class _Arm:
-    """One end of a pin: the joints on the way, and where its point is."""
-
-    hinges: tuple[_Hinge, ...]
-    tip: Vector
+Hinges = list[tuple[Body, Vector, Vector]]
+"""Joints on the way to a pin, their axes and origins where the last body carries both ends."""
+Arm = tuple[Hinges, Vector]
+"""One end of a pin: the joints on the way, and where its point is."""
 
 
 def completed(robot: Robot, state: JointState) -> tuple[JointState, Any]:
@@ -153,7 +135,7 @@ def corrected(robot: Robot, q: Scalars, passive: Scalars) -> list[Scalar]:
     equations = loop_equations(robot)
     arms = _arms(robot, [*q, *passive])
     slopes = _slopes(equations, arms)
-    lacks = [first.tip - second.tip for first, second in arms]
+    lacks = [first - second for (_, first), (_, second) in arms]
     result = list(passive)
     for rows, joints in _blocks(equations, robot.n):
         side = [-_dot(_constant(equations.directions[r]), lacks[equations.loops[r]]) for r in rows]
@@ -184,7 +166,7 @@ def projected(
     return result
 
 
-def _arms(robot: Robot, q: Scalars) -> list[tuple[_Arm, _Arm]]:
+def _arms(robot: Robot, q: Scalars) -> list[tuple[Arm, Arm]]:
     found = []
     for loop in robot.loops:
         first, second = chains(robot, loop)
@@ -194,51 +176,51 @@ def _arms(robot: Robot, q: Scalars) -> list[tuple[_Arm, _Arm]]:
     return found
 
 
-def _arm(robot: Robot, chain: Sequence[int], point: Any, q: Scalars) -> _Arm:
+def _arm(robot: Robot, chain: Sequence[int], point: Any, q: Scalars) -> Arm:
     rotation, position = _constant(np.eye(3)), _constant(np.zeros(3))
-    hinges = []
+    hinges: Hinges = []
     for body in (robot.bodies[k] for k in chain):
         axis = rotation @ _constant(body.rotation @ body.axis)
         turned, moved = _placement(body, body.ratio * q[body.coordinate] + body.offset)
         position = position + rotation @ moved
         rotation = rotation @ turned
-        hinges.append(_Hinge(body, axis, position))
-    return _Arm(tuple(hinges), position + rotation @ _constant(point))
+        hinges.append((body, axis, position))
+    return hinges, position + rotation @ _constant(point)
 
 
-def _slopes(equations: LoopEquations, arms: Sequence[tuple[_Arm, _Arm]]) -> list[list[Scalar]]:
+def _slopes(equations: LoopEquations, arms: Sequence[tuple[Arm, Arm]]) -> list[list[Scalar]]:
     """$H$, one row per equation."""
     rows: list[list[Scalar]] = []
     for loop, direction, depends in zip(
         equations.loops, equations.directions, equations.depends, strict=True
     ):
         row: list[Scalar] = [0.0] * len(depends)
-        for sign, arm in zip((1.0, -1.0), arms[loop], strict=True):
-            for hinge in arm.hinges:
-                joint = hinge.body.coordinate
+        for sign, (hinges, tip) in zip((1.0, -1.0), arms[loop], strict=True):
+            for body, axis, origin in hinges:
+                joint = body.coordinate
                 if depends[joint]:
-                    slide = hinge.body.kind == "prismatic"
-                    lever = hinge.axis if slide else _cross(hinge.axis, arm.tip - hinge.origin)
+                    lever = axis if body.kind == "prismatic" else _cross(axis, tip - origin)
                     part = _dot(_constant(direction), lever)
-                    row[joint] = row[joint] + sign * hinge.body.ratio * part
+                    row[joint] = row[joint] + sign * body.ratio * part
         rows.append(row)
     return rows
 
 
-def _drift(arm: _Arm, dq: Scalars) -> Vector:
+def _drift(arm: Arm, dq: Scalars) -> Vector:
     """How the point of an arm accelerates while no joint accelerates."""
     zero = _constant(np.zeros(3))
-    omega, alpha, acceleration, origin = zero, zero, zero, zero
-    for hinge in arm.hinges:
-        rate = _times(hinge.axis, hinge.body.ratio * dq[hinge.body.coordinate])
-        acceleration = acceleration + _carried(omega, alpha, hinge.origin - origin)
-        origin = hinge.origin
-        if hinge.body.kind == "prismatic":
+    omega, alpha, acceleration, last = zero, zero, zero, zero
+    hinges, tip = arm
+    for body, axis, origin in hinges:
+        rate = _times(axis, body.ratio * dq[body.coordinate])
+        acceleration = acceleration + _carried(omega, alpha, origin - last)
+        last = origin
+        if body.kind == "prismatic":
             acceleration = acceleration + _times(_cross(omega, rate), 2.0)
         else:
             alpha = alpha + _cross(omega, rate)
             omega = omega + rate
-    return acceleration + _carried(omega, alpha, arm.tip - origin)
+    return acceleration + _carried(omega, alpha, tip - last)
 
 
 def _carried(omega: Vector, alpha: Vector, arm: Vector) -> Vector:

@@ -123,7 +123,7 @@ class Presliding(ActsOnAxes, StatefulTerm):
             [np.broadcast_to(x, q.shape[1:]) for x in part] for part in zip(*steps, strict=True)
         ]
         decay, drive, bound = np.array(rows)
-        states, last = recurrence(np.array(decay), np.array(drive), np.array(bound), memory.states)
+        states, last = recurrence(decay, drive, bound, memory.states)
         state = JointState(list(samples.q), list(samples.dq), list(samples.ddq), [])
         channels = self.channels(robot, state, list(states), samples.rigid_torque)
         return np.array(channels), Memory(q[:, -1].copy(), last)

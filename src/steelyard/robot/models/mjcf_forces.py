@@ -285,8 +285,7 @@ def _tendon_notes(model: Any) -> list[ModelNote]:
             what = (
                 "forces of tendons in the MJCF are not in the model unless a term represents them "
             )
-            item = (
-                f"'{name_of(model, 'tendon', tendon)}' on {', '.join(joints)} ({', '.join(acting)})"
-            )
+            name = name_of(model, "tendon", tendon)
+            item = f"'{name}' on {', '.join(joints)} ({', '.join(acting)})"
             notes.append(ModelNote(what + "(along = {...}): ", item, tuple(joints)))
     return notes

@@ -9,12 +9,13 @@ import hashlib
 import json
 import os
 import stat
-import tempfile
+from contextlib import suppress
 from functools import cache
 from pathlib import Path
 from typing import Any
 
-from steelyard.base.files import cache_folder
+from steelyard.base.errors import OutputError
+from steelyard.base.files import cache_folder, whole_file
 
 FORMAT = 1
 
@@ -75,13 +76,8 @@ def store(key: str, about: dict[str, Any], code: bytes) -> None:
     if place is None:
         return
     head = json.dumps({"key": key, "sha256": _seal(about, code), "about": about}).encode()
-    try:
-        handle, temporary = tempfile.mkstemp(dir=place)
-        with os.fdopen(handle, "wb") as file:
-            file.write(head + b"\n" + code)
-        os.replace(temporary, place / f"{key}.kernel")
-    except OSError:
-        return
+    with suppress(OutputError), whole_file(place / f"{key}.kernel") as part:
+        part.write_bytes(head + b"\n" + code)
 
 
 def _seal(about: dict[str, Any], code: bytes) -> str:
