@@ -8,7 +8,6 @@ outliers.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Protocol
 
 import numpy as np
 
@@ -26,23 +25,6 @@ from steelyard.estimate.least_squares.residual_covariance import inflations
 NORMAL = 0.6744897501960817  # median of |x| of a standard normal x
 FREEDOM = 2.0  # independent samples per parameter of which there must be more
 FLOOR = 1e-12  # scale of residuals over the effort's root mean square that is rounding
-
-
-class Weigh(Protocol):
-    """A loss; one that is not convex begins where Huber's ends."""
-
-    @property
-    def convex(self) -> bool:
-        """Whether there is one minimum only."""
-        ...
-
-    def weight(self, u: Array) -> Array:
-        r"""$\psi(u) / u$ of residuals in units of their scale."""
-        ...
-
-    def curvature(self, u: Array) -> Array:
-        r"""$\psi'(u)$ of residuals in units of their scale."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -79,6 +61,9 @@ class Tukey:
         r"""$(1 - (u/c)^2)(1 - 5 (u/c)^2)$ within, 0 beyond."""
         v = np.square(u / self.c)
         return np.where(v < 1.0, (1.0 - v) * (1.0 - 5.0 * v), 0.0)
+
+
+Weigh = Huber | Tukey  # a loss; one that is not convex begins where Huber's ends
 
 
 @dataclass(frozen=True)
