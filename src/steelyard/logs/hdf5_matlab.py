@@ -75,8 +75,7 @@ def _child_answer(path: Path, request: dict[str, Any]) -> Iterator[IO[bytes]]:
     pipe = subprocess.PIPE
     child = subprocess.Popen(CHILD, stdin=pipe, stdout=pipe, stderr=pipe)
     try:
-        if child.stdin is None or child.stdout is None or child.stderr is None:
-            raise RuntimeError("a process without pipes")
+        assert child.stdin and child.stdout and child.stderr
         child.stdin.write(json.dumps(request).encode())
         child.stdin.close()
         with suppress(EOFError):

@@ -61,8 +61,7 @@ class SpeedHistogram:
         return None if first == np.inf else (float(first), float(last))
 
     def _edge(self, place: Array) -> Array:
-        edge: Array = 10.0 ** (place / BINS_PER_DECADE + LOWEST_SPEED_DECADE)
-        return edge
+        return np.asarray(10.0 ** (place / BINS_PER_DECADE + LOWEST_SPEED_DECADE))
 
 
 def _bin(speed: Array) -> Array:
