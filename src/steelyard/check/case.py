@@ -26,6 +26,8 @@ from steelyard.runs.recording import Channels, LoggedSamples, Recording
 from steelyard.runs.rows.clock import rows_between
 from steelyard.runs.run import Run
 
+AtStates = Callable[[ValuedModel, Array, Array, Array], Array]
+
 
 @dataclass(frozen=True, eq=False)
 class Knowledge:
@@ -50,14 +52,7 @@ class Knowledge:
         """Joint efforts under any gravity, shape `(n, N)`; NaN where the states are impossible."""
         return self.under_any(gravity, self._of, q, dq, ddq)
 
-    def under_any(
-        self,
-        gravity: Array,
-        of: Callable[[ValuedModel, Array, Array, Array], Array],
-        q: Array,
-        dq: Array,
-        ddq: Array,
-    ) -> Array:
+    def under_any(self, gravity: Array, of: AtStates, q: Array, dq: Array, ddq: Array) -> Array:
         """What is linear in gravity, under another one than the robot's put together from four."""
         if np.allclose(gravity, self.robot.gravity):
             return of(self.steady, q, dq, ddq)

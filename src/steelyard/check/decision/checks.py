@@ -110,7 +110,7 @@ class HypothesisCheck:
             known, then = hypothesis.compared
         elif gain > 0.0:
             rise = f", log-likelihood rises by {gain:.0f}"
-        fix, severity = self._fix(case, evidence, decision, hypothesis, severity)
+        fix, severity = self._fix(case, evidence, decision, mine[-1][1])
         return Finding.of(
             severity,
             f"{hypothesis.says}: misfit of {known} {_percent(hypothesis.percent)}, "
@@ -153,14 +153,10 @@ class HypothesisCheck:
         )
 
     def _fix(
-        self,
-        case: Case,
-        evidence: Evidence,
-        decision: LogVerdict,
-        hypothesis: Hypothesis,
-        severity: Severity,
+        self, case: Case, evidence: Evidence, decision: LogVerdict, judged: Judged
     ) -> tuple[Fix | None, Severity]:
         """The advice with its edits, which the first finding of a log has for the velocities."""
+        hypothesis, severity = judged
         if not severity:
             return None, severity
         if not hypothesis.fixed:

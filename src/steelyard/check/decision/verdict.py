@@ -45,9 +45,7 @@ from steelyard.check.signals.overview import remembered
 SUPPORT_MARGIN, SUPPORT_FALL = 60.0, 2.0
 """Log-likelihood that bodies of the log's own must gain, and the factor by which the misfit of some
 joint must fall, for the data to contradict what is declared."""
-VERDICT_MARGIN = {True: 20.0, False: SUPPORT_MARGIN}
-"""Log-likelihood by which an explanation must beat the declared reading, with and without a
-reference."""
+VERDICT_MARGIN = {True: 20.0, False: SUPPORT_MARGIN}  # to gain, with a reference and without
 VERDICT_FALL = {True: 2.0, False: 2.5}  # fall of some joint's misfit, without of the typical one
 ROUGH_MISFIT = 25.0  # misfit [%] that a nominal model, or the log's own bodies, may leave
 POOR_BODIES_MISFIT = 10.0  # misfit of own bodies [%] from which on orders and signs are tried

@@ -240,8 +240,8 @@ def left_out_logs(
 
 def left_out_gains(
     model: Model, wide: Regressor, sigma: Array, runs: Sequence[Run], found: Sequence[Cause]
-) -> tuple[LeftOutGain, ...]:
-    """Per cause whether it predicts left-out motion better; none where the runs are too short.
+) -> tuple[LeftOutGain | None, ...]:
+    """Per cause whether it predicts left-out motion better; `None` of runs that are too short.
 
     `wide` has the columns of all causes, `sigma` the standard deviations of the fit's residuals,
     shape `(n,)`.
@@ -251,7 +251,7 @@ def left_out_gains(
     try:
         left_out, (plain, *wider) = left_out_logs(model, wide, sigma, runs, sets)
     except DataError:
-        return ()
+        return (None,) * len(found)
     return tuple(
         LeftOutGain.of(
             plain, errors, left_out, WORTH_A_TERM if cause.of_friction else WORTH_A_SEARCH

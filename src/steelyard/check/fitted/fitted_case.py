@@ -93,21 +93,15 @@ def ranked_causes(model: Model, estimate: Estimate, runs: Sequence[Run]) -> Rank
     found = causes(model, information, estimate.sigma, beside.ratios)
     own = information.select(base_parameters(model).base_names)
     fit = WeightedLeastSquares(per_run=own_columns(model)).fit(own)
-    blamed = _blamed(found, float(inflations(fit).max()))
-    return RankedCauses(beside, found, blamed, float(information.n_samples.sum()), wide)
-
-
-def _blamed(found: Sequence[Cause], inflation: float) -> tuple[Cause, ...]:
-    """Errors of geometry or efforts that explain much more than a lack of friction, best first."""
     terms = max((cause.rank for cause in found if cause.of_friction), default=0.0)
     others = [cause for cause in found if not cause.of_friction]
-    if not others or others[0].rank < CLEAR_OVER_FRICTION * terms:
-        return ()
-    enough = LEAST_CHI_SQUARE + CHI_SQUARE_PER_COLUMN * others[0].columns
-    if others[0].chi2 / inflation < enough:
-        return ()
-    near = [cause for cause in others if cause.rank >= NEXT_CAUSE_RANK * others[0].rank]
-    return tuple(near[:MOST_NAMED_CAUSES])
+    blamed: list[Cause] = []
+    if others and others[0].rank >= CLEAR_OVER_FRICTION * terms:
+        enough = LEAST_CHI_SQUARE + CHI_SQUARE_PER_COLUMN * others[0].columns
+        if others[0].chi2 / float(inflations(fit).max()) >= enough:
+            blamed = [cause for cause in others if cause.rank >= NEXT_CAUSE_RANK * others[0].rank]
+    total = float(information.n_samples.sum())
+    return RankedCauses(beside, found, tuple(blamed[:MOST_NAMED_CAUSES]), total, wide)
 
 
 def worst_residual_words(beside: ResidualNoise) -> str:
@@ -164,7 +158,7 @@ class FittedCase:
             return ()
         model, sigma = self.identified.model, self.identified.estimate.sigma
         gains = left_out_gains(model, ranked.wide, sigma, self.examined, ranked.likely)
-        return tuple(zip(ranked.likely, gains or (None,) * len(ranked.likely), strict=True))
+        return tuple(zip(ranked.likely, gains, strict=True))
 
 
 PostFitCheck = CaseCheck[FittedCase]
