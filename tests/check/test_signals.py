@@ -23,12 +23,13 @@ from steelyard.check.signals.movement import excitation_check, rests_check
 from steelyard.check.signals.position import position_check
 from steelyard.check.signals.rows import corrupt_rows_check, repeated_rows_check
 from steelyard.check.signals.time_stamps import clock_check
-from steelyard.check.signals.units import JointFacts, _named, unit_reading
+from steelyard.check.signals.units import JointFacts, unit_reading
 from steelyard.check.signals.velocity import velocity_check
 from steelyard.logs.log import Cut, Log, Numbered
 from steelyard.robot.file.robot_file import load_robot
 from steelyard.robot.file.signals import ROW, VELOCITY_UNITS
 from steelyard.robot.file.toml_edits import edited
+from steelyard.robot.init.column_names import Column
 from steelyard.robot.robot import Coordinate, Limits
 from steelyard.runs.processing import Processing
 from steelyard.runs.recording import LogInMemory, Recording
@@ -649,10 +650,11 @@ def test_garbage_alone_does_no_harm(tmp_path: Path, value: float) -> None:
 
 
 def test_names_of_columns_speak_for_their_units() -> None:
-    assert _named("q1_rad", {"rad": 1.0, "deg": 2.0}) == "rad"
-    assert _named("dq1_rad_s", {"rad/s": 1.0, "rpm": 2.0}) == "rad/s"
-    assert _named("joint_m", {"m": 1.0, "mm": 2.0}) == "m"
-    assert _named("q1", {"rad": 1.0, "deg": 2.0}) == ""
+    assert Column("q1_rad").unit_named(("rad", "deg")) == "rad"
+    assert Column("dq1_rad_s").unit_named(("rad/s", "rpm")) == "rad/s"
+    assert Column("joint_m").unit_named(("m", "mm")) == "m"
+    assert Column("q1_degrees").unit_named(("rad", "deg")) == "deg"
+    assert Column("q1").unit_named(("rad", "deg")) == ""
     joint = Coordinate("arm", "revolute", Limits(-3.0, 3.0, 2.0, 10.0))
     units = {"deg": 1.0, "rad": 180.0 / np.pi}
     rates = {"rad/s": 1.0, "deg/s": np.pi / 180.0}

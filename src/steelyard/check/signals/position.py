@@ -19,13 +19,13 @@ from steelyard.check.signals.units import (
     SAME_SCALE,
     UnitReading,
     motion_in_units,
-    position_beyond_range,
     unit_reading,
     unit_value,
 )
 from steelyard.check.signals.velocity_agreement import AGREEING_CORRELATION
 from steelyard.robot.file.signals import POSITION_UNITS, Signals
 from steelyard.robot.init.column_names import Column
+from steelyard.robot.init.guess_efforts import beyond_range
 
 RATE_UNIT_WORDS = {"s", "rpm", "rads", "degs"}  # last words of the units of velocities
 
@@ -115,7 +115,7 @@ def position_check(case: Case, evidence: Evidence) -> Finding:
         return _misplaced(case, evidence, wrong)
     low, high = np.quantile(signal_overview(case, evidence).q, [0.005, 0.995], axis=0)
     joints = zip(case.loaded.robot.coordinates, low, high, strict=True)
-    off = np.array([position_beyond_range(c, float(a), float(b)) for c, a, b in joints])
+    off = np.array([beyond_range(c, float(a), float(b)) for c, a, b in joints])
     units = unit_reading(case, evidence)
     pairs = enumerate(zip(units.as_declared, units.joints, strict=True))
     other = [j for j, (a, b) in pairs if a.position_unit != b.position_unit]

@@ -30,6 +30,7 @@ from steelyard.check.signals.velocity_agreement import (
 )
 from steelyard.robot.file.signals import POSITION_UNITS, ROW, VELOCITY_UNITS
 from steelyard.robot.init.column_names import Column
+from steelyard.robot.init.guess_efforts import beyond_range
 from steelyard.robot.robot import Coordinate
 
 SHORTEST_STEP, LONGEST_STEP = 1e-4, 0.25
@@ -119,7 +120,7 @@ class JointFacts:
         return JointReading(position, scale, velocity, relative, cost)
 
     def _outside(self, scale: float) -> float:
-        off = position_beyond_range(self.coordinate, scale * self.low, scale * self.high)
+        off = beyond_range(self.coordinate, scale * self.low, scale * self.high)
         share = log(max(off, 1.0) / BEYOND_RANGE) / log(FAR_BEYOND)
         return OUTSIDE_COST * min(1.0, max(0.0, share))
 
@@ -159,15 +160,6 @@ def _mixed(joints: Iterable[JointReading]) -> bool:
 
 def _cost(joints: Iterable[JointReading]) -> float:
     return sum(joint.cost for joint in joints)
-
-
-def position_beyond_range(coordinate: Coordinate, low: float, high: float) -> float:
-    """Farthest position from the middle of a joint's range, over half the range; 0 without one."""
-    lower, upper = coordinate.limits.lower, coordinate.limits.upper
-    if not (isfinite(lower) and isfinite(upper) and upper > lower):
-        return 0.0
-    middle, half = 0.5 * (lower + upper), 0.5 * (upper - lower)
-    return max(abs(low - middle), abs(high - middle)) / half
 
 
 FASTEST_SHARE = 0.995  # quantile of a joint's speed that is compared with its limit
@@ -285,6 +277,7 @@ def _facts(
     for joint, c in enumerate(case.loaded.robot.coordinates):
         of_position, of_velocity = POSITION_UNITS[c.kind], VELOCITY_UNITS[c.kind]
         rates = _relative(float(own[joint]), of_velocity)
+        named, rate_named = Column(signals.position[joint]), Column(rated[joint])
         facts.append(
             JointFacts(
                 c,
@@ -296,17 +289,10 @@ def _facts(
                 _relative(float(signals.position_scale[joint]), of_position),
                 {} if agreed is None else rates,
                 CHANGED_UNIT_COST if signals.velocity is not None else 0.5 * CHANGED_UNIT_COST,
-                (_named(signals.position[joint], of_position), _named(rated[joint], of_velocity)),
+                (named.unit_named(of_position), rate_named.unit_named(of_velocity)),
             )
         )
     return tuple(facts)
-
-
-def _named(column: str, units: Mapping[str, float]) -> str:
-    """The unit in a column's name, such as that of `q1_rad`; empty if there is none."""
-    words = Column(column).words
-    ordered = sorted(units, key=lambda unit: (unit in ("m", "m/s"), unit))
-    return next((unit for unit in ordered if unit.split("/")[0] in words), "")
 
 
 def _relative(scale: float, units: Mapping[str, float]) -> dict[str, float]:

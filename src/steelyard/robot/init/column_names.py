@@ -35,9 +35,19 @@ _AVOIDED = _TARGETS | frozenset(
 )
 _MOTION_UNITS = frozenset("rad rads deg degs m mm s rpm".split())
 _UNIT_WORDS = _MOTION_UNITS | frozenset("nm n a ma v".split())
+_SPELLED = {
+    "rad": "rad rads",
+    "deg": "deg degs degree degrees",
+    "m": "m meter meters metre metres",
+    "ms": "ms msec millis",
+    "us": "us usec micros",
+    "ns": "ns nsec nanos",
+    "s": "s sec seconds",
+}
+"""How names spell units, if not as they are."""
 _UNITS_OF: dict[JointKind, frozenset[str]] = {
-    "revolute": frozenset("rad rads deg degs degree degrees nm".split()),
-    "prismatic": frozenset("m mm meter meters metre metres n".split()),
+    "revolute": frozenset(f"{_SPELLED['rad']} {_SPELLED['deg']} nm".split()),
+    "prismatic": frozenset(f"{_SPELLED['m']} mm n".split()),
 }
 """Words for units of angles and torques, and of lengths and forces."""
 _UNITS = frozenset.union(*_UNITS_OF.values())
@@ -114,6 +124,17 @@ class Column:
         """The words of a unit that the name ends in, such as `rad s` of `dq1_rad_s`."""
         count = next((k for k, w in enumerate(reversed(self.words)) if w not in _UNIT_WORDS), 0)
         return self.words[len(self.words) - count :]
+
+    def unit_named(self, units: Iterable[str]) -> str:
+        """Which of some units, such as `deg/s`, the name states; empty if none.
+
+        Metres and seconds last: `m` may be a mere letter.
+        """
+        for unit in sorted(units, key=lambda unit: (unit in ("m", "m/s", "s"), unit)):
+            word = unit.partition("/")[0]
+            if self.has(*_SPELLED.get(word, word).split()):
+                return unit
+        return ""
 
     @property
     def topic(self) -> str:

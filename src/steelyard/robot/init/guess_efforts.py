@@ -4,6 +4,7 @@ import re
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from math import isfinite
 
 import numpy as np
 
@@ -149,12 +150,22 @@ def beyond_limits(
     scales: Sequence[float],
     values: Mapping[str, Array],
 ) -> list[float]:
-    """Reach of each position over its joint's limit; zero where there is no limit."""
-    limits = [max(abs(j.limits.lower), abs(j.limits.upper)) for j in joints]
-    return [
-        scale * reach(column.name, values) / limit if np.isfinite(limit) and limit > 0.0 else 0.0
-        for column, limit, scale in zip(positions, limits, scales, strict=True)
-    ]
+    """Reach of each position from the middle of its joint's range, over half of it; or zero."""
+    found = []
+    for column, joint, scale in zip(positions, joints, scales, strict=True):
+        x = scale * values.get(column.name, np.zeros(0))
+        ends = [float(end) for end in np.quantile(x, (0.01, 0.99))] if len(x) else []
+        found.append(beyond_range(joint, *ends) if ends else 0.0)
+    return found
+
+
+def beyond_range(coordinate: Coordinate, low: float, high: float) -> float:
+    """Farthest position from the middle of a joint's range, over half the range; 0 without one."""
+    lower, upper = coordinate.limits.lower, coordinate.limits.upper
+    if not (isfinite(lower) and isfinite(upper) and upper > lower):
+        return 0.0
+    middle, half = 0.5 * (lower + upper), 0.5 * (upper - lower)
+    return max(abs(low - middle), abs(high - middle)) / half
 
 
 def whole_numbers(columns: Sequence[Column], values: Mapping[str, Array]) -> bool:

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from steelyard.base.arrays import Array
 from steelyard.base.errors import LogError
-from steelyard.robot.file.signals import TIME_UNITS, VELOCITY_UNITS
+from steelyard.robot.file.signals import POSITION_UNITS, TIME_UNITS, VELOCITY_UNITS
 from steelyard.robot.init.column_names import IN_FILE, Column, finite, give_up, listed
 from steelyard.robot.init.guess_efforts import (
     LEAST_MOTOR_BEYOND_LIMIT,
@@ -73,10 +73,8 @@ def _time(
 
 
 def _time_unit(time: Column, values: Mapping[str, Array]) -> tuple[str, str]:
-    names = {"ms": "millis", "us": "micros", "ns": "nanos", "s": "seconds"}
-    for unit, long in names.items():
-        if time.has(unit, f"{unit}ec", long):
-            return unit, "by its name"
+    if unit := time.unit_named(TIME_UNITS):
+        return unit, "by its name"
     steps = np.diff(values.get(time.name, np.zeros(0)))
     step = float(np.median(steps[steps > 0.0])) if np.any(steps > 0.0) else 0.0
     if step == 0.0:
@@ -367,10 +365,9 @@ def _degrees(
 
 def _motor_unit(columns: Sequence[Column]) -> tuple[str | None, str]:
     """The unit of motor positions: ranges do not determine it."""
-    degrees = all(column.has("deg", "degs", "degree", "degrees") for column in columns)
-    named = degrees or all(column.has("rad", "rads") for column in columns)
-    unit = "deg" if degrees else "rad"
-    return unit, f"in {unit} by their names" if named else "in rad, by default"
+    named = {column.unit_named(("rad", "deg")) for column in columns}
+    unit = named.pop() if len(named) == 1 else ""
+    return (unit, f"in {unit} by their names") if unit else ("rad", "in rad, by default")
 
 
 def _position_unit(
@@ -379,9 +376,9 @@ def _position_unit(
     units, why = [], "in rad or m, by default"
     for column, joint in zip(columns, joints, strict=True):
         most = reach(column.name, values)
-        si, other = ("rad", "deg") if joint.kind == "revolute" else ("m", "mm")
-        if column.has(si, other, "degree", "degrees"):
-            units.append(si if column.has(si) else other)
+        si, other = POSITION_UNITS[joint.kind]
+        if named := column.unit_named((si, other)):
+            units.append(named)
             why = "units by their names"
         else:
             limit = max(abs(joint.limits.lower), abs(joint.limits.upper))
