@@ -253,8 +253,12 @@ def link_hypotheses(reading: Reading) -> Iterator[Hypothesis]:
     if ten is None or abs(float(ten[0])) > sum(body.inertia.mass for body in robot.bodies):
         return
     body, changed = robot.bodies[carrier(robot).body], reading.changed(payload=ten)
+    more, mass = float(ten[0]), body.inertia.mass
     if changed.percent <= AGREEING_LINK_MISFIT:
-        says = _link_words(body.name, float(ten[0]), body.inertia.mass)
+        off = f"{abs(more):.2g} kg {'heavier' if more > 0.0 else 'lighter'}"
+        says = f"'{body.name}' is about {off} than the {mass:.2g} kg of the model file"
+        if abs(more) <= SAME_LINK_MASS * mass:
+            says = f"centre of mass or inertia of '{body.name}' differ from the model file"
         cost = 10.0 * FITTED_NUMBER_COST
         yield Hypothesis(OWN_FILE, says, changed, cost, (), changed.score, fixed=False)
 
@@ -262,14 +266,6 @@ def link_hypotheses(reading: Reading) -> Iterator[Hypothesis]:
 def of_link(hypothesis: Hypothesis) -> bool:
     """Whether an explanation is that the last link differs from the model file."""
     return hypothesis.cause == OWN_FILE and not hypothesis.fixed
-
-
-def _link_words(name: str, more: float, mass: float) -> str:
-    if abs(more) <= SAME_LINK_MASS * mass:
-        return f"centre of mass or inertia of '{name}' differ from the model file"
-    heavier = "heavier" if more > 0.0 else "lighter"
-    off = f"'{name}' is about {abs(more):.2g} kg {heavier}"
-    return f"{off} than the {mass:.2g} kg of the model file"
 
 
 BOTH_MIRRORS_FIT = ": both fit with free link inertias, and this log cannot distinguish them"

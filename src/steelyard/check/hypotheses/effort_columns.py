@@ -182,9 +182,11 @@ def combined_hypotheses(likelihood: Likelihood) -> list[tuple[Hypothesis, Consis
         return []
     coarse = likelihood.thinned(COARSE_SAMPLES)
     best = _best_combinations(coarse, list(filter(keeps_evidence, _orders(likelihood.declared))))
-    best = _best_combinations(coarse, [r for one in best for r in _position_signs(one)])
+    signs = [np.array(signs) for signs in product((1.0, -1.0), repeat=likelihood.signals.n)]
+    tried = [r.changed(position_scale=s * r.position_scale) for r in best for s in signs]
+    best = _best_combinations(coarse, tried)
     found = []
-    for reading in (*best, *(turned for one in best for turned in _all_turned(one))):
+    for reading in (*best, *filter(None, map(_all_turned, best))):
         bodies = consistent_bodies(reading)
         if bodies is not None:
             found.append((_combined_hypothesis(reading, bodies), bodies))
@@ -201,11 +203,11 @@ def _combined_hypothesis(reading: Reading, bodies: ConsistentBodies) -> Hypothes
     return Hypothesis("", "", reading, cost, tuple(moved), bodies.score)
 
 
-def _all_turned(reading: Reading) -> Iterator[Reading]:
+def _all_turned(reading: Reading) -> Reading | None:
     """All efforts of the other sign where most of them are: that of an unloaded joint is open."""
     signs = np.sign(reading.effort_scale / reading.likelihood.declared.effort_scale)
-    if 0.5 * len(signs) < np.sum(signs < 0.0) < len(signs):
-        yield reading.with_factors(-signs)
+    most = 0.5 * len(signs) < np.sum(signs < 0.0) < len(signs)
+    return reading.with_factors(-signs) if most else None
 
 
 def _orders(reading: Reading) -> Iterator[Reading]:
@@ -215,11 +217,6 @@ def _orders(reading: Reading) -> Iterator[Reading]:
         if order != tuple(every):
             yield reading.ordered(order)
             yield reading.ordered(order, positions=False)
-
-
-def _position_signs(reading: Reading) -> Iterator[Reading]:
-    for signs in product((1.0, -1.0), repeat=len(reading.position)):
-        yield reading.changed(position_scale=np.array(signs) * reading.position_scale)
 
 
 def _best_combinations(coarse: Likelihood, readings: Sequence[Reading]) -> list[Reading]:

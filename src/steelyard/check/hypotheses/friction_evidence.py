@@ -24,7 +24,6 @@ from steelyard.base.arrays import Array
 from steelyard.base.errors import SteelyardError
 from steelyard.check.case import Case, Evidence
 from steelyard.check.finding import Edit, Finding, Fix
-from steelyard.check.hypotheses.excerpt import Excerpt
 from steelyard.check.hypotheses.likelihood import Reading
 from steelyard.check.hypotheses.nuisance import LikelihoodScore
 from steelyard.check.identifiability import clean_runs, customary_model, longest_run
@@ -52,20 +51,16 @@ def presliding_score(reading: Reading) -> LikelihoodScore:
     q, dq, ddq = reading.motion()
     y, moving = reading.columns(reading.predicted(q, dq, ddq))
     q, u = (reading.likelihood.driven(x) for x in (q, dq))
+    steps = np.diff(q, axis=1, prepend=q[:, :1])
+    begins = np.diff(reading.likelihood.excerpt.stretch, prepend=-1) != 0
     scores = []
-    for length in PRESLIDING_LENGTHS:
-        y[:, 0] = _presliding_states(reading.likelihood.excerpt, q, u, length) * moving
+    for length in PRESLIDING_LENGTHS:  # friction over what it is where it slips, as at the begin
+        decay = np.where(begins, 0.0, np.exp(-np.abs(steps) / length))
+        drive = np.where(begins, np.sign(u), np.sign(steps) * (1.0 - decay))
+        states, _ = recurrence(decay, drive, np.ones_like(decay), np.zeros(len(q)))
+        y[:, 0] = states * moving
         scores.append(reading.scored(y, moving, [reading.delay]).one(0))
     return replace(scores[0], misfits=np.min([score.misfits for score in scores], axis=0))
-
-
-def _presliding_states(excerpt: Excerpt, q: Array, u: Array, length: float) -> Array:
-    """Friction over what it is where it slips, shape `(n, B)`; slipping where a stretch begins."""
-    steps = np.diff(q, axis=1, prepend=q[:, :1])
-    begins = np.concatenate(([True], np.diff(excerpt.stretch) != 0))
-    decay = np.where(begins, 0.0, np.exp(-np.abs(steps) / length))
-    drive = np.where(begins, np.sign(u), np.sign(steps) * (1.0 - decay))
-    return recurrence(decay, drive, np.ones_like(decay), np.zeros(len(q)))[0]
 
 
 SURE_FRICTION_SIGN = 6.0  # standard errors by which friction must be negative
@@ -177,7 +172,11 @@ def _friction_of_row(
     inverse = own @ own.T
     theta = inverse @ gram[:-1, -1]
     left = float(gram[-1, -1] - theta @ gram[:-1, -1])
-    effort = _varying_effort(gram, columns, joint)
+    effort = float(gram[-1, -1])  # without its mean
+    if f"offset.{joint}" in columns:
+        k = columns.index(f"offset.{joint}")
+        mean = float(gram[k, -1]) ** 2 / max(float(gram[k, k]), 1e-300)
+        effort = max(effort - mean, 1e-12 * effort)
     power = np.zeros(len(theta))
     power[[dry, viscous]] = gram[viscous, [dry, viscous]]
     power /= np.sqrt(gram[viscous, viscous] * effort)
@@ -187,15 +186,6 @@ def _friction_of_row(
     windows = float(np.sum(np.square(scores))) * len(scores) / (len(scores) - 1)
     std = float(np.sqrt(max(white, windows, 0.0)))
     return RowFriction(sign * float(power @ theta), std, 1.0 - left / effort)
-
-
-def _varying_effort(gram: Array, columns: list[str], joint: str) -> float:
-    """Sum of the squares of a row's effort without its mean."""
-    whole = float(gram[-1, -1])
-    if f"offset.{joint}" not in columns:
-        return whole
-    k = columns.index(f"offset.{joint}")
-    return max(whole - float(gram[k, -1]) ** 2 / max(float(gram[k, k]), 1e-300), 1e-12 * whole)
 
 
 DELAY_SHIFT = 0.008  # delay that is tried to both sides [s]

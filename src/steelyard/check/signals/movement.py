@@ -127,12 +127,23 @@ def rests_check(case: Case, evidence: Evidence) -> Finding | None:
     second = unit_reading(case, evidence).second
     speed = np.abs(slope.v[driven_joints(case, evidence)])
     share = speed / np.quantile(speed, 0.99, axis=1)[:, None]
-    rests = _long_rests((share <= REST_SHARE).all(axis=0), slope.rate)
-    t = (slope.t - clock[0]) * second
-    rest, speed = float(rests.mean()), share.max(axis=0)
+    rests = (share <= REST_SHARE).all(axis=0)
+    longest = 2.0 * SLOPE_ENDS * width_of(slope.rate) * slope.rate
+    for start, stop in stretches(rests):  # shorter than the low-pass, joints turn round together
+        rests[start:stop] = stop - start > longest
+    t, rest, speed = (slope.t - clock[0]) * second, float(rests.mean()), share.max(axis=0)
+    says = "no standstill"
+    if rests.any():  # the ends, where the low-pass does not reach, are as what is next to them
+        moves = t[~rests]
+        before = float(moves[0]) if rests[0] else 0.0
+        after = float(clock[-1] - clock[0]) * second - float(moves[-1]) if rests[-1] else 0.0
+        says = (
+            f"{100.0 * rest:.1f} % of the time no joint moves, {before:.1f} s of it at the start "
+            f"and {after:.1f} s at the end"
+        )
     return Finding.doubtful_if(
         rest > MOSTLY_AT_REST,
-        _rest_words(rests, t, float(clock[-1] - clock[0]) * second),
+        says,
         f"{100.0 * rest:.1f} % at rest, at most {100.0 * MOSTLY_AT_REST:g} % allowed",
         Fix("cut off the standstill (LOG@START:STOP), and record more motion"),
         picture=Picture(
@@ -140,30 +151,6 @@ def rests_check(case: Case, evidence: Evidence) -> Finding | None:
             "speed of the fastest joint relative to its maximum",
             (trace("speed", t, speed), trace("rest", t, np.full(len(t), REST_SHARE))),
         ),
-    )
-
-
-def _long_rests(still: NDArray[np.bool_], rate: float) -> NDArray[np.bool_]:
-    """Stillness that lasts longer than the low-pass; shorter, joints turn round together."""
-    kept = np.zeros_like(still)
-    for start, stop in stretches(still):
-        kept[start:stop] = stop - start > 2.0 * SLOPE_ENDS * width_of(rate) * rate
-    return kept
-
-
-def _rest_words(rests: NDArray[np.bool_], t: Array, duration: float) -> str:
-    """How much is rest; the ends, where the low-pass does not reach, are as what is next to them.
-
-    Whether no joint moves and time since the log's start [s], both `(N,)`; duration of the log [s].
-    """
-    if not rests.any():
-        return "no standstill"
-    moves = np.flatnonzero(~rests)
-    start = float(t[moves[0]]) if rests[0] else 0.0
-    stop = duration - float(t[moves[-1]]) if rests[-1] else 0.0
-    return (
-        f"{100.0 * float(rests.mean()):.1f} % of the time no joint moves, {start:.1f} s of it at "
-        f"the start and {stop:.1f} s at the end"
     )
 
 

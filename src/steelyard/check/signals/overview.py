@@ -122,9 +122,14 @@ class SignalOverview:
         """
         if self.jitter < JITTER_LIMIT:
             return self.t
-        evened = self.t.copy()
+        evened, half = self.t.copy(), EVENED_STAMPS // 2
         for stretch in self.stretches:
-            evened[stretch] = _evened(self.t[stretch], np.flatnonzero(self.kept)[stretch])
+            t, row = self.t[stretch], np.flatnonzero(self.kept)[stretch]
+            if len(t) >= 2 * EVENED_STAMPS:
+                trend = (t[-1] - t[0]) / (row[-1] - row[0]) * row
+                off = np.pad(t - trend, half, mode="edge")
+                t = trend + np.convolve(off, np.full(EVENED_STAMPS, 1.0 / EVENED_STAMPS), "valid")
+                evened[stretch] = t if (np.diff(t) > 0.0).all() else evened[stretch]
         return evened if _rough(evened, self.q) < _rough(self.t, self.q) else self.t
 
     def even(self, values: Array, second: float = 1.0) -> tuple[tuple[Array, ...], float]:
@@ -172,18 +177,6 @@ def _near(values: Array, reach: float) -> NDArray[np.bool_]:
     median = np.pad(np.median(windows, axis=1), MEDIAN_ROWS // 2, mode="edge")
     near: NDArray[np.bool_] = np.abs(values - median) <= reach
     return near
-
-
-def _evened(t: Array, row: NDArray[np.intp]) -> Array:
-    """Stamps with their jitter averaged, still increasing."""
-    if len(t) < 2 * EVENED_STAMPS:
-        return t
-    step = (t[-1] - t[0]) / (row[-1] - row[0])
-    trend = step * row
-    half = EVENED_STAMPS // 2
-    off = np.pad(t - trend, half, mode="edge")
-    evened: Array = trend + np.convolve(off, np.full(EVENED_STAMPS, 1.0 / EVENED_STAMPS), "valid")
-    return evened if (np.diff(evened) > 0.0).all() else t
 
 
 def _rough(t: Array, q: Array) -> float:

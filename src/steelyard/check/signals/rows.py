@@ -35,7 +35,9 @@ def corrupt_rows_check(case: Case, evidence: Evidence) -> Finding:
     says = f"{count} corrupt rows{_where_corrupt(broken)}, dropped" if count else "no corrupt rows"
     if isinstance(evidence.run, LogError):
         says += f"; as declared, the log cannot be used: {evidence.run.wrong}"
-        if _unexplained(case, evidence):
+        # neither units, nor the clock, nor a motion that is missing explain it
+        explained = unit_reading(case, evidence).cheaper or clock_is_irregular(case, evidence)
+        if not explained and signal_overview(case, evidence).moves:
             severity, fix = Severity.WRONG, Fix(evidence.run.fix)
     picture = None
     if broken.any():
@@ -50,12 +52,6 @@ def corrupt_rows_check(case: Case, evidence: Evidence) -> Finding:
         picture=picture,
         brief=f"{count} corrupt rows dropped" if count else "",
     )
-
-
-def _unexplained(case: Case, evidence: Evidence) -> bool:
-    """Whether neither units, nor the clock, nor a motion that is missing explain the refusal."""
-    explained = unit_reading(case, evidence).cheaper or clock_is_irregular(case, evidence)
-    return not explained and signal_overview(case, evidence).moves
 
 
 def _counted(evidence: Evidence, broken: NDArray[np.bool_]) -> tuple[int, int]:
@@ -121,7 +117,13 @@ class ZeroOrderHold:
 
 def zero_order_hold(x: Array, step: Array) -> ZeroOrderHold:
     """How long channels `(N, c)`, with smallest changes `(c,)`, keep a value."""
-    lengths = np.concatenate([_held_rows(*channel) for channel in zip(x.T, step, strict=True)])
+    found = []
+    for channel, least in zip(x.T, step, strict=True):
+        change = np.abs(np.diff(channel))
+        rows = np.flatnonzero(change)
+        clear = change[rows] >= HOLD_STEPS * least
+        found.append(np.diff(rows)[clear[1:] & clear[:-1]])
+    lengths = np.concatenate(found)
     if len(lengths) < FEWEST_HELD_ROWS:
         return ZeroOrderHold(lengths, 1, 0.0)
     count = np.bincount(lengths)
@@ -139,15 +141,6 @@ def _mean_age(x: Array, updates: ZeroOrderHold, rows: NDArray[np.bool_]) -> floa
     new = np.concatenate((np.ones((1, x.shape[1]), dtype=np.bool_), x[1:] != x[:-1]))
     age = row - np.maximum.accumulate(np.where(new, row, 0), axis=0)
     return float(age[(age < updates.every) & (rows[:, None] | (age == 0))].mean())
-
-
-def _held_rows(x: Array, step: float) -> NDArray[np.intp]:
-    """Lengths of stretches of one value between two clear changes of a channel [rows]."""
-    change = np.abs(np.diff(x))
-    rows = np.flatnonzero(change)
-    clear = change[rows] >= HOLD_STEPS * step
-    lengths: NDArray[np.intp] = np.diff(rows)[clear[1:] & clear[:-1]]
-    return lengths
 
 
 REPEAT_SPAN = 10  # rows in which a joint must get far for the row in the middle to be one in motion

@@ -29,6 +29,7 @@ from steelyard.check.finding import (
     percent_of,
     trace,
 )
+from steelyard.check.hypotheses.likelihood import likeliest
 from steelyard.check.identifiability import customary_model, longest_run
 from steelyard.check.signals.overview import JITTER_LIMIT, LATE_STEP, remembered, signal_overview
 from steelyard.check.signals.units import (
@@ -265,8 +266,7 @@ def clock_is_irregular(case: Case, evidence: Evidence) -> bool:
 TRIED_SCALE = 0.05  # relative scale that is tried first to both sides
 VARIANCE_FALL = 0.045  # fall of the logarithm of the variance there from which on others are tried
 TRIED_SCALES = np.log([0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 1.0, 1.05, 1.1, 1.25, 1.43, 1.67, 2.0])
-SCALE_STEPS = (0.05, 0.015, 0.005)
-"""Logarithms of the scale between the points of the parabolas that refine it."""
+SCALE_ZOOMS = 2
 DOUBTFUL_SCALE_SHARE, WRONG_SCALE_SHARE, LEAST_SCALE_ERROR = 0.5, 0.9, 0.005
 """Share of the typical squared residual that a scale must explain to be doubtful, and wrong, and
 its least distance from 1. Nine real robots have at most 0.04; a link that is 50 % longer than its
@@ -302,17 +302,6 @@ def _by_scale(regressor: Regressor, run: Run) -> Callable[[float], tuple[float, 
     return variance
 
 
-def _best_scale(variance: Callable[[float], tuple[float, float]]) -> tuple[float, float]:
-    """The best logarithm of the scale, and its standard deviation."""
-    x, std = min(TRIED_SCALES.tolist(), key=variance), np.inf
-    for step in SCALE_STEPS:
-        (low, _), (mid, samples), (high, _) = (variance(x + d) for d in (-step, 0.0, step))
-        bend = (low - 2.0 * mid + high) / step**2
-        std = float(np.sqrt(2.0 / (bend * samples))) if bend > 0.0 else np.inf
-        x += float(np.clip(0.5 * (low - high) / step / bend, -step, step)) if bend > 0.0 else 0.0
-    return x, std
-
-
 def time_scale(case: Case) -> Finding | None:
     """The scale of the clock that the longest log without velocities suggests, if it is not 1."""
     signals = case.loaded.signals
@@ -324,10 +313,14 @@ def time_scale(case: Case) -> Finding | None:
             return None
         evidence, run = found
         variance = _by_scale(base_regressor(customary_model(case)), run)
-        now = variance(0.0)[0]
+        now, samples = variance(0.0)
         if min(variance(x)[0] for x in (TRIED_SCALE, -TRIED_SCALE)) > now - VARIANCE_FALL:
             return None
-        x, std = _best_scale(variance)
+        x, std = likeliest(
+            lambda grid: np.array([-0.5 * samples * variance(x)[0] for x in grid.tolist()]),
+            TRIED_SCALES,
+            SCALE_ZOOMS,
+        )
         gone = 1.0 - float(np.exp(variance(x)[0] - now))
     except (SteelyardError, TypeError):
         return None
