@@ -32,7 +32,6 @@ from steelyard.check.hypotheses.nuisance import (
     fit_nuisances,
     regressors,
     score_of,
-    unknown_friction,
 )
 from steelyard.robot.file.efforts import MOTOR_KINDS
 from steelyard.robot.file.signals import Signals
@@ -250,7 +249,7 @@ class Reading:
     ) -> LikelihoodScore:
         """Scores with factors on the efforts, or their columns in other orders, shapes `(h, n)`."""
         columns = np.tile(self.effort, (len(factors), 1)) if effort is None else effort
-        sums = self.sums.repeated(len(factors))
+        sums = self.sums.of([0] * len(factors))
         return self.likelihood.scored(sums, columns, factors * self.effort_scale)
 
     def scored(self, columns: Array, moving: Array, delays: Sequence[float]) -> LikelihoodScore:
@@ -311,8 +310,11 @@ def likelihood_of(
     Joint effort per base unit of the declared efforts, and logged effort over what these gains
     say, have shape `(n,)`.
     """
-    free = unknown_friction(signals.n, signals.effort_kind)
-    gears, ones = robot.transmission, np.ones(signals.n)
+    # friction dissipates; rotors are felt unless sensors sit on the link side
+    rotor = 0.0 if signals.effort_kind == "link_torque" else np.inf
+    ends = [0.0, 0.0, -np.inf, 0.0], [np.inf, np.inf, np.inf, rotor]
+    lower, upper = (np.tile(end, (signals.n, 1)) for end in ends)
+    gears, ones, free = robot.transmission, np.ones(signals.n), (lower, upper)
     bare = Likelihood(
         excerpt, signals, knowledge, robot.gravity, gains, gears, free, ones, scales=scales
     )
@@ -321,9 +323,9 @@ def likelihood_of(
     friction = into @ np.nan_to_num(knowledge.friction(*motion))
     size = np.sqrt(np.mean(np.square(into @ torque + friction), axis=1))
     if knowledge.identified:
-        return replace(bare, size=size, bounds=_around(friction, size, bare.driven(motion[1])))
-    if signals.effort_map is None:  # where an effort counts the other way, so does its friction
-        turned, (lower, upper) = (np.diag(into) < 0.0)[:, None], free
+        free = _around(friction, size, bare.driven(motion[1]))
+    elif signals.effort_map is None:  # where an effort counts the other way, so does its friction
+        turned = (np.diag(into) < 0.0)[:, None]
         free = np.where(turned, -upper, lower), np.where(turned, -lower, upper)
     return replace(bare, size=size, bounds=free)
 

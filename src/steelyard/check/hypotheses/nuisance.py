@@ -19,18 +19,6 @@ NUISANCES = 4  # tanh, speed, one, acceleration
 COORDINATE_SWEEPS = 40
 
 
-def unknown_friction(n: int, kind: str) -> tuple[Array, Array]:
-    """Bounds without a reference, shapes `(n, 4)`.
-
-    Friction dissipates; rotors are felt unless sensors sit on the link side.
-    """
-    lower, upper = np.zeros((n, NUISANCES)), np.full((n, NUISANCES), np.inf)
-    lower[:, 2] = -np.inf
-    if kind == "link_torque":
-        upper[:, 3] = 0.0
-    return lower, upper
-
-
 def fit_nuisances(
     yy: Array, ye: Array, ee: Array, scale: Array, lower: Array, upper: Array, sweeps: int
 ) -> tuple[Array, Array]:
@@ -119,7 +107,10 @@ def shared_fit(
         prior: Standard deviation of the numbers around zero, shape `(k,)`.
     """
     n, k = len(residual), len(columns)
-    middle, width = _normal(bounds, size)
+    known = np.isfinite(bounds).all(axis=0)
+    low, high = (np.where(known, side, 0.0) for side in bounds)
+    middle, unit = 0.5 * (low + high), np.maximum(size, 1e-12)[:, None]
+    width = np.where(known, np.maximum(0.5 * (high - low), 1e-9 * unit), WIDE_STD * unit)
     columns = np.asarray(columns * (nuisances[:, 2] != 0.0))
     variance = np.maximum(np.mean(np.square(residual), axis=1), np.square(size))
     values: Array = np.zeros(k)
@@ -147,17 +138,6 @@ def shared_fit(
     return SharedFit(values, covariance)
 
 
-def _normal(bounds: tuple[Array, Array], size: Array) -> tuple[Array, Array]:
-    """Middle and half-width of bounds; infinite ones are wide."""
-    lower, upper = bounds
-    known = np.isfinite(lower) & np.isfinite(upper)
-    low, high = np.where(known, lower, 0.0), np.where(known, upper, 0.0)
-    wide = WIDE_STD * np.maximum(size, 1e-12)[:, None]
-    tiny = 1e-9 * np.maximum(size, 1e-12)[:, None]
-    width = np.where(known, np.maximum(0.5 * (high - low), tiny), wide)
-    return 0.5 * (low + high), width
-
-
 SHARP_DELAY_FLOOR = 0.002  # floor of misfits where two delays of one model are compared
 MISFIT_FLOOR = 0.03  # misfit that no model of a real robot is expected to stay below
 MOST_SAMPLE_COUNT = 100.0
@@ -181,10 +161,6 @@ class EffortProducts:
         """Those of some readings, by number; one may be there several times."""
         rows = list(which)
         return EffortProducts(self.yy[rows], self.ye[rows], self.ee[rows], self.count[rows])
-
-    def repeated(self, count: int) -> "EffortProducts":
-        """Those of one reading, so many times."""
-        return self.of([0] * count)
 
 
 @dataclass(frozen=True, eq=False)

@@ -252,29 +252,20 @@ def compared(t: Array, q: Sequence[Array], v: Sequence[Array]) -> Comparison | N
     length = t[-1] - t[0]
     if step <= 0.0 or not LEAST_SECONDS <= length <= 2.0 * step * len(t):
         return None
-    even = np.arange(t[0], t[-1], step)
-    found = []
+    even, width, found = np.arange(t[0], t[-1], step), max(1, round(SMOOTHED / step)), []
     for position, velocity in zip(q, v, strict=True):
         if np.ptp(position[fine]) >= LEAST_RANGE:
             x, y = (np.interp(even, t, values[fine]) for values in (position, velocity))
-            found.append(_of_joint(even, x, y))
+            way = np.concatenate(([0.0], np.cumsum(0.5 * (y[1:] + y[:-1]) * step)))
+            columns = np.column_stack((np.ones_like(x), even - even[0], way, y))
+            _, _, scale, late = np.linalg.lstsq(columns, x, rcond=None)[0].tolist()
+            noise = _noise(y, width) / _noise(np.gradient(x, step), width)
+            found.append((scale or 1e-300, late / (scale or 1e-300), noise))
     if not found:
         return None
     scale, late, noise = (float(x) for x in np.median(found, axis=0))
     farthest = max((one[0] for one in found), key=lambda scale: abs(scale - 1.0))
     return Comparison(scale, late, step, noise, farthest)
-
-
-def _of_joint(t: Array, q: Array, v: Array) -> tuple[float, float, float]:
-    """Scale, delay [s] and noise of one joint's velocities."""
-    step = t[1] - t[0]
-    way = np.concatenate(([0.0], np.cumsum(0.5 * (v[1:] + v[:-1]) * step)))
-    columns = np.column_stack((np.ones_like(t), t - t[0], way, v))
-    fit = np.linalg.lstsq(columns, q, rcond=None)[0]
-    width = max(1, round(SMOOTHED / step))
-    scale = float(fit[2]) or 1e-300
-    noise = _noise(v, width) / _noise(np.gradient(q, step), width)
-    return scale, float(fit[3]) / scale, noise
 
 
 def _noise(x: Array, width: int) -> float:
