@@ -75,7 +75,7 @@ def consistent_bodies(reading: Reading) -> ConsistentBodies | None:
     if not (np.isfinite(columns).all() and moving.any() and efforts.any()):
         return None
     problem = _BodyProblem(log, columns, range(len(log.knowledge.robot.bodies)))
-    found = problem.agreeing(efforts, efforts, moving.sum(axis=1) * log.excerpt.worth)
+    found = problem.agreeing(efforts, efforts, moving)
     return None if found is None else ConsistentBodies(found[1], problem.typical(found[0]))
 
 
@@ -98,7 +98,7 @@ def other_link(reading: Reading) -> Array | None:
     columns = np.concatenate((columns[..., mine], nuisances), axis=-1)
     rest = efforts - predicted * moving + columns[..., :10] @ nominal
     problem = _BodyProblem(log, columns, (last,))
-    found = problem.agreeing(rest, efforts, moving.sum(axis=1) * log.excerpt.worth)
+    found = problem.agreeing(rest, efforts, moving)
     return None if found is None else np.asarray((problem.scale @ found[0])[:10] - nominal)
 
 
@@ -134,32 +134,26 @@ def _regressor(model: Model) -> Regressor:
 class _BodyProblem:
     """The convex program of one reading, for those bodies whose columns come first.
 
-    Attributes:
-        scale: Numbers of the bodies and nuisances per unknown, shape `(k, k)`.
+    Its `scale` are numbers of the bodies and nuisances per unknown, shape `(k, k)`.
     """
 
     def __init__(self, log: Likelihood, columns: Array, which: Sequence[int]) -> None:
-        bodies, n = len(which), len(columns)
-        self._columns, self._worth, self._bodies = columns, log.excerpt.worth, bodies
-        k = columns.shape[-1]
-        self.scale = np.zeros((k, k))
+        self._columns, self._log, self._bodies = columns, log, len(which)
+        self.scale = np.zeros(2 * columns.shape[-1:])
         for place, body in enumerate(which):
             part = slice(10 * place, 10 * place + 10)
             self.scale[part, part] = ten_map(model_prior(log.knowledge.robot, body).inertia)
-        self._lower, self._upper = (side.reshape(-1) for side in log.bounds)
-        self._names = tuple(str(j) for j in range(k))
-        self._places = 10 * bodies + np.arange(NUISANCES * n)
+        self._places = np.arange(10 * len(which), columns.shape[-1])
 
     def agreeing(
-        self, efforts: Array, measured: Array, counts: Array
+        self, efforts: Array, measured: Array, moving: Array
     ) -> tuple[Array, LikelihoodScore] | None:
         """The unknowns that agree best, and how well; joints weigh by what is left of them.
 
-        Args:
-            efforts: What these bodies and the nuisances make, shape `(n, N)`.
-            measured: What the misfit is relative to, shape `(n, N)`.
-            counts: Independent samples of every joint, shape `(n,)`.
+        The bodies and the nuisances make the efforts, the misfit is relative to the measured ones,
+        where joints move; each `(n, N)`.
         """
+        counts = moving.sum(axis=1) * self._log.excerpt.worth
         whole = np.maximum(np.sum(np.square(measured), axis=1), 1e-30)
         misfits = np.full(len(efforts), 0.3)
         # squares of a joint's residual need the triangle of its rows alone
@@ -168,10 +162,8 @@ class _BodyProblem:
         near: Array | None = None
         try:
             for _ in range(WEIGHT_PASSES):
-                weights = 1.0 / np.sqrt(
-                    whole / np.maximum(counts, 1.0) * (misfits**2 + MISFIT_FLOOR**2)
-                )
-                u = self.solved(rows, weights, near)
+                variance = whole / np.maximum(counts, 1.0) * (misfits**2 + MISFIT_FLOOR**2)
+                u = self._solved(rows, np.sqrt(self._log.excerpt.worth / variance), near)
                 near = self.scale @ u
                 left = rows[..., -1] - rows[..., :-1] @ near
                 score = score_of(np.sum(np.square(left), axis=1), whole, counts, np.zeros((0,)))
@@ -180,16 +172,12 @@ class _BodyProblem:
             return None
         return u, score
 
-    def solved(self, rows: Array, weights: Array, near: Array | None) -> Array:
-        """The unknowns, rows of joint j times `weights[j]`.
+    def _solved(self, rows: Array, weights: Array, near: Array | None) -> Array:
+        """The unknowns; rows `(n, N, k + 1)`, the efforts last, of joint j times `weights[j]`.
 
-        Args:
-            rows: Columns of bodies and nuisances, and the efforts last, shape `(n, N, k + 1)`.
-            weights: Shape `(n,)`.
-            near: Numbers of bodies and nuisances with other weights, if there are any.
+        From numbers of bodies and nuisances with other weights, if there are any.
         """
-        scaled = weights * np.sqrt(self._worth)
-        rows = (rows * scaled[:, None, None]).reshape(-1, rows.shape[-1])
+        rows = (rows * weights[:, None, None]).reshape(-1, rows.shape[-1])
         rows, right = rows[:, :-1], rows[:, -1]
         size = np.linalg.norm(right)
         strength = np.linalg.norm(rows[:, self._places], axis=0)
@@ -198,30 +186,24 @@ class _BodyProblem:
         matrix = rows @ self.scale
         triangle = np.asarray(np.linalg.qr(np.column_stack((matrix, right)), mode="r"))
         k = matrix.shape[1]
-        bodies = self._bodies
-        weak = np.where(np.arange(k) < 10 * bodies, 0.0, WIDEST_FRICTION**-2)
         unknowns = Unknowns(
-            self._names,
-            (True,) * bodies,
-            tuple(int(p) for p in self._places),
+            tuple(str(j) for j in range(k)),
+            (True,) * self._bodies,
+            tuple(self._places.tolist()),
             self.scale,
-            weak,
+            np.where(np.arange(k) < 10 * self._bodies, 0.0, WIDEST_FRICTION**-2),
             triangle[:, :k],
             triangle[:, k],
         )
-        eye = np.eye(k)[self._places]
-        constraints = ConicConstraints((), eye, self._lower / sizes, self._upper / sizes)
+        lower, upper = (side.reshape(-1) / sizes for side in self._log.bounds)
+        constraints = ConicConstraints((), np.eye(k)[self._places], lower, upper)
         program = Program(unknowns, constraints, Entropic())
         if near is not None:
             end = polished(program, unknowns.of_standard(near), BODY_PRIOR_WEIGHT)
             if end is not None:
                 return end
-        return solved(
-            program.conic(BODY_PRIOR_WEIGHT),
-            "bodies of the log's own",
-            aim=AIMED_GAP,
-            enough=ENOUGH_GAP,
-        )[:k]
+        conic = program.conic(BODY_PRIOR_WEIGHT)
+        return solved(conic, "bodies of the log's own", aim=AIMED_GAP, enough=ENOUGH_GAP)[:k]
 
     def typical(self, u: Array) -> float:
         """Geometric mean over joints of the bodies' effort over that of the prior."""

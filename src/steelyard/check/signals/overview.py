@@ -175,8 +175,7 @@ def _near(values: Array, reach: float) -> NDArray[np.bool_]:
         return np.ones(len(values), dtype=np.bool_)
     windows = np.lib.stride_tricks.sliding_window_view(values, MEDIAN_ROWS)
     median = np.pad(np.median(windows, axis=1), MEDIAN_ROWS // 2, mode="edge")
-    near: NDArray[np.bool_] = np.abs(values - median) <= reach
-    return near
+    return np.asarray(np.abs(values - median) <= reach)
 
 
 def _rough(t: Array, q: Array) -> float:
@@ -204,8 +203,7 @@ def noise_of(x: Array) -> Array:
     """Standard deviation of white noise in signals `(N, C)`, by second differences, `(C,)`."""
     if len(x) < 3:
         return np.zeros(x.shape[1])
-    noise: Array = np.sqrt(np.square(np.diff(x, n=2, axis=0)).mean(axis=0) / 6.0)
-    return noise
+    return np.asarray(np.sqrt(np.square(np.diff(x, n=2, axis=0)).mean(axis=0) / 6.0))
 
 
 def width_of(rate: float) -> float:
@@ -270,5 +268,4 @@ def moving_joints(overview: SignalOverview, v: Array) -> NDArray[np.bool_]:
     steps = RANGE_STEPS * overview.resolution[overview.channels.q]
     spread = np.ptp(overview.q, axis=0)
     far = (spread > 0.0) & (spread >= np.maximum(steps, RANGE_NOISE * noise_of(overview.q)))
-    enough: NDArray[np.bool_] = far & (speed >= STILL_SHARE * speed.max())
-    return enough
+    return np.asarray(far & (speed >= STILL_SHARE * speed.max()))

@@ -23,7 +23,7 @@ from steelyard.check.signals.units import (
     unit_value,
 )
 from steelyard.check.signals.velocity_agreement import AGREEING_CORRELATION
-from steelyard.robot.file.signals import POSITION_UNITS, Signals
+from steelyard.robot.file.signals import POSITION_UNITS
 from steelyard.robot.init.column_names import Column
 from steelyard.robot.init.guess_efforts import beyond_range
 
@@ -38,12 +38,6 @@ class MisplacedVelocity:
     column: str  # its name
     correlation: float  # with the derivative of `position`; 0 where only the name says so
     position: str  # the column that holds the positions; empty if none is known
-
-    @property
-    def sure(self) -> bool:
-        """Whether its values, or the unit in its name, are those of a velocity."""
-        rated = Column(self.column).unit_words[-1:]
-        return self.correlation > 0.0 or bool({*rated} & RATE_UNIT_WORDS)
 
 
 @remembered
@@ -146,7 +140,19 @@ def _misplaced(case: Case, evidence: Evidence, wrong: Sequence[MisplacedVelocity
     signals, first = evidence.recording.signals, wrong[0]
     more = f" (and {len(wrong) - 1} more)" * (len(wrong) > 1)
     why = f"its values are the derivative of '{first.position}'"
-    sure = all(one.sure for one in wrong)
+    # by values, or by the unit in the name
+    sure = all(
+        one.correlation or {*Column(one.column).unit_words[-1:]} & RATE_UNIT_WORDS for one in wrong
+    )
+    edits: tuple[Edit, ...] = ()
+    if all(one.position for one in wrong):
+        instead = {one.column: one.position for one in wrong}
+        position = [instead.get(name, name) for name in signals.position]
+        edits = (Edit(("signals", "position"), position),)
+        back = {position: column for column, position in instead.items()}
+        if signals.velocity is not None and set(back) & set(signals.velocity):  # exchanged
+            velocity = [back.get(name, name) for name in signals.velocity]
+            edits = (*edits, Edit(("signals", "velocity"), velocity))
     return Finding.of(
         Severity.WRONG if sure else Severity.DOUBTFUL,
         f"position column '{first.column}'{more} holds velocities: "
@@ -156,23 +162,8 @@ def _misplaced(case: Case, evidence: Evidence, wrong: Sequence[MisplacedVelocity
         if first.correlation
         else "",
         joints=tuple(case.joints[one.joint] for one in wrong),
-        fix=Fix(
-            "declare the columns that hold positions, or log them", _with_positions(signals, wrong)
-        ),
+        fix=Fix("declare the columns that hold positions, or log them", edits),
     )
-
-
-def _with_positions(signals: Signals, wrong: Sequence[MisplacedVelocity]) -> tuple[Edit, ...]:
-    """The position columns with those that hold positions; velocities where they are exchanged."""
-    if not all(one.position for one in wrong):
-        return ()
-    instead = {one.column: one.position for one in wrong}
-    edits = [Edit(("signals", "position"), [instead.get(name, name) for name in signals.position])]
-    back = {position: column for column, position in instead.items()}
-    if signals.velocity is not None and set(back) & set(signals.velocity):
-        velocity = [back.get(name, name) for name in signals.velocity]
-        edits.append(Edit(("signals", "velocity"), velocity))
-    return tuple(edits)
 
 
 def _of_motors(case: Case, evidence: Evidence, off: Array, units: UnitReading) -> bool:

@@ -26,7 +26,10 @@ BROKEN_VERDICTS = (RowVerdict.UNREADABLE, RowVerdict.ABSURD, RowVerdict.JUMP)
 def corrupt_rows_check(case: Case, evidence: Evidence) -> Finding:
     """Cells that are missing, no numbers, or garbage; and why a log cannot be made a run."""
     broken = signal_overview(case, evidence).broken
-    count, total = _counted(evidence, broken)
+    count, total = int(broken.sum()), len(broken)
+    if isinstance(evidence.run, Run) and evidence.run.quality.rows > total:  # beyond the excerpt
+        dropped, total = evidence.run.quality.dropped, evidence.run.quality.rows
+        count = sum(dropped.get(verdict.reason, 0) for verdict in BROKEN_VERDICTS)
     share = count / max(total, 1)
     severity = Severity.DOUBTFUL if share > DOUBTFUL_BROKEN_SHARE else Severity.OK
     if share > WRONG_BROKEN_SHARE or total == 0:
@@ -52,15 +55,6 @@ def corrupt_rows_check(case: Case, evidence: Evidence) -> Finding:
         picture=picture,
         brief=f"{count} corrupt rows dropped" if count else "",
     )
-
-
-def _counted(evidence: Evidence, broken: NDArray[np.bool_]) -> tuple[int, int]:
-    """Broken rows and all rows: of the whole log if it is longer than the excerpt."""
-    if isinstance(evidence.run, Run) and evidence.run.quality.rows > len(broken):
-        quality = evidence.run.quality
-        dropped = sum(quality.dropped.get(verdict.reason, 0) for verdict in BROKEN_VERDICTS)
-        return dropped, quality.rows
-    return int(broken.sum()), len(broken)
 
 
 def _where_corrupt(broken: NDArray[np.bool_]) -> str:

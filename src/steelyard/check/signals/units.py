@@ -108,7 +108,9 @@ class JointFacts:
         self, second: float, position: str, velocity: str, free: bool = False
     ) -> JointReading:
         scale, relative = self.positions[position], self.velocities.get(velocity, 1.0)
-        cost = self._outside(scale) + self._speed(self.speed * scale / second)
+        off = beyond_range(self.coordinate, scale * self.low, scale * self.high)
+        share = log(max(off, 1.0) / BEYOND_RANGE) / log(FAR_BEYOND)
+        cost = OUTSIDE_COST * min(1.0, max(0.0, share)) + self._speed(self.speed * scale / second)
         if not free:
             cost += CHANGED_UNIT_COST * (position != next(iter(self.positions)))
             cost += self.changed * (velocity != next(iter(self.velocities), ""))
@@ -118,11 +120,6 @@ class JointFacts:
         if isfinite(ratio) and ratio > 0.0 and abs(log(ratio)) > log(SAME_SCALE):
             cost += DISAGREEING_COST
         return JointReading(position, scale, velocity, relative, cost)
-
-    def _outside(self, scale: float) -> float:
-        off = beyond_range(self.coordinate, scale * self.low, scale * self.high)
-        share = log(max(off, 1.0) / BEYOND_RANGE) / log(FAR_BEYOND)
-        return OUTSIDE_COST * min(1.0, max(0.0, share))
 
     def _speed(self, speed: float) -> float:
         limit, usual = self.coordinate.limits.velocity, USUAL_SPEED[self.coordinate.kind]
@@ -315,5 +312,4 @@ def driven_joints(case: Case, evidence: Evidence) -> NDArray[np.bool_]:
         return slope.moving
     scale = np.array([joint.position_scale for joint in joints])
     speed = np.sqrt(np.square(slope.v).mean(axis=1)) * scale * slope.moving
-    enough: NDArray[np.bool_] = slope.moving & (speed >= DRAGGED_SPEED_SHARE * speed.max())
-    return enough
+    return np.asarray(slope.moving & (speed >= DRAGGED_SPEED_SHARE * speed.max()))
