@@ -24,7 +24,7 @@ from steelyard.estimate.estimators import method_of
 from steelyard.estimate.scores.score import RunScore
 from steelyard.identify.fit import Fit, calibrated, fit
 from steelyard.identify.page.content import ReportContent
-from steelyard.identify.prepared_fit import FitTask, Payload, with_signals
+from steelyard.identify.prepared_fit import FitTask, with_signals
 from steelyard.identify.refits import (
     Repeated,
     bootstrap_of,
@@ -185,7 +185,8 @@ def identify(
         file,
         clean[: len(known)],
         clean[len(known) :],
-        Payload(payload_mass, payload_frame),
+        payload_mass,
+        payload_frame,
         threads or os.cpu_count() or 1,
         progress,
     )

@@ -51,14 +51,6 @@ _NOT_CONVERGED = (
 )
 
 
-@dataclass(frozen=True)
-class Payload:
-    """What the loaded runs carry, as far as it is known."""
-
-    mass: float | None = None  # [kg]; `None` if it is unknown
-    frame: str | None = None  # frame to give its numbers in; that of the last link if `None`
-
-
 @dataclass(frozen=True, eq=False)
 class PreparedFit:
     """A model of which only the parameters are open, and its runs."""
@@ -81,7 +73,8 @@ class FitTask:
     loaded: LoadedRobot
     runs: tuple[Run, ...]  # without payload
     carrying: tuple[Run, ...] = ()  # with it, for the gains
-    payload: Payload = Payload()
+    payload_mass: float | None = None  # [kg]; `None` if it is unknown
+    payload_frame: str | None = None  # to give its numbers in; that of the last link if `None`
     threads: int = 1
     progress: Progress = silent
 
@@ -183,9 +176,9 @@ def _friction_choice(
 
 def _gains(task: FitTask) -> GainEstimate | None:
     """The drive gains that the robot file requests."""
-    signals, payload = task.runs[0].recording.signals, task.payload
+    signals, mass, frame = task.runs[0].recording.signals, task.payload_mass, task.payload_frame
     if not any(signals.unknown_gains):
-        if task.carrying or payload != Payload():
+        if task.carrying or mass is not None or frame is not None:
             given = "loaded logs are" if task.carrying else "a payload is"
             raise ModelError(
                 f"{given} given, but no drive gain is to be identified",
@@ -213,9 +206,7 @@ def _gains(task: FitTask) -> GainEstimate | None:
     unloaded, loaded = ([gather_all(run) for run in some] for some in (task.runs, task.carrying))
     gains = zip(model.robot.joint_names, signals.gains, signals.unknown_gains, strict=True)
     known = {joint: float(gain) for joint, gain, unknown in gains if not unknown}
-    return identified_gains(
-        model, unloaded, loaded, mass=payload.mass, frame=payload.frame, known=known
-    )
+    return identified_gains(model, unloaded, loaded, mass=mass, frame=frame, known=known)
 
 
 def _offsets(task: FitTask, runs: Sequence[Run], gains: GainEstimate | None) -> ZeroOffsets | None:

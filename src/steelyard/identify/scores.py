@@ -135,24 +135,18 @@ class Scores:
             others = one.to_dict()["joints"]
             for (joint, logged), other in zip(one.errors.pairs, others, strict=True):
                 printed, unscaled = joint.to_dict(), {} if logged is None else logged.to_dict()
-                rows.append(
+                rows.append(  # `print` shows the first and the last columns
                     {
-                        "run": one.run,
-                        "fitted": fitted,
-                        "joint": joint.joint,
-                        **{key: printed[key] for key in PRINTED_ERRORS},
+                        **{"run": one.run, "fitted": fitted, "joint": joint.joint},
+                        **{k: printed[k] for k in ("error", "percent_of_limit", "used", "limit")},
                         **{f"{key}_as_logged": unscaled[key] for key in UNSCALED if unscaled},
-                        "moving": joint.counted,
-                        "band_hz": one.errors.cutoff,
                         "predicted_from": one.predicted_from,
                         **{"logged_unit" if k == "unit" else k: x for k, x in other.items()},
+                        **{k: printed[k] for k in ("unit", "percent_of_used", "moving")},
+                        "band_hz": one.errors.cutoff,
                     }
                 )
-        return _ends_first(
-            frame(rows, "scores"),
-            ("run", "fitted", "joint", "error"),
-            ("unit", "percent_of_used", "moving", "band_hz"),
-        )
+        return frame(rows, "scores")
 
     def __getitem__(self, column: str) -> Series:
         """A column of `table`.
@@ -183,8 +177,6 @@ class Scores:
         return f"<pre>{escape(str(self))}</pre>"
 
 
-PRINTED_ERRORS = ("error", "unit", "percent_of_used", "percent_of_limit", "used", "limit")
-"""Columns of the printed errors, in the order of the terminal."""
 UNSCALED = ("error", "used", "percent_of_used")  # as logged too, with estimated scales
 
 
@@ -209,15 +201,9 @@ def parameter_table(model: str | Path | IdentifiedModel) -> DataFrame:
         >>> table["std"].min() >= 0.0
         True
     """
-    return _ends_first(
-        frame([vars(row) for row in parameter_rows(load_model(model))], "parameters"),
-        ("name", "value", "unit", "std"),
-        ("lower95", "upper95", "relative_std_percent", "status"),
-    )
-
-
-def _ends_first(table: DataFrame, first: Sequence[str], last: Sequence[str]) -> DataFrame:
-    """The same columns in an order of which `print` shows those that matter."""
+    table = frame([vars(row) for row in parameter_rows(load_model(model))], "parameters")
+    first = ("name", "value", "unit", "std")
+    last = ("lower95", "upper95", "relative_std_percent", "status")
     between = [name for name in table.columns if name not in (*first, *last)]
     return table.select(*first, *between, *last)
 
