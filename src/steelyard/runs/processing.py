@@ -38,20 +38,13 @@ SMOOTHERS: dict[str, type[Any]] = {
 }
 """Ways to smooth efforts, for `effort = ...`."""
 
-_MOTION = Kinds(METHODS, "method", "method for motion", "method")
-_EFFORT = Kinds(SMOOTHERS, "method", "method for effort", "method")
-
-
-def method_of(description: str | Mapping[str, Any], where: str) -> Method:
-    """A method from its name, or from a table with its name under `method` and its settings."""
-    method: Method = _MOTION.built(description, where)
-    return method
-
-
-def smoother_of(description: str | Mapping[str, Any], where: str) -> Smoother:
-    """A smoother of efforts, likewise."""
-    smoother: Smoother = _EFFORT.built(description, where)
-    return smoother
+Description = str | Mapping[str, Any]
+method_of: Callable[[Description, str], Method]
+method_of = Kinds(METHODS, "method", "method for motion", "method").built
+"""A method from its name, or from a table with its name under `method` and its settings."""
+smoother_of: Callable[[Description, str], Smoother]
+smoother_of = Kinds(SMOOTHERS, "method", "method for effort", "method").built
+"""A smoother of efforts, likewise."""
 
 
 def description_of(method: Method | Smoother) -> dict[str, Any]:

@@ -56,24 +56,22 @@ def _cubic(t: Array, x: Array, at: Array) -> Array:
     return np.asarray(x[:, i] + u * step[i] * along)
 
 
-def _pchip(t: Array, x: Array, at: Array) -> Array:
-    from scipy.interpolate import PchipInterpolator
+def _of_scipy(name: str) -> Callable[[Array, Array, Array], Array]:
+    def function(t: Array, x: Array, at: Array) -> Array:
+        from scipy import interpolate
 
-    return np.asarray(PchipInterpolator(t, x, axis=1)(at))
+        return np.asarray(getattr(interpolate, name)(t, x, axis=1)(at))
 
-
-def _spline(t: Array, x: Array, at: Array) -> Array:
-    from scipy.interpolate import CubicSpline
-
-    return np.asarray(CubicSpline(t, x, axis=1)(at))
+    return function
 
 
 CUBIC = Interpolation(1, _cubic)
 INTERPOLATIONS = {
     "cubic": CUBIC,
     "linear": Interpolation(0, _linear),
-    "pchip": Interpolation(1, _pchip),
-    "spline": Interpolation(60, _spline),  # a row's say falls by half or more from row to row
+    "pchip": Interpolation(1, _of_scipy("PchipInterpolator")),
+    # a row's say falls by half or more from row to row
+    "spline": Interpolation(60, _of_scipy("CubicSpline")),
 }
 """By the names they have in files."""
 WORST_NEIGHBOUR = Interpolation(0, _worst)
