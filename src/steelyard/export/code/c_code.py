@@ -61,7 +61,7 @@ TEMPLATES = Path(__file__).parent / "templates"
 
 def filled(template: str, values: Mapping[str, Any]) -> str:
     """A file's text: a template whose brackets and braces are its language's, with values."""
-    return _templates().get_template(template).render(values)
+    return str(_templates().get_template(template).render(values))
 
 
 @cache

@@ -148,26 +148,21 @@ def _binary(name: str, sources: dict[str, str]) -> dict[str, bytes]:
     found = compiler()
     if known is None or found is None:
         return {}
-    folder, suffix = known
+    folder, target = known[0], f"{name}{known[1]}"
     with tempfile.TemporaryDirectory() as place:
         for file, text in sources.items():
             (Path(place) / file).write_text(text, encoding="utf-8")
-        _compile(found, Path(place), [x for x in sources if x.endswith(".c")], name + suffix)
-        return {f"binaries/{folder}/{name}{suffix}": (Path(place) / (name + suffix)).read_bytes()}
-
-
-def _compile(command: str, folder: Path, sources: Sequence[str], target: str) -> None:
-    options = ("-std=c99", "-O2", "-shared", "-fPIC")
-    done = subprocess.run(
-        [command, *options, *sources, "-o", target, "-lm"], cwd=folder, capture_output=True
-    )
-    if done.returncode:
-        raise OutputError(
-            f"the compiler fails: {done.stderr.decode(errors='replace')[:200]}",
-            where=command,
-            fix="check that it compiles C, or take it off the search path: the FMU then has the "
-            "sources alone",
-        )
+        command = [found, "-std=c99", "-O2", "-shared", "-fPIC"]
+        command += [file for file in sources if file.endswith(".c")]
+        done = subprocess.run([*command, "-o", target, "-lm"], cwd=place, capture_output=True)
+        if done.returncode:
+            raise OutputError(
+                f"the compiler fails: {done.stderr.decode(errors='replace')[:200]}",
+                where=found,
+                fix="check that it compiles C, or take it off the search path: the FMU then has "
+                "the sources alone",
+            )
+        return {f"binaries/{folder}/{target}": (Path(place) / target).read_bytes()}
 
 
 def fmi2_code(code: CCode, guid: str, starts: Sequence[float]) -> str:
