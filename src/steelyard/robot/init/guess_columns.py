@@ -111,7 +111,7 @@ def guess_columns(
     where = guess_positions(position, joints, values, columns, geared)
     velocity = _one_each(joints, kinds.get("velocity", []), how)
     rates = judged(velocity, position, joints, where.unit, clock, sample or {})
-    used = rates.columns
+    used = rates.used
     kind, side = "joint_torque", "joint"
     if {"A", "mA"} & set(units):  # a gain takes currents to the joints' side
         kind = "motor_current"

@@ -9,6 +9,7 @@ from math import isfinite
 import numpy as np
 
 from steelyard.base.arrays import Array
+from steelyard.robot.file.signals import POSITION_UNITS
 from steelyard.robot.init.column_names import CURRENTS, TORQUES, Column
 from steelyard.robot.models.xml_reader import Element
 from steelyard.robot.robot import Coordinate
@@ -147,13 +148,13 @@ class Gears:
 def beyond_limits(
     positions: Sequence[Column],
     joints: Sequence[Coordinate],
-    scales: Sequence[float],
+    units: Sequence[str],
     values: Mapping[str, Array],
 ) -> list[float]:
     """Reach of each position from the middle of its joint's range, over half of it; or zero."""
     found = []
-    for column, joint, scale in zip(positions, joints, scales, strict=True):
-        x = scale * values.get(column.name, np.zeros(0))
+    for column, joint, unit in zip(positions, joints, units, strict=True):
+        x = POSITION_UNITS[joint.kind][unit] * values.get(column.name, np.zeros(0))
         ends = [float(end) for end in np.quantile(x, (0.01, 0.99))] if len(x) else []
         found.append(beyond_range(joint, *ends) if ends else 0.0)
     return found

@@ -93,23 +93,28 @@ much noise they are worth nothing."""
 ABSURD = 1e6  # values that no sensor has
 SMOOTHED = 0.1  # moving average before noises are compared [s]: about what later filters leave
 
-SMALL_UNITS = {"deg": np.pi / 180.0, "mm": 1e-3}  # units of positions that are not rad or m
 RATES = {"rad": "rad/s", "deg": "deg/s", "m": "m/s", "mm": "mm/s"}
 """Units of velocities by those of positions."""
 
 
 @dataclass(frozen=True)
-class VelocityGuess:
-    """Velocity columns that are used, all or none, their unit, and why.
+class MotionGuess:
+    """What columns of positions or velocities hold, why, and what contradicts it.
 
-    The unit is one for all, one per joint, or `None` for rad/s and m/s; also of those left out.
-    Contradictions are what they say against a rate that is given, in one sentence.
+    The unit is one for all, one per joint, or `None` for rad and m (per second); also of velocities
+    that are left out.
     """
 
-    columns: tuple[Column, ...]
     unit: Any
     reason: str
-    contradictions: tuple[str, ...] = ()
+    contradictions: tuple[str, ...] = ()  # to the model's limits, or to a rate that is given
+    motors: bool = False  # whether positions are the motors'
+    used: tuple[Column, ...] = ()  # velocity columns, all or none
+
+
+def _stated(units: Sequence[str], usual: Sequence[str]) -> Any:
+    """Units as the robot file states them: one for all or one each; `None` for the usual ones."""
+    return None if units == usual else units[0] if len(set(units)) == 1 else units
 
 
 @dataclass(frozen=True)
@@ -160,7 +165,7 @@ def judged(
     unit: Any,
     clock: Mapping[str, Any],
     sample: Mapping[str, ArrayLike],
-) -> VelocityGuess:
+) -> MotionGuess:
     """Velocity columns that are used, all or none, their unit, and why.
 
     Columns are listed joint by joint; `unit` is that of the positions: one, one per joint, or
@@ -169,14 +174,15 @@ def judged(
     names = [c.name for c in (*position, *velocity)]
     shown = listed(velocity)
     if not velocity or not sample.keys() >= {*names, *([clock["time"]] if "time" in clock else [])}:
-        return VelocityGuess((), None, f"velocities ({shown}) are left out, as they are often late")
+        return MotionGuess(None, f"velocities ({shown}) are left out, as they are often late")
     values = [np.asarray(sample[name], dtype=np.float64) for name in names]
     rows = np.arange(len(values[0]), dtype=np.float64)
     t = rows / clock["rate"] if "rate" in clock else np.asarray(sample[clock["time"]], np.float64)
     t = t * TIME_UNITS[str(clock.get("time_unit", "s"))]
     given = [unit] * len(position) if unit is None or isinstance(unit, str) else unit
     units = [str(one or joint.unit) for one, joint in zip(given, joints, strict=True)]
-    q = [x * SMALL_UNITS.get(one, 1.0) for x, one in zip(values, units, strict=False)]
+    sizes = POSITION_UNITS["revolute"] | POSITION_UNITS["prismatic"]
+    q = [sizes[one] * x for one, x in zip(units, values, strict=False)]
     own = [RATES[one] for one in units]
     found, rates = _in_unit(t, q, values[len(q) :], own, joints)
     unit_words = f"in {' and '.join(dict.fromkeys(rates))}" if rates != own else ""
@@ -192,10 +198,9 @@ def judged(
             "positions"
         )
     used = tuple(velocity) if found is not None and not found.faults else ()
-    usual = rates == [RATES[joint.unit] for joint in joints]
-    one = None if usual else rates[0] if len(set(rates)) == 1 else rates
+    one = _stated(rates, [RATES[joint.unit] for joint in joints])
     against = () if found is None or "rate" not in clock else _other_rate(found, clock["rate"])
-    return VelocityGuess(used, one, f"velocities ({shown}) are {why}", against)
+    return MotionGuess(one, f"velocities ({shown}) are {why}", against, used=used)
 
 
 def _other_rate(found: Comparison, rate: float) -> tuple[str, ...]:
@@ -278,23 +283,13 @@ def _figures(value: float, digits: int = 2) -> str:
     return np.format_float_positional(value, digits, unique=True, fractional=False, trim="-")
 
 
-@dataclass(frozen=True)
-class PositionGuess:
-    """Unit and side of the position columns, why, and what contradicts the model's limits."""
-
-    unit: Any
-    reason: str
-    motors: bool = False
-    contradictions: tuple[str, ...] = ()
-
-
 def guess_positions(
     columns: Sequence[Column],
     joints: Sequence[Coordinate],
     values: Mapping[str, Array],
     every: Sequence[str],
     geared: bool = False,
-) -> PositionGuess:
+) -> MotionGuess:
     """Unit and side of position columns, by their names and by the joints' limits.
 
     Positions far beyond the limits in rad, but within them in deg, are in deg whatever their names
@@ -304,11 +299,10 @@ def guess_positions(
     if all(column.of_motor for column in columns):
         unit, reason = _motor_unit(columns)
         why = f"of motors, not of joints, by their names; {reason}"
-        return PositionGuess(unit, why, motors=True)
-    unit, reason = _position_unit(columns, joints, values)
-    units = [unit] * len(columns) if unit is None or isinstance(unit, str) else unit
-    scales = [SMALL_UNITS.get(str(one), 1.0) for one in units]
-    beyond = beyond_limits(columns, joints, scales, values)
+        return MotionGuess(unit, why, motors=True)
+    units, reason = _position_units(columns, joints, values)
+    usual = [joint.unit for joint in joints]
+    beyond = beyond_limits(columns, joints, units, values)
     limited = sum(x > 0.0 for x in beyond)
     if limited and 2 * sum(x > LEAST_MOTOR_BEYOND_LIMIT for x in beyond) > limited:
         if whole_numbers(columns, values):
@@ -319,39 +313,25 @@ def guess_positions(
                 "convert them to rad or m in the log: counts per turn (data sheet) and, if they "
                 f"are the motors', gear ratios; then {IN_FILE}",
             )
-        degrees = None if geared else _degrees(columns, joints, units, values)
+        degrees = ["deg" if unit == "rad" else unit for unit in units]
+        within = max(beyond_limits(columns, joints, degrees, values)) <= LEAST_POSITION_BEYOND_LIMIT
         times = f"up to {max(beyond):.3g} times the joints' limits"
-        if degrees is not None:
+        if not geared and degrees != units and within:
             why = f"in deg though their names say rad, in which they would be {times}"
-            return PositionGuess(degrees, f"{why} (if they are of motors: --ratios)")
+            return MotionGuess(_stated(degrees, usual), f"{why} (if they are of motors: --ratios)")
         unit, unit_reason = _motor_unit(columns)
         why = f"{times}: of motors, not of joints; {unit_reason}"
-        return PositionGuess(unit, why, motors=True)
+        return MotionGuess(unit, why, motors=True)
     far = [(x, f"{j.name} ({c.name})") for c, j, x in zip(columns, joints, beyond, strict=True)]
     far = [(x, name) for x, name in far if x > LEAST_POSITION_BEYOND_LIMIT]
     if not far:
-        return PositionGuess(unit, reason)
+        return MotionGuess(_stated(units, usual), reason)
     more = f" (and {len(far) - 1} more joints)" * (len(far) > 1)
     contradiction = (
         f"positions go beyond the limits of the model, up to {max(far)[0]:.2g} times for "
         f"{max(far)[1]}{more}: unit, columns or joint order are wrong, or the limits"
     )
-    return PositionGuess(unit, reason, contradictions=(contradiction,))
-
-
-def _degrees(
-    columns: Sequence[Column],
-    joints: Sequence[Coordinate],
-    units: Sequence[str | None],
-    values: Mapping[str, Array],
-) -> Any:
-    """Units with deg for rad, if all positions are within the joints' limits then; else `None`."""
-    own = [unit or joint.unit for unit, joint in zip(units, joints, strict=True)]
-    other = ["deg" if unit == "rad" else unit for unit in own]
-    beyond = beyond_limits(columns, joints, [SMALL_UNITS.get(u, 1.0) for u in other], values)
-    if own == other or max(beyond) > LEAST_POSITION_BEYOND_LIMIT:
-        return None
-    return other[0] if len(set(other)) == 1 else other
+    return MotionGuess(_stated(units, usual), reason, (contradiction,))
 
 
 def _motor_unit(columns: Sequence[Column]) -> tuple[str | None, str]:
@@ -361,9 +341,9 @@ def _motor_unit(columns: Sequence[Column]) -> tuple[str | None, str]:
     return (unit, f"in {unit} by their names") if unit else ("rad", "in rad, by default")
 
 
-def _position_unit(
+def _position_units(
     columns: Sequence[Column], joints: Sequence[Coordinate], values: Mapping[str, Array]
-) -> tuple[Any, str]:
+) -> tuple[list[str], str]:
     units, why = [], "in rad or m, by default"
     for column, joint in zip(columns, joints, strict=True):
         most = reach(column.name, values)
@@ -377,6 +357,4 @@ def _position_unit(
             units.append(other if most > far else si)
             if most > 0.0:
                 why = f"in {units[-1]} by their range (up to {most:.3g})"
-    if set(units) <= {"rad", "m"}:
-        return None, why
-    return (units[0] if len(set(units)) == 1 else units), why
+    return units, why
