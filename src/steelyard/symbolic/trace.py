@@ -18,17 +18,13 @@ _NAMES = {function.__name__: name for name, function in NUMPY.items()}
 _TURNED = {"greater": "less", "greater_equal": "less_equal"}
 
 
-def _operator(operation: str, turned: bool = False) -> Callable[["Symbol", Any], Any]:
-    """A method of a symbol for an operation with another scalar, behind it or, turned, before."""
+def _operator(operation: str, turned: bool = False) -> Callable[..., Any]:
+    """A method of a symbol for an operation, with another scalar behind it or, turned, before."""
 
-    def apply(self: "Symbol", other: Any) -> Any:
-        return self._applied(operation, *((other, self) if turned else (self, other)))
+    def apply(self: "Symbol", *other: Any) -> Any:
+        return self._applied(operation, *((*other, self) if turned else (self, *other)))
 
     return apply
-
-
-def _function(operation: str) -> Callable[["Symbol"], Any]:
-    return lambda self: self._applied(operation, self)
 
 
 class Symbol:
@@ -82,9 +78,9 @@ class Symbol:
             value = value * self
         return value
 
-    __neg__, __abs__ = _function("neg"), _function("abs")
+    __neg__, __abs__ = _operator("neg"), _operator("abs")
     # as NumPy asks the entries of an array for them
-    sin, cos = _function("sin"), _function("cos")
+    sin, cos = _operator("sin"), _operator("cos")
 
     def __eq__(self, other: object) -> bool:
         raise NotImplementedError("programs do not know '=='")

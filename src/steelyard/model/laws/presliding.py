@@ -8,7 +8,8 @@ whole step.
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from math import inf
+from typing import ClassVar
 
 import numpy as np
 
@@ -88,7 +89,8 @@ class MaxwellSlip(Presliding):
     relaxing: bool = False
 
     def __post_init__(self) -> None:
-        if not _are_lengths(self.lengths):
+        lengths = self.lengths if isinstance(self.lengths, tuple) else ()
+        if not lengths or not all(isinstance(x, float | int) and 0.0 < x < inf for x in lengths):
             raise unfit(
                 f"Maxwell slip with lengths {self.lengths!r}",
                 "give one length above zero per element: lengths = [3e-4, 1e-3]",
@@ -200,11 +202,3 @@ class LuGre(Presliding):
         moved = np.array([inertia(axis) for axis in axes])
         damping = 2.0 * np.sqrt(np.mean(INVENTED_TORQUE_SHARE) * friction * lengths * moved)
         return np.concatenate((friction, damping))
-
-
-def _are_lengths(values: Any) -> bool:
-    return (
-        isinstance(values, tuple)
-        and bool(values)
-        and all(isinstance(x, float | int) and 0.0 < x < float("inf") for x in values)
-    )

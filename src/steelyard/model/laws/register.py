@@ -130,21 +130,18 @@ def _names(law: type[Any]) -> tuple[str, ...]:
 
 
 def _field(law: type[Any], name: str, given: Any, where: str) -> Any:
-    """What a file says of one field: its value, or that it is to be found."""
+    """What a file says of one field: its value, or that it is to be found.
+
+    Switches are true or false, and nothing else is: to Python, true is the number 1.
+    """
     if is_search(given):
         return search_of(law, name, given, where)
     value = _value(given)
-    _refuse_mistaken_switch(law, name, value, where)
-    return value
-
-
-def _refuse_mistaken_switch(law: type[Any], name: str, value: Any, where: str) -> None:
-    """Switches are true or false, and nothing else is: to Python, true is the number 1."""
     defaults = {field.name: field.default for field in dataclasses.fields(law)}
     switch = isinstance(defaults.get(name), bool)
     parts = value if isinstance(value, tuple) else (value,)
     if isinstance(value, bool) if switch else not any(isinstance(x, bool) for x in parts):
-        return
+        return value
     raise ModelError(
         f"term '{law.law}' has {name} = {value!r}",
         where=where,

@@ -23,7 +23,6 @@ from steelyard.robot.models.xacro_values import (
     power,
     product,
     remainder,
-    whole_text,
 )
 from steelyard.robot.models.xml_reader import Element
 
@@ -201,7 +200,9 @@ class _Evaluation:
             raise XacroError("'*' is not supported in expressions", _FIX)
         given = [self.of(part) for part in node.args]
         named = {part.arg: self.of(part.value) for part in node.keywords if part.arg}
-        if len(named) < len(node.keywords) or not all(_plain(v) for v in (*given, *named.values())):
+        values = [value for value in (*given, *named.values()) if value is not None]
+        plain = all(isinstance(x, int | float | str | list | tuple | dict) for x in values)
+        if len(named) < len(node.keywords) or not plain:
             raise XacroError("a function is not given plain values", _FIX)
         return self._made(function(*given, **named))
 
@@ -216,10 +217,6 @@ class _Evaluation:
         if not callable(function):
             raise XacroError(f"'{ast.unparse(node)[:80]}' is not a function", _FIX)
         return function  # type: ignore[no-any-return]
-
-
-def _plain(value: Any) -> bool:
-    return value is None or isinstance(value, int | float | str | list | tuple | dict)
 
 
 _FIX = "write it with numbers, texts, lists and the functions of docs/robot-file.md"
@@ -333,7 +330,8 @@ class Scope(Names):
                 results.append(match[0])
         if len(results) > 1 and any(callable(part) for part in results):
             raise XacroError(f"'{text[:80]}' writes a function, not a value")
-        return bounded(whole_text(results), self.reading.budget)
+        whole = results[0] if len(results) == 1 else "".join(map(str, results))
+        return bounded(whole, self.reading.budget)
 
     def macro(self, name: str) -> tuple[Macro, "Scope"]:
         """A macro, and the scope around its call: this one, or the namespace of `arm.link`."""

@@ -101,11 +101,6 @@ def as_truth(value: Any, text: str) -> bool:
         ) from None
 
 
-def whole_text(results: list[Any]) -> Any:
-    """Parts of a text joined; a single one keeps its type."""
-    return results[0] if len(results) == 1 else "".join(str(part) for part in results)
-
-
 def remainder(left: Any, right: Any) -> Any:
     """`left % right` of numbers, or numbers in a text; `XacroError` if it may be wide."""
     if not isinstance(left, str):
