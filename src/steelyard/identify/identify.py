@@ -14,7 +14,7 @@ from steelyard.check.decision.joint_zeros import turned_joints
 from steelyard.check.decision.transmission import missing_coupling
 from steelyard.check.examine import Diagnosis
 from steelyard.check.finding import Finding, Severity
-from steelyard.check.findings_text import open_words
+from steelyard.check.findings_text import groups, open_words, print_notes
 from steelyard.check.fitted.fitted_case import FittedCase
 from steelyard.check.fitted.implausible import refuse_absurd
 from steelyard.check.fitted.post_fit import examine_fit
@@ -209,6 +209,8 @@ def identify(
         _doubtful(before, task.runs),
         found.scales,
     )
+    after = (*turned_joints(before), *examine_fit(case, progress))
+    bases = (*of_base(file, before), *missing_coupling(before, file.couplings_stated))
     varied = None
     if sensitivity:
         columns = identified.signals.of_commanded() if commanded else identified.signals
@@ -229,7 +231,6 @@ def identify(
                 *assumed,
                 *first_dropped(open_loops),
                 *found.ignored,
-                *unresolved,
                 *commanded_note(identified, fresh),
                 *failed_draws,
                 *failed_logs,
@@ -244,10 +245,9 @@ def identify(
             diagnosis=diagnosis,
             limitations=(
                 *_open_questions(diagnosis),
-                *turned_joints(before),
-                *examine_fit(case, progress),
-                *of_base(file, before),
-                *missing_coupling(before, file.couplings_stated),
+                *_doubts(diagnosis, (*after, *bases)),
+                *after,
+                *bases,
             ),
             sensitivity=varied,
             bootstrap=drawn,
@@ -292,6 +292,17 @@ def _doubtful(before: Sequence[Finding], runs: Sequence[Run]) -> tuple[Finding, 
         for one in before
         if one.severity == Severity.DOUBTFUL and one.hypotheses and one.log in names
     )
+
+
+def _doubts(diagnosis: Diagnosis | None, found: Sequence[Finding]) -> tuple[Finding, ...]:
+    """What the check of the logs doubts, and no check after the fit takes up."""
+    if diagnosis is None:
+        return ()
+    groups_left = [g for g in groups(diagnosis) if g.check not in {one.check for one in found}]
+    left = Diagnosis(tuple(finding for group in groups_left for finding in group.findings))
+    checks = [group.check for group in groups(left) if group.severity]
+    says = zip(checks, print_notes(left), strict=True)
+    return tuple(Finding(check, "", Severity.DOUBTFUL, note, "") for check, note in says)
 
 
 def _open_questions(diagnosis: Diagnosis | None) -> tuple[Finding, ...]:
