@@ -59,18 +59,13 @@ STATES, STATES_OF_LOOPS = 400, 60  # fewer of loops, which are followed from one
 
 def statuses(identified: IdentifiedModel) -> dict[str, ParameterStatus]:
     """The status of every base parameter, by its name."""
-    estimate = identified.estimate
-    shares = effort_shares(identified)
-    known = np.ones(len(estimate.parameters)) if estimate.learned is None else estimate.learned
+    estimate, shares = identified.estimate, effort_shares(identified)
+    own, learned = estimate.parameters, estimate.learned
+    learned = np.ones(len(own)) if learned is None else learned
+    figures = np.column_stack([own.values, estimate.std, 100.0 * learned]).tolist()
     found = {
-        name: _status(value, std, shares.get(name, np.inf), 100.0 * learned)
-        for name, value, std, learned in zip(
-            estimate.parameters.names,
-            estimate.parameters.values.tolist(),
-            estimate.std.tolist(),
-            known.tolist(),
-            strict=True,
-        )
+        name: _status(value, std, shares.get(name, np.inf), from_data)
+        for name, (value, std, from_data) in zip(own.names, figures, strict=True)
     }
     found |= dict.fromkeys(estimate.at_bound, "at a bound")
     found |= dict.fromkeys(estimate.known, "known")
