@@ -278,28 +278,22 @@ def model_part(
     tables = [*_spring_lines(springs), *_motor_lines(guess, gears)]
     terms = ", ".join(toml_text(name) for name in names)
     listed = f"[\n  {terms},\n" + "\n".join(tables) + "\n]" if tables else f"[{terms}]"
-    return f"{_HEAD}\nterms = {listed}\n{_friction_lines(known)}"
-
-
-def _friction_lines(known: Known) -> str:
-    """`friction`, or how to get it."""
     if known.auto:
-        why = f"Friction laws are chosen from the logs by cross-validation: {known.friction}."
-        instead = (
+        friction = [
+            f"Friction laws are chosen from the logs by cross-validation: {known.friction}.",
             "For ROS 2 packages and other controllers that keep no state between samples: "
             '"auto_memoryless". For fixed laws remove this line and add "coulomb", "viscous" to '
-            "terms."
-        )
-        return f'{comment(why)}\n{comment(instead)}\nfriction = "auto"'
-    why = f" Not used: {known.friction}." if known.friction else ""
-    return (
-        comment(
+            "terms.",
+        ]
+    else:
+        why = f" Not used: {known.friction}." if known.friction else ""
+        friction = [
             'Better with enough motion: friction = "auto", without "coulomb" and "viscous" in '
             "terms, chooses friction laws from the logs by cross-validation. It needs motion "
             f"of every joint in both directions, at several speeds, in one log or more.{why}"
-        )
-        + '\n# friction = "auto"'
-    )
+        ]
+    line = 'friction = "auto"' if known.auto else '# friction = "auto"'
+    return "\n".join([_HEAD, f"terms = {listed}", *map(comment, friction), line])
 
 
 def _spring_lines(springs: Mapping[str, JointSpring]) -> list[str]:
