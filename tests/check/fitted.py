@@ -20,7 +20,6 @@ from steelyard.robot.file.robot_file import LoadedRobot, load_robot
 from steelyard.robot.robot import Robot
 from steelyard.runs.named_logs import log_files, runs_of
 from steelyard.runs.run import Run
-from steelyard.simulate.demo import _ROBOT_FILE
 from steelyard.simulate.truth import Truth
 
 RATE, SECONDS = 125.0, 20.0
@@ -28,8 +27,8 @@ RATE, SECONDS = 125.0, 20.0
 
 def demo_arm(folder: Path) -> LoadedRobot:
     """The demo arm's robot file, written to a folder."""
-    shutil.copy(str(files("steelyard.simulate") / "demo_arm.urdf"), folder / "demo_arm.urdf")
-    (folder / "arm.toml").write_text(_ROBOT_FILE)
+    for name, copied in (("demo_arm.urdf", "demo_arm.urdf"), ("demo_arm.toml", "arm.toml")):
+        shutil.copy(str(files("steelyard.simulate") / name), folder / copied)
     return load_robot(folder / "arm.toml")
 
 

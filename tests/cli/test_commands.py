@@ -17,6 +17,7 @@ from cli.conftest import Command
 from cli.mistakes import LOG, ROBOT
 from short_arm import without_wrist
 from steelyard.cli.app import app, expanded
+from steelyard.robot.file.robot_file import LoadedRobot, load_robot
 from steelyard.simulate import demo as demonstration
 
 URDF = "../given/demo_arm.urdf"
@@ -342,12 +343,19 @@ def test_simulate_draws_by_its_seed(command: Command, tmp_path: Path) -> None:
 @pytest.mark.slow
 @pytest.mark.usefixtures("searches_here")
 def test_demo(command: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    text = demonstration._ROBOT_FILE
-    for usual, quick in (("period = 20.0", "period = 6.0"), ("harmonics = 16", "harmonics = 4")):
-        assert usual in text
-        text = text.replace(usual, quick)
-    monkeypatch.setattr(demonstration, "_ROBOT_FILE", text)
-    monkeypatch.setattr(demonstration, "write_demo_arm", without_wrist)
+    def quick_arm(folder: Path) -> LoadedRobot:
+        without_wrist(folder)
+        text = (folder / "demo_arm.toml").read_text("utf-8")
+        for usual, quick in (
+            ("period = 20.0", "period = 6.0"),
+            ("harmonics = 16", "harmonics = 4"),
+        ):
+            assert usual in text
+            text = text.replace(usual, quick)
+        (folder / "demo_arm.toml").write_text(text, "utf-8")
+        return load_robot(folder / "demo_arm.toml")
+
+    monkeypatch.setattr(demonstration, "write_demo_arm", quick_arm)
     done = command("demo", "--seed", "3", "-o", tmp_path / "demo", "--json")
     result = strict(done.stdout)
     assert result["output"] == str(tmp_path / "demo" / "results")

@@ -10,7 +10,6 @@ import pytest
 from short_arm import without_wrist
 from steelyard.base.motion import run
 from steelyard.excite.trajectories.fourier import random_fourier
-from steelyard.simulate.demo import _ROBOT_FILE
 from steelyard.simulate.truth import random_truth
 from steelyard.simulate.virtual_robot import VirtualRobot, customary_sensors
 
@@ -23,7 +22,8 @@ def test_only_fitted_logs_are_averaged(command: Callable[..., Any], tmp_path: Pa
     run(rig, random_fourier(robot, seed=1, period=3.0, periods=4), tmp_path / "many.parquet")
     run(rig, random_fourier(robot, seed=2, period=4.0), tmp_path / "once.parquet")
     chosen = "\n[processing]\nrepetitions = {period = 3.0, drop_last = 0}\n"
-    (tmp_path / "robot.toml").write_text(_ROBOT_FILE + chosen)
+    text = (tmp_path / "demo_arm.toml").read_text(encoding="utf-8")
+    (tmp_path / "robot.toml").write_text(text + chosen, encoding="utf-8")
     many, once = tmp_path / "many.parquet", tmp_path / "once.parquet"
     out = ["-o", tmp_path / "out", "--json"]
     done = command("identify", tmp_path / "robot.toml", many, "--validate", once, *out)
