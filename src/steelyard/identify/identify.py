@@ -298,9 +298,9 @@ def _doubts(diagnosis: Diagnosis | None, found: Sequence[Finding]) -> tuple[Find
     """What the check of the logs doubts, and no check after the fit takes up."""
     if diagnosis is None:
         return ()
-    groups_left = [g for g in groups(diagnosis) if g.check not in {one.check for one in found}]
-    left = Diagnosis(tuple(finding for group in groups_left for finding in group.findings))
-    checks = [group.check for group in groups(left) if group.severity]
+    taken_up = {one.check for one in found}
+    left = Diagnosis(tuple(one for one in diagnosis.findings if one.check not in taken_up))
+    checks = [group[0].check for group in groups(left) if group[0].severity]
     says = zip(checks, print_notes(left), strict=True)
     return tuple(Finding(check, "", Severity.DOUBTFUL, note, "") for check, note in says)
 
