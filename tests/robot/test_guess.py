@@ -190,6 +190,45 @@ def test_effort_unit(stem: str, reach: float, unit: str) -> None:
     assert guess.section.effort.unit == unit
 
 
+def test_currents_of_one_robot_have_one_unit() -> None:
+    sample = {f"i_{k}": reach * np.sin(np.arange(99.0)) for k, reach in ((1, 900.0), (2, 90.0))}
+    guess = guess_columns(TWO, ["t", *numbered("q#"), *sample], sample)
+    assert guess.section.effort.unit == "mA" and "whole numbers" not in guess.reasons[2]
+
+
+def test_whole_numbers_of_currents_may_be_counts() -> None:
+    wave = np.round(60.0 * np.sin(np.arange(99.0)))
+    for stem, unit, unknown in (("i_#", "mA", True), ("i_#_A", "A", False)):
+        sample = dict(zip(numbered(stem), (wave, np.zeros(99)), strict=True))
+        guess = guess_columns(TWO, ["t", *numbered("q#"), *sample], sample)
+        assert guess.section.effort.unit == unit
+        assert ("the unit is not known" in guess.reasons[2]) == unknown
+
+
+def test_numbers_count_joints_that_are_not_identified() -> None:
+    every = (TWO[0], Coordinate("gripper_joint", "prismatic"), TWO[1])
+    columns = ["t", *numbered("q#", "dq#", "tau#", count=3)]
+    guess = guess_columns(TWO, columns, every=every)
+    assert guess.joints == ("joint1", "joint2")
+    assert guess.section.position == ("q1", "q3")
+    assert guess.section.effort.columns == ("tau1", "tau3") and guess.velocity == ("dq1", "dq3")
+    assert "other columns" not in guess.reasons[2]
+    both = guess_columns(TWO, [*columns, *numbered("arm_q#", "arm_tau#")], every=every)
+    assert both.section.position == "arm_q{}", "columns of the joints alone come first"
+
+
+@pytest.mark.parametrize("stem", ["q#", "/joint_states/position/joint#", "joint#_pos"])
+def test_efforts_that_are_missing_are_named(stem: str) -> None:
+    words = "none look like the efforts of 2 joints"
+    if "/" in stem:
+        words = "messages of /joint_states have positions, but no values of efforts"
+    with pytest.raises(LogError) as caught:
+        guess_columns(TWO, ["t", *numbered(stem)])
+    assert (
+        words if "/" in stem else "none look like the efforts of 2 joints"
+    ) in caught.value.wrong
+
+
 def test_signals_of_a_robot_alone() -> None:
     signals, reasons = guess_signals(robot_of(TWO), ["t", *numbered("q#", "tau#")])
     assert signals.position == ("q1", "q2") and signals.effort == ("tau1", "tau2")

@@ -89,29 +89,33 @@ def guess_columns(
     sample: Sample | None = None,
     rate: float | None = None,
     geared: bool = False,
+    every: Sequence[Coordinate] = (),
 ) -> Guess:
     """The columns of time, positions and efforts, and their units; `LogError` if unassigned.
 
     Columns are matched by the joints' names if they carry them, else by their numbers. Columns of
     targets and commands are passed over; velocities are used if the sample shows that they are
     worth it. A `rate` [Hz] is for logs without a column of time; if gear ratios are given
-    (`geared`), positions far beyond the limits are of motors.
+    (`geared`), positions far beyond the limits are of motors. Numbers may count `every` joint of
+    the robot, also those that are not to be identified.
     """
     values = {name: finite(values) for name, values in (sample or {}).items()}
     kinds: dict[Quantity, list[Column]] = {}
     for column in map(Column, columns):
         if column.quantity is not None:
             kinds.setdefault(column.quantity, []).append(column)
-    joints, position, effort, how = _matched(coordinates, kinds, columns, values)
+    joints, counted, position, effort, how = _matched(coordinates, every, kinds, columns, values)
     clock, time_reason = clock_of(kinds.get("time", []), position[0], columns, values, rate)
-    if counted := [c.name for c in effort if c.has(*COUNTS)]:
-        give_up(f"efforts are in counts, which have no unit: {', '.join(counted)}", columns)
+    if counts := [c.name for c in effort if c.has(*COUNTS)]:
+        give_up(f"efforts are in counts, which have no unit: {', '.join(counts)}", columns)
     effort_words, units = effort_units(effort, joints, values)
     geared = geared or all(c.of_motor for c in effort)
     where = guess_positions(position, joints, values, columns, geared)
-    velocity = _one_each(joints, kinds.get("velocity", []), how)
+    velocity = _one_each(joints, counted, kinds.get("velocity", []))
     rates = judged(velocity, position, joints, where.unit, clock, sample or {})
     used = rates.used
+    counting = by_number(len(counted), kinds["effort"], [c.kind for c in counted])
+    groups = [effort, *(group for group in counting if set(effort) <= set(group))]
     kind, side = "joint_torque", "joint"
     if {"A", "mA"} & set(units):  # a gain takes currents to the joints' side
         kind = "motor_current"
@@ -137,7 +141,7 @@ def guess_columns(
         time_reason,
         f"positions are {listed(position)}, assigned {how}; {where.reason}",
         f"efforts are {listed(effort)}, assigned {how}; {effort_words}"
-        + others(effort, kinds.get("effort", [])),
+        + others([c for group in groups for c in group], kinds.get("effort", [])),
     ]
     if velocity:
         reasons.append(rates.reason)
@@ -158,8 +162,7 @@ def _gears(
 ) -> Gears | None:
     """Gears from a log that has positions of joints and of motors."""
     motors = [column for column in every if column.of_motor]
-    groups = by_number(len(joints), motors)
-    found = _one_each(joints, motors, _BY_NAME) or (groups[0] if groups else ())
+    found = _one_each(joints, (), motors) or _one_each(joints, joints, motors)
     columns = [*found, *position]
     if not found or sample is None or any(column.name not in sample for column in columns):
         return None
@@ -208,25 +211,28 @@ def recognised(
 
 def _matched(
     coordinates: Sequence[Coordinate],
+    every: Sequence[Coordinate],
     kinds: Mapping[Quantity, Sequence[Column]],
     columns: Sequence[str],
     values: Mapping[str, Array],
-) -> tuple[list[Coordinate], list[Column], list[Column], str]:
-    """Joints, their position and effort columns, and how they were assigned."""
+) -> tuple[list[Coordinate], Sequence[Coordinate], list[Column], list[Column], str]:
+    """Joints, those that numbers count, position and effort columns, and how they were assigned."""
     position, effort = kinds.get("position", ()), kinds.get("effort", ())
     named_q, named_tau = by_name(coordinates, position), by_name(coordinates, effort)
     if joints := [c for c in coordinates if c.name in named_q and c.name in named_tau]:
         found_q, found_tau = ([named[c.name] for c in joints] for named in (named_q, named_tau))
-        return joints, found_q, found_tau, _BY_NAME
+        return joints, (), found_q, found_tau, _BY_NAME
     joints = [c for c in coordinates if not like_finger(c.name)]
-    kinds_of = [c.kind for c in joints]
-    numbered_q, numbered_tau = (by_number(len(joints), x, kinds_of) for x in (position, effort))
-    quantities: tuple[Quantity, ...] = ("position", "effort")
-    for quantity, groups in zip(quantities, (numbered_q, numbered_tau), strict=True):
-        if not groups:
-            give_up(_why_not(quantity, kinds.get(quantity, ()), joints, columns), columns)
-    alive = [g for g in numbered_tau if any(changes(c.name, values) for c in g)] or numbered_tau
-    return joints, list(numbered_q[0]), list(alive[0]), "by their numbers"
+    for counted in (joints, every or coordinates):
+        numbered_q, numbered_tau = (_numbered(joints, counted, x) for x in (position, effort))
+        if numbered_q and numbered_tau:
+            found = (g for g in numbered_tau if any(changes(c.name, values) for c in g))
+            alive = next(found, numbered_tau[0])
+            return joints, counted, list(numbered_q[0]), list(alive), "by their numbers"
+    quantity: Quantity = "position"
+    if _numbered(joints, joints, position) or all(c.name in named_q for c in joints):
+        quantity = "effort"
+    give_up(_why_not(quantity, kinds.get(quantity, ()), joints, columns), columns)
 
 
 def _why_not(
@@ -244,6 +250,9 @@ def _why_not(
             f"{what} are {listed(beside)}, but no column is recognised as that of "
             f"{', '.join(missing)}{perhaps}"
         )
+    topics = {name.partition("/position/")[0] for name in columns if "/position/" in name}
+    if not like and quantity == "effort" and topics:
+        return f"messages of {', '.join(sorted(topics))} have positions, but no values of efforts"
     if not like:
         key = "[signals] position" if quantity == "position" else "[signals.effort] columns"
         groups = by_number(len(joints), [c for c in every if c.quantity is None])
@@ -259,14 +268,23 @@ def _why_not(
 
 
 def _one_each(
-    joints: Sequence[Coordinate], columns: Sequence[Column], how: str
+    joints: Sequence[Coordinate], counted: Sequence[Coordinate], columns: Sequence[Column]
 ) -> tuple[Column, ...]:
-    if how == _BY_NAME:
-        named = by_name(joints, columns)
-        found = tuple(named[c.name] for c in joints if c.name in named)
-        return found if len(found) == len(joints) else ()
-    groups = by_number(len(joints), columns, [c.kind for c in joints])
-    return groups[0] if groups else ()
+    """A column for each joint by the number among those counted, or by name if none are; or ()."""
+    if counted:
+        return next(iter(_numbered(joints, counted, columns)), ())
+    named = by_name(joints, columns)
+    found = tuple(named[c.name] for c in joints if c.name in named)
+    return found if len(found) == len(joints) else ()
+
+
+def _numbered(
+    joints: Sequence[Coordinate], counted: Sequence[Coordinate], columns: Sequence[Column]
+) -> list[tuple[Column, ...]]:
+    """Columns of joints, by groups in which numbers count some joints, these among them."""
+    places = [k for k, coordinate in enumerate(counted) if coordinate in joints]
+    groups = by_number(len(counted), columns, [c.kind for c in counted])
+    return [tuple(group[k] for k in places) for group in groups]
 
 
 def _short(columns: Sequence[Column], joints: Sequence[Coordinate]) -> Any:

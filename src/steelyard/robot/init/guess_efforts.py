@@ -38,6 +38,8 @@ OF_MOTORS = "torque of motors by their names: joint torque through the gears"
 MOST_OTHER_COLUMNS = 6  # effort-like columns that were not chosen and are listed
 COUNTS = ("count", "counts", "ticks", "adc", "lsb")  # words of columns without a physical unit
 
+MOST_AMPERES = 200.0  # currents of one robot that go farther are all in mA
+
 AMPERES = ("a", "amp", "amps")  # words of columns in ampere
 
 
@@ -46,11 +48,15 @@ def effort_units(
 ) -> tuple[str, list[str]]:
     """Why, and the unit of each effort column."""
     units, unsaid = [], []
+    # `TorqueCur1` is a torque
+    amperes = [c for c in columns if c.has(*CURRENTS) and not c.has(*TORQUES)]
+    bare = [c for c in amperes if not stated_current(c)]
+    counts = [c for c in bare if changes(c.name, values)]
+    whole = bool(counts) and whole_numbers(counts, values)
+    small = whole or any(reach(c.name, values) > MOST_AMPERES for c in bare)
     for column, joint in zip(columns, joints, strict=True):
-        amperes = column.has(*CURRENTS) and not column.has(*TORQUES)  # `TorqueCur1` is a torque
-        if amperes or stated_current(column):
-            far = reach(column.name, values) > 200.0
-            units.append(stated_current(column) or ("mA" if far else "A"))
+        if column in amperes or stated_current(column):
+            units.append(stated_current(column) or ("mA" if small else "A"))
         else:
             units.append(joint.effort_unit)
             unsaid.append(column)
@@ -59,6 +65,12 @@ def effort_units(
         stated = TORQUE if any(column.has(*words) for column in columns) else UNSTATED
         return OF_MOTORS if all(column.of_motor for column in columns) else stated, units
     why = "motor current by their names"
+    if whole:
+        why += (
+            ", which state no unit; whole numbers may be mA or counts of the drive: the unit is "
+            "not known, mA is written in its place, and errors are in it (data sheet of the drive: "
+            "mA per count)"
+        )
     if unsaid:
         names, taken = ", ".join(c.name for c in unsaid), sorted(set(units) - {"A", "mA"})
         why += f", but not of {names}: assumed in {' and '.join(taken)}; check unit and gain"

@@ -95,11 +95,12 @@ def assigned(
     if columns is None:
         return Assignment(None, free, free)
     try:
-        guess = _behind_the_gears(guess_columns(free, columns, sample, rate, geared), robot.name)
+        found = guess_columns(free, columns, sample, rate, geared, robot.coordinates)
+        guess = _behind_the_gears(found, robot.name)
     except LogError as error:
         if rate is None:
             with suppress(LogError):
-                guess_columns(free, columns, sample, rate=1.0)
+                guess_columns(free, columns, sample, 1.0, geared, robot.coordinates)
                 error = LogError(error.wrong, where=error.where, fix=GIVE_RATE)
             if error.fix == GIVE_RATE:
                 raise error from None
