@@ -6,9 +6,11 @@ import pytest
 
 from steelyard.base.errors import LogError
 from steelyard.logs import text_table as delimited_module
+from steelyard.logs.contents import content_of
 from steelyard.logs.formats import open_log
 from steelyard.robot.init.guess_columns import guess_columns
 from steelyard.robot.robot import Coordinate
+from steelyard.runs.named_logs import sample_of
 
 NAN = np.nan
 
@@ -242,6 +244,30 @@ def test_what_is_no_text_is_refused(tmp_path: Path, content: bytes) -> None:
     with pytest.raises(LogError, match="not a text table") as caught:
         read(tmp_path / "run.csv", content)
     assert ".parquet" in caught.value.fix
+
+
+def test_of_columns_that_are_copies_the_first_is_used(tmp_path: Path) -> None:
+    rows = [f"{k},{k % 7},{k * k},{k % 7}" for k in range(2000)]
+    table = read(tmp_path / "run.csv", "\n".join(["t,a,b,a", *rows]))
+    np.testing.assert_array_equal(table[:, 1], np.arange(2000) % 7)
+    log = open_log(tmp_path / "run.csv")
+    assert log.columns == ("t", "a", "b")
+    assert content_of(log).left_out == (("a", "a copy of the column of this name"),)
+    rows[1900] += "1"
+    with pytest.raises(LogError, match="2 columns that are called 'a'"):
+        read(tmp_path / "run.csv", "\n".join(["t,a,b,a", *rows]))
+    np.testing.assert_array_equal(
+        np.concatenate(list(open_log(tmp_path / "run.csv").parts(("b",))))[:, 0],
+        np.arange(2000) ** 2,
+    )
+
+
+def test_a_column_that_is_not_used_may_be_ambiguous(tmp_path: Path) -> None:
+    path = tmp_path / "run.csv"
+    path.write_text("t,q1,tau1,x,x\n0,1,2,3,4\n1,2,3,4,5\n")
+    columns, sample = sample_of(path)
+    assert columns == ("t", "q1", "tau1", "x") and "x" not in sample
+    assert guess_columns([Coordinate("joint1", "revolute")], columns, sample).joints == ("joint1",)
 
 
 def test_a_name_given_twice_is_ambiguous(tmp_path: Path) -> None:

@@ -59,11 +59,7 @@ def require_columns(path: Path, known: Sequence[str], wanted: Sequence[str]) -> 
     twice = next((c for c in wanted if list(known).count(c) > 1), None)
     missing = [column for column in dict.fromkeys(wanted) if column not in known]
     if twice is not None and (not missing or wanted.index(twice) < wanted.index(missing[0])):
-        raise LogError(
-            f"the log has {list(known).count(twice)} columns that are called '{twice}'",
-            where=str(path),
-            fix=f"rename them in the log's header, then {fix}",
-        )
+        raise ambiguous(path, twice, list(known).count(twice))
     if not missing:
         return
     wrong = f"the log has no column '{missing[0]}'"
@@ -81,6 +77,16 @@ def require_columns(path: Path, known: Sequence[str], wanted: Sequence[str]) -> 
     free = [column for column in known if column not in wanted]
     found = f"{_similar_columns(missing, free)}; {fix}" if free else used
     raise LogError(wrong, where=str(path), fix=found)
+
+
+def ambiguous(path: Path, name: str, count: int) -> LogError:
+    """The error for a wanted name that several columns have."""
+    return LogError(
+        f"the log has {count} columns that are called '{name}'",
+        where=str(path),
+        fix="rename them in the log's header, then name the columns of the log under [signals] of "
+        "the robot file",
+    )
 
 
 def require_file(path: Path) -> None:

@@ -12,7 +12,14 @@ import numpy as np
 
 from steelyard.base.arrays import Array
 from steelyard.base.errors import LogError, available
-from steelyard.logs.log import ROWS_OF_PART, RowRange, require_columns, require_file, unreadable
+from steelyard.logs.log import (
+    ROWS_OF_PART,
+    RowRange,
+    ambiguous,
+    require_columns,
+    require_file,
+    unreadable,
+)
 
 SEPARATORS = ",;\t| "
 COMMENT = ("#", "%")
@@ -205,6 +212,9 @@ class DelimitedLog:
     A cell that is not a number is NaN, as are the cells that a short row lacks; what a long row
     has too many is left out. Quotes around cells and blanks beside them are taken off. The first
     row starts at byte `body`.
+
+    Columns whose name and first values are those of an earlier one are its `copies`, by name and
+    place in the row, and are left out; rows in which they differ are refused.
     """
 
     path: Path
@@ -212,6 +222,13 @@ class DelimitedLog:
     separator: str
     decimal_comma: bool
     body: int
+    places: tuple[int, ...]
+    copies: tuple[tuple[str, int], ...] = ()
+
+    @property
+    def left_out(self) -> tuple[tuple[str, str], ...]:
+        """Name and reason of columns that are left out."""
+        return tuple((name, "a copy of the column of this name") for name, _ in self.copies)
 
     @classmethod
     def open(cls, path: Path) -> "DelimitedLog":
@@ -249,14 +266,27 @@ class DelimitedLog:
                 fix="give a log: a header, and one row of numbers per sample",
             )
         body = sum(len(line) + 1 for line in lines[: header.body])
-        return cls(path, header.columns, header.separator, header.decimal_comma, body)
+        copies = _copies(text, header)
+        left_out = {place for _, place in copies}
+        places = tuple(k for k in range(len(header.columns)) if k not in left_out)
+        names = tuple(header.columns[k] for k in places)
+        return cls(path, names, header.separator, header.decimal_comma, body, places, copies)
 
     def parts(
         self, columns: Sequence[str], rows: RowRange = (0, None), size: int = ROWS_OF_PART
     ) -> Iterator[Array]:
         """The requested rows, in parts; see `Log`."""
         require_columns(self.path, self.columns, columns)
-        wanted = [self.columns.index(column) for column in columns]
+        wanted = [self.places[self.columns.index(column)] for column in columns]
+        copies = [(place, columns.index(name)) for name, place in self.copies if name in columns]
+        for part in self._parts([*wanted, *(place for place, _ in copies)], rows, size):
+            for k, (_, first) in enumerate(copies, len(columns)):
+                if not np.array_equal(part[:, k], part[:, first], equal_nan=True):
+                    raise ambiguous(self.path, columns[first], 2)
+            yield part[:, : len(columns)]
+
+    def _parts(self, wanted: Sequence[int], rows: RowRange, size: int) -> Iterator[Array]:
+        """The requested rows of the columns at some places."""
         if (stamp := self._stamp())[0] <= SMALL:
             table = _kept(self, tuple(wanted), stamp)[slice(*rows)]
             for i in range(0, len(table), size):
@@ -395,6 +425,24 @@ def tidied(chunk: bytes, separator: str) -> bytes:
     elif b" " in chunk:
         chunk = chunk.replace(b" ", b"")
     return chunk
+
+
+def _copies(lines: Sequence[str], header: Header) -> tuple[tuple[str, int], ...]:
+    """Name and place of columns that have the name, and in some rows the cells, of an earlier one.
+
+    None of a name of which any column differs.
+    """
+    places: dict[str, list[int]] = {}
+    for place, name in enumerate(header.columns):
+        places.setdefault(name, []).append(place)
+    twice = {name: among for name, among in places.items() if name and len(among) > 1}
+    rows = [*_rows_below(lines, header)] if twice else []
+    return tuple(
+        (name, place)
+        for name, (first, *others) in twice.items()
+        if rows and all(row[k : k + 1] == row[first : first + 1] for row in rows for k in others)
+        for place in others
+    )
 
 
 def _require_text(path: Path, line: bytes) -> None:

@@ -1,6 +1,7 @@
 """Logs as they are named on a command line, made runs."""
 
 import hashlib
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -99,12 +100,13 @@ def recording_of(argument: LogArgument, signals: Signals) -> Recording:
 
 
 def sample_of(path: Path) -> tuple[tuple[str, ...], dict[str, np.ndarray]]:
-    """Names of a log's columns, and some values of each."""
+    """Names of a log's columns, and some values of each whose name is its own."""
     log = open_log(path)
-    table = next(log.parts(log.columns, (0, SAMPLE_ROWS), SAMPLE_ROWS), None)
+    single = [name for name, count in Counter(log.columns).items() if count == 1]
+    table = next(log.parts(single, (0, SAMPLE_ROWS), SAMPLE_ROWS), None)
     if table is None:
         raise LogError("the log has no rows", where=str(path), fix="record or export it again")
-    return tuple(log.columns), dict(zip(log.columns, table.T, strict=True))
+    return tuple(dict.fromkeys(log.columns)), dict(zip(single, table.T, strict=True))
 
 
 def signals_of(loaded: LoadedRobot, log: LogArgument) -> tuple[Signals, tuple[str, ...]]:
