@@ -6,7 +6,7 @@ import pytest
 
 from steelyard.base.errors import LogError
 from steelyard.logs import text_table as delimited_module
-from steelyard.logs.contents import content_of
+from steelyard.logs.contents import TimeColumn, content_of
 from steelyard.logs.formats import open_log
 from steelyard.robot.init.guess_columns import guess_columns
 from steelyard.robot.robot import Coordinate
@@ -244,6 +244,55 @@ def test_what_is_no_text_is_refused(tmp_path: Path, content: bytes) -> None:
     with pytest.raises(LogError, match="not a text table") as caught:
         read(tmp_path / "run.csv", content)
     assert ".parquet" in caught.value.fix
+
+
+@pytest.mark.parametrize(
+    ("separator", "cells"),
+    [
+        (",", ("2025-03-04 10:00:00.010", "2025-03-04 10:00:00.020")),
+        (",", ("2025-03-04T10:00:00.010Z", "2025-03-04T11:00:00.02+01:00")),
+        (",", ('"2025/03/04 10:00:00.010 UTC"', '"2025/03/04 05:00:00.020-0500"')),
+        (";", ("2025-03-04 10:00:00.010", "2025-03-04 10:00:00.020")),
+        (" ", ("2025-03-04T10:00:00.010", "2025-03-04T10:00:00.020")),
+    ],
+)
+def test_times_in_text_are_seconds(tmp_path: Path, separator: str, cells: tuple[str, str]) -> None:
+    mark = "," if separator == ";" else "."
+    rows = [("t", "a", "b"), (cells[0], f"1{mark}5", "-1"), (cells[1], f"2{mark}5", "x:y")]
+    found = read(tmp_path / "run.csv", "\n".join(map(separator.join, rows)))
+    expected = [[1741082400.01, 1.5, -1.0], [1741082400.02, 2.5, NAN]]
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-6)
+
+
+def test_times_of_a_day_are_seconds_and_other_text_is_none(tmp_path: Path) -> None:
+    found = read(tmp_path / "run.csv", "t,a,b\n10:00:00.5,1,aa:bb:cc\n2025-13-04 10:00:01,2,3\n")
+    np.testing.assert_array_equal(found, [[36000.5, 1.0, NAN], [NAN, 2.0, 3.0]])
+
+
+@pytest.mark.parametrize(
+    ("names", "joined", "unit"),
+    [
+        (("secs", "nsecs"), "time_s", 1e9),
+        (("header.stamp.sec", "header.stamp.nanosec"), "header.stamp.time_s", 1e9),
+        (("tv_sec", "tv_usec"), "tv_time_s", 1e6),
+        (("stampSecs", "stampNsecs"), "stamp_time_s", 1e9),
+    ],
+)
+def test_a_clock_in_two_columns_is_one(
+    tmp_path: Path, names: tuple[str, str], joined: str, unit: float
+) -> None:
+    t = 0.7 + 0.01 * np.arange(100)
+    rows = [f"{int(x)},{round(x % 1 * unit)},{k},{-k}" for k, x in enumerate(t)]
+    path = tmp_path / "run.csv"
+    path.write_text("\n".join([",".join([*names, "q1", "tau1"]), *rows]))
+    log = open_log(path)
+    assert log.columns == (joined, "q1", "tau1")
+    parts = list(log.parts(("q1", joined), (10, 90), 30))
+    assert [len(part) for part in parts] == [30, 30, 20]
+    found = np.concatenate(parts)
+    np.testing.assert_allclose(found[:, 1], t[10:90], atol=1e-6)
+    np.testing.assert_array_equal(found[:, 0], np.arange(10.0, 90.0))
+    assert content_of(log).time == TimeColumn(joined, "s")
 
 
 def test_of_columns_that_are_copies_the_first_is_used(tmp_path: Path) -> None:

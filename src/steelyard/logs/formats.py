@@ -18,7 +18,7 @@ from steelyard.base.arrays import Array
 from steelyard.base.errors import LogError, OutputError
 from steelyard.base.files import csv_lines
 from steelyard.logs.hdf5_matlab import open_hdf5, open_mat
-from steelyard.logs.log import Log, require_file
+from steelyard.logs.log import Log, WholeClocks, require_file
 from steelyard.logs.messages.bag2 import METADATA
 from steelyard.logs.messages.message_log import MessageLog
 from steelyard.logs.npz import open_npy, open_npz
@@ -57,7 +57,9 @@ def open_log(path: str | Path) -> Log:
     """
     path = Path(path)
     if path.is_dir():
-        return MessageLog.open(path) if (path / METADATA).is_file() else ParquetLog.of_folder(path)
+        if (path / METADATA).is_file():
+            return MessageLog.open(path)
+        return WholeClocks.of(ParquetLog.of_folder(path))
     require_file(path)
     if path.suffix.lower() not in FORMATS:
         raise LogError(
@@ -65,7 +67,8 @@ def open_log(path: str | Path) -> Log:
             where=str(path),
             fix=f"give a file that ends in one of {', '.join(FORMATS)}",
         )
-    return FORMATS[path.suffix.lower()][1](path)
+    log = FORMATS[path.suffix.lower()][1](path)
+    return log if isinstance(log, MessageLog) else WholeClocks.of(log)
 
 
 Write = Callable[[Array], None]

@@ -1,11 +1,11 @@
 """What every log can do, logs without a clock, and which part of a log is meant."""
 
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from math import inf, isfinite
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -172,6 +172,71 @@ class Numbered:
             start += len(part)
             named = dict(zip(logged, part.T, strict=False)) | {ROW: numbers}
             yield np.column_stack([named[column] for column in columns])
+
+
+_PART_OF_SECOND = re.compile(
+    r"(?P<stem>.*?)(?P<part>n|nano|u|micro)(?P<second>sec(?:ond)?)s?", re.IGNORECASE
+)
+
+
+@dataclass(frozen=True, eq=False)
+class WholeClocks:
+    """A log whose clocks are in two columns each, seconds and parts of a second, in one column.
+
+    `clocks` are, by the name of the column in seconds, both columns and seconds per unit of the
+    second one.
+    """
+
+    log: Log
+    clocks: Mapping[str, tuple[str, str, float]]
+
+    @classmethod
+    def of(cls, log: Log) -> Log:
+        """The log itself if it has no such clocks."""
+        clocks = {}
+        for name in log.columns:
+            if found := _PART_OF_SECOND.fullmatch(name):
+                whole = f"{found['stem']}{found['second']}".lower()
+                seconds = next((c for c in log.columns if c.lower() in (whole, f"{whole}s")), "")
+                unit = 1e-9 if found["part"][0].lower() == "n" else 1e-6
+                joined = f"{found['stem']}{'_' * found['stem'][-1:].isalnum()}time_s"
+                if seconds and joined not in log.columns:
+                    clocks[joined] = seconds, name, unit
+        return cls(log, clocks) if clocks else log
+
+    def __getattr__(self, name: str) -> Any:
+        """What else its log says of itself, such as `left_out`."""
+        if name == "log":  # not there yet
+            raise AttributeError(name)
+        return getattr(self.log, name)
+
+    @property
+    def path(self) -> Path:
+        """Where it is."""
+        return self.log.path
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Names of its columns; clocks stand where their seconds stood."""
+        joined = {seconds: name for name, (seconds, _, _) in self.clocks.items()}
+        parts = {part for _, part, _ in self.clocks.values()}
+        return tuple(joined.get(name, name) for name in self.log.columns if name not in parts)
+
+    def parts(
+        self, columns: Sequence[str], rows: RowRange = (0, None), size: int = ROWS_OF_PART
+    ) -> Iterator[Array]:
+        """The requested rows; see `Log.parts`."""
+        require_columns(self.path, self.columns, columns)
+        found = [self.clocks.get(name, (name,)) for name in columns]
+        needed = list(dict.fromkeys(name for names in found for name in names[:2]))
+        for part in self.log.parts(needed, rows, size):
+            values = dict(zip(needed, part.T, strict=True))
+            yield np.column_stack(
+                [
+                    values[names[0]] + (names[2] * values[names[1]] if len(names) > 1 else 0.0)
+                    for names in found
+                ]
+            )
 
 
 SYNTAX = (

@@ -141,7 +141,8 @@ def _reader(path: Path, wanted: Sequence[str], begin: bytes) -> tuple[Read | Non
     separator, comma = header.separator, header.decimal_comma
 
     def cells(lines: list[bytes]) -> Array:
-        return by_numpy(tidied(b"\n".join([*lines, b""]), separator), places, separator, comma)
+        chunk = tidied(b"\n".join([*lines, b""]), separator, comma)
+        return by_numpy(chunk, places, separator, comma)
 
     return cells, sum(len(line) + 1 for line in lines[: header.body])
 

@@ -5,6 +5,7 @@ import re
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from datetime import date
 from functools import cache, lru_cache
 from pathlib import Path
 
@@ -31,6 +32,10 @@ UNITS = frozenset(
 _COMMA = re.compile(r"[+-]?\d+,\d+([eE][+-]?\d+)?")
 _POINT = re.compile(r"[+-]?\d+\.\d*([eE][+-]?\d+)?")
 _BLANK = re.compile(r"\s+")
+_CLOCK = re.compile(
+    rb"(?<![\w:.+/-])(?:(\d{4})[-/](\d\d)[-/](\d\d)[T ])?(\d\d):(\d\d):(\d\d)(\.\d+)?"
+    rb"(?: ?(?:Z|UTC)|([+-]\d\d):?(\d\d))?(?![\w:.])"
+)
 _BRACKETED = re.compile(r"\[[^\]]*\]|\([^)]*\)")
 
 
@@ -144,7 +149,9 @@ def _names(
 
 
 def cells_of(line: str, separator: str) -> list[str]:
-    """The cells of a line, without quotes and blanks around them."""
+    """The cells of a line, without quotes and blanks around them; times are whole seconds."""
+    if ":" in line:
+        line = clocks_in_seconds(line.encode(), b"").decode()
     if separator == " ":
         line = _BLANK.sub(" ", line).strip()
     row = line.split(separator) if line else []
@@ -152,6 +159,34 @@ def cells_of(line: str, separator: str) -> list[str]:
         with suppress(csv.Error):
             row = next(csv.reader([line], delimiter=separator, skipinitialspace=True), [])
     return [cell.strip() for cell in row]
+
+
+def clocks_in_seconds(text: bytes, mark: bytes) -> bytes:
+    """Text in which times, `2025-03-04T10:00:00.010+01:00` or `10:00:00.010`, are seconds.
+
+    They count from 1970 or from midnight; without a decimal `mark` their fractions are left out.
+    """
+
+    def seconds(found: re.Match[bytes]) -> bytes:
+        *day_of, hour, minute, second, fraction, zone, beyond = found.groups()
+        try:
+            day = _days(*map(int, day_of)) if day_of[0] else 0
+        except ValueError:
+            return found[0]
+        whole = 86400 * day + 3600 * int(hour) + 60 * int(minute) + int(second)
+        if zone:
+            whole -= 60 * (60 * int(zone) + int(zone[:1] + beyond))
+        if not (mark and fraction):
+            return b"%d" % whole
+        return f"{whole + float(fraction):.9f}".encode().replace(b".", mark)
+
+    return _CLOCK.sub(seconds, text)
+
+
+@lru_cache
+def _days(year: int, month: int, day: int) -> int:
+    """Days since 1970."""
+    return date(year, month, day).toordinal() - date(1970, 1, 1).toordinal()
 
 
 def _is_row(row: Sequence[str], after: Sequence[str]) -> bool:
@@ -209,9 +244,9 @@ FILES_KEPT = 16
 class DelimitedLog:
     """A text table with a line of names above its rows, or without; see `Header` and `read_header`.
 
-    A cell that is not a number is NaN, as are the cells that a short row lacks; what a long row
-    has too many is left out. Quotes around cells and blanks beside them are taken off. The first
-    row starts at byte `body`.
+    A cell that is neither a number nor a time is NaN, as are the cells that a short row lacks; what
+    a long row has too many is left out. Quotes around cells and blanks beside them are taken off.
+    The first row starts at byte `body`.
 
     Columns whose name and first values are those of an earlier one are its `copies`, by name and
     place in the row, and are left out; rows in which they differ are refused.
@@ -353,7 +388,8 @@ class DelimitedLog:
 
     def _numbers(self, chunk: bytes, wanted: Sequence[int]) -> Array:
         parsed = by_polars if available("polars") else by_numpy
-        return parsed(tidied(chunk, self.separator), wanted, self.separator, self.decimal_comma)
+        lines = tidied(chunk, self.separator, self.decimal_comma)
+        return parsed(lines, wanted, self.separator, self.decimal_comma)
 
 
 @lru_cache(maxsize=FILES_KEPT)
@@ -410,16 +446,18 @@ def _cell_number(cell: str) -> float:
         return np.nan
 
 
-def tidied(chunk: bytes, separator: str) -> bytes:
+def tidied(chunk: bytes, separator: str, decimal_comma: bool) -> bytes:
     """The lines with nothing in them that a number does not have: quotes, blanks, NUL bytes.
 
-    Separators inside quotes become part of the cell.
+    Separators inside quotes become part of the cell, and times seconds.
     """
     if b'"' in chunk:
         quoted = re.compile(rb'"[^"\n]*"')
         mark = separator.encode()
         chunk = quoted.sub(lambda cell: cell[0].replace(mark, b"_"), chunk).replace(b'"', b"")
     chunk = chunk.replace(b"\r", b"")
+    if b":" in chunk:
+        chunk = clocks_in_seconds(chunk, b"," if decimal_comma else b".")
     if separator == " ":
         chunk = re.sub(rb"(?m)^ | $", b"", re.sub(rb"[ \t]+", b" ", chunk))
     elif b" " in chunk:

@@ -62,6 +62,7 @@ def _time(
     steps = [np.diff(values.get(column.name, np.zeros(0))) for column in candidates]
     rises = [len(x) == 0 or np.mean(x >= 0.0) > 0.9 for x in steps]
     rising = [c for c, good in zip(candidates, rises, strict=True) if good]
+    rising = [c for c in rising if len(values.get(c.name, ()))] or rising
     if not rising:
         give_up(
             "no column looks like time",

@@ -290,6 +290,13 @@ def not_followed(recording: Recording, counts: NDArray[np.int64]) -> LogError:
 
 def not_increasing(recording: Recording) -> LogError:
     """The error for a time column that is none."""
+    if len(_head_times(recording)) == 0:
+        return LogError(
+            f"column '{recording.signals.time}' holds text, no times",
+            where=recording.where,
+            fix="export times as numbers, as 2025-03-04T10:00:00.010 or as 10:00:00.010; or state "
+            "rate = HZ instead of time",
+        )
     return LogError(
         f"column '{recording.signals.time}' does not increase from row to row as time does",
         where=recording.where,
