@@ -426,16 +426,14 @@ def test_one_robot_file_must_serve_all_logs():
     apart = edits_that_serve_all_logs([bad, good])[0].fix
     assert apart is not None and not apart.edits and "of its own" in apart.says
     open_one = finding("b", Severity.OK, answered=False)
-    assert Diagnosis(edits_that_serve_all_logs([bad, open_one])).edits[0].value == [1.0, 2.0]
-    others = [finding("b", Severity.WRONG, [3.0, 2.0]), finding("c", Severity.WRONG, [1.5, 2.5])]
+    assert not Diagnosis(edits_that_serve_all_logs([bad, open_one])).edits
+    others = [finding("b", Severity.WRONG, [1.1, 2.0]), finding("c", Severity.WRONG, [1.05, 1.9])]
     merged = {
         tuple(f.fix.edits[0].value) for f in edits_that_serve_all_logs([bad, *others]) if f.fix
     }
-    assert merged == {(1.5, 2.0)}
+    assert merged == {(1.05, 2.0)}
     signs = [finding("a", Severity.WRONG, [1, -1]), finding("b", Severity.WRONG, [-1, 1])]
-    assert {tuple(f.fix.edits[0].value) for f in edits_that_serve_all_logs(signs) if f.fix} == {
-        (1, -1)
-    }
+    assert not any(f.fix.edits for f in edits_that_serve_all_logs(signs) if f.fix)
 
 
 def test_the_work_that_questions_share_is_named(arm):

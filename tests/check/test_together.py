@@ -1,14 +1,18 @@
-"""Edits that were tried as one change are written together or not at all."""
+"""Edits are written if every log asks for them; those that were tried as one change go together."""
+
+import pytest
 
 from steelyard.check.finding import Edit, Finding, Fix, Severity
-from steelyard.check.several_logs import OTHER_LOGS_AGREE, edits_that_serve_all_logs
+from steelyard.check.several_logs import edits_that_serve_all_logs
 
 ORDER, SIGN, UNIT = (("signals", key) for key in ("position", "position_sign", "time"))
 
 
-def finding(name: str, log: str, path: tuple[str, ...] | None, jointly: bool = True) -> Finding:
+def finding(
+    name: str, log: str, path: tuple[str, ...] | None, value: object = (1, 2), jointly: bool = True
+) -> Finding:
     """Wrong, with an edit; ok without."""
-    fix = None if path is None else Fix("Do.", (Edit(path, [1, 2]),), jointly)
+    fix = None if path is None else Fix("Do.", (Edit(path, value),), jointly)
     severity = Severity.OK if path is None else Severity.WRONG
     return Finding(name, log, severity, "says", "figure", fix=fix)
 
@@ -21,32 +25,41 @@ def edits(*found: Finding) -> dict[tuple[str, str], tuple[Edit, ...]]:
 
 def test_a_sign_does_not_outlive_the_order_that_it_was_found_with() -> None:
     order = (finding("order", "a", ORDER), finding("order", "b", None))
-    sign = (finding("sign", "a", SIGN), finding("sign", "c", SIGN))
-    unit = (finding("unit", "a", UNIT, jointly=False),)
+    sign = (finding("sign", "a", SIGN), finding("sign", "b", SIGN))
+    unit = [finding("unit", log, UNIT, jointly=False) for log in "ab"]
     left = edits(*order, *sign, *unit)
-    assert left["order", "a"] == left["sign", "a"] == ()
-    assert left["sign", "c"] and left["unit", "a"]
-    (sentence,) = (
-        f.fix.says
-        for f in edits_that_serve_all_logs((*order, *sign))
-        if f.check == "sign" and f.log == "a" and f.fix is not None
-    )
-    assert sentence == f"Do.; {OTHER_LOGS_AGREE}"
+    assert left["order", "a"] == left["sign", "a"] == left["sign", "b"] == ()
+    assert left["unit", "a"] and left["unit", "b"]
+    sentences = {
+        f.fix.says for f in edits_that_serve_all_logs((*order, *sign)) if f.fix is not None
+    }
+    (sentence,) = sentences
+    assert sentence.startswith("Do.; b does not require another signals.position: ")
+    assert "give a a robot file of its own" in sentence
 
 
-def test_edits_of_one_log_that_no_other_contradicts_stay() -> None:
+def test_edits_of_a_single_log_stay() -> None:
     assert all(edits(finding("order", "a", ORDER), finding("sign", "a", SIGN)).values())
 
 
-def test_a_log_that_is_doubtful_itself_does_not_agree_with_the_robot_file() -> None:
-    sign = (finding("sign", "a", SIGN), finding("sign", "b", None))
-    other = Finding("unit", "b", Severity.DOUBTFUL, "says", "figure")
-    first = edits_that_serve_all_logs((*sign, other))[0].fix
-    assert first is not None and not first.edits and OTHER_LOGS_AGREE not in first.says
-    assert "something else was found on them (b: unit)" in first.says
-    third = finding("sign", "c", None)
-    again = edits_that_serve_all_logs((*sign, other, third))[0].fix
-    assert again is not None and OTHER_LOGS_AGREE in again.says
+@pytest.mark.parametrize("other", ["open", "doubtful", "another check"])
+def test_a_log_that_does_not_ask_for_an_edit_does_not_support_it(other: str) -> None:
+    says = {
+        "open": Finding("sign", "b", Severity.OK, "says", answered=False),
+        "doubtful": Finding("sign", "b", Severity.DOUBTFUL, "says"),
+        "another check": finding("unit", "b", UNIT),
+    }
+    assert not any(edits(finding("sign", "a", SIGN), says[other]).values())
+
+
+def test_one_line_may_be_asked_for_by_several_checks() -> None:
+    gain = ("signals", "effort", "gain")
+    asked = (finding("sign", "a", gain, [-1.0, 1.0]), finding("gain", "b", gain, [-1.0, 1.0]))
+    assert all(edits(*asked).values())
+    for found in edits_that_serve_all_logs((*asked, finding("sign", "c", gain, [1.0, 1.0]))):
+        assert found.fix is not None and not found.fix.edits
+        assert found.severity == Severity.DOUBTFUL
+        assert "gain: [-1.0, 1.0] (a), [-1.0, 1.0] (b), [1.0, 1.0] (c)" in found.fix.says
 
 
 RATIOS = ("robot", "transmission", "ratios")

@@ -1,6 +1,6 @@
 """Several logs of one robot: edits that contradict each other, and friction that differs."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from itertools import combinations
 from typing import Any
@@ -16,101 +16,106 @@ from steelyard.check.hypotheses.nuisance import LEAST_SAMPLE_COUNT
 
 SHARED_DIGITS = 4
 DIFFERENT_FACTORS = 3.0  # standard deviations by which factors of two logs differ if not one number
-OTHER_LOGS_AGREE = (
-    "the other logs agree with the robot file as it is: give this one a robot file of its own"
-)
+SAME_NUMBERS = 0.1  # difference of numbers without an accuracy up to which they are one, relative
+
+Path = tuple[str, ...]
 
 
 def edits_that_serve_all_logs(findings: Sequence[Finding]) -> tuple[Finding, ...]:
-    """The findings of all checks with edits that serve all logs.
+    """The findings of all checks with those edits that every log asks for.
 
-    A log that is wrong while others are fine has no line in a robot file they share. Numbers that
-    several logs suggest become their median; fitted factors that differ by more than their accuracy
-    are doubtful, and none is written. Edits that were tried as one change stay together or go.
+    Numbers become their median; those that differ by more than their accuracy are doubtful, and
+    none is written. Edits that were tried on a log as one change stay together or go.
     """
-    shared: list[Finding] = []
-    reasons: dict[str, str] = {}
-    by_check = {f.check: [g for g in findings if g.check == f.check] for f in findings}
-    unlike = {check: _unlike(found) for check, found in by_check.items()}
-    against = {check: _against(found, findings) for check, found in by_check.items()}
-    for f in findings:
-        fix = f.fix
-        if fix is not None and fix.edits:
-            if f.log and f.severity == Severity.WRONG and (why := against[f.check]):
-                fix = _without(fix, why)
-            elif why := unlike[f.check]:
-                fix, f = _without(fix, why), replace(f, severity=Severity.DOUBTFUL)
-            else:
-                wanted = [e for g in by_check[f.check] if g.fix for e in g.fix.edits]
-                values = {
-                    e.path: _middle([o.value for o in wanted if o.path == e.path])
-                    for e in fix.edits
-                }
-                fix = replace(fix, edits=tuple(replace(e, value=values[e.path]) for e in fix.edits))
-        if fix is not None and fix.jointly and not fix.edits:
-            reasons.setdefault(f.log, unlike[f.check] or against[f.check])
-        shared.append(replace(f, fix=fix))
-    return tuple(
-        replace(f, fix=_without(f.fix, reasons[f.log]))
-        if f.log in reasons and f.fix is not None and f.fix.jointly and f.fix.edits
-        else f
-        for f in shared
+    logs = dict.fromkeys(f.log for f in findings if f.log)
+    wanted: dict[Path, dict[str, Edit]] = {}
+    groups: dict[tuple[str, int], set[Path]] = {}
+    for number, f in enumerate(findings):
+        if f.log and f.fix is not None and f.fix.edits:
+            group = groups.setdefault((f.log, -1 if f.fix.jointly else number), set())
+            for edit in f.fix.edits:
+                wanted.setdefault(edit.path, {})[f.log] = edit
+                group.add(edit.path)
+    apart = {path: why for path, edits in wanted.items() if (why := _unlike(edits))}
+    refused = {
+        path: apart.get(path) or _asked_by_some(edits, [log for log in logs if log not in edits])
+        for path, edits in wanted.items()
+        if path in apart or len(edits) < len(logs)
+    }
+    for _ in groups:  # what was tried together with something that is refused
+        for paths in groups.values():
+            if why := next((refused[path] for path in paths if path in refused), ""):
+                refused |= {path: why for path in paths if path not in refused}
+    return tuple(_shared(f, wanted, refused, apart) for f in findings)
+
+
+def _shared(
+    f: Finding,
+    wanted: Mapping[Path, Mapping[str, Edit]],
+    refused: Mapping[Path, str],
+    apart: Mapping[Path, str],
+) -> Finding:
+    """A finding with the edits that all logs share, or with why there are none."""
+    if not f.log or f.fix is None or not f.fix.edits:
+        return f
+    paths = [edit.path for edit in f.fix.edits]
+    if why := next((refused[path] for path in paths if path in refused), ""):
+        doubtful = any(path in apart for path in paths)
+        fix = replace(f.fix, says=f"{f.fix.says}; {why}", edits=())
+        return replace(f, fix=fix, severity=Severity.DOUBTFUL if doubtful else f.severity)
+    edits = (
+        replace(edit, value=_middle([one.value for one in wanted[edit.path].values()]))
+        for edit in f.fix.edits
     )
+    return replace(f, fix=replace(f.fix, edits=tuple(edits)))
 
 
-def _without(fix: Fix, why: str) -> Fix:
-    """The advice without edits: the robot file that the logs share cannot be changed so."""
-    return replace(fix, says=f"{fix.says}; {why}", edits=())
-
-
-def _against(found: Sequence[Finding], findings: Sequence[Finding]) -> str:
-    """Why other logs, with nothing else wrong, speak against what one suggests; or empty."""
-    fine = [f.log for f in found if f.severity == Severity.OK and f.answered and f.log]
-    others = {log: [f.check for f in findings if f.severity and f.log == log] for log in fine}
-    if not fine or not all(others.values()):
-        return OTHER_LOGS_AGREE if fine else ""
-    listed = "; ".join(f"{log}: {', '.join(dict.fromkeys(x))}" for log, x in others.items())
+def _asked_by_some(edits: Mapping[str, Edit], others: Sequence[str]) -> str:
+    key = ".".join(next(iter(edits.values())).path)
     return (
-        f"the other logs do not show this, but something else was found on them ({listed}): "
-        "resolve that first, or give this log a robot file of its own"
+        f"{', '.join(others)} {'does' if len(others) == 1 else 'do'} not require another {key}: no "
+        f"line is written; give {', '.join(edits)} a robot file of "
+        f"{'its' if len(edits) == 1 else 'their'} own"
     )
 
 
-def _unlike(found: Sequence[Finding]) -> str:
-    """The fitted factors of several logs that are not one number; empty if they may be."""
-    fixes = [(f.log, f.fix) for f in found if f.log and f.fix is not None]
-    edits = [(log, edit) for log, fix in fixes for edit in fix.edits if edit.spread > 0.0]
-    for (_, a), (_, b) in combinations(edits, 2):
-        if a.path == b.path and _differ(a, b):
-            listed = ", ".join(
-                "{} ± {:.2g} % ({})".format(str(e.value).replace("'", '"'), 200.0 * e.spread, log)
-                for log, e in edits
-                if e.path == a.path
-            )
-            return (
-                f"the logs require different factors ({a.path[-1]}: {listed}; 95 %): "
-                "another difference between the logs explains them; no factor is written"
-            )
-    return ""
+def _unlike(edits: Mapping[str, Edit]) -> str:
+    """The values of several logs that are not one; empty if they may be."""
+    if not any(_differ(a, b) for a, b in combinations(edits.values(), 2)):
+        return ""
+    listed = ", ".join(
+        str(e.value).replace("'", '"')
+        + (f" ± {200.0 * e.spread:.2g} %" if e.spread > 0.0 else "")
+        + f" ({log})"
+        for log, e in edits.items()
+    )
+    accuracy = "; 95 %" * any(e.spread > 0.0 for e in edits.values())
+    key = next(iter(edits.values())).path[-1]
+    return f"the logs require different values ({key}: {listed}{accuracy}): none is written"
 
 
 def _differ(a: Edit, b: Edit) -> bool:
-    first, second = (np.array(e.value, dtype=np.float64).reshape(-1) for e in (a, b))
-    if len(first) != len(second) or np.any(first * second <= 0.0):
+    if a.value == b.value:
+        return False
+    first, second = (np.atleast_1d(np.array(e.value)) for e in (a, b))
+    if first.shape != second.shape or {first.dtype.kind, second.dtype.kind} != {"f"}:
         return True
-    apart = float(np.max(np.abs(np.log(first / second))))
+    if not (a.spread > 0.0 and b.spread > 0.0):
+        size = float(np.max(np.abs([first, second])))
+        return bool(np.any(np.abs(first - second) > SAME_NUMBERS * size))
+    if np.any(first * second <= 0.0):
+        return True
+    far = float(np.max(np.abs(np.log(first / second))))
     accuracy = DIFFERENT_FACTORS * float(np.hypot(a.spread, b.spread))
-    return apart > accuracy + 2.0 * 10.0**-SHARED_DIGITS
+    return far > accuracy + 2.0 * 10.0**-SHARED_DIGITS
 
 
 def _middle(values: Sequence[Any]) -> Any:
-    """The median of numbers, or of lists of as many numbers; the first of anything else."""
+    """The median of numbers, or of lists of as many numbers; what all are, of anything else."""
     first = values[0]
-    if all(value == first for value in values) or len({np.shape(value) for value in values}) > 1:
+    if all(value == first for value in values):
         return first
-    if (numbers := np.array(values)).dtype.kind != "f":
-        return first
-    middle = np.atleast_1d(np.median(numbers, axis=0))
+    middle = np.atleast_1d(np.median(np.array(values), axis=0))
     rounded = [float(f"{x:.{SHARED_DIGITS}g}") for x in middle]
     return rounded if isinstance(first, list) else rounded[0]
 
