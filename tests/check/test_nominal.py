@@ -302,6 +302,24 @@ def test_efforts_in_kilonewtonmetres_are_a_unit_not_a_gain(arm, factor, mounted)
     assert edits(found) == {"signals.effort.gain": [1000.0] * 3}
 
 
+@pytest.mark.parametrize(
+    ("factors", "says"),
+    [
+        ((180.0, 240.0, 150.0), "those of motors"),  # ratios of an industrial robot's gears
+        ((160.0, 900.0, 1100.0), "unknown factors"),  # position errors over unlike stiffnesses
+    ],
+)
+def test_a_thousand_is_not_written_where_a_joint_needs_another_factor(arm, factors, says):
+    table = arm.table.copy()
+    table[:, arm.at(TAU)] /= factors
+    found = arm.examined(table, known=False)
+    (kind,) = (f for f in found.findings if f.check == "effort kind")
+    assert wrong(found) == ["effort kind"] and not found.edits
+    intervals = re.findall(r" ([\d.]+) \(([\d.]+) to ([\d.]+)\)", kind.says)
+    assert says in kind.says and len(intervals) >= 1
+    assert all(float(low) < float(best) < float(high) for best, low, high in intervals)
+
+
 @pytest.mark.parametrize("declared", [True, False])
 def test_a_placeholder_for_speed_makes_no_degrees(arm, declared):
     urdf = arm.path.parent / "demo_arm.urdf"

@@ -22,6 +22,7 @@ from steelyard.check.hypotheses.excerpt import excerpt_of
 from steelyard.check.hypotheses.likelihood import Likelihood, Reading, likelihood_of
 from steelyard.check.hypotheses.position_columns import ZERO_CAUSE
 from steelyard.check.hypotheses.surroundings import refined_gravity
+from steelyard.estimate.estimate import Z95
 from steelyard.robot.file.efforts import MOTOR_KINDS
 from steelyard.robot.file.loaded_robot import LoadedRobot
 from steelyard.robot.file.robot_file import load_robot_file
@@ -52,7 +53,6 @@ def spread_of(reading: Reading) -> float:
 
 
 FITTED_DIGITS = 4  # significant digits of fitted numbers
-WHOLE_RATIO_DISTANCE = 0.01  # relative distance up to which a gear ratio is a whole number
 EFFORT_KEY = ("signals", "effort")
 
 
@@ -131,16 +131,16 @@ def _entries(signals: Signals, gains: Array) -> list[Gain]:
 
 
 def _ratios(after: Reading, loaded: LoadedRobot) -> tuple[Edit, ...]:
-    """Gear ratios: whole numbers where one is near."""
+    """Gear ratios: the whole number where the interval of the fitted one holds it."""
     gears = loaded.robot.transmission
     if gears is None:
         return ()
-    found = []
+    found, spread = [], spread_of(after)
     for ratio, factor in zip(np.diag(gears.matrix), after.ratios, strict=True):
         value = float(f"{ratio * factor:.{FITTED_DIGITS}g}") if factor != 1.0 else float(ratio)
-        whole = float(round(value))
-        found.append(whole if abs(value - whole) <= WHOLE_RATIO_DISTANCE * abs(value) else value)
-    return (Edit(("robot", "transmission", "ratios"), found, spread_of(after)),)
+        whole, width = float(round(value)), Z95 * spread * abs(value) * (factor != 1.0)
+        found.append(whole if abs(value - whole) <= width else value)
+    return (Edit(("robot", "transmission", "ratios"), found, spread),)
 
 
 def file_gains(likelihood: Likelihood, loaded: LoadedRobot) -> Array:

@@ -137,6 +137,8 @@ def _inverse(rows: Array) -> float:
     return float(found[0] / lengths[0])
 
 
+LEAST_GEAR_RATIO, LARGEST_GEAR_RATIO = 20.0, 500.0
+"""Factor on all torques from which, and up to which, they may be those before the gears."""
 GO_ON = ". If the masses of the model file are wrong, continue: the efforts are then as declared"
 NEAR_A_THOUSAND = 3.0  # how far a factor may be from a thousand, as masses of model files are off
 CURRENT_UNITS = {"A": 1.0, "mA": 1e-3}  # units of current [A]
@@ -151,7 +153,7 @@ def unwritten_number_advice(case: Case, hypothesis: Hypothesis, *, sure: bool) -
         gains = controller_gains(case) if hypothesis.cause == "gain" else None
         if gains is not None:
             return _of_controller(case, gains)
-        return Fix(_of_thousandths(case, hypothesis) + _listed_sources(case, sure=sure))
+        return Fix(_of_other_torques(case, hypothesis) + _listed_sources(case, sure=sure))
     other = {
         "mounting": (
             "an external force acts on the arm (a cable, a balancer), or lengths and axes differ "
@@ -187,15 +189,22 @@ def _of_names(case: Case, hypothesis: Hypothesis) -> Fix | None:
     )
 
 
-def _of_thousandths(case: Case, hypothesis: Hypothesis) -> str:
-    """The line for torques in mNm, where the factor on all efforts is near a thousandth."""
+def _of_other_torques(case: Case, hypothesis: Hypothesis) -> str:
+    """The lines for torques in mNm, or of motors, where the factor on all efforts is near."""
     signals = case.loaded.signals
     if signals is None or "A" in signals.effort_units:
         return ""
-    factors = hypothesis.reading.effort_scale / signals.effort_scale
-    if np.any((factors < 1e-3 / NEAR_A_THOUSAND) | (factors > 1e-3 * NEAR_A_THOUSAND)):
-        return ""
-    return "if efforts are in mNm, write gain = 0.001 under [signals.effort]; otherwise "
+    factors = np.abs(hypothesis.reading.effort_scale / signals.effort_scale)
+    if np.all((factors > 1e-3 / NEAR_A_THOUSAND) & (factors < 1e-3 * NEAR_A_THOUSAND)):
+        return "if efforts are in mNm, write gain = 0.001 under [signals.effort]; otherwise "
+    if np.all((factors > LEAST_GEAR_RATIO) & (factors < LARGEST_GEAR_RATIO)):
+        return (
+            "if torques are those of motors, take the gear ratios from the data sheet: kind = "
+            '"motor_torque", side = "motor" under [signals.effort], and ratios = [...] under '
+            "[robot.transmission] (a new robot file: steelyard init MODEL LOG --side motor "
+            "--ratios ...); otherwise "
+        )
+    return ""
 
 
 def _of_controller(case: Case, gains: ControllerGains) -> Fix:

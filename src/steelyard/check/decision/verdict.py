@@ -13,8 +13,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from steelyard.base.arrays import Array
 from steelyard.check.case import Case, Evidence, Knowledge
+from steelyard.check.decision.gain_sources import LARGEST_GEAR_RATIO, LEAST_GEAR_RATIO
 from steelyard.check.decision.ranking import Judged, LogVerdict, disagrees, has_bad_joint, ranking
 from steelyard.check.finding import Severity
 from steelyard.check.hypotheses.bodies import (
@@ -28,6 +28,8 @@ from steelyard.check.hypotheses.bodies import (
 from steelyard.check.hypotheses.effort_columns import (
     OWN_GAIN_COST,
     combined_hypotheses,
+    factor_intervals,
+    holds_factors,
     unit_hypotheses,
 )
 from steelyard.check.hypotheses.friction_evidence import friction_alone, presliding_score
@@ -65,9 +67,6 @@ LATE_FALL = 1.2
 """The fall that it needs: friction that only the robot file's own terms describe looks like a
 little delay, and what bodies of the log's own leave hardly falls with it."""
 UNCONCERNED_CHANGE = 0.1  # relative, of a joint's misfit that gravity does not concern
-THOUSAND_TOLERANCE = 2.5
-"""Factor up to which links may differ from a model file's, and gains from the declared ones, for
-efforts to be in a unit that is a thousand times the declared one, or a thousandth of it."""
 
 
 @remembered
@@ -230,13 +229,16 @@ def supported(likelihood: Likelihood, winners: Sequence[Judged]) -> tuple[Judged
     reading, rescaled = likelihood.declared, False
     for hypothesis, severity in winners:
         fitted, factor = _fitted(reading, hypothesis), _only_factor(reading, hypothesis)
-        factors = hypothesis.reading.effort_scale / reading.effort_scale
-        thousand = _thousand(reading, factors) if fitted else None
-        if thousand is not None and _of_unit(reading, thousand):
-            kept.append((thousand, severity))
-            reading = thousand.reading
+        unit = _unit(reading) if fitted and factor else None
+        if unit is not None and _of_unit(reading, unit):
+            kept.append((unit, severity))
+            reading = unit.reading
             break
-        if hypothesis.cause == "payload" or contradicted(reading, hypothesis):
+        if hypothesis.cause == "payload" or (
+            hypothesis.cause != "effort unit" and contradicted(reading, hypothesis)
+        ):
+            if fitted and factor and hypothesis.cause == "effort kind":
+                hypothesis = replace(hypothesis, says=_factor_words(reading))
             kept.append((replace(hypothesis, fixed=hypothesis.fixed and not fitted), severity))
         elif factor:
             rescaled = rescaled or fitted or not _of_unit(reading, hypothesis)
@@ -274,7 +276,9 @@ def _fitted(reading: Reading, hypothesis: Hypothesis) -> bool:
 
 
 def _of_unit(reading: Reading, hypothesis: Hypothesis) -> bool:
-    """Whether a known factor brings bodies from absurd masses to likely ones."""
+    """Whether known factors are those that a log shows, and bring absurd masses to likely ones."""
+    if not holds_factors(reading, hypothesis.reading.effort_scale / reading.effort_scale):
+        return False
     then, now = consistent_bodies(reading), consistent_bodies(hypothesis.reading)
     return then is not None and now is not None and _far(then) and not _far(now)
 
@@ -283,20 +287,11 @@ def _far(found: ConsistentBodies) -> bool:
     return max(found.scale, 1.0 / found.scale) > HEAVIEST_FACTOR
 
 
-def _thousand(reading: Reading, factors: Array) -> Hypothesis | None:
-    """Efforts in the unit that factors on them are near; `None` if there is none.
-
-    Torques are a thousand times the declared ones. Currents are in A or mA: for all joints one,
-    though fitted gains of some joints may be far from it.
-    """
-    wanted, fitted = 1e3, factors
-    if "A" in reading.likelihood.signals.effort_units and np.any(factors != 1.0):
-        wanted = 1e3 if np.max(np.abs(reading.effort_scale)) < 1.0 else 1e-3
-        fitted = np.array([np.median(factors[factors != 1.0])])
-    if not np.all((fitted > wanted / THOUSAND_TOLERANCE) & (fitted < wanted * THOUSAND_TOLERANCE)):
-        return None
-    scale = wanted * reading.effort_scale
-    return next(r for r in unit_hypotheses(reading) if np.allclose(r.reading.effort_scale, scale))
+def _unit(reading: Reading) -> Hypothesis | None:
+    """Efforts in another unit, if its factor is within the interval of every joint's."""
+    scale = reading.effort_scale
+    units = unit_hypotheses(reading)
+    return next((r for r in units if holds_factors(reading, r.reading.effort_scale / scale)), None)
 
 
 def _combined(reading: Reading) -> tuple[Judged, ...]:
@@ -438,7 +433,7 @@ def _scale(reading: Reading, rescaled: bool) -> Judged | None:
         return None
     if not rescaled and changed.percent * SUPPORT_FALL > reading.percent:
         return None
-    unit = _thousand(reading, np.array([factor])) if far else None
+    unit = _unit(reading) if far else None
     if unit is not None:
         return unit, Severity.WRONG
     off = f"either efforts are off by a factor of about {_short(factor)}, or"
@@ -452,6 +447,8 @@ def _scale(reading: Reading, rescaled: bool) -> Judged | None:
             ", or lengths and axes differ from the model file: with free link inertias the "
             f"misfit is {found.percent:.0f} %"
         )
+    if far and "A" not in signals.effort_units:
+        says = f"{_factor_words(reading)}; {says}"
     cause = "gain" if "A" in signals.effort_units else "effort kind"
     cost, joints = FITTED_NUMBER_COST, tuple(range(signals.n))
     hypothesis = Hypothesis(cause, says, changed, cost, joints, changed.score, fixed=False)
@@ -461,6 +458,26 @@ def _scale(reading: Reading, rescaled: bool) -> Judged | None:
     if link is None or link.log_likelihood < hypothesis.log_likelihood - SUPPORT_MARGIN:
         return hypothesis, Severity.DOUBTFUL
     return replace(hypothesis, says=f"{off} {link.says}"), Severity.OK
+
+
+def _factor_words(reading: Reading) -> str:
+    """The factor on each joint's effort, with its interval: gear ratios where it may be one."""
+    best, low, high = factor_intervals(reading)
+    known, names = (low > 0.0) & np.isfinite(high), reading.likelihood.names
+    ratios = np.all((best[known] > LEAST_GEAR_RATIO) & (best[known] < LARGEST_GEAR_RATIO))
+    listed = ", ".join(
+        f"{names[j]} {_short(best[j])} ({_short(low[j])} to {_short(high[j])})"
+        for j in np.flatnonzero(known)
+    )
+    left = ", ".join(names[j] for j in np.flatnonzero(~known))
+    return (
+        "torques seem to be those of motors, whose gear ratios are unknown"
+        if ratios
+        else "efforts are off by unknown factors"
+    ) + (
+        f": by the masses of the model file {listed or 'none is identifiable'}"
+        + f" (95 %); not identifiable: {left}" * bool(listed and left)
+    )
 
 
 def _short(factor: float) -> str:

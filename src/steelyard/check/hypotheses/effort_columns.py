@@ -32,9 +32,13 @@ PERCENT = "percent"  # efforts in percent of the joints' limits
 LEAST_GAIN = 5e-4  # least factor by which a gain may be wrong
 LARGEST_GAIN = 2000.0
 GAIN_GRID = 151
+FACTOR_REACH = 10.0  # how far from the best factor others are tried, either way
 FAR_GAIN = 3.0  # factor on a gain from which on it is named
 OTHER_GAIN_FACTOR, WORSE_MISFIT_FACTOR = 1.4, 1.3
 """A gain is identifiable if gains off by the first factor have a misfit larger by the second."""
+MODEL_FILE_FACTOR = 2.5
+"""Factor by which effort of links may differ from that of a model file's, and with it a factor on
+measured efforts that is estimated by these."""
 
 
 OtherEfforts = Mapping[str, tuple[str, Array]]
@@ -139,6 +143,28 @@ def _identifiable(reading: Reading, factors: Array) -> tuple[NDArray[np.bool_], 
     bound = WORSE_MISFIT_FACTOR * best + 0.01
     inside = (factors > 2.0 * LEAST_GAIN) & (factors < 0.5 * LARGEST_GAIN)
     return (np.minimum(less, more) > bound) & inside, (one > bound) & inside
+
+
+def factor_intervals(reading: Reading) -> tuple[Array, Array, Array]:
+    """The best, the least and the largest factor on each joint's effort, shape `(n,)` each.
+
+    Zero and infinity where friction explains efforts that are as small, or as large. With a model
+    file's masses, which may be wrong by `MODEL_FILE_FACTOR`, they are as much wider.
+    """
+    best, steps = best_factors(reading), np.geomspace(1.0 / FACTOR_REACH, FACTOR_REACH, GAIN_GRID)
+    misfits = reading.with_efforts(steps[:, None] * best).misfits
+    near = misfits <= WORSE_MISFIT_FACTOR * misfits.min(axis=0) + 0.01
+    near[:, reading.sums.count[0] <= 0.0] = True
+    wide = 1.0 if reading.knowledge.identified else MODEL_FILE_FACTOR
+    low, high = steps[near.argmax(axis=0)] / wide, steps[::-1][near[::-1].argmax(axis=0)] * wide
+    return best, np.where(near[0], 0.0, best * low), np.where(near[-1], np.inf, best * high)
+
+
+def holds_factors(reading: Reading, factors: Array) -> bool:
+    """Whether factors `(n,)` on the efforts are those that a log shows, of one joint at least."""
+    _, low, high = factor_intervals(reading)
+    within = (low <= factors) & (factors <= high)
+    return bool(within.all() and np.any((low > 0.0) & np.isfinite(high)))
 
 
 def poorly_identified(reading: Reading) -> tuple[str, ...]:
