@@ -8,6 +8,7 @@ import pytest
 
 from cli.conftest import Command
 from steelyard.robot.file.robot_file import load_robot
+from steelyard.robot.file.toml import tomllib
 
 URDF = "../given/demo_arm.urdf"
 RATIOS = (100.0, -50.0, 30.0)
@@ -85,7 +86,7 @@ def test_gains_are_written(command: Command, currents: Path, tmp_path: Path) -> 
         (("--coupling", "elbow,elbow,2"), "a coupling is given without gear ratios"),
         (("--zeros", "0,90deg"), "'0,90deg' is not 3 positions"),
         (("--zeros", "0,-90,1.5"), "looks like degrees\n  where  --zeros\n  fix    write -90deg"),
-        (("--gains", "1,2,3"), "the log's efforts are torques, by their names"),
+        (("--side", "joint", "--ratios", "1,2,3"), "signals are of joints, as --side joint says"),
     ],
 )
 def test_wrong_options_are_explained(
@@ -96,12 +97,46 @@ def test_wrong_options_are_explained(
     assert not (tmp_path / "arm.toml").exists()
 
 
-def test_options_have_no_effect_without_what_they_are_about(
-    command: Command, given: Path, tmp_path: Path
+@pytest.mark.parametrize(
+    ("options", "expected"),
+    [
+        (("--ratios", "100,-50,30"), ("motor_torque", "motor", "Nm")),
+        (("--ratios", "100,-50,30", "--side", "motor"), ("motor_torque", "motor", "Nm")),
+        (("--gains", "1,2,3"), ("motor_current", "joint", "A")),
+        (("--gains", "1,2,3", "--ratios", "100,-50,30"), ("motor_current", "motor", "A")),
+    ],
+)
+def test_what_is_stated_counts_more_than_names(
+    options: tuple[str, ...],
+    expected: tuple[str, str, str],
+    command: Command,
+    given: Path,
+    tmp_path: Path,
 ) -> None:
-    log, robot = given / "identification.csv", tmp_path / "arm.toml"
-    done = command("init", URDF, log, "--ratios", "1,1,1", "-o", robot)
-    assert done.exit_code == 2 and "the log's signals are of joints" in done.stderr
+    robot = tmp_path / "arm.toml"
+    done = command("init", URDF, given / "identification.csv", *options, "-o", robot)
+    assert done.exit_code == 0, done.output
+    section = load_robot(robot).signals
+    assert section is not None
+    effort = tomllib.loads(robot.read_text())["signals"]["effort"]
+    assert (effort["kind"], effort.get("side", "joint"), effort["unit"]) == expected
+    gains = np.array([1.0, 2.0, 3.0]) if "--gains" in options else np.ones(3)
+    ratios = RATIOS if "--ratios" in options else np.ones(3)
+    assert np.allclose(section.gains, gains * ratios)
+
+
+def test_the_side_of_the_joints_counts_more_than_names_of_motors(
+    command: Command, motors: Path, tmp_path: Path
+) -> None:
+    robot = tmp_path / "arm.toml"
+    done = command("init", URDF, motors, "--side", "joint", "-o", robot)
+    loaded = load_robot(robot)
+    assert "torque at the joints, as stated" in done.stdout and loaded.signals is not None
+    assert loaded.robot.transmission is None and loaded.signals.position_map is None
+
+
+def test_options_have_no_effect_without_a_log(command: Command, tmp_path: Path) -> None:
+    robot = tmp_path / "arm.toml"
     alone = command("init", URDF, "--gains", "1,1,1", "-o", robot)
     assert alone.exit_code == 2 and "--gains is given without a log" in alone.stderr
     assert not robot.exists()

@@ -7,6 +7,7 @@ from typing import TypeVar
 import numpy as np
 
 from steelyard.base.errors import ModelError, advice
+from steelyard.robot.file.sections import Side
 from steelyard.robot.file.signals import looks_like_degrees
 from steelyard.robot.init.guess_columns import Guess
 from steelyard.robot.init.guess_efforts import Gears
@@ -202,6 +203,7 @@ class Stated:
     coupling: Sequence[str] = ()  # motor, joint and ratio of motors that turn with a second joint
     gains: str | None = None  # nm (N) at the joint per A
     zeros: str | None = None  # where the log says zero [rad; m], or with `deg` behind a number
+    side: Side | None = None  # of the gears, on which efforts are measured
 
     def gears(self, guess: Guess, moving: Sequence[Coordinate]) -> Gears | None:
         """The gears, where they are stated."""
@@ -209,9 +211,10 @@ class Stated:
             return None
         if not guess.motor_side:
             raise ModelError(
-                "the log's signals are of joints, by their names",
+                "the log's signals are of joints, "
+                + ("as --side joint says" if self.side else "by their names"),
                 where="--ratios" if self.ratios is not None else "--coupling",
-                fix="leave the option out, or name the motors' columns in the robot file",
+                fix="leave the option out, or give --side motor and --ratios",
             )
         if self.ratios is None:
             raise ModelError(
@@ -223,17 +226,16 @@ class Stated:
         coupling = tuple(coupled(text, moving) for text in self.coupling)
         return Gears(ratios, coupling, "ratios as stated by --ratios")
 
-    def added(self, known: Known, guess: Guess, moving: Sequence[Coordinate]) -> Known:
+    def effort(self, guess: Guess) -> Effort | None:
+        """That efforts are currents, where gains are stated and names say something else."""
+        stated = self.gains is not None and not needs_gains(guess)
+        return Effort("motor_current", "A") if stated else None
+
+    def added(self, known: Known, moving: Sequence[Coordinate]) -> Known:
         """What is known, with the stated zeros and gains."""
         if self.zeros is not None:
             known = replace(known, zeros=positions(self.zeros, moving))
         if self.gains is None:
             return known
-        if not needs_gains(guess):
-            raise ModelError(
-                "the log's efforts are torques, by their names",
-                where="--gains",
-                fix="leave the option out, or state the kind of efforts in the robot file",
-            )
         gains = numbers(self.gains, moving, "--gains")
         return replace(known, gains=gains, gains_source="--gains")

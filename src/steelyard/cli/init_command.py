@@ -4,7 +4,7 @@ import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
@@ -47,6 +47,7 @@ def init(
     rate: float | None = None,
     gains: str | None = None,
     ratios: str | None = None,
+    side: Literal["motor", "joint"] | None = None,
     coupling: list[str] | None = None,
     zeros: str | None = None,
     no_input: bool = False,
@@ -63,9 +64,12 @@ def init(
     Options:
         output: Robot file to write; must not exist.
         rate: Sampling rate of the log in Hz, if it has no time column.
-        gains: Drive gains of currents, Nm (N) at the joint per A, one per joint: 12,12,9.8.
+        gains: Drive gains of currents, Nm (N) at the joint per A, one per joint: 12,12,9.8; with
+            --side motor Nm of the motor per A.
         ratios: Gear ratios, if the log has motor-side signals: one per joint, negative if
-            opposite: 32,-48.
+            opposite: 32,-48. If positions are those of joints, efforts are taken as the motors'.
+        side: Side of the gears on which efforts are measured, whatever names say: motor, or joint,
+            on which positions are then too.
         coupling: A motor that turns with a second joint: MOTOR is the name of the joint that it
             drives, JOINT the second one, RATIO turns of the motor per turn of JOINT, such as
             joint_6,joint_5,32. Repeatable.
@@ -77,7 +81,7 @@ def init(
 
     Without a time column: steelyard init panda.urdf run1.csv --rate 1000
 
-    Signals of motors: steelyard init arm.urdf run1.csv --ratios 32,45,-48 --coupling
+    Signals of motors: steelyard init arm.urdf run1.csv --side motor --ratios 32,45,-48 --coupling
     wrist,elbow,32
     """
     from steelyard.base.errors import ModelError, OutputError
@@ -97,7 +101,8 @@ def init(
             where=str(target),
             fix="name another one with --output, or remove it",
         )
-    options = {"rate": rate, "gains": gains, "ratios": ratios, "coupling": coupling, "zeros": zeros}
+    options = {"rate": rate, "gains": gains, "ratios": ratios, "side": side, "coupling": coupling}
+    options |= {"zeros": zeros}
     for name in [] if logs else [f"--{name}" for name, value in options.items() if value]:
         raise ModelError(
             f"{name} is given without a log",
@@ -105,7 +110,7 @@ def init(
             fix=f"give the log after the model file, or leave out {name}",
         )
     asking = not (no_input or as_json) and sys.stdin.isatty() and sys.stdout.isatty()
-    stated = Stated(ratios, coupling or (), gains, zeros)
+    stated = Stated(ratios, coupling or (), gains, zeros, side)
     assignment, known = examined(proposal, log_files(logs or []), rate, stated, asking)
     draft = drafted(proposal, assignment, target, known)
     with whole_file(target) as part:
@@ -151,12 +156,12 @@ def examined(
     from steelyard.runs.named_logs import sample_of
 
     columns, sample = sample_of(logs[0].path) if logs else (None, None)
-    assignment = assigned(proposal, columns, sample, rate, stated.ratios is not None)
+    assignment = assigned(proposal, columns, sample, rate, stated.ratios is not None, stated.side)
     guess, moving = assignment.guess, assignment.moving
     if guess is None:
         return assignment, Known(gravity=questions.mounting_of(_ask) if asking else None)
     refuse_other_columns(logs, guess, moving)
-    effort = questions.effort_of(guess, _ask) if asking else None
+    effort = stated.effort(guess) or (questions.effort_of(guess, _ask) if asking else None)
     gears = stated.gears(guess, moving) or gears_of(proposal, moving, guess)
     asked = asking and guess.motor_side and stated.ratios is None
     if asked and gears is None:
@@ -164,7 +169,7 @@ def examined(
     if asked and gears is not None and len(moving) > 1 and gears is not guess.gears:
         gears = replace(gears, coupling=questions.coupling_of(moving, _ask))
     known = known_from_logs(proposal.loaded, moving, logs, with_effort(guess, effort), gears)
-    known = stated.added(replace(known, effort=effort, gears=gears), guess, moving)
+    known = stated.added(replace(known, effort=effort, gears=gears), moving)
     if asking:
         of_motors = guess.section.coordinates == "motor" and known.gears is not None
         if asked and of_motors and not known.zeros:

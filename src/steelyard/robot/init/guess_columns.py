@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from steelyard.base.arrays import Array
 from steelyard.base.errors import LogError
-from steelyard.robot.file.sections import SignalsSection
+from steelyard.robot.file.sections import Side, SignalsSection
 from steelyard.robot.file.signals import Signals, build_signals, expanded
 from steelyard.robot.init.column_names import (
     OF_MOTORS,
@@ -90,13 +90,16 @@ def guess_columns(
     rate: float | None = None,
     geared: bool = False,
     every: Sequence[Coordinate] = (),
+    side: Side | None = None,
 ) -> Guess:
     """The columns of time, positions and efforts, and their units; `LogError` if unassigned.
 
     Columns are matched by the joints' names if they carry them, else by their numbers. Columns of
     targets and commands are passed over; velocities are used if the sample shows that they are
-    worth it. A `rate` [Hz] is for logs without a column of time; if gear ratios are given
-    (`geared`), positions far beyond the limits are of motors. Numbers may count `every` joint of
+    worth it. A `rate` [Hz] is for logs without a column of time. What is stated counts more than
+    names: the `side` of the efforts, which is that of positions too if it is `joint`; gear ratios
+    (`geared`), with which positions far beyond the limits are of motors, or else efforts are.
+    Numbers may count `every` joint of
     the robot, also those that are not to be identified.
     """
     values = {name: finite(values) for name, values in (sample or {}).items()}
@@ -109,18 +112,21 @@ def guess_columns(
     if counts := [c.name for c in effort if c.has(*COUNTS)]:
         give_up(f"efforts are in counts, which have no unit: {', '.join(counts)}", columns)
     effort_words, units = effort_units(effort, joints, values)
-    geared = geared or all(c.of_motor for c in effort)
-    where = guess_positions(position, joints, values, columns, geared)
+    of_motors = all(c.of_motor for c in effort) if side is None else side == "motor"
+    where = guess_positions(position, joints, values, columns, geared or of_motors, side)
+    stated = side is not None or (geared and not (of_motors or where.motors))
+    of_motors = side == "motor" if side is not None else of_motors or stated
+    if stated:
+        effort_words = "of motors, as stated: joint torque through the gears"
+        effort_words = effort_words if of_motors else "torque at the joints, as stated"
     velocity = _one_each(joints, counted, kinds.get("velocity", []))
     rates = judged(velocity, position, joints, where.unit, clock, sample or {})
     used = rates.used
     counting = by_number(len(counted), kinds["effort"], [c.kind for c in counted])
     groups = [effort, *(group for group in counting if set(effort) <= set(group))]
-    kind, side = "joint_torque", "joint"
-    if {"A", "mA"} & set(units):  # a gain takes currents to the joints' side
-        kind = "motor_current"
-    elif all(c.of_motor for c in effort):
-        kind, side = "motor_torque", "motor"
+    currents = {"A", "mA"} & set(units)  # a gain takes them to the joints' side, unless stated
+    kind = "motor_current" if currents else "motor_torque" if of_motors else "joint_torque"
+    behind = "motor" if of_motors and (stated or not currents) else "joint"
     section = SignalsSection.model_validate(
         {
             **clock,
@@ -132,7 +138,7 @@ def guess_columns(
             "effort": {
                 "columns": _short(effort, joints),
                 "kind": kind,
-                "side": side,
+                "side": behind,
                 "unit": units[0] if len(set(units)) == 1 else units,
             },
         }
@@ -147,7 +153,7 @@ def guess_columns(
         reasons.append(rates.reason)
     left = () if used else tuple(c.name for c in velocity)
     contradictions = where.contradictions + rates.contradictions
-    if kind != "motor_current" and side == "joint":
+    if kind == "joint_torque":
         contradictions += beyond_effort(effort, joints, values)
     gears = None if where.motors else _gears(joints, position, kinds.get("position", ()), sample)
     names = tuple(c.name for c in joints)

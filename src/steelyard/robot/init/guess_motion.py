@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 
 from steelyard.base.arrays import Array
 from steelyard.base.errors import LogError
+from steelyard.robot.file.sections import Side
 from steelyard.robot.file.signals import POSITION_UNITS, TIME_UNITS, VELOCITY_UNITS
 from steelyard.robot.init.column_names import IN_FILE, Column, finite, give_up, listed
 from steelyard.robot.init.guess_efforts import (
@@ -290,14 +291,16 @@ def guess_positions(
     values: Mapping[str, Array],
     every: Sequence[str],
     geared: bool = False,
+    side: Side | None = None,
 ) -> MotionGuess:
     """Unit and side of position columns, by their names and by the joints' limits.
 
     Positions far beyond the limits in rad, but within them in deg, are in deg whatever their names
     say, unless they are known to be behind gears: ratios are given, or efforts are of motors by
-    their names. Counts have no unit, which is a `LogError` that lists `every` column of the log.
+    their names. If all signals are stated to be of joints (`side`), none are of motors. Counts have
+    no unit, which is a `LogError` that lists `every` column of the log.
     """
-    if all(column.of_motor for column in columns):
+    if side != "joint" and all(column.of_motor for column in columns):
         unit, reason = _motor_unit(columns)
         why = f"of motors, not of joints, by their names; {reason}"
         return MotionGuess(unit, why, motors=True)
@@ -317,12 +320,13 @@ def guess_positions(
         degrees = ["deg" if unit == "rad" else unit for unit in units]
         within = max(beyond_limits(columns, joints, degrees, values)) <= LEAST_POSITION_BEYOND_LIMIT
         times = f"up to {max(beyond):.3g} times the joints' limits"
-        if not geared and degrees != units and within:
+        if (side == "joint" or not geared) and degrees != units and within:
             why = f"in deg though their names say rad, in which they would be {times}"
             return MotionGuess(_stated(degrees, usual), f"{why} (if they are of motors: --ratios)")
-        unit, unit_reason = _motor_unit(columns)
-        why = f"{times}: of motors, not of joints; {unit_reason}"
-        return MotionGuess(unit, why, motors=True)
+        if side != "joint":
+            unit, unit_reason = _motor_unit(columns)
+            why = f"{times}: of motors, not of joints; {unit_reason}"
+            return MotionGuess(unit, why, motors=True)
     far = [(x, f"{j.name} ({c.name})") for c, j, x in zip(columns, joints, beyond, strict=True)]
     far = [(x, name) for x, name in far if x > LEAST_POSITION_BEYOND_LIMIT]
     if not far:

@@ -138,6 +138,10 @@ def _gain_lines(guess: Guess, known: Known, file: str) -> str:
         )
     what = "Nm at the joint per A (N per A for a sliding joint), gear ratio included; its sign "
     what += "counts."
+    if guess.section.effort.side == "motor":
+        what = (
+            "Nm of the motor per A (N per A of a linear motor), without the gear; its sign counts."
+        )
     gains = list(known.gains)
     if gains:
         lines = [comment(f"{what} From {known.gains_source}.")]

@@ -10,6 +10,7 @@ import numpy as np
 
 from steelyard.base.errors import LogError
 from steelyard.robot.file.loaded_robot import LoadedRobot
+from steelyard.robot.file.sections import Side
 from steelyard.robot.file.toml_edits import comment, toml_key, toml_text
 from steelyard.robot.init.column_names import like_finger
 from steelyard.robot.init.guess_columns import Guess, Sample, guess_columns
@@ -83,11 +84,12 @@ def assigned(
     sample: Sample | None,
     rate: float | None = None,
     geared: bool = False,
+    side: Side | None = None,
 ) -> Assignment:
     """Joints to identify, and the columns of a log, whose units some values tell.
 
-    A `rate` [Hz] stands for a column of time; `geared` says that gear ratios are given. It is a
-    `LogError` if only the time is missing, and no rate given.
+    A `rate` [Hz] stands for a column of time; `geared` says that gear ratios are given,
+    `side` that of the signals. It is a `LogError` if only the time is missing, and no rate given.
     """
     robot = proposal.loaded.robot
     hands = _hands(robot)
@@ -95,12 +97,12 @@ def assigned(
     if columns is None:
         return Assignment(None, free, free)
     try:
-        found = guess_columns(free, columns, sample, rate, geared, robot.coordinates)
+        found = guess_columns(free, columns, sample, rate, geared, robot.coordinates, side)
         guess = _behind_the_gears(found, robot.name)
     except LogError as error:
         if rate is None:
             with suppress(LogError):
-                guess_columns(free, columns, sample, 1.0, geared, robot.coordinates)
+                guess_columns(free, columns, sample, 1.0, geared, robot.coordinates, side)
                 error = LogError(error.wrong, where=error.where, fix=GIVE_RATE)
             if error.fix == GIVE_RATE:
                 raise error from None
