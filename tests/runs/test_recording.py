@@ -4,11 +4,14 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from steelyard.base.arrays import frozen
 from steelyard.logs.log import Cut
 from steelyard.robot.file.signals import Signals
 from steelyard.runs.recording import LoggedSamples, LogInMemory, Recording
+from steelyard.runs.rows.clock import learn_clock
+from steelyard.runs.rows.faulty_rows import RowVerdict, broken_rows
 
 RATIOS = np.array([[50.0, 0.0], [40.0, -40.0]])
 OFFSET = np.array([0.3, -0.2])
@@ -52,6 +55,55 @@ def test_without_velocities_positions_and_efforts_alone_are_mapped() -> None:
     (samples,) = samples_of(log)
     assert samples.dq is None and log.channels.count == 4
     np.testing.assert_allclose(samples.effort, table[:, 5:7] @ RATIOS * 1e-3, rtol=1e-12)
+
+
+def sparse(alone: dict[str, slice], rows: int = 900) -> tuple[Recording, np.ndarray]:
+    """A table of messages: some columns in rows of theirs only."""
+    log, _ = recording()
+    t = 0.002 * np.arange(rows)
+    table = np.column_stack([t, *(np.sin((k + 1.0) * t) for k in range(len(COLUMNS) - 1))])
+    whole = table.copy()
+    for column, among in alone.items():
+        given = np.zeros(rows, dtype=np.bool_)
+        given[among] = True
+        table[~given, COLUMNS.index(column)] = np.nan
+    one = frozen(np.ones(2))
+    signals = replace(
+        log.signals, time_scale=1.0, position_scale=one, velocity_scale=one, effort_scale=one,
+        position_map=None, position_offset=None, effort_map=None,
+    )  # fmt: skip
+    return Recording(LogInMemory(Path("topics.csv"), COLUMNS, table), signals), whole
+
+
+def test_rows_of_other_topics_are_no_corrupt_ones() -> None:
+    log, _ = sparse(dict.fromkeys(COLUMNS[1:], slice(0, None, 3)))
+    ((t, x),) = log.raw((0, None))
+    verdict = broken_rows(t, x, log.channels)
+    assert (verdict[::3] == RowVerdict.KEPT).all()
+    assert np.count_nonzero(verdict == RowVerdict.EMPTY) == 600
+    assert learn_clock(log).step == pytest.approx(0.006)
+
+
+@pytest.mark.parametrize("each", [False, True])
+def test_columns_in_rows_of_their_own_are_put_together(each: bool) -> None:
+    first = {name: k if each else 3 * (name[0] == "e") for k, name in enumerate(COLUMNS[1:])}
+    alone = {name: slice(row, None, 6) for name, row in first.items()}
+    log, whole = sparse(alone)
+    ((t, x),) = log.raw((0, None))
+    kept = broken_rows(t, x, log.channels) == RowVerdict.KEPT
+    assert np.count_nonzero(kept) >= 148 and not kept[1::6].any()
+    np.testing.assert_allclose(x[kept], whole[kept, 1:], atol=1e-3)
+
+
+def test_pauses_are_not_bridged_and_cells_that_are_missing_now_and_then_stay_so() -> None:
+    log, whole = sparse({"ea": slice(3, None, 6), "eb": slice(3, None, 6)})
+    table = log.log.table.copy()
+    table[300:420, 5:] = np.nan
+    ((_, x),) = replace(log, log=LogInMemory(Path("a.csv"), COLUMNS, table)).raw((0, None))
+    assert np.isnan(x[304:416, 4:]).all() and not np.isnan(x[10:290, 4:]).any()
+    whole[::5, 6] = np.nan
+    ((_, x),) = replace(log, log=LogInMemory(Path("a.csv"), COLUMNS, whole)).raw((0, None))
+    np.testing.assert_array_equal(np.isnan(x), np.isnan(whole[:, 1:]))
 
 
 def test_neither_the_parts_nor_the_log_in_memory_change_by_reading() -> None:

@@ -150,7 +150,9 @@ class SignalOverview:
 def signal_overview(case: Case, evidence: Evidence) -> SignalOverview:
     """The good rows of a log's excerpt: readable, in order of time, without garbage."""
     (t, x), channels = evidence.rows, evidence.channels
-    readable = np.isfinite(t)
+    empty = np.isnan(x).all(axis=1)  # of other topics, or of none at all
+    empty &= not empty.all()
+    readable = np.isfinite(t) & ~empty
     stamped = readable.copy()
     forward = np.diff(t[readable])
     forward = forward[forward > 0.0]
@@ -163,7 +165,7 @@ def signal_overview(case: Case, evidence: Evidence) -> SignalOverview:
         span = float(np.ptp(np.quantile(values, [0.02, 0.98]))) if len(values) else 0.0
         reach = max(0.5 * span, 1.0) if channel < channels.joints else 20.0 * span + 60.0
         kept[kept] = _near(values, reach)
-    broken = ~kept
+    broken = ~kept & ~empty
     latest = np.maximum.accumulate(t[kept])
     kept[kept] = np.concatenate((np.ones(len(latest[:1]), np.bool_), t[kept][1:] > latest[:-1]))
     return SignalOverview(channels, t[stamped], t[kept], x[kept], kept, broken, step)

@@ -78,7 +78,8 @@ def learn_clock(recording: Recording) -> Clock:
 
 
 def _head_times(recording: Recording) -> Array:
-    times = np.concatenate([t for t, _ in recording.raw((0, ROWS_FOR_STEP))])
+    parts = [*recording.raw((0, ROWS_FOR_STEP))]
+    times = np.concatenate([t[~np.isnan(x).all(axis=1)] for t, x in parts])
     return np.asarray(times[np.isfinite(times)])
 
 

@@ -30,9 +30,10 @@ class RowVerdict(IntEnum):
     KEPT = 0
     UNREADABLE = 1
     ABSURD = 2
-    REPEATED = 3
-    BACKWARD = 4
-    JUMP = 5
+    EMPTY = 3
+    REPEATED = 4
+    BACKWARD = 5
+    JUMP = 6
 
     @property
     def reason(self) -> str:
@@ -44,6 +45,7 @@ _REASONS = (
     "kept",
     "a cell that is missing or not a number",
     "an implausible value",
+    "no signal of the joints, as of other topics",
     "a repeated time stamp",
     "a time stamp before the previous one",
     "a single jump of time or position",
@@ -51,14 +53,16 @@ _REASONS = (
 
 
 def broken_rows(t: Array, x: Array, channels: Channels) -> NDArray[np.uint8]:
-    """`KEPT`, `UNREADABLE` or `ABSURD` per row, judged by the row `(N, C)` alone, shape `(N,)`."""
+    """What a row `(N, C)` is by itself: `KEPT`, `UNREADABLE`, `ABSURD` or `EMPTY`, shape `(N,)`."""
     verdict = np.zeros(len(t), dtype=np.uint8)
     with np.errstate(invalid="ignore"):
         absurd = ~np.isfinite(t) | (np.abs(x) > LARGEST_VALUE).any(axis=1)
         if channels.velocities:
             absurd |= (np.abs(x[:, channels.dq]) > FASTEST_LOGGED_SPEED).any(axis=1)
     verdict[absurd] = RowVerdict.ABSURD
-    verdict[np.isnan(t) | np.isnan(x).any(axis=1)] = RowVerdict.UNREADABLE
+    missing = np.isnan(x)
+    verdict[np.isnan(t) | missing.any(axis=1)] = RowVerdict.UNREADABLE
+    verdict[missing.all(axis=1)] = RowVerdict.EMPTY
     return verdict
 
 
