@@ -353,7 +353,8 @@ GOOD = b"{'descr': '<f8', 'fortran_order': False, 'shape': (%s), }\n"
         (npy(b"__import__('os').abort()\n"), "cannot be read"),
         (npy(b"(" * 500), "cannot be read"),
         (npy(b"{}\n"), "cannot be read"),
-        (npy(b"", length=4_000_000_000), "header of an array cannot be read"),
+        (npy(b"", length=4_000_000_000), "cannot be read: it is 4000000000 bytes long"),
+        (b"\x93NUMPY\x04\x00" + pack("<I", 60) + GOOD % b"3,", "header of an array cannot be read"),
     ],
 )
 def test_headers_of_numpy_that_make_no_sense(tmp_path: Path, content: bytes, words: str) -> None:
@@ -361,6 +362,7 @@ def test_headers_of_numpy_that_make_no_sense(tmp_path: Path, content: bytes, wor
     with pytest.raises(LogError) as caught:
         open_log(tmp_path / "run.npy")
     assert words in caught.value.wrong and "copy it again" in caught.value.fix
+    assert len(caught.value.wrong) < 250
 
 
 def test_archives_that_are_not_numpys(tmp_path: Path) -> None:
@@ -381,6 +383,16 @@ def test_a_flipped_bit_in_an_archive_is_found(tmp_path: Path) -> None:
     path.write_bytes(raw)
     with pytest.raises(LogError, match="Bad CRC-32"):
         list(opened(path).parts(("t",)))
+
+
+def test_a_damaged_array_leaves_the_others_of_an_archive_readable(tmp_path: Path) -> None:
+    t = 0.01 * np.arange(2000)
+    path = of_npz(tmp_path / "run", {"t": t, "q": np.sin(t)})
+    path.write_bytes(path.read_bytes().replace(np.sin(t)[900:904].tobytes(), bytes(32)))
+    log = opened(path)
+    np.testing.assert_array_equal(np.concatenate(list(log.parts(("t",))))[:, 0], t)
+    with pytest.raises(LogError, match="Bad CRC-32 for file 'q.npy'"):
+        list(log.parts(("q",)))
 
 
 def test_bombs_are_read_in_constant_memory(tmp_path: Path, peak: Callable[[], float]) -> None:

@@ -28,7 +28,8 @@ from steelyard.logs.named_arrays import (
     record_fields,
 )
 
-LONGEST_HEADER = 1 << 16
+LONGEST_HEADER, LONGEST_REASON = 1 << 16, 100
+"""Bytes of a header, and letters of what is wrong with it, which may repeat all of it."""
 
 
 def open_npz(path: Path) -> ArraysLog:
@@ -94,22 +95,26 @@ def _header(
     stream: IO[bytes], size: int
 ) -> tuple[int, np.dtype[np.generic], tuple[int, ...], Literal["C", "F"]]:
     """Its length, and the numbers' kind, shape and order, checked against the bytes there are."""
-    head = BytesIO(stream.read(LONGEST_HEADER))
     try:
-        version = npy.read_magic(head)
-        width = 2 if version == (1, 0) else 4
-        text = head.read(int.from_bytes(head.read(width), "little"))
+        version = npy.read_magic(stream)
+        width = {(1, 0): 2, (2, 0): 4, (3, 0): 4}[version]
+        length = int.from_bytes(stream.read(width), "little")
+        if length > LONGEST_HEADER:
+            raise ValueError(f"it is {length} bytes long")
+        text = stream.read(length)  # and nothing of the numbers, which may be damaged
         if version == (3, 0):  # version 2.0 with names in UTF-8
             text = text.decode().encode("latin-1", "backslashreplace")
         read = npy.read_array_header_1_0 if width == 2 else npy.read_array_header_2_0
         shape, fortran, dtype = read(BytesIO(len(text).to_bytes(width, "little") + text), size)
     except Exception as error:  # foreign code on foreign text
-        raise ValueError(f"the header of an array cannot be read: {error}") from error
+        why = str(error)[:LONGEST_REASON]
+        raise ValueError(f"the header of an array cannot be read: {why}") from error
+    at = npy.MAGIC_LEN + width + length
     if min(shape, default=0) < 0 or dtype.itemsize == 0:
         raise ValueError(f"the header of an array makes no sense: {shape} of {dtype}")
-    if prod(shape) * dtype.itemsize > size - head.tell():
+    if prod(shape) * dtype.itemsize > size - at:
         raise ValueError("an array is declared larger than the file")
-    return head.tell(), dtype, shape, "F" if fortran else "C"
+    return at, dtype, shape, "F" if fortran else "C"
 
 
 def _disambiguated(arrays: list[Packed | NamedArray]) -> Iterator[Packed | NamedArray]:
