@@ -311,6 +311,14 @@ def test_of_columns_that_are_copies_the_first_is_used(tmp_path: Path) -> None:
     )
 
 
+def test_words_that_do_not_change_are_in_a_sample(tmp_path: Path) -> None:
+    path = tmp_path / "run.csv"
+    path.write_text("%time,name0,mode,position0,effort0\n0,elbow,a,1,2\n1,elbow,b,2,3\n")
+    columns, sample = sample_of(path)
+    assert columns == ("time", "name0", "mode", "position0", "effort0")
+    assert sample["name0"].tolist() == ["elbow"] and np.isnan(sample["mode"]).all()
+
+
 def test_a_column_that_is_not_used_may_be_ambiguous(tmp_path: Path) -> None:
     path = tmp_path / "run.csv"
     path.write_text("t,q1,tau1,x,x\n0,1,2,3,4\n1,2,3,4,5\n")

@@ -190,6 +190,33 @@ def test_effort_unit(stem: str, reach: float, unit: str) -> None:
     assert guess.section.effort.unit == unit
 
 
+@pytest.mark.parametrize("names", ["field.name#", "name_#"])
+def test_joints_that_columns_of_text_name(names: str) -> None:
+    stem = names.replace("#", "").replace("name", "{}").replace("_", "[") + "#"
+    columns = numbered(*(stem.format(w) for w in ("position", "velocity", "effort")), start=0)
+    texts = numbered(names, start=0)
+    named = {text: np.array([f"arm/joint{k}"]) for text, k in zip(texts, (2, 1), strict=True)}
+    guess = guess_columns(TWO, ["t", *texts, *columns], named)
+    assert guess.section.position == (columns[1], columns[0])
+    assert guess.velocity == (columns[3], columns[2])
+    assert guess.section.effort.columns == (columns[5], columns[4])
+    assert "by the joints' names in the log's rows" in guess.reasons[1]
+    named = {text: np.array([f"axis {k}"]) for k, text in enumerate(texts)}
+    guess = guess_columns(TWO, ["t", *texts, *columns], named)
+    assert guess.section.position == tuple(columns[:2])
+    assert (
+        "by their numbers, though the log calls them axis 0, axis 1: check it" in guess.reasons[1]
+    )
+
+
+def test_text_that_names_no_joint_leaves_names_of_columns() -> None:
+    two = (Coordinate("base", "revolute"), Coordinate("elbow", "revolute"))
+    columns = ["t", "base_state", "elbow_pos", "base_pos", "elbow_torque", "base_torque"]
+    guess = guess_columns(two, columns, {"base_state": np.array(["running"])})
+    assert guess.section.position == ("base_pos", "elbow_pos")
+    assert "by the joints' names;" in guess.reasons[1]
+
+
 def test_currents_of_one_robot_have_one_unit() -> None:
     sample = {f"i_{k}": reach * np.sin(np.arange(99.0)) for k, reach in ((1, 900.0), (2, 90.0))}
     guess = guess_columns(TWO, ["t", *numbered("q#"), *sample], sample)

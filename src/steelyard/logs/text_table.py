@@ -249,7 +249,8 @@ class DelimitedLog:
     The first row starts at byte `body`.
 
     Columns whose name and first values are those of an earlier one are its `copies`, by name and
-    place in the row, and are left out; rows in which they differ are refused.
+    place in the row, and are left out; rows in which they differ are refused. `texts` are columns
+    with the word that all their first cells hold, such as a joint's name.
     """
 
     path: Path
@@ -259,6 +260,7 @@ class DelimitedLog:
     body: int
     places: tuple[int, ...]
     copies: tuple[tuple[str, int], ...] = ()
+    texts: tuple[tuple[str, str], ...] = ()
 
     @property
     def left_out(self) -> tuple[tuple[str, str], ...]:
@@ -305,7 +307,12 @@ class DelimitedLog:
         left_out = {place for _, place in copies}
         places = tuple(k for k in range(len(header.columns)) if k not in left_out)
         names = tuple(header.columns[k] for k in places)
-        return cls(path, names, header.separator, header.decimal_comma, body, places, copies)
+        cells = zip(*_rows_below(text, header), strict=False)
+        first = {k: column[0] for k, column in enumerate(cells) if len(set(column)) == 1}
+        words = ((header.columns[k], cell) for k, cell in first.items() if k in places)
+        texts = tuple((name, cell) for name, cell in words if _is_word(cell))
+        mark = header.separator, header.decimal_comma
+        return cls(path, names, *mark, body, places, copies, texts)
 
     def parts(
         self, columns: Sequence[str], rows: RowRange = (0, None), size: int = ROWS_OF_PART

@@ -100,13 +100,17 @@ def recording_of(argument: LogArgument, signals: Signals) -> Recording:
 
 
 def sample_of(path: Path) -> tuple[tuple[str, ...], dict[str, np.ndarray]]:
-    """Names of a log's columns, and some values of each whose name is its own."""
+    """Names of a log's columns, and some values of each whose name is its own.
+
+    Of columns of text there is the word that they begin with.
+    """
     log = open_log(path)
     single = [name for name, count in Counter(log.columns).items() if count == 1]
     table = next(log.parts(single, (0, SAMPLE_ROWS), SAMPLE_ROWS), None)
     if table is None:
         raise LogError("the log has no rows", where=str(path), fix="record or export it again")
-    return tuple(dict.fromkeys(log.columns)), dict(zip(single, table.T, strict=True))
+    texts = {name: np.array([text]) for name, text in getattr(log, "texts", ())}
+    return tuple(dict.fromkeys(log.columns)), dict(zip(single, table.T, strict=True)) | texts
 
 
 def signals_of(loaded: LoadedRobot, log: LogArgument) -> tuple[Signals, tuple[str, ...]]:

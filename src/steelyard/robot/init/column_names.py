@@ -2,7 +2,7 @@
 
 import re
 from collections import defaultdict
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Literal, NoReturn
@@ -67,9 +67,10 @@ def words_of(name: str) -> tuple[str, ...]:
 
 @dataclass(frozen=True)
 class Column:
-    """A column's name and its words."""
+    """A column's name and its words; `label` is the joint's name where the log states it."""
 
     name: str
+    label: str = ""
 
     @cached_property
     def words(self) -> tuple[str, ...]:
@@ -100,6 +101,8 @@ class Column:
     @property
     def joint_words(self) -> tuple[str, ...]:
         """The words that may name a joint; all but the topic's if the log is of messages."""
+        if self.label:
+            return words_of(self.label)
         found = _OF_MESSAGES.fullmatch(self.name)
         return words_of(found["joint"]) if found and found["joint"] else self.words
 
@@ -152,6 +155,29 @@ class Column:
         return bool(set(words) & set(self.words))
 
 
+def labelled(
+    columns: Iterable[str], texts: Mapping[str, str], joints: Iterable[str] = ()
+) -> list[Column]:
+    """Columns, labelled by columns of text that are called alike but for one word.
+
+    `field.position0` by the text of `field.name0`, if it contains a joint's name, of those given.
+    """
+
+    def stems(name: str) -> list[tuple[tuple[str, ...], ...]]:
+        words = words_of(name)
+        return [(words[:k], words[k + 1 :]) for k, w in enumerate(words) if not w.isdigit()]
+
+    known = [set(words_of(joint)) for joint in joints]
+    labels = {
+        stem: text
+        for name, text in texts.items()
+        if not known or any(words <= set(words_of(text)) for words in known)
+        for stem in stems(name)
+    }
+    found = ((name, (labels[s] for s in stems(name) if s in labels)) for name in columns)
+    return [Column(name, next(label, "")) for name, label in found]
+
+
 def like_finger(joint: str) -> bool:
     """Whether a joint's name says that it belongs to a hand."""
     return bool(FINGERS & set(words_of(joint)))
@@ -163,7 +189,7 @@ def by_name(coordinates: Sequence[Coordinate], columns: Iterable[Column]) -> dic
     pairs = []
     for column in columns:
         scores = {
-            joint: len(words & set(column.joint_words))
+            joint: len(words & set(column.joint_words)) + bool(column.label)
             for joint, (words, numbers) in own.items()
             if not numbers or numbers == column.numbers
         }

@@ -20,6 +20,7 @@ from steelyard.robot.init.column_names import (
     by_number,
     finite,
     give_up,
+    labelled,
     like_finger,
     listed,
     partly_by_number,
@@ -99,12 +100,14 @@ def guess_columns(
     worth it. A `rate` [Hz] is for logs without a column of time. What is stated counts more than
     names: the `side` of the efforts, which is that of positions too if it is `joint`; gear ratios
     (`geared`), with which positions far beyond the limits are of motors, or else efforts are.
-    Numbers may count `every` joint of
-    the robot, also those that are not to be identified.
+    Numbers may count `every` joint of the robot, also those that are not to be identified; of
+    columns of text a sample has the first value, which may name a joint.
     """
-    values = {name: finite(values) for name, values in (sample or {}).items()}
+    arrays = {name: np.asarray(values) for name, values in (sample or {}).items()}
+    texts = {name: str(x[0]) for name, x in arrays.items() if x.dtype.kind == "U" and len(x)}
+    values = {name: finite(x) for name, x in arrays.items() if name not in texts}
     kinds: dict[Quantity, list[Column]] = {}
-    for column in map(Column, columns):
+    for column in labelled(columns, texts, [c.name for c in every or coordinates]):
         if column.quantity is not None:
             kinds.setdefault(column.quantity, []).append(column)
     joints, counted, position, effort, how = _matched(coordinates, every, kinds, columns, values)
@@ -143,6 +146,12 @@ def guess_columns(
             },
         }
     )
+    if how == _BY_NAME and all(c.label for c in position):
+        how = "by the joints' names in the log's rows"
+    elif how != _BY_NAME:
+        called = [c.label for c in labelled([c.name for c in position], texts)]
+        if all(called) and len(set(called)) == len(called):
+            how += f", though the log calls them {', '.join(called)}: check it"
     reasons = [
         time_reason,
         f"positions are {listed(position)}, assigned {how}; {where.reason}",
