@@ -463,6 +463,19 @@ def test_rows_lost_before_stamps_were_made_even_are_found(
     assert not found.edits
 
 
+def test_late_and_early_samples_are_not_missing_ones(tmp_path: Path) -> None:
+    table = sound(200.0)
+    rows = np.arange(len(table), dtype=np.float64)
+    held = np.random.default_rng(2).random(len(rows)) < 0.06
+    for start in np.flatnonzero(held).tolist():
+        rows[start : start + 3] = rows[start] + 0.2 * np.arange(len(rows[start : start + 3]))
+    each = [np.interp(rows, np.arange(len(table)), column) for column in table[:, 1:].T]
+    table[:, 1:] = np.column_stack(each)
+    found = of(diagnosis(tmp_path, table), "clock")
+    assert found.severity == Severity.DOUBTFUL
+    assert "jump ahead" in found.says and "No row is missing" in found.says
+
+
 @pytest.mark.parametrize("rate", [100.0, 1000.0])
 @pytest.mark.parametrize("kind", ["backward", "backward, even steps", "forward", "central"])
 def test_velocities_that_are_differences_of_positions_are_doubtful(

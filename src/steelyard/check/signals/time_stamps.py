@@ -59,16 +59,34 @@ SLOW_LEAP_SHARE = 0.2
 """Typical velocity, over the rms one, below which missing rows cannot be detected."""
 
 
-def _leaps(t: Array, q: Array) -> tuple[Array, int]:
-    """How many rows' time is missing where all joints leap ahead at once, one number each.
+@dataclass(frozen=True, eq=False)
+class Leaps:
+    """Rows' time that is missing where all joints leap ahead at once, one number each.
 
-    And the number of rows at which a leap would have been seen. By increasing times `(N,)` [s] and
-    positions `(N, n)`; rows that repeat all positions are left out before.
+    Time in rows by which all joints lag behind elsewhere, and the number of rows at which a leap
+    would have been seen. What leaps make up for is not missing: samples are of uneven times.
+    """
+
+    missing: Array
+    late: float
+    moving: int
+
+    @property
+    def made_up(self) -> bool:
+        """Whether joints lag behind by as much as they leap ahead, half of it at least."""
+        return self.late >= 0.5 * float(self.missing.sum())
+
+
+def _leaps(t: Array, q: Array) -> Leaps:
+    """Leaps of all joints, by increasing times `(N,)` [s] and positions `(N, n)`.
+
+    Rows that repeat all positions are left out before.
     """
     fresh = np.flatnonzero(np.concatenate(([True], (np.diff(q, axis=0) != 0.0).any(axis=1))))
     if len(fresh) < 8 * STEPS_AROUND_LEAP:
-        return np.zeros(0), 0
-    velocity = np.diff(q[fresh], axis=0) / np.diff(t[fresh])[:, None]
+        return Leaps(np.zeros(0), 0.0, 0)
+    duration = np.diff(t[fresh])
+    velocity = np.diff(q[fresh], axis=0) / duration[:, None]
     size = np.sqrt(np.mean(np.square(velocity), axis=0))
     velocity = velocity[:, size > 0.0] / size[size > 0.0]
     windows = np.lib.stride_tricks.sliding_window_view(velocity, 2 * STEPS_AROUND_LEAP + 1, axis=0)
@@ -83,7 +101,10 @@ def _leaps(t: Array, q: Array) -> tuple[Array, int]:
         & (factor >= LEAP_FACTOR)
         & (left <= COMMON_LEAP_RESIDUE * np.linalg.norm(inner, axis=1))
     )
-    return factor[found] - 1.0, int(np.count_nonzero(moving))
+    slow = moving & (factor <= 1.0 / LEAP_FACTOR)
+    rows = duration[STEPS_AROUND_LEAP:-STEPS_AROUND_LEAP] / np.median(np.diff(t))
+    late = float(np.sum((1.0 - factor[slow]) * rows[slow]))
+    return Leaps(factor[found] - 1.0, late, int(np.count_nonzero(moving)))
 
 
 DOUBTFUL_GAPS, GAPS_PER_ROW = 5, 2.5e-4
@@ -138,12 +159,10 @@ def _clock_found(case: Case, evidence: Evidence) -> Finding:
             fix=Fix(f"declare time in {unit}", (Edit(("signals", "time_unit"), unit),)),
             picture=Picture("step [s]", "rows", (histogram("steps", steps),)),
         )
-    found, gone = (
-        _judged(step, steps, overview.stamps, overview.jitter),
-        missing_rows(case, evidence),
-    )
-    if found.severity is Severity.OK and gone is not None:
-        return _leaps_found(*gone, step)
+    found = _judged(step, steps, overview.stamps, overview.jitter)
+    leaps = leaping_rows(case, evidence)
+    if found.severity is Severity.OK and leaps is not None:
+        return _leaps_found(leaps, step)
     if column == ROW:
         found = replace(found, says=f"{found.says}, as declared: the log has no column of time")
     return found
@@ -157,23 +176,37 @@ def out_of_order(case: Case, evidence: Evidence) -> bool:
 
 
 @remembered
-def missing_rows(case: Case, evidence: Evidence) -> tuple[Array, int] | None:
-    """Leaps where rows are missing though stamps go on evenly; `None` if there are hardly any."""
+def leaping_rows(case: Case, evidence: Evidence) -> Leaps | None:
+    """Leaps of all joints though stamps go on evenly; `None` if there are hardly any."""
     overview = signal_overview(case, evidence)
     if not overview.moves:
         return None
-    missing, moving = _leaps(overview.t, overview.q)
-    often = len(missing) >= DOUBTFUL_LEAPS and missing.sum() >= DOUBTFUL_MISSING * moving
-    return (missing, moving) if often else None
+    found = _leaps(overview.t, overview.q)
+    size = found.missing.sum()
+    often = len(found.missing) >= DOUBTFUL_LEAPS and size >= DOUBTFUL_MISSING * found.moving
+    return found if often else None
 
 
-def _leaps_found(missing: Array, moving: int, step: float) -> Finding:
-    share = float(missing.sum()) / max(moving, 1)
+def _leaps_found(leaps: Leaps, step: float) -> Finding:
+    missing = leaps.missing
+    share = float(missing.sum()) / max(leaps.moving, 1)
     typical = float(np.median(missing))
+    leap = (
+        f"at {len(missing)} places all joints jump ahead simultaneously, by {typical:.2g} rows "
+        "typically"
+    )
+    if leaps.made_up:
+        return Finding.doubtful(
+            f"samples are of uneven times though time stamps are uniform: {leap}; at others they "
+            "lag behind by as much. No row is missing: a loop that logs the latest message does "
+            "so. This is noise of positions and efforts in motion",
+            f"jumps ahead of {_time(step * float(missing.sum()))} in all and lags of "
+            f"{_time(step * leaps.late)}; less than half as much where rows are missing",
+            fix=Fix("log each message when it comes, with its own time stamp"),
+        )
     return Finding.of(
         Severity.WRONG if share >= MUCH_MISSING else Severity.DOUBTFUL,
-        f"rows are missing though time stamps are uniform: at {len(missing)} places all "
-        f"joints jump ahead simultaneously, by {typical:.2g} rows typically; "
+        f"rows are missing though time stamps are uniform: {leap}; "
         f"{_time(step * missing.sum())} in all. Time stamps were made uniform after rows were lost",
         f"{percent_of(share)} of the rows in motion are missing (at most "
         f"{100.0 * DOUBTFUL_MISSING:g} % allowed)",

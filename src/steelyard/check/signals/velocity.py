@@ -13,7 +13,7 @@ from steelyard.check.decision.verdict import positions_at_fault
 from steelyard.check.finding import Edit, Finding, Fix, Picture, Severity, trace
 from steelyard.check.signals.overview import signal_overview
 from steelyard.check.signals.position import misplaced_velocities
-from steelyard.check.signals.time_stamps import missing_rows
+from steelyard.check.signals.time_stamps import leaping_rows
 from steelyard.check.signals.units import (
     SAME_SCALE,
     UnitReading,
@@ -51,7 +51,8 @@ def velocity_check(case: Case, evidence: Evidence) -> Finding | None:
     grave = bool(velocities.of("swapped", "unit", "turned", "scaled", "strange").any())
     clauses = velocities.clauses
     severity, fix, answered = Severity.OK, None, True
-    if missing_rows(case, evidence) is not None:
+    leaps = leaping_rows(case, evidence)
+    if leaps is not None and not leaps.made_up:
         clauses, answered = ["rows are missing, which breaks d(q)/dt: see clock"], False
     elif declared and velocities.misplaced and positions_at_fault(case, evidence):
         clauses.append("the positions are wrong")
