@@ -53,7 +53,7 @@ class Tail:
     @classmethod
     def of(cls, maxima: Array, visits: float) -> "Tail":
         """That of the largest maxima of some visits, which fall."""
-        count = int(min(max(FEWEST, TAIL_SHARE * visits), len(maxima) - 1))
+        count = int(min(max(FEWEST, TAIL_SIZE * np.sqrt(visits)), len(maxima) - 1))
         base, least = float(maxima[count]), 1e-9 * max(float(maxima[0]), 1e-300)
         return cls(base, frozen(np.maximum(maxima[:count] - base, least)))
 
@@ -106,7 +106,9 @@ HOLD = 0.15
 and the friction of a joint that starts to move remember."""
 
 MOST_KEPT = 200  # maxima kept per joint and range
-TAIL_SHARE = 0.3  # share of the maxima of a range that its tail is fitted to
+TAIL_SIZE = (
+    3.0  # maxima in the tail of a range over the root of its visits: more, but a smaller share
+)
 SETTLED = 0.5  # rest begins that long after the last motion [s]: an abrupt stop makes robots swing
 FEWEST = 10  # maxima that the tail of a range needs
 EXTRAPOLATION = 10.0  # most times between false alarms over the length of the calibration
