@@ -12,7 +12,7 @@ from steelyard.base.progress import silent
 from steelyard.check.case import Case
 from steelyard.check.examine import Diagnosis, examine
 from steelyard.check.finding import Finding, Severity
-from steelyard.check.signals.units import unit_reading
+from steelyard.check.signals.motion_units import unit_reading
 from steelyard.check.subject import case_of, subject_of
 from steelyard.robot.file.toml_edits import edited
 from steelyard.runs.named_logs import log_files

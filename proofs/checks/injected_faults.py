@@ -21,7 +21,7 @@ from proofs.support.faults import Clean, Faulty, Tally, diagnosis, right_fix, ri
 from steelyard.base.progress import silent
 from steelyard.check.case import Case, Evidence
 from steelyard.check.decision.ranking import ranking
-from steelyard.check.hypotheses.surroundings import delay_fit
+from steelyard.check.hypotheses.payload_and_gravity import delay_fit
 from steelyard.estimate.identified import IdentifiedModel, Provenance
 from steelyard.excite.trajectories.fourier import random_fourier
 from steelyard.identify.fit import fit

@@ -28,7 +28,7 @@ from steelyard.check.finding import Edit, Severity
 from steelyard.check.findings_text import check_headline
 from steelyard.check.hypotheses.bodies import consistent_bodies
 from steelyard.check.hypotheses.likelihood import keeps_evidence
-from steelyard.check.hypotheses.surroundings import _DirectionResidual
+from steelyard.check.hypotheses.payload_and_gravity import _DirectionResidual
 from steelyard.model.model import Model
 from steelyard.robot.file.toml_edits import edited
 

@@ -19,11 +19,11 @@ from steelyard.check.signals.measured import (
     saturation_check,
     signed_efforts_check,
 )
+from steelyard.check.signals.motion_units import JointFacts, unit_reading
 from steelyard.check.signals.movement import excitation_check, rests_check
 from steelyard.check.signals.position import position_check
 from steelyard.check.signals.rows import corrupt_rows_check, repeated_rows_check
 from steelyard.check.signals.time_stamps import clock_check
-from steelyard.check.signals.units import JointFacts, unit_reading
 from steelyard.check.signals.velocity import velocity_check
 from steelyard.logs.log import Cut, Log, Numbered
 from steelyard.robot.file.robot_file import load_robot

@@ -11,7 +11,7 @@ import typer
 from rich.table import Table
 
 from steelyard.base.errors import LogError
-from steelyard.base.text import visible
+from steelyard.base.visible_text import visible
 from steelyard.cli.command import DEFECT, guarded
 from steelyard.report.terminal import terminal
 

@@ -7,7 +7,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any, TypeVar
 
-from steelyard.base.text import visible
+from steelyard.base.visible_text import visible
 
 Named = TypeVar("Named")
 

@@ -18,7 +18,7 @@ from click import ClickException
 
 from steelyard.base.errors import ModelError, OutputError, SteelyardError
 from steelyard.base.progress import Event, Progress
-from steelyard.base.text import visible
+from steelyard.base.visible_text import visible
 from steelyard.cli import interrupt
 
 if TYPE_CHECKING:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from steelyard.base.text import visible
+from steelyard.base.visible_text import visible
 from steelyard.cli import interrupt
 from steelyard.cli.command import LOG_HELP, optional_folder, print_json, progress_bar
 from steelyard.cli.derived_command import DerivedCommand, from_function

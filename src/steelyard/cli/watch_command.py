@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from steelyard.base.text import visible
+from steelyard.base.visible_text import visible
 from steelyard.cli import interrupt
 from steelyard.cli.command import optional_folder, progress_bar
 from steelyard.cli.derived_command import from_function

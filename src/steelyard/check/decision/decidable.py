@@ -29,12 +29,12 @@ from steelyard.check.decision.verdict import (
 from steelyard.check.hypotheses.bodies import consistent_bodies
 from steelyard.check.hypotheses.effort_columns import poorly_identified
 from steelyard.check.hypotheses.likelihood import Hypothesis, Reading, scored
+from steelyard.check.hypotheses.payload_and_gravity import NEAR_AXIS_ANGLE, payload_fit
 from steelyard.check.hypotheses.position_columns import (
     ZERO_CAUSE,
     zero_offsets,
     zeros_without_effect,
 )
-from steelyard.check.hypotheses.surroundings import NEAR_AXIS_ANGLE, payload_fit
 from steelyard.estimate.estimate import Z95
 
 SHOWN_ALTERNATIVES = 3  # alternatives that are named

@@ -20,8 +20,8 @@ from steelyard.check.finding import Edit
 from steelyard.check.hypotheses.effort_columns import PERCENT
 from steelyard.check.hypotheses.excerpt import excerpt_of
 from steelyard.check.hypotheses.likelihood import Likelihood, Reading, likelihood_of
+from steelyard.check.hypotheses.payload_and_gravity import refined_gravity
 from steelyard.check.hypotheses.position_columns import ZERO_CAUSE
-from steelyard.check.hypotheses.surroundings import refined_gravity
 from steelyard.estimate.estimate import Z95
 from steelyard.robot.file.efforts import MOTOR_KINDS
 from steelyard.robot.file.loaded_robot import LoadedRobot

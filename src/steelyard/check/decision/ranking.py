@@ -24,13 +24,13 @@ from steelyard.check.hypotheses.likelihood import (
     Reading,
     likelihood_of,
 )
+from steelyard.check.hypotheses.payload_and_gravity import world_hypotheses
 from steelyard.check.hypotheses.position_columns import (
     deep_hypotheses,
     position_hypotheses,
     ratio_hypotheses,
     zero_hypotheses,
 )
-from steelyard.check.hypotheses.surroundings import world_hypotheses
 from steelyard.check.signals.overview import remembered
 from steelyard.estimate.identified import IdentifiedModel
 from steelyard.robot.file.signals import Signals

@@ -41,7 +41,11 @@ from steelyard.check.hypotheses.likelihood import (
     Reading,
 )
 from steelyard.check.hypotheses.nuisance import MISFIT_FLOOR
-from steelyard.check.hypotheses.surroundings import axis_near, delay_hypotheses, mounting_hypotheses
+from steelyard.check.hypotheses.payload_and_gravity import (
+    axis_near,
+    delay_hypotheses,
+    mounting_hypotheses,
+)
 from steelyard.check.signals.overview import remembered
 
 SUPPORT_MARGIN, SUPPORT_FALL = 60.0, 2.0

@@ -19,6 +19,7 @@ from steelyard.base.errors import SteelyardError
 from steelyard.check.case import Case, Evidence, log_check
 from steelyard.check.finding import Finding, Fix, Picture, Severity, of_joints, percent_of, trace
 from steelyard.check.identifiability import clean_runs, customary_model
+from steelyard.check.signals.motion_units import driven_joints, unit_reading
 from steelyard.check.signals.overview import (
     MOVED,
     SignalOverview,
@@ -26,7 +27,6 @@ from steelyard.check.signals.overview import (
     signal_overview,
     with_rows,
 )
-from steelyard.check.signals.units import driven_joints, unit_reading
 from steelyard.estimate.information.gather import gather
 from steelyard.estimate.information.regressor import base_regressor
 from steelyard.estimate.least_squares.least_squares import WeightedLeastSquares

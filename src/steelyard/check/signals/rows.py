@@ -10,9 +10,9 @@ from steelyard.base.arrays import Array
 from steelyard.base.errors import LogError
 from steelyard.check.case import Case, Evidence, case_check, log_check
 from steelyard.check.finding import Edit, Finding, Fix, Picture, Severity, Trace, percent_of
+from steelyard.check.signals.motion_units import unit_reading
 from steelyard.check.signals.overview import SignalOverview, signal_overview
 from steelyard.check.signals.time_stamps import clock_is_irregular
-from steelyard.check.signals.units import unit_reading
 from steelyard.runs.rows.faulty_rows import LONGEST_STALE, RowVerdict
 from steelyard.runs.run import Run
 

@@ -31,14 +31,14 @@ from steelyard.check.finding import (
 )
 from steelyard.check.hypotheses.likelihood import likeliest
 from steelyard.check.identifiability import customary_model, longest_run
-from steelyard.check.signals.overview import JITTER_LIMIT, LATE_STEP, remembered, signal_overview
-from steelyard.check.signals.units import (
+from steelyard.check.signals.motion_units import (
     LONGEST_STEP,
     SHORTEST_STEP,
     UnitReading,
     driven_joints,
     unit_reading,
 )
+from steelyard.check.signals.overview import JITTER_LIMIT, LATE_STEP, remembered, signal_overview
 from steelyard.check.signals.velocity_agreement import (
     FEWEST_RATE_JOINTS,
     MOST_OFF,

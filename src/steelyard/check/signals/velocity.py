@@ -11,10 +11,7 @@ from steelyard.base.arrays import Array
 from steelyard.check.case import Case, Evidence, log_check
 from steelyard.check.decision.verdict import positions_at_fault
 from steelyard.check.finding import Edit, Finding, Fix, Picture, Severity, trace
-from steelyard.check.signals.overview import signal_overview
-from steelyard.check.signals.position import misplaced_velocities
-from steelyard.check.signals.time_stamps import leaping_rows
-from steelyard.check.signals.units import (
+from steelyard.check.signals.motion_units import (
     SAME_SCALE,
     UnitReading,
     driven_joints,
@@ -22,6 +19,9 @@ from steelyard.check.signals.units import (
     unit_reading,
     unit_value,
 )
+from steelyard.check.signals.overview import signal_overview
+from steelyard.check.signals.position import misplaced_velocities
+from steelyard.check.signals.time_stamps import leaping_rows
 from steelyard.check.signals.velocity_agreement import VelocityAgreement, one_sided_differences
 from steelyard.robot.file.signals import VELOCITY_UNITS
 
