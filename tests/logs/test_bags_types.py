@@ -229,7 +229,21 @@ def test_definitions_of_strangers(tmp_path: Path, definition: str, words: str) -
 def test_definitions_that_fill_the_memory_are_not_read(
     tmp_path: Path, dialect: str, text: str
 ) -> None:
-    with (tmp_path / "large.mcap").open("wb") as file:
+    path = _of_type(tmp_path / "large.mcap", dialect, text)
+    with pytest.raises(LogError) as refused:
+        open_log(path)
+    assert "shifts a constant" in str(refused.value) or "holds more than" in str(refused.value)
+
+
+def test_a_shift_in_a_comment_of_a_message_is_none(tmp_path: Path) -> None:
+    text = '# errors of joint k: bit 1 << k\nstring S="a << b"\nfloat64[8] x\n'
+    columns = open_log(_of_type(tmp_path / "run.mcap", "ros2msg", text)).columns
+    assert sum(name.startswith("/b/x") for name in columns) == 8
+
+
+def _of_type(path: Path, dialect: str, text: str) -> Path:
+    """Messages of zeros of a type that is defined so."""
+    with path.open("wb") as file:
         writer = McapWriter(file)
         writer.start("ros2")
         schema = writer.register_schema("a/msg/B", dialect, text.encode())
@@ -237,6 +251,4 @@ def test_definitions_that_fill_the_memory_are_not_read(
         for k in range(5):
             writer.add_message(channel, k * 10**7, bytes((0, 1, 0, 0, *bytes(64))), k * 10**7)
         writer.finish()
-    with pytest.raises(LogError) as refused:
-        open_log(tmp_path / "large.mcap")
-    assert "shifts a constant" in str(refused.value) or "holds more than" in str(refused.value)
+    return path

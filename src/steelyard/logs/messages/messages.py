@@ -97,7 +97,7 @@ DEEPEST_TYPE, LONGEST_TYPE_DEFINITION, LARGEST_TYPE = 64, 1 << 18, 1 << 16
 NO_NUMBER = 64
 """Values that a text or a type inside counts as: code is made for each of them."""
 SHIFT = re.compile(r"<<(?!\s*\d{1,2}\b)")
-"""A shift in a definition by more than two digits can say: the constant would fill the memory."""
+"""A shift in IDL by more than two digits can say: the constant would fill the memory."""
 LONGEST_SEQUENCE = 1 << 16
 Decoder = Callable[[bytes], Any]
 
@@ -159,12 +159,12 @@ def _parsed(channel: Channel) -> "Typesdict":
     text = channel.definition.replace("\r\n", "\n")
     if len(text) > LONGEST_TYPE_DEFINITION:
         raise ValueError(f"it has {len(text):,} characters")
-    if SHIFT.search(text):
-        raise ValueError("it shifts a constant by more than 99 bits, or by another constant")
     if channel.dialect in ("ros1msg", "ros2msg"):
         return get_types_from_msg(text, channel.type)
     if channel.dialect not in ("ros2idl", "omgidl"):
         raise ValueError(f"its language '{channel.dialect}' is not read")
+    if SHIFT.search(text):
+        raise ValueError("it shifts a constant by more than 99 bits, or by another constant")
     line = "=" * 80 + "\n"
     if not text.startswith(f"{line}IDL: "):
         return get_types_from_idl(text)
