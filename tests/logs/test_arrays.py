@@ -285,6 +285,7 @@ def test_hdf5_leads_to_no_other_file(tmp_path: Path) -> None:
     with h5py.File(path, "r+") as file:
         file["linked"] = h5py.ExternalLink(str(other), "/x")
         file["again"] = h5py.SoftLink("/t")
+        file["note"] = "recorded at noon"
         layout = h5py.VirtualLayout((N,), "f8")
         layout[:] = h5py.VirtualSource(str(other), "x", (N,))
         file.create_virtual_dataset("virtual", layout)
@@ -301,6 +302,7 @@ def test_hdf5_leads_to_no_other_file(tmp_path: Path) -> None:
     assert log.columns == ("t",)
     reasons = dict(log.left_out)
     assert "link to another file" in reasons["linked"]
+    assert reasons["note"] == "it holds no real numbers"
     assert "virtual dataset" in reasons["virtual"]
     assert "in another file" in reasons["outside"]
     assert "filter 32015" in reasons["zstd"]

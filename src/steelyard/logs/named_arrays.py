@@ -170,7 +170,7 @@ def member_of(
     if dtype.names:
         why = "" if fields and len(shape) == 1 else "it is no list of records of numbers"
     elif not _is_real_number(dtype):
-        why = f"it holds no real numbers but {dtype}"
+        why = "it holds no real numbers" + f" but {dtype}" * (not dtype.hasobject)
     elif len(shape) > 2:
         why = f"it has {len(shape)} axes"
     if why:
