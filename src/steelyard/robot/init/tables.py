@@ -164,8 +164,8 @@ def scale_words(guess: Guess) -> str:
     """What the gains without any further knowledge mean."""
     if all(current_units(guess)):
         return (
-            "one gain is set to 1.0 and the others are identified relative to it: errors in A are "
-            "valid; masses, inertias and torques are up to one common scale."
+            "one gain is set to 1.0 and the others are identified relative to it: errors are "
+            "valid in the unit of the log; masses, inertias and torques are up to one common scale."
         )
     return "torques and forces are taken as logged, and gains of currents identified beside them."
 
