@@ -142,6 +142,22 @@ def jittery(table: Array) -> Array:
     return table
 
 
+def frozen(table: Array) -> Array:
+    """The encoder of the second joint, and its velocity, stand still for 6 s."""
+    table[700:1300, 2], table[700:1300, 5] = table[700, 2], 0.0
+    return table
+
+
+def lost_in_bursts(table: Array) -> Array:
+    """Rows are lost for 0.8 s, three times; the time is written anew."""
+    keep = np.ones(len(table), dtype=bool)
+    for start in (450, 905, 1310):
+        keep[start : start + 80] = False
+    table = table[keep]
+    table[:, 0] = np.arange(len(table)) / 100.0
+    return table
+
+
 def gappy(table: Array) -> Array:
     keep = np.ones(len(table), dtype=bool)
     for start in (500, 900, 1300):
@@ -754,3 +770,44 @@ def test_stamps_that_are_all_missing_make_every_row_corrupt(tmp_path: Path) -> N
 )
 def test_shares_are_printed_in_percent(share: float, words: str) -> None:
     assert percent_of(share) == words
+
+
+def test_a_frozen_encoder_is_named_with_its_rows_and_no_line_is_written(tmp_path: Path) -> None:
+    found = examine(case_of(tmp_path, frozen(sound())), checks=OWN)
+    (rows,) = (f for f in found.findings if f.severity)
+    assert (rows.check, rows.severity, rows.joints) == ("rows", Severity.WRONG, ("joint_2",))
+    assert "from row 700 to 1299" in rows.says and "its encoder is frozen" in rows.says
+    assert not found.edits and rows.fix is not None and "LOG@START:STOP" in rows.fix.says
+
+
+def test_bursts_of_lost_rows_are_named_and_no_unit_is_written(tmp_path: Path) -> None:
+    found = examine(case_of(tmp_path, lost_in_bursts(sound())), checks=OWN)
+    (rows,) = (f for f in found.findings if f.severity)
+    assert (rows.check, rows.severity) == ("rows", Severity.DOUBTFUL) and not found.edits
+    for row in (450, 905 - 80, 1310 - 160):
+        assert f"jump at row {row} (" in rows.says.replace(" together", "")
+    assert rows.says.count("rows are lost there") == 3
+
+
+def test_a_joint_that_comes_to_rest_is_not_frozen(tmp_path: Path) -> None:
+    table = sound()
+    slow = np.clip((900 - np.arange(len(table))) / 100.0, 0.0, 1.0) ** 2
+    way = np.cumsum(np.where(np.arange(len(table)) < 800, 1.0, slow)) * 0.01
+    table[:, 1], table[:, 4] = np.round(way / 8.0, 4), np.gradient(way / 8.0, 0.01)
+    found = examine(case_of(tmp_path, table), checks=OWN)
+    assert not any(f.severity for f in found.findings if f.check == "rows")
+
+
+@pytest.mark.parametrize(("factor", "written"), [(20.0, False), (1000.0, True)])
+def test_a_clock_is_not_in_another_unit_unless_velocities_hold_its_factor(
+    factor: float, written: bool, tmp_path: Path
+) -> None:
+    table = sound()
+    table[:, 0] *= factor
+    found = examine(case_of(tmp_path, table), checks=OWN)
+    clock = of(found, "clock")
+    assert clock.severity == Severity.WRONG and bool(found.edits) == written
+    if not written:
+        assert "time stamps are 20 times too far apart: the step is 10 ms, not 200 ms" in clock.says
+        assert clock.fix is not None and "rate = 100 instead" in clock.fix.says
+        assert of(found, "position").severity == Severity.OK

@@ -159,6 +159,23 @@ def test_hands_by_structure(tmp_path: Path) -> None:
     assert round_trip(model, tmp_path / "r.toml", None)[0].robot.joint_names == ("turn",)
 
 
+def test_a_slide_with_a_mimic_that_is_logged_by_name_is_an_axis_of_the_arm(tmp_path: Path) -> None:
+    model = urdf(
+        tmp_path / "r.urdf",
+        ("yaw", "revolute", "base", LIMIT.format(-1, 1)),
+        ("insertion", "prismatic", "yaw_l", LIMIT.format(0, 0.3)),
+        ("weight", "prismatic", "yaw_l", LIMIT.format(0, 0.3) + '<mimic joint="insertion"/>'),
+    )
+    columns = ["t", "q_yaw", "q_insertion", "tau_yaw", "tau_insertion"]
+    ramp = dict.fromkeys(columns, np.linspace(0.0, 0.2, 50))
+    joints = round_trip(model, tmp_path / "r.toml", columns, ramp)[0].robot.joint_names
+    assert joints == ("yaw", "insertion")
+    for less in (columns[:-1], columns):  # no effort, or one that never changes
+        still = ramp | {"tau_insertion": np.zeros(50)}
+        alone = round_trip(model, tmp_path / "r.toml", less, still)[0]
+        assert alone.robot.joint_names == ("yaw",)
+
+
 def test_a_mimic_inside_the_arm_is_no_hand(tmp_path: Path) -> None:
     model = urdf(
         tmp_path / "r.urdf",

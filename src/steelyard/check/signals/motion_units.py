@@ -18,12 +18,16 @@ from numpy.typing import NDArray
 from steelyard.base.arrays import Array
 from steelyard.check.case import Case, Evidence
 from steelyard.check.signals.overview import (
+    FASTEST_SHARE,
     PositionSlopes,
     position_slopes,
     remembered,
     signal_overview,
 )
 from steelyard.check.signals.velocity_agreement import (
+    FEWEST_RATE_JOINTS,
+    RATE_TOLERANCE,
+    UNEVEN_RATE,
     VelocityAgreement,
     rate_by_velocities,
     velocity_agreement,
@@ -159,7 +163,6 @@ def _cost(joints: Iterable[JointReading]) -> float:
     return sum(joint.cost for joint in joints)
 
 
-FASTEST_SHARE = 0.995  # quantile of a joint's speed that is compared with its limit
 DRAGGED_SPEED_SHARE = 0.02
 """Share of the fastest joint's rms speed below which a joint is only dragged along."""
 SURE_UNIT_GAIN = 1.0
@@ -244,12 +247,36 @@ def unit_reading(case: Case, evidence: Evidence) -> UnitReading:
             read |= zip(group, shared_unit_readings(group, second / looked), strict=True)
         changed = CHANGED_UNIT_COST if abs(second - 1.0) > 1e-9 else 0.0
         cost = _cost(read.values()) + changed + step_cost(overview.step * second)
+        cost += _unheld_cost(read, second / looked, declared=changed == 0.0)
         found.append((cost, unit, second, tuple(read[f] for f in facts)))
     cost, unit, second, joints = min(found, key=lambda f: f[0])
     as_declared = tuple(f.declared(second / looked) for f in facts)
     cheaper = cost < _cost(f.declared(1.0 / looked) for f in facts) + step_cost(overview.step)
     agreed = None if agreed is None else agreed.in_seconds(second / looked)
     return UnitReading(unit, second, joints, as_declared, cheaper, agreed)
+
+
+def _unheld_cost(
+    joints: Mapping[JointFacts, JointReading], second: float, *, declared: bool
+) -> float:
+    """What other units cost if they leave a factor that all velocities have over derivatives.
+
+    It is known much better than to `SAME_SCALE` if all joints have the same one.
+    """
+    declared = declared and all(
+        (f.declared(second).position_unit, f.declared(second).velocity_unit)
+        == (joint.position_unit, joint.velocity_unit)
+        for f, joint in joints.items()
+    )
+    left = [
+        abs(f.scale) * second * joint.velocity_scale / joint.position_scale
+        for f, joint in joints.items()
+        if isfinite(f.scale) and f.scale != 0.0
+    ]
+    if declared or len(left) < FEWEST_RATE_JOINTS or max(left) - min(left) > UNEVEN_RATE * left[0]:
+        return 0.0
+    off = abs(sum(left) / len(left) - 1.0) > RATE_TOLERANCE
+    return DISAGREEING_COST * len(left) * off
 
 
 def _facts(

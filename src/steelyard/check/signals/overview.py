@@ -30,11 +30,18 @@ LATE_STEP = 4.0  # a step longer than so many median ones says nothing of the ji
 EVENED_STAMPS = 51  # stamps over which jitter is averaged
 MEDIAN_ROWS = 41  # rows of the running median that removes garbage: up to 20 broken ones in a row
 GAP_TIME = 1000.0  # steps that a stamp may be off its neighbours before it is garbage
+FASTEST_SHARE = 0.995  # quantile of a joint's speed that counts as its fastest
 FASTEST_RATE = 500.0
 """Highest rate at which motion is looked at [Hz], once the clock's unit is known."""
 MOVED, MOVED_STEPS = 0.01, 30.0  # range of a joint that moves [rad; m], and in steps of its sensor
 LEAST_ROWS, SHORTEST_STRETCH = 10, 50
 """Good rows from which on single signals are looked at, and rows of the shortest stretch."""
+JUMP_ROWS, JUMP_FACTOR, FASTEST_FACTOR = 10, 10.0, 5.0
+"""A position jumps if it changes by so many times more than between so many rows before and behind,
+and than in the fastest of rows."""
+FROZEN_ROWS, FROZEN_STEPS = 20, 10.0
+"""Rows without any change from which on an encoder may be frozen, and least change of its step at
+either end, in steps of its sensor."""
 
 
 def remembered(question: Callable[P, T]) -> Callable[P, T]:
@@ -99,9 +106,48 @@ class SignalOverview:
         return bool((far & (np.ptp(self.q, axis=0) > MOVED)).any())
 
     @cached_property
+    def jumps(self) -> NDArray[np.bool_]:
+        """Where the positions of which joints jump to the next row without a gap, `(N - 1, n)`."""
+        change = np.abs(np.diff(self.q, axis=0))
+        if len(change) <= 2 * JUMP_ROWS:
+            return np.zeros(change.shape, dtype=np.bool_)
+        padded = np.pad(change, ((JUMP_ROWS, JUMP_ROWS), (0, 0)))
+        windows = np.lib.stride_tricks.sliding_window_view(padded, JUMP_ROWS, axis=0).max(axis=-1)
+        around = np.maximum(windows[: len(change)], windows[JUMP_ROWS + 1 :])
+        fastest = np.quantile(change, FASTEST_SHARE, axis=0)
+        least = np.maximum(JUMP_FACTOR * around, FASTEST_FACTOR * fastest)
+        far = change > np.maximum(least, MOVED_STEPS * self.resolution[self.channels.q])
+        even = np.diff(self.t) <= GAP_STEPS * self.step
+        return np.asarray(far & even[:, None] & (change > MOVED))
+
+    @cached_property
+    def frozen(self) -> tuple[tuple[int, int, int], ...]:
+        """Joint, first and last row where a position does not change, but others do.
+
+        A joint that comes to rest slows down before. Here its step changes at one end, from one row
+        to the next, by many times more than elsewhere.
+        """
+        found = []
+        for j, (x, least) in enumerate(
+            zip(self.q.T, self.resolution[self.channels.q], strict=True)
+        ):
+            bend = np.abs(np.diff(x, n=2))
+            if len(bend) <= FROZEN_ROWS or least == 0.0:
+                continue
+            abrupt = max(FASTEST_FACTOR * np.quantile(bend, FASTEST_SHARE), FROZEN_STEPS * least)
+            edges = np.flatnonzero(np.diff(np.concatenate(([True], np.diff(x) != 0.0, [True]))))
+            for first, last in edges.reshape(-1, 2).tolist():
+                ends = bend[[k - 1 for k in (first, last) if 0 < k <= len(bend)]]
+                sudden = last - first >= FROZEN_ROWS and bool(np.any(ends > abrupt))
+                if sudden and np.ptp(self.q[first : last + 1], axis=0).max() > MOVED:
+                    found.append((j, first, last))
+        return tuple(found)
+
+    @cached_property
     def stretches(self) -> tuple[slice, ...]:
-        """Rows without a gap between them, long enough to be looked at."""
-        ends = np.flatnonzero(np.diff(self.t) > 2.0 * GAP_STEPS * self.step) + 1
+        """Rows without a gap or a jump between them, long enough to be looked at."""
+        gaps = np.diff(self.t) > 2.0 * GAP_STEPS * self.step
+        ends = np.flatnonzero(gaps | self.jumps.any(axis=1)) + 1
         edges = [0, *ends.tolist(), len(self.t)]
         pairs = zip(edges[:-1], edges[1:], strict=True)
         return tuple(slice(a, b) for a, b in pairs if b - a >= SHORTEST_STRETCH)

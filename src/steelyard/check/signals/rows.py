@@ -11,7 +11,13 @@ from steelyard.base.errors import LogError
 from steelyard.check.case import Case, Evidence, case_check, log_check
 from steelyard.check.finding import Edit, Finding, Fix, Picture, Severity, Trace, percent_of
 from steelyard.check.signals.motion_units import unit_reading
-from steelyard.check.signals.overview import SignalOverview, signal_overview
+from steelyard.check.signals.overview import (
+    JUMP_FACTOR,
+    JUMP_ROWS,
+    MOVED,
+    SignalOverview,
+    signal_overview,
+)
 from steelyard.check.signals.time_stamps import clock_is_irregular
 from steelyard.runs.rows.faulty_rows import LONGEST_STALE, RowVerdict
 from steelyard.runs.run import Run
@@ -42,6 +48,8 @@ def corrupt_rows_check(case: Case, evidence: Evidence) -> Finding:
         explained = unit_reading(case, evidence).cheaper or clock_is_irregular(case, evidence)
         if not explained and signal_overview(case, evidence).moves:
             severity, fix = Severity.WRONG, Fix(evidence.run.fix)
+    if not severity and (false := _false_positions(case, evidence)) is not None:
+        return false
     picture = None
     if broken.any():
         where = np.flatnonzero(broken).astype(np.float64)
@@ -74,6 +82,55 @@ def _counts_picture(title: str, name: str, x: Array, span: tuple[float, float]) 
     count, edges = np.histogram(x, bins=100, range=span)
     bars = Trace(name, 0.5 * (edges[1:] + edges[:-1]), count.astype(np.float64), "bars")
     return Picture(title, name, (bars,))
+
+
+MOST_NAMED_STRETCHES = 5  # stretches and jumps of a log that are named
+
+
+def _false_positions(case: Case, evidence: Evidence) -> Finding | None:
+    """Rows lost where all moving joints jump at once, encoders that froze, and other jumps."""
+    overview = signal_overview(case, evidence)
+    row_of = np.flatnonzero(overview.kept) + evidence.window[0]
+    t, moving = overview.t - overview.t[:1], int(np.sum(np.ptp(overview.q, axis=0) > MOVED))
+    found = [
+        (
+            first,
+            f"{case.joints[j]} is at one position from row {row_of[first]} to {row_of[last]} "
+            f"({t[first]:.4g} to {t[last]:.4g} s) and "
+            + ("stops" if last == len(t) - 1 else "stops or starts")
+            + " within one row: its encoder is frozen",
+        )
+        for j, first, last in overview.frozen
+    ]
+    released = {(last, j) for j, _, last in overview.frozen}
+    joints = [j for j, _, _ in overview.frozen]
+    for row in np.flatnonzero(overview.jumps.any(axis=1)).tolist():
+        jumping = np.flatnonzero(overview.jumps[row]).tolist()
+        at = f"at row {row_of[row + 1]} ({t[row + 1]:.4g} s)"
+        if len(jumping) > 1 and 2 * len(jumping) >= moving:
+            found.append((row, f"{case.listed(jumping)} jump {at}: rows are lost there"))
+        elif others := [j for j in jumping if (row, j) not in released]:
+            joints += others
+            found.append((row, f"the position of {case.listed(others)} jumps {at}"))
+    if not found:
+        return None
+    says = [words for _, words in sorted(found)]
+    more = f"; and {len(says) - MOST_NAMED_STRETCHES} more" * (len(says) > MOST_NAMED_STRETCHES)
+    still = np.zeros(len(t), dtype=np.bool_)
+    for _, first, last in overview.frozen:
+        still[first:last] = True
+    share = float(still.mean())
+    return Finding.of(
+        Severity.WRONG if share > DOUBTFUL_BROKEN_SHARE else Severity.DOUBTFUL,
+        "; ".join(says[:MOST_NAMED_STRETCHES]) + more,
+        f"frozen in {percent_of(share)} of the rows, at most {100.0 * DOUBTFUL_BROKEN_SHARE:g} % "
+        f"allowed; a jump is {JUMP_FACTOR:g} times the changes in {JUMP_ROWS} rows on either side",
+        joints=tuple(case.joints[j] for j in dict.fromkeys(joints)),
+        fix=Fix(
+            "leave these stretches out: give the parts between them as logs, LOG@START:STOP in "
+            "seconds; or record again"
+        ),
+    )
 
 
 HOLD_STEPS = 3.0

@@ -380,6 +380,27 @@ def time_scale(case: Case) -> Finding | None:
     )
 
 
+def _other_step(
+    evidence: Evidence, joints: int, scale: float, spread: float, step: float
+) -> Finding:
+    """The finding on stamps that are many times too far apart, or too near."""
+    far, near = ("far apart", scale) if scale > 1.0 else ("near", 1.0 / scale)
+    rates = (float(f"{scale / step:.{digits}g}") for digits in (1, 2, 3))
+    rate = next((x for x in rates if abs(x * step / scale - 1.0) < spread / scale), scale / step)
+    return Finding.wrong(
+        f"velocities of all {joints} joints are {scale:.4g} times d(q)/dt: time stamps are "
+        f"{near:.3g} times too {far}: the step is {_time(step / scale)}, not {_time(step)}, "
+        "if velocities are in the declared unit",
+        f"joints differ by {100.0 * spread / scale:.1g} % (a clock: at most "
+        f"{100.0 * UNEVEN_RATE:g} %)",
+        fix=Fix(
+            f"correct the time column, or use [signals] rate = {rate:.4g} instead of it; "
+            "if the clock is right, leave velocities out"
+        ),
+        log=evidence.name,
+    )
+
+
 def time_scale_by_velocities(case: Case, evidence: Evidence) -> Finding | None:
     """The scale of the clock that logged velocities ask for, if all joints agree on one but 1."""
     units = unit_reading(case, evidence)
@@ -390,8 +411,11 @@ def time_scale_by_velocities(case: Case, evidence: Evidence) -> Finding | None:
         return None
     ratio = units.relative[reliable]
     scale, spread = float(np.mean(ratio)), float(np.ptp(ratio))
-    if spread > UNEVEN_RATE or not RATE_TOLERANCE < abs(scale - 1.0) < MOST_OFF:
+    if spread > UNEVEN_RATE * scale or abs(scale - 1.0) <= RATE_TOLERANCE:
         return None
+    if abs(scale - 1.0) > MOST_OFF:
+        step = units.second * signal_overview(case, evidence).step
+        return _other_step(evidence, len(ratio), scale, spread, step)
     way = "slow" if scale < 1.0 else "fast"
     return Finding.doubtful(
         f"velocities of all {len(ratio)} joints are {scale:.4g} times d(q)/dt: the clock runs "

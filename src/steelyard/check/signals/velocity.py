@@ -21,7 +21,7 @@ from steelyard.check.signals.motion_units import (
 )
 from steelyard.check.signals.overview import signal_overview
 from steelyard.check.signals.position import misplaced_velocities
-from steelyard.check.signals.time_stamps import leaping_rows
+from steelyard.check.signals.time_stamps import leaping_rows, time_scale_by_velocities
 from steelyard.check.signals.velocity_agreement import VelocityAgreement, one_sided_differences
 from steelyard.robot.file.signals import VELOCITY_UNITS
 
@@ -54,6 +54,10 @@ def velocity_check(case: Case, evidence: Evidence) -> Finding | None:
     leaps = leaping_rows(case, evidence)
     if leaps is not None and not leaps.made_up:
         clauses, answered = ["rows are missing, which breaks d(q)/dt: see clock"], False
+    elif (clock := time_scale_by_velocities(case, evidence)) is not None and clock.severity is (
+        Severity.WRONG
+    ):
+        clauses, answered = [clock.says], False
     elif declared and velocities.misplaced and positions_at_fault(case, evidence):
         clauses.append("the positions are wrong")
     elif declared and grave and velocities.of_positions:

@@ -12,13 +12,14 @@ from steelyard.base.errors import LogError
 from steelyard.robot.file.loaded_robot import LoadedRobot
 from steelyard.robot.file.sections import Side
 from steelyard.robot.file.toml_edits import comment, toml_key, toml_text
-from steelyard.robot.init.column_names import like_finger
+from steelyard.robot.init.column_names import Column, by_name, finite, like_finger
 from steelyard.robot.init.guess_columns import Guess, Sample, guess_columns
 from steelyard.robot.init.guess_efforts import (
     LINK_SIDE_TORQUE,
     TORQUE,
     UNSTATED,
     Gears,
+    changes,
     link_side,
     reductions,
 )
@@ -92,7 +93,8 @@ def assigned(
     `side` that of the signals. It is a `LogError` if only the time is missing, and no rate given.
     """
     robot = proposal.loaded.robot
-    hands = _hands(robot)
+    hands = _hands(robot) - _logged(robot, columns or (), sample or {})
+    hands |= {c.name for c in robot.coordinates if like_finger(c.name)}
     free = tuple(c for c in robot.coordinates if c.name not in hands) or robot.coordinates
     if columns is None:
         return Assignment(None, free, free)
@@ -220,10 +222,10 @@ def notes_beside(bare: LoadedRobot, written: LoadedRobot) -> tuple[str, ...]:
 
 
 def _hands(robot: Robot) -> set[str]:
-    """Joints of hands: by name, or leaves of the tree that follow each other or slide in pairs."""
+    """Joints like those of hands: leaves of the tree that follow each other or slide in pairs."""
     parents = {body.parent for body in robot.bodies}
     leaves = [b for k, b in enumerate(robot.bodies) if k not in parents]
-    names = {c.name for c in robot.coordinates if like_finger(c.name)}
+    names = set()
     for index, coordinate in enumerate(robot.coordinates):
         moved = [b for b in robot.bodies if b.coordinate == index]
         if not all(body in leaves for body in moved):
@@ -233,6 +235,20 @@ def _hands(robot: Robot) -> set[str]:
         if len(moved) > 1 or sliding:
             names.add(coordinate.name)
     return names
+
+
+def _logged(robot: Robot, columns: Sequence[str], sample: Sample) -> set[str]:
+    """Joints with columns of their names for position and effort, which change: of the arm."""
+    values = {name: finite(x) for name, x in sample.items()}
+    named = [
+        by_name(robot.coordinates, [c for c in map(Column, columns) if c.quantity == quantity])
+        for quantity in ("position", "effort")
+    ]
+    return {
+        joint
+        for joint in named[0].keys() & named[1].keys()
+        if all(changes(of[joint].name, values) for of in named)
+    }
 
 
 def path_from(folder: Path, path: Path) -> str:
