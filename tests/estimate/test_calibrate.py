@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from in_amperes import GAINS, ROBOT, run_of
-from steelyard.base.errors import ModelError
+from steelyard.base.errors import DataError, LogError, ModelError, SteelyardError
 from steelyard.estimate.effort_uncertainty import Calibration, bins
 from steelyard.estimate.identified import Cutoffs, IdentifiedModel, Provenance, load_model
 from steelyard.estimate.information.gather import gather
@@ -172,3 +172,16 @@ def test_of_long_runs_the_first_samples_are_predicted(monkeypatch: pytest.Monkey
     monkeypatch.setattr("steelyard.estimate.scores.band_calibration.residual_trace", watched)
     assert 90.0 <= coverage(calibrated(tuple(fitted)), unseen) <= 99.0
     assert durations and max(durations) <= 4.0
+
+
+@pytest.mark.parametrize("kind", [DataError, LogError])
+def test_motion_whose_residual_cannot_be_had_still_makes_bands(
+    kind: type[SteelyardError], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(*_: object, **__: object) -> None:
+        raise kind("a loop cannot close at rest", where="run", fix="correct it")
+
+    monkeypatch.setattr("steelyard.estimate.scores.band_calibration.residual_trace", refuse)
+    known = calibrated(runs_of(1, 2)).calibration
+    assert known is not None and known.peaks is None
+    assert np.isfinite(known.factors).all()

@@ -92,7 +92,7 @@ def calibrate(
     meet = np.maximum(np.column_stack([rest_speed, calibration.edges]), rest_speed[:, None])
     peaks = []
     for trace in traces:
-        with suppress(LogError):  # too short for the residual's low-pass
+        with suppress(DataError, LogError):  # too short for the low-pass, or a loop cannot close
             peaks.append(trace(rest_speed, cutoff).peaks(meet, cutoff))
     return replace(calibration, peaks=reduce(add, peaks)) if peaks else calibration
 

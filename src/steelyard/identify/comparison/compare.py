@@ -116,8 +116,6 @@ def comparison_inputs(
 class EstimatorComparison(Result):
     """A comparison of estimators."""
 
-    page_name, json_name = "compare.html", "compare.json"
-
     content: ComparisonContent  # what the page shows
     page_name, json_name = "compare.html", "compare.json"
 

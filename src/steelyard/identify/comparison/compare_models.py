@@ -58,8 +58,6 @@ def _name(model: GivenModel, number: int) -> str:
 class ComparedModels(Result):
     """Models side by side."""
 
-    page_name, json_name = "models.html", "models.json"
-
     content: ModelsContent  # what the page shows
     page_name, json_name = "models.html", "models.json"
 
