@@ -1,5 +1,7 @@
 """A delay of efforts shows in the residuals of a fit, if it is the same in all joints."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -9,6 +11,7 @@ from steelyard.check.decision.checks import EFFORT_DELAY
 from steelyard.check.finding import Severity
 from steelyard.check.hypotheses.friction_evidence import by_presliding, delays_of, residual_delay
 from steelyard.check.identifiability import clean_runs, customary_model
+from steelyard.check.several_logs import edits_that_serve_all_logs
 from steelyard.estimate.information.regressor import base_regressor
 
 
@@ -73,3 +76,15 @@ def test_a_log_with_a_gap_is_not_used(arm: Arm) -> None:
     assert residual_delay(whole) is not None
     gap = np.abs(t - 0.5 * (t[0] + t[-1])) < 0.15
     assert residual_delay(arm.case(table[~gap], known=False)) is None
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("both", [True, False])
+def test_a_delay_is_written_if_every_log_shows_it(arm: Arm, both: bool) -> None:
+    tables = late(arm, np.full(3, 0.012)), late(arm, np.full(3, 0.012 * both))[:-200]
+    logs = [arm.case(table, known=False).logs[0] for table in tables]
+    named = tuple(replace(one, name=name) for one, name in zip(logs, "ab", strict=True))
+    found = EFFORT_DELAY(replace(arm.case(arm.table, known=False), logs=named))
+    assert [f.severity for f in found] == [Severity.WRONG, Severity.WRONG if both else Severity.OK]
+    edits = [f.fix.edits for f in edits_that_serve_all_logs(found) if f.fix is not None]
+    assert [bool(one) for one in edits] == ([True, True] if both else [False])

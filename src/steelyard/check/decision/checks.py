@@ -294,8 +294,13 @@ def _short_delays(case: Case, found: Findings) -> Findings:
     for _, _, (hypothesis, severity) in _winners(case):
         if hypothesis.cause == EFFORT_DELAY.name or severity is Severity.WRONG:
             return found
-    late = residual_delay(case)
-    return found if late is None else (late, *(f for f in found if f.log))
+    if (late := residual_delay(case)) is None:
+        return found
+    if len(case.logs) > 1:  # the longest log shows one; a line is written if every log does
+        each = ((e.name, residual_delay(replace(case, logs=(e,)))) for e in case.logs)
+        own = {name: replace(one, log=name) for name, one in each if one is not None}
+        return (*own.values(), *(f for f in found if f.log and f.log not in own))
+    return (late, *(f for f in found if f.log))
 
 
 def _of_reference(case: Case, found: Findings) -> Findings:

@@ -37,8 +37,13 @@ from steelyard.check.fitted.fitted_case import (
     worst_residual_words,
 )
 from steelyard.check.hypotheses.likelihood import Reading
-from steelyard.check.hypotheses.position_columns import ZERO_CAUSE, zeros_without_effect
+from steelyard.check.hypotheses.position_columns import (
+    ZERO_CAUSE,
+    zero_near,
+    zeros_without_effect,
+)
 from steelyard.check.identifiability import clean_runs, customary_model
+from steelyard.estimate.estimate import Z95
 from steelyard.estimate.friction.mixes import has_memory
 from steelyard.estimate.information.base_parameters import base_parameters
 from steelyard.estimate.information.regressor import Regressor, base_regressor
@@ -298,8 +303,17 @@ def _quarter_turn_found(
     if rise < STRIKING or after > min(CLEAN, before / TURNED_MISFIT_FALL):
         return
     words = " or ".join(turn_words(robot, turned) for turned in near)
+    fitted = {robot.joint_names[k]: (x, *zero_near(tried[best], k)) for k, x in best}
+    holds = all(abs(more) <= Z95 * std for _, more, std in fitted.values())
+    if not holds:
+        words += " (fitted: {})".format(
+            ", ".join(
+                f"{name} {np.rad2deg(x + more):+.1f} ± {np.rad2deg(Z95 * std):.1f}°"
+                for name, (x, more, std) in fitted.items()
+            )
+        )
     # no line of the robot file where another one explains the log about as well
-    line = zero_edits(tried[best]) if len(near) == 1 else ()
+    line = zero_edits(tried[best]) if len(near) == 1 and holds else ()
     yield Finding.doubtful(
         f"{OTHER_ZEROS}{words}: misfit of the nominal model {after:.1f} %, as declared "
         f"{before:.1f} %",

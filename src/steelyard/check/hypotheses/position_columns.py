@@ -128,6 +128,7 @@ ZERO_GRID = np.array(
 """Offsets that are tried first [rad; m]."""
 COARSE_ZERO_SAMPLES = 300  # samples for that
 ZERO_ZOOMS = 2
+NEAR_ZERO = 0.4  # how far from a reading's own zero the likeliest is looked for [rad; m]
 
 
 @dataclass(frozen=True)
@@ -195,6 +196,12 @@ def zero_offsets(reading: Reading) -> tuple[JointZero, ...]:
             value, std = 0.0, np.inf
         found.append(JointZero(joint, coordinate.name, coordinate.unit, value, std))
     return tuple(found)
+
+
+def zero_near(reading: Reading, joint: int) -> tuple[float, float]:
+    """The likeliest zero near a reading's own [rad; m], and its standard deviation, or infinity."""
+    grid = np.linspace(-NEAR_ZERO, NEAR_ZERO, ZOOMED_POINTS)
+    return likeliest(partial(_zero_likelihoods, reading, joint), grid, ZERO_ZOOMS)
 
 
 def _zero_likelihoods(reading: Reading, joint: int, offsets: Array) -> Array:
