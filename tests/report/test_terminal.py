@@ -53,28 +53,6 @@ def test_the_summary_says_what_matters(usual):
         assert detail not in text
 
 
-def test_good_says_for_how_many_joints_and_needs_half_of_them(usual):
-    score = usual.scores[0]
-    shoulder, elbow = score.errors.joints
-    light = replace(elbow, used=1.0, error=0.3, least=0.0)
-
-    def judged(*joints):
-        named = tuple(replace(one, joint=f"joint_{n}") for n, one in enumerate(joints, 1))
-        table = tuple(replace(score.joints[0], joint=one.joint) for one in named)
-        run = replace(score, joints=table, errors=replace(score.errors, joints=named))
-        return verdict(replace(usual, scores=(run,), limitations=()))
-
-    assert judged(shoulder, elbow, elbow).line.startswith("GOOD: Predicts")
-    most = judged(shoulder, elbow, light)
-    assert most.line.startswith("GOOD for 2 of 3 joints: Predicts unseen motion with an error of")
-    assert most.line.endswith("(joint_3 30.0\u00a0%)")
-    assert most.to_dict()["scope"] == "2 of 3 joints"
-    assert judged(shoulder, light).scope == "1 of 2 joints"
-    assert judged(shoulder, light, light).line.startswith("FAIR: Predicts")
-    resting = replace(light, counted=False)
-    assert judged(shoulder, elbow, light, resting).scope == "2 of 3 joints"
-
-
 def test_a_level_that_remarks_lower_says_so(usual):
     plain = verdict(replace(usual, limitations=()))
     doubt = Finding("residuals", "", Severity.DOUBTFUL, "residuals", "")

@@ -253,8 +253,9 @@ class ModelReport(Result):
     def __repr__(self) -> str:
         """Robot, level and error in one line."""
         judged = self.verdict
-        level = "no verdict" if judged.level == "none" else judged.level.upper()
+        level = "no verdict" if judged.level == "none" else judged.grade
         error = f", {both_words(judged.errors, judged.as_logged)}" if judged.errors else ""
+        error += f" ({', '.join(judged.worse)})" if " for " in level else ""
         line = f"{type(self).__name__}({self.content.robot}: {level}{error})"
         return line.replace("\u00a0", " ")
 

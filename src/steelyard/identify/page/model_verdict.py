@@ -17,6 +17,7 @@ from steelyard.identify.page.score_words import (
     basis_words,
     both_words,
     limit_words,
+    loaded_joints,
     other_errors,
     without_percentage,
     worse_joints,
@@ -25,6 +26,10 @@ from steelyard.report.words import Level, count, first_names, percent
 
 MOST_GOOD_PERCENT = 10.0  # relative error [%] up to which a joint counts as well predicted
 MOST_FAIR_PERCENT = 30.0  # relative error [%] up to which it counts as fairly predicted
+USELESS_PERCENT = 95.0
+"""Relative error [%] from which on a joint is predicted no better than by zero: the model explains
+less than a tenth of its mean square effort."""
+USELESS_SHARE = 0.5  # of the joints with load so predicted from which on a model is poor
 LEVELS_BEST_FIRST: tuple[Level, ...] = ("good", "none", "fair", "poor")  # levels, the best first
 
 BEST_LEVEL_BY_SEVERITY: dict[str, Level] = {"ok": "none", "doubtful": "fair", "wrong": "poor"}
@@ -59,6 +64,7 @@ class Verdict:
     as_logged: tuple[EffortError, ...] = ()  # against efforts as logged, if scales were estimated
     others: str = ""  # the relative errors in the validation band, as a sentence; or nothing
     scope: str = ""  # which share of the joints is good, like `4 of 6 joints`; empty if all are
+    worse: tuple[str, ...] = ()  # the other joints with their errors, the worst first
     unseen: bool = True  # whether the errors are of motion that was not fitted
 
     @property
@@ -74,18 +80,22 @@ class Verdict:
     def line(self) -> str:
         """The headline behind its level in capitals; alone where there is nothing to judge by.
 
-        Behind `good` stands for how many joints, if not for all.
+        Behind `good` stands for how many joints, if not for all; the headline names the others.
         """
-        if self.level == "none":
-            return self.headline
+        return self.headline if self.level == "none" else f"{self.grade}: {self.headline}"
+
+    @property
+    def grade(self) -> str:
+        """The level in capitals; behind `good` for how many joints, if not for all."""
         scope = f" for {self.scope}" if self.scope and self.level == "good" else ""
-        return f"{self.level.upper()}{scope}: {self.headline}"
+        return f"{self.level.upper()}{scope}"
 
     def to_dict(self) -> dict[str, Any]:
         """As JSON values, without the limitations."""
         return {
             "level": self.level,
             "scope": self.scope,
+            "worse": list(self.worse),
             "headline": self.headline,
             "detail": self.detail,
             "errors": [one.to_dict() for one in self.errors],
@@ -160,20 +170,22 @@ def _of_scores(content: ReportContent) -> Verdict:
             f"See the table. {detail}",
         )
     worse = worse_joints(scores, MOST_GOOD_PERCENT)
-    error = both_words(errors, logged) + (
-        f" ({first_names(worse, MOST_NAMED_JOINTS)})" if worse else ""
-    )
     moving = len({j.joint for run in scores for j in run.errors.joints if j.counted})
-    scope = f"{moving - len(worse)} of {count(moving, 'joint')}" if worse else ""
-    if scaled >= 100.0:
-        headline = f"Predicts {motion} no better than predicting zero: the error is {error}"
-        return replace(plain, headline=headline, level="poor")
     limited: Level = "good" if worst <= MOST_GOOD_PERCENT and 2 * len(worse) <= moving else "fair"
     level = max(level_of(scaled), limited, key=LEVELS_BEST_FIRST.index)
+    loaded = loaded_joints(scores)
+    useless = sum(error.percent_of_used >= USELESS_PERCENT for error in loaded)
+    named = len(worse) if level == "good" else max(MOST_NAMED_JOINTS, useless)
+    error = both_words(errors, logged) + (f" ({first_names(worse, named)})" if worse else "")
+    scope = f"{moving - len(worse)} of {count(moving, 'joint')}" if worse else ""
+    plain = replace(plain, scope=scope, worse=worse)
+    where = "" if scaled >= 100.0 else f" at {useless} of {count(len(loaded), 'joint')}"
+    if scaled >= 100.0 or (useless and useless >= USELESS_SHARE * len(loaded)):
+        headline = f"Predicts {motion} no better than predicting zero{where}: the error is {error}"
+        return replace(plain, headline=headline, level="poor")
     if not unseen:
         level = max(level, "none", key=LEVELS_BEST_FIRST.index)
-    headline = f"Predicts {motion} with an error of {error}"
-    return replace(plain, headline=headline, level=level, scope=scope)
+    return replace(plain, headline=f"Predicts {motion} with an error of {error}", level=level)
 
 
 def _motion(scores: Sequence[RunScore]) -> str:

@@ -22,6 +22,7 @@ MOVING, WHOLE = "where they move", "whole log"
 RATIO = "‖measured − predicted‖ / ‖measured‖"  # the relative error in the validation band
 NORMS = {"pooled": "over all joints together", "mean": "mean over joints"}  # in a sentence
 MOST_NAMED_JOINTS = 3  # most joints that are named one by one
+LEAST_LOAD = 0.01  # effort of a joint with load over the largest of its unit
 
 
 @dataclass(frozen=True)
@@ -124,6 +125,15 @@ def worse_joints(scores: Sequence[RunScore], limit: float) -> tuple[str, ...]:
             share += "" if error is both[0] else " as logged"
             listed.append((error.percent_of_used, f"{joint.joint} {share}"))
     return tuple(words for _, words in sorted(listed, reverse=True))
+
+
+def loaded_joints(scores: Sequence[RunScore]) -> list[EffortError]:
+    """Errors of the joints that move and carry load, over all runs; none of logs at rest."""
+    if all(run.errors.at_rest for run in scores):
+        return []
+    known = [error for error in of_joints([run.errors for run in scores]) if error is not None]
+    most = {one.unit: max(e.reference for e in known if e.unit == one.unit) for one in known}
+    return [one for one in known if one.reference > LEAST_LOAD * most[one.unit]]
 
 
 def without_percentage(scores: Sequence[RunScore]) -> list[str]:
