@@ -5,12 +5,11 @@ from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import Any, NamedTuple
 
-import numpy as np
-
 from steelyard.base.progress import Progress
+from steelyard.check.fitted.binding_constraints import contradicted_rows
 from steelyard.check.fitted.gear_side import LINK_SIDE_INSTEAD, rotors_at_zero
 from steelyard.estimate.consistent.consistent import Consistent
-from steelyard.estimate.estimate import Z95, Estimate, Estimator
+from steelyard.estimate.estimate import Estimate, Estimator
 from steelyard.estimate.estimators import (
     KNOWLEDGE,
     LEAST_SQUARES,
@@ -26,7 +25,7 @@ from steelyard.estimate.estimators import (
     per_run_columns,
 )
 from steelyard.estimate.identified import BAND, Cutoffs, IdentifiedModel, Provenance
-from steelyard.estimate.information.base_parameters import base_parameters
+from steelyard.estimate.information.base_parameters import BaseMap, base_parameters
 from steelyard.estimate.information.information import Information
 from steelyard.estimate.information.regressor import base_regressor
 from steelyard.estimate.least_squares.constrained import fixed_values
@@ -36,7 +35,7 @@ from steelyard.estimate.least_squares.least_squares import (
 )
 from steelyard.estimate.nonlinear.effort_scales import EffortScales, effort_scales
 from steelyard.estimate.payload.drive_gains import GainEstimate
-from steelyard.estimate.prior.prior import Knowledge, Row
+from steelyard.estimate.prior.prior import Knowledge
 from steelyard.estimate.scores.band_calibration import calibrate
 from steelyard.identify.prepared_fit import (
     TOO_SHORT,
@@ -45,7 +44,6 @@ from steelyard.identify.prepared_fit import (
     prepare_fit,
     with_signals,
 )
-from steelyard.model.laws.rigid_body import RigidBody
 from steelyard.model.model import Model
 from steelyard.robot.file.loaded_robot import LoadedRobot
 from steelyard.robot.file.sections import EstimationSection, PriorSection
@@ -83,6 +81,7 @@ class Fit:
     ignored: tuple[str, ...]  # what the robot file requests without effect
     method: Offer
     unscaled: IdentifiedModel | None = None  # with all scales 1, where some were estimated
+    consistent: Consistent | None = None  # what made the estimate, if it was this, without scales
 
     @property
     def runs(self) -> tuple[Run, ...]:
@@ -143,7 +142,7 @@ def fit(task: FitTask, origin: Provenance) -> Fit:
         *([] if scales is None else [scales.note]),
         *([refused] if refused else []),
         *found.estimate.notes,
-        *_notes_beyond_physical_bounds(prepared.model, context.knowledge, free),
+        *_notes_beyond_physical_bounds(regressor.base, context.knowledge, free),
     )
     first, cutoff = found.runs[0], loaded.validation.cutoff
     identified = IdentifiedModel(
@@ -169,7 +168,18 @@ def fit(task: FitTask, origin: Provenance) -> Fit:
         unscaled = replace(
             identified, estimate=declared.estimate, signals=signals, effort_scales=None
         )
-    return Fit(task, identified, found, prepared, scales, notes, ignored, method, unscaled)
+    return Fit(
+        task,
+        identified,
+        found,
+        prepared,
+        scales,
+        notes,
+        ignored,
+        method,
+        unscaled,
+        estimator if isinstance(estimator, Consistent) else None,
+    )
 
 
 def _scaled_fit(
@@ -299,29 +309,14 @@ def _of_runs(estimator: LeastSquares, model: Model) -> Estimator[Information]:
 
 
 def _notes_beyond_physical_bounds(
-    model: Model, known: Knowledge, estimate: Estimate
+    base: BaseMap, known: Knowledge, estimate: Estimate
 ) -> tuple[str, ...]:
     """Parameters and friction curves whose interval lies wholly beyond what is physical."""
-    place = {name: k for k, name in enumerate(estimate.parameters.names)}
-    bodies = {p.name for p in RigidBody().parameters(model.robot)}
-    alone = [
-        Row(name, {name: 1.0}, lower)
-        for name, lower in zip(known.names, known.lower.tolist(), strict=True)
-        if name not in bodies | known.shaped
-    ]
-    found = []
-    for row in (*alone, *known.curves):
-        if not set(row.coefficients) <= set(place):
-            continue
-        at = [place[name] for name in row.coefficients]
-        factors = np.array(list(row.coefficients.values()))
-        value = factors @ estimate.parameters.values[at]
-        std = np.sqrt(max(factors @ estimate.covariance[np.ix_(at, at)] @ factors, 0.0))
-        if value + Z95 * std < row.lower:
-            found.append(row.label)
+    found = contradicted_rows(base, replace(known, rows=()), estimate)
     if not found:
         return ()
+    labels = ", ".join(dict.fromkeys(row.label for row in found))
     return (
-        f"least squares estimates below the physical bound: {', '.join(dict.fromkeys(found))}; "
+        f"least squares estimates below the physical bound: {labels}; "
         "these terms fit the data, but represent another effect",
     )

@@ -208,6 +208,7 @@ def identify(
         found.information,
         _doubtful(before, task.runs),
         found.scales,
+        found.consistent,
     )
     after = (*turned_joints(before), *examine_fit(case, progress))
     bases = (*of_base(file, before), *missing_coupling(before, file.couplings_stated))

@@ -6,8 +6,10 @@ from functools import cached_property
 
 import numpy as np
 
+from steelyard.base.errors import DataError
 from steelyard.check.case import CaseCheck
 from steelyard.check.finding import Finding
+from steelyard.check.fitted.binding_constraints import BindingConstraints, binding_constraints
 from steelyard.check.fitted.causes import (
     GEOMETRY,
     Cause,
@@ -16,6 +18,7 @@ from steelyard.check.fitted.causes import (
     left_out_gains,
     wide_model,
 )
+from steelyard.estimate.consistent.consistent import Consistent
 from steelyard.estimate.estimate import Estimate
 from steelyard.estimate.friction.mixes import has_memory
 from steelyard.estimate.identified import IdentifiedModel
@@ -136,6 +139,7 @@ class FittedCase:
     information: Information | None = None
     unresolved: tuple[Finding, ...] = ()  # doubts of the check before the fit in the fitted runs
     scales: EffortScales | None = None  # scales of the efforts that were estimated, if any
+    consistent: Consistent | None = None  # what made the estimate, if it was this, without scales
 
     @cached_property
     def examined(self) -> tuple[Run, ...]:
@@ -159,6 +163,24 @@ class FittedCase:
         model, sigma = self.identified.model, self.identified.estimate.sigma
         gains = left_out_gains(model, ranked.wide, sigma, self.examined, ranked.likely)
         return tuple(zip(ranked.likely, gains, strict=True))
+
+    @cached_property
+    def binding(self) -> BindingConstraints | None:
+        """Constraints that the data contradict, at the cost of the prediction."""
+        if self.information is None or self.consistent is None:
+            return None
+        moving = [
+            run
+            for run, score in zip(self.unseen, self.unseen_scores, strict=True)
+            if not score.errors.at_rest and not score.repeats
+        ]
+        model, estimate = self.identified.model, self.identified.estimate
+        try:
+            return binding_constraints(
+                model, estimate, self.information, self.consistent, self.scales, moving
+            )
+        except DataError:
+            return None
 
 
 PostFitCheck = CaseCheck[FittedCase]

@@ -20,7 +20,10 @@ from steelyard.check.fitted.unseen_reason import unseen_reason_check
 from steelyard.estimate.estimate import Z95
 from steelyard.estimate.scores.joint_errors import PROMISED
 from steelyard.model.laws.load_dependent import LoadDependent
+from steelyard.model.laws.register import law_of
+from steelyard.model.laws.rotor_inertia import RotorInertia
 from steelyard.model.laws.spring import Spring
+from steelyard.report.words import first_names
 
 
 @post_fit_check("95 % bands")
@@ -48,6 +51,48 @@ def band_coverage_check(case: FittedCase) -> Iterable[Finding]:
     log = "" if several else worst
     brief += ": errors on other motion may be larger than stated"
     return (Finding.ok(says, headline=True, brief=brief, log=log),)
+
+
+MOST_NAMED_BOUNDS = 6  # bounds that a line of the terminal names
+OF_FRICTION = (
+    "efforts fall with speed there: the sign of effort or position is wrong, the drive compensates "
+    "friction, or a term is missing"
+)
+OF_ROTORS = "efforts do not contain the rotors' torques (sensors on the link side), or are late"
+OF_OTHERS = "a term is missing, or what is known beforehand is wrong"
+OF_LINKS = (
+    "masses or geometry of the model file, gains or signs of the efforts are wrong, or a term is "
+    "missing"
+)
+CHECK_LINKS = "`steelyard check ROBOT LOG...` compares them; `--method least_squares` uses neither"
+
+
+@post_fit_check("constraints")
+def constraints_check(case: FittedCase) -> Iterable[Finding]:
+    """Doubtful if bounds or priors cost far more than noise, and unseen motion is worse for it."""
+    found = case.binding
+    if found is None:
+        return ()
+    motion = "unseen motion" if found.of_unseen else "left-out motion"
+    figure = (
+        f"prior and constraints raise χ² by {found.rise:.3g}, where {found.rank} is within noise"
+    )
+    falls = f"the error on {motion} is {found.error:.2g} %, without them {found.without:.2g} %"
+    if not found.bounds:
+        what = "the log contradicts the prior or the valid inertias of the links"
+        says = f"{what}: {falls}. Probably {OF_LINKS}"
+        return (Finding.doubtful(says, figure, (), Fix(CHECK_LINKS), headline=True),)
+    laws = {law_of(name) for name in found.parameters}
+    means = [OF_FRICTION] if any(law.dissipation != "none" for law in laws) else []
+    means += [OF_ROTORS] if RotorInertia in laws else []
+    check = "Check these efforts; [[knowledge]] with a lower bound below zero allows such values"
+    bounds = first_names(found.bounds, MOST_NAMED_BOUNDS)
+    what = f"the log contradicts bounds at {', '.join(found.joints)} ({bounds})"
+    means_words = "; ".join(means or [OF_OTHERS])
+    brief = f"{what}: {falls}. Probably {means_words}. {check}"
+    least = f" Least squares finds {', '.join(found.values)}." if found.values else ""
+    says = f"{what}: {falls}.{least} Probably {means_words}"
+    return (Finding.doubtful(says, figure, found.joints, Fix(check), headline=True, brief=brief),)
 
 
 LEAST_CLIPPED_SHARE = 0.002  # share of the values of all efforts from which on they are named
@@ -125,6 +170,7 @@ def _term_instead(case: FittedCase, distance: float) -> str:
 
 POST_FIT: tuple[PostFitCheck, ...] = (
     absurd_bodies_check,
+    constraints_check,
     runs_disagree_check,
     change_in_run_check,
     rotors_at_zero_check,

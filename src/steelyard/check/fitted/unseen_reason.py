@@ -110,7 +110,8 @@ def _reason(fit: FittedCase, run: Run, score: RunScore, ratio: float) -> Finding
             figure,
             fix=Fix("Identify from logs at one temperature, or use terms with per_run = true"),
         )
-    return _unexplained(fit, run, left, figure)
+    # constraints that the data contradict are a reason, which has its own finding
+    return None if fit.binding is not None else _unexplained(fit, run, left, figure)
 
 
 def _explains(decision: LogVerdict, own: float) -> bool:

@@ -201,8 +201,9 @@ class Consistent:
             notes.append(f"prior constraints: {'; '.join(labels[:LISTED])}{more}")
         if gamma and any(program.unknowns.priors):
             how = "as stated"
-            if self.gamma is None and self.knowledge.uncertainty is None:
-                how = f"estimated from the data in {found.solves} iterations"
+            if self.knowledge.uncertainty is None:
+                how = "estimated from the data"
+                how += f" in {found.solves} iterations" if self.gamma is None else ""
             notes.append(
                 f"prior uncertainty of link inertias {100.0 * gamma**-0.5:.3g} % ({how}); prior "
                 f"and constraints raise χ² by {found.tried.rise:.3g} (up to "

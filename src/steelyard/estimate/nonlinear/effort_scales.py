@@ -152,12 +152,14 @@ class Scaled:
     def estimate(self, information: Information, scales: Scales) -> Estimate:
         """The estimate of efforts in the model's scale, as unsure as the scales make it.
 
-        Efforts of the information are already divided by the scales. Condition numbers are those of
-        the parameters, without the scales.
+        Efforts of the information are already divided by the scales. The weight of the prior is
+        that they were found with: with another one they would be others. Condition numbers are
+        those of the parameters, without the scales.
         """
         names = self._names
         logged = information.scaled(scales.values, information.signature.effort)
-        found = _without(self._wide(self._extended(logged, scales)), names)
+        wide = replace(self._wide, gamma=scales.gamma or None)
+        found = _without(wide(self._extended(logged, scales)), names)
         own = whitened(information, equal=self.estimator.equal).fit.solution
         return replace(
             found,

@@ -1,0 +1,201 @@
+r"""Bounds and priors that contradict the data: what a fit without them predicts better.
+
+Constraints of the consistent estimate raise $\chi^2$ over that of least squares; noise alone by
+about the rank of the data. Where they raise it by far more, the estimate is repeated without the
+bounds along the coordinates where least squares contradicts one, and both predict motion that
+neither has seen: logs that were not fitted, or else each run or stretch of one, left out in turn.
+If the error without these bounds is clearly smaller, they are at fault; if not that, but that of
+least squares is, the prior or the physical consistency of the links.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+
+from steelyard.base.errors import DataError
+from steelyard.estimate.consistent.consistent import Consistent
+from steelyard.estimate.estimate import Z95, Estimate, Estimator
+from steelyard.estimate.friction.mixes import has_memory
+from steelyard.estimate.information.base_parameters import BaseMap
+from steelyard.estimate.information.information import Information
+from steelyard.estimate.information.regressor import base_regressor
+from steelyard.estimate.least_squares.least_squares import WeightedLeastSquares, whitened
+from steelyard.estimate.nonlinear.effort_scales import EffortScales
+from steelyard.estimate.nonlinear.fields import information_from
+from steelyard.estimate.prior.prior import Knowledge, Row
+from steelyard.estimate.scores.cross_validation import FOLDS, logarithms, values_by
+from steelyard.model.model import Model
+from steelyard.runs.run import Run
+
+COST_OVER_NOISE = 2.0  # rise of chi square over the rank of the data from which on it is compared
+CLEARLY_LARGER = 1.25  # error over that without constraints from which on they are at fault
+LEAST_ERROR = 10.0  # error [%] below which they do no harm worth a warning
+
+
+@dataclass(frozen=True)
+class BindingConstraints:
+    """Constraints without which unseen motion is predicted clearly better.
+
+    Errors are the geometric mean of a typical joint's and of all joints' together [%].
+    """
+
+    # labels of bounds that least squares contradicts; empty if it is the prior or physical
+    # consistency of the links
+    bounds: tuple[str, ...]
+    values: tuple[str, ...]  # those of single parameters with their least-squares estimate
+    parameters: tuple[str, ...]  # that they bound
+    joints: tuple[str, ...]  # coordinates that these act along
+    error: float  # of the estimate
+    without: float  # without the bounds along these coordinates; of least squares if it is links
+    rise: float  # of chi square over least squares
+    rank: int  # rise within noise
+    of_unseen: bool  # whether of logs that were not fitted, not of parts left out in turn
+
+
+def binding_constraints(
+    model: Model,
+    estimate: Estimate,
+    information: Information,
+    consistent: Consistent,
+    scales: EffortScales | None = None,
+    unseen: Sequence[Run] = (),
+) -> BindingConstraints | None:
+    """The constraints at fault; `None` where there are none, or nothing could be left out.
+
+    Efforts of the information and of `unseen`, runs in motion, are divided by the `scales`. Without
+    the constraints there are none, for scales found with them make up for what they do not allow.
+    """
+    data = whitened(information, consistent.per_run, equal=consistent.equal)
+    known = estimate.parameters.as_dict()
+    residual = data.matrix @ [known.get(name, 0.0) for name in data.names] - data.vector
+    rise, rank = float(residual @ residual), len(data.vector)
+    if rise <= COST_OVER_NOISE * rank:
+        return None
+    parts = list(_parts(model, information, unseen))
+    estimator: Estimator[Information] = consistent
+    if scales is not None:
+        estimator = partial(scales.scaled.estimate, scales=scales.found)
+    error = _error(parts, estimator)
+    if not error > LEAST_ERROR:
+        return None
+    if scales is not None:
+        gains, units = scales.found.values, information.signature.effort
+        information = information.scaled(gains, units)
+        parts = [(one.scaled(gains, units), other.scaled(gains, units)) for one, other in parts]
+    free = WeightedLeastSquares(per_run=consistent.per_run)
+    enough, plain, knowledge = error / CLEARLY_LARGER, free(information), consistent.knowledge
+    rows, without = contradicted_rows(consistent.base, knowledge, plain), np.nan
+    if rows:
+        without = _error(parts, replace(consistent, knowledge=_without(knowledge, rows)))
+    if not without < enough:
+        rows, without = (), _error(parts, free)
+    if not without < enough:
+        return None
+    values, parameters = _values(rows, plain), {name for row in rows for name in row.coefficients}
+    return BindingConstraints(
+        bounds=tuple(dict.fromkeys(row.label for row in rows)),
+        values=values,
+        parameters=tuple(sorted(parameters)),
+        joints=_axes(rows, information.layout.rows),
+        error=error,
+        without=without,
+        rise=rise,
+        rank=rank,
+        of_unseen=bool(unseen),
+    )
+
+
+def _error(
+    parts: Sequence[tuple[Information, Information]], estimator: Estimator[Information]
+) -> float:
+    """Error [%] of what is predicted from what is fitted; NaN where no part can be fitted."""
+    values, found = values_by(estimator), []
+    for fitted, tested in parts:
+        sizes = tested.effort_squares()
+        try:
+            squares = tested.residual_squares(values(fitted))
+        except DataError:
+            continue
+        shares = 100.0 * np.sqrt(squares / np.where(sizes > 0.0, sizes, np.inf))
+        found.append(float(logarithms(shares[None], sizes[None])[0]))
+    return float(np.exp(np.mean(found))) if found else np.nan
+
+
+def _parts(
+    model: Model, information: Information, unseen: Sequence[Run]
+) -> Iterator[tuple[Information, Information]]:
+    """What is fitted, and what is predicted from it."""
+    if unseen:
+        gathered = information_from(unseen, rests=has_memory(model.terms))
+        yield information, gathered(base_regressor(model))
+        return
+    several = len(information.windows_of_runs) > 1
+    folds = information.merged(1 if several else FOLDS)
+    count = len(folds.windows)
+    for fold in range(count if count > 1 else 0):
+        yield folds.of([k for k in range(count) if k != fold]), folds.of([fold])
+
+
+def contradicted_rows(base: BaseMap, known: Knowledge, plain: Estimate) -> tuple[Row, ...]:
+    """Bounds that a least-squares estimate is beyond with its whole 95 % interval.
+
+    Of parameters of terms that are base parameters by themselves, of friction along a coordinate,
+    and of the user.
+    """
+    values, bodies = plain.parameters.as_dict(), known.of_bodies
+    alone = np.count_nonzero(base.lift, axis=1) == 1
+    single = {name for name, is_alone in zip(base.base_names, alone, strict=True) if is_alone}
+    bounds = [
+        Row(name, {name: 1.0}, low, high)
+        for name, low, high, of_body in zip(
+            known.names, known.lower.tolist(), known.upper.tolist(), bodies, strict=True
+        )
+        if not of_body and name not in known.shaped
+    ]
+    found = []
+    for row in (*bounds, *known.curves, *known.rows):
+        if not single.intersection(values).issuperset(row.coefficients):
+            continue
+        value, std = _of_row(row, plain)
+        if value + Z95 * std < row.lower or value - Z95 * std > row.upper:
+            found.append(row)
+    return tuple(found)
+
+
+def _of_row(row: Row, estimate: Estimate) -> tuple[float, float]:
+    """Value and standard deviation of a sum of parameters."""
+    at = [estimate.parameters.names.index(name) for name in row.coefficients]
+    factors = np.array(list(row.coefficients.values()))
+    variance = factors @ estimate.covariance[np.ix_(at, at)] @ factors
+    return float(factors @ estimate.parameters.values[at]), float(np.sqrt(max(variance, 0.0)))
+
+
+def _values(rows: Sequence[Row], plain: Estimate) -> tuple[str, ...]:
+    units = dict(zip(plain.parameters.names, plain.parameters.units, strict=True))
+    found = []
+    for row in rows:
+        if row.label in units:
+            value, std = _of_row(row, plain)
+            found.append(f"{row.label} {value:.3g} ± {Z95 * std:.2g} {units[row.label]}")
+    return tuple(found)
+
+
+def _axes(rows: Sequence[Row], order: Sequence[str] = ()) -> tuple[str, ...]:
+    """Coordinates of the parameters in rows, joints in their order first."""
+    found = {name.partition(".")[2] for row in rows for name in row.coefficients}
+    return (*(one for one in order if one in found), *sorted(found.difference(order)))
+
+
+def _without(known: Knowledge, rows: Sequence[Row]) -> Knowledge:
+    """What is known but for all bounds of terms along the coordinates of some rows."""
+    axes, labels = set(_axes(rows)), {row.label for row in rows}
+    freed = ~known.of_bodies & [name.partition(".")[2] in axes for name in known.names]
+    return replace(
+        known,
+        lower=np.where(freed, -np.inf, known.lower),
+        upper=np.where(freed, np.inf, known.upper),
+        curves=tuple(row for row in known.curves if axes.isdisjoint(_axes([row]))),
+        rows=tuple(row for row in known.rows if row.label not in labels),
+    )
