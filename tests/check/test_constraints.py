@@ -59,7 +59,7 @@ def test_constraints_that_hold_are_not_at_fault() -> None:
 def test_friction_that_drives_is_named_with_its_joint() -> None:
     found = found_in({"viscous.left_joint": -20.0})
     assert found is not None and not found.of_unseen
-    assert found.bounds == found.parameters == ("viscous.left_joint",)
+    assert found.bounds == found.negative == ("viscous.left_joint",)
     assert found.joints == ("left_joint",)
     assert found.values[0].startswith("viscous.left_joint -")
     assert found.error > 2.0 * found.without
@@ -71,6 +71,7 @@ def test_a_value_that_the_user_states_wrongly_is_named_as_stated() -> None:
     found = found_in({"viscous.tip_joint": 20.0}, rows=(row,))
     assert found is not None
     assert found.bounds == (row.label,) and found.joints == ("tip_joint",)
+    assert found.negative == ()
 
 
 def test_links_that_cannot_exist_are_named_where_no_bound_is_at_fault() -> None:
@@ -98,9 +99,9 @@ def test_the_finding_says_which_bounds_at_which_joints_and_what_they_may_mean() 
     assert "bounds at j4, j5 (viscous.j4, viscous.j5)" in text and "bounds at j4, j5" in line
     assert "error on unseen motion is 26 %, without them 16 %" in line
     assert "Least squares finds viscous.j4 -2 ± 0.1 Nm" in text
-    assert "fall with speed" in line and "rotors" not in line
+    assert "Friction below zero" in line and "Rotor" not in line
     text, line = says("rotor_inertia.j6")
-    assert "rotors" in line and "fall with speed" not in line
+    assert "Rotor inertia below zero" in line and "Friction" not in line
     text, line = says()
     assert "valid inertias of the links" in text and "--method least_squares" not in text
 

@@ -45,7 +45,7 @@ class BindingConstraints:
     # consistency of the links
     bounds: tuple[str, ...]
     values: tuple[str, ...]  # those of single parameters with their least-squares estimate
-    parameters: tuple[str, ...]  # that they bound
+    negative: tuple[str, ...]  # parameters that they keep at zero or above, where it is below
     joints: tuple[str, ...]  # coordinates that these act along
     error: float  # of the estimate
     without: float  # without the bounds along these coordinates; of least squares if it is links
@@ -93,11 +93,11 @@ def binding_constraints(
         rows, without = (), _error(parts, free)
     if not without < enough:
         return None
-    values, parameters = _values(rows, plain), {name for row in rows for name in row.coefficients}
+    below = [row for row in rows if _of_row(row, plain)[0] < row.lower == 0.0]
     return BindingConstraints(
         bounds=tuple(dict.fromkeys(row.label for row in rows)),
-        values=values,
-        parameters=tuple(sorted(parameters)),
+        values=_values(rows, plain),
+        negative=tuple(sorted({name for row in below for name in row.coefficients})),
         joints=_axes(rows, information.layout.rows),
         error=error,
         without=without,

@@ -55,15 +55,19 @@ def band_coverage_check(case: FittedCase) -> Iterable[Finding]:
 
 MOST_NAMED_BOUNDS = 6  # bounds that a line of the terminal names
 OF_FRICTION = (
-    "efforts fall with speed there: the sign of effort or position is wrong, the drive compensates "
-    "friction, or a term is missing"
+    "Friction below zero means that the sign of an effort or position is wrong, that the drive "
+    "compensates friction, or that a term is missing"
 )
-OF_ROTORS = "efforts do not contain the rotors' torques (sensors on the link side), or are late"
-OF_OTHERS = "a term is missing, or what is known beforehand is wrong"
+OF_ROTORS = (
+    "Rotor inertia below zero means that efforts do not contain the rotors' torques (sensors on "
+    "the link side), or are late"
+)
+OF_OTHERS = "A term is missing, or what is known beforehand is wrong"
 OF_LINKS = (
-    "masses or geometry of the model file, gains or signs of the efforts are wrong, or a term is "
+    "Masses or geometry of the model file, signs or gains of the efforts are wrong, or a term is "
     "missing"
 )
+CHECK_BOUNDS = "Check these efforts; [[knowledge]] with a lower bound below zero allows such values"
 CHECK_LINKS = "`steelyard check ROBOT LOG...` compares them; `--method least_squares` uses neither"
 
 
@@ -79,20 +83,19 @@ def constraints_check(case: FittedCase) -> Iterable[Finding]:
     )
     falls = f"the error on {motion} is {found.error:.2g} %, without them {found.without:.2g} %"
     if not found.bounds:
-        what = "the log contradicts the prior or the valid inertias of the links"
-        says = f"{what}: {falls}. Probably {OF_LINKS}"
-        return (Finding.doubtful(says, figure, (), Fix(CHECK_LINKS), headline=True),)
-    laws = {law_of(name) for name in found.parameters}
+        says = f"the log contradicts the prior or the valid inertias of the links: {falls}"
+        says, fix = f"{says}. {OF_LINKS}", Fix(CHECK_LINKS)
+        return (Finding.doubtful(says, figure, (), fix, headline=True),)
+    laws = {law_of(name) for name in found.negative}
     means = [OF_FRICTION] if any(law.dissipation != "none" for law in laws) else []
     means += [OF_ROTORS] if RotorInertia in laws else []
-    check = "Check these efforts; [[knowledge]] with a lower bound below zero allows such values"
+    meaning, fix = ". ".join(means or [OF_OTHERS]), Fix(CHECK_BOUNDS)
     bounds = first_names(found.bounds, MOST_NAMED_BOUNDS)
-    what = f"the log contradicts bounds at {', '.join(found.joints)} ({bounds})"
-    means_words = "; ".join(means or [OF_OTHERS])
-    brief = f"{what}: {falls}. Probably {means_words}. {check}"
+    what = f"the log contradicts bounds at {', '.join(found.joints)} ({bounds}): {falls}"
+    brief = f"{what}. {meaning}. {fix.says}"
     least = f" Least squares finds {', '.join(found.values)}." if found.values else ""
-    says = f"{what}: {falls}.{least} Probably {means_words}"
-    return (Finding.doubtful(says, figure, found.joints, Fix(check), headline=True, brief=brief),)
+    says = f"{what}.{least} {meaning}"
+    return (Finding.doubtful(says, figure, found.joints, fix, headline=True, brief=brief),)
 
 
 LEAST_CLIPPED_SHARE = 0.002  # share of the values of all efforts from which on they are named
