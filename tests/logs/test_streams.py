@@ -43,6 +43,14 @@ def test_other_separators_and_a_broken_line_of_json() -> None:
     assert np.isnan(broken[1:]).all() and broken[0].tolist() == [0.0, 1.0]
 
 
+def test_clocks_are_those_of_the_finished_log() -> None:
+    pieces = [b"secs,nsecs,b\n3,500000000,1\n", b"3,750000000,2\n"]
+    found = np.concatenate(list(rows_of_lines(Path("x"), ("time_s", "b"), pieces)))
+    assert found.tolist() == [[3.5, 1.0], [3.75, 2.0]]
+    found = read([b"t,a,b\n10:00:00.5,1,2\n10:00:00.75,1,3\n"])
+    assert found.tolist() == [[36000.5, 2.0], [36000.75, 3.0]]
+
+
 def test_lines_of_json_that_cannot_be_parsed_are_passed_over() -> None:
     deep = b'{"a":' * 50_000 + b"1" + b"}" * 50_000 + b"\n"
     huge = b'{"t": 1, "b": 1' + b"0" * 400 + b"}\n"

@@ -179,29 +179,49 @@ _PART_OF_SECOND = re.compile(
 )
 
 
+Clocks = Mapping[str, tuple[str, str, float]]
+"""Clocks in two columns: name in seconds to both columns and seconds per unit of the second one."""
+
+
+def split_clocks(columns: Sequence[str]) -> Clocks:
+    """Clocks that are in two columns of a log, such as `stamp.sec` and `stamp.nanosec`."""
+    clocks = {}
+    for name in columns:
+        if found := _PART_OF_SECOND.fullmatch(name):
+            whole = f"{found['stem']}{found['second']}".lower()
+            seconds = next((c for c in columns if c.lower() in (whole, f"{whole}s")), "")
+            unit = 1e-9 if found["part"][0].lower() == "n" else 1e-6
+            joined = f"{found['stem']}{'_' * found['stem'][-1:].isalnum()}time_s"
+            if seconds and joined not in columns:
+                clocks[joined] = seconds, name, unit
+    return clocks
+
+
+def logged_columns(columns: Sequence[str], clocks: Clocks) -> list[str]:
+    """Columns of a log that hold some columns, of which clocks are in two."""
+    return list(dict.fromkeys(one for name in columns for one in clocks.get(name, (name,))[:2]))
+
+
+def with_clocks(part: Array, columns: Sequence[str], clocks: Clocks) -> Array:
+    """Some columns of rows of the `logged_columns` of these."""
+    values = dict(zip(logged_columns(columns, clocks), part.T, strict=True))
+    for name in clocks.keys() & set(columns):
+        seconds, rest, unit = clocks[name]
+        values[name] = values[seconds] + unit * values[rest]
+    return np.column_stack([values[name] for name in columns])
+
+
 @dataclass(frozen=True, eq=False)
 class WholeClocks:
-    """A log whose clocks are in two columns each, seconds and parts of a second, in one column.
-
-    `clocks` are, by the name of the column in seconds, both columns and seconds per unit of the
-    second one.
-    """
+    """A log whose clocks in two columns are in one, in seconds, which replaces both."""
 
     log: Log
-    clocks: Mapping[str, tuple[str, str, float]]
+    clocks: Clocks
 
     @classmethod
     def of(cls, log: Log) -> Log:
         """The log itself if it has no such clocks."""
-        clocks = {}
-        for name in log.columns:
-            if found := _PART_OF_SECOND.fullmatch(name):
-                whole = f"{found['stem']}{found['second']}".lower()
-                seconds = next((c for c in log.columns if c.lower() in (whole, f"{whole}s")), "")
-                unit = 1e-9 if found["part"][0].lower() == "n" else 1e-6
-                joined = f"{found['stem']}{'_' * found['stem'][-1:].isalnum()}time_s"
-                if seconds and joined not in log.columns:
-                    clocks[joined] = seconds, name, unit
+        clocks = split_clocks(log.columns)
         return cls(log, clocks) if clocks else log
 
     def __getattr__(self, name: str) -> Any:
@@ -227,16 +247,8 @@ class WholeClocks:
     ) -> Iterator[Array]:
         """The requested rows; see `Log.parts`."""
         require_columns(self.path, self.columns, columns)
-        found = [self.clocks.get(name, (name,)) for name in columns]
-        needed = list(dict.fromkeys(name for names in found for name in names[:2]))
-        for part in self.log.parts(needed, rows, size):
-            values = dict(zip(needed, part.T, strict=True))
-            yield np.column_stack(
-                [
-                    values[names[0]] + (names[2] * values[names[1]] if len(names) > 1 else 0.0)
-                    for names in found
-                ]
-            )
+        for part in self.log.parts(logged_columns(columns, self.clocks), rows, size):
+            yield with_clocks(part, columns, self.clocks) if columns else part
 
 
 SYNTAX = (

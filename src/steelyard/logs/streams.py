@@ -14,7 +14,13 @@ import numpy as np
 
 from steelyard.base.arrays import Array
 from steelyard.base.errors import LogError
-from steelyard.logs.log import require_columns, unreadable
+from steelyard.logs.log import (
+    logged_columns,
+    require_columns,
+    split_clocks,
+    unreadable,
+    with_clocks,
+)
 from steelyard.logs.messages.message_log import MessageLog
 from steelyard.logs.messages.record_files import open_mcap
 from steelyard.logs.text_table import (
@@ -136,13 +142,14 @@ def _reader(path: Path, wanted: Sequence[str], begin: bytes) -> tuple[Read | Non
         if len(lines) > HEADER_LINES:
             raise _no_table(path)
         return None, 0
-    require_columns(path, header.columns, wanted)
-    places = [header.columns.index(name) for name in wanted]
+    clocks = split_clocks(header.columns)
+    require_columns(path, (*header.columns, *clocks), wanted)
+    places = [header.columns.index(name) for name in logged_columns(wanted, clocks)]
     separator, comma = header.separator, header.decimal_comma
 
     def cells(lines: list[bytes]) -> Array:
         chunk = tidied(b"\n".join([*lines, b""]), separator, comma)
-        return by_numpy(chunk, places, separator, comma)
+        return with_clocks(by_numpy(chunk, places, separator, comma), wanted, clocks)
 
     return cells, sum(len(line) + 1 for line in lines[: header.body])
 
