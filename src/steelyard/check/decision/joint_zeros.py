@@ -59,14 +59,16 @@ from steelyard.runs.run import Run
 CLEAR_OFFSET = 4.0  # standard deviations from what is given from which on an offset is written
 
 
-def estimated_offsets(model: Model, runs: Sequence[Run]) -> ZeroOffsets | None:
-    """Zero offsets of an open chain, from those that are given; `None` of too few data."""
+def estimated_offsets(
+    model: Model, runs: Sequence[Run], start: Array | None = None
+) -> ZeroOffsets | None:
+    """Zero offsets of an open chain near a start, or those given; `None` of too few data."""
     rests = has_memory(model.terms)
     try:
         return find_offsets(
             model,
             lambda offsets: information_from(with_offsets(runs, offsets), rests=rests),
-            _given_offsets(runs[0].recording.signals),
+            _given_offsets(runs[0].recording.signals) if start is None else start,
             [True] * model.robot.n,
         )
     except DataError:
@@ -129,13 +131,17 @@ def turned_zeros(model: Model, sigma: Array, runs: Sequence[Run]) -> Finding | N
     if not gain.confirmed:
         return None
     values = [round(value, 4) for value in found.tolist()]
+    fitted = estimated_offsets(model, some, found)
+    holds = fitted is None or not far_offsets(fitted)[[k for k, _ in turned]].any()
+    line = (Edit(("signals", "position_offset"), values),) if holds else ()
     return Finding.doubtful(
         f"{OTHER_ZEROS}{turn_words(model.robot, turned)} (error on left-out motion "
         f"{gain.before:.2g} %, with these zeros {gain.after:.2g} %)",
         joints=tuple(model.robot.joint_names[k] for k, _ in turned),
         fix=Fix(
-            f"Set position_offset = {values} in [signals], {IF_CONFIRMED}",
-            (Edit(("signals", "position_offset"), values),),
+            f"Set position_offset = {values} in [signals], {IF_CONFIRMED}"
+            + ("" if holds else "; no line is written, as a fit gives other zeros near these"),
+            line,
         ),
     )
 
