@@ -265,9 +265,10 @@ def test_a_static_log(recording) -> None:
 def test_a_log_of_broken_rows(recording, sines) -> None:
     t = np.arange(500) * 0.01
     motion = sines(t)
-    error = failing(recording(t, motion["q"] * np.nan, motion["effort"]))
-    assert "every row of the log is invalid: 500 of 500" in error.wrong
-    assert "[signals]" in error.fix
+    for efforts in (motion["effort"], motion["effort"] * np.nan):
+        error = failing(recording(t, motion["q"] * np.nan, efforts))
+        assert "every row of the log is invalid: 500 of 500" in error.wrong
+        assert "[signals]" in error.fix
 
 
 def test_a_window_beside_the_log(recording, sines) -> None:

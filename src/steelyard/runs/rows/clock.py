@@ -79,8 +79,9 @@ def learn_clock(recording: Recording) -> Clock:
 
 def _head_times(recording: Recording) -> Array:
     parts = [*recording.raw((0, ROWS_FOR_STEP))]
-    times = np.concatenate([t[~np.isnan(x).all(axis=1)] for t, x in parts])
-    return np.asarray(times[np.isfinite(times)])
+    times = np.concatenate([t for t, _ in parts])
+    filled = np.concatenate([~np.isnan(x).all(axis=1) for _, x in parts])
+    return np.asarray(times[np.isfinite(times) & (filled if filled.any() else True)])
 
 
 def nice_rate(mean_step: float) -> float:
