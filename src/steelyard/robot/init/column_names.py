@@ -330,9 +330,12 @@ def give_up(wrong: str, columns: Sequence[str], fix: str = IN_FILE) -> NoReturn:
 
 
 def finite(values: ArrayLike) -> Array:
-    """The finite values of a column, shape `(N,)`."""
-    array = np.asarray(values, dtype=np.float64)
-    return array[np.isfinite(array)]
+    """The finite values of a column, shape `(N,)`; none of a column of text."""
+    array = np.asarray(values)
+    if array.dtype.kind == "U":
+        return np.zeros(0)
+    array = array.astype(np.float64)
+    return np.asarray(array[np.isfinite(array)])
 
 
 def listed(columns: Sequence[Column]) -> str:

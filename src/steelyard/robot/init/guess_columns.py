@@ -105,7 +105,7 @@ def guess_columns(
     """
     arrays = {name: np.asarray(values) for name, values in (sample or {}).items()}
     texts = {name: str(x[0]) for name, x in arrays.items() if x.dtype.kind == "U" and len(x)}
-    values = {name: finite(x) for name, x in arrays.items() if name not in texts}
+    values = {name: finite(x) for name, x in arrays.items()}
     kinds: dict[Quantity, list[Column]] = {}
     for column in labelled(columns, texts, [c.name for c in every or coordinates]):
         if column.quantity is not None:
