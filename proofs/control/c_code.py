@@ -42,9 +42,8 @@ from steelyard.symbolic.source_code import Precision
 
 ROOT = Path(__file__).parents[2]
 sys.path.insert(0, str(ROOT / "tests"))
-from export import test_controller_observer as observed  # noqa: E402
-
 from closed_chains import CHAINS, parallelogram  # noqa: E402
+from export import test_controller_observer as observed  # noqa: E402
 from in_c import (  # noqa: E402
     LIBM,
     STRICT,

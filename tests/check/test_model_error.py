@@ -13,7 +13,7 @@ from check.fitted import case, demo_arm, log
 from steelyard.base.arrays import Array
 from steelyard.check.finding import Finding, Severity
 from steelyard.check.fitted import model_error
-from steelyard.check.fitted.causes import Cause, LeftOutGain
+from steelyard.check.fitted.missing_terms import Cause, LeftOutGain
 from steelyard.check.fitted.model_error import model_error_check
 from steelyard.estimate.information.information import Information
 from steelyard.estimate.information.regressor import base_regressor

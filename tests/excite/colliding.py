@@ -11,7 +11,7 @@ import pytest
 
 from oracles import body_positions, pinocchio_model
 from steelyard.base.arrays import Array
-from steelyard.excite.collision.shapes import Shape
+from steelyard.excite.collision.placed_shapes import Shape
 from steelyard.excite.collision.solids import (
     Ball,
     Box,

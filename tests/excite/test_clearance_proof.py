@@ -8,7 +8,7 @@ import pytest
 
 from excite.colliding import joint, link, panda, snake, ur10, urdf, waves, written
 from steelyard.excite.collision.collision import Clearance, self_clearance
-from steelyard.excite.collision.shapes import obstacle, placed, rates, wall
+from steelyard.excite.collision.placed_shapes import obstacle, placed, rates, wall
 from steelyard.excite.collision.solids import Ball, Box, Capsule, Cylinder
 from steelyard.excite.trajectories.fourier import FourierMotion
 from steelyard.excite.trajectories.polynomials import SampledMotion

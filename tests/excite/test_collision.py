@@ -23,7 +23,7 @@ from excite.colliding import (
 from steelyard.base.errors import ModelError
 from steelyard.excite.collision.collision import Clearance, self_clearance
 from steelyard.excite.collision.model_shapes import world_shapes
-from steelyard.excite.collision.shapes import Shape, obstacle, placed, rates, wall
+from steelyard.excite.collision.placed_shapes import Shape, obstacle, placed, rates, wall
 from steelyard.excite.collision.solids import Ball, Box, Capsule, Cylinder, Ellipsoid, Hull
 from steelyard.robot.file.robot_file import LoadedRobot, load_robot
 

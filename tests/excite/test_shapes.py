@@ -11,7 +11,7 @@ from excite.colliding import SNAKE, joint, link, panda, snake, urdf, written
 from steelyard.base.errors import ModelError
 from steelyard.excite.collision.collision import self_clearance
 from steelyard.excite.collision.model_shapes import robot_shapes, world_shapes
-from steelyard.excite.collision.shapes import obstacle, placed, wall
+from steelyard.excite.collision.placed_shapes import obstacle, placed, wall
 from steelyard.excite.collision.solids import Ball
 from steelyard.robot.file.robot_file import load_robot
 

@@ -33,7 +33,7 @@ from steelyard.check.hypotheses.friction_evidence import (
 )
 from steelyard.check.hypotheses.likelihood import Hypothesis, Reading
 from steelyard.check.hypotheses.position_columns import ZERO_CAUSE
-from steelyard.check.signals.overview import remembered
+from steelyard.check.signals.log_overview import remembered
 
 EMPTY_MISFIT = 0.5  # typical misfit of a reading that predicts next to nothing
 SHOWN_HYPOTHESES = 6  # hypotheses that are shown

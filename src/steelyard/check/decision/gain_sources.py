@@ -24,7 +24,7 @@ from steelyard.check.hypotheses.excerpt import excerpt_of
 from steelyard.check.hypotheses.likelihood import Hypothesis
 from steelyard.check.hypotheses.nuisance import REST_SPEED
 from steelyard.check.identifiability import clean_runs, customary_model
-from steelyard.check.signals.overview import remembered
+from steelyard.check.signals.log_overview import remembered
 from steelyard.estimate.information.gather import gather
 from steelyard.estimate.information.regressor import base_regressor
 from steelyard.estimate.payload.drive_gains import identified_gains

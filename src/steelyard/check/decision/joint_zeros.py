@@ -28,7 +28,6 @@ from steelyard.check.decision.edits import zero_edits
 from steelyard.check.decision.ranking import DECISIVE_GAIN
 from steelyard.check.decision.verdict import CLEAN, STRIKING, judge_log
 from steelyard.check.finding import ComparedHypothesis, Edit, Finding, Fix
-from steelyard.check.fitted.causes import WORTH_A_SEARCH, LeftOutGain, left_out_logs
 from steelyard.check.fitted.fitted_case import (
     RankedCauses,
     can_be_ranked,
@@ -36,6 +35,7 @@ from steelyard.check.fitted.fitted_case import (
     ranked_causes,
     worst_residual_words,
 )
+from steelyard.check.fitted.missing_terms import WORTH_A_SEARCH, LeftOutGain, left_out_logs
 from steelyard.check.hypotheses.likelihood import Reading
 from steelyard.check.hypotheses.position_columns import (
     ZERO_CAUSE,

@@ -31,7 +31,7 @@ from steelyard.check.hypotheses.position_columns import (
     ratio_hypotheses,
     zero_hypotheses,
 )
-from steelyard.check.signals.overview import remembered
+from steelyard.check.signals.log_overview import remembered
 from steelyard.estimate.identified import IdentifiedModel
 from steelyard.robot.file.signals import Signals
 

@@ -46,7 +46,7 @@ from steelyard.check.hypotheses.payload_and_gravity import (
     delay_hypotheses,
     mounting_hypotheses,
 )
-from steelyard.check.signals.overview import remembered
+from steelyard.check.signals.log_overview import remembered
 
 SUPPORT_MARGIN, SUPPORT_FALL = 60.0, 2.0
 """Log-likelihood that bodies of the log's own must gain, and the factor by which the misfit of some

@@ -10,7 +10,7 @@ from steelyard.base.errors import DataError
 from steelyard.check.case import CaseCheck
 from steelyard.check.finding import Finding
 from steelyard.check.fitted.binding_constraints import BindingConstraints, binding_constraints
-from steelyard.check.fitted.causes import (
+from steelyard.check.fitted.missing_terms import (
     GEOMETRY,
     Cause,
     LeftOutGain,

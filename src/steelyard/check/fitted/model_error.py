@@ -11,7 +11,6 @@ from steelyard.check.decision.joint_zeros import (
     turned_zeros,
 )
 from steelyard.check.finding import Finding, Fix
-from steelyard.check.fitted.causes import Cause, LeftOutGain
 from steelyard.check.fitted.fitted_case import (
     FittedCase,
     RankedCauses,
@@ -19,6 +18,7 @@ from steelyard.check.fitted.fitted_case import (
     post_fit_check,
     worst_residual_words,
 )
+from steelyard.check.fitted.missing_terms import Cause, LeftOutGain
 from steelyard.estimate.scores.residuals import ResidualNoise
 
 INCOMPLETE_RESIDUAL = 2.0  # over the noise's upper bound, of an incomplete model

@@ -35,7 +35,7 @@ from steelyard.check.hypotheses.likelihood import (
     Reading,
 )
 from steelyard.check.hypotheses.nuisance import MISFIT_FLOOR, NUISANCES, LikelihoodScore, score_of
-from steelyard.check.signals.overview import remembered
+from steelyard.check.signals.log_overview import remembered
 from steelyard.estimate.consistent.conic import solved
 from steelyard.estimate.consistent.penalties import Entropic, Unknowns, ten_map
 from steelyard.estimate.consistent.program import ConicConstraints, Program, polished

@@ -19,14 +19,14 @@ from steelyard.base.errors import SteelyardError
 from steelyard.check.case import Case, Evidence, log_check
 from steelyard.check.finding import Finding, Fix, Picture, Severity, of_joints, percent_of, trace
 from steelyard.check.identifiability import clean_runs, customary_model
-from steelyard.check.signals.motion_units import driven_joints, unit_reading
-from steelyard.check.signals.overview import (
+from steelyard.check.signals.log_overview import (
     MOVED,
     SignalOverview,
     noise_of,
     signal_overview,
     with_rows,
 )
+from steelyard.check.signals.motion_units import driven_joints, unit_reading
 from steelyard.estimate.information.gather import gather
 from steelyard.estimate.information.regressor import base_regressor
 from steelyard.estimate.least_squares.least_squares import WeightedLeastSquares

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from steelyard.base.arrays import Array
 from steelyard.check.case import Case, Evidence
-from steelyard.check.signals.overview import (
+from steelyard.check.signals.log_overview import (
     FASTEST_SHARE,
     PositionSlopes,
     position_slopes,

@@ -8,19 +8,19 @@ import numpy as np
 from steelyard.base.arrays import Array
 from steelyard.check.case import EXCERPT_ROWS, Case, Evidence, log_check
 from steelyard.check.finding import Edit, Finding, Fix, Picture, Severity, of_joints
+from steelyard.check.signals.log_overview import (
+    gaussian_slope,
+    gaussian_smoothed,
+    remembered,
+    signal_overview,
+    with_rows,
+)
 from steelyard.check.signals.motion_units import (
     SAME_SCALE,
     UnitReading,
     motion_in_units,
     unit_reading,
     unit_value,
-)
-from steelyard.check.signals.overview import (
-    gaussian_slope,
-    gaussian_smoothed,
-    remembered,
-    signal_overview,
-    with_rows,
 )
 from steelyard.check.signals.velocity_agreement import AGREEING_CORRELATION
 from steelyard.robot.file.signals import POSITION_UNITS

@@ -10,14 +10,14 @@ from steelyard.base.arrays import Array
 from steelyard.base.errors import LogError
 from steelyard.check.case import Case, Evidence, case_check, log_check
 from steelyard.check.finding import Edit, Finding, Fix, Picture, Severity, Trace, percent_of
-from steelyard.check.signals.motion_units import unit_reading
-from steelyard.check.signals.overview import (
+from steelyard.check.signals.log_overview import (
     JUMP_FACTOR,
     JUMP_ROWS,
     MOVED,
     SignalOverview,
     signal_overview,
 )
+from steelyard.check.signals.motion_units import unit_reading
 from steelyard.check.signals.time_stamps import clock_is_irregular
 from steelyard.runs.rows.faulty_rows import LONGEST_STALE, RowVerdict
 from steelyard.runs.run import Run

@@ -31,6 +31,12 @@ from steelyard.check.finding import (
 )
 from steelyard.check.hypotheses.likelihood import likeliest
 from steelyard.check.identifiability import customary_model, longest_run
+from steelyard.check.signals.log_overview import (
+    JITTER_LIMIT,
+    LATE_STEP,
+    remembered,
+    signal_overview,
+)
 from steelyard.check.signals.motion_units import (
     LONGEST_STEP,
     SHORTEST_STEP,
@@ -38,7 +44,6 @@ from steelyard.check.signals.motion_units import (
     driven_joints,
     unit_reading,
 )
-from steelyard.check.signals.overview import JITTER_LIMIT, LATE_STEP, remembered, signal_overview
 from steelyard.check.signals.velocity_agreement import (
     FEWEST_RATE_JOINTS,
     MOST_OFF,

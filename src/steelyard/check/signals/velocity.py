@@ -11,6 +11,7 @@ from steelyard.base.arrays import Array
 from steelyard.check.case import Case, Evidence, log_check
 from steelyard.check.decision.verdict import positions_at_fault
 from steelyard.check.finding import Edit, Finding, Fix, Picture, Severity, trace
+from steelyard.check.signals.log_overview import signal_overview
 from steelyard.check.signals.motion_units import (
     SAME_SCALE,
     UnitReading,
@@ -19,7 +20,6 @@ from steelyard.check.signals.motion_units import (
     unit_reading,
     unit_value,
 )
-from steelyard.check.signals.overview import signal_overview
 from steelyard.check.signals.position import misplaced_velocities
 from steelyard.check.signals.time_stamps import leaping_rows, time_scale_by_velocities
 from steelyard.check.signals.velocity_agreement import VelocityAgreement, one_sided_differences

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.base.arrays import Array
-from steelyard.check.signals.overview import (
+from steelyard.check.signals.log_overview import (
     SHORTEST_STRETCH,
     SignalOverview,
     gaussian_slope,

@@ -10,8 +10,8 @@ from steelyard.base.errors import ModelError
 from steelyard.excite.collision.collision import CLEARANCE_ROOM, Clearance
 from steelyard.excite.collision.model_shapes import world_shapes
 from steelyard.excite.collision.pairs import Pair, random_postures
+from steelyard.excite.collision.placed_shapes import Shape, obstacle, wall
 from steelyard.excite.collision.robot_shapes import WholeRobot, load_balls, whole_robot
-from steelyard.excite.collision.shapes import Shape, obstacle, wall
 from steelyard.excite.collision.solids import Box
 from steelyard.excite.constraints.constraint import Constraint, Gap
 from steelyard.excite.constraints.workspace import Marker, checked_boxes, keep_out, planes, tool_box

@@ -24,8 +24,8 @@ from steelyard.excite.collision.pairs import (
     random_postures,
     separable,
 )
+from steelyard.excite.collision.placed_shapes import Poses, Shape, ShapeKinematics, rates, sides
 from steelyard.excite.collision.robot_shapes import reach
-from steelyard.excite.collision.shapes import Poses, Shape, ShapeKinematics, rates, sides
 from steelyard.excite.collision.solids import height
 from steelyard.excite.constraints.bounding import cut, goals
 from steelyard.excite.constraints.constraint import PROOF_BY_BOUNDS, Constraint, Margins

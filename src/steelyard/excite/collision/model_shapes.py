@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 
 from steelyard.base.errors import ModelError, advice, listing
-from steelyard.excite.collision.shapes import Geometry, Shape, placed
+from steelyard.excite.collision.placed_shapes import Geometry, Shape, placed
 from steelyard.excite.collision.solids import (
     WITHOUT_MESH_ADVICE,
     Ball,

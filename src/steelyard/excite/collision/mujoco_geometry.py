@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from steelyard.base.arrays import Array
 from steelyard.base.errors import ModelError
-from steelyard.excite.collision.shapes import Shape, obstacle, placed
+from steelyard.excite.collision.placed_shapes import Shape, obstacle, placed
 from steelyard.excite.collision.solids import (
     WITHOUT_MESH_ADVICE,
     Ball,

@@ -8,7 +8,7 @@ import numpy as np
 
 from steelyard.base.arrays import Array
 from steelyard.base.errors import ModelError, advice
-from steelyard.excite.collision.shapes import Geometry, Shape
+from steelyard.excite.collision.placed_shapes import Geometry, Shape
 from steelyard.excite.collision.solids import Hull
 from steelyard.report.words import count
 from steelyard.robot.models.xml_reader import Element, read_xml

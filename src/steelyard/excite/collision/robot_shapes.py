@@ -13,7 +13,7 @@ import numpy as np
 from steelyard.base.arrays import Array
 from steelyard.base.errors import ModelError
 from steelyard.excite.collision.model_shapes import check_links, readable_shapes
-from steelyard.excite.collision.shapes import Origin, Shape, axes_along, placed
+from steelyard.excite.collision.placed_shapes import Origin, Shape, axes_along, placed
 from steelyard.excite.collision.solids import Ball, Capsule
 from steelyard.excite.constraints.constraint import Declined, Gap
 from steelyard.excite.constraints.workspace import Marker

@@ -11,8 +11,8 @@ from steelyard.estimate.information.base_parameters import BaseMap
 from steelyard.estimate.information.regressor import ParallelFilter
 from steelyard.excite.collision.cell import ConstraintsAndNotes, workspace_of, world_of, written
 from steelyard.excite.collision.collision import self_clearance
+from steelyard.excite.collision.placed_shapes import Shape
 from steelyard.excite.collision.robot_shapes import load_balls
-from steelyard.excite.collision.shapes import Shape
 from steelyard.excite.constraints import torque
 from steelyard.excite.constraints.constraint import Constraint, Declined, Gap
 from steelyard.excite.constraints.torque import EffortLimit, power_limit, torque_limit

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from steelyard.base.arrays import Array, frozen
 from steelyard.base.errors import ModelError
-from steelyard.excite.collision.shapes import axes_along, point_rates
+from steelyard.excite.collision.placed_shapes import axes_along, point_rates
 from steelyard.excite.constraints.bounding import Stretches, proven_minimum
 from steelyard.excite.constraints.constraint import Constraint, Margins
 from steelyard.excite.trajectories.trajectory import ExactTrajectory

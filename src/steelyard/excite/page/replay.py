@@ -19,7 +19,7 @@ from steelyard.base.arrays import Array
 from steelyard.base.errors import ModelError, OutputError
 from steelyard.excite.collision.cell import tool_of
 from steelyard.excite.collision.model_shapes import robot_shapes, world_shapes
-from steelyard.excite.collision.shapes import Shape, ShapeKinematics, axes_along
+from steelyard.excite.collision.placed_shapes import Shape, ShapeKinematics, axes_along
 from steelyard.excite.collision.solids import Ball, Cylinder, Ellipsoid, HalfSpace, Hull, Solid
 from steelyard.excite.page.tool_section import all_lines, faces_of, tool_path
 from steelyard.robot.loop_closures import all_joints, closest

@@ -10,7 +10,7 @@ import numpy as np
 
 from steelyard.base.arrays import Array
 from steelyard.excite.collision.cell import up_of
-from steelyard.excite.collision.shapes import axes_along
+from steelyard.excite.collision.placed_shapes import axes_along
 from steelyard.excite.page.design_words import DesignContent
 from steelyard.report.figures import line
 from steelyard.report.page import Numbers, Section, packed, rounded, script_json

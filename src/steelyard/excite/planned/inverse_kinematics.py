@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike
 
 from steelyard.base.arrays import Array, frozen
 from steelyard.base.errors import ModelError
-from steelyard.excite.collision.shapes import axes_along
+from steelyard.excite.collision.placed_shapes import axes_along
 from steelyard.excite.constraints.constraint import MotionLimits
 from steelyard.model.equations.kinematics import frame_kinematics, refuse_passive
 from steelyard.robot.robot import Frame, Robot

@@ -1,6 +1,6 @@
 """What a log shows without trusted units: good rows, stretches, and smoothed derivatives.
 
-The filters of `measurement` know how fast a joint can be, in SI units. A check must not trust
+The filters of `runs` know how fast a joint can be, in SI units. A check must not trust
 the units yet, so rows are judged here by the log's own steps and ranges only.
 """
 
