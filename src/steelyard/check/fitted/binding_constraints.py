@@ -27,6 +27,7 @@ from steelyard.estimate.nonlinear.fields import information_from
 from steelyard.estimate.prior.prior import Knowledge, Row
 from steelyard.estimate.scores.cross_validation import FOLDS, logarithms, values_by
 from steelyard.model.model import Model
+from steelyard.report.words import with_interval
 from steelyard.runs.run import Run
 
 COST_OVER_NOISE = 2.0  # rise of chi square over the rank of the data from which on it is compared
@@ -178,7 +179,7 @@ def _values(rows: Sequence[Row], plain: Estimate) -> tuple[str, ...]:
     for row in rows:
         if row.label in units:
             value, std = _of_row(row, plain)
-            found.append(f"{row.label} {value:.3g} ± {Z95 * std:.2g} {units[row.label]}")
+            found.append(f"{row.label} {with_interval(value, Z95 * std)} {units[row.label]}")
     return tuple(found)
 
 
