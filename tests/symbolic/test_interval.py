@@ -12,8 +12,7 @@ from invented import tree
 from steelyard.base.arrays import Array
 from steelyard.symbolic.interval import CHUNK, enclosed
 from steelyard.symbolic.program import (
-    BINARY,
-    UNARY,
+    NUMPY,
     Program,
     Step,
     program_from_json,
@@ -37,8 +36,8 @@ def drawn_program(rng: np.random.Generator) -> Program:
     steps: list[Step] = [Step("constant", value=float(rng.choice([0.0, 1.0, -1.0, 0.3, -2.5])))]
     for _ in range(rng.integers(1, 12)):
         count = 5 + len(steps)
-        name = str(rng.choice([*UNARY, *BINARY]))
-        arguments = rng.integers(0, count, 2 if name in BINARY else 1)
+        name = str(rng.choice([*NUMPY]))
+        arguments = rng.integers(0, count, NUMPY[name].nin)
         if name in ("exp", "sqrt"):
             steps.append(Step({"exp": "tanh", "sqrt": "abs"}[name], (int(arguments[0]),)))
             arguments = np.array([count])
