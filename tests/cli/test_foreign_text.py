@@ -49,6 +49,19 @@ def test_a_column_of_a_log_cannot_command_the_terminal(tmp_path: Path) -> None:
     assert done.stdout.replace("\n", "").isprintable()
 
 
+def test_notes_of_a_simulated_robot_cannot_command_the_terminal(tmp_path: Path) -> None:
+    (tmp_path / "arm.xml").write_text(
+        '<mujoco><worldbody><body><joint name="j" axis="0 1 0" range="-1 1"/>'
+        '<geom size="0.1" pos="0.1 0 0"/></body></worldbody><tendon>'
+        '<fixed name="t&#x9b;31m" stiffness="3"><joint joint="j" coef="2"/></fixed></tendon>'
+        "</mujoco>"
+    )
+    command = [sys.executable, "-m", "steelyard", "simulate", "arm.xml", "--period", "0.5"]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=True)
+    assert done.stdout.replace("\n", "").isprintable()
+    assert r"t\x9b31m" in done.stdout
+
+
 @pytest.mark.slow
 def test_an_encoding_without_a_letter_and_a_full_disk(tmp_path: Path) -> None:
     command = [sys.executable, "-m", "steelyard", "doctor"]

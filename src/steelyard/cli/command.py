@@ -241,6 +241,11 @@ def show(found: CommandResult, *shown: bool) -> None:
     found.show(terminal(), *shown)
 
 
+def say(words: str) -> None:
+    """Print words that may name what strangers named, so that they cannot command the terminal."""
+    typer.echo(visible(words, "\n"))
+
+
 def optional_folder(output: Path | None) -> Path | None:
     """The output folder, if one is named; it must not exist."""
     from steelyard.base.files import new_folder

@@ -14,6 +14,7 @@ from steelyard.cli.command import (
     output_folder,
     print_json,
     progress_bar,
+    say,
     show,
 )
 from steelyard.cli.derived_command import from_function
@@ -250,7 +251,7 @@ def _print_export(path: Path, made: "Exported", as_json: bool) -> None:
     links = count(sum(not body.massless for body in made.content.robot.bodies), "moving link")
     mass = sum(inertia.mass for inertia in made.content.inertias)
     console = terminal()
-    typer.echo(f"{path}: {links}, {mass:.4g} kg")
+    say(f"{path}: {links}, {mass:.4g} kg")
     few = [f"{name} {x:.0%}" for name, x in made.mass_shares.items() if x < FEW_DATA_SHARE]
     for heading, sentences in (
         (f"{made.form.upper()} cannot represent:", made.unsupported),

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from steelyard.cli import interrupt
-from steelyard.cli.command import output_folder, print_json, progress_bar, show
+from steelyard.cli.command import output_folder, print_json, progress_bar, say, show
 from steelyard.cli.derived_command import from_function
 
 if TYPE_CHECKING:
@@ -78,7 +78,7 @@ def excite(
     else:
         show(found, verbose)
         files = [f"{name:<12} {path}" for name, path in written.items()]
-        typer.echo("\n".join(["", *files, *_withheld(task, found)]))
+        say("\n".join(["", *files, *_withheld(task, found)]))
     if code := EXITS[design_level(found.designed)]:
         raise typer.Exit(code)
 
@@ -154,7 +154,7 @@ def replay(
     loaded = load_robot(robot)
     stage = staged(loaded, read_motion(trajectory, loaded.robot))
     for note in stage.notes:
-        typer.echo(f"note        {note}")
+        say(f"note        {note}")
     with interrupt.quietly():
         shown = replayed(stage, host, port, speed)
         typer.echo(f"replay      {shown.address}  (Ctrl-C ends it)")

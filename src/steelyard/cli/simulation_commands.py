@@ -15,6 +15,7 @@ from steelyard.cli.command import (
     output_folder,
     print_json,
     progress_bar,
+    say,
     show,
 )
 from steelyard.cli.derived_command import from_function
@@ -83,7 +84,7 @@ def simulate(
         lines.append(f"dry run     at {dry_run:g} of the speed: {slow}")
     another = "another seed is another robot); for another motion of this robot give --motion"
     lines.append(f"robot       {truth or f'seed {seed} ({another}'}")
-    typer.echo("\n".join([*lines, *(f"{name:<11} {path}" for name, path in written.items())]))
+    say("\n".join([*lines, *(f"{name:<11} {path}" for name, path in written.items())]))
 
 
 @from_function(
