@@ -57,6 +57,18 @@ LOGS: list[Mistake] = [
         "wrong (effort kind|effort unit|gain)",
         "effort|gain",
     ),
+    Mistake(
+        "torque of motors, gears 1:150 to 1:257",
+        efforts(lambda log: log.tau / [257.0, 254.0, 250.0, 221.0, 216.0, 150.0]),
+        "wrong (effort kind|effort unit|gain)",
+        "effort|gain",
+    ),
+    Mistake(
+        "position errors over stiffnesses of 150 to 1200",
+        efforts(lambda log: log.tau / [900.0, 1200.0, 800.0, 200.0, 200.0, 150.0]),
+        "wrong effort kind",
+        "effort|gain",
+    ),
     Mistake("gear ratio, a joint twice", scaled("tau", 2.0, 1), GAIN),
     Mistake("gear ratio, a joint 0.6", scaled("tau", 0.6, 0), GAIN),
     Mistake("time in ms", clock(1e3), "wrong clock: .*ms", "velocity"),

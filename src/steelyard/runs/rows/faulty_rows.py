@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from steelyard.base.arrays import Array
 from steelyard.runs.recording import Channels
 
-LARGEST_VALUE = 1e6
+LARGEST_VALUE = 1e8
 """Largest value that any channel can have in SI units: memory garbage is far above."""
 FASTEST_LOGGED_SPEED = 60.0
 """Largest joint speed [rad/s; m/s]: a little more than the flange of a SCARA robot reaches."""
