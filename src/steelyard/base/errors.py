@@ -65,8 +65,7 @@ class PackageError(SteelyardError):
     """An optional package is not installed; `fix` is the line that installs it."""
 
 
-_LEAST_SIMILARITY = 0.2
-"""Least similarity of names that are listed before the others."""
+_LEAST_SIMILARITY = 0.2  # least similarity of names that are listed before the others
 
 
 def nearest(name: str, names: Iterable[str], count: int = 3) -> tuple[str, ...]:

@@ -17,8 +17,7 @@ from steelyard.base.errors import ModelError, OutputError, SteelyardError, requi
 
 Parsed = TypeVar("Parsed")
 
-LARGEST_JSON = 1 << 28
-"""Bytes of the largest JSON file that is read."""
+LARGEST_JSON = 1 << 28  # bytes of the largest JSON file that is read
 
 _unfinished: set[Path] = set()
 

@@ -15,8 +15,7 @@ class Event:
     note: str = ""
 
 
-Progress = Callable[[Event], bool]
-"""Called with every event; the work stops if it returns `False`."""
+Progress = Callable[[Event], bool]  # called with every event; the work stops if it returns `False`
 
 
 class Stopped(Exception):
@@ -50,5 +49,4 @@ def module_command(module: str) -> list[str]:
     return [sys.executable, "-c", _RUN_MODULE.format(module)]
 
 
-DESIGN_BUDGET_S = 10.0
-"""Time limit of the search for an excitation motion, if none is given [s]."""
+DESIGN_BUDGET_S = 10.0  # time limit of the search for an excitation motion, if none is given [s]

@@ -23,8 +23,7 @@ FINDING_WORDS = ("wrong", "doubtful", OPEN_WORD, "ok")  # what a check finds, th
 LEVEL_OF_SEVERITY: dict[str, Level] = {"ok": "good", "doubtful": "fair", "wrong": "poor"}
 
 
-Group = tuple[Finding, ...]
-"""All findings of one check with one word, at least one."""
+Group = tuple[Finding, ...]  # all findings of one check with one word, at least one
 
 
 def by_edits(findings: Iterable[Finding]) -> tuple[tuple[Finding, ...], ...]:

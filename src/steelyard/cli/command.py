@@ -79,8 +79,7 @@ def _is_robot(text: str) -> bool:
 Arguments = ParamSpec("Arguments")
 
 USAGE_ERROR = 2
-DEFECT = 70
-"""Exit code where the program itself failed."""
+DEFECT = 70  # exit code where the program itself failed
 
 
 def guarded(command: Callable[Arguments, None]) -> Callable[Arguments, None]:

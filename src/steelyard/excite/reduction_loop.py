@@ -23,21 +23,14 @@ from steelyard.robot.file.robot_file import load_robot
 
 @dataclass(frozen=True, eq=False)
 class Round:
-    """One round: a motion, its log, and the model that was identified from it.
+    """One round: a motion, its log, and the model that was identified from it."""
 
-    Attributes:
-        number: From 0 on.
-        folder: Folder with `motion`, `log.csv` and `model`.
-        condition: Condition number of the motion for the parameters that the model has.
-        removed: Base parameters that the model does without, in the order of their removal.
-        model: The model, identified from this round's log alone.
-    """
-
-    number: int
-    folder: Path
-    condition: float
+    number: int  # from 0 on
+    folder: Path  # folder with `motion`, `log.csv` and `model`
+    condition: float  # condition number of the motion for the parameters that the model has
+    # base parameters that the model does without, in the order of their removal
     removed: tuple[str, ...]
-    model: IdentifiedModel
+    model: IdentifiedModel  # the model, identified from this round's log alone
 
 
 @checked(limit=1.0, rounds=1, budget=1.0, searches=1, processes=1, seed=0)

@@ -266,26 +266,17 @@ class Residuals:
 
     Every sample is there from the first to the last motion. With estimated scales of the efforts,
     the measured ones are divided by them.
-
-    Attributes:
-        run: Name of the log.
-        joints: Names of the joints, in the order of the columns.
-        units: Unit of each joint's efforts: Nm or N; the logged unit without a known drive gain.
-        cutoff: Of the low-pass [Hz].
-        t: Time, shape `(N,)` [s].
-        measured: Measured effort, shape `(N, n)`.
-        predicted: Effort predicted by the model, shape `(N, n)`.
-        moving: Whether each joint moves, shape `(N, n)`.
     """
 
-    run: str
-    joints: tuple[str, ...]
+    run: str  # name of the log
+    joints: tuple[str, ...]  # names of the joints, in the order of the columns
+    # unit of each joint's efforts: Nm or N; the logged unit without a known drive gain
     units: tuple[str, ...]
-    cutoff: float
-    t: Array
-    measured: Array
-    predicted: Array
-    moving: Mask
+    cutoff: float  # of the low-pass [Hz]
+    t: Array  # time, shape `(N,)` [s]
+    measured: Array  # measured effort, shape `(N, n)`
+    predicted: Array  # effort predicted by the model, shape `(N, n)`
+    moving: Mask  # whether each joint moves, shape `(N, n)`
 
     @property
     def residual(self) -> Array:

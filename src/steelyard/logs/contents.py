@@ -19,8 +19,7 @@ from steelyard.robot.file.signals import TIME_UNITS
 from steelyard.robot.init.column_names import Column
 from steelyard.robot.init.guess_motion import guess_time
 
-SAMPLED_TIMES = 2000
-"""Rows read to find a column of time."""
+SAMPLED_TIMES = 2000  # rows read to find a column of time
 
 
 @dataclass(frozen=True)
@@ -101,29 +100,19 @@ class ColumnContent:
 
 @dataclass(frozen=True)
 class LogContent:
-    """What is in a log.
+    """What is in a log."""
 
-    Attributes:
-        path: Where it is, with its cut.
-        size: Bytes on disk.
-        duration: From least to greatest time [s].
-        rate: Rows per second over all of it [Hz].
-        left_out: Name and reason of what the file holds beside its table.
-        topics: Topics of a log of messages.
-        remarks: What a user should know about the file's state.
-    """
-
-    path: str
+    path: str  # where it is, with its cut
     format: str
-    size: int
+    size: int  # bytes on disk
     rows: int
     time: TimeColumn | None
-    duration: float | None
-    rate: float | None
+    duration: float | None  # from least to greatest time [s]
+    rate: float | None  # rows per second over all of it [Hz]
     columns: tuple[ColumnContent, ...]
-    left_out: tuple[tuple[str, str], ...]
-    topics: tuple[dict[str, Any], ...]
-    remarks: tuple[str, ...]
+    left_out: tuple[tuple[str, str], ...]  # name and reason of what the file holds beside its table
+    topics: tuple[dict[str, Any], ...]  # topics of a log of messages
+    remarks: tuple[str, ...]  # what a user should know about the file's state
 
     def to_dict(self) -> dict[str, Any]:
         """As JSON has it."""

@@ -26,12 +26,9 @@ from steelyard.logs.named_arrays import (
 
 DEFLATE, SHUFFLE, FLETCHER32, SZIP, NBIT, SCALE_OFFSET, LZF = 1, 2, 3, 4, 5, 6, 32000
 FILTERS = frozenset((DEFLATE, SHUFFLE, FLETCHER32, SZIP, NBIT, SCALE_OFFSET, LZF))
-LARGEST_CHUNK = 1 << 25
-"""Bytes of a chunk, which is decoded whole."""
-LARGEST_RATIO = 1100
-"""How much a byte of a file can stand for, about."""
-UNSTORED = 1 << 26
-"""Bytes that a dataset may declare without storing anything of them."""
+LARGEST_CHUNK = 1 << 25  # bytes of a chunk, which is decoded whole
+LARGEST_RATIO = 1100  # how much a byte of a file can stand for, about
+UNSTORED = 1 << 26  # bytes that a dataset may declare without storing anything of them
 MOST_DATASETS = 20_000
 
 

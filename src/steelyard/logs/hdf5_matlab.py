@@ -101,8 +101,7 @@ def _child_answer(path: Path, request: dict[str, Any]) -> Iterator[IO[bytes]]:
 MAT5_HEADER = 128
 LONGEST_TEXT = 1 << 20
 DEEPEST_STRUCT = 16
-MOST_STRUCTS_OF_ARRAY = 1000
-"""Structs of one array of structs."""
+MOST_STRUCTS_OF_ARRAY = 1000  # structs of one array of structs
 MATRIX, COMPRESSED = 14, 15
 NUMBERS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8",
            13: "u8"}  # fmt: skip

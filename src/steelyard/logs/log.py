@@ -47,8 +47,7 @@ class Log(Protocol):
         ...
 
 
-MOST_NAMED_COLUMNS = 4
-"""Most missing columns that are named."""
+MOST_NAMED_COLUMNS = 4  # most missing columns that are named
 TIME_COLUMN = re.compile("(^|_)(t|time|stamp|timestamp)(_|$)", re.IGNORECASE)
 """Names of columns of time."""
 

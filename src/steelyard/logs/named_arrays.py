@@ -19,11 +19,9 @@ from steelyard.base.arrays import Array
 from steelyard.base.errors import LogError
 from steelyard.logs.log import ROWS_OF_PART, RowRange, require_columns
 
-MOST_COLUMNS_OF_ARRAY = 4096
-"""Columns that one array may have."""
+MOST_COLUMNS_OF_ARRAY = 4096  # columns that one array may have
 LEAST_ROWS = 2
-BYTES_OF_PART = 1 << 23
-"""Bytes of a part, about."""
+BYTES_OF_PART = 1 << 23  # bytes of a part, about
 BYTES_SKIPPED_AT_ONCE = 1 << 16
 
 
@@ -216,21 +214,13 @@ def joined(
 
 @dataclass(frozen=True, eq=False)
 class Packed:
-    """Where the numbers of an array are.
+    """Where the numbers of an array are."""
 
-    Attributes:
-        member: Its name and shape.
-        dtype: Of one number, or of one record if the member has labels.
-        order: `C`: a row's numbers lie together; `F`: a column's.
-        open: Opens the array's stream, from a byte of the array on.
-        fields: Of a record.
-    """
-
-    member: NamedArray
-    dtype: np.dtype[Any]
-    order: Literal["C", "F"]
-    open: Callable[[int], IO[bytes]]
-    fields: RecordFields = ()
+    member: NamedArray  # its name and shape
+    dtype: np.dtype[Any]  # of one number, or of one record if the member has labels
+    order: Literal["C", "F"]  # `C`: a row's numbers lie together; `F`: a column's
+    open: Callable[[int], IO[bytes]]  # opens the array's stream, from a byte of the array on
+    fields: RecordFields = ()  # of a record
 
     def slabs(
         self, axis: int, components: Sequence[int], rows: tuple[int, int], size: int

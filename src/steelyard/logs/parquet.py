@@ -24,8 +24,7 @@ if TYPE_CHECKING:
     import polars
 
 
-ORDINARY_ROWS_OF_GROUP = 1 << 18
-"""Rows of a group up to which its pages are not looked at."""
+ORDINARY_ROWS_OF_GROUP = 1 << 18  # rows of a group up to which its pages are not looked at
 LONGEST_FOOTER = 1 << 26
 PAGE_HEADER_BYTES = 1 << 16
 DEEPEST_THRIFT = 16
@@ -140,10 +139,8 @@ class _Thrift:
         return self._stream.read(self._fits(count))
 
 
-DECODED_VALUES = 1 << 21
-"""Values in pages that are decoded side by side."""
-LONGEST_PAGE = DECODED_VALUES
-"""Values of a page."""
+DECODED_VALUES = 1 << 21  # values in pages that are decoded side by side
+LONGEST_PAGE = DECODED_VALUES  # values of a page
 MOST_PARQUET_COLUMNS = 1 << 16
 
 

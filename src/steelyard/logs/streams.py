@@ -31,10 +31,8 @@ from steelyard.logs.text_table import (
     tidied,
 )
 
-PIECE_BYTES = 1 << 16
-"""Bytes read at a time."""
-PENDING_PIECES = 64
-"""Pieces of a pipe that wait at most, before its writer has to."""
+PIECE_BYTES = 1 << 16  # bytes read at a time
+PENDING_PIECES = 64  # pieces of a pipe that wait at most, before its writer has to
 
 Waiting = Callable[[], bool]
 """Called whenever there is nothing new; it may pause, and ends the stream by `False`."""
@@ -86,14 +84,11 @@ def pipe_pieces(read: Callable[[], bytes], waiting: Waiting) -> Iterator[bytes]:
         yield piece
 
 
-ROWS_BELOW_HEADER = 2
-"""Rows of numbers below a header, with which it is known."""
-LONGEST_STREAM_LINE = 1 << 20
-"""Bytes of a line, at most."""
+ROWS_BELOW_HEADER = 2  # rows of numbers below a header, with which it is known
+LONGEST_STREAM_LINE = 1 << 20  # bytes of a line, at most
 
 
-Read = Callable[[list[bytes]], Array]
-"""Turns lines into rows of the columns wanted."""
+Read = Callable[[list[bytes]], Array]  # turns lines into rows of the columns wanted
 
 
 def rows_of_lines(path: Path, wanted: Sequence[str], pieces: Iterable[bytes]) -> Iterator[Array]:
@@ -184,12 +179,9 @@ def _no_table(path: Path) -> LogError:
     )
 
 
-STANDARD_INPUT = "-"
-"""Name of the source that is no file."""
-TEXT_SUFFIXES = (".csv", ".tsv", ".txt", ".jsonl", ".ndjson")
-"""Suffixes of files of lines."""
-BATCH_ROWS = 16
-"""Messages that are put together at a time."""
+STANDARD_INPUT = "-"  # name of the source that is no file
+TEXT_SUFFIXES = (".csv", ".tsv", ".txt", ".jsonl", ".ndjson")  # suffixes of files of lines
+BATCH_ROWS = 16  # messages that are put together at a time
 
 
 def rows_of(

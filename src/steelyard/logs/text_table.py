@@ -223,21 +223,14 @@ def _with_unit(name: str, unit: str) -> str:
     return name if _is_missing(bare) or bare in name else f"{name} [{bare}]"
 
 
-CHUNK = 1 << 22
-"""Bytes read at a time."""
-LONGEST_LINE = 1 << 24
-"""Bytes of a line, or of blank lines in a row."""
-HEADER_BYTES = 1 << 20
-"""Bytes in which the first row starts."""
-HEADER_LINES = 500
-"""Lines that are looked at for the header."""
+CHUNK = 1 << 22  # bytes read at a time
+LONGEST_LINE = 1 << 24  # bytes of a line, or of blank lines in a row
+HEADER_BYTES = 1 << 20  # bytes in which the first row starts
+HEADER_LINES = 500  # lines that are looked at for the header
 MOST_TEXT_COLUMNS = 10_000
-CELLS = 1 << 19
-"""Cells parsed at a time."""
-SMALL = 1 << 20
-"""Bytes of a file up to which its numbers are kept for the next pass."""
-FILES_KEPT = 16
-"""Small files that are kept."""
+CELLS = 1 << 19  # cells parsed at a time
+SMALL = 1 << 20  # bytes of a file up to which its numbers are kept for the next pass
+FILES_KEPT = 16  # small files that are kept
 
 
 @dataclass(frozen=True)

@@ -118,14 +118,11 @@ EMPTY: Numbers = {"words": "", "tables": (), "folded": "", "legend": (), "groups
 
 @dataclass(frozen=True)
 class PageContent:
-    """What the page of any job shows beside its own values.
-
-    Attributes:
-        qualities: Per run its name and, labelled, what was found in its log.
-    """
+    """What the page of any job shows beside its own values."""
 
     title: str
     robot: str
+    # per run its name and, labelled, what was found in its log
     qualities: tuple[tuple[str, LabelledValues], ...] = ()
     notes: tuple[str, ...] = ()  # what was assumed or is doubtful, for people to read
     details: tuple[str, ...] = ()  # what else was decided, such as cut-offs and corrected rows

@@ -145,8 +145,7 @@ class Inertia:
         return None
 
 
-DIRT = 2e-5
-"""Entries of a rotation or an axis below this are zero: `1.5708` for pi/2 leaves 4e-6."""
+DIRT = 2e-5  # entries of a rotation or an axis below this are zero: `1.5708` for pi/2 leaves 4e-6
 
 ROUNDING = 1e-12
 """The same where model files are taken at their word: rounding errors of products alone."""

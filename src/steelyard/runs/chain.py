@@ -47,22 +47,15 @@ class MotionPart:
 
 @dataclass(frozen=True, eq=False)
 class Chain:
-    """What is done with a recording's rows, with every choice made.
-
-    Attributes:
-        rate: Of the uniform clock [Hz].
-        thinning: Samples of the clock that rows are brought to over samples that are left.
-        flagged: Whether any effort is marked.
-        before: What the rows are already, in words.
-    """
+    """What is done with a recording's rows, with every choice made."""
 
     processing: Processing
     clock: Clock
-    rate: float
-    thinning: int
+    rate: float  # of the uniform clock [Hz]
+    thinning: int  # samples of the clock that rows are brought to over samples that are left
     row_checks: RowChecks
-    flagged: bool
-    before: str = ""
+    flagged: bool  # whether any effort is marked
+    before: str = ""  # what the rows are already, in words
 
     @property
     def motion_cutoff(self) -> float:

@@ -72,34 +72,26 @@ def _bin(speed: Array) -> Array:
 MATCHED_FACTOR = 10.0
 """Matched cut-off over the motion's band: effort has harmonics of the motion (products of
 velocities, friction at reversals) that a factor near 1 would remove."""
-MATCHED_LOWEST = 2.0
-"""Lowest regression cut-off [Hz]: slower filters need logs of minutes."""
-MATCHED_HIGHEST = 0.2
-"""Highest regression cut-off, per sampling rate."""
+MATCHED_LOWEST = 2.0  # lowest regression cut-off [Hz]: slower filters need logs of minutes
+MATCHED_HIGHEST = 0.2  # highest regression cut-off, per sampling rate
 MOTION_FACTOR = 3.0
 """Motion cut-off over regression cut-off: the derivatives' filter must be flat where the parallel
 one passes, and sharp corners of friction follow from velocities it has not rounded. What it
 passes of noise, the parallel filter takes out again; on real robots a cut at the noise floor
 itself predicts worse by 1 to 3 % of the error."""
-MOTION_HIGHEST = 0.25
-"""Highest default motion cut-off, per sampling rate."""
-NYQUIST_SHARE = 0.45
-"""Highest cut-off that can be requested, per sampling rate."""
+MOTION_HIGHEST = 0.25  # highest default motion cut-off, per sampling rate
+NYQUIST_SHARE = 0.45  # highest cut-off that can be requested, per sampling rate
 SLOWEST_RATE = 2.0
 """Rate up to which time is likelier in milliseconds than in seconds [Hz]: no robot is logged so
 slowly."""
 SHORTEST_SEGMENT = 4.0
 """Least length of a segment in periods of the regression cut-off: what the filter spans."""
-REST_SHARE = 0.005
-"""Rest speed over the speed that a joint exceeds 1 % of the time."""
+REST_SHARE = 0.005  # rest speed over the speed that a joint exceeds 1 % of the time
 REST_SHARE_OF_FASTEST = 0.001
 """Rest speed over the same speed of the fastest joint: slower ones are dragged, not driven."""
-REST_NOISE = 4.0
-"""Rest speed over the standard deviation of the velocity's noise."""
-REST_STEPS = 2.0
-"""Rest speed over the speed that one step of the sensor's resolution seems to be."""
-REST_LOWEST = 1e-4
-"""Lowest default rest speed [rad/s; m/s]."""
+REST_NOISE = 4.0  # rest speed over the standard deviation of the velocity's noise
+REST_STEPS = 2.0  # rest speed over the speed that one step of the sensor's resolution seems to be
+REST_LOWEST = 1e-4  # lowest default rest speed [rad/s; m/s]
 MOVING_OVER_REST = 2.0
 """Speed over rest speed at which a run's motion starts and ends: noise does not reach it."""
 

@@ -25,8 +25,7 @@ from steelyard.runs.rows.resampling import sample_count
 from steelyard.runs.rows.row_checks import RowChecks, Segment
 from steelyard.runs.spectrum import Band, motion_band
 
-EXCERPT_ROWS = 100_000
-"""Rows from which the motion's band is learnt."""
+EXCERPT_ROWS = 100_000  # rows from which the motion's band is learnt
 MOST_RATE_FACTOR = 4.0
 """Highest rate that can be requested, over the log's: more adds samples, but nothing to them."""
 DEPARTURE_OF_MOTION = 0.01
@@ -35,27 +34,21 @@ DEPARTURE_OF_MOTION = 0.01
 
 @dataclass(frozen=True, eq=False)
 class Survey:
-    """What the first pass found.
-
-    Attributes:
-        logged_rate: Rate of the log, rounded, beside that of the uniform clock [Hz].
-        counts: Rows per `RowVerdict`.
-        steps: Mean, standard deviation, minimum and maximum of the log's steps [s].
-        resolution: Smallest step of each channel that is not zero, shape `(C,)`.
-        velocity_noise: Noise density of logged velocities, shape `(n,)`; `None` without them.
-        even: Positions, and velocities if logged, of a stretch at the log's rate, `(n or 2n, N)`.
-    """
+    """What the first pass found."""
 
     clock: Clock
-    logged_rate: float
+    logged_rate: float  # rate of the log, rounded, beside that of the uniform clock [Hz]
     rate: float
     segments: tuple[Segment, ...]
-    counts: tuple[int, ...]
+    counts: tuple[int, ...]  # rows per `RowVerdict`
+    # mean, standard deviation, minimum and maximum of the log's steps [s]
     steps: tuple[float, float, float, float]
-    resolution: Array
+    resolution: Array  # smallest step of each channel that is not zero, shape `(C,)`
     band: Band
+    # noise density of logged velocities, shape `(n,)`; `None` without them
     velocity_noise: Array | None
     row_checks: RowChecks
+    # positions, and velocities if logged, of a stretch at the log's rate, `(n or 2n, N)`
     even: Array
 
     @property

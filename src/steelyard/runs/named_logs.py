@@ -23,12 +23,10 @@ from steelyard.runs.processing import Processing, requested_processing
 from steelyard.runs.recording import Recording
 from steelyard.runs.run import Run
 
-SAMPLE_ROWS = 20_000
-"""Rows read to guess units, and whether velocities are good."""
+SAMPLE_ROWS = 20_000  # rows read to guess units, and whether velocities are good
 
 
-HASHED_BYTES = 1 << 20
-"""Bytes that are hashed at a time."""
+HASHED_BYTES = 1 << 20  # bytes that are hashed at a time
 
 
 @dataclass(frozen=True)

@@ -41,19 +41,13 @@ def noise_gain(response: Array, rate: float) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class MotionError:
-    """Noise of one run's positions and velocities, and its way into motion.
+    """Noise of one run's positions and velocities, and its way into motion."""
 
-    Attributes:
-        position: Standard deviation of a measured position on the uniform clock, `(n,)` [rad; m].
-        velocity: The same of a logged velocity; zero where none is logged [rad/s; m/s].
-        of_position: Covariance of `q, dq, ddq` per variance of a position, shape `(n, 3, 3)`.
-        of_velocity: The same per variance of a logged velocity.
-    """
-
+    # standard deviation of a measured position on the uniform clock, `(n,)` [rad; m]
     position: Array
-    velocity: Array
-    of_position: Array
-    of_velocity: Array
+    velocity: Array  # the same of a logged velocity; zero where none is logged [rad/s; m/s]
+    of_position: Array  # covariance of `q, dq, ddq` per variance of a position, shape `(n, 3, 3)`
+    of_velocity: Array  # the same per variance of a logged velocity
 
     def covariance(self, position: ArrayLike | None = None) -> Array:
         """Covariance of each joint's `q, dq, ddq`, `(n, 3, 3)`, with another std of `position`."""

@@ -16,8 +16,7 @@ from steelyard.runs.rows.resampling import CUBIC, Lane, Thinning, interpolated, 
 from steelyard.runs.rows.row_checks import COUNTS_OF_MARKS, RowChecks, Segment
 from steelyard.runs.smoothing.filters import continued_at_ends
 
-SAMPLES_OF_PART = 8192
-"""Samples of a part; more where margins are long."""
+SAMPLES_OF_PART = 8192  # samples of a part; more where margins are long
 
 
 @dataclass(frozen=True)
@@ -36,24 +35,16 @@ class Margin:
 
 @dataclass(frozen=True)
 class Part:
-    """Samples `first` to `stop` of a segment.
-
-    Attributes:
-        begin: Time from which on rows are its own and not of the part before [s].
-        end: Time from which on they are those of the next part [s].
-        since: Time from which on rows are needed, its margin included [s].
-        until: Time up to which they are needed [s].
-        rows: Rows needed around these.
-    """
+    """Samples `first` to `stop` of a segment."""
 
     segment: Segment
     first: int
     stop: int
-    begin: float
-    end: float
-    since: float
-    until: float
-    rows: int
+    begin: float  # time from which on rows are its own and not of the part before [s]
+    end: float  # time from which on they are those of the next part [s]
+    since: float  # time from which on rows are needed, its margin included [s]
+    until: float  # time up to which they are needed [s]
+    rows: int  # rows needed around these
 
 
 def partition(segments: Sequence[Segment], rate: float, margin: Margin) -> list[Part]:

@@ -28,12 +28,10 @@ from steelyard.runs.rows.row_checks import COUNTS_OF_MARKS, Marked, Quality, Seg
 from steelyard.runs.run import Run, lost_ends
 from steelyard.runs.smoothing.method import Butterworth, Choosing, Method
 
-SAME_RATE = 1e-6
-"""Relative difference up to which two rates are one."""
+SAME_RATE = 1e-6  # relative difference up to which two rates are one
 WHOLE_SAMPLES = 300_000
 """Rows up to which a log may be worked on as a whole where a method chooses to."""
-SAME_TIME = 1e-6
-"""Difference up to which two times are one, in samples."""
+SAME_TIME = 1e-6  # difference up to which two times are one, in samples
 
 
 def prepare(

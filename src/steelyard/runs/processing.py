@@ -73,44 +73,33 @@ def _shown_value(value: object) -> str:
 OUTLIERS = 15.0
 """Default distance from the rows around, in usual ones, from which on a row is an outlier: on clean
 logs of five robots it marks 3 values in 100 000, currents of drives that start or stop."""
-NOT_WHITE = ", as the noise is not white"
-"""Why `auto` chose the low-pass of the motion cut-off."""
+NOT_WHITE = ", as the noise is not white"  # why `auto` chose the low-pass of the motion cut-off
 
-BY_CUTOFF: Method = Auto()
-"""Stands for a method that is not given."""
+BY_CUTOFF: Method = Auto()  # stands for a method that is not given
 
 
 @dataclass(frozen=True, eq=False)
 class Processing:
-    """How a recording is made a run; what is `None` comes from the data.
+    """How a recording is made a run; what is `None` comes from the data."""
 
-    Attributes:
-        motion_cutoff: Low-pass of positions and velocities [Hz].
-        matched_cutoff: Low-pass that the pass applies to regressor and effort alike [Hz].
-        rest_speed: Speed up to which a joint rests, one for all or one per joint [rad/s; m/s].
-        rate: Of the uniform clock [Hz].
-        resampling: Name of the interpolation, see `INTERPOLATIONS`.
-        motion: From positions to motion; if not given, `Auto`, or `Butterworth` where the cut-off
-            of the motion is given.
-        effort: Smooths efforts; `None`: they stay as logged.
-        effort_cutoff: Cut-off of that [Hz]; the motion's if `None`.
-        outliers: Distance from which on a row is an outlier, see `outliers`; `None`: none is.
-        bridge_repeats: Whether rows that repeat the one before in motion are interpolated.
-        leave_out_saturated: Whether efforts that stay at a limit count for nothing.
-        repetitions: That the motion is repeated, and only its mean is wanted.
-    """
-
-    motion_cutoff: float | None = None
+    motion_cutoff: float | None = None  # low-pass of positions and velocities [Hz]
+    # low-pass that the pass applies to regressor and effort alike [Hz]
     matched_cutoff: float | None = None
+    # speed up to which a joint rests, one for all or one per joint [rad/s; m/s]
     rest_speed: float | tuple[float, ...] | None = None
-    rate: float | None = None
-    resampling: str = "cubic"
+    rate: float | None = None  # of the uniform clock [Hz]
+    resampling: str = "cubic"  # name of the interpolation, see `INTERPOLATIONS`
+    # from positions to motion; if not given, `Auto`, or `Butterworth` where the cut-off of the
+    # motion is given
     motion: Method = BY_CUTOFF
-    effort: Smoother | None = None
-    effort_cutoff: float | None = None
+    effort: Smoother | None = None  # smooths efforts; `None`: they stay as logged
+    effort_cutoff: float | None = None  # cut-off of that [Hz]; the motion's if `None`
+    # distance from which on a row is an outlier, see `outliers`; `None`: none is
     outliers: float | None = OUTLIERS
+    # whether rows that repeat the one before in motion are interpolated
     bridge_repeats: bool = True
-    leave_out_saturated: bool = True
+    leave_out_saturated: bool = True  # whether efforts that stay at a limit count for nothing
+    # that the motion is repeated, and only its mean is wanted
     repetitions: Repetitions | None = None
 
     def __post_init__(self) -> None:

@@ -17,10 +17,8 @@ from steelyard.base.errors import LogError
 from steelyard.logs.log import ROWS_OF_PART, Cut, Log, RowRange, require_columns
 from steelyard.robot.file.signals import Signals
 
-TURN = 2.0 * np.pi
-"""Of a joint [rad]."""
-WRAP_TESTED_ROWS = 100_000
-"""Rows of a log that are looked at."""
+TURN = 2.0 * np.pi  # of a joint [rad]
+WRAP_TESTED_ROWS = 100_000  # rows of a log that are looked at
 NEAR_END_OF_RANGE = 0.5
 """How far a row beside a jump may be from the end of the range [rad]: 25 rad/s at 50 Hz."""
 
@@ -70,8 +68,7 @@ def continuous(q: Array, near: float) -> tuple[Array, float]:
 
 FEWEST_PARTIAL_ROWS = 100
 """Rows from which on a table is known to hold its columns in rows of their own."""
-LONGEST_INTERPOLATED = 5.0
-"""Usual steps of a column from which on a step is a pause."""
+LONGEST_INTERPOLATED = 5.0  # usual steps of a column from which on a step is a pause
 
 
 def _put_together(t: Array, x: Array) -> Array:

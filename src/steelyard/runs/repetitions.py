@@ -19,29 +19,20 @@ from steelyard.runs.recording import LogInMemory, Recording
 from steelyard.runs.rows.clock import RowScan
 from steelyard.runs.spectrum import Repetitions, find_period, moving_span
 
-ALIGNMENT_ROUNDS = 4
-"""Rounds of the alignment."""
-MOST_SHIFT = 0.02
-"""How far a repetition may be moved in a round, in its own lengths."""
+ALIGNMENT_ROUNDS = 4  # rounds of the alignment
+MOST_SHIFT = 0.02  # how far a repetition may be moved in a round, in its own lengths
 MOST_DEVIATION = 0.05
 """Distance from the mean, over the size of the motion, at which a repetition is none."""
 
 
 @dataclass(frozen=True, eq=False)
 class Averaged:
-    """The mean over R repetitions.
+    """The mean over R repetitions."""
 
-    Attributes:
-        mean: Mean channels of one repetition, with context, shape `(C, P + 2 context)`.
-        variance: Sample variance of one repetition about the mean, likewise (p2, eq 7).
-        starts: Where the repetitions start, in samples of their logs, shape `(R,)`.
-        apart: Rms distance of each repetition's positions from the mean, shape `(R,)`.
-    """
-
-    mean: Array
-    variance: Array
-    starts: Array
-    apart: Array
+    mean: Array  # mean channels of one repetition, with context, shape `(C, P + 2 context)`
+    variance: Array  # sample variance of one repetition about the mean, likewise (p2, eq 7)
+    starts: Array  # where the repetitions start, in samples of their logs, shape `(R,)`
+    apart: Array  # rms distance of each repetition's positions from the mean, shape `(R,)`
 
 
 def average_aligned(
@@ -116,14 +107,11 @@ def _require_same_motion(q: Array) -> None:
         )
 
 
-CONTEXT_SECONDS = 4.0
-"""Time around the mean repetition that filters may look at [s]."""
-SLOW_ENDS = 0.15
-"""What start and end of the motion may hide of it, in periods: they are slow."""
+CONTEXT_SECONDS = 4.0  # time around the mean repetition that filters may look at [s]
+SLOW_ENDS = 0.15  # what start and end of the motion may hide of it, in periods: they are slow
 FREEDOM_OF_VARIANCE = 100
 """Degrees of freedom that a variance is averaged to have, over neighbouring time steps."""
-LEAST_VARIANCE_SHARE = 1e-3
-"""Least variance over its median over time."""
+LEAST_VARIANCE_SHARE = 1e-3  # least variance over its median over time
 
 
 @dataclass(frozen=True, eq=False)

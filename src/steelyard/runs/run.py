@@ -15,35 +15,26 @@ from steelyard.runs.recording import Recording
 from steelyard.runs.repetitions import Importance
 from steelyard.runs.rows.row_checks import Quality, Segment
 
-BLOCK_SAMPLES = 4096
-"""Samples of a block."""
+BLOCK_SAMPLES = 4096  # samples of a block
 KEPT = 2**20
 """Values up to which motion and efforts of a run stay in memory for the next pass: 8 MiB."""
 
 
 @dataclass(frozen=True, eq=False)
 class Block:
-    """Consecutive samples of a run, joint-major and contiguous for the inner loop.
+    """Consecutive samples of a run, joint-major and contiguous for the inner loop."""
 
-    Attributes:
-        segment: Number of the segment they lie in; gaps lie between segments.
-        t: Time from the log's start, shape `(B,)` [s].
-        q: Positions, shape `(n, B)` [rad; m], as their derivatives `dq` and `ddq`.
-        effort: As logged, not low-passed, shape `(n, B)` [A, Nm or N].
-        moving: Whether each joint moves, shape `(n, B)`.
-        channels: What a model computed along the motion, shape `(n_channels, B)`; or `None`.
-        weights: How much each sample of each effort counts, beside `moving`, shape `(n, B)`: 0
-            where the log is not to be trusted; `None` if all count alike.
-    """
-
-    segment: int
-    t: Array
-    q: Array
+    segment: int  # number of the segment they lie in; gaps lie between segments
+    t: Array  # time from the log's start, shape `(B,)` [s]
+    q: Array  # positions, shape `(n, B)` [rad; m], as their derivatives `dq` and `ddq`
     dq: Array
     ddq: Array
-    effort: Array
-    moving: NDArray[np.bool_]
+    effort: Array  # as logged, not low-passed, shape `(n, B)` [A, Nm or N]
+    moving: NDArray[np.bool_]  # whether each joint moves, shape `(n, B)`
+    # what a model computed along the motion, shape `(n_channels, B)`; or `None`
     channels: Array | None = None
+    # how much each sample of each effort counts, beside `moving`, shape `(n, B)`: 0 where the log
+    # is not to be trusted; `None` if all count alike
     weights: Array | None = None
 
     def part(self, start: int, stop: int) -> "Block":
@@ -73,19 +64,14 @@ class Block:
 
 @dataclass(frozen=True, eq=False)
 class RunData:
-    """A whole run in memory: motion of N samples; effort as logged, shape `(N, n)` [A, Nm or N].
-
-    Attributes:
-        moving: Whether each joint moves, shape `(N, n)`.
-        segment: Number of the segment of each sample, shape `(N,)`.
-        weights: How much each sample of each effort counts, see `Block`, shape `(N, n)`; `None` if
-            all count alike.
-    """
+    """A whole run in memory: motion of N samples; effort as logged, shape `(N, n)` [A, Nm or N]."""
 
     motion: Motion
     effort: Array
-    moving: NDArray[np.bool_]
-    segment: NDArray[np.intp]
+    moving: NDArray[np.bool_]  # whether each joint moves, shape `(N, n)`
+    segment: NDArray[np.intp]  # number of the segment of each sample, shape `(N,)`
+    # how much each sample of each effort counts, see `Block`, shape `(N, n)`; `None` if all count
+    # alike
     weights: Array | None = None
 
     @property

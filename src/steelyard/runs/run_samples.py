@@ -15,12 +15,9 @@ from steelyard.runs.run import Block, Run
 
 MOST_MOTION_SAMPLES, LEAST_MOTION_SAMPLES = 600, 32
 """Rows that are kept of all runs together, and at least of each."""
-MOST_ROWS_OF_RUN = 500_000
-"""Rows of a run that are looked at."""
-SPEED_TIME = 0.1
-"""Time over which a speed is taken to distinguish motion from rest [s]."""
-DIGITS_KEPT = 9
-"""Significant digits that are kept."""
+MOST_ROWS_OF_RUN = 500_000  # rows of a run that are looked at
+SPEED_TIME = 0.1  # time over which a speed is taken to distinguish motion from rest [s]
+DIGITS_KEPT = 9  # significant digits that are kept
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,12 +17,9 @@ from steelyard.robot.robot import Robot
 from steelyard.runs.recording import NEAR_END_OF_RANGE, Channels, LogInMemory, Recording
 from steelyard.runs.rows.faulty_rows import FASTEST_LOGGED_SPEED, RowVerdict, broken_rows
 
-RESTARTED = 20
-"""Rows with rising times before the latest one, after which the clock was set back."""
-JUMPS_UNTIL_RESTART = 3
-"""Rows whose positions jump that are left out; more are where the robot is."""
-PAUSE_SECONDS = 1.0
-"""Time between a sample and the first one after the clock was set back [s]."""
+RESTARTED = 20  # rows with rising times before the latest one, after which the clock was set back
+JUMPS_UNTIL_RESTART = 3  # rows whose positions jump that are left out; more are where the robot is
+PAUSE_SECONDS = 1.0  # time between a sample and the first one after the clock was set back [s]
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,31 +13,23 @@ import numpy as np
 from steelyard.base.arrays import Array
 from steelyard.base.errors import ModelError
 
-SPECTRUM_WINDOW = 20.0
-"""Length of the spectrum's windows [s]: two lines below a 0.1 Hz motion."""
-SHORTEST_WINDOW = 16
-"""The same in samples, at least, however slow the clock seems to be."""
+SPECTRUM_WINDOW = 20.0  # length of the spectrum's windows [s]: two lines below a 0.1 Hz motion
+SHORTEST_WINDOW = 16  # the same in samples, at least, however slow the clock seems to be
 BAND_POWER_SHARE = 0.99
 """Share of a joint's velocity power that its band holds. The last percent is spread over corners
 of point-to-point moves and over noise."""
-BAND_OVER_NOISE = 10.0
-"""Power density over the noise's at which the motion ends."""
+BAND_OVER_NOISE = 10.0  # power density over the noise's at which the motion ends
 STILL_JOINT_SPEED = 0.02
 """A joint with a smaller share of the fastest joint's rms speed does not count for the band."""
 
 
 @dataclass(frozen=True, eq=False)
 class Band:
-    """What the spectrum of the positions says.
+    """What the spectrum of the positions says."""
 
-    Attributes:
-        frequency: Frequency below which the motion lives, the median over moving joints [Hz].
-        noise: Noise density of each position, shape `(n,)` [rad²/Hz; m²/Hz].
-        floor: Frequency at which the positions' spectrum meets its noise, the median likewise [Hz].
-    """
-
-    frequency: float
-    noise: Array
+    frequency: float  # frequency below which the motion lives, the median over moving joints [Hz]
+    noise: Array  # noise density of each position, shape `(n,)` [rad²/Hz; m²/Hz]
+    # frequency at which the positions' spectrum meets its noise, the median likewise [Hz]
     floor: float = 0.0
 
 
@@ -104,33 +96,22 @@ def motion_band(q: Array, rate: float, dq: Array | None = None) -> Band:
     return Band(band, noise, max(band, floor))
 
 
-COARSE_SAMPLES = 4000
-"""Samples on which the period is looked for first."""
-DEPARTURE_DISTANCE = 0.2
-"""Distance that the motion must reach before it can come back."""
-RETURN_DISTANCE = 2e-3
-"""Distance at the period, at most: 6 % of the motion's size."""
-SEEN_TWICE = 0.25
-"""Share of the period that the log must hold twice."""
+COARSE_SAMPLES = 4000  # samples on which the period is looked for first
+DEPARTURE_DISTANCE = 0.2  # distance that the motion must reach before it can come back
+RETURN_DISTANCE = 2e-3  # distance at the period, at most: 6 % of the motion's size
+SEEN_TWICE = 0.25  # share of the period that the log must hold twice
 REST_RANGE_SHARE = 0.01
 """A joint has departed when it is this share of its range from where it started or ends."""
-WRAPPED_POINTS = 20
-"""Points beyond a period by which it is closed before it is interpolated."""
+WRAPPED_POINTS = 20  # points beyond a period by which it is closed before it is interpolated
 
 
 @dataclass(frozen=True)
 class Repetitions:
-    """That a log repeats one motion: `repetitions = ...` under `[processing]`.
+    """That a log repeats one motion: `repetitions = ...` under `[processing]`."""
 
-    Attributes:
-        period: Time between repetitions [s]; found if not given.
-        drop_first: Repetitions at the start that are left out.
-        drop_last: Repetitions at the end that are left out.
-    """
-
-    period: float | None = None
-    drop_first: int = 1
-    drop_last: int = 1
+    period: float | None = None  # time between repetitions [s]; found if not given
+    drop_first: int = 1  # repetitions at the start that are left out
+    drop_last: int = 1  # repetitions at the end that are left out
 
     def __post_init__(self) -> None:
         least = min(self.drop_first, self.drop_last)

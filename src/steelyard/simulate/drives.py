@@ -14,16 +14,13 @@ from steelyard.robot.robot import Robot
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Drives:
-    """Encoders that the controller reads and torque loops that it commands; perfect by default.
+    """Encoders that the controller reads and torque loops that it commands; perfect by default."""
 
-    Attributes:
-        resolution: Step of the positions that the controller sees, one for all joints or shape
-            `(n,)` [rad; m]; 0 is perfect.
-        speed_filter: Time constant of the low-pass behind the differences of these positions [s],
-            which are then the velocities that the controller sees; `None` for true velocities.
-    """
-
+    # step of the positions that the controller sees, one for all joints or shape `(n,)` [rad; m]; 0
+    # is perfect
     resolution: Array | float = 0.0
+    # time constant of the low-pass behind the differences of these positions [s], which are then
+    # the velocities that the controller sees; `None` for true velocities
     speed_filter: float | None = None
     delay: float = 0.0  # age of the values that the controller sees [s], rounded to whole ticks
     lag: float = 0.0  # time constant of the first-order response of the torque [s]

@@ -64,15 +64,12 @@ Axes = Literal["base", "frame"]
 
 @dataclass(frozen=True, eq=False)
 class AppliedWrench:
-    """Forces and torques that act on a robot at the origin of a frame.
-
-    Attributes:
-        values: Force and torque from each time until the next one, shape `(K, 6)` [N, Nm]; zero
-            before the first time, the last row stays.
-    """
+    """Forces and torques that act on a robot at the origin of a frame."""
 
     frame: str
     t: Array  # times from the start of the log, increasing, shape `(K,)` [s]
+    # force and torque from each time until the next one, shape `(K, 6)` [N, Nm]; zero before the
+    # first time, the last row stays
     values: Array
     axes: Axes = "base"  # whether they are along the axes of the base or of the frame
 

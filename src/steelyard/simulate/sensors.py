@@ -20,16 +20,13 @@ ERRORS = ("resolution", "position_noise", "velocity_noise", "torque_noise", "wre
 
 @dataclass(frozen=True, eq=False)
 class TrueRun:
-    """What happened at every tick of the controller, without sensors.
-
-    Attributes:
-        tau: Joint torques, shape `(N, n)`: the mean of the torque held before and after the tick,
-            which is the torque at that time without the half-tick delay of the hold.
-    """
+    """What happened at every tick of the controller, without sensors."""
 
     t: Array
     q: Array
     dq: Array
+    # joint torques, shape `(N, n)`: the mean of the torque held before and after the tick, which is
+    # the torque at that time without the half-tick delay of the hold
     tau: Array
     motor_side: Array  # the part of it that rotors and friction of motors take, shape `(N, n)`
     gravity: Array  # the part of it that holds the bodies, without payload, shape `(N, n)`
@@ -51,17 +48,14 @@ class TrueRun:
 
 @dataclass(frozen=True, eq=False)
 class Reading:
-    """What sensors say of a run, of the joints and in SI units; rows of the log.
-
-    Attributes:
-        wrench: What a force and torque sensor says, shape `(N, 6)` [N, Nm]; `None` without one.
-    """
+    """What sensors say of a run, of the joints and in SI units; rows of the log."""
 
     t: Array
     q: Array
     dq: Array
     effort: Array
     commanded: Array  # as of `TrueRun`
+    # what a force and torque sensor says, shape `(N, 6)` [N, Nm]; `None` without one
     wrench: Array | None
 
     def further(self, robot: Robot) -> dict[str, Array]:
@@ -86,15 +80,6 @@ class Sensors:
     """How a run is logged. Per-joint values are a number for all joints or shape `(n,)`.
 
     `dataclasses.replace` changes some of it.
-
-    Attributes:
-        clock_jitter: Standard deviation of each time stamp [s]; a stamp is never wrong by more than
-            0.45 of the distance of two rows, so time always advances.
-        wrench_noise: Standard deviation of white noise on an outside wrench, one for all or shape
-            `(6,)` [N, Nm].
-        gains: Torque per ampere [Nm/A; N/A]; given, the log has motor currents and no torques,
-            unless a robot file says what it has.
-        effort: Kind of effort that is logged; motor torques go through the robot's transmission.
     """
 
     rate: float = 250.0  # rows per second; divides the controller's 1000
@@ -102,11 +87,17 @@ class Sensors:
     position_noise: Array | float = 0.0  # standard deviation of white noise [rad; m]
     velocity_noise: Array | float = 0.0  # standard deviation of white noise [rad/s; m/s]
     torque_noise: Array | float = 0.0  # standard deviation of white noise on torques [Nm; N]
+    # standard deviation of each time stamp [s]; a stamp is never wrong by more than 0.45 of the
+    # distance of two rows, so time always advances
     clock_jitter: float = 0.0
+    # standard deviation of white noise on an outside wrench, one for all or shape `(6,)` [N, Nm]
     wrench_noise: Array | float = 0.0
     commanded: bool = False  # whether the log has the desired motion and commanded torques
     velocity: bool = True  # whether the log has velocity columns
+    # torque per ampere [Nm/A; N/A]; given, the log has motor currents and no torques, unless a
+    # robot file says what it has
     gains: Array | None = None
+    # kind of effort that is logged; motor torques go through the robot's transmission
     effort: EffortKind = "joint_torque"
 
     def __post_init__(self) -> None:

@@ -32,15 +32,12 @@ _WHERE = "truth of the virtual robot"
 
 @dataclass(frozen=True, eq=False)
 class Truth:
-    """A virtual robot's model and its values.
-
-    Attributes:
-        smoothing: Speed over which laws that jump at zero speed turn, but for Coulomb friction by
-            the plain sign, per joint of `robot.joints`, shape `(n_joints,)` [rad/s; m/s].
-    """
+    """A virtual robot's model and its values."""
 
     model: Model
     values: Parameters  # all standard parameters of the model, in its order
+    # speed over which laws that jump at zero speed turn, but for Coulomb friction by the plain
+    # sign, per joint of `robot.joints`, shape `(n_joints,)` [rad/s; m/s]
     smoothing: Array
 
     def __post_init__(self) -> None:

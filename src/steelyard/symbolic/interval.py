@@ -16,8 +16,7 @@ from steelyard.symbolic.program import Program
 Interval = Array | float
 """Bounds, shape `(2, B)` or `(2, 1)`: lower, upper; or one number that is exact."""
 
-CHUNK = 1024
-"""Boxes that go at once: their bounds stay in the cache of the processor."""
+CHUNK = 1024  # boxes that go at once: their bounds stay in the cache of the processor
 
 _ROUND = 4.5e-16
 _TINY = 1e-300

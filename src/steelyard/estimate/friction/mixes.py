@@ -63,13 +63,11 @@ SPEED: Stage = (
 PLAIN: Mix = (*DIRECTION[0], *SPEED[0])  # with which others are compared
 LOADED = ("motor_current", "motor_torque")  # efforts behind gears: friction grows with load
 
-LOAD: Stage = ((), (LoadDependent(length=1e-3),))
-"""Whether friction grows with the load."""
+LOAD: Stage = ((), (LoadDependent(length=1e-3),))  # whether friction grows with the load
 
 LEVER = 0.1  # arm at which a prismatic joint's speeds and lengths are those of a revolute one [m]
 
-SPRINGS: Stage = ((), (Spring(),))
-"""Whether cables or springs pull the joints."""
+SPRINGS: Stage = ((), (Spring(),))  # whether cables or springs pull the joints
 
 
 def stages_of(

@@ -33,14 +33,11 @@ Force = Callable[[Array], Array]  # friction at speeds above zero
 
 
 class Supported(NamedTuple):
-    """What a format supports of the friction along a coordinate.
-
-    Attributes:
-        largest: Largest difference to the friction of the model up to the greatest speed [Nm; N].
-    """
+    """What a format supports of the friction along a coordinate."""
 
     effects: dict[AxisPartKind, float]  # coefficients by kind, above zero
     fit: bool = False  # whether they are a fit
+    # largest difference to the friction of the model up to the greatest speed [Nm; N]
     largest: float = 0.0
     rms: float = 0.0  # root mean square of the difference over these speeds [Nm; N]
 

@@ -21,8 +21,7 @@ from steelyard.logs.messages.record_files import MCAP_MAGIC, open_mcap
 
 METADATA = "metadata.yaml"
 SQLITE_MAGIC = b"SQLite format 3\0"
-LONGEST_METADATA = 1 << 20
-"""Bytes of the longest metadata, text or definition that is read."""
+LONGEST_METADATA = 1 << 20  # bytes of the longest metadata, text or definition that is read
 MOST_TOPICS = 10_000
 
 

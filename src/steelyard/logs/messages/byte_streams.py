@@ -12,12 +12,9 @@ from typing import IO
 
 from steelyard.base.errors import LogError
 
-BLOCK_BYTES = 1 << 16
-"""Bytes of a packed file that are unpacked at a time."""
-LARGEST_CHUNK = 1 << 26
-"""Bytes of a chunk, which is unpacked whole, packed or unpacked."""
-MOST_WINDOW_BYTES = 1 << 25
-"""Memory that a packed stream may ask its reader to keep [bytes]."""
+BLOCK_BYTES = 1 << 16  # bytes of a packed file that are unpacked at a time
+LARGEST_CHUNK = 1 << 26  # bytes of a chunk, which is unpacked whole, packed or unpacked
+MOST_WINDOW_BYTES = 1 << 25  # memory that a packed stream may ask its reader to keep [bytes]
 SPARE, RATIO = 1 << 28, 1000
 """A file may unpack to 256 MiB and 1000 times its packed size; no log of a robot packs so well."""
 ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"

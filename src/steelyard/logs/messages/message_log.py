@@ -46,15 +46,12 @@ from steelyard.logs.messages.topics import (
     stamp_of,
 )
 
-SAMPLES_FOR_USUAL_STEP = 200
-"""Samples from which a topic's usual step is learnt."""
+SAMPLES_FOR_USUAL_STEP = 200  # samples from which a topic's usual step is learnt
 FARTHEST_NEIGHBOUR = 10.0
 """Usual steps between two samples beyond which nothing is known between them."""
-SAMPLES_KEPT_BEHIND = 64
-"""Samples behind the rows that are kept for rows a little out of order."""
+SAMPLES_KEPT_BEHIND = 64  # samples behind the rows that are kept for rows a little out of order
 
-Sample = tuple[float, Array]
-"""A stamp [s] and values."""
+Sample = tuple[float, Array]  # a stamp [s] and values
 
 
 class Track:
@@ -110,8 +107,7 @@ def _forward(samples: Iterator[Sample]) -> Iterator[Sample]:
         current = following
 
 
-ROWS_OF_BLOCK = 1024
-"""Rows that are put together at a time."""
+ROWS_OF_BLOCK = 1024  # rows that are put together at a time
 _NOTHING = np.zeros(0)
 
 

@@ -94,8 +94,7 @@ def seconds(nanoseconds: int) -> float:
 
 DEEPEST_TYPE, LONGEST_TYPE_DEFINITION, LARGEST_TYPE = 64, 1 << 18, 1 << 16
 """Types inside types, characters of a definition, and values that a type holds at least."""
-NO_NUMBER = 64
-"""Values that a text or a type inside counts as: code is made for each of them."""
+NO_NUMBER = 64  # values that a text or a type inside counts as: code is made for each of them
 SHIFT = re.compile(r"<<(?!\s*\d{1,2}\b)")
 """A shift in IDL by more than two digits can say: the constant would fill the memory."""
 LONGEST_SEQUENCE = 1 << 16

@@ -28,10 +28,8 @@ from steelyard.logs.messages.byte_streams import (
 )
 from steelyard.logs.messages.messages import LARGEST_MESSAGE, Channel, Message
 
-LONGEST_DEFINITION = 1 << 20
-"""Bytes of the longest header or definition that is read."""
-DEFINITION_BYTES = 1 << 24
-"""Bytes of all definitions together."""
+LONGEST_DEFINITION = 1 << 20  # bytes of the longest header or definition that is read
+DEFINITION_BYTES = 1 << 24  # bytes of all definitions together
 
 
 class Walk:
@@ -119,24 +117,17 @@ class Walk:
 
 @dataclass(frozen=True)
 class RecordFile:
-    """One file of records.
-
-    Attributes:
-        content: The file itself, or its unpacked copy.
-        start: Byte at which its messages start; they end at `end`, if not where they say so.
-        index: First byte of its index and the one after its last; `None` if it has none.
-        whole: Whether its end is there, so that nothing of it may be missing.
-        waiting: See `ByteSource`.
-    """
+    """One file of records."""
 
     path: Path
-    content: Path
+    content: Path  # the file itself, or its unpacked copy
     walk: "type[Walk]"
-    start: int
+    start: int  # byte at which its messages start; they end at `end`, if not where they say so
+    # first byte of its index and the one after its last; `None` if it has none
     index: tuple[int, int] | None
-    whole: bool
+    whole: bool  # whether its end is there, so that nothing of it may be missing
     end: float = inf
-    waiting: Callable[[], bool] | None = None
+    waiting: Callable[[], bool] | None = None  # see `ByteSource`
 
     @property
     def remarks(self) -> tuple[str, ...]:

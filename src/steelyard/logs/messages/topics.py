@@ -20,10 +20,8 @@ from steelyard.logs.messages.messages import (
     seconds,
 )
 
-LONGEST_ARRAY = 256
-"""Numbers of the longest array that becomes columns; images and maps have more."""
-MOST_FIELDS = 4096
-"""Numbers of a message that become columns."""
+LONGEST_ARRAY = 256  # numbers of the longest array that becomes columns; images and maps have more
+MOST_FIELDS = 4096  # numbers of a message that become columns
 DEEPEST_FIELD = 16
 JOINT_QUANTITIES = ("position", "velocity", "effort")
 _TIMES = (("sec", "nanosec"), ("sec", "nsec"), ("secs", "nsecs"))
@@ -182,8 +180,7 @@ def _seconds(value: Any) -> float | None:
 
 
 STAMP, LOG_TIME = "stamp", "log_time"
-MESSAGES_READ_OF_TOPIC = 100
-"""Messages of each topic that are looked at for its columns."""
+MESSAGES_READ_OF_TOPIC = 100  # messages of each topic that are looked at for its columns
 MESSAGES_SCANNED = 20_000
 """Messages after which the look ends, if every topic that the file's index names was met."""
 MOST_TOPICS = 10_000

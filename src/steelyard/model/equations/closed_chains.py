@@ -32,8 +32,7 @@ from steelyard.model.equations.inverse_dynamics import (
 from steelyard.robot.loop_closures import LoopEquations, chains, loop_equations
 from steelyard.robot.robot import Body, Robot
 
-COFACTORS = 3
-"""Largest system that is solved by cofactors."""
+COFACTORS = 3  # largest system that is solved by cofactors
 
 
 def solved(matrix: list[list[Scalar]], sides: Sequence[list[Scalar]]) -> list[list[Scalar]]:
@@ -91,8 +90,7 @@ def along(row: Scalars, values: Scalars) -> Scalar:
 
 Hinges = list[tuple[Body, Vector, Vector]]
 """Joints on the way to a pin, their axes and origins where the last body carries both ends."""
-Arm = tuple[Hinges, Vector]
-"""One end of a pin: the joints on the way, and where its point is."""
+Arm = tuple[Hinges, Vector]  # one end of a pin: the joints on the way, and where its point is
 
 
 def completed(robot: Robot, state: JointState) -> tuple[JointState, Any]:

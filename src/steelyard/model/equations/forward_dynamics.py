@@ -15,11 +15,9 @@ from steelyard.model.equations.closed_chains import solved_by_factors
 from steelyard.model.equations.inverse_dynamics import Scalar, Scalars
 from steelyard.symbolic.program import InputArray, Program
 
-Q, DQ, EFFORT, PARAMETERS, WIDTHS = range(5)
-"""Numbers of the input arrays."""
+Q, DQ, EFFORT, PARAMETERS, WIDTHS = range(5)  # numbers of the input arrays
 
-Efforts = Callable[[Scalars], Scalars]
-"""Accelerations to efforts."""
+Efforts = Callable[[Scalars], Scalars]  # accelerations to efforts
 
 
 def inputs(n: int, parameters: int) -> tuple[InputArray, ...]:

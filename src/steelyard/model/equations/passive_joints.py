@@ -12,30 +12,24 @@ from steelyard.robot.robot import Robot, robot_to_dict
 from steelyard.symbolic.native.compiled import Code, SampleCall, compiled_equations
 from steelyard.symbolic.program import InputArray as Input
 
-ITERATIONS = 12
-"""Newton steps after which a sample counts as open."""
+ITERATIONS = 12  # Newton steps after which a sample counts as open
 
-STRIDE = 0.5
-"""Passive joints that would move farther at once are followed in halves [rad; m]."""
+STRIDE = 0.5  # passive joints that would move farther at once are followed in halves [rad; m]
 
-HALVINGS = 6
-"""How often a way is halved before its end counts as open."""
+HALVINGS = 6  # how often a way is halved before its end counts as open
 
 FASTEST = 20.0
 """Speed of a passive joint per speed of an independent one beyond which a dead point is near."""
 
-RANDOM_WALK_STEP = 0.1
-"""Independent joints of a random walk move by this at once [rad; m]."""
+RANDOM_WALK_STEP = 0.1  # independent joints of a random walk move by this at once [rad; m]
 
 REGULAR = 0.1
 """Least over greatest singular value of the loops' derivative by the passive joints below which a
 random walk turns back: beyond a singular posture the mechanism may be assembled in another way."""
 
-_CLOSED = 1e-9
-"""Distance of two points of a loop that is closed [m]."""
+_CLOSED = 1e-9  # distance of two points of a loop that is closed [m]
 
-_TOLERANCE = 1e-8
-"""A last Newton step: the error after it is of the order of its square."""
+_TOLERANCE = 1e-8  # a last Newton step: the error after it is of the order of its square
 
 
 class Follower:

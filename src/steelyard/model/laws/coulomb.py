@@ -29,12 +29,6 @@ class Coulomb(ActsOnAxes):
 
     $s$ is the sign of the velocity, zero up to `threshold`, or with `smoothing` $w$ the smooth
     $\tanh(v/w)$, $\tfrac{2}{\pi}\arctan(v/w)$ or $2/(1 + e^{-v/w}) - 1$.
-
-    Attributes:
-        threshold: Speed up to which the friction is zero, one for all or one per coordinate
-            [rad/s; m/s].
-        smoothing: Speed $w$ of the smooth law, likewise; zero for the sign.
-        shape: Which smooth law: `tanh`, `arctan` or `logistic`.
     """
 
     law: ClassVar[str] = "coulomb"
@@ -43,9 +37,10 @@ class Coulomb(ActsOnAxes):
     shown_by: ClassVar[str] = "motion in both directions of"
     symbol: ClassVar[str] = "FC"
     bounds: ClassVar[Mapping[str, tuple[float, float]]] = {"smoothing": (1e-3, 1.0)}
+    # speed up to which the friction is zero, one for all or one per coordinate [rad/s; m/s]
     threshold: Field = 0.0
-    smoothing: Field = 0.0
-    shape: str = DEFAULT_SHAPE
+    smoothing: Field = 0.0  # speed $w$ of the smooth law, likewise; zero for the sign
+    shape: str = DEFAULT_SHAPE  # which smooth law: `tanh`, `arctan` or `logistic`
 
     def __post_init__(self) -> None:
         refuse_negative(self.law, threshold=self.threshold, smoothing=self.smoothing)

@@ -22,8 +22,7 @@ from steelyard.model.terms.model_files import Place, left_out
 from steelyard.model.terms.term import Cause, Columns, Dissipation, Term
 from steelyard.robot.robot import Robot
 
-Pair = tuple[tuple[str, str], tuple[str, str]]
-"""`(("from", name), ("to", name))`."""
+Pair = tuple[tuple[str, str], tuple[str, str]]  # `(("from", name), ("to", name))`
 
 
 @dataclass(frozen=True)
@@ -31,12 +30,6 @@ class Coupled(Term):
     r"""Coupled friction, $f_b = f_{ab}\,v_a$ or $f_{ab}\,s(v_a)$: belts, cables, shared bearings.
 
     A coupling alone may give energy; only with the joints' own friction is the whole dissipative.
-
-    Attributes:
-        pairs: Joints or motors, `{"from": a, "to": b}`: `b` is loaded when `a` moves.
-        kind: `viscous` or `coulomb`.
-        smoothing: Speed $w$ of $s = \tanh(v/w)$, one for all or one per pair [rad/s; m/s]; zero
-            for the sign. Of Coulomb couplings only.
     """
 
     law: ClassVar[str] = "coupled"
@@ -45,8 +38,11 @@ class Coupled(Term):
     shown_by: ClassVar[str] = "separate motion of the joints"
     in_model_files: ClassVar[Place] = left_out("friction of one joint that loads another")
     bounds: ClassVar[Mapping[str, tuple[float, float]]] = {"smoothing": (1e-3, 1.0)}
+    # joints or motors, `{"from": a, "to": b}`: `b` is loaded when `a` moves
     pairs: tuple[Pair, ...] = ()
-    kind: str = "viscous"
+    kind: str = "viscous"  # `viscous` or `coulomb`
+    # speed $w$ of $s = \tanh(v/w)$, one for all or one per pair [rad/s; m/s]; zero for the sign. Of
+    # Coulomb couplings only
     smoothing: Field = 0.0
 
     def __post_init__(self) -> None:

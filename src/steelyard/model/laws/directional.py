@@ -26,11 +26,6 @@ class DirectionalCoulomb(ActsOnAxes):
 
     $s_\pm = (s \pm |s|)/2$ with the sign $s$ of the velocity, or a smooth $s$ as of `Coulomb`.
     Without smoothing it says what `coulomb` and `offset` say together: use it in their place.
-
-    Attributes:
-        smoothing: Speed $w$ of the smooth law, one for all or one per coordinate [rad/s; m/s];
-            zero for the sign.
-        shape: Which smooth law: `tanh`, `arctan` or `logistic`.
     """
 
     law: ClassVar[str] = "directional_coulomb"
@@ -40,8 +35,9 @@ class DirectionalCoulomb(ActsOnAxes):
     in_model_files: ClassVar[Place] = as_one("dry")
     units: ClassVar[Mapping[str, str]] = {"_forward": "{effort}", "_backward": "{effort}"}
     bounds: ClassVar[Mapping[str, tuple[float, float]]] = {"smoothing": (1e-3, 1.0)}
+    # speed $w$ of the smooth law, one for all or one per coordinate [rad/s; m/s]; zero for the sign
     smoothing: Field = 0.0
-    shape: str = DEFAULT_SHAPE
+    shape: str = DEFAULT_SHAPE  # which smooth law: `tanh`, `arctan` or `logistic`
 
     def __post_init__(self) -> None:
         refuse_negative(self.law, smoothing=self.smoothing)

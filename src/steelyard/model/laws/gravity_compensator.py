@@ -14,8 +14,7 @@ from steelyard.model.terms.model_files import Placed, Pull, Values
 from steelyard.model.terms.term import Cause, Columns, Dissipation, Term
 from steelyard.robot.robot import Robot
 
-SHORT = 1e-18
-"""Added to a squared length [m²], so that its root has a slope where the points meet."""
+SHORT = 1e-18  # added to a squared length [m²], so that its root has a slope where the points meet
 
 EXAMPLE = """give the springs' ends in the frames of their links [m]: \
 {law = "gravity_compensator", links = ["base", "upper_arm"], \
@@ -28,20 +27,15 @@ class GravityCompensator(Term):
 
     $L$ is the distance of the points; the spring is free at $L_0 = p/k$. It is the effort that
     holds the mechanism against the spring.
-
-    Attributes:
-        name: Name, for the parameters; the links' names if left out.
-        links: The two links.
-        points: One point per link, in its frame [m].
     """
 
     law: ClassVar[str] = "gravity_compensator"
     dissipation: ClassVar[Dissipation] = "none"
     cause: ClassVar[Cause] = "spring"
     shown_by: ClassVar[str] = "other configurations of the joints between the links of"
-    name: str = ""
-    links: tuple[str, ...] = ()
-    points: tuple[tuple[float, ...], ...] = ()
+    name: str = ""  # name, for the parameters; the links' names if left out
+    links: tuple[str, ...] = ()  # the two links
+    points: tuple[tuple[float, ...], ...] = ()  # one point per link, in its frame [m]
 
     def __post_init__(self) -> None:
         for key in ("links", "points"):

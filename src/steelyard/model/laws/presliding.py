@@ -75,18 +75,15 @@ class MaxwellSlip(Presliding):
     An element stretches by the position and slips at the end of its length,
     $s_i \leftarrow \operatorname{clip}(s_i + \Delta/\delta_i, \pm 1)$; with `relaxing` it gives way
     gradually, as a Dahl state of length $\delta_i$ does.
-
-    Attributes:
-        lengths: Lengths $\delta_i$ of the elements [rad; m].
-        relaxing: Whether elements give way gradually.
     """
 
     law: ClassVar[str] = "maxwell_slip"
     dissipation: ClassVar[Dissipation] = "together"
     in_model_files: ClassVar[Place] = full_sliding(unsupported=PRESLIDING_DISPLACEMENT)
     state_only_fields: ClassVar[tuple[str, ...]] = ("lengths", "relaxing")
+    # lengths $\delta_i$ of the elements [rad; m]
     lengths: tuple[float, ...] = (3e-4, 1e-3, 3e-3, 1e-2)
-    relaxing: bool = False
+    relaxing: bool = False  # whether elements give way gradually
 
     def __post_init__(self) -> None:
         lengths = self.lengths if isinstance(self.lengths, tuple) else ()
@@ -129,11 +126,6 @@ class LuGre(Presliding):
     In the customary form $\sigma_0 = f_c/\delta$ and $\sigma_1 = f_1/\delta$; its viscous part is
     the term `viscous`. $|s|$ never exceeds $r$. The velocity at a sample holds for the step into
     it: sample so that it changes by little, against $v_s$, from sample to sample.
-
-    Attributes:
-        length: Bristle deflection $\delta$ at which Coulomb friction is reached [rad; m].
-        breakaway: Ratio $r$ of breakaway to Coulomb friction, at least 1.
-        speed: Stribeck speed $v_s$ [rad/s; m/s].
     """
 
     law: ClassVar[str] = "lugre"
@@ -148,9 +140,11 @@ class LuGre(Presliding):
         "length": (1e-5, 3e-2),
         "speed": (1e-3, 1.0),
     }
+    # bristle deflection $\delta$ at which Coulomb friction is reached [rad; m]
     length: Field = 3e-4
+    # ratio $r$ of breakaway to Coulomb friction, at least 1
     breakaway: float | tuple[float, ...] = 1.3
-    speed: Field = 0.02
+    speed: Field = 0.02  # stribeck speed $v_s$ [rad/s; m/s]
 
     def __post_init__(self) -> None:
         refuse_not_positive(

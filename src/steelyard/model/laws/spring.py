@@ -17,16 +17,14 @@ class Spring(ActsOnAxes):
 
     With `free = "unknown"` the torque is $f = k\,x - p$ with a preload $p = k\,x_0$, a parameter of
     its own. A preload and the term `offset` on one coordinate cannot be distinguished.
-
-    Attributes:
-        free: Position $x_0$ where the spring is free, one for all or one per coordinate [rad; m],
-            or `unknown`.
     """
 
     law: ClassVar[str] = "spring"
     dissipation: ClassVar[Dissipation] = "none"
     cause: ClassVar[Cause] = "spring"
     shown_by: ClassVar[str] = "other configurations of"
+    # position $x_0$ where the spring is free, one for all or one per coordinate [rad; m], or
+    # `unknown`
     free: float | tuple[float, ...] | str = 0.0
 
     def __post_init__(self) -> None:

@@ -30,13 +30,6 @@ class Stribeck(ActsOnAxes):
     $$ f = (f_s - f_c)\,e^{-|v/v_s|^\beta}\,s(v) $$
 
     The Coulomb part is the term `coulomb`, the viscous one `viscous`.
-
-    Attributes:
-        speed: Stribeck speed $v_s$, one for all or one per coordinate [rad/s; m/s].
-        exponent: $\beta$, 1 or 2.
-        smoothing: Speed $w$ of a smooth $s$ as of `Coulomb`, one for all or one per coordinate
-            [rad/s; m/s]; zero for the sign.
-        shape: Which smooth $s$: `tanh`, `arctan` (p3, eq 6) or `logistic`.
     """
 
     law: ClassVar[str] = "stribeck"
@@ -48,10 +41,12 @@ class Stribeck(ActsOnAxes):
         "speed": (1e-3, 1.0),
         "smoothing": (1e-3, 1.0),
     }
-    speed: Field = 0.1
-    exponent: int = 1
+    speed: Field = 0.1  # stribeck speed $v_s$, one for all or one per coordinate [rad/s; m/s]
+    exponent: int = 1  # $\beta$, 1 or 2
+    # speed $w$ of a smooth $s$ as of `Coulomb`, one for all or one per coordinate [rad/s; m/s];
+    # zero for the sign
     smoothing: Field = 0.0
-    shape: str = DEFAULT_SHAPE
+    shape: str = DEFAULT_SHAPE  # which smooth $s$: `tanh`, `arctan` (p3, eq 6) or `logistic`
 
     def __post_init__(self) -> None:
         refuse_unknown(self.law, "exponent", self.exponent, (1, 2))

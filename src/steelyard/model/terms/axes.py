@@ -241,8 +241,7 @@ SHAPES: dict[str, Callable[[Scalar], Scalar]] = {
 
 DEFAULT_SHAPE = "tanh"
 
-Field = float | tuple[float, ...]
-"""One value for all coordinates of a term, or one per coordinate."""
+Field = float | tuple[float, ...]  # one value for all coordinates of a term, or one per coordinate
 
 
 def directions(
@@ -309,8 +308,7 @@ def refuse_unknown(law: str, name: str, value: Any, known: Sequence[Any]) -> Non
         )
 
 
-FIND = "find"
-"""The word in robot files: `speed = "find"` or `speed = {find = [0.001, 1.0]}`."""
+FIND = "find"  # the word in robot files: `speed = "find"` or `speed = {find = [0.001, 1.0]}`
 
 
 @dataclass(frozen=True)

@@ -19,8 +19,7 @@ from steelyard.robot.robot import Body, Coordinate, Robot, robot_to_dict
 from steelyard.symbolic.native.compiled import Code, compiled_equations
 from steelyard.symbolic.program import InputArray as Input
 
-MOVES = 6
-"""Of each joint frame: along its x, y, z [m], then about them [rad]."""
+MOVES = 6  # of each joint frame: along its x, y, z [m], then about them [rad]
 
 DISPLACEMENT_STEP = 1e-4
 """Half a step of the central difference [m; rad]: the torque is smooth, errors are below 1e-8."""

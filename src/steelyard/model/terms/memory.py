@@ -21,17 +21,14 @@ from steelyard.model.terms.term import ActsOnAxes, Cause, StatefulTerm, Term, Te
 from steelyard.robot.robot import Robot
 from steelyard.symbolic.native.compiled import recurrence
 
-StateStep = tuple[Scalar, Scalar, Scalar]
-"""$a$, $b$ and $c$ of one state."""
+StateStep = tuple[Scalar, Scalar, Scalar]  # $a$, $b$ and $c$ of one state
 
 RigidTorque = Callable[[Array], Iterable[Scalar]]
 """Torques of the rigid bodies, one per joint, for ten numbers per body, `(10 n_bodies,)`."""
 
-SPEED_KEPT_BEFORE = 0.1
-"""Time for which a motion is taken to have had the speed it begins with [s]."""
+SPEED_KEPT_BEFORE = 0.1  # time for which a motion is taken to have had the speed it begins with [s]
 
-LENGTHS_TO_FORGET = 3.0
-"""Travel in lengths after which the unknown start is forgotten."""
+LENGTHS_TO_FORGET = 3.0  # travel in lengths after which the unknown start is forgotten
 
 
 @dataclass(frozen=True)

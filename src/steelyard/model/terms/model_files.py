@@ -15,8 +15,7 @@ from steelyard.robot.robot import Robot
 AxisPartKind = Literal["rotor", "dry", "viscous", "quadratic", "cubic", "stiffness", "preload"]
 r"""$f = I\,a + f_c\,\mathrm{sign}\,v + d_1 v + d_2 |v| v + d_3 v^3 + k x - p$, in this order."""
 
-Values = Mapping[str, float]
-"""Standard parameters by name."""
+Values = Mapping[str, float]  # standard parameters by name
 
 
 class AxisPart(NamedTuple):

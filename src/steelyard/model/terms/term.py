@@ -156,26 +156,21 @@ def columns_at_rest(term: Term, robot: Robot) -> Columns:
 
 @dataclass(frozen=True, kw_only=True)
 class ActsOnAxes(Term):
-    """Where a term acts; every law that acts along coordinates has these fields.
-
-    Attributes:
-        joints: Names of the joints it acts on, or one name; all independent ones if nothing is
-            named.
-        motors: Names of motors of the robot's transmission, or one name.
-        along: Coordinates of its own, by name: `{wrist = {joint_5 = 1.0, joint_6 = 1.0}}`; sizes of
-            coefficients from 1e-6 to 1e6.
-        per_run: Whether every run has parameters of its own.
-    """
+    """Where a term acts; every law that acts along coordinates has these fields."""
 
     lower: ClassVar[float] = 0.0
     """Least value of the parameters."""
     units: ClassVar[Mapping[str, str]] = {"": "{effort}"}
     """What stands behind the law's name in that of a parameter, such as `_forward`, to the unit,
     see `Axis.unit`."""
+    # names of the joints it acts on, or one name; all independent ones if nothing is named
     joints: tuple[str, ...] | str | None = None
+    # names of motors of the robot's transmission, or one name
     motors: tuple[str, ...] | str | None = None
+    # coordinates of its own, by name: `{wrist = {joint_5 = 1.0, joint_6 = 1.0}}`; sizes of
+    # coefficients from 1e-6 to 1e6
     along: Along | None = None
-    per_run: bool = False
+    per_run: bool = False  # whether every run has parameters of its own
 
     def parameters(self, robot: Robot) -> tuple[Parameter, ...]:
         """One per coordinate and entry of `units`, not negative unless the law says so."""

@@ -31,14 +31,11 @@ from steelyard.robot.robot import Limits
 
 _POINTER = b"version https://git-lfs"
 _FOLDERS = ("assetdir", "meshdir", "texturedir")
-_REPEATING = ("replicate", "composite", "flexcomp")
-"""Elements whose counts multiply."""
+_REPEATING = ("replicate", "composite", "flexcomp")  # elements whose counts multiply
 _LARGE = re.compile(r"(?<![\d.])[1-9]\d{5}|[\d.][eE]\+?[1-9]|\d[KMGTPE]\b")
 """Numbers of six digits and more."""
-MOST_SECONDS = 60
-"""Time that a model with large counts may take to compile."""
-MOST_MEMORY = 4 << 30
-"""Bytes of memory that it may take, where the system can limit it."""
+MOST_SECONDS = 60  # time that a model with large counts may take to compile
+MOST_MEMORY = 4 << 30  # bytes of memory that it may take, where the system can limit it
 _COMPILE = """
 import sys
 try:

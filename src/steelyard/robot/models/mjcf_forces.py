@@ -23,8 +23,7 @@ _FOLLOWING = (
 )
 """Activations that stay within the range of the control."""
 
-_GENERIC = 0.3
-"""Distance from the reference at which no moment is zero by chance [rad; m]."""
+_GENERIC = 0.3  # distance from the reference at which no moment is zero by chance [rad; m]
 
 
 def name_of(model: Any, kind: str, index: int) -> str:

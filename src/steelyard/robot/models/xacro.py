@@ -180,10 +180,8 @@ def _temporary() -> Path:
     return folder
 
 
-DEPTH = 100
-"""Elements, macros and files inside each other."""
-FILES = 1000
-"""Files that one expansion may include."""
+DEPTH = 100  # elements, macros and files inside each other
+FILES = 1000  # files that one expansion may include
 _PARAMETER = re.compile(
     r"^\s*([^\s:=]+?)\s*:?=\s*(\^\|?)?"
     r"(\$\{.*?\}|\$\(.*?\)|(?:'[^']*'|\"[^\"]*\"|[^\s'\"])+|)(?:\s+|$)(.*)",

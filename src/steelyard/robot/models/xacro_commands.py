@@ -103,8 +103,7 @@ TRUTHS = {
     for word in (one, one.capitalize(), one.upper())
 }
 """Truth values of YAML 1.1, which xacro reads; `y` and `n` are names there, as of coordinates."""
-LARGEST = 20_000
-"""Values in a file, with those that are repeated by reference."""
+LARGEST = 20_000  # values in a file, with those that are repeated by reference
 
 
 def load_yaml(path: Path, number: Callable[[str], Any]) -> Any:

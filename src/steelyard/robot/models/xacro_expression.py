@@ -26,8 +26,7 @@ from steelyard.robot.models.xacro_values import (
 )
 from steelyard.robot.models.xml_reader import Element
 
-LENGTH = 4000
-"""Characters of one expression."""
+LENGTH = 4000  # characters of one expression
 
 _OPERATIONS: Mapping[type, Callable[..., Any]] = {
     ast.Add: operator.add,

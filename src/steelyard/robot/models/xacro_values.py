@@ -5,10 +5,8 @@ import re
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
-TEXT = 100_000
-"""Characters of a text, and of a list or table with all that is in it."""
-BITS = 4096
-"""Binary digits of a whole number."""
+TEXT = 100_000  # characters of a text, and of a list or table with all that is in it
+BITS = 4096  # binary digits of a whole number
 
 
 class XacroError(Exception):

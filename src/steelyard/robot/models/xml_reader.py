@@ -76,8 +76,7 @@ class _Builder:
         return self.root
 
 
-LARGEST_MODEL_FILE = 1 << 28
-"""Bytes of the largest model file that is read."""
+LARGEST_MODEL_FILE = 1 << 28  # bytes of the largest model file that is read
 
 
 def read_bytes(path: Path, what: str) -> bytes:

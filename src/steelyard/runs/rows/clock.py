@@ -22,12 +22,9 @@ from steelyard.runs.rows.faulty_rows import (
     broken_rows,
 )
 
-SHORTEST_CHAIN = 10
-"""Rows that must follow each other plausibly before a new segment is believed."""
-ROWS_FOR_STEP = 20_000
-"""Rows from which the clock's step is learnt."""
-FORWARD_SHARE = 0.9
-"""Share of the steps of a clock that are forward."""
+SHORTEST_CHAIN = 10  # rows that must follow each other plausibly before a new segment is believed
+ROWS_FOR_STEP = 20_000  # rows from which the clock's step is learnt
+FORWARD_SHARE = 0.9  # share of the steps of a clock that are forward
 GAP_STEPS, GAP_SECONDS = 5.0, 0.05
 """A longer step than both (5 steps, 0.05 s) is a gap. Shorter ones, such as lost packets of a 1 kHz
 log, are bridged by the interpolation, whose error there is that of a 20 Hz log."""

@@ -66,21 +66,16 @@ def broken_rows(t: Array, x: Array, channels: Channels) -> NDArray[np.uint8]:
     return verdict
 
 
-MEDIAN_SIDE_ROWS = 4
-"""Rows on each side that the median is taken over."""
-LONGEST_SPIKE = 3
-"""Rows in a row that can be one spike; more are a signal."""
-STD_OVER_MAD = 1.4826
-"""Standard deviation over median absolute deviation, for Gaussian noise."""
+MEDIAN_SIDE_ROWS = 4  # rows on each side that the median is taken over
+LONGEST_SPIKE = 3  # rows in a row that can be one spike; more are a signal
+STD_OVER_MAD = 1.4826  # standard deviation over median absolute deviation, for Gaussian noise
 TAIL_QUANTILE = 0.90, 1.645
 """A quantile of absolute deviations, and what it is of Gaussian noise: coarse signals rest at a
 median deviation of zero, and efforts have heavy tails that are no spikes."""
-LEAST_USUAL_DISTANCE = 1e-5
-"""Least usual distance, as a share of the channel's range."""
+LEAST_USUAL_DISTANCE = 1e-5  # least usual distance, as a share of the channel's range
 SENSOR_STEP_QUANTILE = 0.05
 """Quantile of the changes of a channel that is its sensor's step; smaller ones are rounding."""
-ROWS_FOR_USUAL = 20_000
-"""Rows that usual distances are learnt from."""
+ROWS_FOR_USUAL = 20_000  # rows that usual distances are learnt from
 JOLT_QUANTILE, JOLT_RATIO = 0.99, 2.0
 """Second difference of a position over the one it exceeds 1 % of the time, from which on an effort
 that stands out is no outlier: the motion jolted."""
@@ -216,8 +211,7 @@ def _through(t: Array, values: Array, at: Array) -> Array:
     return result
 
 
-ROWS_OF_STAY = 5
-"""Rows in a row at the extreme value that are a stay."""
+ROWS_OF_STAY = 5  # rows in a row at the extreme value that are a stay
 STAY_OVER_USUAL = 3.0
 """Stays at the extreme over the rows for which a value is usually held, at least: some drives
 report at a lower rate than they are logged."""
@@ -225,10 +219,8 @@ ABRUPT_STEP = 0.5
 """Step into a stay over the usual step, at least: a smooth peak comes with steps near zero."""
 ABRUPT_QUANTA = 2.5
 """Step into a stay over the smallest step, at least: a coarse signal's peak comes with one."""
-ABRUPT_SHARE = 0.25
-"""Share of the long stays at the extreme that must be abrupt."""
-ABRUPT_STAYS = 2
-"""Abrupt stays at the extreme that are saturation; one may be a pose held at rest."""
+ABRUPT_SHARE = 0.25  # share of the long stays at the extreme that must be abrupt
+ABRUPT_STAYS = 2  # abrupt stays at the extreme that are saturation; one may be a pose held at rest
 
 
 class Extremes:
@@ -323,8 +315,7 @@ def saturated(x: Array, limits: Array) -> NDArray[np.bool_]:
     return np.asarray((low | high) & ~short)
 
 
-MOVED_STEPS = 3.0
-"""Steps of the sensor that a joint must be expected to move from row to row."""
+MOVED_STEPS = 3.0  # steps of the sensor that a joint must be expected to move from row to row
 LONGEST_STALE = 4
 """Rows in a row that can be stale; more are a rest, or a gap that is not to be guessed across."""
 

@@ -86,8 +86,7 @@ def _place(t: Array, at: Array) -> tuple[np.ndarray, Array]:
 
 THINNING_SUPPRESSION = 80.0
 """How far a low-pass before thinning out is down from half the clock's rate on [dB]."""
-THINNING_PASSBAND = 0.4
-"""Highest frequency that passes it, per rate of the clock."""
+THINNING_PASSBAND = 0.4  # highest frequency that passes it, per rate of the clock
 
 
 @dataclass(frozen=True)

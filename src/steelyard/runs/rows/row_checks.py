@@ -19,8 +19,7 @@ from steelyard.runs.rows.faulty_rows import (
 )
 from steelyard.runs.smoothing.filters import continued_at_ends
 
-COUNTS_OF_MARKS = 4
-"""Number of counts of `Marked`."""
+COUNTS_OF_MARKS = 4  # number of counts of `Marked`
 BRIDGED, CUT_OFF = 1.0, 2.0
 """Flags of efforts: interpolated, so that the sample itself does not count; held at a limit, so
 that its surroundings do not count either."""
@@ -54,24 +53,15 @@ class Marked:
 
 @dataclass(frozen=True, eq=False)
 class RowChecks:
-    """What is known of a log before its rows are judged; an operation on rows with a halo.
-
-    Attributes:
-        usual: See `usual_distance`, shape `(C,)`.
-        bend: See `usual_bend`, shape `(n,)`.
-        step: See `sensor_step`, shape `(n,)`.
-        limits: Values at which efforts are cut off, shape `(n, 2)`; NaN for none.
-        threshold: Usual distances from which on a row is an outlier; `None`: none is.
-        bridge_stale: Whether stale rows are bridged.
-    """
+    """What is known of a log before its rows are judged; an operation on rows with a halo."""
 
     channels: Channels
-    usual: Array
-    bend: Array
-    step: Array
-    limits: Array
-    threshold: float | None
-    bridge_stale: bool
+    usual: Array  # see `usual_distance`, shape `(C,)`
+    bend: Array  # see `usual_bend`, shape `(n,)`
+    step: Array  # see `sensor_step`, shape `(n,)`
+    limits: Array  # values at which efforts are cut off, shape `(n, 2)`; NaN for none
+    threshold: float | None  # usual distances from which on a row is an outlier; `None`: none is
+    bridge_stale: bool  # whether stale rows are bridged
 
     halo: ClassVar[int] = 20
     """Rows of context on each side: those that a mark and a bridge depend on."""
@@ -130,53 +120,35 @@ class RowChecks:
 
 @dataclass(frozen=True)
 class Segment:
-    """A stretch of a run without a gap, from the time of its first row to that of its last [s].
+    """A stretch of a run without a gap, from the time of its first row to that of its last [s]."""
 
-    Attributes:
-        number: Its number in the clean recording.
-        samples: Samples on the uniform clock.
-    """
-
-    number: int
+    number: int  # its number in the clean recording
     start: float
     stop: float
-    samples: int
+    samples: int  # samples on the uniform clock
 
 
 @dataclass(frozen=True, eq=False)
 class Quality:
-    """Counts and figures of a recording's window.
-
-    Attributes:
-        dropped: Reason to number of rows; reasons that did not occur are left out.
-        gaps: Times of the last row before each gap, from the log's start [s].
-        rate: Of the uniform clock [Hz].
-        steps: Mean, standard deviation (the jitter), minimum and maximum of the steps of the log's
-            clock, gaps aside [s].
-        duration: Time from the first row to the last [s].
-        resolution: Smallest step of each position, shape `(n,)` [rad; m].
-        effort_resolution: Smallest step of each effort, shape `(n,)`.
-        max_speed: Fastest motion of each joint, shape `(n,)` [rad/s; m/s].
-        losses: What else could not be used, in sentences.
-        notes: What was decided from the data, in sentences.
-        marked: What was bridged, or does not count.
-        unexamined: Times between the first row and the last that no segment covers: gaps, and
-            stretches that are shorter than the filters, from the log's start [s].
-    """
+    """Counts and figures of a recording's window."""
 
     rows: int
     kept: int
-    dropped: dict[str, int]
-    gaps: tuple[float, ...]
-    rate: float
+    dropped: dict[str, int]  # reason to number of rows; reasons that did not occur are left out
+    gaps: tuple[float, ...]  # times of the last row before each gap, from the log's start [s]
+    rate: float  # of the uniform clock [Hz]
+    # mean, standard deviation (the jitter), minimum and maximum of the steps of the log's clock,
+    # gaps aside [s]
     steps: tuple[float, float, float, float]
-    duration: float
-    resolution: Array
-    effort_resolution: Array
-    max_speed: Array
-    losses: tuple[str, ...]
-    notes: tuple[str, ...]
-    marked: Marked = Marked()
+    duration: float  # time from the first row to the last [s]
+    resolution: Array  # smallest step of each position, shape `(n,)` [rad; m]
+    effort_resolution: Array  # smallest step of each effort, shape `(n,)`
+    max_speed: Array  # fastest motion of each joint, shape `(n,)` [rad/s; m/s]
+    losses: tuple[str, ...]  # what else could not be used, in sentences
+    notes: tuple[str, ...]  # what was decided from the data, in sentences
+    marked: Marked = Marked()  # what was bridged, or does not count
+    # times between the first row and the last that no segment covers: gaps, and stretches that are
+    # shorter than the filters, from the log's start [s]
     unexamined: tuple[tuple[float, float], ...] = ()
 
     @property

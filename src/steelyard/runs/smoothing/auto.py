@@ -32,37 +32,28 @@ from steelyard.runs.spectrum import find_period, folded, mean_period, moving_spa
 
 WHITE = 0.12
 """Correlation of innovations one to three samples apart up to which noise passes for white."""
-LEAST_WHITENESS_SAMPLES = 500
-"""Samples from which on innovations can be tested for whiteness."""
-STILL_JOINT_STD = 0.02
-"""A joint with a smaller share of the largest standard deviation is left out."""
+LEAST_WHITENESS_SAMPLES = 500  # samples from which on innovations can be tested for whiteness
+STILL_JOINT_STD = 0.02  # a joint with a smaller share of the largest standard deviation is left out
 PERIODIC_EXCESS = 1.2
 """Power of a motion's distance from its mean period over that of noise in the low-pass alone."""
-PERIODIC_EXCESS_ONCE = 2.0
-"""The same of any single period: the first one often starts from rest."""
-LEAST_PERIODS = 1.9
-"""Least number of periods."""
+PERIODIC_EXCESS_ONCE = 2.0  # the same of any single period: the first one often starts from rest
+LEAST_PERIODS = 1.9  # least number of periods
 ENDS_LEFT_OUT = 1.0
 """How far from its ends a motion is not used for the mean, in periods of the cut-off."""
 
 
 @dataclass(frozen=True)
 class Auto:
-    """Low-passes with cut-offs found by maximum likelihood, or the mean period; the default.
-
-    Attributes:
-        cutoffs: Low-pass of each position [Hz]; found in the log if not given. Where none was
-            found, the Butterworth low-pass of the motion's cut-off is taken.
-        velocity_cutoffs: Low-pass of each logged velocity [Hz], likewise.
-        period: Period of the joints that repeat their motion [s].
-        periodic: Numbers of these joints, from 1.
-    """
+    """Low-passes with cut-offs found by maximum likelihood, or the mean period; the default."""
 
     name: ClassVar[str] = "auto"
+    # low-pass of each position [Hz]; found in the log if not given. Where none was found, the
+    # Butterworth low-pass of the motion's cut-off is taken
     cutoffs: tuple[float, ...] | None = None
+    # low-pass of each logged velocity [Hz], likewise
     velocity_cutoffs: tuple[float, ...] | None = None
-    period: float | None = None
-    periodic: tuple[int, ...] = ()
+    period: float | None = None  # period of the joints that repeat their motion [s]
+    periodic: tuple[int, ...] = ()  # numbers of these joints, from 1
 
     @property
     def choice(self) -> str:

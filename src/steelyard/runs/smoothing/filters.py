@@ -23,8 +23,7 @@ import numpy as np
 from steelyard.base.arrays import Array, frozen
 from steelyard.base.errors import LogError, ModelError
 
-CHUNK = 8192
-"""Samples that an operation is given at a time, at least."""
+CHUNK = 8192  # samples that an operation is given at a time, at least
 
 
 class ChunkOperation(Protocol):
@@ -184,12 +183,9 @@ def kaiser_lowpass(suppression: float, width: float, cutoff: float) -> Array:
 
 
 LOWPASS_ORDER = 4
-SETTLED_TAIL = 1e-12
-"""What is left of the impulse response where it is cut off."""
-SAMPLES_PER_PERIOD = 40.0
-"""Sampling rate over cut-off at which the noise bandwidth is taken."""
-RESPONSE_FREQUENCIES = 4096
-"""Frequencies that it is summed over."""
+SETTLED_TAIL = 1e-12  # what is left of the impulse response where it is cut off
+SAMPLES_PER_PERIOD = 40.0  # sampling rate over cut-off at which the noise bandwidth is taken
+RESPONSE_FREQUENCIES = 4096  # frequencies that it is summed over
 
 
 def butterworth(cutoff: float, rate: float, order: int = LOWPASS_ORDER) -> Response:

@@ -29,25 +29,19 @@ from steelyard.runs.smoothing.method import Designed, differentiating
 
 RINGING_TIME = 2
 """Halo over that of the filter itself: its derivatives ring on at the level of its suppression."""
-SUPPRESSIONS = 20.0, 120.0
-"""Least and most suppression that can be requested [dB]."""
+SUPPRESSIONS = 20.0, 120.0  # least and most suppression that can be requested [dB]
 
 
 @dataclass(frozen=True)
 class FIR:
-    """Zero-phase FIR low-pass of positions, and of logged velocities [Kaiser1974].
-
-    Attributes:
-        suppression: How far down the filter is behind its transition [dB].
-        transition: Width of the transition from passing to stopping, around the cut-off at which
-            half of an amplitude passes, over the cut-off.
-        passes: How often the filter is applied.
-    """
+    """Zero-phase FIR low-pass of positions, and of logged velocities [Kaiser1974]."""
 
     name: ClassVar[str] = "fir"
-    suppression: float = 80.0
+    suppression: float = 80.0  # how far down the filter is behind its transition [dB]
+    # width of the transition from passing to stopping, around the cut-off at which half of an
+    # amplitude passes, over the cut-off
     transition: float = 1.0
-    passes: int = 1
+    passes: int = 1  # how often the filter is applied
 
     def __post_init__(self) -> None:
         check_passes(self.passes, self.name)
@@ -97,22 +91,16 @@ class FIR:
         return kaiser_lowpass(self.suppression, 2.0 * width / rate, 2.0 * cutoff / rate)
 
 
-LONGEST_SPAN = 20_001
-"""Samples."""
+LONGEST_SPAN = 20_001  # samples
 
 
 @dataclass(frozen=True)
 class MovingAverage:
-    """Central differences, and the mean over some samples of accelerations, or of efforts.
-
-    Attributes:
-        span: Number of samples, odd.
-        passes: How often the mean is taken, of means from the second pass on.
-    """
+    """Central differences, and the mean over some samples of accelerations, or of efforts."""
 
     name: ClassVar[str] = "moving_average"
-    span: int = 5
-    passes: int = 1
+    span: int = 5  # number of samples, odd
+    passes: int = 1  # how often the mean is taken, of means from the second pass on
 
     def __post_init__(self) -> None:
         check_passes(self.passes, self.name)
@@ -149,26 +137,18 @@ def _difference(x: Array, rate: float) -> Array:
     return np.asarray((x[:, 2:] - x[:, :-2]) * (0.5 * rate))
 
 
-HIGHEST_DEGREE = 10
-"""Beyond it the fit is as bad as its conditioning."""
-LONGEST_WINDOW = 20_001
-"""Samples."""
+HIGHEST_DEGREE = 10  # beyond it the fit is as bad as its conditioning
+LONGEST_WINDOW = 20_001  # samples
 
 
 @dataclass(frozen=True)
 class SavitzkyGolay:
-    """Local polynomials.
-
-    Attributes:
-        window: Number of samples, odd; chosen for the cut-off if not given.
-        degree: Of the polynomial.
-        passes: How often the samples are smoothed; derivatives are those of the last pass.
-    """
+    """Local polynomials."""
 
     name: ClassVar[str] = "savitzky_golay"
-    window: int | None = None
-    degree: int = 4
-    passes: int = 1
+    window: int | None = None  # number of samples, odd; chosen for the cut-off if not given
+    degree: int = 4  # of the polynomial
+    passes: int = 1  # how often the samples are smoothed; derivatives are those of the last pass
 
     def __post_init__(self) -> None:
         check_passes(self.passes, self.name)

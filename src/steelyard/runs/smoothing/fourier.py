@@ -17,16 +17,11 @@ from steelyard.runs.smoothing.filters import continued_at_ends
 from steelyard.runs.smoothing.method import Butterworth, Designed
 from steelyard.runs.spectrum import find_period, moving_span
 
-HARMONIC_SAMPLES = 8192
-"""Samples whose harmonics are in memory at a time."""
-REFINING_HARMONICS = 12
-"""Harmonics by which the frequency is refined."""
-HARMONIC_OVER_STD = 4.0
-"""Amplitude of the last harmonic kept over its standard deviation."""
-REST_PERIOD_SHARE = 0.2
-"""Share of a period that may pass for rest at its ends."""
-MOST_RESIDUAL = 0.02
-"""Residual over the size of the motion, above which a motion is not periodic."""
+HARMONIC_SAMPLES = 8192  # samples whose harmonics are in memory at a time
+REFINING_HARMONICS = 12  # harmonics by which the frequency is refined
+HARMONIC_OVER_STD = 4.0  # amplitude of the last harmonic kept over its standard deviation
+REST_PERIOD_SHARE = 0.2  # share of a period that may pass for rest at its ends
+MOST_RESIDUAL = 0.02  # residual over the size of the motion, above which a motion is not periodic
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,19 +149,15 @@ class Fourier:
     """Motion by projection of the positions on harmonics; logged velocities are not needed.
 
     Between the rests at its ends the motion must be periodic; the rests themselves are low-passed.
-
-    Attributes:
-        frequency: Base frequency [Hz]; found if neither it nor the period is given.
-        period: Base period [s].
-        harmonics: Their number; by default as many as stand out of the noise, up to the cut-off.
-        drift: Whether a straight line is fitted beside.
     """
 
     name: ClassVar[str] = "fourier"
+    # base frequency [Hz]; found if neither it nor the period is given
     frequency: float | None = None
-    period: float | None = None
+    period: float | None = None  # base period [s]
+    # their number; by default as many as stand out of the noise, up to the cut-off
     harmonics: int | None = None
-    drift: bool = False
+    drift: bool = False  # whether a straight line is fitted beside
 
     def __post_init__(self) -> None:
         given = [x for x in (self.frequency, self.period) if x is not None]

@@ -32,15 +32,12 @@ VAGUE_START = 1e6
 """What the first sample may be off, over what the first three samples say of it (variances)."""
 RATIO_DECADES = (-18.0, 9.0)
 """Decades of the jerk's intensity over the measurement's variance, time counted in steps."""
-RATIO_GRID = 19
-"""Ratios at which the likelihood is looked at before it is refined."""
+RATIO_GRID = 19  # ratios at which the likelihood is looked at before it is refined
 LIKELIHOOD_SAMPLES = 30_000
 """Samples of which the likelihood is, in `LIKELIHOOD_STRETCHES` stretches of longer channels."""
 LIKELIHOOD_STRETCHES = 10
-HIGHEST_CUTOFF = 0.25
-"""Highest likeliest cut-off, per sampling rate."""
-LEAST_KALMAN_SAMPLES = 6
-"""Least number of samples."""
+HIGHEST_CUTOFF = 0.25  # highest likeliest cut-off, per sampling rate
+LEAST_KALMAN_SAMPLES = 6  # least number of samples
 
 
 @dataclass(frozen=True, eq=False)
@@ -163,14 +160,11 @@ def likeliest_variance(kept: Array) -> float:
 
 @dataclass(frozen=True)
 class Kalman:
-    """Motion by the Kalman smoother: of positions, and of logged velocities if there are any.
-
-    Attributes:
-        choose: Whether the noises are found by maximum `"likelihood"`, joint by joint, or their
-            ratio by the `"cutoff"` of the motion.
-    """
+    """Motion by the Kalman smoother: of positions, and of logged velocities if there are any."""
 
     name: ClassVar[str] = "kalman"
+    # whether the noises are found by maximum `"likelihood"`, joint by joint, or their ratio by the
+    # `"cutoff"` of the motion
     choose: Literal["likelihood", "cutoff"] = "likelihood"
 
     def designed(self, cutoff: float, rate: float) -> Designed:
@@ -189,19 +183,15 @@ JointCutoffs = tuple[float, ...]
 
 @dataclass(frozen=True)
 class CausalKalman:
-    """Motion by the Kalman filter: of positions, and of logged velocities if there are any.
-
-    Attributes:
-        choose: Whether the cut-offs are found by maximum `"likelihood"`, joint by joint, or are the
-            `"cutoff"` of the motion.
-        cutoffs: Cut-off of each position [Hz]; found in the log if not given.
-        velocity_cutoffs: Of each logged velocity [Hz], likewise.
-    """
+    """Motion by the Kalman filter: of positions, and of logged velocities if there are any."""
 
     name: ClassVar[str] = "kalman_filter"
+    # whether the cut-offs are found by maximum `"likelihood"`, joint by joint, or are the
+    # `"cutoff"` of the motion
     choose: Literal["likelihood", "cutoff"] = "likelihood"
+    # cut-off of each position [Hz]; found in the log if not given
     cutoffs: JointCutoffs | None = None
-    velocity_cutoffs: JointCutoffs | None = None
+    velocity_cutoffs: JointCutoffs | None = None  # of each logged velocity [Hz], likewise
 
     def designed(self, cutoff: float, rate: float) -> Designed:
         """The filter for a cut-off [Hz], where none is found, and a rate [Hz]."""
@@ -254,17 +244,14 @@ def _states(x: Array, cutoffs: JointCutoffs, order: int, rate: float) -> Array:
 
 @dataclass(frozen=True)
 class KalmanSmoother:
-    """Efforts by the Kalman smoother.
-
-    Attributes:
-        choose: Whether the noises are found by maximum `"likelihood"`, joint by joint, or their
-            ratio by the `"cutoff"`.
-        order: Derivative of the effort that is white noise: 2, for the low-pass of fourth order
-            that is nearer to the steps of dry friction, or 3.
-    """
+    """Efforts by the Kalman smoother."""
 
     name: ClassVar[str] = "kalman"
+    # whether the noises are found by maximum `"likelihood"`, joint by joint, or their ratio by the
+    # `"cutoff"`
     choose: Literal["likelihood", "cutoff"] = "likelihood"
+    # derivative of the effort that is white noise: 2, for the low-pass of fourth order that is
+    # nearer to the steps of dry friction, or 3
     order: Literal[2, 3] = 2
 
     def smooth(self, cutoff: float, rate: float) -> Designed:

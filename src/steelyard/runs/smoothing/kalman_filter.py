@@ -21,8 +21,7 @@ from steelyard.base.errors import DataError
 from steelyard.runs.smoothing.kalman import kalman_smoothed
 
 WHERE = "steelyard.KalmanFilter"
-POSITION_ROW = np.array([1.0, 0.0, 0.0])
-"""What of the state is measured."""
+POSITION_ROW = np.array([1.0, 0.0, 0.0])  # what of the state is measured
 
 
 class KalmanFilter:

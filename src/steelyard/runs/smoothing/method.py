@@ -95,22 +95,16 @@ class Smoother(Protocol):
         ...
 
 
-HIGHEST_ORDER = 12
-"""Beyond it the response rings like an ideal low-pass."""
+HIGHEST_ORDER = 12  # beyond it the response rings like an ideal low-pass
 
 
 @dataclass(frozen=True)
 class Butterworth:
-    """Zero-phase Butterworth low-pass of positions, and of logged velocities.
-
-    Attributes:
-        order: Order of the filter that is run forward and backward.
-        passes: How often that is done.
-    """
+    """Zero-phase Butterworth low-pass of positions, and of logged velocities."""
 
     name: ClassVar[str] = "butterworth"
-    order: int = LOWPASS_ORDER
-    passes: int = 1
+    order: int = LOWPASS_ORDER  # order of the filter that is run forward and backward
+    passes: int = 1  # how often that is done
 
     def __post_init__(self) -> None:
         check_passes(self.passes, self.name)

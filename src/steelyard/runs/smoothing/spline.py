@@ -18,12 +18,10 @@ from steelyard.base.errors import LogError
 from steelyard.runs.smoothing.kalman import likelihood_stretches
 from steelyard.runs.smoothing.method import Designed, derived_jointly
 
-LEAST_SPLINE_SAMPLES = 6
-"""Least number of samples."""
+LEAST_SPLINE_SAMPLES = 6  # least number of samples
 CORNERS = (-3.5, 0.4)
 """Decades of the corner $\\omega_c$ per sample among which cross-validation chooses."""
-CORNER_GRID = 14
-"""Corners that are tried before the best is refined."""
+CORNER_GRID = 14  # corners that are tried before the best is refined
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,14 +108,11 @@ def _solved(step: Array, values: Array, weight: float) -> tuple[Array, Array]:
 
 @dataclass(frozen=True)
 class SmoothingSpline:
-    """Motion by smoothing splines: of positions, and of logged velocities if there are any.
-
-    Attributes:
-        choose: Whether the smoothness is found by cross-`"validation"`, joint by joint, or is that
-            of the motion's `"cutoff"`.
-    """
+    """Motion by smoothing splines: of positions, and of logged velocities if there are any."""
 
     name: ClassVar[str] = "spline"
+    # whether the smoothness is found by cross-`"validation"`, joint by joint, or is that of the
+    # motion's `"cutoff"`
     choose: Literal["validation", "cutoff"] = "validation"
 
     def designed(self, cutoff: float, rate: float) -> Designed:

@@ -12,8 +12,7 @@ from steelyard.base.arrays import Array
 from steelyard.symbolic.native import cache, machine, native_loops
 from steelyard.symbolic.program import InputArray, Program
 
-ENGINE = 4
-"""Raised whenever emitted code changes its meaning: old cache entries are then not used."""
+ENGINE = 4  # raised whenever emitted code changes its meaning: old cache entries are then not used
 
 
 @dataclass(frozen=True, eq=False)

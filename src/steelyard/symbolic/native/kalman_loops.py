@@ -32,8 +32,7 @@ from steelyard.symbolic.native.compiled import machine_code
 
 KEPT = 11
 """Numbers kept per sample: predicted state (3), its covariance (6), innovation, its variance."""
-PAIRS = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
-"""Order of the entries of a covariance."""
+PAIRS = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))  # order of the entries of a covariance
 
 
 def filtered(

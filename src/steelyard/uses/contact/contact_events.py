@@ -29,15 +29,12 @@ SUSPECT_MARGIN = 1.0  # time beside a suspected contact that is left out with it
 
 @dataclass(frozen=True)
 class JointLoad:
-    """What one joint shows of a contact.
-
-    Attributes:
-        peak: Largest residual, measured minus predicted effort, or largest change of it at rest:
-            that which exceeds its threshold more.
-    """
+    """What one joint shows of a contact."""
 
     joint: str
     unit: str
+    # largest residual, measured minus predicted effort, or largest change of it at rest: that which
+    # exceeds its threshold more
     peak: float
     sigmas: float  # its size in standard deviations of the residual of the fit
     ratio: float  # of its size to the threshold

@@ -33,17 +33,14 @@ matters [rad/s²; m/s²]."""
 
 @dataclass(frozen=True, eq=False, repr=False)
 class FeedforwardTorques:
-    """Torques along a motion.
-
-    Attributes:
-        warnings: What speaks against commanding them: torques beyond the limits of their joints,
-            accelerations that are noise, angles far beyond the limits; and what to do.
-    """
+    """Torques along a motion."""
 
     joints: tuple[Coordinate, ...]
     motion: Motion
     torque: Array  # shape `(N, n)` [Nm; N]
     notes: tuple[str, ...] = ()  # what the torques leave out
+    # what speaks against commanding them: torques beyond the limits of their joints, accelerations
+    # that are noise, angles far beyond the limits; and what to do
     warnings: tuple[str, ...] = ()
 
     def __repr__(self) -> str:

@@ -19,21 +19,18 @@ BANDWIDTH = 20.0  # natural frequency of the error of a joint under default gain
 
 @dataclass(frozen=True, eq=False)
 class ControlTask:
-    """What a controller is to do, and what it knows of its robot without an identified model.
-
-    Attributes:
-        compared: The same as late as measured values are: what the loop would see on the desired
-            motion, so that delay alone is no error.
-        inertia: Mean inertia of each joint over its postures, shape `(n,)` [kg m²; kg]; gains
-            are multiplied with it.
-        fastest: Natural frequency up to which joint gains are stable [rad/s]: coupling of the
-            joints, lag and delay of the drives are counted.
-    """
+    """What a controller is to do, and what it knows of its robot without an identified model."""
 
     motion: Motion  # desired motion at every tick, `N` samples of `n` joints
+    # the same as late as measured values are: what the loop would see on the desired motion, so
+    # that delay alone is no error
     compared: Motion
     tick: float
+    # mean inertia of each joint over its postures, shape `(n,)` [kg m²; kg]; gains are multiplied
+    # with it
     inertia: Array
+    # natural frequency up to which joint gains are stable [rad/s]: coupling of the joints, lag and
+    # delay of the drives are counted
     fastest: float
     limits: Array  # largest torque of each joint, shape `(n,)` [Nm; N]
 
@@ -65,14 +62,12 @@ class PD:
     r"""Proportional and derivative feedback, $\tau_j = m_j (k_p e_j + k_d \dot e_j)$.
 
     $e = q_d - q$, and $m_j$ is the mean inertia of the joint.
-
-    Attributes:
-        kp: Stiffness per inertia [1/s²]; if `None` that of 20 Hz, or lower where the joints are
-            coupled strongly.
     """
 
     kind: ClassVar[str] = "pd"
     needs_model: ClassVar[bool] = False
+    # stiffness per inertia [1/s²]; if `None` that of 20 Hz, or lower where the joints are coupled
+    # strongly
     kp: float | None = None
     kd: float | None = None  # damping per inertia [1/s]; critical damping if `None`
 
@@ -131,15 +126,13 @@ class Cascade:
 
     $w = \dot q_d + k_v (q_d - q)$, $\tau_j = m_j k_s (e + \tfrac1{T_n}\int e\,dt)$ with
     $e = w - \dot q$; the integral part stays within the limits of the torque.
-
-    Attributes:
-        ks: Gain of the speed loop per inertia [1/s]; 150, or lower where the joints are
-            coupled strongly, if `None`.
     """
 
     kind: ClassVar[str] = "cascade"
     needs_model: ClassVar[bool] = False
     kv: float = POSITION_GAIN  # gain of the position loop [1/s]
+    # gain of the speed loop per inertia [1/s]; 150, or lower where the joints are coupled strongly,
+    # if `None`
     ks: float | None = None
     tn: float = INTEGRAL_TIME  # integral time of the speed loop [s]
 

@@ -43,12 +43,7 @@ DETERMINED = 1e-8  # least eigenvalue of a window's unit-length normal matrix th
 
 @dataclass(frozen=True, eq=False)
 class Series:
-    """A quantity of one joint over windows.
-
-    Attributes:
-        single: The same from a single sample, shape `(w,)`: what residuals that another motion
-            explains may change.
-    """
+    """A quantity of one joint over windows."""
 
     joint: str
     quantity: HealthQuantity
@@ -57,6 +52,8 @@ class Series:
     t: Array  # middle of each window from the log's start, shape `(w,)` [s]
     value: Array  # change from the model, shape `(w,)`
     std: Array  # its standard deviation by the window's residuals, shape `(w,)`
+    # the same from a single sample, shape `(w,)`: what residuals that another motion explains may
+    # change
     single: Array
     scale: float  # what a change is compared with in `MATTERS`
     known: float  # standard deviation of the model's own value
@@ -182,12 +179,7 @@ CLEAR_HALF_WIDTHS = 3.0  # half-widths of a large change that is reported of too
 
 @dataclass(frozen=True)
 class HealthChange:
-    """A change of a quantity.
-
-    Attributes:
-        unproven: Whether it is large and excludes zero by `CLEAR_HALF_WIDTHS` half-widths, but is
-            not significant: windows are too few.
-    """
+    """A change of a quantity."""
 
     joint: str
     quantity: HealthQuantity
@@ -199,6 +191,8 @@ class HealthChange:
     time: float | None  # time constant or time of the step within a log [s]; `None` over logs
     p: float  # probability that chance alone does that in any of the tests
     matters: bool  # whether it is significant, and large enough to be called a drift
+    # whether it is large and excludes zero by `CLEAR_HALF_WIDTHS` half-widths, but is not
+    # significant: windows are too few
     unproven: bool
 
     @property

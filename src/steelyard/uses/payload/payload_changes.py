@@ -42,15 +42,12 @@ IMPROVING_PASSES = 5  # passes in which times of changes are improved with those
 
 @dataclass(frozen=True, eq=False)
 class SlidingMass:
-    """A payload's mass in a window of `CHANGE_SPAN` around each time, without friction of the day.
-
-    Attributes:
-        half_width: Half-width of the 95 % interval, residuals as they are along the log, likewise;
-            that of a single window, without the errors of model and gains.
-    """
+    """A payload's mass in a window of `CHANGE_SPAN` around each time, friction of the day apart."""
 
     t: Array  # middle of the windows, shape `(w,)` [s]
     mass: Array  # likewise [kg]
+    # half-width of the 95 % interval, residuals as they are along the log, likewise; that of a
+    # single window, without the errors of model and gains
     half_width: Array
 
 
@@ -153,14 +150,11 @@ class PayloadChange:
 
 @dataclass(frozen=True, eq=False)
 class PayloadChanges:
-    """All changes of a run.
-
-    Attributes:
-        least_mass: Change by a mass at the frame's origin that half of the places of the log show;
-            infinite if none does [kg].
-    """
+    """All changes of a run."""
 
     changes: tuple[PayloadChange, ...]
+    # change by a mass at the frame's origin that half of the places of the log show; infinite if
+    # none does [kg]
     least_mass: float
     inflation: float  # how many times larger the statistic is than by normal, white residuals
     threshold: float  # squares that a change has to explain

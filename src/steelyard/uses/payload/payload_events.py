@@ -66,12 +66,7 @@ class PayloadEvent:
 
 @dataclass(frozen=True, eq=False)
 class PayloadEvents:
-    """All changes of what a robot carries along a run.
-
-    Attributes:
-        conclusive: Whether changes are found, or one by as much as a payload may have
-            (`LARGEST_PAYLOAD_SHARE`) would be.
-    """
+    """All changes of what a robot carries along a run."""
 
     run: str
     frame: str
@@ -81,6 +76,8 @@ class PayloadEvents:
     alarms_per_hour: float  # false events that the threshold allows
     inflation: float  # how many times larger the statistic is than by normal, white residuals
     least_mass: float  # change by a mass at the frame's origin that half of the log would show [kg]
+    # whether changes are found, or one by as much as a payload may have (`LARGEST_PAYLOAD_SHARE`)
+    # would be
     conclusive: bool
     notes: tuple[str, ...]  # what was taken for granted, for people to read
     sliding: SlidingMass

@@ -105,12 +105,6 @@ class WrenchEstimate:
     """External wrench along a run; `t` is `(N,)`, wrenches `(N, 6)` are force [N] and moment [Nm].
 
     The wrench is what the surroundings exert on the robot, its moment about the frame's origin.
-
-    Attributes:
-        force_half_width: Half-width of 95 % intervals of the force along its own direction, shape
-            `(N,)` [N]; simultaneous ones, as the direction is estimated too [Scheffe1959].
-        least_data_share: Share of the expected variance that efforts remove, along the direction
-            in which they remove least, 0 to 1, shape `(N,)`.
     """
 
     run: str
@@ -125,9 +119,13 @@ class WrenchEstimate:
     t: Array  # time from the log's start [s]
     wrench: Array
     half_width: Array
+    # half-width of 95 % intervals of the force along its own direction, shape `(N,)` [N];
+    # simultaneous ones, as the direction is estimated too [Scheffe1959]
     force_half_width: Array
     torque: Array  # external efforts, shape `(N, n)` [Nm; N]
     torque_half_width: Array  # half-width of 95 % intervals of efforts that nothing external makes
+    # share of the expected variance that efforts remove, along the direction in which they remove
+    # least, 0 to 1, shape `(N,)`
     least_data_share: Array
     learned: Array  # see `learned_of`, shape `(N, 6, 6)`
     condition: Array  # condition number of the Jacobian, shape `(N,)`
