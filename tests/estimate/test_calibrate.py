@@ -94,7 +94,8 @@ def test_where_the_model_is_right_the_bands_stay_as_wide_as_noise():
     model = calibrated(tuple(fitted))
     assert 93.0 <= coverage(model, unseen) <= 98.0
     assert model.calibration is not None
-    assert np.median(model.calibration.factors) == pytest.approx(1.96, rel=0.2)
+    # 1.96 for ever more samples; the quantile of few independent ones is higher
+    assert 1.96 * 0.8 <= np.median(model.calibration.factors) <= 1.96 * 1.35
 
 
 def test_the_same_motion_again_is_left_out_with_it():

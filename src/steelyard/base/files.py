@@ -110,7 +110,7 @@ def read_json(
     except RecursionError:
         wrong = f"{damaged}: it is nested too deeply"
     except (json.JSONDecodeError, UnicodeDecodeError):
-        wrong = "the file is not JSON"
+        wrong = f"{damaged}: it is not JSON"
     except KeyError as failed:
         wrong = f"{damaged}: it has no {failed}"
     except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as failed:

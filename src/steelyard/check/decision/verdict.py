@@ -238,9 +238,9 @@ def supported(likelihood: Likelihood, winners: Sequence[Judged]) -> tuple[Judged
             kept.append((unit, severity))
             reading = unit.reading
             break
-        if hypothesis.cause == "payload" or (
-            hypothesis.cause != "effort unit" and contradicted(reading, hypothesis)
-        ):
+        factors = hypothesis.reading.effort_scale / reading.effort_scale
+        shown = hypothesis.cause != "effort unit" or holds_factors(reading, factors)
+        if hypothesis.cause == "payload" or (shown and contradicted(reading, hypothesis)):
             if fitted and factor and hypothesis.cause == "effort kind":
                 hypothesis = replace(hypothesis, says=_factor_words(reading))
             kept.append((replace(hypothesis, fixed=hypothesis.fixed and not fitted), severity))

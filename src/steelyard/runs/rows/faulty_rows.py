@@ -62,7 +62,7 @@ def broken_rows(t: Array, x: Array, channels: Channels) -> NDArray[np.uint8]:
     verdict[absurd] = RowVerdict.ABSURD
     missing = np.isnan(x)
     verdict[np.isnan(t) | missing.any(axis=1)] = RowVerdict.UNREADABLE
-    verdict[missing.all(axis=1)] = RowVerdict.EMPTY
+    verdict[np.isfinite(t) & missing.all(axis=1)] = RowVerdict.EMPTY
     return verdict
 
 
