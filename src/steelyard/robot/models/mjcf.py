@@ -38,6 +38,7 @@ MOST_SECONDS = 60  # time that a model with large counts may take to compile
 MOST_MEMORY = 4 << 30  # bytes of memory that it may take, where the system can limit it
 _COMPILE = """
 import sys
+sys.path[:] = filter(None, sys.path)  # no module of the folder that this is run in
 try:
     import resource
     resource.setrlimit(resource.RLIMIT_AS, (int(sys.argv[2]), int(sys.argv[2])))
