@@ -7,9 +7,15 @@ import sys
 from collections.abc import Iterator
 from functools import cache
 from graphlib import TopologicalSorter
+from importlib.metadata import packages_distributions
 from pathlib import Path
 
 import pytest
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
 
 PACKAGE = Path(__file__).parent.parent / "src" / "steelyard"
 ORDER = (
@@ -166,3 +172,34 @@ def test_a_start_loads_nothing_heavy(module: str, heavy: tuple[str, ...]) -> Non
     code = f"import sys, {module}; print([m for m in {heavy} if m in sys.modules])"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
+
+
+def test_every_foreign_package_is_declared() -> None:
+    """What is not declared is there only where another package happens to bring it."""
+    project = tomllib.loads((PACKAGE.parents[1] / "pyproject.toml").read_text())["project"]
+    extras = project["optional-dependencies"]
+    runtime = [name for name in extras if name not in ("test", "check", "docs")]
+    lines = [*project["dependencies"], *(line for name in runtime for line in extras[name])]
+    declared = {_normal(re.match(r"[\w.-]+", line)[0]) for line in lines}  # type: ignore[index]
+    packages = packages_distributions()
+    missing = {
+        (name, path.relative_to(PACKAGE).as_posix())
+        for path in PACKAGE.rglob("*.py")
+        for name in _imported_roots(path)
+        if name not in sys.stdlib_module_names
+        and name != "steelyard"
+        and not declared & {_normal(d) for d in packages.get(name, [name])}
+    }
+    assert not missing
+
+
+def _normal(distribution: str) -> str:
+    return re.sub(r"[-_.]+", "-", distribution).lower()
+
+
+def _imported_roots(path: Path) -> Iterator[str]:
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.Import):
+            yield from (alias.name.split(".")[0] for alias in node.names)
+        elif isinstance(node, ast.ImportFrom) and node.module and not node.level:
+            yield node.module.split(".")[0]

@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ParamSpec, Protocol, TypeVar
 
 import typer
-from click import ClickException
 
 from steelyard.base.errors import ModelError, OutputError, SteelyardError
 from steelyard.base.progress import Event, Progress
@@ -94,7 +93,7 @@ def guarded(command: Callable[Arguments, None]) -> Callable[Arguments, None]:
             interrupt.check()
             typer.echo(f"error: {error}", err=True)
             raise typer.Exit(USAGE_ERROR) from None
-        except (BrokenPipeError, typer.Abort, typer.Exit, ClickException):
+        except (BrokenPipeError, typer.Abort, typer.Exit, typer.BadParameter):
             raise
         except OSError as error:
             where = error.filename or "standard output"
