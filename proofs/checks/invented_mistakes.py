@@ -156,7 +156,7 @@ KINDS: dict[str, tuple[Callable[[Plant, int, Random], Planted], str, str]] = {
     "sign of all efforts": (lambda p, j, r: on("tau", lambda x: -x), "effort sign", ANY),
     "degrees": (
         lambda p, j, r: on("q", lambda x: np.where(p.turning, np.rad2deg(x), x)),
-        "position",
+        "position, velocity",
         f"{ARMS} SCARA",
     ),
     "mNm or mA": (lambda p, j, r: on("tau", lambda x: 1e3 * x), SCALE, ANY),

@@ -46,6 +46,7 @@ class Plant:
     coulomb: Array  # friction [Nm; N]
     viscous: Array  # friction [Nm s/rad; N s/m]
     law: str  # `plain`, or one that the robot file lacks: `stribeck`, `load`, `hysteresis`
+    presliding: Array  # length of hysteresis [rad; m]
     compliance: Array  # of gears; encoders are before them [rad/Nm; m/N]
     compensates: str  # what the drive leaves out of its efforts: nothing, `friction` or `gravity`
     gravity: Array  # in the base frame [m/s²]
@@ -71,12 +72,12 @@ def drawn_plant(rng: Random) -> Plant:
     family = str(rng.choice(list(FAMILIES)))
     arm = _arm(rng, family)
     n, one = len(arm.links), np.zeros(len(arm.links))
-    plant = Plant(family, arm, one + 1.0, False, one, one, one, "", one, "", DOWN, np.zeros(3))
+    plant = Plant(family, arm, one + 1.0, False, one, one, one, "", one, one, "", DOWN, np.zeros(3))
     _, q, dq, ddq = drawn_motion(rng, plant, 10.0, 50.0, moves=False)
-    size = body_torque(arm, DOWN, q, dq, ddq).std(axis=0)
-    size = size + 0.02 * np.max(size)
+    bodies = body_torque(arm, DOWN, q, dq, ddq)
+    size = bodies.std(axis=0) + 0.02 * np.max(bodies.std(axis=0))
     model = pin.buildModelFromXML(arm_urdf(arm))
-    coulomb = rng.uniform(0.03, 0.5, n) * size
+    coulomb, most = rng.uniform(0.03, 0.5, n) * size, np.abs(bodies).max(axis=0)
     return replace(
         plant,
         ratios=rng.integers(100, 301, n) * 1.0 if family == "heavy" else one + 1.0,
@@ -85,7 +86,8 @@ def drawn_plant(rng: Random) -> Plant:
         coulomb=coulomb,
         viscous=rng.uniform(0.1, 1.2, n) * coulomb / plant.of_joints("velocity"),
         law=str(rng.choice(["plain"] * 3 + ["stribeck", "load", "hysteresis"])),
-        compliance=rng.uniform(0.2e-3, 2e-3, n) / size * (rng.random() < 0.3),
+        presliding=np.exp(rng.uniform(np.log(2e-4), np.log(5e-3), n)),
+        compliance=rng.uniform(0.3e-3, 3e-3, n) * (rng.random() < 0.3) / (size + most),
         compensates="friction" if rng.random() < 0.12 else "",
     )
 
@@ -191,7 +193,7 @@ def friction(plant: Plant, t: Array, dq: Array, load: Array) -> Array:
     elif plant.law == "hysteresis":
         z, step = np.zeros(len(fast)), float(t[1] - t[0])
         for k, v in enumerate(dq):
-            z = np.clip(z + step * (v - np.abs(v) * z) / (1e-3 * fast), -1.0, 1.0)
+            z = np.clip(z + step * (v - np.abs(v) * z) / plant.presliding, -1.0, 1.0)
             sign[k] = z
     return plant.coulomb * sign * level + plant.viscous * dq
 
