@@ -27,12 +27,13 @@ from scipy.optimize import minimize
 
 from oracles import pinocchio_model
 from steelyard.base.progress import Stopped
-from steelyard.excite.constraints.workspace import HalfSpaces
-from steelyard.excite.problem import Problem
+from steelyard.excite.constraints.tool_workspace import HalfSpaces
+from steelyard.excite.design_problem import Problem
 from steelyard.excite.problem_from_tables import build
 from steelyard.excite.search.feasibility import random_starts
-from steelyard.excite.search.newton import InequalityConstraints
-from steelyard.excite.search.population import (
+from steelyard.excite.search.inequality_constraints import InequalityConstraints
+from steelyard.excite.search.repair_until_proven import scaled
+from steelyard.excite.search.search_methods import (
     Method,
     Watch,
     search_by_cma_es,
@@ -40,7 +41,6 @@ from steelyard.excite.search.population import (
     search_by_gradient,
     seeded,
 )
-from steelyard.excite.search.repair import scaled
 from steelyard.model.laws.coulomb import Coulomb
 from steelyard.model.laws.rigid_body import RigidBody
 from steelyard.model.laws.viscous import Viscous

@@ -20,7 +20,7 @@ from steelyard.estimate.information.information import Information, Signature, W
 from steelyard.estimate.information.regressor import Regressor, base_regressor
 from steelyard.estimate.least_squares.least_squares import WeightedLeastSquares
 from steelyard.estimate.nonlinear.fields import FoundFields, find_fields
-from steelyard.excite.search.population import minimised_by_genes
+from steelyard.excite.search.search_methods import minimised_by_genes
 from steelyard.model.equations.inverse_dynamics import JointState
 from steelyard.model.laws.coulomb import Coulomb
 from steelyard.model.laws.stribeck import Stribeck

@@ -15,7 +15,7 @@ from steelyard.estimate.estimate import Estimate
 from steelyard.estimate.information.information import Information
 from steelyard.estimate.least_squares.constrained import BoundedLeastSquares, Box, residual_squares
 from steelyard.estimate.least_squares.least_squares import whitened
-from steelyard.excite.search.population import minimised_by_cma_es, minimised_by_genes
+from steelyard.excite.search.search_methods import minimised_by_cma_es, minimised_by_genes
 
 REACHED = 1.0 + 1e-6
 """Weighted squares over those of the optimum up to which a search has reached it."""

@@ -7,12 +7,13 @@ import numpy as np
 from invented import dh_arm
 from steelyard.base.arrays import Parameters
 from steelyard.estimate.information.regressor import InformationEvaluator
-from steelyard.excite.constraints.constraint import Constraint, MotionLimits
-from steelyard.excite.constraints.torque import torque_limit
-from steelyard.excite.constraints.workspace import Marker, tool_box
-from steelyard.excite.criteria import CRITERIA
-from steelyard.excite.problem import Case, Problem
-from steelyard.excite.trajectories.bases import (
+from steelyard.excite.constraints.constraint import Constraint
+from steelyard.excite.constraints.effort_and_power import torque_limit
+from steelyard.excite.constraints.motion_limits import MotionLimits
+from steelyard.excite.constraints.tool_workspace import Marker, tool_box
+from steelyard.excite.design_problem import Case, Problem
+from steelyard.excite.optimality_criteria import CRITERIA
+from steelyard.excite.trajectories.motion_families import (
     Basis,
     blended_fourier,
     ramped_fourier,

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from steelyard.excite.trajectories.fourier import FourierMotion, repeated
-from steelyard.excite.trajectories.polynomials import (
+from steelyard.excite.trajectories.piecewise_polynomials import (
     PiecewiseMotion,
     SampledMotion,
     through_postures,

@@ -40,18 +40,18 @@ ORDER = (
 RANK = {room: rank for rank, room in enumerate(ORDER)}
 ONE_FILE = {
     "clarabel": {"estimate/consistent/conic.py"},
-    "pymoo": {"excite/search/population.py"},
-    "cma": {"excite/search/population.py"},
+    "pymoo": {"excite/search/search_methods.py"},
+    "cma": {"excite/search/search_methods.py"},
     "llvmlite": {"symbolic/native/machine.py"},
     "jinja2": {"report/page.py"},
-    "viser": {"excite/page/replay.py"},
+    "viser": {"excite/page/browser_replay.py"},
     "pydantic": {
         "robot/file/excitation_sections.py",
         "robot/file/sections.py",
         "robot/file/toml.py",
     },
     "mujoco": {
-        "excite/collision/mujoco_geometry.py",
+        "excite/collision/mujoco_shapes_and_distances.py",
         "robot/models/mjcf.py",
         "robot/models/mjcf_equalities.py",
         "robot/models/mjcf_forces.py",

@@ -13,10 +13,14 @@ from numpy.typing import ArrayLike
 
 from oracles import body_positions, pinocchio_model
 from steelyard.base.arrays import Array
-from steelyard.excite.constraints.constraint import MotionLimits, motion_limits
+from steelyard.excite.constraints.motion_limits import MotionLimits, motion_limits
+from steelyard.excite.planned.fastest_moves_and_tours import (
+    ProcessMotion,
+    ToolGuidance,
+    planned_tour,
+)
 from steelyard.excite.planned.inverse_kinematics import Pointing
-from steelyard.excite.planned.plans import TASKS
-from steelyard.excite.planned.route import ProcessMotion, ToolGuidance, planned_tour
+from steelyard.excite.planned.plans_from_tables import TASKS
 from steelyard.model.equations.kinematics import frame_of
 from steelyard.robot.file.excitation_sections import (
     BoxSpans,

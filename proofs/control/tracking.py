@@ -23,7 +23,7 @@ from studies.support.robots import robot_file as changed_robot
 
 from steelyard.base.arrays import Array, Parameters
 from steelyard.base.motion import run
-from steelyard.excite.trajectories.polynomials import SampledMotion
+from steelyard.excite.trajectories.piecewise_polynomials import SampledMotion
 from steelyard.excite.trajectories.trajectory import ExactTrajectory
 from steelyard.identify.identify import identify
 from steelyard.identify.reduce import reduce

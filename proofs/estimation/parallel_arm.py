@@ -28,10 +28,10 @@ from steelyard.estimate.information.regressor import Regressor, base_regressor, 
 from steelyard.estimate.least_squares.constrained import BoundedLeastSquares, base_bounds
 from steelyard.estimate.least_squares.least_squares import OrdinaryLeastSquares
 from steelyard.estimate.prior.prior import default_knowledge
-from steelyard.excite.constraints.constraint import MotionLimits
-from steelyard.excite.planned.along_path import along_path
+from steelyard.excite.constraints.motion_limits import MotionLimits
+from steelyard.excite.planned.joints_along_path import along_path
 from steelyard.excite.planned.tool_paths import Reaches, on_circle, out_and_back
-from steelyard.excite.search.population import minimised_by_genes
+from steelyard.excite.search.search_methods import minimised_by_genes
 from steelyard.model.laws.coulomb import Coulomb
 from steelyard.model.laws.directional import DirectionalCoulomb, DirectionalViscous
 from steelyard.model.laws.rigid_body import RigidBody

@@ -28,14 +28,14 @@ from proofs.support.safety_motion import derivative, fine_times
 sys.path.insert(0, str(Path(__file__).parents[2] / "tests"))
 from excite.interpreters import Follower, URController
 from steelyard.base.errors import SteelyardError
-from steelyard.excite.constraints.constraint import Certificate, certify
-from steelyard.excite.motion_export import exported
-from steelyard.excite.page.design_words import design_headline, design_level
-from steelyard.excite.problem import Problem
+from steelyard.excite.constraints.certificate import Certificate, certify
+from steelyard.excite.design_problem import Problem
+from steelyard.excite.motion_export_and_error import exported
+from steelyard.excite.page.design_text import design_headline, design_level
 from steelyard.excite.problem_from_tables import build
-from steelyard.excite.search.feasibility import refuse_impossible
-from steelyard.excite.search.population import search_by_gradient, seeded
-from steelyard.excite.search.repair import finished
+from steelyard.excite.search.repair_until_proven import finished
+from steelyard.excite.search.search_methods import search_by_gradient, seeded
+from steelyard.excite.search.why_no_motion import refuse_impossible
 from steelyard.excite.trajectories.trajectory import ExactTrajectory
 from steelyard.model.robot_file_model import model_with_open_friction
 from steelyard.robot.file.robot_file import load_robot

@@ -15,15 +15,15 @@ from proofs.support.claims import Claim, data_folder, main_of
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "tests"))
 from excite.interpreters import Follower, URController, moments
-from steelyard.excite.motion_export import exported
-from steelyard.excite.trajectories.bases import (
+from steelyard.excite.motion_export_and_error import exported
+from steelyard.excite.trajectories.fourier import random_fourier
+from steelyard.excite.trajectories.motion_families import (
     Basis,
     blended_fourier,
     ramped_fourier,
     reaching,
     splines,
 )
-from steelyard.excite.trajectories.fourier import random_fourier
 from steelyard.excite.trajectories.trajectory import ExactTrajectory, SlowedMotion
 from steelyard.robot.file.robot_file import load_robot
 from steelyard.robot.robot import Robot

@@ -17,12 +17,12 @@ from proofs.support.designs import PROBLEMS, panda, regressor
 sys.path.append(str(Path(__file__).parents[2] / "tests"))
 
 from steelyard.estimate.information.regressor import InformationEvaluator
-from steelyard.excite.criteria import CRITERIA, Measure
-from steelyard.excite.problem import Case, Objective, Problem
+from steelyard.excite.design_problem import Case, Objective, Problem
+from steelyard.excite.optimality_criteria import CRITERIA, Measure
 from steelyard.excite.problem_from_tables import build
 from steelyard.excite.search.feasibility import random_starts
-from steelyard.excite.search.population import seeded
-from steelyard.excite.trajectories.bases import Basis, rest_fourier
+from steelyard.excite.search.search_methods import seeded
+from steelyard.excite.trajectories.motion_families import Basis, rest_fourier
 from steelyard.model.laws.rigid_body import RigidBody
 from steelyard.model.model import Model
 from steelyard.robot.file.robot_file import load_robot

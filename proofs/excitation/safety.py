@@ -23,14 +23,14 @@ from proofs.support.safety_judge import Margin, Rules
 from proofs.support.safety_panda import panda_claims
 
 from steelyard.base.errors import SteelyardError
-from steelyard.excite.collision.cell import WALLS_NAME
-from steelyard.excite.constraints.constraint import Certificate, Proof, certify
-from steelyard.excite.constraints.constraints_from_tables import Earlier
-from steelyard.excite.problem import Problem
+from steelyard.excite.collision.workspace_from_tables import WALLS_NAME
+from steelyard.excite.constraints.certificate import Certificate, Proof, certify
+from steelyard.excite.design_problem import Problem
+from steelyard.excite.earlier_model import Earlier
 from steelyard.excite.problem_from_tables import build
-from steelyard.excite.search.feasibility import refuse_impossible
-from steelyard.excite.search.population import search_by_gradient, seeded
-from steelyard.excite.search.repair import finished
+from steelyard.excite.search.repair_until_proven import finished
+from steelyard.excite.search.search_methods import search_by_gradient, seeded
+from steelyard.excite.search.why_no_motion import refuse_impossible
 from steelyard.excite.trajectories.trajectory import ExactTrajectory
 from steelyard.model.robot_file_model import model_with_open_friction
 from steelyard.robot.file.robot_file import load_robot

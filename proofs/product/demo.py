@@ -22,8 +22,8 @@ from steelyard.estimate.information.regressor import base_regressor
 from steelyard.estimate.least_squares.least_squares import WeightedLeastSquares
 from steelyard.excite.problem_from_tables import build
 from steelyard.excite.search.feasibility import nearest_free
-from steelyard.excite.search.repair import finished
-from steelyard.excite.trajectories.bases import blended_fourier
+from steelyard.excite.search.repair_until_proven import finished
+from steelyard.excite.trajectories.motion_families import blended_fourier
 from steelyard.excite.trajectories.trajectory import ExactTrajectory
 from steelyard.excite.trajectories.trajectory_files import read_motion
 from steelyard.logs.formats import open_log

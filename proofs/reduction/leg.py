@@ -31,7 +31,7 @@ from steelyard.estimate.information.information import Information
 from steelyard.estimate.information.regressor import base_regressor
 from steelyard.estimate.least_squares.least_squares import OrdinaryLeastSquares
 from steelyard.estimate.reduction.reduction import reduce
-from steelyard.excite.reduction_loop import Round, reduction_loop
+from steelyard.excite.excite_and_reduce_loop import Round, reduction_loop
 from steelyard.excite.trajectories.trajectory_files import read_trajectory
 from steelyard.model.robot_file_model import model_of
 from steelyard.robot.file.robot_file import load_robot

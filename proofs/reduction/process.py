@@ -31,7 +31,7 @@ from steelyard.estimate.reduction.reduction import (
     criterion_of,
     reduce,
 )
-from steelyard.excite.planned.plans import planned
+from steelyard.excite.planned.plans_from_tables import planned
 from steelyard.excite.problem_from_tables import limits_of
 from steelyard.excite.trajectories.trajectory import ExactTrajectory
 from steelyard.model.robot_file_model import model_of

@@ -16,11 +16,11 @@ from proofs.support.claims import Claim, data_folder
 from proofs.support.designs import PROBLEMS
 from proofs.support.safety_motion import derivative, duration
 
-from steelyard.excite.constraints.constraint import certify
-from steelyard.excite.problem import Problem
+from steelyard.excite.constraints.certificate import certify
+from steelyard.excite.design_problem import Problem
 from steelyard.excite.problem_from_tables import build
-from steelyard.excite.search.population import search_by_gradient, seeded
-from steelyard.excite.search.repair import finished
+from steelyard.excite.search.repair_until_proven import finished
+from steelyard.excite.search.search_methods import search_by_gradient, seeded
 from steelyard.model.robot_file_model import model_with_open_friction
 from steelyard.robot.file.robot_file import load_robot
 

@@ -13,7 +13,7 @@ from steelyard.estimate.information.base_parameters import base_parameters as ba
 from steelyard.estimate.information.information import Information as Information
 from steelyard.estimate.nonlinear.fields import information as information
 from steelyard.excite.excite import design_excitation as design_excitation
-from steelyard.excite.reduction_loop import reduction_loop as reduction_loop
+from steelyard.excite.excite_and_reduce_loop import reduction_loop as reduction_loop
 from steelyard.excite.trajectories.trajectory_files import read_trajectory as read_trajectory
 from steelyard.export.code.model_code import export_code as export_code
 from steelyard.export.model_files.model_file import export as export

@@ -242,7 +242,7 @@ def test_the_next_motion_is_of_the_smaller_model(
 def test_the_loop_goes_on_where_it_was_interrupted(
     brief: Path, work: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from steelyard.excite.reduction_loop import reduction_loop
+    from steelyard.excite.excite_and_reduce_loop import reduction_loop
 
     arm = load_robot(brief).robot
     truth = random_truth(arm, 0)

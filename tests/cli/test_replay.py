@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 
 from cli.conftest import Command
-from steelyard.excite.page.replay import Clock, Replay, Stage, replayed, staged
+from steelyard.excite.page.browser_replay import Clock, Replay, Stage, replayed, staged
 from steelyard.excite.trajectories.fourier import random_fourier
 from steelyard.robot.file.robot_file import load_robot
 

@@ -12,9 +12,13 @@ from scipy.interpolate import CubicSpline
 from cli.conftest import Command
 from cli.mistakes import ROBOT
 from steelyard.base.files import write_json
-from steelyard.excite.motion_export import write_export
+from steelyard.excite.motion_export_and_error import write_export
 from steelyard.excite.trajectories.fourier import FourierMotion, random_fourier
-from steelyard.excite.trajectories.polynomials import PiecewiseMotion, SampledMotion, from_scipy
+from steelyard.excite.trajectories.piecewise_polynomials import (
+    PiecewiseMotion,
+    SampledMotion,
+    from_scipy,
+)
 from steelyard.excite.trajectories.trajectory import ChainedMotion, SlowedMotion
 from steelyard.excite.trajectories.trajectory_files import KINDS, trajectory_from_dict
 from steelyard.robot.file.robot_file import load_robot

@@ -14,9 +14,9 @@ from law_cases import memoryless, name_of
 from moving import geared
 from steelyard.base.arrays import Array
 from steelyard.estimate.information.regressor import InformationEvaluator, Regressor, base_regressor
-from steelyard.excite.criteria import CRITERIA, Measure, worst
-from steelyard.excite.problem import Case, Objective
-from steelyard.excite.trajectories.bases import Basis, rest_fourier, splines
+from steelyard.excite.design_problem import Case, Objective
+from steelyard.excite.optimality_criteria import CRITERIA, Measure, worst
+from steelyard.excite.trajectories.motion_families import Basis, rest_fourier, splines
 from steelyard.model.laws.coulomb import Coulomb
 from steelyard.model.laws.coupled import Coupled
 from steelyard.model.laws.offset import Offset

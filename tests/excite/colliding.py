@@ -11,8 +11,7 @@ import pytest
 
 from oracles import body_positions, pinocchio_model
 from steelyard.base.arrays import Array
-from steelyard.excite.collision.placed_shapes import Shape
-from steelyard.excite.collision.solids import (
+from steelyard.excite.collision.convex_solids import (
     Ball,
     Box,
     Capsule,
@@ -22,6 +21,7 @@ from steelyard.excite.collision.solids import (
     Hull,
     Solid,
 )
+from steelyard.excite.collision.shape_kinematics import Shape
 from steelyard.excite.trajectories.fourier import FourierMotion
 from steelyard.robot.file.robot_file import LoadedRobot, load_robot
 from steelyard.robot.robot import Robot

@@ -13,21 +13,17 @@ from unittest.mock import patch
 import numpy as np
 
 from excite.colliding import joint, link, urdf, written
-from steelyard.excite.constraints.constraint import certify
-from steelyard.excite.constraints.constraints_from_tables import Earlier
-from steelyard.excite.design import design
-from steelyard.excite.designed import Designed
-from steelyard.excite.problem import Problem
+from steelyard.excite.constraints.certificate import certify
+from steelyard.excite.design_from_tables import Designed, design
+from steelyard.excite.design_problem import Problem
+from steelyard.excite.earlier_model import Earlier
 from steelyard.excite.problem_from_tables import Tables, build
-from steelyard.excite.search import parallel_search, worker
-from steelyard.excite.search.feasibility import (
-    NoMotion,
-    explained_no_motion,
-    random_starts,
-    refuse_impossible,
-)
+from steelyard.excite.search import parallel_search as parallel_search
+from steelyard.excite.search import worker_process as worker
+from steelyard.excite.search.feasibility import NoMotion, random_starts
 from steelyard.excite.search.parallel_search import SearchBudget
-from steelyard.excite.search.repair import Kept, finished
+from steelyard.excite.search.repair_until_proven import Kept, finished
+from steelyard.excite.search.why_no_motion import explained_no_motion, refuse_impossible
 from steelyard.excite.trajectories.trajectory import ExactTrajectory
 from steelyard.model.model import Model
 from steelyard.model.robot_file_model import model_with_open_friction as model_with_rigid_bodies

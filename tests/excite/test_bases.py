@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from scipy.interpolate import BSpline
 
-from steelyard.excite.trajectories.bases import (
+from steelyard.excite.trajectories.fourier import fourier_shapes, rest_basis
+from steelyard.excite.trajectories.motion_families import (
     Basis,
     blended_fourier,
     ramped_fourier,
@@ -15,7 +16,6 @@ from steelyard.excite.trajectories.bases import (
     rest_fourier,
     splines,
 )
-from steelyard.excite.trajectories.fourier import fourier_shapes, rest_basis
 from steelyard.excite.trajectories.trajectory import ChainedMotion
 
 START, END = np.array([0.3, -0.2, 1.0]), np.array([-0.5, 0.4, 1.5])

@@ -5,7 +5,12 @@ import pytest
 
 from exact_motions import MAKERS, piecewise
 from steelyard.base.arrays import Array
-from steelyard.excite.constraints.bounding import MOST_STRETCHES, Course, Stretches, proven_minimum
+from steelyard.excite.constraints.bounds_at_all_times import (
+    MOST_STRETCHES,
+    Course,
+    Stretches,
+    proven_minimum,
+)
 from steelyard.excite.trajectories.fourier import FourierMotion
 from steelyard.symbolic.program import InputArray as Input
 from steelyard.symbolic.program import Program, Step

@@ -9,17 +9,13 @@ import pytest
 from exact_motions import MAKERS, chained, raw_fourier, rest_fourier, several, table
 from invented import dh_arm
 from steelyard.base.arrays import Array
-from steelyard.excite.constraints.constraint import (
-    Constraint,
-    Margins,
-    MotionLimits,
-    certify,
-    trajectory_hash,
-)
-from steelyard.excite.constraints.torque import power_limit, torque_limit
-from steelyard.excite.constraints.workspace import Marker, tool_box
+from steelyard.excite.constraints.certificate import certify, trajectory_hash
+from steelyard.excite.constraints.constraint import Constraint, Margins
+from steelyard.excite.constraints.effort_and_power import power_limit, torque_limit
+from steelyard.excite.constraints.motion_limits import MotionLimits
+from steelyard.excite.constraints.tool_workspace import Marker, tool_box
 from steelyard.excite.trajectories.fourier import FourierMotion
-from steelyard.excite.trajectories.polynomials import PiecewiseMotion
+from steelyard.excite.trajectories.piecewise_polynomials import PiecewiseMotion
 from steelyard.excite.trajectories.trajectory import ExactTrajectory
 from steelyard.model.laws.rigid_body import RigidBody
 from steelyard.model.model import Model

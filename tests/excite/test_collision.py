@@ -21,10 +21,10 @@ from excite.colliding import (
     written,
 )
 from steelyard.base.errors import ModelError
-from steelyard.excite.collision.collision import Clearance, self_clearance
-from steelyard.excite.collision.model_shapes import world_shapes
-from steelyard.excite.collision.placed_shapes import Shape, obstacle, placed, rates, wall
-from steelyard.excite.collision.solids import Ball, Box, Capsule, Cylinder, Ellipsoid, Hull
+from steelyard.excite.collision.clearance import Clearance, self_clearance
+from steelyard.excite.collision.convex_solids import Ball, Box, Capsule, Cylinder, Ellipsoid, Hull
+from steelyard.excite.collision.model_file_shapes import world_shapes
+from steelyard.excite.collision.shape_kinematics import Shape, obstacle, placed, rates, wall
 from steelyard.robot.file.robot_file import LoadedRobot, load_robot
 
 TURNED = [[0.36, 0.48, -0.8], [-0.8, 0.6, 0.0], [0.48, 0.64, 0.6]]

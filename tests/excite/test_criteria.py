@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from steelyard.base.arrays import Array
-from steelyard.excite.criteria import CRITERIA, Criterion, Measure, worst, worst_value
+from steelyard.excite.optimality_criteria import CRITERIA, Criterion, Measure, worst, worst_value
 
 C = 7
 """Columns where digits are many."""

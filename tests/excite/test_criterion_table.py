@@ -10,8 +10,8 @@ from excite.tabled import OPEN, arm, designed, model_with_open_friction, problem
 from steelyard.base.arrays import Array
 from steelyard.base.errors import DataError
 from steelyard.estimate.information.base_parameters import base_parameters
-from steelyard.excite.constraints.constraints_from_tables import Earlier
-from steelyard.excite.problem import Problem
+from steelyard.excite.design_problem import Problem
+from steelyard.excite.earlier_model import Earlier
 
 ANY = f'{OPEN}[excitation.limits]\neffort = "any"\n'
 QUICK = "[excitation.motion]\nperiod = 4.0\nharmonics = 3\n"

@@ -9,7 +9,7 @@ import pytest
 from exact_motions import MAKERS
 from steelyard.base.errors import DataError
 from steelyard.excite.trajectories.fourier import FourierMotion, repeated
-from steelyard.excite.trajectories.polynomials import (
+from steelyard.excite.trajectories.piecewise_polynomials import (
     PiecewiseMotion,
     from_scipy,
     quintic,

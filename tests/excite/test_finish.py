@@ -11,11 +11,11 @@ from designing import FAMILIES, START, box, limits, problem, torques
 from steelyard.base.arrays import Array
 from steelyard.base.errors import DataError
 from steelyard.excite.constraints.constraint import Constraint, Margins
-from steelyard.excite.problem import Problem
-from steelyard.excite.search import repair as finish
+from steelyard.excite.design_problem import Problem
+from steelyard.excite.search import repair_until_proven as finish
 from steelyard.excite.search.feasibility import random_starts
-from steelyard.excite.search.repair import LEAST_MOTION_SHARE, finished, scaled
-from steelyard.excite.trajectories.bases import rest_fourier
+from steelyard.excite.search.repair_until_proven import LEAST_MOTION_SHARE, finished, scaled
+from steelyard.excite.trajectories.motion_families import rest_fourier
 from steelyard.excite.trajectories.trajectory import ExactTrajectory
 
 ALL = pytest.mark.parametrize("name", FAMILIES)

@@ -11,7 +11,7 @@ from steelyard.excite.planned.inverse_kinematics import (
     Pointing,
     within,
 )
-from steelyard.excite.planned.postures import least_shift
+from steelyard.excite.planned.straight_lines_and_reach import least_shift
 from steelyard.model.equations.kinematics import frame_kinematics, frame_of
 from steelyard.robot.file.loaded_robot import dh_mechanism
 from steelyard.robot.file.sections import DHRow

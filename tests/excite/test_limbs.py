@@ -12,14 +12,20 @@ from invented import ball, tree, turned
 from steelyard.base.arrays import Array
 from steelyard.base.progress import Stopped
 from steelyard.estimate.information.regressor import InformationEvaluator
-from steelyard.excite.constraints.constraint import motion_limits
-from steelyard.excite.constraints.workspace import Marker, points_of, tool_box
-from steelyard.excite.criteria import CRITERIA
-from steelyard.excite.problem import Case, JointGroup, Problem, composed_motions, joint_groups_of
-from steelyard.excite.search import population as methods
+from steelyard.excite.constraints.motion_limits import motion_limits
+from steelyard.excite.constraints.tool_workspace import Marker, points_of, tool_box
+from steelyard.excite.design_problem import (
+    Case,
+    JointGroup,
+    Problem,
+    composed_motions,
+    joint_groups_of,
+)
+from steelyard.excite.optimality_criteria import CRITERIA
+from steelyard.excite.search import search_methods as methods
 from steelyard.excite.search.feasibility import each_start, random_starts
-from steelyard.excite.search.population import search_by_gradient, seeded
-from steelyard.excite.trajectories.bases import rest_fourier
+from steelyard.excite.search.search_methods import search_by_gradient, seeded
+from steelyard.excite.trajectories.motion_families import rest_fourier
 from steelyard.model.laws.coulomb import Coulomb
 from steelyard.model.laws.rigid_body import RigidBody
 from steelyard.model.laws.viscous import Viscous

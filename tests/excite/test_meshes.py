@@ -8,8 +8,9 @@ import pytest
 
 from excite.colliding import joint, link, urdf, written
 from steelyard.base.errors import ModelError
-from steelyard.excite.collision.model_shapes import robot_shapes
-from steelyard.excite.collision.solids import Hull, find_mesh, height, mesh_points
+from steelyard.excite.collision.convex_solids import Hull, height
+from steelyard.excite.collision.mesh_files import find_mesh, mesh_points
+from steelyard.excite.collision.model_file_shapes import robot_shapes
 from steelyard.robot.file.robot_file import load_robot
 
 CORNERS = np.array([[0, 0, 0], [0.4, 0, 0], [0, 0.3, 0], [0, 0, 0.2], [0.05, 0.05, 0.05]])

@@ -7,9 +7,13 @@ import pytest
 from scipy.interpolate import CubicSpline
 
 from steelyard.base.errors import DataError
-from steelyard.excite.motion_export import write_export
+from steelyard.excite.motion_export_and_error import write_export
 from steelyard.excite.trajectories.fourier import FourierMotion, random_fourier
-from steelyard.excite.trajectories.polynomials import SampledMotion, end_speeds, from_scipy
+from steelyard.excite.trajectories.piecewise_polynomials import (
+    SampledMotion,
+    end_speeds,
+    from_scipy,
+)
 from steelyard.excite.trajectories.trajectory_files import (
     read_motion,
     read_table,

@@ -10,8 +10,9 @@ from designing import FAMILIES, box, problem, torques
 from steelyard.base.arrays import Array
 from steelyard.base.progress import Stopped
 from steelyard.excite.search.feasibility import random_starts
-from steelyard.excite.search.newton import STAGES, InequalityConstraints, minimised
-from steelyard.excite.trajectories.bases import reaching
+from steelyard.excite.search.inequality_constraints import InequalityConstraints
+from steelyard.excite.search.newton_with_barrier import STAGES, minimised
+from steelyard.excite.trajectories.motion_families import reaching
 
 MIDDLE = np.array([-0.1, 0.1, 0.3])
 SHARP = tuple((1.0, 10.0**-k) for k in range(1, 9))

@@ -13,9 +13,9 @@ from steelyard.base.arrays import Array
 from steelyard.base.errors import DataError
 from steelyard.base.progress import Stopped
 from steelyard.excite.constraints.constraint import Constraint
-from steelyard.excite.problem import Problem
+from steelyard.excite.design_problem import Problem
 from steelyard.excite.search.feasibility import random_starts
-from steelyard.excite.search.population import (
+from steelyard.excite.search.search_methods import (
     NOTHING_SHOWN_COST,
     Method,
     _Genes,
@@ -163,8 +163,8 @@ def test_a_missing_package_comes_with_the_line_that_installs_it(
 
 
 def test_settings_are_passed_on(monkeypatch: pytest.MonkeyPatch) -> None:
-    from steelyard.excite.search import population as cma_es
-    from steelyard.excite.search import population as genetic
+    from steelyard.excite.search import search_methods as cma_es
+    from steelyard.excite.search import search_methods as genetic
 
     given: list[dict[str, Any]] = []
 

@@ -10,7 +10,7 @@ import pytest
 from steelyard.base.arrays import Array
 from steelyard.base.errors import DataError
 from steelyard.base.progress import Event, Stopped
-from steelyard.excite.search.population import (
+from steelyard.excite.search.search_methods import (
     PopulationResult,
     minimised_by_cma_es,
     minimised_by_genes,

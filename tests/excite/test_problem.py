@@ -11,10 +11,10 @@ from steelyard.base.arrays import Array
 from steelyard.base.errors import DataError
 from steelyard.base.progress import Stopped
 from steelyard.estimate.information.regressor import InformationEvaluator, base_regressor
-from steelyard.excite.criteria import CRITERIA, Measure
-from steelyard.excite.problem import KEPT_PER_WAVE, SHOWN_PER_WAVE, Case, Problem, jumping
+from steelyard.excite.design_problem import KEPT_PER_WAVE, SHOWN_PER_WAVE, Case, Problem, jumping
+from steelyard.excite.optimality_criteria import CRITERIA, Measure
 from steelyard.excite.search.feasibility import random_starts
-from steelyard.excite.search.population import METHODS, method_of, search_by_gradient, seeded
+from steelyard.excite.search.search_methods import METHODS, method_of, search_by_gradient, seeded
 from steelyard.model.laws.coulomb import Coulomb
 
 ALL = pytest.mark.parametrize("name", FAMILIES)

@@ -9,10 +9,11 @@ from closed_chains import five_bar
 from excite.colliding import ARM_WITHOUT, distances, link, postures, ur10, urdf, waves, written
 from excite.tabled import OPEN, arm, model_with_open_friction, problem_of, some_motion
 from steelyard.base.errors import ModelError
-from steelyard.excite.collision.cell import WALL_RESERVE, WALLS_NAME, up_of
-from steelyard.excite.collision.collision import Clearance
-from steelyard.excite.collision.solids import Ball, Box, Capsule
-from steelyard.excite.constraints.constraint import Declined, Gap, certify
+from steelyard.excite.collision.clearance import Clearance
+from steelyard.excite.collision.convex_solids import Ball, Box, Capsule
+from steelyard.excite.collision.workspace_from_tables import WALL_RESERVE, WALLS_NAME, up_of
+from steelyard.excite.constraints.certificate import certify
+from steelyard.excite.constraints.constraint import Declined, Gap
 from steelyard.excite.problem_from_tables import build
 from steelyard.excite.trajectories.fourier import random_fourier
 from steelyard.excite.trajectories.trajectory import ExactTrajectory
@@ -302,7 +303,7 @@ def test_closed_chains_are_refused(tmp_path: Path) -> None:
     from dataclasses import replace
 
     loaded = replace(arm(tmp_path, ANY + "floor = 0.0\n"), robot=five_bar())
-    from steelyard.excite.collision.cell import workspace_of
+    from steelyard.excite.collision.workspace_from_tables import workspace_of
 
     with pytest.raises(ModelError, match="closed chains") as caught:
         workspace_of(loaded, ())

@@ -18,7 +18,11 @@ from steelyard.base.errors import DataError
 from steelyard.base.progress import Event, Progress, Stopped, silent
 from steelyard.excite.problem_from_tables import build
 from steelyard.excite.search import parallel_search
-from steelyard.excite.search.parallel_search import SearchBudget, SearchResult, search_in_parallel
+from steelyard.excite.search.parallel_search import (
+    SearchBudget,
+    SearchResult,
+    search_in_parallel,
+)
 
 pytestmark = pytest.mark.skipif(not Path("/proc").is_dir(), reason="looks at processes in /proc")
 
@@ -47,7 +51,7 @@ def workers() -> list[int]:
             parent = (folder / "stat").read_text().rpartition(")")[2].split()[1]
         except OSError:
             continue
-        if b"search.worker" in words and int(parent) == os.getpid():
+        if b"search.worker_process" in words and int(parent) == os.getpid():
             found.append(int(folder.name))
     return found
 
@@ -163,7 +167,7 @@ def task(folder: Path, searches: int | None, seconds: float = 60.0) -> bytes:
 
 def worker() -> "subprocess.Popen[bytes]":
     return subprocess.Popen(
-        [sys.executable, "-m", "steelyard.excite.search.worker"],
+        [sys.executable, "-m", "steelyard.excite.search.worker_process"],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
@@ -202,7 +206,7 @@ def test_a_worker_that_is_done_says_nothing_else(tmp_path: Path) -> None:
 SCRIPT = """
 import sys
 from steelyard.model.robot_file_model import model_with_open_friction
-from steelyard.excite.design import design
+from steelyard.excite.design_from_tables import design
 from steelyard.excite.search.parallel_search import SearchBudget
 from steelyard.robot.file.robot_file import load_robot
 

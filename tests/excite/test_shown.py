@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from excite.tabled import OPEN, arm, designed
-from steelyard.excite import designed as advice
-from steelyard.excite.designed import deviations
+from steelyard.excite import predicted_accuracy_and_advice as advice
 from steelyard.excite.excite import DesignedMotion
+from steelyard.excite.predicted_accuracy_and_advice import deviations
 
 ANY = f'{OPEN}[excitation.limits]\neffort = "any"\n'
 
@@ -37,7 +37,7 @@ def test_what_is_not_distinguished_is_infinite_and_the_rest_is_not() -> None:
 
 
 def test_prior_information_makes_the_unseen_known() -> None:
-    from steelyard.excite.designed import PredictedAccuracy
+    from steelyard.excite.predicted_accuracy_and_advice import PredictedAccuracy
 
     gram = np.diag([4.0, 0.0])
     shown = PredictedAccuracy(("a", "b"), ("", ""), gram, 1.0, 1.0, 1.0, np.ones(2))

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from steelyard.excite.collision.solids import (
+from steelyard.excite.collision.convex_solids import (
     FLAT_HULL_THICKNESS,
     Ball,
     Box,

@@ -13,7 +13,7 @@ from steelyard.base.arrays import Array
 from steelyard.base.errors import ModelError
 from steelyard.excite.constraints.constraint import Constraint
 from steelyard.excite.problem_from_tables import build
-from steelyard.excite.search.population import METHODS
+from steelyard.excite.search.search_methods import METHODS
 from steelyard.model.equations.kinematics import frame_of
 from steelyard.robot.robot import Robot
 

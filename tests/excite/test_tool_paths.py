@@ -9,9 +9,9 @@ import pytest
 from closed_chains import Oracle, bar, five_bar, palletizer, parallelogram
 from steelyard.base.arrays import Array
 from steelyard.base.errors import DataError, ModelError
-from steelyard.excite.constraints.constraint import MotionLimits, motion_limits
-from steelyard.excite.planned.along_path import PathMotion, along_path
-from steelyard.excite.planned.postures import UnfollowableWay
+from steelyard.excite.constraints.motion_limits import MotionLimits, motion_limits
+from steelyard.excite.planned.joints_along_path import PathMotion, along_path
+from steelyard.excite.planned.straight_lines_and_reach import UnfollowableWay
 from steelyard.excite.planned.tool_paths import (
     Circle,
     Reaches,

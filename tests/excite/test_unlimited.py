@@ -9,10 +9,10 @@ from excite.tabled import ARM, OPEN, arm, model_with_open_friction, problem_of
 from excite.test_criterion_table import earlier
 from steelyard.base.errors import ModelError, OutputError
 from steelyard.excite.constraints.constraint import Declined
-from steelyard.excite.constraints.torque import EffortLimit
-from steelyard.excite.design import design
+from steelyard.excite.constraints.effort_and_power import EffortLimit
+from steelyard.excite.design_from_tables import design
+from steelyard.excite.design_problem import Problem
 from steelyard.excite.excite import refuse_formats
-from steelyard.excite.problem import Problem
 from steelyard.excite.problem_from_tables import build
 from steelyard.excite.search.parallel_search import SearchBudget
 from steelyard.robot.file.robot_file import load_robot

@@ -12,7 +12,7 @@ from oracles import pinocchio_model
 from steelyard.base.arrays import Array
 from steelyard.base.errors import ModelError
 from steelyard.excite.constraints.constraint import Constraint
-from steelyard.excite.constraints.workspace import (
+from steelyard.excite.constraints.tool_workspace import (
     MARKER_TOLERANCE,
     Marker,
     box_distance,

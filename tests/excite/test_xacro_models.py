@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from steelyard.excite.collision.model_shapes import world_shapes
-from steelyard.excite.collision.pairs import find_srdf
+from steelyard.excite.collision.model_file_shapes import world_shapes
+from steelyard.excite.collision.pairs_to_keep_apart import find_srdf
 from steelyard.robot.file.robot_file import load_robot
 
 CELL = """<robot xmlns:xacro="http://www.ros.org/wiki/xacro" name="cell">

@@ -5,11 +5,13 @@ from dataclasses import replace
 import numpy as np
 
 from steelyard.estimate.information.regressor import InformationEvaluator
-from steelyard.excite.constraints.constraint import certify, motion_limits
-from steelyard.excite.constraints.workspace import Marker, tool_box
-from steelyard.excite.criteria import CRITERIA, Measure
-from steelyard.excite.designed import Designed, advised_motions, predicted_accuracy
-from steelyard.excite.problem import Case
+from steelyard.excite.constraints.certificate import certify
+from steelyard.excite.constraints.motion_limits import motion_limits
+from steelyard.excite.constraints.tool_workspace import Marker, tool_box
+from steelyard.excite.design_from_tables import Designed
+from steelyard.excite.design_problem import Case
+from steelyard.excite.optimality_criteria import CRITERIA, Measure
+from steelyard.excite.predicted_accuracy_and_advice import advised_motions, predicted_accuracy
 from steelyard.excite.trajectories.fourier import random_fourier
 from steelyard.model.laws.coulomb import Coulomb
 from steelyard.model.laws.rigid_body import RigidBody

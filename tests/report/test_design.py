@@ -14,12 +14,13 @@ from browser import Rendered
 from report.conftest import EVIL, robot
 from report.designed import REACH, designed_for, renamed
 from report.test_page import own_html
-from steelyard.excite.constraints.constraint import Declined, Gap, proof_of
-from steelyard.excite.constraints.torque import torque_limit
-from steelyard.excite.constraints.workspace import Marker
-from steelyard.excite.designed import Advice, Designed
-from steelyard.excite.page.design_sections import DESIGN_SECTIONS, render_design
-from steelyard.excite.page.design_words import (
+from steelyard.excite.constraints.certificate import proof_of
+from steelyard.excite.constraints.constraint import Declined, Gap
+from steelyard.excite.constraints.effort_and_power import torque_limit
+from steelyard.excite.constraints.tool_workspace import Marker
+from steelyard.excite.design_from_tables import Designed
+from steelyard.excite.page.design_page import DESIGN_SECTIONS, render_design
+from steelyard.excite.page.design_text import (
     DesignContent,
     brings,
     design_detail,
@@ -33,7 +34,8 @@ from steelyard.excite.page.design_words import (
     print_design,
     tightest,
 )
-from steelyard.excite.page.tool_section import skeleton, tool_path
+from steelyard.excite.page.tool_path_section import skeleton, tool_path
+from steelyard.excite.predicted_accuracy_and_advice import Advice
 from steelyard.excite.trajectories.fourier import random_fourier
 from steelyard.identify.page.section_register import SECTIONS
 from steelyard.model.laws.rigid_body import RigidBody

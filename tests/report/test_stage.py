@@ -8,7 +8,7 @@ import pytest
 from scipy.spatial import ConvexHull
 
 from closed_chains import five_bar, independent_path, slider_crank, spatial
-from steelyard.excite.collision.solids import (
+from steelyard.excite.collision.convex_solids import (
     Ball,
     Box,
     Capsule,
@@ -17,8 +17,8 @@ from steelyard.excite.collision.solids import (
     HalfSpace,
     Hull,
 )
-from steelyard.excite.constraints.workspace import Marker
-from steelyard.excite.page.replay import Stage, mesh_of, staged, sticks
+from steelyard.excite.constraints.tool_workspace import Marker
+from steelyard.excite.page.browser_replay import Stage, mesh_of, staged, sticks
 from steelyard.excite.trajectories.fourier import random_fourier
 from steelyard.robot.file.robot_file import load_robot
 from steelyard.robot.loop_closures import all_joints, gaps

@@ -5,7 +5,7 @@ import pytest
 
 from steelyard.base.errors import ModelError
 from steelyard.excite.trajectories.fourier import random_fourier
-from steelyard.excite.trajectories.polynomials import SampledMotion
+from steelyard.excite.trajectories.piecewise_polynomials import SampledMotion
 from steelyard.model.equations.kinematics import frame_kinematics, frame_of, last_frame
 from steelyard.robot.robot import Robot
 from steelyard.simulate.drives import customary_drives

@@ -8,7 +8,7 @@ import pytest
 
 from steelyard.base.errors import DataError, ModelError
 from steelyard.base.motion import run
-from steelyard.excite.trajectories.polynomials import SampledMotion
+from steelyard.excite.trajectories.piecewise_polynomials import SampledMotion
 from steelyard.model.equations.kinematics import frame_kinematics
 from steelyard.robot.robot import Robot
 from steelyard.simulate.external_loads import (

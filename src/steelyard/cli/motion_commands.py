@@ -61,7 +61,7 @@ def excite(
     begun = time.monotonic()
     from steelyard.base.files import new_folder
     from steelyard.excite.excite import design_task
-    from steelyard.excite.page.design_words import design_level
+    from steelyard.excite.page.design_text import design_level
     from steelyard.excite.search.parallel_search import SearchBudget
     from steelyard.robot.models.xacro import stem_of
 
@@ -147,7 +147,7 @@ def replay(
 
     Example: steelyard replay panda.toml panda-motion/trajectory.json
     """
-    from steelyard.excite.page.replay import replayed, staged
+    from steelyard.excite.page.browser_replay import replayed, staged
     from steelyard.excite.trajectories.trajectory_files import read_motion
     from steelyard.robot.file.robot_file import load_robot
 

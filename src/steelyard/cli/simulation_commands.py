@@ -193,7 +193,7 @@ def _show(motion: "DesignedMotion", found: "Identification", console: "Console")
     """Print whether the motion is safe, the error of the model, and how near it is to the truth."""
     from rich.text import Text
 
-    from steelyard.excite.page.design_words import design_headline
+    from steelyard.excite.page.design_text import design_headline
     from steelyard.identify.page.parameter_table import TruthSection
     from steelyard.identify.page.verdict_section import VerdictSection
 

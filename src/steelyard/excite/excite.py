@@ -13,18 +13,17 @@ from rich.console import Console
 from steelyard.base.arguments import checked
 from steelyard.base.errors import DataError
 from steelyard.base.progress import DESIGN_BUDGET_S, Progress, silent
-from steelyard.estimate.identified import IdentifiedModel, load_model
-from steelyard.excite.constraints.constraint import COVERS
-from steelyard.excite.constraints.constraints_from_tables import Earlier
-from steelyard.excite.design import design
-from steelyard.excite.designed import Designed
-from steelyard.excite.motion_export import EXPORTS, exported, gaps_of_files, write_export
-from steelyard.excite.motion_points import grid_times
-from steelyard.excite.page.design_sections import render_design
-from steelyard.excite.page.design_words import DesignContent, design_headline, print_design, scopes
+from steelyard.estimate.identified import IdentifiedModel
+from steelyard.excite.constraints.certificate import COVERS
+from steelyard.excite.design_from_tables import Designed, design
+from steelyard.excite.earlier_model import Earlier, earlier_of, identified_before
+from steelyard.excite.motion_export_and_error import EXPORTS, exported, gaps_of_files, write_export
+from steelyard.excite.page.design_page import render_design
+from steelyard.excite.page.design_text import DesignContent, design_headline, print_design, scopes
+from steelyard.excite.sampled_motion_files import grid_times
 from steelyard.excite.search.parallel_search import SearchBudget
-from steelyard.excite.trajectories.bases import FAMILIES, basis_of
-from steelyard.excite.trajectories.polynomials import through_postures
+from steelyard.excite.trajectories.motion_families import FAMILIES, basis_of
+from steelyard.excite.trajectories.piecewise_polynomials import through_postures
 from steelyard.excite.trajectories.trajectory import ExactTrajectory
 from steelyard.excite.trajectories.trajectory_files import read_motion, write_motion
 from steelyard.model.model import Model
@@ -48,42 +47,6 @@ def refuse_formats(loaded: LoadedRobot, formats: Sequence[str], rate: float | No
         if form == "csv" and (rate is None or 0.0 < rate < np.inf):
             grid_times(motion.duration, rate or EXPORTS[form].rate)
         exported(still if form == "csv" else motion, robot, form, rate)
-
-
-def earlier_of(identified: IdentifiedModel) -> Earlier:
-    """What an identified model knows for the design of a motion."""
-    estimate = identified.estimate
-    return Earlier(
-        estimate.sigma,
-        identified.cutoffs.matched,
-        estimate.parameters.names,
-        estimate.parameters.values,
-        estimate.covariance,
-        estimate.values.as_dict(),
-        (*(one.name for one in estimate.removed), *estimate.known),
-    )
-
-
-def identified_before(
-    earlier: str | Path | IdentifiedModel, loaded: LoadedRobot
-) -> IdentifiedModel:
-    """An earlier model of the robot."""
-    known = load_model(earlier)
-    where = "earlier model" if isinstance(earlier, IdentifiedModel) else str(earlier)
-    theirs, ours = known.model.robot.joint_names, loaded.robot.joint_names
-    if theirs != ours:
-        raise DataError(
-            f"the earlier model moves the joints {', '.join(theirs)}, this robot {', '.join(ours)}",
-            where=where,
-            fix="give a model that was identified with this robot file",
-        )
-    if not (known.estimate.sigma > 0.0).all():
-        raise DataError(
-            "the earlier model fits a joint's efforts without any noise",
-            where=where,
-            fix="leave --earlier out: noise is then assumed",
-        )
-    return known
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -13,21 +13,18 @@ from steelyard.estimate.information.base_parameters import (
     clear_map,
 )
 from steelyard.estimate.information.regressor import InformationEvaluator
-from steelyard.excite.constraints.constraint import (
+from steelyard.excite.constraints.constraint import Declined
+from steelyard.excite.constraints.constraints_from_tables import constraints_of, without_memory
+from steelyard.excite.constraints.effort_and_power import payload_numbers
+from steelyard.excite.constraints.motion_limits import (
     ACCELERATIONS_ASSUMED,
-    Declined,
     MotionLimits,
     motion_limits,
 )
-from steelyard.excite.constraints.constraints_from_tables import (
-    Earlier,
-    constraints_of,
-    without_memory,
-)
-from steelyard.excite.constraints.torque import payload_numbers
-from steelyard.excite.criteria import CRITERIA, Measure
-from steelyard.excite.problem import Case, Problem
-from steelyard.excite.trajectories.bases import basis_of, per_joint
+from steelyard.excite.design_problem import Case, Problem
+from steelyard.excite.earlier_model import Earlier
+from steelyard.excite.optimality_criteria import CRITERIA, Measure
+from steelyard.excite.trajectories.motion_families import basis_of, per_joint
 from steelyard.model.equations.kinematics import last_frame
 from steelyard.model.model import Model
 from steelyard.model.terms.term import StatefulTerm

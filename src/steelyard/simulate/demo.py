@@ -12,7 +12,7 @@ from steelyard.base.arrays import Parameters
 from steelyard.base.files import whole_folder, write_json
 from steelyard.base.motion import run
 from steelyard.base.progress import Progress, silent
-from steelyard.excite.collision.cell import workspace_of
+from steelyard.excite.collision.workspace_from_tables import workspace_of
 from steelyard.excite.trajectories.fourier import FourierMotion, random_fourier, repeated
 from steelyard.excite.trajectories.trajectory import ExactTrajectory
 from steelyard.excite.trajectories.trajectory_files import write_motion

@@ -2,7 +2,7 @@
 
 One call per integration step takes the positions, velocities and last accelerations of MuJoCo's
 joints and the applied torques, steps the memory of friction, and gives the forces. Laws that
-jump at zero speed are softened, see `kernel.program.smoothing`.
+jump at zero speed are softened, see `symbolic.program.softened`.
 """
 
 from collections.abc import Callable, Sequence

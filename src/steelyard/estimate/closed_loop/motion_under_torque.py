@@ -3,7 +3,7 @@ r"""Joint controllers, and how a model moves under torques, many sets of paramet
 $\ddot q = M(q)^{-1} (\tau - h(q, \dot q))$ with mass matrix and bias of the traced inverse
 dynamics, rotor inertia included. Base parameters suffice, with the others of each group at zero:
 the torque is the same, so the mass matrix is too. Laws that jump at zero speed, such as Coulomb
-friction, turn within a small speed instead (see `kernel.soften`): with fixed steps they would
+friction, turn within a small speed instead (see `program.softened`): with fixed steps they would
 chatter.
 """
 
@@ -122,7 +122,7 @@ class Forward:
 
     @cached_property
     def code(self) -> Code:
-        """One step of integration; see `kernel.forward.runge_kutta`."""
+        """One step of integration; see `forward_dynamics.runge_kutta`."""
 
         def build() -> tuple[Program, dict[str, Any]]:
             def outputs(effort: forward.Efforts, applied: Sequence[Scalar]) -> list[Scalar]:

@@ -1,22 +1,26 @@
-"""Constraints from the `[excitation]` tables, with loads and what an earlier model knows."""
+"""Constraints of a motion from the `[excitation]` tables: efforts with loads, clearance."""
 
-from collections.abc import Collection, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 
-from steelyard.base.arrays import Array, Parameters, frozen
+from steelyard.base.arrays import Parameters
 from steelyard.base.errors import ModelError
-from steelyard.estimate.information.base_parameters import BaseMap
-from steelyard.estimate.information.regressor import ParallelFilter
-from steelyard.excite.collision.cell import ConstraintsAndNotes, workspace_of, world_of, written
-from steelyard.excite.collision.collision import self_clearance
-from steelyard.excite.collision.placed_shapes import Shape
-from steelyard.excite.collision.robot_shapes import load_balls
-from steelyard.excite.constraints import torque
+from steelyard.excite.collision.clearance import self_clearance
+from steelyard.excite.collision.link_tool_and_load_shapes import load_balls
+from steelyard.excite.collision.shape_kinematics import Shape
+from steelyard.excite.collision.workspace_from_tables import (
+    ConstraintsAndNotes,
+    workspace_of,
+    world_of,
+    written,
+)
+from steelyard.excite.constraints import effort_and_power
 from steelyard.excite.constraints.constraint import Constraint, Declined, Gap
-from steelyard.excite.constraints.torque import EffortLimit, power_limit, torque_limit
-from steelyard.excite.trajectories.bases import per_joint
+from steelyard.excite.constraints.effort_and_power import EffortLimit, power_limit, torque_limit
+from steelyard.excite.earlier_model import Earlier
+from steelyard.excite.trajectories.motion_families import per_joint
 from steelyard.model.equations.kinematics import last_frame
 from steelyard.model.model import Model, ValuedModel
 from steelyard.model.terms.term import StatefulTerm
@@ -29,58 +33,6 @@ LOADS_COUNTED = (
     "torques hold for loads of any inertia from a point mass to a hollow sphere of the load's "
     "radius about its centre of mass, alike about all axes; not for an elongated one"
 )
-
-
-_RATE_OVER_CUTOFF = 20.0  # sampling rate; the independent samples a second do not depend on it
-
-
-@dataclass(frozen=True, eq=False)
-class Earlier:
-    """What was learnt from an earlier log.
-
-    The `noise` of the filtered residuals, `(n,)` [Nm; N], and their filter's cutoff [Hz]; `values`,
-    `(p,)`, of the base parameters that were estimated, and their covariance, `(p, p)`; standard
-    parameters by name; the base parameters that the model was reduced by (`removed`) are zero.
-    """
-
-    noise: Array
-    cutoff: float
-    names: tuple[str, ...]
-    values: Array
-    covariance: Array
-    standard: Mapping[str, float]
-    removed: tuple[str, ...] = ()
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "noise", frozen(self.noise, (None,)))
-        object.__setattr__(self, "names", tuple(self.names))
-        object.__setattr__(self, "values", frozen(self.values, (len(self.names),)))
-        object.__setattr__(self, "covariance", frozen(self.covariance, (len(self.names),) * 2))
-
-    @property
-    def independent_rate(self) -> float:
-        """Independent samples a second behind the filter [Hz]."""
-        design = ParallelFilter.design(self.cutoff, _RATE_OVER_CUTOFF * self.cutoff)
-        return design.rate / (design.decimation * design.inflation)
-
-    @property
-    def weights(self) -> Array:
-        """Information that a second holds, per squared regressor entry, shape `(n,)`."""
-        return np.asarray(self.independent_rate / self.noise**2)
-
-    def information(self, base: BaseMap, absent: Collection[str] = ()) -> Array:
-        """Information on a model's base parameters, `(b, b)`; none on those not estimated.
-
-        Parameters that the model does without (`absent`) are known to be zero.
-        """
-        place = {name: k for k, name in enumerate(base.base_names)}
-        known = [k for k, name in enumerate(self.names) if name in place or name in absent]
-        own = np.linalg.pinv(self.covariance[np.ix_(known, known)], hermitian=True)
-        left = [k for k, name in enumerate(self.names[j] for j in known) if name in place]
-        targets = [place[self.names[known[k]]] for k in left]
-        full = np.zeros((len(base), len(base)))
-        full[np.ix_(targets, targets)] = own[np.ix_(left, left)]
-        return full
 
 
 def constraints_of(
@@ -223,7 +175,7 @@ def _load_cases(
         ):
             inertia = Inertia.about_com(load.mass, load.com, about_com)
             with written("loads] frame"):
-                case = torque.loaded(arm, frame, inertia)
+                case = effort_and_power.loaded(arm, frame, inertia)
             cases[f"with load {number}, {load.mass:g} kg {what}"] = case
     return cases
 

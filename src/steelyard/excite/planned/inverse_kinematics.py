@@ -20,8 +20,8 @@ from numpy.typing import ArrayLike
 
 from steelyard.base.arrays import Array, frozen
 from steelyard.base.errors import ModelError
-from steelyard.excite.collision.placed_shapes import axes_along
-from steelyard.excite.constraints.constraint import MotionLimits
+from steelyard.excite.collision.shape_kinematics import axes_along
+from steelyard.excite.constraints.motion_limits import MotionLimits
 from steelyard.model.equations.kinematics import frame_kinematics, refuse_passive
 from steelyard.robot.robot import Frame, Robot
 

@@ -22,7 +22,7 @@ import numpy as np
 from steelyard.base.arrays import Array
 from steelyard.base.errors import DataError
 from steelyard.base.progress import Progress, Stopped, module_command, report_progress, silent
-from steelyard.excite.problem import Problem
+from steelyard.excite.design_problem import Problem
 from steelyard.excite.problem_from_tables import Tables
 from steelyard.excite.search.feasibility import NoMotion
 
@@ -179,7 +179,7 @@ def _worker(
 ) -> Iterator[None]:
     """A process that searches; a session of its own keeps Ctrl-C from it."""
     process = subprocess.Popen(
-        module_command("steelyard.excite.search.worker"),
+        module_command("steelyard.excite.search.worker_process"),
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         env={**os.environ, "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"},

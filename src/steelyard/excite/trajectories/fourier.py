@@ -19,8 +19,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from steelyard.base.arrays import Array, frozen
-from steelyard.excite.constraints.constraint import MotionLimits, motion_limits
-from steelyard.excite.trajectories.polynomials import SMOOTH, PiecewiseMotion, polynomial_extremes
+from steelyard.excite.constraints.motion_limits import MotionLimits, motion_limits
+from steelyard.excite.trajectories.piecewise_polynomials import (
+    SMOOTH,
+    PiecewiseMotion,
+    polynomial_extremes,
+)
 from steelyard.excite.trajectories.trajectory import ChainedMotion, ExactTrajectory
 from steelyard.robot.robot import Robot
 

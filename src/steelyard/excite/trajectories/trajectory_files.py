@@ -12,7 +12,11 @@ from steelyard.base.arrays import Array
 from steelyard.base.errors import DataError, LogError, advice
 from steelyard.base.files import read_json, write_json
 from steelyard.excite.trajectories.fourier import FourierMotion
-from steelyard.excite.trajectories.polynomials import PiecewiseMotion, SampledMotion, end_speeds
+from steelyard.excite.trajectories.piecewise_polynomials import (
+    PiecewiseMotion,
+    SampledMotion,
+    end_speeds,
+)
 from steelyard.excite.trajectories.trajectory import ChainedMotion, ExactTrajectory, SlowedMotion
 from steelyard.logs.formats import open_log
 from steelyard.logs.log import Log

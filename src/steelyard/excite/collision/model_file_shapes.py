@@ -1,0 +1,223 @@
+"""Collision shapes as URDF and MJCF files give them, of robots and of cells."""
+
+from collections.abc import Collection
+from contextlib import suppress
+from functools import lru_cache
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from steelyard.base.errors import ModelError, advice, listing
+from steelyard.excite.collision.convex_solids import Ball, Box, Capsule, Cylinder, Hull, Solid
+from steelyard.excite.collision.mesh_files import WITHOUT_MESH_ADVICE, find_mesh, mesh_points
+from steelyard.excite.collision.shape_kinematics import Geometry, Shape, placed
+from steelyard.excite.constraints.constraint import Declined, Gap
+from steelyard.robot.file.loaded_robot import read_mechanism
+from steelyard.robot.mechanism import Mechanism
+from steelyard.robot.models.urdf import number_of, numbers_of, placement_of
+from steelyard.robot.models.xacro import expand
+from steelyard.robot.models.xml_reader import Element, read_xml
+from steelyard.robot.rigid_body import Placement
+from steelyard.robot.robot import Frame, Robot
+
+Kind = Literal["collision", "visual"]  # what a URDF gives shapes for
+
+
+def robot_shapes(robot: Robot, model: Path, skip: Collection[str] = ()) -> Geometry:
+    """The collision shapes that a robot's model file, URDF or MJCF, gives its links but `skip`.
+
+    Fixed and locked links' shapes go to the body that their links merged into. Meshes become
+    their convex hulls.
+    """
+    if robot.loops:
+        raise ModelError(
+            "clearances are not supported for a robot with closed chains",
+            where=f"robot '{robot.name}'",
+            fix="leave collision out for this robot, and bound its joints instead",
+        )
+    mechanism = read_mechanism(model)
+    check_links(skip, [link.name for link in mechanism.links], str(model))
+    frames = {frame.name: frame for frame in robot.frames}
+    root = read_xml(model)
+    if root.tag == "mujoco":
+        from steelyard.excite.collision.mujoco_shapes_and_distances import mjcf_shapes
+
+        shapes, never, outside = mjcf_shapes(model, frames, skip)
+    else:
+        links = root.all("link")
+        shapes = tuple(s for link in links for s in _shapes(link, frames, model, skip))
+        never, shaped = frozenset(), [k for k in links if k.all("collision")]
+        outside = frozenset(k.attributes["name"].strip() for k in shaped) - frames.keys()
+    if not shapes:
+        raise ModelError(
+            "the model gives no link of the robot a collision shape",
+            where=str(model),
+            fix="give a model with <collision> elements (URDF) or colliding geoms (MJCF), or "
+            "leave collision out",
+        )
+    parents = {joint.child: joint.parent for joint in mechanism.joints}
+    notes = _notes(mechanism, frames, shapes, outside, skip)
+    return Geometry(shapes, parents, never, frozenset(skip), notes)
+
+
+def world_shapes(path: Path) -> tuple[Shape, ...]:
+    """The shapes of a cell that stands still, from a URDF or MJCF.
+
+    Its root frame is the robot's base frame; what could move stands where its joints are at zero,
+    or at the limit nearest to it.
+    """
+    if expansion := expand(path, {}):
+        path = expansion.path
+    root = read_xml(path)
+    if root.tag == "mujoco":
+        from steelyard.excite.collision.mujoco_shapes_and_distances import mjcf_world
+
+        shapes = mjcf_world(path)
+    else:
+        mechanism = read_mechanism(path)
+        frames = dict[str, Frame]()
+        for link in mechanism.links:
+            placement = Placement()
+            for joint in mechanism.to_link(link.name):
+                rest = float(np.clip(0.0, joint.limits.lower, joint.limits.upper))
+                placement = placement @ joint.at(rest)
+            frames[link.name] = Frame(link.name, -1, placement.rotation, placement.position)
+        shapes = tuple(
+            Shape(s.name, -1, s.rotation, s.position, s.solid, "world")
+            for element in root.all("link")
+            for s in _shapes(element, frames, path)
+        )
+    if not shapes:
+        raise ModelError(
+            "the cell's file holds no collision shape",
+            where=str(path),
+            fix="give a file with <collision> elements (URDF) or colliding geoms (MJCF)",
+        )
+    return shapes
+
+
+def check_links(skip: Collection[str], links: Collection[str], where: str) -> None:
+    """Refuse a link to be left out that does not exist."""
+    for name in skip:
+        if name not in links:
+            raise ModelError(
+                f"there is no link '{name}' to skip", where=where, fix=advice(name, links, "links")
+            )
+
+
+def _notes(
+    mechanism: Mechanism,
+    frames: Collection[str],
+    shapes: tuple[Shape, ...],
+    outside: Collection[str],
+    skip: Collection[str],
+) -> tuple[str, ...]:
+    """Links that clearances know nothing of; those outside the robot count if they have shapes."""
+    shaped = {shape.name for shape in shapes}
+    notes = list[str]()
+    if skip:
+        notes.append(
+            Declined(f"no clearance is kept for the links {', '.join(skip)}, as specified")
+        )
+    heavy = [k.name for k in mechanism.links if k.inertia is not None and k.inertia.mass > 0.0]
+    bare = [name for name in heavy if name in frames and name not in shaped and name not in skip]
+    if bare:
+        text = f"no collision shape in the model, so no clearance is kept for: {', '.join(bare)}"
+        notes.append(Gap(text))
+    if outside:
+        left = ", ".join(k.name for k in mechanism.links if k.name in outside)
+        notes.append(Gap(f"not attached to the base, so left out: {left}"))
+    return tuple(notes)
+
+
+def readable_shapes(
+    robot: Robot, model: Path, links: Collection[str], kind: Kind = "collision"
+) -> tuple[Shape, ...]:
+    """The shapes of some links, of those whose shapes can all be read; an MJCF draws none."""
+    root, frames = read_xml(model), {frame.name: frame for frame in robot.frames}
+    found = list[Shape]()
+    if root.tag == "mujoco":
+        from steelyard.excite.collision.mujoco_shapes_and_distances import mjcf_shapes
+
+        with suppress(ModelError):
+            every = mjcf_shapes(model, frames, ())[0] if kind == "collision" else ()
+            found += [shape for shape in every if shape.name in links]
+        return tuple(found)
+    for link in root.all("link"):
+        if link.attributes["name"].strip() in links:
+            with suppress(ModelError):
+                found += _shapes(link, frames, model, kind=kind)
+    return tuple(found)
+
+
+def _shapes(
+    link: Element,
+    frames: dict[str, Frame],
+    model: Path,
+    skip: Collection[str] = (),
+    kind: Kind = "collision",
+) -> list[Shape]:
+    """The shapes of one link of a URDF, to collide with or to be seen."""
+    name = link.attributes["name"].strip()
+    if name in skip or name not in frames:
+        return []
+    shapes = []
+    for collision in link.all(kind):
+        at, solid = placement_of(collision), _solid(collision, name, model)
+        shapes.append(placed(frames[name], name, solid, at.position, at.rotation))
+    return shapes
+
+
+def _solid(collision: Element, link: str, model: Path) -> Solid:
+    found = [child for geometry in collision.all("geometry") for child in geometry.children]
+    if len(found) != 1:
+        raise _refused(
+            f"a collision of link '{link}' has {len(found)} shapes",
+            collision,
+            "write one <geometry> with one shape into each <collision>",
+        )
+    element = found[0]
+    try:
+        if element.tag == "mesh":
+            return _mesh(element, link, model)
+        if element.tag == "box":
+            x, y, z = numbers_of(element, "size", 3)
+            return Box((x, y, z))
+        if element.tag == "sphere":
+            return Ball(number_of(element, "radius"))
+        if element.tag in ("cylinder", "capsule"):
+            kind = Cylinder if element.tag == "cylinder" else Capsule
+            return kind(number_of(element, "radius"), number_of(element, "length"))
+    except ValueError as error:
+        raise _refused(str(error), element, "give lengths above zero") from None
+    known = ["box", "sphere", "cylinder", "capsule", "mesh"]
+    raise _refused(
+        f"link '{link}' has a collision shape <{element.tag}>, which is unknown",
+        element,
+        listing(known, "shapes") + f"; or {WITHOUT_MESH_ADVICE}",
+    )
+
+
+def _mesh(element: Element, link: str, model: Path) -> Hull:
+    name = element.attributes.get("filename", "").strip()
+    path = find_mesh(name, model) if name else None
+    if path is None:
+        raise _refused(
+            f"the collision mesh '{name}' of link '{link}' does not exist",
+            element,
+            "put the file where the model names it (a package:// path is looked for in the "
+            f"model's folder and those above it), or {WITHOUT_MESH_ADVICE}",
+        )
+    x, y, z = numbers_of(element, "scale", 3) if "scale" in element.attributes else [1.0] * 3
+    return _hull(path, path.stat().st_mtime_ns, (x, y, z), f"{element.where} of link '{link}'")
+
+
+@lru_cache(maxsize=256)
+def _hull(path: Path, changed: int, scale: tuple[float, float, float], where: str) -> Hull:
+    """The hull of a mesh's file as it was when it changed last."""
+    return Hull(mesh_points(path, where) * scale)
+
+
+def _refused(wrong: str, element: Element, fix: str) -> ModelError:
+    return ModelError(wrong, where=element.where, fix=fix)

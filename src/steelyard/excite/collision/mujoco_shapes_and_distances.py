@@ -1,0 +1,195 @@
+"""MuJoCo: geoms of MJCF files, and distances between convex solids."""
+
+from collections.abc import Collection, Mapping
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from steelyard.base.arrays import Array
+from steelyard.base.errors import ModelError
+from steelyard.excite.collision.convex_solids import (
+    Ball,
+    Box,
+    Capsule,
+    Cylinder,
+    Ellipsoid,
+    HalfSpace,
+    Hull,
+    Solid,
+)
+from steelyard.excite.collision.mesh_files import WITHOUT_MESH_ADVICE
+from steelyard.excite.collision.shape_kinematics import Shape, obstacle, placed
+from steelyard.robot.models.mjcf import Compiled, compiled
+from steelyard.robot.robot import Frame
+
+FARTHEST_DISTANCE = 1e6  # no two solids are farther apart [m]
+
+_GEOM = mujoco.mjtGeom
+
+
+class Distances:
+    """Signed distances between pairs of solids, by GJK and EPA on MuJoCo's geoms.
+
+    MuJoCo's model has one free-standing geom per solid. Its origin and axes in the frame of its
+    solid are `_position`, shape `(G, 3)` [m], and `_rotation`, shape `(G, 3, 3)`.
+    """
+
+    def __init__(self, solids: tuple[Solid, ...]) -> None:
+        spec = mujoco.MjSpec()
+        spec.compiler.balanceinertia = True
+        spec.memory = 1 << 22
+        for number, solid in enumerate(solids):
+            _add(spec, number, solid)
+        self._model = spec.compile()
+        data = mujoco.MjData(self._model)
+        mujoco.mj_kinematics(self._model, data)
+        self._position = data.geom_xpos.copy()
+        self._rotation = data.geom_xmat.reshape(-1, 3, 3).copy()
+        self._spare = list[Any]()
+
+    def between(
+        self, pairs: NDArray[np.intp], samples: NDArray[np.intp], at: tuple[Array, Array]
+    ) -> tuple[Array, Array]:
+        """Distances of `H` pairs of solids `(H, 2)`, each at a sample, ascending, `(H,)`.
+
+        None is a half-space. Axes `(N, G, 3, 3)` and origins `(N, G, 3)` [m] are those of all
+        solids at all samples. Distances, `(H,)` [m], are negative by the depth of an overlap. Also
+        the nearest points of both, `(H, 2, 3)` [m]; of an overlap those that would touch first if
+        the solids were drawn apart.
+        """
+        # memory for the solver takes longer to get than a hundred distances
+        model, data = self._model, self._spare.pop() if self._spare else mujoco.MjData(self._model)
+        place, turn = data.geom_xpos, data.geom_xmat
+        used, samples = np.unique(samples, return_inverse=True)
+        rotations = at[0][used] @ self._rotation
+        positions = at[1][used] + (at[0][used] @ self._position[..., None])[..., 0]
+        flat = rotations.reshape(*rotations.shape[:2], 9)
+        distances, points = np.empty(len(pairs)), np.empty((len(pairs), 6, 1))
+        measure, last = mujoco.mj_geomDistance, -1
+        work = zip(pairs[:, 0].tolist(), pairs[:, 1].tolist(), samples.tolist(), strict=True)
+        for k, (first, second, sample) in enumerate(work):
+            if sample != last:
+                place[:], turn[:] = positions[sample], flat[sample]
+                last = sample
+            distances[k] = measure(model, data, first, second, FARTHEST_DISTANCE, points[k])
+        self._spare.append(data)
+        return distances, points.reshape(-1, 2, 3)
+
+
+def _add(spec: Any, number: int, solid: Solid) -> None:
+    """One geom for a solid, on the world; a half-space gets a stand-in that is never used."""
+    if isinstance(solid, Hull):
+        vertices = solid.vertices.astype(np.float32).ravel()
+        spec.add_mesh(name=f"{number}", uservert=vertices)
+        spec.worldbody.add_geom(type=_GEOM.mjGEOM_MESH, meshname=f"{number}")
+        return
+    kind, size = _GEOM.mjGEOM_SPHERE, (1.0, 0.0, 0.0)
+    if isinstance(solid, Ball):
+        size = (solid.radius, 0.0, 0.0)
+    elif isinstance(solid, Box):
+        x, y, z = solid.size
+        kind, size = _GEOM.mjGEOM_BOX, (x / 2.0, y / 2.0, z / 2.0)
+    elif isinstance(solid, Ellipsoid):
+        kind, size = _GEOM.mjGEOM_ELLIPSOID, solid.semi
+    elif isinstance(solid, Cylinder):
+        kind, size = _GEOM.mjGEOM_CYLINDER, (solid.disc, solid.length / 2.0, 0.0)
+    elif isinstance(solid, Capsule):
+        kind, size = _GEOM.mjGEOM_CAPSULE, (solid.disc, solid.length / 2.0, 0.0)
+    spec.worldbody.add_geom(type=kind, size=size)
+
+
+def mjcf_shapes(
+    path: Path, frames: Mapping[str, Frame], skip: Collection[str]
+) -> tuple[tuple[Shape, ...], frozenset[frozenset[str]], frozenset[str]]:
+    """Shapes of an MJCF robot, pairs of links that it excludes, and other links with shapes."""
+    file = compiled(path)
+    model, shapes = file.model, list[Shape]()
+    names = {geom: _link(model, int(model.geom_bodyid[geom])) for geom in _colliding(model)}
+    for geom, name in names.items():
+        if name in skip or name not in frames:
+            continue
+        # a link's origin is the anchor of its body's last joint
+        body = int(model.geom_bodyid[geom])
+        last = int(model.body_jntadr[body]) + int(model.body_jntnum[body]) - 1
+        anchor = model.jnt_pos[last] if model.body_jntnum[body] else np.zeros(3)
+        rotation, position = np.zeros(9), model.geom_pos[geom] - anchor
+        mujoco.mju_quat2Mat(rotation, model.geom_quat[geom])
+        solid = _solid(file, geom, name, path)
+        shapes.append(placed(frames[name], name, solid, position, rotation.reshape(3, 3)))
+    return tuple(shapes), _excluded(model), frozenset(names.values()) - frames.keys()
+
+
+def mjcf_world(path: Path) -> tuple[Shape, ...]:
+    """Shapes of a cell's MJCF, its joints at their reference positions."""
+    file = compiled(path)
+    model, data = file.model, mujoco.MjData(file.model)
+    mujoco.mj_kinematics(model, data)
+    shapes = []
+    for geom in _colliding(model):
+        name = _link(model, int(model.geom_bodyid[geom]))
+        solid, rotation = _solid(file, geom, name, path), data.geom_xmat[geom].reshape(3, 3)
+        shapes.append(obstacle(name, solid, data.geom_xpos[geom], rotation))
+    return tuple(shapes)
+
+
+def _link(model: Any, body: int) -> str:
+    return str(model.body(body).name) or f"body_{body}"
+
+
+def _colliding(model: Any) -> list[int]:
+    active = (model.geom_contype != 0) | (model.geom_conaffinity != 0)
+    return [int(geom) for geom in np.flatnonzero(active)]
+
+
+def _excluded(model: Any) -> frozenset[frozenset[str]]:
+    """Pairs of bodies that `<exclude>` names, or whose geoms' masks let them pass."""
+    pairs = set()
+    for signature in model.exclude_signature:
+        bodies = (int(signature) >> 16, int(signature) & 0xFFFF)
+        pairs.add(frozenset(_link(model, body) for body in bodies))
+    masks: dict[str, list[tuple[int, int]]] = {}
+    for geom in _colliding(model):
+        mask = (int(model.geom_contype[geom]), int(model.geom_conaffinity[geom]))
+        masks.setdefault(_link(model, int(model.geom_bodyid[geom])), []).append(mask)
+    for first, mine in masks.items():
+        for second, theirs in masks.items():
+            meet = any((a & d) or (c & b) for a, b in mine for c, d in theirs)
+            if first < second and not meet:
+                pairs.add(frozenset((first, second)))
+    return frozenset(pairs)
+
+
+def _solid(file: Compiled, geom: int, link: str, path: Path) -> Solid:
+    """The solid of a colliding geom; its mesh must be there."""
+    if geom in file.stand_ins:
+        raise ModelError(
+            f"the collision mesh '{file.stand_ins[geom]}' of link '{link}' is not there",
+            where=str(path),
+            fix="put the file where the MJCF looks for it (see its meshdir), or "
+            f"{WITHOUT_MESH_ADVICE}",
+        )
+    model = file.model
+    kind, size = _GEOM(int(model.geom_type[geom])), [float(s) for s in model.geom_size[geom]]
+    if kind == _GEOM.mjGEOM_PLANE:
+        return HalfSpace()
+    if kind == _GEOM.mjGEOM_SPHERE:
+        return Ball(size[0])
+    if kind == _GEOM.mjGEOM_BOX:
+        return Box((2.0 * size[0], 2.0 * size[1], 2.0 * size[2]))
+    if kind == _GEOM.mjGEOM_ELLIPSOID:
+        return Ellipsoid((size[0], size[1], size[2]))
+    if kind in (_GEOM.mjGEOM_CAPSULE, _GEOM.mjGEOM_CYLINDER):
+        made = Capsule if kind == _GEOM.mjGEOM_CAPSULE else Cylinder
+        return made(size[0], 2.0 * size[1])
+    if kind == _GEOM.mjGEOM_MESH:
+        mesh = int(model.geom_dataid[geom])
+        first, count = int(model.mesh_vertadr[mesh]), int(model.mesh_vertnum[mesh])
+        return Hull(model.mesh_vert[first : first + count].astype(np.float64))
+    raise ModelError(
+        f"link '{link}' has a colliding geom of kind {kind.name[7:].lower()}, which is not convex",
+        where=str(path),
+        fix="replace it by boxes or meshes, or name the link under skip to ignore its shapes",
+    )

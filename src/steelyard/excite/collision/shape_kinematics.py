@@ -1,0 +1,252 @@
+r"""Collision shapes fixed to bodies: where they are, and how fast their distances can change.
+
+The distance $s$ of two solids on bodies $a$ and $b$ changes at the rate
+$n \cdot (v_b - v_a)$ of their nearest points, whose difference is along $n$. A revolute joint
+between $a$ and $b$ contributes $\dot x\, n \cdot (w \times p)$ for any point $p$ on that line, so
+at most $|\dot x|$ times the distance of *either* nearest point from the joint's axis; a prismatic
+one at most $|\dot x|$; a joint that moves both nothing. The reach of a solid from an axis is
+bounded over all postures by a ball around it that is swept about one joint after the other.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from steelyard.base.arrays import Array, frozen
+from steelyard.base.errors import ModelError
+from steelyard.excite.collision.convex_solids import Ball, HalfSpace, Solid
+from steelyard.model.equations.kinematics import Points
+from steelyard.robot.robot import Frame, Robot, bodies_along
+
+Origin = Literal["link", "tool", "world"]  # whose: of the model, a tool or payload, or the cell
+
+
+@dataclass(frozen=True, eq=False)
+class Shape:
+    """A convex solid on a body, -1 for the base and the world, part of a link, tool or obstacle.
+
+    The solid's axes `(3, 3)` and origin `(3,)` [m] are in the body's frame.
+    """
+
+    name: str
+    body: int
+    rotation: Array
+    position: Array
+    solid: Solid
+    origin: Origin = "link"
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "rotation", frozen(self.rotation, (3, 3)))
+        object.__setattr__(self, "position", frozen(self.position, (3,)))
+
+    @property
+    def flat(self) -> bool:
+        """Whether it is a half-space."""
+        return isinstance(self.solid, HalfSpace)
+
+
+@dataclass(frozen=True, eq=False)
+class Geometry:
+    """The shapes of a robot, in the order of the model file.
+
+    The links that carry all links but the root, pairs of links that the model itself lets pass
+    through each other (`never`), and links whose shapes are left out (`skipped`).
+    """
+
+    shapes: tuple[Shape, ...]
+    parents: Mapping[str, str] = field(default_factory=dict)
+    never: frozenset[frozenset[str]] = frozenset()
+    skipped: frozenset[str] = frozenset()
+    notes: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "parents", MappingProxyType(dict(self.parents)))
+
+
+def obstacle(
+    name: str,
+    solid: Solid,
+    position: ArrayLike = (0.0, 0.0, 0.0),
+    rotation: ArrayLike | None = None,
+) -> Shape:
+    """A thing that stands still in the cell, placed in the robot's base frame."""
+    base = Frame(name, -1, np.eye(3), np.zeros(3))
+    return placed(base, name, solid, position, rotation, "world")
+
+
+def wall(name: str, normal: ArrayLike, offset: float) -> Shape:
+    """A plane that nothing may go behind: kept is `normal @ p >= offset` [m] in the base frame.
+
+    The offset is that for a normal of length one.
+    """
+    vector = frozen(normal, (3,))
+    length = float(np.linalg.norm(vector))
+    if not 0.0 < length < np.inf:
+        raise ModelError(
+            f"the normal of the plane '{name}' has no direction",
+            where=f"plane '{name}'",
+            fix="give the direction of the free side, such as 0, 0, 1 for a floor",
+        )
+    at = vector * offset / length**2
+    return obstacle(name, HalfSpace(), at, axes_along(vector))
+
+
+def axes_along(way: Array) -> Array:
+    """Axes, the columns of shape `(3, 3)`, whose third one is along a vector."""
+    z = way / np.linalg.norm(way)
+    x = np.cross(np.eye(3)[np.argmin(np.abs(z))], z)
+    x /= np.linalg.norm(x)
+    return np.column_stack([x, np.cross(z, x), z])
+
+
+def placed(
+    frame: Frame,
+    name: str,
+    solid: Solid,
+    position: ArrayLike = (0.0, 0.0, 0.0),
+    rotation: ArrayLike | None = None,
+    origin: Origin = "link",
+) -> Shape:
+    """A solid that is placed in a frame, as a shape on the frame's body."""
+    turned = np.eye(3) if rotation is None else frozen(rotation, (3, 3))
+    if not np.allclose(turned @ turned.T, np.eye(3), atol=1e-6):
+        raise ValueError(f"the rotation of '{name}' is not a rotation")
+    at = frame.position + frame.rotation @ frozen(position, (3,))
+    return Shape(name, frame.body, frame.rotation @ turned, at, solid, origin)
+
+
+@dataclass(frozen=True, eq=False)
+class Poses:
+    """All shapes and all joints' axes at `N` samples, in the base frame.
+
+    Axes `(N, G, 3, 3)` and origins `(N, G, 3)` of the solids, `centres` of the balls around them,
+    axes of the bodies' joints `(N, B, 3)` and points on these (`anchors`) [m].
+    """
+
+    rotations: Array
+    origins: Array
+    centres: Array
+    axes: Array
+    anchors: Array
+
+
+class ShapeKinematics:
+    """Forward kinematics of a tree's bodies without loops, and of shapes that are fixed to them."""
+
+    def __init__(self, robot: Robot, shapes: Sequence[Shape]) -> None:
+        self.robot, self._count = robot, len(shapes)
+        # per body (plus one; 0 is the base) that has shapes their numbers, and rotations, origins
+        # and centres of the balls around them side by side
+        self._carried = list[tuple[int, NDArray[np.intp], Array]]()
+        for carrier in sorted({shape.body for shape in shapes}):
+            which = np.array([k for k, s in enumerate(shapes) if s.body == carrier], dtype=np.intp)
+            own = [
+                np.column_stack([s.rotation, s.position, s.position + s.rotation @ s.solid.centre])
+                for s in (shapes[k] for k in which)
+            ]
+            self._carried.append((carrier + 1, which, np.concatenate(own, axis=1)))
+
+    def __call__(self, q: Array) -> Poses:
+        """Poses at positions of the joints, shape `(N, n)`."""
+        rotation, origin = bodies_along(self.robot, q)
+        axes = [(r @ b.axis) for r, b in zip(rotation[1:], self.robot.bodies, strict=True)]
+        count, shapes = len(q), self._count
+        frames = np.empty((count, shapes, 3, 3))
+        places = np.empty((2, count, shapes, 3))
+        for carrier, which, own in self._carried:
+            # one product per body: a stack of small ones would take several times as long
+            turned = (rotation[carrier].reshape(-1, 3) @ own).reshape(count, 3, -1, 5)
+            frames[:, which] = turned[..., :3].transpose(0, 2, 1, 3)
+            places[:, :, which] = turned[..., 3:].transpose(3, 0, 2, 1)
+            places[:, :, which] += origin[carrier][:, None]
+        origins, centres = places
+        return Poses(frames, origins, centres, np.stack(axes, axis=1), np.stack(origin[1:], axis=1))
+
+
+_POINT = 1e-9
+
+
+def sides(robot: Robot, first: int, second: int) -> NDArray[np.int8]:
+    """Per body what its joint moves of two bodies, shape `(B,)`.
+
+    That is -1 for a joint that moves only the first, 1 for only the second, 0 for both or none.
+    """
+    signs = np.zeros(len(robot.bodies), dtype=np.int8)
+    for body, sign in ((first, -1), (second, 1)):
+        while body >= 0:
+            signs[body] += sign
+            body = robot.bodies[body].parent
+    return signs
+
+
+def rates(robot: Robot, first: Shape, second: Shape, lower: Array, upper: Array) -> Array:
+    """Bound of the change of two shapes' distance per speed of each coordinate, `(n,)` [m/rad; 1].
+
+    It holds for positions from `lower` to `upper`, shape `(n,)` each [rad; m].
+    """
+    ways = sides(robot, first.body, second.body)
+    up = _to_base(robot, first.body, ways)
+    down = _to_base(robot, second.body, ways)
+    mine = _reaches(robot, first, up, down[::-1], lower, upper)
+    theirs = _reaches(robot, second, down, up[::-1], lower, upper)
+    bound = np.zeros(robot.n)
+    for index in (*up, *down):
+        body = robot.bodies[index]
+        reach = 1.0 if body.kind == "prismatic" else min(mine[index], theirs[index])
+        bound[body.coordinate] += abs(body.ratio) * reach
+    return bound
+
+
+def point_rates(robot: Robot, points: Points, lower: Array, upper: Array) -> Array:
+    """How far each point moves at most per change of each coordinate, shape `(m, n)` [m/rad; 1]."""
+    base = Shape("base", -1, np.eye(3), np.zeros(3), Ball(_POINT))
+    own = [
+        Shape("point", body, np.eye(3), place, Ball(_POINT))
+        for body, place in zip(points.carriers, points.places, strict=True)
+    ]
+    return np.array([rates(robot, base, shape, lower, upper) for shape in own])
+
+
+def _to_base(robot: Robot, body: int, ways: NDArray[np.int8]) -> list[int]:
+    """Joints from a body to where the two bodies' ways meet, as numbers of bodies."""
+    found = []
+    while body >= 0:
+        if ways[body]:
+            found.append(body)
+        body = robot.bodies[body].parent
+    return found
+
+
+def _reaches(
+    robot: Robot, shape: Shape, up: Sequence[int], down: Sequence[int], lower: Array, upper: Array
+) -> dict[int, float]:
+    """How far a shape may be from the axes of joints, which it passes first up, then down."""
+    centre, radius = shape.position + shape.rotation @ shape.solid.centre, shape.solid.radius
+    reaches = {}
+    for index in up:
+        body = robot.bodies[index]
+        centre, radius, reaches[index] = _swept(robot, index, centre, radius, lower, upper, 1.0)
+        centre = body.rotation @ centre + body.position
+    for index in down:
+        body = robot.bodies[index]
+        centre = body.rotation.T @ (centre - body.position)
+        centre, radius, reaches[index] = _swept(robot, index, centre, radius, lower, upper, -1.0)
+    return reaches
+
+
+def _swept(
+    robot: Robot, index: int, centre: Array, radius: float, lower: Array, upper: Array, sign: float
+) -> tuple[Array, float, float]:
+    """A ball that holds a ball while a joint moves it, and its reach from the joint's axis [m]."""
+    body = robot.bodies[index]
+    along = body.axis * (body.axis @ centre)
+    reach = float(np.linalg.norm(centre - along)) + radius
+    if body.kind == "revolute":
+        return along, reach, reach
+    ends = body.ratio * np.array([lower[body.coordinate], upper[body.coordinate]]) + body.offset
+    middle, half = ends.mean(), float(abs(ends[1] - ends[0])) / 2.0
+    return centre + sign * middle * body.axis, radius + half, reach

@@ -1,0 +1,244 @@
+"""The certificate of a motion: what is proven of its constraints and limits at all times."""
+
+import hashlib
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from steelyard.base.arrays import Array
+from steelyard.base.files import write_json
+from steelyard.excite.constraints.constraint import PROOF_SAMPLES, Constraint, Declined, Gap
+from steelyard.excite.constraints.motion_limits import MotionLimits
+from steelyard.excite.trajectories.jumps_and_holds import Jump, unrest, velocity_jumps
+from steelyard.excite.trajectories.trajectory import ORDERS, ExactTrajectory
+from steelyard.robot.robot import Robot
+
+
+@dataclass(frozen=True)
+class Proof:
+    """Margins of one constraint, see there.
+
+    What is `proven` is a lower bound of each that holds at all times, `sampled` the least of each
+    at samples: from the `activation_distance` on it may be less, as the constraint computes no more
+    there, but it is never less than `proven`. The `scale` is what each is a share of: the limit of
+    an effort or power; of a distance, whose least value is no measure of it, the activation
+    distance.
+    """
+
+    name: str
+    unit: str
+    how: str
+    labels: tuple[str, ...]
+    proven: tuple[float, ...]
+    sampled: tuple[float, ...]
+    activation_distance: tuple[float, ...]
+    scope: str = ""
+    scale: tuple[float, ...] = ()
+
+    @property
+    def used(self) -> tuple[float, ...]:
+        """Share of each limit that is used: 1 where nothing is left, more where it is violated."""
+        scale = self.scale or self.activation_distance
+        return tuple(1.0 - own / size for own, size in zip(self.proven, scale, strict=True))
+
+    def to_dict(self) -> dict[str, Any]:
+        """As values for JSON; a margin without a bound is `None`."""
+        margins = [
+            {"label": label, "proven": least if np.isfinite(least) else None, "sampled": seen}
+            for label, least, seen in zip(self.labels, self.proven, self.sampled, strict=True)
+        ]
+        for values, distance in zip(margins, self.activation_distance, strict=True):
+            values["room"] = distance
+        head = {"name": self.name, "unit": self.unit, "how": self.how, "scope": self.scope}
+        return {**head, "margins": margins}
+
+
+def proof_of(
+    trajectory: ExactTrajectory, constraint: Constraint, known: Array | None = None
+) -> Proof:
+    """What is proven of a motion, or was before (`known`, `(k,)`), beside what samples show."""
+    proven = constraint.proven(trajectory) if known is None else known
+    motion = trajectory.sample(np.linspace(0.0, trajectory.duration, PROOF_SAMPLES))
+    sampled = constraint.margins(motion.q, motion.dq, motion.ddq).values.min(axis=0)
+    sampled = np.where(
+        sampled >= constraint.activation_distance, np.maximum(sampled, proven), sampled
+    )
+    numbers = (proven, sampled, constraint.activation_distance, constraint.scale)
+    least, seen, distance, scale = (tuple(map(float, one)) for one in numbers)
+    c = constraint
+    return Proof(c.name, c.unit, c.how, tuple(c.labels), least, seen, distance, c.scope, scale)
+
+
+EXTREMES = (
+    "extremes over all times from the motion's polynomials, enlarged by a bound of the rounding "
+    "error"
+)
+
+
+COVERS = (
+    "the motion from start to end; not covered are the approach to the start posture, and "
+    "accelerations and torques that a controller adds between the points of a file"
+)
+
+
+@dataclass(frozen=True)
+class Extreme:
+    """How far one derivative of one joint goes over all times.
+
+    It may go from `lower` to `upper`; `None` for any.
+    """
+
+    joint: str
+    quantity: str
+    unit: str
+    least: float
+    greatest: float
+    lower: float | None
+    upper: float | None
+
+    @property
+    def margin(self) -> float | None:
+        """What is left to the nearer limit, negative beyond it; `None` without limits."""
+        below = None if self.lower is None else self.least - self.lower
+        above = None if self.upper is None else self.upper - self.greatest
+        return min((x for x in (below, above) if x is not None), default=None)
+
+    @property
+    def used(self) -> float | None:
+        """Share of the way from the middle between two limits to the nearer one that is used."""
+        if self.margin is None or self.lower is None or self.upper is None:
+            return None
+        half = 0.5 * (self.upper - self.lower)
+        return 1.0 - self.margin / half if half > 0.0 else None
+
+
+@dataclass(frozen=True)
+class Certificate:
+    """What is proven of one motion, given by its `trajectory_hash`, of one robot.
+
+    Extremes are joint by joint the four quantities of each, found as `how` says in one sentence;
+    notes say what was assumed and not looked at.
+    """
+
+    robot: str
+    trajectory: str
+    duration: float
+    how: str
+    extremes: tuple[Extreme, ...]
+    proofs: tuple[Proof, ...]
+    jumps: tuple[Jump, ...] = ()
+    notes: tuple[str, ...] = ()
+
+    @property
+    def holds(self) -> bool:
+        """Whether no limit is passed, no velocity jumps, and no proven margin is negative."""
+        return not self.failures
+
+    @property
+    def gaps(self) -> tuple[str, ...]:
+        """What is not covered, though not left out by request, one sentence each."""
+        return tuple(n for n in self.notes if isinstance(n, Gap) and not isinstance(n, Declined))
+
+    @property
+    def declined(self) -> tuple[str, ...]:
+        """What is not covered by the user's request, one sentence each."""
+        return tuple(n for n in self.notes if isinstance(n, Declined))
+
+    @property
+    def uncovered(self) -> tuple[str, ...]:
+        """What is not covered, for whatever reason, one sentence each."""
+        return (*self.gaps, *self.declined)
+
+    @property
+    def failures(self) -> tuple[str, ...]:
+        """What is not proven, and by how much, one line each."""
+        beyond = [
+            f"{x.quantity} of '{x.joint}' exceeds its limit by {-x.margin:.3g} {x.unit}"
+            for x in self.extremes
+            if x.margin is not None and not x.margin >= 0.0
+        ]
+        negative = [
+            f"{proof.name}: {label}: "
+            + (f"violated by {-seen:.3g} {proof.unit}" if seen < 0.0 else "not proven")
+            for proof in self.proofs
+            for label, least, seen in zip(proof.labels, proof.proven, proof.sampled, strict=True)
+            if not least >= 0.0
+        ]
+        return (*beyond, *(str(jump) for jump in self.jumps), *negative)
+
+    def to_dict(self) -> dict[str, Any]:
+        """As values for JSON; a margin without a bound is `None`."""
+        return {
+            "kind": "certificate",
+            "holds": self.holds,
+            "robot": self.robot,
+            "trajectory_sha256": self.trajectory,
+            "duration_s": self.duration,
+            "covers": COVERS,
+            "not_covered": list(self.gaps),
+            "not_covered_as_asked": list(self.declined),
+            "how": self.how,
+            "extremes": [{**vars(x), "margin": x.margin} for x in self.extremes],
+            "jumps": [dict(vars(x)) for x in self.jumps],
+            "constraints": [proof.to_dict() for proof in self.proofs],
+            "notes": list(self.notes),
+        }
+
+    def write(self, path: Path) -> None:
+        """Write as JSON."""
+        write_json(path, self.to_dict())
+
+
+def certify(
+    robot: Robot,
+    trajectory: ExactTrajectory,
+    limits: MotionLimits,
+    constraints: Sequence[Constraint] = (),
+    notes: Sequence[str] = (),
+    proven: Sequence[Array] | None = None,
+) -> Certificate:
+    """Find out what holds of a motion at all times.
+
+    Notes say what was assumed and not looked at; motions that do not rest at their ends add some.
+    What was `proven` of this motion before, margins of each constraint, `(k,)` each, is not proven
+    again.
+    """
+    allowed = [*limits.bounds, None][: len(ORDERS)]
+    reached = [trajectory.extremes(order) for order in range(len(ORDERS))]
+    units = ("", "/s", "/s²", "/s³")
+    extremes = [
+        Extreme(
+            joint.name,
+            quantity,
+            joint.unit + power,
+            float(least[j]),
+            float(greatest[j]),
+            None if ends is None else float(ends[0][j]),
+            None if ends is None else float(ends[1][j]),
+        )
+        for j, joint in enumerate(robot.coordinates)
+        for quantity, power, (least, greatest), ends in zip(
+            ORDERS, units, reached, allowed, strict=True
+        )
+    ]
+    before = [None] * len(constraints) if proven is None else proven
+    proofs = [proof_of(trajectory, *one) for one in zip(constraints, before, strict=True)]
+    return Certificate(
+        robot=robot.name,
+        trajectory=trajectory_hash(trajectory),
+        duration=trajectory.duration,
+        how=EXTREMES,
+        extremes=tuple(extremes),
+        proofs=tuple(proofs),
+        jumps=velocity_jumps(robot, trajectory, limits.velocity),
+        notes=(*notes, *unrest(trajectory, limits.velocity)),
+    )
+
+
+def trajectory_hash(trajectory: ExactTrajectory) -> str:
+    """SHA-256 of the motion's JSON with sorted keys."""
+    return hashlib.sha256(json.dumps(trajectory.to_dict(), sort_keys=True).encode()).hexdigest()

@@ -1,0 +1,89 @@
+"""Limits of positions, velocities, accelerations and jerks of a motion, the robot's or assumed."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from steelyard.base.arrays import Array, frozen
+from steelyard.robot.robot import Coordinate, Robot
+
+DEFAULT_ACCELERATION = {"revolute": 5.0, "prismatic": 1.0}
+DEFAULT_VELOCITY = {"revolute": 1.5, "prismatic": 0.3}
+DEFAULT_RANGE = {"revolute": 1.5, "prismatic": 0.2}
+ACCELERATIONS_ASSUMED = "accelerations are kept below 5 rad/s² (prismatic joints: 1 m/s²)"
+
+
+@dataclass(frozen=True, eq=False)
+class MotionLimits:
+    """Bounds of a motion, all finite, shape `(n,)` each; of jerk `None` for any.
+
+    [rad; m], [rad/s; m/s], [rad/s²; m/s²] and [rad/s³; m/s³]. Notes say what was assumed. Speeds,
+    accelerations and jerks are the `share` of the limits that were given or assumed; `assumed` are
+    quantity and joint of every limit that nobody has given.
+    """
+
+    lower: Array
+    upper: Array
+    velocity: Array
+    acceleration: Array
+    notes: tuple[str, ...] = ()
+    jerk: Array | None = None
+    share: float = 1.0
+    assumed: frozenset[tuple[str, str]] = frozenset()
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "lower", frozen(self.lower, (None,)))
+        for name in ("upper", "velocity", "acceleration"):
+            object.__setattr__(self, name, frozen(getattr(self, name), self.lower.shape))
+        if self.jerk is not None:
+            object.__setattr__(self, "jerk", frozen(self.jerk, self.lower.shape))
+        if not np.all(self.lower < self.upper):
+            raise ValueError("a lower position limit is not below its upper one")
+
+    @property
+    def bounds(self) -> list[tuple[Array, Array]]:
+        """Lower and upper bound of position, speed, acceleration and, where limited, jerk."""
+        symmetric = [self.velocity, self.acceleration]
+        symmetric += [] if self.jerk is None else [self.jerk]
+        return [(self.lower, self.upper), *((-most, most) for most in symmetric)]
+
+
+def motion_limits(robot: Robot) -> MotionLimits:
+    """Limits of the robot's joints; what it does not state is assumed.
+
+    Notes name assumed ranges and speeds; accelerations are those of `ACCELERATIONS_ASSUMED`.
+    """
+    lines: dict[str, list[str]] = {}
+    assumed = {("acceleration", name) for name in robot.joint_names}
+    ranges, speeds = list[tuple[float, float]](), list[float]()
+    for joint in robot.coordinates:
+        lower, upper = joint.limits.lower, joint.limits.upper
+        if not (np.isfinite([lower, upper]).all() and lower < upper):
+            lower, upper = _assumed_range(joint)
+            what = f"without a complete range, moved within {lower:.3g} .. {upper:.3g} {joint.unit}"
+            lines.setdefault(what, []).append(joint.name)
+            assumed.add(("position", joint.name))
+        ranges.append((lower, upper))
+    for joint in robot.coordinates:
+        speed = joint.limits.velocity
+        if not 0.0 < speed < np.inf:
+            speed = DEFAULT_VELOCITY[joint.kind]
+            what = f"without a speed limit, moved at {speed:.3g} {joint.unit}/s at most"
+            lines.setdefault(what, []).append(joint.name)
+            assumed.add(("velocity", joint.name))
+        speeds.append(speed)
+    notes = tuple(f"{what}: {', '.join(joints)}" for what, joints in lines.items())
+    bounds = np.array([DEFAULT_ACCELERATION[c.kind] for c in robot.coordinates])
+    low, high = np.array(ranges).reshape(-1, 2).T
+    known = frozenset(assumed)
+    return MotionLimits(low, high, np.array(speeds), bounds, notes, assumed=known)
+
+
+def _assumed_range(joint: Coordinate) -> tuple[float, float]:
+    """Position range where an end is missing: a set distance from the other, or from zero."""
+    lower, upper, span = joint.limits.lower, joint.limits.upper, DEFAULT_RANGE[joint.kind]
+    if np.isfinite(lower) and not np.isfinite(upper):
+        return lower, lower + 2.0 * span
+    if np.isfinite(upper) and not np.isfinite(lower):
+        return upper - 2.0 * span, upper
+    return -span, span

@@ -1,0 +1,347 @@
+r"""Moves as fast as limits allow, and tours of places as one motion that ends where it started.
+
+A move is a fixed curve $q(\tau)$ of joint positions over the unit of time, run through in the time
+$T$: speeds are $q'/T$, accelerations $q''/T^2$, jerks $q'''/T^3$. So the shortest time that keeps
+all limits is known at once from the extremes of the curve's derivatives, without iteration. The
+way along the curve is the minimum-jerk one, $s = 10\tau^3 - 15\tau^4 + 6\tau^5$ [Flash1985].
+"""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from steelyard.base.arrays import Array, frozen
+from steelyard.base.errors import DataError
+from steelyard.excite.constraints.motion_limits import MotionLimits
+from steelyard.excite.planned.inverse_kinematics import Attitude, InverseKinematics, within
+from steelyard.excite.planned.straight_lines_and_reach import (
+    Followed,
+    UnfollowableWay,
+    follow,
+    postures_at,
+    refuse_out_of_reach,
+    unfollowable_error,
+)
+from steelyard.excite.planned.tool_way_bounds import ToolWay
+from steelyard.excite.trajectories.piecewise_polynomials import SMOOTH, PiecewiseMotion, from_scipy
+from steelyard.excite.trajectories.trajectory import ORDERS
+from steelyard.model.equations.kinematics import frame_kinematics
+from steelyard.robot.robot import Frame, Robot
+
+STRAIGHTNESS = 1e-4  # greatest distance from a line [m], and turn from the attitude [rad]
+_MOST_PIECES = 1024  # pieces of a line at most
+_SAMPLES_PER_PIECE = 8  # samples of the tool's way per piece
+_LEAST_WAY_SAMPLES = 64  # samples of the tool's way per move at least
+_SAMPLED_SHARE = 0.5  # share of the straightness that samples may use, before it is proven
+_PROOF_EXCESS = 0.1  # share of it by which the proven deviation may exceed the true one
+_TIME_TOLERANCE = 0.01  # excess of the proven time for the tool's limits over the shortest
+
+
+@dataclass(frozen=True, eq=False)
+class Move:
+    """Joint positions over times from 0 to 1; on lines how far the tool leaves them [m]."""
+
+    curve: PiecewiseMotion
+    deviation: float = 0.0
+
+
+@dataclass(frozen=True)
+class ToolGuidance:
+    """How the tool is led: on straight lines of its own, or straight in joint space.
+
+    The attitude is kept at all times on lines, else at places. Highest speed [m/s] and acceleration
+    [m/s²] are those of the tool's origin, beside the joints' limits.
+    """
+
+    path: Literal["line", "joint"] = "line"
+    attitude: Attitude = Attitude()
+    speed: float = np.inf
+    acceleration: float = np.inf
+
+
+@dataclass(frozen=True)
+class MovePace:
+    """How long a move takes [s], and the limit that it meets."""
+
+    duration: float
+    limit: str
+
+
+def joint_move(start: Array, end: Array) -> Move:
+    """All joints together, straight in joint space."""
+    coefficients = np.outer(SMOOTH, end - start)
+    coefficients[0] = start
+    return Move(PiecewiseMotion(np.array([0.0, 1.0]), coefficients[None]))
+
+
+def line_move(followed: Followed, way: ToolWay, where: str) -> Move:
+    """Along a straight line of the tool, as a quintic spline through exact postures.
+
+    It keeps within `STRAIGHTNESS` of the line [m] and of the attitude [rad].
+    """
+    from scipy.interpolate import make_interp_spline
+
+    pieces, missed = 8, np.inf
+    while pieces < _MOST_PIECES:
+        pieces *= 2
+        tau = np.linspace(0.0, 1.0, pieces + 1)
+        postures = followed.postures(tau**3 * (10.0 - 15.0 * tau + 6.0 * tau**2))
+        if postures is None:
+            continue
+        postures[0], postures[-1] = followed.q[0], followed.q[-1]
+        rest = [(order, np.zeros(postures.shape[1])) for order in (1, 2)]
+        curve = from_scipy(make_interp_spline(tau, postures, k=5, bc_type=(rest, rest)))
+        missed = _off_line(curve, followed)
+        if missed > _SAMPLED_SHARE * STRAIGHTNESS:
+            continue
+        rough = (np.inf, np.inf, _PROOF_EXCESS * STRAIGHTNESS)
+        return Move(curve, way.proven(curve, rough, followed.ends).deviation)
+    raise unfollowable_error(
+        "the postures along the straight line change so fast that no smooth motion was found that "
+        f"keeps to it within {1e3 * STRAIGHTNESS:.3g} mm; it is missed by {1e3 * missed:.3g} mm",
+        where,
+        1.0,
+    )
+
+
+def pace(
+    move: Move, way: ToolWay, limits: MotionLimits, guidance: ToolGuidance, names: tuple[str, ...]
+) -> MovePace:
+    """The shortest time that keeps all limits, for a move that goes somewhere."""
+    times: list[tuple[float, str]] = []
+    for order, (_, bound) in enumerate(limits.bounds[1:], start=1):
+        low, high = move.curve.extremes(order)
+        needed = (np.maximum(-low, high) / bound) ** (1.0 / order)
+        j = int(np.argmax(needed))
+        times.append((float(needed[j]), f"{ORDERS[order]} of '{names[j]}'"))
+    duration = max(times)[0]
+    speed, bend = way.seen(move.curve, _samples(move.curve))
+    tool_times = (speed / guidance.speed, np.sqrt(bend / guidance.acceleration))
+    if max(tool_times) * (1.0 + _TIME_TOLERANCE) > duration:
+        extent = way.proven(
+            move.curve, (_TIME_TOLERANCE * speed, 2.0 * _TIME_TOLERANCE * bend, np.inf)
+        )
+        times.append((extent.speed / guidance.speed, "speed of the tool"))
+        root = float(np.sqrt(extent.acceleration / guidance.acceleration))
+        times.append((root, "acceleration of the tool"))
+    return MovePace(*max(times))
+
+
+def _samples(curve: PiecewiseMotion) -> Array:
+    between = max(_SAMPLES_PER_PIECE * (len(curve.breaks) - 1), _LEAST_WAY_SAMPLES)
+    return np.linspace(0.0, 1.0, between + 1)
+
+
+def _off_line(curve: PiecewiseMotion, followed: Followed) -> float:
+    """Greatest distance from the line [m] or turn from the attitude [rad] that samples show."""
+    place, rotation, _ = followed.solver.kinematics(curve.derivative(_samples(curve), 0))
+    start, way = followed.ends[0], followed.ends[1] - followed.ends[0]
+    along = np.clip((place - start) @ way / (way @ way), 0.0, 1.0)
+    away = place - start - along[:, None] * way
+    turns = followed.solver.attitude.turns(rotation)
+    return max(float(np.linalg.norm(x, axis=1).max()) for x in (away, turns))
+
+
+@dataclass(frozen=True, eq=False)
+class Tour:
+    """Places `(K, 3)` [m] of the tool in the order of the visits; at the end back to the first.
+
+    It dwells after arriving, per visit `(K,)` [s]; at the first, at the very end. Places `(k, 3)`
+    are `required` to be in reach, with what they are and which of it, such as `corners` of `the
+    box`.
+    """
+
+    places: Array
+    names: tuple[str, ...]
+    dwells: Array
+    cycles: int
+    required: tuple[tuple[Array, str, str], ...] = ()
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "places", frozen(self.places, (len(self.names), 3)))
+        object.__setattr__(self, "dwells", frozen(self.dwells, (len(self.names),)))
+
+
+@dataclass(frozen=True, eq=False)
+class ProcessMotion:
+    """A process motion, from rest to rest, ending in the posture it started in.
+
+    Places visited, the first again at the end, `(K + 1, 3)` [m], times of arrival `(K + 1,)` [s]
+    and postures there, `(K + 1, n)`; the tool's greatest distance from its straight lines [m],
+    proven for all times; per move its time and limit.
+    """
+
+    trajectory: PiecewiseMotion
+    places: Array
+    arrivals: Array
+    postures: Array
+    deviation: float
+    cycles: int
+    paces: tuple[MovePace, ...]
+
+    @property
+    def summary(self) -> str:
+        """One line that reports it."""
+        limits = [pace.limit for pace in self.paces]
+        most = max(sorted(set(limits)), key=limits.count)
+        straight = f"deviation from straight lines {1e3 * self.deviation:.2g} mm at most; "
+        return (
+            f"{self.cycles} cycles, {len(self.paces)} moves in {self.trajectory.duration:.2f} s; "
+            f"{straight if self.deviation else ''}most moves are limited by the {most}"
+        )
+
+
+_STARTS = 48  # random starts of the search for first postures
+_BRANCHES = 8  # first postures that are tried at most
+_HELD_UP = 6.0  # a move that takes this many times the median may pass by a singular posture
+_SAME = 1e-6  # places nearer to each other than this are one [m]
+_SLOWER = 1.0 + 1e-9  # keeps a limit that a move meets exactly from being passed by rounding
+
+
+def planned_tour(
+    robot: Robot, limits: MotionLimits, frame: Frame, tour: Tour, guidance: ToolGuidance, seed: int
+) -> ProcessMotion:
+    """The fastest motion of a frame along a tour; the seed is that of the search for postures.
+
+    Raises:
+        ModelError: The frame does not move, or loops decide where it is.
+        DataError: A place is out of reach; says how far, and how it would have to be moved. Or
+            all places are one.
+        UnfollowableWay: A line cannot be followed from any of the postures tried.
+    """
+    return _Planner(robot, limits, frame, guidance, seed).run(tour)
+
+
+class _Planner:
+    """Solves the inverse kinematics in ranges that leave a little room for splines."""
+
+    def __init__(
+        self, robot: Robot, limits: MotionLimits, frame: Frame, guidance: ToolGuidance, seed: int
+    ) -> None:
+        self._robot, self._limits, self._guidance, self._seed = robot, limits, guidance, seed
+        self._solver = InverseKinematics.of(robot, frame, within(limits), guidance.attitude)
+        self._middle: Array = 0.5 * (limits.lower + limits.upper)
+        self._way = ToolWay(frame_kinematics(robot, frame))
+        self._where = f"frame '{frame.name}' of robot '{robot.name}'"
+
+    def run(self, tour: Tour) -> ProcessMotion:
+        solver, middle, seed = self._solver, self._middle, self._seed
+        required = tour.required
+        if np.ptp(tour.places, axis=0).max() <= _SAME:
+            raise DataError(
+                "all positions of the task coincide",
+                where=self._where,
+                fix="give larger or separate boxes, or different positions",
+            )
+        if postures_at(solver, tour.places, middle, seed) is None:
+            named = zip(tour.places, tour.names, strict=True)
+            required += tuple((place[None], name, "on its way") for place, name in named)
+        for places, what, which in required:
+            where = f"{self._where}, {which}"
+            refuse_out_of_reach(solver, places, middle, seed, what=what, where=where)
+        found = solver.reach(tour.places[0], middle, seed, restarts=_STARTS)
+        failed: list[UnfollowableWay] = []
+        made: list[ProcessMotion] = []
+        for first in solver.agile_first(found.q[found.reached])[:_BRANCHES]:
+            try:
+                made.append(self._toured(tour, first))
+            except UnfollowableWay as error:
+                failed.append(error)
+            # a move that takes so much longer than most may be done sooner by another posture
+            times = [one.duration for one in made[-1].paces] if made else []
+            if made and max(times) <= _HELD_UP * float(np.median(times)):
+                break
+        if not made:
+            raise max(failed, key=lambda error: error.progress)
+        return min(made, key=lambda motion: motion.trajectory.duration)
+
+    def _toured(self, tour: Tour, first: Array) -> ProcessMotion:
+        """The motion that starts in a posture; raises `UnfollowableWay` where it ends."""
+        places, names = tour.places, self._robot.joint_names
+        known = {places[0].tobytes(): first}
+        done: dict[bytes, tuple[Move, MovePace]] = {}
+        moves: list[tuple[Move, MovePace] | None] = []
+        for k in range(len(places)):
+            ends = places[[k, (k + 1) % len(places)]]
+            key = ends.tobytes()
+            if np.array_equal(ends[0], ends[1]):
+                moves.append(None)
+                continue
+            if key not in done:
+                try:
+                    move = self._move(tour, k, ends, known, first)
+                except UnfollowableWay as error:
+                    error.progress += k
+                    raise
+                done[key] = move, pace(move, self._way, self._limits, self._guidance, names)
+            moves.append(done[key])
+        return _joined(tour, moves, known)
+
+    def _move(
+        self, tour: Tour, k: int, ends: Array, known: dict[bytes, Array], rest: Array
+    ) -> Move:
+        """The move after visit `k`; its end posture becomes known."""
+        start, to = known[ends[0].tobytes()], known.get(ends[1].tobytes())
+        where = f"{self._where}, from {tour.names[k]} to {tour.names[(k + 1) % len(tour.names)]}"
+        if self._guidance.path == "joint":
+            q = to
+            if q is None:
+                found = self._solver.solve(ends[1:], start[None])
+                if not found.reached[0]:
+                    found = self._solver.reach(ends[1], start, self._seed, restarts=_STARTS)
+                if not found.reached[0]:
+                    raise unfollowable_error("no posture was found for its end", where, 0.0)
+                q = self._solver.drawn(ends[1], found.q[0], rest)
+            move = joint_move(start, q)
+        else:
+            joints = self._robot.joint_names
+            followed = follow(self._solver, ends, start, rest, joints, to=to, where=where)
+            q = followed.q[-1] if to is None else to
+            move = line_move(followed, self._way, where)
+        low, high = move.curve.extremes(0)
+        past = np.maximum(self._limits.lower - low, high - self._limits.upper)
+        j = int(np.argmax(past))
+        if past[j] > 0.0:
+            name = self._robot.joint_names[j]
+            raise unfollowable_error(
+                f"joint '{name}' exceeds its range by {past[j]:.3g}", where, 1.0
+            )
+        known[ends[1].tobytes()] = q
+        return move
+
+
+def _joined(
+    tour: Tour, moves: list[tuple[Move, MovePace] | None], known: dict[bytes, Array]
+) -> ProcessMotion:
+    """All moves and rests one after another; a move that is none stays where it is."""
+    order = [*range(len(moves)), 0]
+    places, dwells = tour.places[order], tour.dwells[order]
+    postures = np.array([known[place.tobytes()] for place in places])
+    widths, coefficients, arrivals = [np.zeros(0)], [], [0.0]
+    for k, done in enumerate(moves, start=1):
+        if done is not None:
+            move, timed = done
+            widths.append(np.diff(move.curve.breaks) * timed.duration * _SLOWER)
+            coefficients.append(_quintic(move.curve.coefficients))
+        arrivals.append(float(np.concatenate(widths).sum()))
+        if dwells[k] > 0.0:
+            widths.append(dwells[k : k + 1])
+            coefficients.append(_quintic(postures[None, k : k + 1]))
+    breaks = np.concatenate([[0.0], np.cumsum(np.concatenate(widths))])
+    made = [move for move in moves if move is not None]
+    return ProcessMotion(
+        PiecewiseMotion(breaks, np.concatenate(coefficients)),
+        places,
+        frozen(arrivals),
+        frozen(postures),
+        max(move.deviation for move, _ in made),
+        tour.cycles,
+        tuple(timed for _, timed in made),
+    )
+
+
+def _quintic(coefficients: Array) -> Array:
+    """Polynomials `(p, d + 1, n)` of degree five or less as quintic ones."""
+    lacking = 6 - coefficients.shape[1]
+    return np.pad(coefficients, ((0, 0), (0, lacking), (0, 0)))

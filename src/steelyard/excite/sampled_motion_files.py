@@ -1,0 +1,220 @@
+r"""Motions sampled at points of time: as CSV, MJCF keyframes and ROS 2 trajectories.
+
+Between two points with positions, velocities and accelerations `joint_trajectory_controller`
+takes the polynomial of degree five through them. If accelerations are continuous in between,
+its error is at most $C h^3 (\max \dddot q - \min \dddot q) / 2$ over a step $h$: the error
+functional vanishes for polynomials of degree five, a constant may be taken from the jerk, and $C$
+is the greatest integral of the magnitude of its Peano kernel [Davis1963].
+"""
+
+import csv
+import io
+import json
+from math import ceil, floor
+
+import numpy as np
+
+from steelyard.base.arrays import Array
+from steelyard.base.errors import OutputError
+from steelyard.excite.trajectories.trajectory import ExactTrajectory
+from steelyard.robot.robot import Robot
+
+MOST_POINTS = 2_000_000  # rows or commands that a file may hold
+AT_REST = 1e-7  # speed below which a motion counts as at rest [rad/s; m/s]
+_STEP_ROUNDING = 1e-9  # share of a step that counts as rounding
+
+
+def grid_times(duration: float, rate: float) -> Array:
+    """Times `k / rate` from 0 on, and the end, `(N,)` [s]; `OutputError` for too many."""
+    _refuse_many(duration, rate)
+    times = np.arange(floor(duration * rate + _STEP_ROUNDING) + 1) / rate
+    beyond = duration - times[-1] > _STEP_ROUNDING / rate
+    return np.append(times, duration) if beyond else np.minimum(times, duration)
+
+
+def even_times(duration: float, rate: float) -> Array:
+    """Times from 0 to the duration in equal steps, at least `rate` a second, `(N,)` [s]."""
+    _refuse_many(duration, rate)
+    return np.linspace(0.0, duration, max(1, ceil(duration * rate - _STEP_ROUNDING)) + 1)
+
+
+def _refuse_many(duration: float, rate: float) -> None:
+    if duration * rate > MOST_POINTS:
+        raise OutputError(
+            f"{duration:g} s at {rate:g} points per second are more than {MOST_POINTS} points",
+            where="rate of the export",
+            fix=f"give at most {MOST_POINTS / duration:.3g} points per second",
+        )
+
+
+def orders_at(trajectory: ExactTrajectory, t: Array) -> tuple[Array, Array, Array]:
+    """Position, velocity and acceleration at times within the motion, each `(N, n)`."""
+    return trajectory.derivative(t, 0), trajectory.derivative(t, 1), trajectory.derivative(t, 2)
+
+
+def refuse_moving_ends(trajectory: ExactTrajectory, robot: Robot, what: str) -> None:
+    """A controller begins and ends at rest, whatever the motion states."""
+    for end, time in (("begins", 0.0), ("ends", trajectory.duration)):
+        speed = trajectory.derivative([time], 1)[0]
+        worst = int(np.argmax(np.abs(speed)))
+        if abs(speed[worst]) > AT_REST:
+            joint = robot.coordinates[worst]
+            raise OutputError(
+                f"the motion {end} with {speed[worst]:.3g} {joint.unit}/s, "
+                f"but {what} begins and ends at rest",
+                where=f"joint '{joint.name}'",
+                fix="design the motion from rest to rest, or with ramps",
+            )
+
+
+def fixed_point_text(value: float, decimals: int) -> str:
+    """A number without exponent, which every controller reads as one; zero has no sign."""
+    text = f"{value:.{decimals}f}"
+    return text[1:] if not text.strip("-0.") and text[0] == "-" else text
+
+
+def comma_row(values: Array, decimals: int) -> str:
+    """Numbers with commas between them."""
+    return ", ".join(fixed_point_text(value, decimals) for value in values)
+
+
+def degrees_and_millimetres(robot: Robot) -> Array:
+    """Factors from rad to degrees and from m to mm, shape `(n,)`."""
+    return np.array([1e3 if c.kind == "prismatic" else 180.0 / np.pi for c in robot.coordinates])
+
+
+def comment_head(trajectory: ExactTrajectory, robot: Robot, mark: str, *lines: str) -> list[str]:
+    """Comment lines: what the file is, and `lines`; plain ASCII, as old controllers want it."""
+    joints = ", ".join(robot.joint_names)
+    title = f"Motion of robot '{robot.name}', {trajectory.duration:g} s, written by steelyard."
+    texts = (title, f"Joints in this order: {joints}.", *lines)
+    return [f"{mark} {_plain(text)}" for text in texts]
+
+
+def _plain(text: str) -> str:
+    """Text on one line of ASCII, without what ends a comment in XML."""
+    return " ".join(text.encode("ascii", "replace").decode().split()).replace("--", "- -")
+
+
+def csv_of(trajectory: ExactTrajectory, robot: Robot, rate: float) -> str:
+    """A row every `1 / rate` seconds and one at the end, with all digits, in SI units.
+
+    Columns are `time_s`, then `q_NAME`, `dq_NAME` and `ddq_NAME` of all joints.
+    """
+    times = grid_times(trajectory.duration, rate)
+    names = [f"{what}_{c.name}" for what in ("q", "dq", "ddq") for c in robot.coordinates]
+    parts = [values.tolist() for values in orders_at(trajectory, times)]
+    text = io.StringIO()
+    table = csv.writer(text, lineterminator="\n")
+    table.writerow(["time_s", *names])
+    for t, q, dq, ddq in zip(times.tolist(), *parts, strict=True):
+        table.writerow([t, *q, *dq, *ddq])
+    return text.getvalue()
+
+
+def keyframes_of(trajectory: ExactTrajectory, robot: Robot, rate: float) -> str:
+    """An MJCF file of keyframes, to be included in a model with the robot's joints.
+
+    A keyframe has a position and a velocity for every joint of MuJoCo, depth first along the
+    tree; joints that follow others (mimic) have theirs.
+    """
+    if robot.loops:
+        raise OutputError(
+            "keyframes need the positions of all joints, but loops determine some of them",
+            where=f"robot '{robot.name}'",
+            fix="export the motion in another format",
+        )
+    bodies = [robot.bodies[index] for index in _depth_first(robot)]
+    followed = [body.coordinate for body in bodies]
+    ratio, offset = [body.ratio for body in bodies], [body.offset for body in bodies]
+    times = even_times(trajectory.duration, rate)
+    q, dq, _ = orders_at(trajectory, times)
+    joints = ", ".join(body.joint for body in bodies)
+    top = f"{len(times)} keyframes in rad (prismatic joints: m). Include this file in a model whose"
+    lines = comment_head(trajectory, robot, " ", top, f"joints are, in this order: {joints}.")
+    lines = ["<mujoco>", "  <!--", *lines, "  -->", "  <keyframe>"]
+    for t, position, velocity in zip(
+        times.tolist(), q[:, followed] * ratio + offset, dq[:, followed] * ratio, strict=True
+    ):
+        qpos, qvel = (" ".join(map(repr, state.tolist())) for state in (position, velocity))
+        state = f'qpos="{qpos}" qvel="{qvel}"'
+        lines.append(f'    <key time="{t!r}" {state}/>')
+    return "\n".join([*lines, "  </keyframe>", "</mujoco>", ""])
+
+
+def _depth_first(robot: Robot, parent: int = -1) -> list[int]:
+    found = []
+    for index, body in enumerate(robot.bodies):
+        if body.parent == parent:
+            found += [index, *_depth_first(robot, index)]
+    return found
+
+
+APPROACH_SECONDS = 10  # in which the controller goes from wherever the robot is to the start
+
+SPLINE_TOLERANCE = 5e-7  # what of the 1e-6 rad may be spent between two points [rad; m]
+PEANO_BOUND = 6.2e-3  # bound of $C$, which is 0.006185 and reached at the middle of the step
+BESIDE_JUMP_SECONDS = 1e-6  # how far before and after a jump of the acceleration points are put [s]
+
+SECOND_DECIMALS = 9
+
+Nanoseconds = np.ndarray[tuple[int], np.dtype[np.int64]]
+
+
+def joint_trajectory_of(trajectory: ExactTrajectory, robot: Robot, rate: float) -> str:
+    """YAML of a message whose splines stay within 1e-6 rad (m) of the motion at all times.
+
+    It has `rate` points a second, or more if the motion needs them.
+    """
+    refuse_moving_ends(trajectory, robot, "a joint_trajectory_controller")
+    nanoseconds = spline_points(trajectory, rate)
+    q, dq, ddq = orders_at(trajectory, np.minimum(nanoseconds * 1e-9, trajectory.duration))
+    way = "lead from wherever the robot is to the start of the motion."
+    what = f"{len(q)} points; splines of degree five between them are within 1e-6 of the motion."
+    lines = comment_head(trajectory, robot, "#", f"The first {APPROACH_SECONDS} s {way}", what)
+    names = ", ".join(json.dumps(c.name) for c in robot.coordinates)
+    lines += ["header:", "  stamp: {sec: 0, nanosec: 0}", "  frame_id: ''"]
+    lines += [f"joint_names: [{names}]", "points:"]
+    for at, position, velocity, acceleration in zip(nanoseconds, q, dq, ddq, strict=True):
+        second, rest = divmod(int(at), 10**9)
+        lines += [
+            f"- positions: [{comma_row(position, SECOND_DECIMALS)}]",
+            f"  velocities: [{comma_row(velocity, SECOND_DECIMALS)}]",
+            f"  accelerations: [{comma_row(acceleration, SECOND_DECIMALS)}]",
+            f"  time_from_start: {{sec: {second + APPROACH_SECONDS}, nanosec: {rest}}}",
+        ]
+    return "\n".join([*lines, ""])
+
+
+def spline_points(trajectory: ExactTrajectory, rate: float) -> Nanoseconds:
+    """Times of points from which splines of degree five follow the motion, `(N,)` [ns]."""
+    least, greatest = trajectory.extremes(3)
+    step = np.cbrt(
+        SPLINE_TOLERANCE / (PEANO_BOUND * max(float(np.max(greatest - least)) / 2.0, 1e-9))
+    )
+    rate = max(rate, 1.0 / step, 1.0 / trajectory.duration)
+    grid_times(trajectory.duration, rate)
+    jumps = _acceleration_jumps(trajectory)
+    beside = [jumps - BESIDE_JUMP_SECONDS, jumps + BESIDE_JUMP_SECONDS]
+    edges = np.sort(np.concatenate([[0.0, trajectory.duration], *beside]))
+    pieces = [
+        np.linspace(a, b, max(1, ceil((b - a) * rate)), endpoint=False)
+        for a, b in zip(edges, edges[1:], strict=False)
+    ]
+    times = np.concatenate([*pieces, edges[-1:]])
+    return np.unique(np.rint(times * 1e9).astype(np.int64))
+
+
+def _acceleration_jumps(trajectory: ExactTrajectory) -> Array:
+    """Times within the motion at which an acceleration jumps by more than its jerk explains."""
+    inner = np.asarray(trajectory.breaks)
+    far = 2.0 * BESIDE_JUMP_SECONDS
+    inner = inner[(inner > far) & (inner < trajectory.duration - far)]
+    if not len(inner):
+        return inner
+    before = trajectory.derivative(inner - BESIDE_JUMP_SECONDS, 2)
+    after = trajectory.derivative(inner + BESIDE_JUMP_SECONDS, 2)
+    steepest = np.max(np.abs(trajectory.extremes(3)), axis=0)
+    return np.asarray(
+        inner[np.any(np.abs(after - before) > 4.0 * BESIDE_JUMP_SECONDS * steepest, axis=1)]
+    )

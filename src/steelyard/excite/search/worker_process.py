@@ -1,0 +1,82 @@
+"""A process of its own that searches: `python -m steelyard.excite.search.worker_process`.
+
+It reads one pickle, the task, and writes one line of JSON per search, `{"number", "x", "whole"}`;
+when its time is spent it writes what it has reached, and ends. What goes wrong is a line too. It
+ends when its standard input is closed: nobody reads it any more.
+"""
+
+import json
+import os
+import pickle
+import signal
+import sys
+import threading
+import time
+import traceback
+from collections.abc import Iterable, Iterator
+from typing import TYPE_CHECKING, Any
+
+from steelyard.base.errors import SteelyardError
+from steelyard.base.progress import Stopped
+
+if TYPE_CHECKING:
+    from steelyard.excite.problem_from_tables import Tables
+
+
+def main() -> None:
+    """Search until the end of the time."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    answer = os.fdopen(os.dup(1), "w", encoding="utf-8")
+    os.dup2(2, 1)
+    task = pickle.load(sys.stdin.buffer)
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+    for line in explained_answers(*task):
+        answer.write(json.dumps(line) + "\n")
+        answer.flush()
+
+
+def explained_answers(
+    tables: "Tables", method: str, seed: int, until: float, searches: Iterable[int]
+) -> Iterator[dict[str, Any]]:
+    """Do a task of `parallel_search` until a time of `time.time`; say last what went wrong."""
+    from steelyard.excite.search.feasibility import NoMotion
+
+    try:
+        yield from _answers(tables, method, seed, until - time.time() + time.monotonic(), searches)
+    except SteelyardError as error:
+        message = {"error": error.wrong, "where": error.where, "fix": error.fix}
+        yield {**message, "none": isinstance(error, NoMotion)}
+    except Exception:
+        yield {"broken": traceback.format_exc()}
+
+
+def _answers(
+    tables: "Tables", method: str, seed: int, deadline: float, searches: Iterable[int]
+) -> Iterator[dict[str, Any]]:
+    from steelyard.excite.problem_from_tables import build
+    from steelyard.excite.search.newton_with_barrier import Deadline
+    from steelyard.excite.search.search_methods import method_of, seeded
+
+    problem, watch = build(*tables), Deadline(deadline)
+    for number in searches:
+        try:
+            x = method_of(method)(problem, seeded(seed, number), watch)
+        except Stopped:
+            if watch.latest:
+                yield {"number": number, "x": watch.latest[0].tolist(), "whole": False}
+            return
+        yield {"number": number, "x": x.tolist(), "whole": True}
+
+
+def _end_with_parent() -> None:
+    """Nothing more comes on standard input: who reads us is gone, or has enough.
+
+    Read without Python's buffer: at its end Python cannot take that from a thread that waits.
+    """
+    while os.read(0, 4096):
+        pass
+    os._exit(0)
+
+
+if __name__ == "__main__":
+    main()
