@@ -14,6 +14,7 @@ from steelyard.base.arrays import Array
 from steelyard.base.progress import silent
 from steelyard.check.case import Case
 from steelyard.check.check import CheckResult
+from steelyard.check.decision.edits import file_gains
 from steelyard.check.decision.transmission import (
     missing_coupling,
     other_gears,
@@ -26,6 +27,7 @@ from steelyard.check.finding import Finding, Severity
 from steelyard.check.findings_page import CheckContent
 from steelyard.check.subject import case_of, subject_of
 from steelyard.cli.log_commands import WHAT_DECIDES_GAINS, WHAT_TO_COMPARE_OF_GEARS, hints
+from steelyard.robot.file.robot_file import load_robot
 from steelyard.robot.robot import Transmission
 from steelyard.runs.named_logs import log_files
 from steelyard.simulate.truth import random_truth
@@ -133,6 +135,17 @@ def test_the_declared_gears_have_the_misfit_of_the_other_checks(folder: Path) ->
     assert same.signals.effort_map is not None
     misfits = declared.reading.on(same).score.misfits
     np.testing.assert_allclose(misfits, declared.misfits, rtol=1e-3)
+
+
+def test_gains_of_motors_are_stated_alike_in_a_robot_file_that_is_not_written_yet(
+    folder: Path,
+) -> None:
+    case = case_with(folder, RATIOS, "")
+    decision = judge_log(case, case.logs[0])
+    assert decision is not None
+    text = (folder / "motors.toml").read_text()
+    for loaded in (case.loaded, load_robot(folder / "motors-fixed.toml", text)):
+        np.testing.assert_allclose(file_gains(decision.likelihood, loaded), 1.0)
 
 
 def test_alternatives_leave_resting_joints_and_declared_gears_out() -> None:

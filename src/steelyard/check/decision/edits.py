@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from steelyard.base.arrays import Array
-from steelyard.base.errors import ModelError, SteelyardError
+from steelyard.base.errors import SteelyardError
 from steelyard.check.case import Case, Evidence
 from steelyard.check.decision.ranking import LogVerdict
 from steelyard.check.finding import Edit
@@ -25,7 +25,6 @@ from steelyard.check.hypotheses.position_columns import ZERO_CAUSE
 from steelyard.estimate.estimate import Z95
 from steelyard.robot.file.efforts import MOTOR_KINDS
 from steelyard.robot.file.loaded_robot import LoadedRobot
-from steelyard.robot.file.robot_file import load_robot_file
 from steelyard.robot.file.sections import Gain
 from steelyard.robot.file.signals import Signals
 
@@ -150,11 +149,7 @@ def file_gains(likelihood: Likelihood, loaded: LoadedRobot) -> Array:
         return likelihood.gains
     if s.effort_map is not None:
         return np.asarray(np.diag(np.linalg.solve(gears.matrix.T, s.effort_map)))
-    try:
-        section = load_robot_file(loaded.sources[0].path).signals
-    except ModelError:
-        return likelihood.gains
-    if section is not None and section.effort.side == "motor":
+    if s.effort_side == "motor":
         return np.asarray(likelihood.gains / np.diag(gears.matrix))
     return likelihood.gains
 

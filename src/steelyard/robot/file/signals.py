@@ -23,7 +23,7 @@ from steelyard.robot.file.efforts import (
 from steelyard.robot.robot import Coordinate, Transmission
 
 if TYPE_CHECKING:
-    from steelyard.robot.file.sections import EffortKind, SignalsSection
+    from steelyard.robot.file.sections import EffortKind, Side, SignalsSection
 
 
 TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
@@ -70,6 +70,7 @@ class Signals:
     effort_kind: EffortKind
     effort_units: tuple[str, ...]
     gains: Array
+    effort_side: Side = "joint"
     unknown_gains: tuple[bool, ...] = ()
     position_map: Array | None = None
     position_offset: Array | None = None
@@ -171,6 +172,7 @@ def build_signals(
         effort_kind=section.effort.kind,
         effort_units=units,
         gains=gains,
+        effort_side=section.effort.side,
         unknown_gains=unknown,
         position_map=position_map,
         position_offset=position_offset,
