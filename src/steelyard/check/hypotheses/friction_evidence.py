@@ -207,8 +207,14 @@ class RowDelays:
     delay: float  # of all rows together [s]
     std: float  # its standard error [s]
     spread: float  # of the rows' delays around it [s]
-    gone: float  # share of the typical squared residual that it explains
+    before: float  # typical squared residual without it
+    after: float  # and with it
     rows: int  # how many rows are used
+
+    @property
+    def gone(self) -> float:
+        """Share of the typical squared residual that the delay explains."""
+        return 1.0 - self.after / max(self.before, 1e-300)
 
     @property
     def scatter(self) -> float:
@@ -241,7 +247,7 @@ def residual_delay(case: Case) -> Finding | None:
         for _ in range(RENEWED if found.alike(ROUGH_DELAY_SCATTER) else 0):
             more = float(np.clip(found.delay, -FARTHEST, FARTHEST))
             rest = delays_of(regressor, _with_delay(run, more))
-            found = replace(rest, delay=more + rest.delay, gone=found.gone)
+            found = replace(rest, delay=more + rest.delay, before=found.before)
         alike = found.alike(SAME_DELAY_SCATTER)
         if not alike or by_presliding(model, regressor, run) >= found.gone:
             return None
@@ -288,7 +294,7 @@ def delays_of(regressor: Regressor, run: Run) -> RowDelays:
     bend = (late - 2.0 * left + early) / (2.0 * DELAY_SHIFT**2)
     usable = (bend > 0.0) & (freedom >= 10.0) & (left > 0.0)
     if not usable.any():
-        return RowDelays(0.0, np.inf, np.inf, 0.0, 0)
+        return RowDelays(0.0, np.inf, np.inf, 1.0, 1.0, 0)
     slope, bend, left, freedom = (x[usable] for x in (slope, bend, left, freedom))
     own = -slope / (2.0 * bend)
     weights = bend * freedom / left
@@ -296,8 +302,8 @@ def delays_of(regressor: Regressor, run: Run) -> RowDelays:
     spread = np.sqrt(weights @ np.square(own - delay) / weights.sum())
     after = np.clip((left + slope * delay + bend * delay**2) / left, 1e-3, None)
     std = 1.0 / np.sqrt(np.sum(weights / np.minimum(after, 1.0)))
-    gone = 1.0 - float(np.exp(np.mean(np.log(after))))
-    return RowDelays(delay, float(std), float(spread), gone, int(usable.sum()))
+    typical = [float(np.exp(np.mean(np.log(x)))) for x in (left, after * left)]
+    return RowDelays(delay, float(std), float(spread), *typical, int(usable.sum()))
 
 
 def _with_delay(run: Run, delay: float) -> Run:
