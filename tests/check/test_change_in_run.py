@@ -1,5 +1,6 @@
 """A load that is picked up and an offset that jumps in the middle of a run are found."""
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -55,6 +56,20 @@ def test_a_load_that_is_picked_up_is_weighed(arm: Arm, fitted: bool) -> None:
     )
     assert start <= 11.5 <= stop <= start + 6.0
     assert finding.fix is not None and f"@{stop:.3g}:" in finding.fix.says
+
+
+@pytest.mark.parametrize("fitted", [True, False])
+def test_a_force_that_passes_is_found_with_its_time_and_joints(arm: Arm, fitted: bool) -> None:
+    table = arm.table.copy()
+    columns = arm.at("tau{}_Nm")[:2]
+    push = np.sin(np.linspace(0.0, np.pi, 400))[:, None] * 0.8 * table[:, columns].std(axis=0)
+    table[1800:2200, columns] += push
+    (finding,) = found(arm, table, fitted=fitted)
+    assert finding.severity == Severity.DOUBTFUL and "as by a contact" in finding.says
+    assert finding.joints == arm.robot.joint_names[:2]
+    start, stop = (float(x) for x in re.findall(r"from ([\d.]+) to ([\d.]+) s", finding.says)[0])
+    assert start == pytest.approx(9.0, abs=0.7) and stop == pytest.approx(11.0, abs=0.7)
+    assert finding.fix is not None and f"LOG@{stop:.3g}:" in finding.fix.says
 
 
 def test_an_offset_that_jumps_is_found_with_its_joint(arm: Arm) -> None:

@@ -775,9 +775,10 @@ def test_shares_are_printed_in_percent(share: float, words: str) -> None:
 def test_a_frozen_encoder_is_named_with_its_rows_and_no_line_is_written(tmp_path: Path) -> None:
     found = examine(case_of(tmp_path, frozen(sound())), checks=OWN)
     (rows,) = (f for f in found.findings if f.severity)
-    assert (rows.check, rows.severity, rows.joints) == ("rows", Severity.WRONG, ("joint_2",))
-    assert "from row 700 to 1299" in rows.says and "its encoder is frozen" in rows.says
-    assert not found.edits and rows.fix is not None and "LOG@START:STOP" in rows.fix.says
+    assert (rows.check, rows.severity, rows.joints) == ("rows", Severity.DOUBTFUL, ("joint_2",))
+    assert "from row 700 to 1299 (7 to 12.99 s)" in rows.says
+    assert "its encoder is frozen, and these rows are left out" in rows.says
+    assert not found.edits and rows.fix is not None and "repair the encoder" in rows.fix.says
 
 
 def test_bursts_of_lost_rows_are_named_and_no_unit_is_written(tmp_path: Path) -> None:

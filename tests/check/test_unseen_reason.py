@@ -56,6 +56,16 @@ def test_a_load_is_named_with_its_mass(arm, mass):
     assert found.fix is not None and found.fix.command == "steelyard payload MODEL LOG"
 
 
+def test_a_tool_that_was_removed_is_named_with_its_mass(arm):
+    names = [p.name for p in RigidBody().parameters(arm.robot)][-10:]
+    carried = arm.truth.inertial[-1]
+    ten = dict(zip(names, (0.2 * carried).tolist(), strict=True))
+    (found,) = found_in(arm, of(arm, arm.truth.changed(**ten)))
+    mass = 0.8 * float(carried[0])
+    assert f"carries about {mass:.2g} kg less on " in found.says and "was removed" in found.says
+    assert found.severity and found.fix is not None and "same tool" in found.fix.says
+
+
 def test_another_robot_is_not_called_a_gain(arm):
     (found,) = found_in(arm, of(arm, random_truth(arm.robot, 81)))
     assert "no cause of the error was found; tested: payload" in found.says

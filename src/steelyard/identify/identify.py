@@ -23,6 +23,7 @@ from steelyard.check.subject import notes_of_precheck, prechecked
 from steelyard.estimate.estimators import method_of
 from steelyard.estimate.scores.score import RunScore
 from steelyard.identify.fit import Fit, calibrated, fit
+from steelyard.identify.fitted_data import below_described_band, without_forces
 from steelyard.identify.page.content import ReportContent
 from steelyard.identify.prepared_fit import FitTask, with_signals
 from steelyard.identify.refits import (
@@ -36,6 +37,7 @@ from steelyard.identify.run_notes import (
     dropped,
     dropped_rows,
     first_dropped,
+    left_out_stretches,
     notes_of,
     provenance,
     settings,
@@ -175,10 +177,15 @@ def identify(
         given = replace(file, signals=signals)
         diagnosis, made = prechecked(file.reference, given, (*known, *unknown), progress)
     clean, unseen = runs_of(file, signals, [*known, *carrying], unknown, progress, made)
+    cores = threads or os.cpu_count() or 1
+    file, band = below_described_band(file, signals, model, clean[: len(known)], cores, progress)
+    if band:
+        clean, unseen = runs_of(file, signals, [*known, *carrying], unknown, progress)
     if diagnosis is not None:
         unresolved = notes_of_precheck(diagnosis, file.reference)
     every = (*clean, *unseen)
-    assumed, decided = (*file.notes, *reasons, *dropped_rows(every)), notes_of(every)
+    assumed = (*file.notes, *reasons, *dropped_rows(every), *left_out_stretches(every), *band)
+    decided = notes_of(every)
     refuse_same_rows(clean, unseen)
     task = FitTask(
         model,
@@ -187,12 +194,18 @@ def identify(
         clean[len(known) :],
         payload_mass,
         payload_frame,
-        threads or os.cpu_count() or 1,
+        cores,
         progress,
     )
-    notes = (*assumed, *decided, *unresolved)
-    found = fit(task, provenance(file, known, carrying, unknown, task.runs, notes))
+
+    def fitted_to(some: FitTask, left_out: tuple[str, ...] = ()) -> Fit:
+        notes = (*assumed, *left_out, *decided, *unresolved)
+        return fit(some, provenance(file, known, carrying, unknown, some.runs, notes))
+
+    found = fitted_to(task)
     if check:
+        found, forces = without_forces(found, fitted_to)
+        assumed = (*assumed, *forces)
         refuse_absurd(found.identified, file.reference)
     found = calibrated(found)
     identified, prepared = found.identified, found.prepared

@@ -62,6 +62,15 @@ def dropped_rows(runs: Sequence[Run]) -> tuple[str, ...]:
     return tuple(f"{run.name}: {words}" for run in runs if (words := run.quality.dropped_rows))
 
 
+def left_out_stretches(runs: Sequence[Run]) -> tuple[str, ...]:
+    """One line for each stretch of a run that is left out."""
+    return tuple(
+        f"{run.name}: {stretch.words(run.recording.signals.effort)}"
+        for run in runs
+        for stretch in run.recording.left_out
+    )
+
+
 def left_out(run: Run) -> tuple[str, ...]:
     """One line if rows of a run were dropped or times of it are not examined."""
     quality = run.quality

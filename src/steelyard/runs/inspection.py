@@ -1,12 +1,14 @@
 """The first pass over a recording: what is in it, before anything is filtered."""
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.base.arrays import Array, frozen
 from steelyard.base.errors import LogError
+from steelyard.runs.left_out import LeftOut
 from steelyard.runs.partition import evenly_sampled
 from steelyard.runs.processing import Processing
 from steelyard.runs.recording import Recording
@@ -20,6 +22,7 @@ from steelyard.runs.rows.clock import (
     not_followed,
     nothing_left,
 )
+from steelyard.runs.rows.false_stretches import FalseStretches
 from steelyard.runs.rows.faulty_rows import Extremes, RowVerdict
 from steelyard.runs.rows.resampling import sample_count
 from steelyard.runs.rows.row_checks import RowChecks, Segment
@@ -50,6 +53,7 @@ class Survey:
     row_checks: RowChecks
     # positions, and velocities if logged, of a stretch at the log's rate, `(n or 2n, N)`
     even: Array
+    left_out: tuple[LeftOut, ...] = ()  # stretches that do not count
 
     @property
     def duration(self) -> float:
@@ -58,16 +62,34 @@ class Survey:
 
 
 def survey(recording: Recording, processing: Processing | None = None) -> Survey:
-    """Read a recording once."""
+    """Read a recording once, and once more without rows in which an encoder was found frozen."""
+    found = _survey(recording, processing)
+    known = recording.left_out
+    found_now = tuple(s for s in found.left_out if not _among(s, known))
+    if any(not s.joints for s in found_now):
+        found = _survey(replace(recording, left_out=(*known, *found_now)), processing)
+    return replace(found, left_out=(*known, *found_now))
+
+
+def _among(stretch: LeftOut, known: Sequence[LeftOut]) -> bool:
+    """Whether a stretch lies in one that is known, of the same joints."""
+    return any(
+        s.start <= stretch.start and stretch.stop <= s.stop and {*stretch.joints} <= {*s.joints}
+        for s in known
+    )
+
+
+def _survey(recording: Recording, processing: Processing | None) -> Survey:
     wanted = Processing() if processing is None else processing
     clock = learn_clock(recording)
     scan = RowScan(clock, recording)
     c = recording.channels
     tally = _Tally(c.count, c.effort)
-    excerpt = _Excerpt(recording)
+    excerpt, false = _Excerpt(recording), FalseStretches(c, wanted)
     for piece in scan.pieces():
         tally.add(piece)
         excerpt.add(piece)
+        false.add(piece.t, piece.x)
     counts = scan.counts
     logged, rate = _rates(recording, counts, tally, wanted.rate)
     resolution = np.where(np.isfinite(tally.resolution), tally.resolution, 0.0)
@@ -97,6 +119,7 @@ def survey(recording: Recording, processing: Processing | None = None) -> Survey
         velocity_noise=velocity_noise if c.velocities else None,
         row_checks=checks,
         even=even,
+        left_out=false.found(),
     )
 
 

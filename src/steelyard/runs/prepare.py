@@ -48,6 +48,7 @@ def prepare(
         return prepare_mean(mean, recording.name, processing)
     loaded = recording.in_memory()
     found = survey(loaded, processing)
+    loaded, recording = (replace(one, left_out=found.left_out) for one in (loaded, recording))
     if found.band.frequency == 0.0 and not at_rest:
         raise _static(recording)
     band = found.band
@@ -179,7 +180,8 @@ def _with_context(recording: Recording, found: Survey, chain: Chain) -> tuple[Re
         rows=(max(0, rows[0] - spare), None if rows[1] is None else rows[1] + spare),
     )
     wide = replace(recording, cut=wider)
-    return wide, replace(survey(wide, chain.processing), rate=found.rate)
+    around = replace(survey(wide, chain.processing), rate=found.rate)
+    return replace(wide, left_out=around.left_out), around
 
 
 def _long_enough(recording: Recording, found: Survey, cut: Cutoffs) -> tuple[Segment, ...]:
@@ -263,7 +265,8 @@ def _losses(
         losses.append(f"{short} stretches between gaps are shorter than the filter and left out")
     if marked.words:
         losses.append(marked.words)
-    return tuple(losses)
+    columns = recording.signals.effort
+    return (*losses, *(stretch.words(columns) for stretch in recording.left_out))
 
 
 def _choices_for_quality(

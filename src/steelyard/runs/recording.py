@@ -16,6 +16,7 @@ from steelyard.base.arrays import Array, frozen
 from steelyard.base.errors import LogError
 from steelyard.logs.log import ROWS_OF_PART, Cut, Log, RowRange, require_columns
 from steelyard.robot.file.signals import Signals
+from steelyard.runs.left_out import LeftOut
 
 TURN = 2.0 * np.pi  # of a joint [rad]
 WRAP_TESTED_ROWS = 100_000  # rows of a log that are looked at
@@ -146,13 +147,14 @@ class Recording:
     """What was measured in one run of a robot: a log, what its columns hold, its window.
 
     `middles` are those of the positions of each joint that is logged modulo a turn, NaN of others,
-    shape `(n,)` [rad]; see `unwrapped`.
+    shape `(n,)` [rad]; see `unwrapped`. What is `left_out` does not count.
     """
 
     log: Log
     signals: Signals
     cut: Cut = field(default_factory=Cut)
     middles: Array | None = None
+    left_out: tuple[LeftOut, ...] = ()
 
     def __post_init__(self) -> None:
         require_columns(self.log.path, self.log.columns, self.signals.columns)

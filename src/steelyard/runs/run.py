@@ -11,11 +11,13 @@ from steelyard.base.arrays import Array, frozen
 from steelyard.base.motion import Motion
 from steelyard.robot.file.signals import Signals
 from steelyard.runs.chain import Chain
+from steelyard.runs.left_out import LeftOut, efforts_left_out
 from steelyard.runs.recording import Recording
 from steelyard.runs.repetitions import Importance
 from steelyard.runs.rows.row_checks import Quality, Segment
 
 BLOCK_SAMPLES = 4096  # samples of a block
+LEAST_SPREAD = 0.2  # time around a stretch left out that low-passes of 5 Hz mix with it [s]
 KEPT = 2**20
 """Values up to which motion and efforts of a run stay in memory for the next pass: 8 MiB."""
 
@@ -185,10 +187,21 @@ class Run:
             found.kept.blocks, found.kept.source = tuple(whole), found._source
         return found
 
+    def leaving_out(self, stretches: Sequence[LeftOut]) -> "Run":
+        """The run in which efforts of some joints do not count in stretches of time."""
+        left_out = (*self.recording.left_out, *stretches)
+        recording = replace(self.recording, left_out=left_out)
+        return replace(self, recording=recording, kept=KeptBlocks())
+
     def around(self, context: float) -> "Run":
         """The run with that much of its segments before its first and after its last motion [s]."""
         start, stop = self.span
         return replace(self, span=(start - context, stop + context))
+
+    @property
+    def _spread(self) -> float:
+        """How far filters mix an effort with what is around it [s]."""
+        return max(1.0 / self.matched_cutoff, LEAST_SPREAD)
 
     @property
     def _short(self) -> bool:
@@ -224,12 +237,16 @@ class Run:
                 q, dq, ddq, effort = values.reshape(4, n, -1)
                 t = segment.start + np.arange(at, stop) / self.rate
                 moving = np.abs(dq) > self.rest_speed[:, None]
+                out = efforts_left_out(t, n, self.recording.left_out, self._spread)
+                moving = moving if out is None else moving & ~out
                 weights = None if part.weights is None else part.weights[:, inside].copy()
                 if weights is not None and (weights == 1.0).all():
                     weights = None
                 if self.importance is not None:
                     own = self.importance.at(t)
                     weights = own if weights is None else own * weights
+                if out is not None:
+                    weights = np.where(out, 0.0, 1.0 if weights is None else weights)
                 yield at, Block(segment.number, t, q, dq, ddq, effort, moving, weights=weights)
 
     def whole(self) -> RunData:

@@ -1,4 +1,4 @@
-r"""Changes within a run, from the fit of each effort row: an offset, a load, a drifting scale.
+r"""Changes within a run, from the fit of each effort row: a force, a load, an offset, a scale.
 
 Each effort row of a run is fitted by least squares of its own, from sums per window of time. Around
 every border two windows are left out, for the change may lie in either, and columns are added that
@@ -10,7 +10,7 @@ the row's own fit $\hat\phi$ times the time from the run's middle over its lengt
 the relative change of the scale.
 """
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,16 +19,19 @@ from steelyard.base.arrays import Array
 from steelyard.base.errors import ModelError, SteelyardError
 from steelyard.check.finding import Finding, Fix
 from steelyard.check.fitted.fitted_case import FittedCase, post_fit_check
+from steelyard.check.fitted.passing_force import FINE_WINDOW, PassingForce, passing_force
 from steelyard.check.hypotheses.friction_evidence import whitened_columns
 from steelyard.estimate.estimate import Z95
 from steelyard.estimate.friction.mixes import has_memory
+from steelyard.estimate.identified import IdentifiedModel
 from steelyard.estimate.information.base_parameters import BaseMap
 from steelyard.estimate.information.information import Information
 from steelyard.estimate.information.regressor import base_regressor
 from steelyard.estimate.nonlinear.fields import information_from
 from steelyard.estimate.payload.load_case import carrier, payload_lift
 from steelyard.model.laws.register import law_of
-from steelyard.robot.robot import Robot
+from steelyard.robot.robot import Coordinate, Robot
+from steelyard.runs.run import Run
 
 LEAST_LEFT_SHARE = 1e-9  # least share of the squared residual that a change is taken to leave
 LEAST_ROW_FREEDOM = 20.0  # degrees of freedom that a row needs
@@ -229,17 +232,55 @@ SURE_CHANGE = 5.0  # standard deviations that a load or a step must have
 
 @post_fit_check("change within a run")
 def change_in_run_check(case: FittedCase) -> Iterable[Finding]:
-    """A load that is picked up, or a torque sensor that is zeroed, while a run is logged.
+    """A force that passes, a load picked up, or a torque sensor zeroed while a run is logged.
 
-    Per run one finding of its load, or else its offsets that jump, or else its scale.
+    Per run one finding of its force or its load, or else its offsets that jump, or else its scale.
     """
-    found = [finding for run in _runs(case) for finding in _of_run(case, run)]
+    found = [finding for run, logged in _runs(case) for finding in _of_run(case, run, logged)]
     return sorted(found, key=lambda finding: -finding.severity)
 
 
-def _of_run(case: FittedCase, run: Information) -> Iterator[Finding]:
+BETTER_THAN_LOAD = 0.25  # residual that a passing force leaves over that a load leaves, at most
+
+
+def force_of_run(identified: IdentifiedModel, run: Information, logged: Run) -> PassingForce | None:
+    """A force that passes within a run and explains it far better than a load that stays."""
+    model, known = identified.model, identified.estimate.parameters.as_dict()
+    force = passing_force(
+        run,
+        np.array([known.get(name, 0.0) for name in run.layout.columns]),
+        lambda: _gathered(identified, logged, FINE_WINDOW),
+    )
+    if force is None:
+        return None
+    load = load_change(run, model.robot, identified.base)
+    sure = load and load.certain(LEAST_LOAD_SHARE, LEAST_CHANGE_RISE["load"])
+    if load and sure and 1.0 - force.explained > BETTER_THAN_LOAD * (1.0 - load.explained):
+        return None
+    return force
+
+
+def force_words(force: PassingForce, coordinates: Sequence[Coordinate]) -> str:
+    """The joints that bear a passing force, with what it adds to their efforts."""
+    sizes = zip((coordinates[row] for row in force.rows), force.sizes, strict=True)
+    return ", ".join(f"{c.name} {size:.2g} {c.effort_unit}" for c, size in sizes)
+
+
+def _of_run(case: FittedCase, run: Information, logged: Run) -> Iterator[Finding]:
     model, base = case.identified.model, case.identified.base
     coordinates, log = model.robot.coordinates, run.runs
+    force = force_of_run(case.identified, run, logged)
+    if force is not None:
+        early, late = f"LOG@:{force.start:.3g}", f"LOG@{force.stop:.3g}:"
+        yield Finding.doubtful(
+            f"{force.when} a force acts that the other motion of the log does not have, as by a "
+            f"contact (rms {force_words(force, coordinates)})",
+            f"it explains {100.0 * force.explained:.0f} % of the squared residual",
+            tuple(coordinates[row].name for row in force.rows),
+            fix=Fix(f"Leave it out: give the parts {early} and {late} (seconds from its start)"),
+            log=log,
+        )
+        return
     load, rows = load_change(run, model.robot, base), scale_drifts(run)
     drifts = [drift for drift in rows if _sure_drift(drift)]
     # share that all drifts explain together, geometric mean over rows, as of a load
@@ -295,16 +336,23 @@ def _of_run(case: FittedCase, run: Information) -> Iterator[Finding]:
         yield Finding.ok(says, "", names, fix, headline=True, log=log)
 
 
-def _runs(case: FittedCase) -> Iterator[Information]:
+def _runs(case: FittedCase) -> Iterator[tuple[Information, Run]]:
     """Information of each run by windows, of fitted ones as they were fitted."""
-    whole, model = case.information, case.identified.model
+    whole, fitted = case.information, {run.name: run for run in case.fitted}
     if whole is not None:
-        yield from (whole.of(group) for group in whole.windows_of_runs.values())
+        for name, group in whole.windows_of_runs.items():
+            yield whole.of(group), fitted[name]
     for run in case.unseen:
         try:
-            yield information_from([run], rests=has_memory(model.terms))(base_regressor(model))
+            yield _gathered(case.identified, run), run
         except SteelyardError:
             continue
+
+
+def _gathered(identified: IdentifiedModel, run: Run, longest: float = np.inf) -> Information:
+    rests = has_memory(identified.model.terms)
+    gathered = information_from([run], rests=rests, longest=longest)
+    return gathered(base_regressor(identified.model))
 
 
 def _sure_drift(drift: ChangeWithinRun) -> bool:

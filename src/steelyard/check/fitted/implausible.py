@@ -21,6 +21,8 @@ from steelyard.estimate.identified import IdentifiedModel
 from steelyard.model.laws.coulomb import Coulomb
 from steelyard.model.laws.load_dependent import PLAUSIBLE, LoadDependent
 from steelyard.model.laws.viscous import Viscous
+from steelyard.model.model import Model
+from steelyard.model.terms.term import ActsOnAxes
 from steelyard.robot.robot import Robot
 
 TUNGSTEN_DENSITY = 19_300.0  # density [kg/m³]
@@ -99,17 +101,31 @@ def heaviest(robot: Robot, index: int) -> float:
 
 
 def _driving(identified: IdentifiedModel) -> Iterator[str]:
-    """Joints whose friction least squares finds below zero, both laws for certain."""
+    """Joints whose friction least squares finds below zero, both laws for certain, and no more."""
     plain = (*identified.reference, identified.estimate)[0]
     below = plain.parameters.values < -SURE_BOUND * plain.std
     negative = {name for name, is_so in zip(plain.parameters.names, below, strict=True) if is_so}
     joints = identified.model.robot.joint_names
-    driving = [j for j in joints if negative.issuperset(f"{law}.{j}" for law in DISSIPATIVE_LAWS)]
+    driving = [
+        joint
+        for joint in joints
+        if negative.issuperset(f"{law}.{joint}" for law in DISSIPATIVE_LAWS)
+        and not _others(identified.model, joint)
+    ]
     if driving:
         every = len(driving) == len(joints)
         who = "all joints" if every else ", ".join(f"'{joint}'" for joint in driving)
         its = "efforts have" if every else "its effort, or its position, has"
         yield f"estimated friction of {who} is negative: {its} the wrong sign"
+
+
+def _others(model: Model, joint: str) -> bool:
+    """Whether more laws of friction act on a joint: coefficients then mean nothing one by one."""
+    return any(
+        term.dissipation == "together" and joint in {axis.name for axis in term.axes(model.robot)}
+        for term in model.terms
+        if isinstance(term, ActsOnAxes)
+    )
 
 
 CAUSES_OF_LOAD_FRICTION = (

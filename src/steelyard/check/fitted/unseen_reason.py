@@ -173,8 +173,13 @@ def _explained(fit: FittedCase, decision: LogVerdict) -> Finding:
         )
     fix = Fix(f"`{COMPARE_COMMAND}` shows the {first.cause}", command=COMPARE_COMMAND)
     if first.cause == "payload":
+        ten = first.reading.payload
+        less = ten is not None and ten[0] < 0.0
         fix = Fix(
-            "Identify it with `steelyard payload`, or validate on a log without payload",
+            "`steelyard payload` says what is missing; validate on a log with the same tool and "
+            "payload, or fit logs like this one"
+            if less
+            else "Identify it with `steelyard payload`, or validate on a log without payload",
             command="steelyard payload MODEL LOG",
         )
     elif first.cause == ZERO_CAUSE:

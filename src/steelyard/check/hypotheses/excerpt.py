@@ -18,6 +18,7 @@ from steelyard.runs.defaults import cutoffs
 from steelyard.runs.processing import Processing
 from steelyard.runs.recording import Recording
 from steelyard.runs.rows.clock import SHORTEST_CHAIN, RowPiece, RowScan, learn_clock, nice_rate
+from steelyard.runs.rows.false_stretches import FalseStretches
 from steelyard.runs.rows.resampling import uniform
 from steelyard.runs.smoothing.filters import Bank, apply, butterworth, low_pass, settling
 from steelyard.runs.spectrum import motion_band
@@ -89,7 +90,7 @@ def excerpt_of(
     signals = replace(recording.signals, velocity=None, velocity_scale=None)
     try:
         bare = replace(recording, signals=signals).in_memory()
-        segments, rate, origin = _segments(bare)
+        segments, rate, origin = _segments(bare, processing)
         if not segments:
             return None
         longest = max(segments, key=lambda s: s[1].shape[1])[1]
@@ -104,14 +105,24 @@ def excerpt_of(
     return _collected(bare, segments, rate, cutoff, origin)
 
 
-def _segments(recording: Recording) -> tuple[list[tuple[float, Array]], float, float]:
-    """Start and channels on a uniform clock of every segment; the clock's rate and origin."""
+def _segments(
+    recording: Recording, processing: Processing
+) -> tuple[list[tuple[float, Array]], float, float]:
+    """Start and channels on a uniform clock of every segment; the clock's rate and origin.
+
+    Rows in which a position is frozen, or an effort dead, are left out.
+    """
     clock = learn_clock(recording)
     pieces: list[RowPiece] = []
+    false = FalseStretches(recording.channels, processing)
     for piece in RowScan(clock, recording).pieces():
         pieces.append(piece)
+        false.add(piece.t, piece.x)
         if sum(len(p.t) for p in pieces) >= EXCERPT_SOURCE_ROWS:
             break
+    whole = tuple(replace(stretch, joints=()) for stretch in false.found())
+    if whole and not recording.left_out:
+        return _segments(replace(recording, left_out=whole), processing)
     grouped = [list(group) for _, group in groupby(pieces, key=lambda piece: piece.segment)]
     joined = [(np.concatenate([p.t for p in g]), np.concatenate([p.x for p in g])) for g in grouped]
     steps = np.concatenate([np.zeros(0), *(np.diff(t) for t, _ in joined)])

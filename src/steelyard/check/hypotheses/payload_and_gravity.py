@@ -31,7 +31,11 @@ from steelyard.check.hypotheses.nuisance import (
     SharedFit,
     shared_fit,
 )
+from steelyard.estimate.payload.load_case import carrier
+from steelyard.robot.rigid_body import Inertia
 
+POSSIBLE_BODY = 3.0
+"""Standard deviations of moments of inertia by which second moments may be below zero."""
 NEAR_AXIS_ANGLE = np.deg2rad(8.0)  # angle up to which gravity is taken to lie along an axis
 LONGEST_DELAY = 0.3  # largest delay that is looked for [s]
 DELAY_GRID = 31
@@ -70,16 +74,35 @@ def gravity_hypotheses(reading: Reading) -> Iterator[Hypothesis]:
 
 
 def payload_hypotheses(reading: Reading) -> Iterator[Hypothesis]:
-    """The payload that fits, if it has mass."""
-    fitted = payload_fit(reading)
-    if fitted is None or fitted.values[0] <= 0.0:
+    """The payload that fits, if it has mass; or less than the logs of the model carried.
+
+    Of a model file alone a negative mass is no load that was put down, but wrong masses.
+    """
+    fitted, identified = payload_fit(reading), reading.knowledge.identified
+    if fitted is None or (fitted.values[0] <= 0.0 and not (identified and _of_a_body(fitted))):
         return
     mass, std = fitted.values[0], float(np.sqrt(fitted.covariance[0, 0]))
     loaded = reading.changed(payload=fitted.values)
     says = f"the arm carries a payload of about {mass:.2g} kg"
-    if not reading.knowledge.identified:
+    if mass <= 0.0:
+        last = reading.knowledge.robot.bodies[carrier(reading.knowledge.robot).body].name
+        says = (
+            f"the arm carries about {-mass:.2g} kg less on '{last}' than in the fitted logs (a "
+            "tool or payload was removed)"
+        )
+    if not identified:
         says += " (if the model file's masses are right)"
     yield _hypothesis("payload", says, loaded, 10.0 * FITTED_NUMBER_COST, std)
+
+
+def _of_a_body(fitted: SharedFit) -> bool:
+    """Whether numbers with a negative mass are minus those of a body that can exist."""
+    if fitted.values[0] == 0.0:
+        return False
+    body = Inertia.from_ten(-fitted.values)
+    spread = body.moved(np.eye(3), -body.com).pseudo[:3, :3]
+    slack = POSSIBLE_BODY * float(np.sqrt(np.diag(fitted.covariance)[4:].max()))
+    return bool(np.linalg.eigvalsh(spread)[0] >= -slack)
 
 
 def payload_fit(reading: Reading) -> SharedFit | None:

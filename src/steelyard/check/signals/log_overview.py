@@ -17,6 +17,12 @@ from steelyard.base.arrays import Array
 from steelyard.check.case import Case, Evidence
 from steelyard.runs.recording import Channels
 from steelyard.runs.rows.clock import GAP_STEPS
+from steelyard.runs.rows.false_stretches import (
+    FASTEST_FACTOR,
+    FASTEST_SHARE,
+    MOVED,
+    frozen_positions,
+)
 from steelyard.runs.rows.faulty_rows import LARGEST_VALUE
 from steelyard.runs.rows.resampling import uniform
 
@@ -30,18 +36,14 @@ LATE_STEP = 4.0  # a step longer than so many median ones says nothing of the ji
 EVENED_STAMPS = 51  # stamps over which jitter is averaged
 MEDIAN_ROWS = 41  # rows of the running median that removes garbage: up to 20 broken ones in a row
 GAP_TIME = 1000.0  # steps that a stamp may be off its neighbours before it is garbage
-FASTEST_SHARE = 0.995  # quantile of a joint's speed that counts as its fastest
 FASTEST_RATE = 500.0
 """Highest rate at which motion is looked at [Hz], once the clock's unit is known."""
-MOVED, MOVED_STEPS = 0.01, 30.0  # range of a joint that moves [rad; m], and in steps of its sensor
+MOVED_STEPS = 30.0  # range of a joint that moves, in steps of its sensor
 LEAST_ROWS, SHORTEST_STRETCH = 10, 50
 """Good rows from which on single signals are looked at, and rows of the shortest stretch."""
-JUMP_ROWS, JUMP_FACTOR, FASTEST_FACTOR = 10, 10.0, 5.0
+JUMP_ROWS, JUMP_FACTOR = 10, 10.0
 """A position jumps if it changes by so many times more than between so many rows before and behind,
 and than in the fastest of rows."""
-FROZEN_ROWS, FROZEN_STEPS = 20, 10.0
-"""Rows without any change from which on an encoder may be frozen, and least change of its step at
-either end, in steps of its sensor."""
 
 
 def remembered(question: Callable[P, T]) -> Callable[P, T]:
@@ -122,26 +124,8 @@ class SignalOverview:
 
     @cached_property
     def frozen(self) -> tuple[tuple[int, int, int], ...]:
-        """Joint, first and last row where a position does not change, but others do.
-
-        A joint that comes to rest slows down before. Here its step changes at one end, from one row
-        to the next, by many times more than elsewhere.
-        """
-        found = []
-        for j, (x, least) in enumerate(
-            zip(self.q.T, self.resolution[self.channels.q], strict=True)
-        ):
-            bend = np.abs(np.diff(x, n=2))
-            if len(bend) <= FROZEN_ROWS or least == 0.0:
-                continue
-            abrupt = max(FASTEST_FACTOR * np.quantile(bend, FASTEST_SHARE), FROZEN_STEPS * least)
-            edges = np.flatnonzero(np.diff(np.concatenate(([True], np.diff(x) != 0.0, [True]))))
-            for first, last in edges.reshape(-1, 2).tolist():
-                ends = bend[[k - 1 for k in (first, last) if 0 < k <= len(bend)]]
-                sudden = last - first >= FROZEN_ROWS and bool(np.any(ends > abrupt))
-                if sudden and np.ptp(self.q[first : last + 1], axis=0).max() > MOVED:
-                    found.append((j, first, last))
-        return tuple(found)
+        """Joint, first and last row where a position does not change, but others do."""
+        return frozen_positions(self.q, self.resolution[self.channels.q])
 
     @cached_property
     def stretches(self) -> tuple[slice, ...]:

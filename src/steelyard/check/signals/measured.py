@@ -20,7 +20,6 @@ from steelyard.check.case import Case, Evidence, log_check
 from steelyard.check.finding import Finding, Fix, Picture, Severity, of_joints, percent_of, trace
 from steelyard.check.identifiability import clean_runs, customary_model
 from steelyard.check.signals.log_overview import (
-    MOVED,
     SignalOverview,
     noise_of,
     signal_overview,
@@ -31,6 +30,7 @@ from steelyard.estimate.information.gather import gather
 from steelyard.estimate.information.regressor import base_regressor
 from steelyard.estimate.least_squares.least_squares import WeightedLeastSquares
 from steelyard.robot.init.column_names import Column, Quantity, by_number
+from steelyard.runs.rows.false_stretches import MOVED
 from steelyard.runs.rows.faulty_rows import stretches
 
 DIFFERENCE_ORDER = 6

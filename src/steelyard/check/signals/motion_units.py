@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 from steelyard.base.arrays import Array
 from steelyard.check.case import Case, Evidence
 from steelyard.check.signals.log_overview import (
-    FASTEST_SHARE,
     PositionSlopes,
     position_slopes,
     remembered,
@@ -36,6 +35,7 @@ from steelyard.robot.file.signals import POSITION_UNITS, ROW, VELOCITY_UNITS
 from steelyard.robot.init.column_names import Column
 from steelyard.robot.init.guess_efforts import beyond_range
 from steelyard.robot.robot import Coordinate
+from steelyard.runs.rows.false_stretches import FASTEST_SHARE
 
 SHORTEST_STEP, LONGEST_STEP = 1e-4, 0.25
 """Steps of a robot's log lie between these [s], give or take `RANGE_SLACK`."""

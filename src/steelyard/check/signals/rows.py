@@ -13,12 +13,12 @@ from steelyard.check.finding import Edit, Finding, Fix, Picture, Severity, Trace
 from steelyard.check.signals.log_overview import (
     JUMP_FACTOR,
     JUMP_ROWS,
-    MOVED,
     SignalOverview,
     signal_overview,
 )
 from steelyard.check.signals.motion_units import unit_reading
 from steelyard.check.signals.time_stamps import clock_is_irregular
+from steelyard.runs.rows.false_stretches import MOVED
 from steelyard.runs.rows.faulty_rows import LONGEST_STALE, RowVerdict
 from steelyard.runs.run import Run
 
@@ -84,6 +84,7 @@ def _counts_picture(title: str, name: str, x: Array, span: tuple[float, float]) 
     return Picture(title, name, (bars,))
 
 
+MOST_FROZEN = 0.5  # share of the rows in which encoders are frozen, from which on a log is wrong
 MOST_NAMED_STRETCHES = 5  # stretches and jumps of a log that are named
 
 
@@ -98,7 +99,7 @@ def _false_positions(case: Case, evidence: Evidence) -> Finding | None:
             f"{case.joints[j]} is at one position from row {row_of[first]} to {row_of[last]} "
             f"({t[first]:.4g} to {t[last]:.4g} s) and "
             + ("stops" if last == len(t) - 1 else "stops or starts")
-            + " within one row: its encoder is frozen",
+            + " within one row: its encoder is frozen, and these rows are left out",
         )
         for j, first, last in overview.frozen
     ]
@@ -120,15 +121,18 @@ def _false_positions(case: Case, evidence: Evidence) -> Finding | None:
     for _, first, last in overview.frozen:
         still[first:last] = True
     share = float(still.mean())
+    jumps = len(found) > len(overview.frozen)
     return Finding.of(
-        Severity.WRONG if share > DOUBTFUL_BROKEN_SHARE else Severity.DOUBTFUL,
+        Severity.WRONG if share > MOST_FROZEN else Severity.DOUBTFUL,
         "; ".join(says[:MOST_NAMED_STRETCHES]) + more,
-        f"frozen in {percent_of(share)} of the rows, at most {100.0 * DOUBTFUL_BROKEN_SHARE:g} % "
+        f"frozen in {percent_of(share)} of the rows, at most {100.0 * MOST_FROZEN:g} % "
         f"allowed; a jump is {JUMP_FACTOR:g} times the changes in {JUMP_ROWS} rows on either side",
         joints=tuple(case.joints[j] for j in dict.fromkeys(joints)),
         fix=Fix(
-            "leave these stretches out: give the parts between them as logs, LOG@START:STOP in "
-            "seconds; or record again"
+            "leave the jumps out: give the parts between them as logs, LOG@START:STOP in seconds; "
+            "or record again"
+            if jumps
+            else "repair the encoder or its line before the next log"
         ),
     )
 

@@ -17,7 +17,10 @@ BEYOND_DOUBT = 3.0  # standard deviations below zero from which on the data ask 
 
 @dataclass(frozen=True, eq=False)
 class PayloadEstimate:
-    """The ten numbers of a payload, about a frame's origin and along its axes; NaN if not seen."""
+    """The ten numbers of a payload, about a frame's origin and along its axes; NaN if not seen.
+
+    Of a body that the model's logs carried and these do not, they are the negative ones of a body.
+    """
 
     frame: str  # the frame
     body: str  # the link that carries it
@@ -51,9 +54,14 @@ class PayloadEstimate:
         )
 
     @property
+    def removed(self) -> bool:
+        """Whether it is a body that is not there, though it was in the model's logs."""
+        return bool(self.mass < 0.0)
+
+    @property
     def inertia(self) -> Inertia:
-        """The numbers as mass properties in the frame."""
-        return Inertia.from_ten(self.ten)
+        """The numbers as mass properties in the frame, of the body that was removed if one was."""
+        return Inertia.from_ten(-self.ten if self.removed else self.ten)
 
     @property
     def half_width(self) -> Array:
@@ -79,9 +87,9 @@ class PayloadEstimate:
     def com_half_width(self) -> Array:
         """Half-widths of the 95 % intervals of the centre, by the delta method, shape `(3,)`."""
         slope = np.zeros((3, 10))
-        if self.mass:
-            slope[:, 0] = -self.com / self.mass
-            slope[:, 1:4] = np.eye(3) / self.mass
+        if mass := abs(self.mass):
+            slope[:, 0] = -self.com / mass
+            slope[:, 1:4] = np.eye(3) / mass
         return self._through(slope)
 
     @property
@@ -89,10 +97,10 @@ class PayloadEstimate:
         """The same of the inertia about the centre, shape `(3, 3)`."""
         slope = np.zeros((6, 10))  # of (xx, xy, yy, xz, yz, zz) over the ten numbers
         slope[:, 4:] = np.eye(6)
-        if self.mass:
-            h = skew(self.ten[1:4])
-            change = [-h @ h / self.mass**2]
-            change += [(skew(e) @ h + h @ skew(e)) / self.mass for e in np.eye(3)]
+        if mass := abs(self.mass):
+            h = skew(self.inertia.ten[1:4])
+            change = [-h @ h / mass**2]
+            change += [(skew(e) @ h + h @ skew(e)) / mass for e in np.eye(3)]
             for column, matrix in enumerate(change):
                 slope[:, column] = matrix[(0, 0, 1, 0, 1, 2), (0, 1, 1, 2, 2, 2)]
         return np.asarray(self._through(slope)[[(0, 1, 3), (1, 2, 4), (3, 4, 5)]])
@@ -128,7 +136,12 @@ class PayloadEstimate:
             found.append(f"not identifiable from these data: {', '.join(self.not_seen)}")
         if np.isnan(self.mass):
             return tuple(found)
-        if self.negative_mass is not None:
+        if self.removed:
+            found.append(
+                "the arm carries less than in the model's logs: a tool or payload was removed, or "
+                "gains differ from theirs"
+            )
+        elif self.negative_mass is not None:
             found.append(
                 f"without the constraint of physical consistency, the data ask for a negative mass "
                 f"of about {self.negative_mass:.2g} kg: gains, tool or model differ from those of "

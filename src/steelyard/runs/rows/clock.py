@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from steelyard.base.arrays import Array
 from steelyard.base.errors import LogError
 from steelyard.logs.log import Cut, RowRange
+from steelyard.runs.left_out import rows_left_out
 from steelyard.runs.recording import Recording
 from steelyard.runs.rows.faulty_rows import (
     FASTEST_LOGGED_SPEED,
@@ -117,8 +118,12 @@ class RowScan:
             at += len(t)
             verdict = broken_rows(t, x, channels)
             verdict[verdict == RowVerdict.KEPT] = self._repeated(t[verdict == RowVerdict.KEPT])
+            t = t - self._clock.origin
+            if self._recording.left_out:
+                out = rows_left_out(t, self._recording.left_out)
+                verdict[(verdict == RowVerdict.KEPT) & out] = RowVerdict.LEFT_OUT
             good = verdict == RowVerdict.KEPT
-            t, x, loose = t - self._clock.origin, x, (row[~good], verdict[~good])
+            loose = row[~good], verdict[~good]
             if len(loose[0]):
                 t, x, row = t[good], x[good], row[good]
             if len(undecided[0]):

@@ -34,6 +34,7 @@ class RowVerdict(IntEnum):
     REPEATED = 4
     BACKWARD = 5
     JUMP = 6
+    LEFT_OUT = 7
 
     @property
     def reason(self) -> str:
@@ -49,6 +50,7 @@ _REASONS = (
     "a repeated time stamp",
     "a time stamp before the previous one",
     "a single jump of time or position",
+    "a frozen position",
 )
 
 

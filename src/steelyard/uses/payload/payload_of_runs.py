@@ -36,7 +36,12 @@ from steelyard.estimate.payload.load_case import (
     refuse_foreign,
     seen_information,
 )
-from steelyard.estimate.payload.payload_estimate import PayloadEstimate, payload_of, refuse_unseen
+from steelyard.estimate.payload.payload_estimate import (
+    BEYOND_DOUBT,
+    PayloadEstimate,
+    payload_of,
+    refuse_unseen,
+)
 from steelyard.robot.file.efforts import MOTOR_KINDS
 from steelyard.robot.robot import Frame
 from steelyard.uses.other_efforts import LEAST_FITTED, refuse_unexplained
@@ -60,6 +65,9 @@ UNEXPLAINED, NOTABLE = 2.5, 0.05
 """Residual over that of the model's own logs, and over the effort, from which on a joint's efforts
 are not explained: 2.0 at most in the loaded logs of a UR10e, on days without fitted logs."""
 
+REMOVED_SHARE = 0.01
+"""Rise of the squares by a body that was removed, over that by one that is carried, up to which a
+negative mass is that of a body: efforts in another scale are none's."""
 LEAST_SIGMA = 1e-3  # least residual of the model's logs, over the effort, to compare with
 KNOWN = 1e-6  # standard deviation of what was not estimated, of its size or of 1 SI unit
 
@@ -240,10 +248,15 @@ def weighed(
     refuse_contradiction(free, by_data, known)
     information = seen_information(fit.matrix, columns)
     body = consistent_body(free, information, by_data, widening, known)
+    sign, unexplained = 1.0, _unexplained(identified, case, fit)
+    if not (known.words or unexplained) and free[0] < -BEYOND_DOUBT * np.sqrt(by_data[0, 0]):
+        removed = consistent_body(-free, information, by_data, widening, known)
+        if removed.chi_squared <= REMOVED_SHARE * body.chi_squared:
+            sign, body = -1.0, removed
     return payload_of(
         carries,
         identified.model.robot,
-        body.ten,
+        sign * body.ten,
         body.covariance,
         sigma=frozen(np.sqrt(fit.variances)),
         n_samples=frozen(case.information.n_samples),
@@ -258,7 +271,7 @@ def weighed(
         ),
         chi_squared=body.chi_squared,
         free_mass=float(free[0]),
-        unexplained=_unexplained(identified, case, fit),
+        unexplained=unexplained,
     )
 
 

@@ -13,6 +13,7 @@ from steelyard.report.figures import Figure, Group, Key, area, evenly, line
 from steelyard.report.page import figures, inspected_page, notes
 from steelyard.report.tables import PlainTable, Row, light_table
 from steelyard.report.words import rounded_to_uncertainty
+from steelyard.robot.rigid_body import INERTIAL_NAMES, INERTIAL_UNITS
 from steelyard.uses.payload.payload_changes import CHANGE_SPAN
 
 if TYPE_CHECKING:
@@ -147,7 +148,8 @@ def payload_lines(estimate: PayloadEstimate, console: Console) -> None:
         console.print(Text(f"! {estimate.unexplained}", style="yellow"))
     carried = "" if estimate.frame == estimate.body else f", on link '{estimate.body}'"
     console.print()
-    console.print(Text(f"payload in frame '{estimate.frame}'{carried}"))
+    what = "body removed from" if estimate.removed else "payload in"
+    console.print(Text(f"{what} frame '{estimate.frame}'{carried}"))
     table = light_table(("", "value", "± 95 %", "unit"), (0, 3))
     for name, value, half, unit in _numbers(estimate):
         table.add_row(name, *rounded_mass(value, half), unit)
@@ -176,12 +178,29 @@ def event_lines(found: Sequence[PayloadEvents], console: Console) -> None:
         console.print(Text(f"note: {note}"))
 
 
+NAMES = (
+    "mass",
+    *(f"first moment {axis}" for axis in "xyz"),
+    *(f"{name} about the frame's origin" for name in INERTIAL_NAMES[4:]),
+)
+"""The ten numbers of a payload in words."""
+
+
 def payload_headline(estimate: PayloadEstimate) -> str:
     """The mass with its interval, or that there is none, in a sentence."""
     mass, half = rounded_mass(estimate.mass, float(estimate.half_width[0]))
     if not half:
-        return "The mass of the payload is not identifiable from these logs"
+        seen = np.isfinite(estimate.ten)
+        moments = [NAMES[k] for k in np.flatnonzero(seen & (np.arange(10) < 4))]
+        more = f"; identifiable: {', '.join(moments)}" * bool(moments)
+        return f"The mass of the payload is not identifiable from these logs{more}"
     found = f"{mass} ± {half} kg (95 % interval)"
+    if estimate.removed and estimate.weighs:
+        less = f"{rounded_mass(-estimate.mass, float(estimate.half_width[0]))[0]} ± {half} kg"
+        return (
+            f"{less} less at '{estimate.frame}' than in the model's logs (95 % interval): a tool "
+            "or payload was removed, or gains differ"
+        )
     if estimate.negative_mass is not None:
         return (
             f"No payload: the data ask for a negative mass of about {estimate.negative_mass:.2g} kg"
@@ -191,12 +210,17 @@ def payload_headline(estimate: PayloadEstimate) -> str:
 
 def _numbers(estimate: PayloadEstimate) -> Iterator[tuple[str, float, float, str]]:
     """Name, value, half-width and unit of mass, centre and inertia."""
-    yield "mass", estimate.mass, float(estimate.half_width[0]), "kg"
+    width = estimate.half_width
+    if estimate.not_seen:  # without a mass there is no centre: what the data see of the ten
+        for k in np.flatnonzero(np.isfinite(estimate.ten)).tolist():
+            yield NAMES[k], float(estimate.ten[k]), float(width[k]), INERTIAL_UNITS[k]
+        return
+    yield "mass", abs(estimate.mass), float(width[0]), "kg"
     if not estimate.weighs:
         return
-    centre, width = estimate.com, estimate.com_half_width
+    centre, around = estimate.com, estimate.com_half_width
     for k, axis in enumerate("xyz"):
-        yield f"centre {axis}", float(centre[k]), float(width[k]), "m"
+        yield f"centre {axis}", float(centre[k]), float(around[k]), "m"
     inertia, around = estimate.inertia_com, estimate.inertia_com_half_width
     for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)):
         name = f"I{'xyz'[i]}{'xyz'[j]} about the centre"
