@@ -16,9 +16,9 @@ import numpy as np
 import pinocchio as pin
 
 from steelyard.base.arrays import Parameters
-from steelyard.export.code.c_code import CCode
-from steelyard.export.code.functions import Controller
-from steelyard.model.equations.kinematics import last_frame
+from steelyard.export.code.c_header_and_source import CCode
+from steelyard.export.code.controller_functions import Controller
+from steelyard.model.equations.frame_kinematics import last_frame
 from steelyard.model.model import Model
 from steelyard.robot.robot import Robot
 

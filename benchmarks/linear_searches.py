@@ -13,8 +13,12 @@ import numpy as np
 from steelyard.base.arrays import Array
 from steelyard.estimate.estimate import Estimate
 from steelyard.estimate.information.information import Information
-from steelyard.estimate.least_squares.constrained import BoundedLeastSquares, Box, residual_squares
-from steelyard.estimate.least_squares.least_squares import whitened
+from steelyard.estimate.least_squares.known_bounded_and_ridge import (
+    BoundedLeastSquares,
+    Box,
+    residual_squares,
+)
+from steelyard.estimate.least_squares.weighted_and_recursive import whitened
 from steelyard.excite.search.search_methods import minimised_by_cma_es, minimised_by_genes
 
 REACHED = 1.0 + 1e-6

@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 from controller_code import CLOCK, OPTIONS, ROUNDS, STATES, Best, Row, states_table, timed
 
-from steelyard.export.code.c_code import CCode
-from steelyard.export.code.functions import Controller, ObserverNumbers
-from steelyard.model.equations.kinematics import last_frame
+from steelyard.export.code.c_header_and_source import CCode
+from steelyard.export.code.controller_functions import Controller, ObserverNumbers
+from steelyard.model.equations.frame_kinematics import last_frame
 from steelyard.model.model import Model
 
 RATE, SAMPLES = 1000.0, 100

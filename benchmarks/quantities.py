@@ -11,7 +11,7 @@ import pinocchio as pin
 
 from oracles import pinocchio_model
 from steelyard.base.arrays import Parameters
-from steelyard.model.equations.kinematics import last_frame
+from steelyard.model.equations.frame_kinematics import last_frame
 from steelyard.model.laws.presliding import Dahl
 from steelyard.model.model import Model, ValuedModel
 

@@ -10,12 +10,12 @@ from steelyard.model.laws.coulomb import Coulomb
 from steelyard.model.laws.rigid_body import RigidBody
 from steelyard.model.laws.viscous import Viscous
 from steelyard.model.model import Model
-from steelyard.robot.file.loaded_robot import dh_mechanism
+from steelyard.robot.file.model_reading_and_loaded_robot import dh_mechanism
 from steelyard.robot.file.robot_file import load_robot
 from steelyard.robot.file.sections import DHRow
-from steelyard.robot.from_mechanism import reduced
-from steelyard.robot.rigid_body import Inertia
+from steelyard.robot.inertia_and_placement import Inertia
 from steelyard.robot.robot import Body, Coordinate, Robot
+from steelyard.robot.robot_from_mechanism import reduced
 
 ROOT = Path(__file__).parent.parent
 LINK = Inertia.about_com(2.0, [0.02, 0.0, 0.05], 0.02 * np.eye(3))

@@ -25,21 +25,21 @@ import pinocchio as pin  # noqa: E402
 from genetic import comparison  # noqa: E402
 from linear_searches import comparison as searches  # noqa: E402
 
-from steelyard.estimate.consistent.consistent import Consistent  # noqa: E402
-from steelyard.estimate.information.accumulate import Accumulator, Stretch  # noqa: E402
+from steelyard.estimate.consistent.convex_estimator import Consistent  # noqa: E402
 from steelyard.estimate.information.gather import accumulate, cut_pieces  # noqa: E402
+from steelyard.estimate.information.gram_accumulator import Accumulator, Stretch  # noqa: E402
 from steelyard.estimate.information.information import Information, Signature, Window  # noqa: E402
 from steelyard.estimate.information.regressor import (  # noqa: E402
     ParallelFilter,
     Regressor,
     base_regressor,
 )
-from steelyard.estimate.least_squares.least_squares import (  # noqa: E402
+from steelyard.estimate.least_squares.weighted_and_recursive import (  # noqa: E402
     OrdinaryLeastSquares,
     WeightedLeastSquares,
     whitened,
 )
-from steelyard.estimate.prior.prior import (  # noqa: E402
+from steelyard.estimate.prior.body_priors import (  # noqa: E402
     Knowledge,
     default_knowledge,
 )
@@ -47,9 +47,9 @@ from steelyard.model.laws.coulomb import Coulomb  # noqa: E402
 from steelyard.model.laws.rigid_body import RigidBody  # noqa: E402
 from steelyard.model.laws.viscous import Viscous  # noqa: E402
 from steelyard.model.model import Model  # noqa: E402
-from steelyard.robot.rigid_body import INERTIAL_NAMES  # noqa: E402
+from steelyard.robot.inertia_and_placement import INERTIAL_NAMES  # noqa: E402
 from steelyard.runs.run import Block  # noqa: E402
-from steelyard.symbolic.native.native_loops import TILE_COLUMNS, TILE_ROWS  # noqa: E402
+from steelyard.symbolic.native.gram_and_filter_loops import TILE_COLUMNS, TILE_ROWS  # noqa: E402
 
 sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
 from controller_code import controller_code  # noqa: E402
@@ -319,7 +319,7 @@ def read_log(path: Path) -> None:
     from steelyard.logs.formats import open_log
     from steelyard.robot.file.signals import Signals
     from steelyard.runs.prepare import prepare
-    from steelyard.runs.processing import Processing
+    from steelyard.runs.processing_choices import Processing
     from steelyard.runs.recording import Recording
 
     model = seven_joints()

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from steelyard.estimate.information.gather import gather
 from steelyard.estimate.information.regressor import base_regressor
-from steelyard.estimate.least_squares.least_squares import WeightedLeastSquares
+from steelyard.estimate.least_squares.weighted_and_recursive import WeightedLeastSquares
 from steelyard.estimate.scores.score import score
 from steelyard.logs.formats import open_log
 from steelyard.model.model import Model

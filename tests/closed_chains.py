@@ -8,8 +8,8 @@ import numpy as np
 
 from invented import ball
 from steelyard.base.arrays import Array
+from steelyard.robot.inertia_and_placement import Inertia
 from steelyard.robot.loop_closures import loop_equations
-from steelyard.robot.rigid_body import Inertia
 from steelyard.robot.robot import Body, Coordinate, Limits, LoopClosure, Robot
 
 Z = (0.0, 0.0, 1.0)

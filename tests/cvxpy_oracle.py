@@ -5,10 +5,10 @@ import warnings
 import cvxpy as cp
 import numpy as np
 
-from steelyard.estimate.consistent.consistent import Consistent
-from steelyard.estimate.consistent.penalties import WIDEST
-from steelyard.estimate.least_squares.least_squares import Whitened
-from steelyard.robot.rigid_body import INERTIAL_NAMES
+from steelyard.estimate.consistent.convex_estimator import Consistent
+from steelyard.estimate.consistent.unknowns_and_penalties import WIDEST
+from steelyard.estimate.least_squares.weighted_and_recursive import Whitened
+from steelyard.robot.inertia_and_placement import INERTIAL_NAMES
 
 
 def cvxpy_problem(

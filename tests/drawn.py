@@ -5,9 +5,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from steelyard.base.arrays import frozen
+from steelyard.estimate.information.filtered_samples import FilteredSamples, SampledRun
 from steelyard.estimate.information.information import Signature
 from steelyard.estimate.information.regressor import Regressor
-from steelyard.estimate.information.samples import FilteredSamples, SampledRun
 from steelyard.runs.noise_propagation import MotionError
 
 

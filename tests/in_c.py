@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from steelyard.base.arrays import Array, Parameters
-from steelyard.export.code.c_code import CCode
-from steelyard.export.code.c_files import self_test
-from steelyard.export.code.functions import USUAL_FUNCTIONS, Controller
+from steelyard.export.code.c_folder_and_self_test import self_test
+from steelyard.export.code.c_header_and_source import CCode
+from steelyard.export.code.controller_functions import USUAL_FUNCTIONS, Controller
 from steelyard.model.model import Model
 from steelyard.model.terms.term import Term
 from steelyard.robot.robot import Robot

@@ -7,11 +7,11 @@ import numpy as np
 from invented import ball, tree, turned
 from steelyard.base.arrays import Array, Parameters
 from steelyard.base.motion import Motion
-from steelyard.estimate.information.accumulate import Accumulator, Stretch
+from steelyard.estimate.information.gram_accumulator import Accumulator, Stretch
 from steelyard.estimate.information.information import Information, Signature, Window
 from steelyard.estimate.information.regressor import base_regressor
 from steelyard.model.model import Model
-from steelyard.robot.rigid_body import Inertia
+from steelyard.robot.inertia_and_placement import Inertia
 from steelyard.robot.robot import Frame, Robot
 
 TOOL = Frame("tool", 3, turned(7), np.array([0.05, -0.1, 0.2]))

@@ -10,7 +10,7 @@ from steelyard.base.motion import Motion
 from steelyard.model.model import Model, ValuedModel
 from steelyard.robot.file.signals import Signals
 from steelyard.runs.prepare import prepare
-from steelyard.runs.processing import Processing
+from steelyard.runs.processing_choices import Processing
 from steelyard.runs.recording import LogInMemory, Recording
 from steelyard.runs.run import Run
 

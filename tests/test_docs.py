@@ -11,7 +11,7 @@ from steelyard.cli.app import app
 from steelyard.model.laws.register import term_of
 from steelyard.model.terms.axes import finds_of
 from steelyard.robot.file.sections import RobotFile
-from steelyard.robot.file.toml import Section, checked, meanings_of
+from steelyard.robot.file.toml_schema import Section, checked, meanings_of
 
 ROOT = Path(__file__).parent.parent
 DOCUMENTS = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *(ROOT / "docs").rglob("*.md")]

@@ -39,7 +39,7 @@ ORDER = (
 )
 RANK = {room: rank for rank, room in enumerate(ORDER)}
 ONE_FILE = {
-    "clarabel": {"estimate/consistent/conic.py"},
+    "clarabel": {"estimate/consistent/conic_solver.py"},
     "pymoo": {"excite/search/search_methods.py"},
     "cma": {"excite/search/search_methods.py"},
     "llvmlite": {"symbolic/native/machine.py"},
@@ -48,7 +48,7 @@ ONE_FILE = {
     "pydantic": {
         "robot/file/excitation_sections.py",
         "robot/file/sections.py",
-        "robot/file/toml.py",
+        "robot/file/toml_schema.py",
     },
     "mujoco": {
         "excite/collision/mujoco_shapes_and_distances.py",
@@ -165,7 +165,7 @@ def test_foreign_packages_stay_in_their_files(package: str) -> None:
     [
         ("steelyard", ("llvmlite", "polars", "mujoco", "scipy", "pydantic")),
         ("steelyard.cli.app", ("llvmlite", "polars", "mujoco", "scipy", "pydantic")),
-        ("steelyard.runs.named_logs", ("llvmlite", "polars", "mujoco")),
+        ("steelyard.runs.runs_of_named_logs", ("llvmlite", "polars", "mujoco")),
     ],
 )
 def test_a_start_loads_nothing_heavy(module: str, heavy: tuple[str, ...]) -> None:

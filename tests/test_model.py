@@ -12,14 +12,14 @@ from invented import single, tree
 from steelyard.base.arrays import Parameters
 from steelyard.base.errors import DataError, ModelError
 from steelyard.base.motion import Motion
-from steelyard.model.evaluation import BLOCK
+from steelyard.model.compiled_evaluation import BLOCK
 from steelyard.model.laws.coulomb import Coulomb
 from steelyard.model.laws.offset import Offset
 from steelyard.model.laws.rigid_body import RigidBody
 from steelyard.model.laws.viscous import Viscous
 from steelyard.model.model import Model, ValuedModel
 from steelyard.robot.robot import Robot
-from steelyard.symbolic.native.emit import MAX_ANGLE
+from steelyard.symbolic.native.llvm_vector_code import MAX_ANGLE
 
 
 @pytest.fixture
@@ -126,13 +126,13 @@ from invented import tree
 from steelyard.symbolic.native import machine
 from steelyard.model.model import Model
 from steelyard.estimate.information.regressor import base_regressor
-from steelyard.symbolic.native.compiled import loops
+from steelyard.symbolic.native.compiled_programs import loops
 compiled = []
 compile_code = machine.compile_code
 machine.compile_code = lambda *a: compiled.append(a) or compile_code(*a)
 model = Model(tree())
 base_regressor(model).code, loops(), model.torque_code
-print(len(compiled), "steelyard.symbolic.trace" in sys.modules)
+print(len(compiled), "steelyard.symbolic.symbols_and_tracing" in sys.modules)
 """
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from steelyard.robot.rigid_body import turn
+from steelyard.robot.inertia_and_placement import turn
 from steelyard.robot.robot import Body, Coordinate, Robot
 
 QUARTER = np.pi / 2.0

@@ -25,7 +25,7 @@ from pydantic.fields import FieldInfo
 import steelyard
 from steelyard.cli.app import app
 from steelyard.robot.file.sections import RobotFile
-from steelyard.robot.file.toml import Section, meanings_of
+from steelyard.robot.file.toml_schema import Section, meanings_of
 
 ROOT = Path(__file__).parents[2]
 NOTEBOOK = ROOT / "docs/tutorials/notebook.ipynb"

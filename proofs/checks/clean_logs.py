@@ -22,7 +22,7 @@ from steelyard.check.examine import examine
 from steelyard.check.subject import refusal
 from steelyard.excite.trajectories.fourier import random_fourier
 from steelyard.robot.file.robot_file import LoadedRobot, load_robot
-from steelyard.runs.processing import Processing
+from steelyard.runs.processing_choices import Processing
 from steelyard.runs.recording import LogInMemory, Recording
 from steelyard.simulate.truth import random_truth
 

@@ -15,7 +15,7 @@ from steelyard.check.finding import Finding, Severity
 from steelyard.check.signals.motion_units import unit_reading
 from steelyard.check.subject import case_of, subject_of
 from steelyard.robot.file.toml_edits import edited
-from steelyard.runs.named_logs import log_files
+from steelyard.runs.runs_of_named_logs import log_files
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 LOGS = {

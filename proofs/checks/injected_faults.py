@@ -22,7 +22,7 @@ from steelyard.base.progress import silent
 from steelyard.check.case import Case, Evidence
 from steelyard.check.decision.ranking import ranking
 from steelyard.check.hypotheses.payload_and_gravity import delay_fit
-from steelyard.estimate.identified import IdentifiedModel, Provenance
+from steelyard.estimate.identified_model import IdentifiedModel, Provenance
 from steelyard.excite.trajectories.fourier import random_fourier
 from steelyard.identify.fit import fit
 from steelyard.identify.prepared_fit import FitTask
@@ -30,9 +30,9 @@ from steelyard.logs.formats import open_log
 from steelyard.logs.log import parse_log_argument
 from steelyard.model.robot_file_model import model_with_open_friction, with_friction
 from steelyard.robot.file.robot_file import LoadedRobot, load_robot
-from steelyard.runs.named_logs import prepared
-from steelyard.runs.processing import Processing
+from steelyard.runs.processing_choices import Processing
 from steelyard.runs.recording import LogInMemory, Recording
+from steelyard.runs.runs_of_named_logs import prepared
 from steelyard.simulate.demo import write_demo_arm
 from steelyard.simulate.truth import random_truth
 

@@ -16,7 +16,7 @@ from proofs.support.claims import Claim, data_folder, main_of
 from typer.testing import CliRunner
 
 from steelyard.cli.app import app
-from steelyard.robot.file.toml import tomllib
+from steelyard.robot.file.toml_schema import tomllib
 
 CONTROLLER = np.array([11.98, 11.98, 9.83, 10.76, 10.76, 10.76])
 """Slope of the controller's target moment over its target current in static postures [Nm/A]."""
@@ -82,7 +82,7 @@ def with_gain(robot: Path, gain: object, name: str) -> Path:
 
 def torques(folder: Path) -> np.ndarray:
     """Torques of an identified model along a motion of its own, shape `(N, n)`."""
-    from steelyard.estimate.identified import load_model
+    from steelyard.estimate.identified_model import load_model
     from steelyard.excite.trajectories.fourier import random_fourier
 
     model = load_model(str(folder / "model.json"))

@@ -21,11 +21,11 @@ from proofs.support.claims import Claim, data_folder, main_of
 import steelyard
 from steelyard.base.arrays import Array, Parameters
 from steelyard.base.motion import Motion
-from steelyard.export.code.c_code import CCode
-from steelyard.export.code.functions import FUNCTIONS, Controller, ObserverNumbers
-from steelyard.export.code.model_code import end_frames
+from steelyard.export.code.c_header_and_source import CCode
+from steelyard.export.code.controller_functions import FUNCTIONS, Controller, ObserverNumbers
+from steelyard.export.code.export_code import end_frames
 from steelyard.model.equations.passive_joints import passive_positions, random_positions
-from steelyard.model.laws.directional import DirectionalCoulomb, DirectionalViscous
+from steelyard.model.laws.directional_friction import DirectionalCoulomb, DirectionalViscous
 from steelyard.model.laws.presliding import Dahl
 from steelyard.model.laws.register import DEFAULT_TERMS
 from steelyard.model.laws.rigid_body import RigidBody
@@ -34,10 +34,10 @@ from steelyard.model.laws.stribeck import Stribeck
 from steelyard.model.laws.viscous import Viscous
 from steelyard.model.model import Model
 from steelyard.model.terms.term import Term
-from steelyard.robot.file.loaded_robot import dh_mechanism
+from steelyard.robot.file.model_reading_and_loaded_robot import dh_mechanism
 from steelyard.robot.file.sections import DHRow
-from steelyard.robot.from_mechanism import reduced
 from steelyard.robot.robot import Limits, Robot
+from steelyard.robot.robot_from_mechanism import reduced
 from steelyard.symbolic.source_code import Precision
 
 ROOT = Path(__file__).parents[2]

@@ -23,7 +23,7 @@ from steelyard.excite.planned.tool_paths import Circle
 from steelyard.excite.trajectories.trajectory import ExactTrajectory
 from steelyard.model.model import Model
 from steelyard.robot.robot import Coordinate, Limits
-from steelyard.uses.control.joint_control import refuse_indefinite
+from steelyard.uses.control.joint_controllers import refuse_indefinite
 
 PERIOD = 7.2
 PRINTED = {

@@ -27,13 +27,13 @@ from steelyard.excite.trajectories.piecewise_polynomials import SampledMotion
 from steelyard.excite.trajectories.trajectory import ExactTrajectory
 from steelyard.identify.identify import identify
 from steelyard.identify.reduce import reduce
-from steelyard.model.equations.kinematics import frame_of, last_frame
+from steelyard.model.equations.frame_kinematics import frame_of, last_frame
 from steelyard.model.robot_file_model import model_of
-from steelyard.simulate.drives import customary_drives
+from steelyard.simulate.encoders_and_drives import customary_drives
 from steelyard.simulate.track import TrackedRun, Tracking, tracking
 from steelyard.simulate.truth import Truth
 from steelyard.simulate.virtual_robot import VirtualRobot, customary_sensors
-from steelyard.uses.control.joint_control import Cascade, Control, TorqueFeedforward
+from steelyard.uses.control.joint_controllers import Cascade, Control, TorqueFeedforward
 
 PICK = """kind = "pick_and_place"
 pick = { x = [0.9, 1.3], y = [-0.7, -0.3], z = [0.3, 0.6] }

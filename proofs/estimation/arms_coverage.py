@@ -25,7 +25,7 @@ from proofs.support.model_files import folders
 
 from steelyard.base.errors import SteelyardError
 from steelyard.estimate.estimate import Z95
-from steelyard.estimate.identified import load_model
+from steelyard.estimate.identified_model import load_model
 from steelyard.identify.identify import identify
 
 DRAWS, PROCESSES = 2, 2

@@ -116,8 +116,8 @@ def robot_of(name: str, given: Path, urdf: str | None = None, added: str = "") -
 
 def of_prior(name: str, given: Path, work: Path) -> list[Claim]:
     """A prior that no body can have is named, corrected, and every body of the result can exist."""
-    from steelyard.estimate.identified import load_model
-    from steelyard.estimate.prior.prior import default_knowledge
+    from steelyard.estimate.identified_model import load_model
+    from steelyard.estimate.prior.body_priors import default_knowledge
     from steelyard.estimate.scores.estimator_comparison import impossible_bodies
 
     old, new, words = PRIORS[name]
@@ -191,7 +191,7 @@ def resting_log(given: Path) -> None:
 
 def of_rest(given: Path, work: Path) -> list[Claim]:
     """What only a joint's own motion shows comes from the prior, and is marked so."""
-    from steelyard.estimate.identified import load_model
+    from steelyard.estimate.identified_model import load_model
 
     resting_log(given)
     out = work.parent / "rested"
@@ -246,12 +246,12 @@ def of_rest(given: Path, work: Path) -> list[Claim]:
 def of_solver(given: Path) -> list[Claim]:
     """Whatever number of iterations: the optimum, or an error that says it is none."""
     from steelyard.base.errors import SteelyardError
-    from steelyard.estimate.consistent.conic import Unsolved
-    from steelyard.estimate.consistent.consistent import Consistent
+    from steelyard.estimate.consistent.conic_solver import Unsolved
+    from steelyard.estimate.consistent.convex_estimator import Consistent
     from steelyard.estimate.information.base_parameters import base_parameters
     from steelyard.estimate.information.gather import gather
     from steelyard.estimate.information.regressor import base_regressor
-    from steelyard.estimate.prior.prior import default_knowledge
+    from steelyard.estimate.prior.body_priors import default_knowledge
     from steelyard.logs.formats import open_log
     from steelyard.model.laws.register import DEFAULT_TERMS
     from steelyard.model.model import Model

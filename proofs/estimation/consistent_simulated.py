@@ -19,13 +19,13 @@ from proofs.support.claims import Claim, main_of
 from proofs.support.consistent_cases import Case, drawn, perturbed, prior_model, replaced
 
 from steelyard.base.errors import DataError
-from steelyard.estimate.consistent.consistent import Consistent
-from steelyard.estimate.consistent.penalties import Free, Pullback
+from steelyard.estimate.consistent.convex_estimator import Consistent
+from steelyard.estimate.consistent.unknowns_and_penalties import Free, Pullback
 from steelyard.estimate.estimate import Estimate
-from steelyard.estimate.least_squares.least_squares import WeightedLeastSquares
-from steelyard.estimate.prior.prior import Knowledge, Row
+from steelyard.estimate.least_squares.weighted_and_recursive import WeightedLeastSquares
+from steelyard.estimate.prior.body_priors import Knowledge, Row
 from steelyard.model.model import ValuedModel
-from steelyard.robot.rigid_body import INERTIAL_NAMES, Inertia
+from steelyard.robot.inertia_and_placement import INERTIAL_NAMES, Inertia
 
 SEEDS, BOX, POOR = 10, 0.15, 0.1
 """Seeds; half an edge of the boxes [m]; share of the range in poor motion."""

@@ -21,10 +21,10 @@ from steelyard.base.arrays import Array
 from steelyard.check.fitted.fitted_case import FittedCase
 from steelyard.check.fitted.model_error import model_error_check
 from steelyard.check.signals.velocity_agreement import one_sided_differences
-from steelyard.estimate.consistent.program import Program
+from steelyard.estimate.consistent.convex_program import Program
 from steelyard.estimate.estimate import Z95
-from steelyard.estimate.identified import Provenance
-from steelyard.estimate.scores.bands import Bands
+from steelyard.estimate.identified_model import Provenance
+from steelyard.estimate.scores.bands_and_traces import Bands
 from steelyard.estimate.scores.score import score
 from steelyard.identify.fit import Fit, calibrated, fit
 from steelyard.identify.prepared_fit import FitTask

@@ -30,12 +30,12 @@ from proofs.support.claims import Claim, main_of
 
 from steelyard.base.arrays import Array
 from steelyard.base.errors import DataError
-from steelyard.estimate.closed_loop.experiment import Experiment, RunController
+from steelyard.estimate.closed_loop.simulated_experiment import Experiment, RunController
 from steelyard.estimate.estimate import Estimate
-from steelyard.estimate.estimators import ESTIMATORS, Context
+from steelyard.estimate.estimator_register import ESTIMATORS, Context
+from steelyard.estimate.information.filtered_samples import gather_samples
 from steelyard.estimate.information.regressor import base_regressor
-from steelyard.estimate.information.samples import gather_samples
-from steelyard.estimate.prior.prior import default_knowledge
+from steelyard.estimate.prior.body_priors import default_knowledge
 from steelyard.excite.trajectories.fourier import random_fourier
 from steelyard.model.laws.coulomb import Coulomb
 from steelyard.model.laws.register import DEFAULT_TERMS
@@ -43,12 +43,12 @@ from steelyard.model.model import Model
 from steelyard.robot.file.robot_file import load_robot
 from steelyard.robot.file.signals import Signals
 from steelyard.runs.prepare import prepare
-from steelyard.runs.processing import Processing
+from steelyard.runs.processing_choices import Processing
 from steelyard.runs.recording import LogInMemory, Recording
 from steelyard.runs.run import Run
-from steelyard.runs.smoothing.fir_methods import SavitzkyGolay
+from steelyard.runs.smoothing.finite_window_methods import SavitzkyGolay
 from steelyard.simulate.mujoco_model import build
-from steelyard.simulate.scales import typical_torque
+from steelyard.simulate.torque_and_mass_scales import typical_torque
 from steelyard.simulate.truth import Truth, random_truth
 from steelyard.simulate.virtual_robot import VirtualRobot
 

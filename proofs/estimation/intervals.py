@@ -16,13 +16,13 @@ from proofs.estimation.recovery import RATE, log_of, robots
 from proofs.support.claims import Claim, main_of
 
 from steelyard.base.arrays import Array
-from steelyard.estimate.consistent.consistent import Consistent
+from steelyard.estimate.consistent.convex_estimator import Consistent
 from steelyard.estimate.estimate import Z95, Estimate
 from steelyard.estimate.information.gather import gather
 from steelyard.estimate.information.regressor import base_regressor
-from steelyard.estimate.least_squares.least_squares import WeightedLeastSquares
-from steelyard.estimate.least_squares.residual_covariance import sandwich
-from steelyard.estimate.prior.prior import default_knowledge
+from steelyard.estimate.least_squares.covariance_from_residuals import sandwich
+from steelyard.estimate.least_squares.weighted_and_recursive import WeightedLeastSquares
+from steelyard.estimate.prior.body_priors import default_knowledge
 from steelyard.model.model import Model
 from steelyard.robot.robot import Robot
 from steelyard.runs.prepare import prepare

@@ -29,9 +29,9 @@ from steelyard.base.motion import Motion
 from steelyard.excite.trajectories.fourier import random_fourier
 from steelyard.identify.identify import identify
 from steelyard.model.laws.coulomb import Coulomb
-from steelyard.model.laws.load_dependent import LoadDependent
+from steelyard.model.laws.load_dependent_friction import LoadDependent
 from steelyard.model.laws.offset import Offset
-from steelyard.model.laws.powers import Quadratic, Root
+from steelyard.model.laws.powers_of_speed import Quadratic, Root
 from steelyard.model.laws.presliding import Dahl
 from steelyard.model.laws.register import description_of
 from steelyard.model.laws.rigid_body import RigidBody

@@ -22,23 +22,26 @@ from proofs.support.claims import Claim, main_of
 
 from steelyard.base.arrays import Array
 from steelyard.estimate.estimate import Estimate, Estimator
-from steelyard.estimate.information.accumulate import Accumulator, Stretch
+from steelyard.estimate.information.gram_accumulator import Accumulator, Stretch
 from steelyard.estimate.information.information import Information, Signature, Window
 from steelyard.estimate.information.regressor import Regressor, base_regressor, standard_regressor
-from steelyard.estimate.least_squares.constrained import BoundedLeastSquares, base_bounds
-from steelyard.estimate.least_squares.least_squares import OrdinaryLeastSquares
-from steelyard.estimate.prior.prior import default_knowledge
+from steelyard.estimate.least_squares.known_bounded_and_ridge import (
+    BoundedLeastSquares,
+    base_bounds,
+)
+from steelyard.estimate.least_squares.weighted_and_recursive import OrdinaryLeastSquares
+from steelyard.estimate.prior.body_priors import default_knowledge
 from steelyard.excite.constraints.motion_limits import MotionLimits
 from steelyard.excite.planned.joints_along_path import along_path
 from steelyard.excite.planned.tool_paths import Reaches, on_circle, out_and_back
 from steelyard.excite.search.search_methods import minimised_by_genes
 from steelyard.model.laws.coulomb import Coulomb
-from steelyard.model.laws.directional import DirectionalCoulomb, DirectionalViscous
+from steelyard.model.laws.directional_friction import DirectionalCoulomb, DirectionalViscous
 from steelyard.model.laws.rigid_body import RigidBody
 from steelyard.model.laws.viscous import Viscous
 from steelyard.model.model import Model
 from steelyard.model.terms.term import Term
-from steelyard.robot.rigid_body import Inertia
+from steelyard.robot.inertia_and_placement import Inertia
 from steelyard.robot.robot import Frame
 
 sys.path[:0] = [str(Path(__file__).parents[2] / name) for name in ("tests", "benchmarks")]

@@ -20,7 +20,7 @@ from proofs.support.claims import Claim, main_of
 from steelyard.base.motion import run
 from steelyard.estimate.information.gather import gather
 from steelyard.estimate.information.regressor import Regressor, base_regressor
-from steelyard.estimate.least_squares.least_squares import WeightedLeastSquares
+from steelyard.estimate.least_squares.weighted_and_recursive import WeightedLeastSquares
 from steelyard.excite.design_from_tables import design
 from steelyard.excite.earlier_model import Earlier
 from steelyard.excite.search.parallel_search import SearchBudget
@@ -29,9 +29,9 @@ from steelyard.excite.trajectories.trajectory import ExactTrajectory
 from steelyard.logs.formats import open_log
 from steelyard.model.robot_file_model import model_with_open_friction
 from steelyard.robot.file.robot_file import LoadedRobot
-from steelyard.runs.named_logs import processing_of_robot
 from steelyard.runs.prepare import prepare
 from steelyard.runs.recording import Recording
+from steelyard.runs.runs_of_named_logs import processing_of_robot
 from steelyard.simulate.demo import write_demo_arm
 from steelyard.simulate.truth import Truth, random_truth
 from steelyard.simulate.virtual_robot import VirtualRobot, customary_sensors

@@ -34,7 +34,7 @@ from steelyard.excite.search.why_no_motion import refuse_impossible
 from steelyard.excite.trajectories.trajectory import ExactTrajectory
 from steelyard.model.robot_file_model import model_with_open_friction
 from steelyard.robot.file.robot_file import load_robot
-from steelyard.robot.rigid_body import INERTIAL_NAMES
+from steelyard.robot.inertia_and_placement import INERTIAL_NAMES
 
 DESIGNS = 200
 SPOILT = 50

@@ -214,7 +214,7 @@ def of_information() -> list[Claim]:
     """Information of unequal models or filters is not added."""
     from invented import single
     from steelyard.base.errors import DataError
-    from steelyard.estimate.information.accumulate import Accumulator, Stretch
+    from steelyard.estimate.information.gram_accumulator import Accumulator, Stretch
     from steelyard.estimate.information.information import Information, Signature, Window
     from steelyard.estimate.information.regressor import base_regressor
     from steelyard.model.laws.presliding import Dahl

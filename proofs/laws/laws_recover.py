@@ -21,19 +21,19 @@ from proofs.support.claims import Claim, main_of
 from steelyard.base.motion import run
 from steelyard.estimate.information.gather import gather
 from steelyard.estimate.information.regressor import base_regressor
-from steelyard.estimate.least_squares.least_squares import WeightedLeastSquares
+from steelyard.estimate.least_squares.weighted_and_recursive import WeightedLeastSquares
 from steelyard.excite.trajectories.fourier import random_fourier
 from steelyard.logs.formats import open_log
 from steelyard.model.laws.register import term_of
 from steelyard.model.terms.term import Term
 from steelyard.robot.file.signals import Signals
-from steelyard.robot.rigid_body import Inertia
+from steelyard.robot.inertia_and_placement import Inertia
 from steelyard.robot.robot import Body, Coordinate, Frame, Limits, Robot
 from steelyard.runs.prepare import prepare
 from steelyard.runs.recording import Recording
 from steelyard.simulate.mujoco_model import build
-from steelyard.simulate.scales import typical_torque
 from steelyard.simulate.sensors import Sensors
+from steelyard.simulate.torque_and_mass_scales import typical_torque
 from steelyard.simulate.truth import random_truth
 from steelyard.simulate.virtual_robot import VirtualRobot
 

@@ -15,16 +15,16 @@ from proofs.support.claims import Claim, main_of
 
 from steelyard.estimate.information.gather import gather
 from steelyard.estimate.information.regressor import Regressor, base_regressor
-from steelyard.estimate.least_squares.least_squares import WeightedLeastSquares
+from steelyard.estimate.least_squares.weighted_and_recursive import WeightedLeastSquares
 from steelyard.excite.trajectories.fourier import random_fourier
 from steelyard.model.laws.coulomb import Coulomb
 from steelyard.model.model import DEFAULT_TERMS
 from steelyard.robot.file.signals import Signals
+from steelyard.runs.mean_over_repetitions import mean_of_periods
 from steelyard.runs.prepare import prepare_mean
 from steelyard.runs.recording import LogInMemory, Recording
-from steelyard.runs.repetitions import mean_of_periods
 from steelyard.runs.run import Run
-from steelyard.runs.spectrum import Repetitions
+from steelyard.runs.spectrum_and_period import Repetitions
 from steelyard.simulate.sensors import TrueRun
 from steelyard.simulate.truth import Truth, random_truth
 from steelyard.simulate.virtual_robot import VirtualRobot

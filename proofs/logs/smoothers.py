@@ -24,12 +24,12 @@ from steelyard.robot.file.robot_file import load_robot
 from steelyard.robot.file.signals import Signals
 from steelyard.robot.robot import Robot
 from steelyard.runs.prepare import prepare
-from steelyard.runs.processing import Processing
+from steelyard.runs.processing_choices import Processing
 from steelyard.runs.recording import LogInMemory, Recording
 from steelyard.runs.smoothing.fourier import Fourier
-from steelyard.runs.smoothing.kalman import Kalman
-from steelyard.runs.smoothing.method import Butterworth, Method
-from steelyard.runs.smoothing.spline import SmoothingSpline
+from steelyard.runs.smoothing.kalman_smoother import Kalman
+from steelyard.runs.smoothing.method_and_butterworth import Butterworth, Method
+from steelyard.runs.smoothing.smoothing_spline import SmoothingSpline
 from steelyard.simulate.sensors import Sensors, TrueRun
 from steelyard.simulate.truth import random_truth
 from steelyard.simulate.virtual_robot import VirtualRobot, customary_sensors

@@ -17,7 +17,7 @@ from steelyard.base.arrays import Array
 from steelyard.estimate.information.base_parameters import full_regressor
 from steelyard.estimate.information.gather import gather
 from steelyard.estimate.information.regressor import base_regressor, standard_regressor
-from steelyard.estimate.least_squares.least_squares import WeightedLeastSquares
+from steelyard.estimate.least_squares.weighted_and_recursive import WeightedLeastSquares
 from steelyard.excite.trajectories.fourier import random_fourier
 from steelyard.model.equations.passive_joints import Follower
 from steelyard.model.laws.coulomb import Coulomb
@@ -27,13 +27,13 @@ from steelyard.model.laws.rotor_inertia import RotorInertia
 from steelyard.model.laws.viscous import Viscous
 from steelyard.model.model import Model
 from steelyard.robot.file.signals import Signals
-from steelyard.robot.rigid_body import Inertia
+from steelyard.robot.inertia_and_placement import Inertia
 from steelyard.robot.robot import Limits, Robot
 from steelyard.runs.prepare import prepare
 from steelyard.runs.recording import LogInMemory, Recording
 from steelyard.simulate.mujoco_model import build
-from steelyard.simulate.scales import typical_torque
 from steelyard.simulate.sensors import Reading, Sensors
+from steelyard.simulate.torque_and_mass_scales import typical_torque
 from steelyard.simulate.truth import random_truth
 from steelyard.simulate.virtual_robot import VirtualRobot
 

@@ -20,10 +20,10 @@ from steelyard.model.laws.rigid_body import RigidBody
 from steelyard.model.model import Model
 from steelyard.robot.robot import Robot
 from steelyard.simulate.mujoco_model import build, inverse_dynamics
-from steelyard.symbolic import program as numpy_backend
-from steelyard.symbolic.program import InputArray as Input
-from steelyard.symbolic.program import Program
-from steelyard.symbolic.trace import symbolic
+from steelyard.symbolic import program_and_softening as numpy_backend
+from steelyard.symbolic.program_and_softening import InputArray as Input
+from steelyard.symbolic.program_and_softening import Program
+from steelyard.symbolic.symbols_and_tracing import symbolic
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "tests"))
 from invented import ROBOTS  # noqa: E402

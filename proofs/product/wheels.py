@@ -17,7 +17,7 @@ from pathlib import Path
 from packaging.requirements import Requirement
 from proofs.support.claims import Claim, main_of
 
-from steelyard.robot.file.toml import tomllib
+from steelyard.robot.file.toml_schema import tomllib
 
 ROOT = Path(__file__).parents[2]
 PYTHONS = ("3.10", "3.11", "3.12", "3.13")

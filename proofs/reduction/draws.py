@@ -20,7 +20,7 @@ from steelyard.base.arrays import Array
 from steelyard.estimate.estimate import Z95
 from steelyard.estimate.information.information import Information
 from steelyard.estimate.information.regressor import base_regressor
-from steelyard.estimate.least_squares.least_squares import WeightedLeastSquares
+from steelyard.estimate.least_squares.weighted_and_recursive import WeightedLeastSquares
 from steelyard.estimate.reduction.reduction import reduce
 from steelyard.model.model import Model
 

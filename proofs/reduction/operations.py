@@ -16,8 +16,8 @@ import steelyard
 from steelyard.estimate.information.base_parameters import base_parameters
 from steelyard.model.model import Model
 from steelyard.symbolic.native import machine
-from steelyard.symbolic.native.compiled import _module
-from steelyard.symbolic.program import Program
+from steelyard.symbolic.native.compiled_programs import _module
+from steelyard.symbolic.program_and_softening import Program
 
 
 def program_of(model: Model, names: tuple[str, ...]) -> tuple[Program, int]:

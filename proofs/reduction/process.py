@@ -21,10 +21,10 @@ from studies.support.robots import ROBOTS
 
 from drawn import samples_of
 from steelyard.base.arrays import Array
+from steelyard.estimate.information.filtered_samples import FilteredSamples
 from steelyard.estimate.information.regressor import Regressor, base_regressor
-from steelyard.estimate.information.samples import FilteredSamples
 from steelyard.estimate.least_squares.normal_equations import condition_of
-from steelyard.estimate.reduction.elimination import State
+from steelyard.estimate.reduction.backward_elimination import State
 from steelyard.estimate.reduction.reduction import (
     Reduction,
     Tolerance,
@@ -36,7 +36,7 @@ from steelyard.excite.problem_from_tables import limits_of
 from steelyard.excite.trajectories.trajectory import ExactTrajectory
 from steelyard.model.robot_file_model import model_of
 from steelyard.robot.file.robot_file import load_robot
-from steelyard.robot.rigid_body import INERTIAL_NAMES, Inertia
+from steelyard.robot.inertia_and_placement import INERTIAL_NAMES, Inertia
 from steelyard.robot.robot import Robot
 
 ARM = ROBOTS / "p2_arm.toml"

@@ -14,8 +14,8 @@ import numpy as np
 from proofs.robots.scores import file_with, identified, ur10e_logs, ur10e_validation
 from proofs.support.claims import Claim, data_folder, main_of
 
-from steelyard.estimate.identified import IdentifiedModel, load_model
-from steelyard.robot.rigid_body import INERTIAL_NAMES, Inertia
+from steelyard.estimate.identified_model import IdentifiedModel, load_model
+from steelyard.robot.inertia_and_placement import INERTIAL_NAMES, Inertia
 
 
 @dataclass(frozen=True)

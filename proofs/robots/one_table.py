@@ -23,7 +23,7 @@ from proofs.checks.two_faults import run
 from proofs.robots.scores import EXAMPLES, identified, ur10e_logs, ur10e_validation
 from proofs.support.claims import Claim, data_folder, main_of
 
-from steelyard.robot.file.toml import tomllib
+from steelyard.robot.file.toml_schema import tomllib
 
 Edit = Callable[[str], str]
 

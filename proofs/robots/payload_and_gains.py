@@ -20,13 +20,13 @@ from steelyard.estimate.information.base_parameters import base_parameters
 from steelyard.estimate.information.gather import gather
 from steelyard.estimate.information.information import Information
 from steelyard.estimate.information.regressor import base_regressor
-from steelyard.estimate.payload.bilinear import Bilinear
+from steelyard.estimate.payload.bilinear_least_squares import Bilinear
 from steelyard.estimate.payload.drive_gains import GainEstimate, identified_gains
-from steelyard.estimate.payload.load_case import carrier, load_case
+from steelyard.estimate.payload.runs_with_payload import carrier, load_case
 from steelyard.model.model import Model
 from steelyard.model.robot_file_model import model_with_open_friction
 from steelyard.robot.file.robot_file import LoadedRobot, load_robot
-from steelyard.runs.named_logs import log_files, prepared, processing_of_robot, recording_of
+from steelyard.runs.runs_of_named_logs import log_files, prepared, processing_of_robot, recording_of
 
 ROBOT = Path(__file__).parents[2] / "examples" / "ur10e.toml"
 PAIR = ("ur-20_02_19_14harm50sec", "ur-20_02_19_14harm50secLoad")

@@ -12,7 +12,7 @@ from pathlib import Path
 from proofs.robots.scores import EXAMPLES, identified
 from proofs.support.claims import Claim, data_folder, main_of
 
-from steelyard.estimate.identified import IdentifiedModel, load_model
+from steelyard.estimate.identified_model import IdentifiedModel, load_model
 from steelyard.estimate.information.base_parameters import symbols
 
 CUSTOMARY = ("ZZ1R", "XX2R", "ZZ2R", "MX2R", "MY3R", "XX3R", "ZZ3R")

@@ -9,14 +9,14 @@ from proofs.support.claims import data_folder
 from steelyard.base.arrays import Array, Parameters
 from steelyard.base.motion import Motion
 from steelyard.estimate.estimate import Estimate
-from steelyard.estimate.information.accumulate import Accumulator, Stretch
+from steelyard.estimate.information.gram_accumulator import Accumulator, Stretch
 from steelyard.estimate.information.information import Information, Signature, Window
 from steelyard.estimate.information.regressor import Regressor, base_regressor
-from steelyard.estimate.prior.prior import Knowledge, default_knowledge
+from steelyard.estimate.prior.body_priors import Knowledge, default_knowledge
 from steelyard.excite.trajectories.fourier import random_fourier
 from steelyard.model.model import Model, ValuedModel
 from steelyard.robot.file.robot_file import load_robot
-from steelyard.robot.rigid_body import INERTIAL_NAMES, Inertia
+from steelyard.robot.inertia_and_placement import INERTIAL_NAMES, Inertia
 from steelyard.simulate.truth import random_truth
 
 EXAMPLES = Path(__file__).parents[2] / "examples"

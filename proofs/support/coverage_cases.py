@@ -13,16 +13,16 @@ from steelyard.base.arrays import Array
 from steelyard.base.motion import Motion
 from steelyard.excite.trajectories.fourier import random_fourier
 from steelyard.model.laws.coulomb import Coulomb
-from steelyard.model.laws.load_dependent import LoadDependent
+from steelyard.model.laws.load_dependent_friction import LoadDependent
 from steelyard.model.laws.register import DEFAULT_TERMS
 from steelyard.model.laws.stribeck import Stribeck
 from steelyard.model.terms.term import Term
 from steelyard.robot.file.robot_file import LoadedRobot, load_robot
 from steelyard.robot.file.signals import Signals
-from steelyard.robot.rigid_body import INERTIAL_NAMES, Inertia
+from steelyard.robot.inertia_and_placement import INERTIAL_NAMES, Inertia
 from steelyard.robot.robot import Robot
 from steelyard.runs.prepare import prepare
-from steelyard.runs.processing import Processing
+from steelyard.runs.processing_choices import Processing
 from steelyard.runs.recording import LogInMemory, Recording
 from steelyard.runs.run import Run
 from steelyard.simulate.mujoco_model import build

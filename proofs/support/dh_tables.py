@@ -16,7 +16,7 @@ import numpy as np
 import pinocchio as pin
 
 from steelyard.base.arrays import Array
-from steelyard.robot.file.toml import tomllib
+from steelyard.robot.file.toml_schema import tomllib
 
 KINDS = {
     "RevoluteDH": ("revolute", "standard"),

@@ -10,9 +10,9 @@ from steelyard.check.case import Knowledge, knowledge_of
 from steelyard.check.examine import Diagnosis
 from steelyard.check.finding import Edit
 from steelyard.robot.file.toml_edits import edited
-from steelyard.robot.rigid_body import Inertia
+from steelyard.robot.inertia_and_placement import Inertia
 from steelyard.runs.prepare import prepare
-from steelyard.runs.processing import Processing
+from steelyard.runs.processing_choices import Processing
 from steelyard.runs.recording import LogInMemory, Recording
 
 Random = np.random.Generator

@@ -10,11 +10,11 @@ import numpy as np
 from steelyard.check.case import Case, Evidence
 from steelyard.check.examine import Diagnosis, examine
 from steelyard.check.finding import Edit
-from steelyard.estimate.identified import IdentifiedModel
+from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.robot.file.robot_file import LoadedRobot, load_robot
 from steelyard.robot.file.signals import Signals
 from steelyard.robot.file.toml_edits import edited
-from steelyard.runs.processing import Processing
+from steelyard.runs.processing_choices import Processing
 from steelyard.runs.recording import LogInMemory, Recording
 
 

@@ -22,7 +22,7 @@ from steelyard.identify.page.content import ReportContent
 from steelyard.identify.page.model_verdict import verdict
 from steelyard.identify.validate import validate
 from steelyard.robot.file.robot_file import load_robot
-from steelyard.runs.named_logs import log_files
+from steelyard.runs.runs_of_named_logs import log_files
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,7 +17,7 @@ from steelyard.base.arrays import Array
 from steelyard.base.motion import Motion
 from steelyard.excite.trajectories.fourier import random_fourier
 from steelyard.model.laws.rigid_body import RigidBody
-from steelyard.robot.rigid_body import Inertia
+from steelyard.robot.inertia_and_placement import Inertia
 from steelyard.robot.robot import Robot
 from steelyard.simulate.demo import write_demo_arm
 from steelyard.simulate.truth import Truth, random_truth

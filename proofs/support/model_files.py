@@ -16,7 +16,7 @@ from defusedxml.ElementTree import ParseError
 from defusedxml.ElementTree import fromstring as parsed
 from proofs.support.dh_tables import NoTable, rows_of_robot_file, rows_of_source
 
-from steelyard.robot.file.toml import tomllib
+from steelyard.robot.file.toml_schema import tomllib
 
 PACKAGES = (
     "airo-models==0.0.12",

@@ -26,7 +26,7 @@ from steelyard.model.equations.passive_joints import random_positions
 from steelyard.model.laws.rigid_body import RigidBody
 from steelyard.model.model import Model
 from steelyard.robot.file.robot_file import load_robot
-from steelyard.robot.file.toml import tomllib
+from steelyard.robot.file.toml_schema import tomllib
 from steelyard.robot.robot import Robot
 
 STATES = 8

@@ -15,18 +15,18 @@ from steelyard.base.files import write_table
 from steelyard.base.motion import run
 from steelyard.base.progress import silent
 from steelyard.estimate.estimate import Estimate, StandardEstimate
-from steelyard.estimate.identified import Cutoffs, IdentifiedModel, Provenance
+from steelyard.estimate.identified_model import Cutoffs, IdentifiedModel, Provenance
 from steelyard.estimate.information.base_parameters import base_parameters
 from steelyard.estimate.information.regressor import noise_bandwidth
 from steelyard.excite.trajectories.fourier import random_fourier
 from steelyard.identify.scores import processing_of
-from steelyard.model.equations.kinematics import last_frame
+from steelyard.model.equations.frame_kinematics import last_frame
 from steelyard.model.robot_file_model import model_with_open_friction
 from steelyard.robot.file.robot_file import load_robot
 from steelyard.robot.file.signals import Signals
-from steelyard.runs.named_logs import log_files, prepared, recording_of
 from steelyard.runs.run import Run
-from steelyard.simulate.external_loads import AppliedWrench
+from steelyard.runs.runs_of_named_logs import log_files, prepared, recording_of
+from steelyard.simulate.payloads_and_wrenches import AppliedWrench
 from steelyard.simulate.truth import Truth, random_truth
 from steelyard.simulate.virtual_robot import VirtualRobot, customary_sensors
 

@@ -15,7 +15,7 @@ from proofs.support.claims import Claim, data_folder, main_of
 
 import steelyard
 from steelyard.base.arrays import Array
-from steelyard.estimate.identified import IdentifiedModel
+from steelyard.estimate.identified_model import IdentifiedModel
 
 UNLOADED = "ur10e/identification/ur-20_01_31-unload"
 LOADED = "ur10e/identification/ur-20_01_31-load"

@@ -14,7 +14,7 @@ from proofs.robots.scores import EXAMPLES, identified, ur10e_logs
 from proofs.support.claims import Claim, data_folder, main_of
 
 import steelyard
-from steelyard.estimate.identified import IdentifiedModel
+from steelyard.estimate.identified_model import IdentifiedModel
 
 RATE = 6.0
 """False alarms per hour: one in ten minutes."""

@@ -16,19 +16,19 @@ from studies.support.robots import ROBOTS
 from steelyard import load_runs
 from steelyard.base.arrays import Array
 from steelyard.base.motion import run
-from steelyard.estimate.identified import IdentifiedModel
+from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.excite.trajectories.fourier import random_fourier
 from steelyard.identify.identify import identify
-from steelyard.model.equations.kinematics import frame_kinematics
+from steelyard.model.equations.frame_kinematics import frame_kinematics
 from steelyard.model.robot_file_model import model_with_open_friction
 from steelyard.robot.file.robot_file import load_robot
-from steelyard.robot.rigid_body import Inertia
-from steelyard.simulate.external_loads import Payload
+from steelyard.robot.inertia_and_placement import Inertia
+from steelyard.simulate.payloads_and_wrenches import Payload
 from steelyard.simulate.truth import random_truth
 from steelyard.simulate.virtual_robot import VirtualRobot, customary_sensors
 from steelyard.uses.payload.payload import payload_events
-from steelyard.uses.payload.payload_events import PayloadEvents
-from steelyard.uses.wrench.external_wrench import MethodName, external_wrench
+from steelyard.uses.payload.pick_up_and_put_down import PayloadEvents
+from steelyard.uses.wrench.wrench import MethodName, external_wrench
 
 ROBOT = ROBOTS / "p3_rx160.toml"
 MASS, PICK, RELEASE = 2.0, 13.0, 54.0

@@ -7,11 +7,11 @@ from proofs.support.claims import Claim, main_of
 from proofs.uses.payload_pick import MASS, PICK, RELEASE, ROBOT, TOLERANCE, logs
 from proofs.uses.watch_ur10e import rows_of
 
-from steelyard.estimate.identified import IdentifiedModel
+from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.identify.identify import identify
-from steelyard.uses.payload.payload_events import PayloadEvent
+from steelyard.uses.payload.pick_up_and_put_down import PayloadEvent
+from steelyard.uses.watch.online_detection import SEARCH_PERIOD
 from steelyard.uses.watch.watch import start_watch
-from steelyard.uses.watch.watcher import SEARCH_PERIOD
 
 LATEST = 3.0 + 2.0 * SEARCH_PERIOD + 0.5
 """Time after a change by which it is reported [s]: motion on both sides, two searches."""

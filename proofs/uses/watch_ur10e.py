@@ -15,12 +15,12 @@ from proofs.uses.contact_ur10e import RATE, UNSEEN, pushes_in
 
 import steelyard
 from steelyard.base.arrays import Array
-from steelyard.estimate.external.residual_peaks import ContactThresholds
-from steelyard.estimate.identified import IdentifiedModel
+from steelyard.estimate.external.contact_thresholds import ContactThresholds
+from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.uses.contact.contact_events import ContactEvent
-from steelyard.uses.payload.payload_events import PayloadEvent
+from steelyard.uses.payload.pick_up_and_put_down import PayloadEvent
+from steelyard.uses.watch.online_detection import StreamEvent, Watcher
 from steelyard.uses.watch.watch import start_watch
-from steelyard.uses.watch.watcher import StreamEvent, Watcher
 
 PUSHES = "collision/ur-20_01_22-push_pose_1"
 

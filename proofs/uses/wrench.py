@@ -30,9 +30,9 @@ import steelyard
 from steelyard.base.arrays import Array
 from steelyard.base.files import write_table
 from steelyard.base.motion import Motion
-from steelyard.estimate.identified import IdentifiedModel
-from steelyard.simulate.external_loads import AppliedWrench
-from steelyard.uses.wrench.external_wrench import ExternalWrench, MethodName
+from steelyard.estimate.identified_model import IdentifiedModel
+from steelyard.simulate.payloads_and_wrenches import AppliedWrench
+from steelyard.uses.wrench.wrench import ExternalWrench, MethodName
 
 SEEDS = (0, 1, 2)
 SINGULAR = 100.0

@@ -10,16 +10,16 @@ import polars as pl
 
 from steelyard.base.motion import Motion
 from steelyard.check.fitted.fitted_case import FittedCase
-from steelyard.estimate.identified import Cutoffs, IdentifiedModel, Provenance
+from steelyard.estimate.identified_model import Cutoffs, IdentifiedModel, Provenance
 from steelyard.estimate.information.base_parameters import base_parameters
 from steelyard.estimate.information.regressor import base_regressor
-from steelyard.estimate.least_squares.least_squares import WeightedLeastSquares
-from steelyard.estimate.nonlinear.fields import information_from
+from steelyard.estimate.least_squares.weighted_and_recursive import WeightedLeastSquares
+from steelyard.estimate.nonlinear.nonlinear_parameters import information_from
 from steelyard.model.robot_file_model import model_with_open_friction
 from steelyard.robot.file.robot_file import LoadedRobot, load_robot
 from steelyard.robot.robot import Robot
-from steelyard.runs.named_logs import log_files, runs_of
 from steelyard.runs.run import Run
+from steelyard.runs.runs_of_named_logs import log_files, runs_of
 from steelyard.simulate.truth import Truth
 
 RATE, SECONDS = 125.0, 20.0

@@ -14,12 +14,12 @@ from steelyard.check.fitted.implausible import (
     heaviest,
     refuse_absurd,
 )
-from steelyard.estimate.consistent.consistent import Consistent
+from steelyard.estimate.consistent.convex_estimator import Consistent
 from steelyard.estimate.information.gather import gather
 from steelyard.estimate.information.regressor import base_regressor
-from steelyard.estimate.prior.prior import default_knowledge
+from steelyard.estimate.prior.body_priors import default_knowledge
 from steelyard.runs.prepare import prepare
-from steelyard.runs.processing import Processing
+from steelyard.runs.processing_choices import Processing
 from steelyard.runs.recording import LogInMemory, Recording
 
 

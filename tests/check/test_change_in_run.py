@@ -13,10 +13,10 @@ from steelyard.check.finding import Finding, Severity
 from steelyard.check.fitted.change_in_run import change_in_run_check, scale_drifts
 from steelyard.check.fitted.fitted_case import FittedCase
 from steelyard.estimate.information.regressor import base_regressor
-from steelyard.estimate.nonlinear.fields import information_from
-from steelyard.robot.rigid_body import Inertia
+from steelyard.estimate.nonlinear.nonlinear_parameters import information_from
+from steelyard.robot.inertia_and_placement import Inertia
 from steelyard.runs.prepare import prepare
-from steelyard.runs.processing import Processing
+from steelyard.runs.processing_choices import Processing
 from steelyard.runs.recording import LogInMemory, Recording
 
 HALF = 2300

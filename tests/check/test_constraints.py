@@ -17,11 +17,11 @@ from invented import tree
 from steelyard.check.fitted.binding_constraints import BindingConstraints, binding_constraints
 from steelyard.check.fitted.fitted_case import FittedCase
 from steelyard.check.fitted.post_fit import constraints_check
-from steelyard.estimate.consistent.consistent import Consistent
-from steelyard.estimate.information.accumulate import Accumulator, Stretch
+from steelyard.estimate.consistent.convex_estimator import Consistent
+from steelyard.estimate.information.gram_accumulator import Accumulator, Stretch
 from steelyard.estimate.information.information import Information, Signature, Window
 from steelyard.estimate.information.regressor import base_regressor
-from steelyard.estimate.prior.prior import Row, default_knowledge
+from steelyard.estimate.prior.body_priors import Row, default_knowledge
 from steelyard.model.model import Model
 
 MODEL = Model(tree())

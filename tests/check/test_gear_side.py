@@ -24,7 +24,7 @@ from steelyard.check.fitted.gear_side import (
 from steelyard.check.subject import Subject, case_of
 from steelyard.cli.log_commands import hints
 from steelyard.robot.file.robot_file import load_robot
-from steelyard.runs.named_logs import log_files
+from steelyard.runs.runs_of_named_logs import log_files
 from steelyard.simulate.truth import random_truth
 
 

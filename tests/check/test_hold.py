@@ -15,11 +15,11 @@ from steelyard.check.finding import Edit, Finding, Severity
 from steelyard.check.signals.rows import repeated_rows_check, zero_order_hold
 from steelyard.estimate.information.gather import gather
 from steelyard.estimate.information.regressor import base_regressor
-from steelyard.estimate.least_squares.least_squares import WeightedLeastSquares
+from steelyard.estimate.least_squares.weighted_and_recursive import WeightedLeastSquares
 from steelyard.robot.file.robot_file import load_robot
 from steelyard.robot.file.toml_edits import edited
 from steelyard.runs.prepare import prepare
-from steelyard.runs.processing import Processing
+from steelyard.runs.processing_choices import Processing
 from steelyard.runs.recording import LogInMemory, Recording
 
 DELAY = ("signals", "effort", "delay")

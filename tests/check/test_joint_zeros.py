@@ -22,7 +22,7 @@ from steelyard.check.hypotheses.position_columns import zero_offsets, zeros_with
 from steelyard.check.subject import Subject, case_of
 from steelyard.robot.file.robot_file import load_robot
 from steelyard.robot.file.toml_edits import edited
-from steelyard.runs.named_logs import log_files
+from steelyard.runs.runs_of_named_logs import log_files
 from steelyard.simulate.truth import random_truth
 
 

@@ -20,7 +20,7 @@ from steelyard.check.identifiability import identifiability_check
 from steelyard.check.several_logs import edits_that_serve_all_logs, friction_drift_check
 from steelyard.estimate.effort_uncertainty import KnownScales
 from steelyard.robot.file.toml_edits import edited
-from steelyard.robot.rigid_body import Inertia
+from steelyard.robot.inertia_and_placement import Inertia
 
 Q, DQ, TAU = "q{}_rad", "dq{}_rad_s", "tau{}_Nm"
 GAINS = np.array([9.0, 12.0, 7.5])

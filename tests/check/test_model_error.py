@@ -17,8 +17,8 @@ from steelyard.check.fitted.missing_terms import Cause, LeftOutGain
 from steelyard.check.fitted.model_error import model_error_check
 from steelyard.estimate.information.information import Information
 from steelyard.estimate.information.regressor import base_regressor
-from steelyard.estimate.nonlinear.fields import information_from
-from steelyard.model.laws.load_dependent import LoadDependent
+from steelyard.estimate.nonlinear.nonlinear_parameters import information_from
+from steelyard.model.laws.load_dependent_friction import LoadDependent
 from steelyard.model.laws.register import DEFAULT_TERMS
 from steelyard.model.laws.stribeck import Stribeck
 from steelyard.model.terms.term import Term

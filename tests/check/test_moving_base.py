@@ -14,7 +14,7 @@ from steelyard.check.findings_text import check_headline
 from steelyard.check.signals.movement import moving_base_check, of_base
 from steelyard.check.subject import case_of, subject_of
 from steelyard.cli.app import app
-from steelyard.runs.named_logs import log_files
+from steelyard.runs.runs_of_named_logs import log_files
 
 MODEL = """
 <mujoco><worldbody>

@@ -13,9 +13,9 @@ from steelyard.check.finding import Finding, Severity
 from steelyard.check.fitted.fitted_case import FittedCase
 from steelyard.check.fitted.runs_disagree import last_link_check, runs_disagree_check
 from steelyard.estimate.estimate import Estimate, StandardEstimate
-from steelyard.estimate.identified import IdentifiedModel
+from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.robot.file.robot_file import LoadedRobot
-from steelyard.robot.rigid_body import INERTIAL_NAMES, Inertia
+from steelyard.robot.inertia_and_placement import INERTIAL_NAMES, Inertia
 from steelyard.runs.run import Run
 from steelyard.simulate.truth import Truth, random_truth
 

@@ -31,7 +31,7 @@ from steelyard.robot.file.signals import ROW, VELOCITY_UNITS
 from steelyard.robot.file.toml_edits import edited
 from steelyard.robot.init.column_names import Column
 from steelyard.robot.robot import Coordinate, Limits
-from steelyard.runs.processing import Processing
+from steelyard.runs.processing_choices import Processing
 from steelyard.runs.recording import LogInMemory, Recording
 
 OWN = (

@@ -15,7 +15,7 @@ from steelyard.cli.app import app
 from steelyard.logs.formats import open_log
 from steelyard.robot.file.robot_file import load_robot
 from steelyard.robot.init.guess_columns import guess_signals
-from steelyard.runs.processing import Processing
+from steelyard.runs.processing_choices import Processing
 from steelyard.runs.recording import LogInMemory, Recording
 
 LINKS = (("z", 0.1, 0.1), ("y", 0.12, 0.3), ("y", 0.28, 0.3), ("x", 0.25, 0.12), ("y", 0.05, 0.15))

@@ -29,7 +29,7 @@ from steelyard.check.subject import case_of, subject_of
 from steelyard.cli.log_commands import WHAT_DECIDES_GAINS, WHAT_TO_COMPARE_OF_GEARS, hints
 from steelyard.robot.file.robot_file import load_robot
 from steelyard.robot.robot import Transmission
-from steelyard.runs.named_logs import log_files
+from steelyard.runs.runs_of_named_logs import log_files
 from steelyard.simulate.truth import random_truth
 
 RATIOS = (100.0, -100.0, 80.0)

@@ -13,7 +13,7 @@ from steelyard.check.fitted.post_fit import FittedCase, examine_fit
 from steelyard.check.fitted.unseen_reason import _one_file, excess_error, unseen_reason_check
 from steelyard.estimate.scores.score import score
 from steelyard.model.laws.rigid_body import RigidBody
-from steelyard.robot.rigid_body import Inertia
+from steelyard.robot.inertia_and_placement import Inertia
 from steelyard.simulate.truth import Truth, random_truth
 
 

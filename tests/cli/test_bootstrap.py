@@ -10,8 +10,8 @@ import pytest
 
 from estimate.test_least_squares import data
 from steelyard.base.progress import silent
-from steelyard.estimate.estimators import offer_of
-from steelyard.estimate.least_squares.least_squares import WeightedLeastSquares
+from steelyard.estimate.estimator_register import offer_of
+from steelyard.estimate.least_squares.weighted_and_recursive import WeightedLeastSquares
 from steelyard.identify.fit import Fit
 
 DRAWS = 20

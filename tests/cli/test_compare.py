@@ -10,7 +10,7 @@ import pytest
 from cli.mistakes import leftovers
 from cli.river_files import edited
 from cli.test_interrupt import pressed_here
-from steelyard.estimate.estimators import ESTIMATORS, method_of
+from steelyard.estimate.estimator_register import ESTIMATORS, method_of
 from steelyard.identify.comparison.compare import offers_of
 from steelyard.robot.file.robot_file import load_robot
 from steelyard.robot.file.sections import EstimationSection
@@ -75,8 +75,8 @@ def test_a_single_log_is_divided(command) -> None:
 def test_an_estimator_that_fails_does_not_stop_the_others(command, monkeypatch) -> None:
     import numpy as np
 
-    from steelyard.estimate import estimators as register
-    from steelyard.estimate.estimators import Offer
+    from steelyard.estimate import estimator_register as register
+    from steelyard.estimate.estimator_register import Offer
 
     def failing(data: object) -> None:
         raise np.linalg.LinAlgError("Singular [matrix]")

@@ -9,7 +9,7 @@ import pytest
 import steelyard
 from cli.conftest import Command
 from steelyard.base.files import write_json
-from steelyard.estimate.identified import IdentifiedModel
+from steelyard.estimate.identified_model import IdentifiedModel
 
 LOG = "../given/validation.csv"
 

@@ -10,7 +10,7 @@ import pytest
 import steelyard
 from cli.conftest import Command
 from cli.mistakes import leftovers
-from steelyard.estimate.identified import IdentifiedModel
+from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.estimate.scores.residuals import residual_trace
 
 PUSH = (1.5, 1.9)

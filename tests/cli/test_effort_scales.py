@@ -13,11 +13,11 @@ import pytest
 
 from cli.conftest import Command
 from cli.river_files import edited
-from steelyard.estimate.consistent.consistent import Consistent
+from steelyard.estimate.consistent.convex_estimator import Consistent
 from steelyard.estimate.estimate import Estimate
-from steelyard.estimate.identified import load_model
+from steelyard.estimate.identified_model import load_model
 from steelyard.estimate.information.base_parameters import base_parameters
-from steelyard.estimate.prior.prior import default_knowledge
+from steelyard.estimate.prior.body_priors import default_knowledge
 from steelyard.identify import fit as fitting
 from steelyard.identify.fit import _unscaled_because
 from steelyard.model.robot_file_model import model_with_open_friction

@@ -14,7 +14,7 @@ from short_arm import without_wrist
 from steelyard.base.motion import Motion
 from steelyard.estimate.scores.residuals import only
 from steelyard.simulate.truth import random_truth
-from steelyard.uses.health.health_changes import QUANTITIES
+from steelyard.uses.health.drift_detection import QUANTITIES
 
 WORN = 0.6
 """Growth of the elbow's Coulomb friction."""

@@ -13,8 +13,8 @@ from cli.conftest import Command
 from cli.mistakes import LOG
 from steelyard.cli import drive_questions as ask
 from steelyard.robot.file.robot_file import load_robot
+from steelyard.robot.init.draft_tables import Effort, Known, with_effort
 from steelyard.robot.init.guess_columns import guess_columns
-from steelyard.robot.init.tables import Effort, Known, with_effort
 from steelyard.robot.robot import Coordinate
 
 URDF = "../given/demo_arm.urdf"

@@ -11,7 +11,7 @@ import steelyard
 from cli.conftest import Command
 from cli.river_files import edited
 from steelyard.robot.file.signals import ROW
-from steelyard.robot.file.toml import tomllib
+from steelyard.robot.file.toml_schema import tomllib
 
 RATE = 250.0
 

@@ -12,16 +12,16 @@ from typer.testing import CliRunner
 from cli.conftest import Command
 from steelyard.base.errors import ModelError, SteelyardError
 from steelyard.cli.app import app
-from steelyard.estimate.identified import load_model
-from steelyard.estimate.nonlinear.fields import information
-from steelyard.export.model_files.model_file import exported
+from steelyard.estimate.identified_model import load_model
+from steelyard.estimate.nonlinear.nonlinear_parameters import information
+from steelyard.export.model_files.export_model_file import exported
 from steelyard.identify.page.section_register import SECTIONS
 from steelyard.identify.reduce import matching, reduce
 from steelyard.robot.file.robot_file import load_robot
-from steelyard.runs.named_logs import load_runs
+from steelyard.runs.runs_of_named_logs import load_runs
 from steelyard.simulate.truth import random_truth
 from steelyard.simulate.virtual_robot import VirtualRobot, customary_sensors
-from steelyard.uses.payload.payload_of_runs import identify_payload
+from steelyard.uses.payload.payload_fit import identify_payload
 
 pytestmark = pytest.mark.usefixtures("searches_here")
 

@@ -8,7 +8,7 @@ import pytest
 
 from cli.conftest import Command
 from steelyard.robot.file.robot_file import load_robot
-from steelyard.robot.file.toml import tomllib
+from steelyard.robot.file.toml_schema import tomllib
 
 URDF = "../given/demo_arm.urdf"
 RATIOS = (100.0, -50.0, 30.0)

@@ -15,11 +15,11 @@ from cli.river_files import edited
 from steelyard.base.files import write_json
 from steelyard.estimate.effort_uncertainty import KnownScales
 from steelyard.excite.trajectories.trajectory_files import read_motion
-from steelyard.export.code.model_code import origin_of
+from steelyard.export.code.export_code import origin_of
 from steelyard.model.laws.presliding import Dahl
 from steelyard.robot.file.robot_file import load_robot
-from steelyard.uses.control.feedforward_torques import feedforward
-from steelyard.uses.control.model_torques import remarks_on_torques
+from steelyard.uses.control.feedforward import feedforward
+from steelyard.uses.control.torques_along_motion import remarks_on_torques
 
 SHORT = ("simulate", ROBOT, "--period", "1.0")
 

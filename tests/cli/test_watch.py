@@ -19,7 +19,7 @@ from cli.test_contact import PUSH, changed, columns
 from steelyard.cli import interrupt
 from steelyard.cli.app import app
 from steelyard.cli.main import main
-from steelyard.runs.named_logs import log_files
+from steelyard.runs.runs_of_named_logs import log_files
 from steelyard.uses.watch.watch import start_watch, stream_trace
 
 AT_ONCE = ("--timeout", "0")

@@ -7,8 +7,14 @@ import numpy as np
 import pytest
 
 from invented import ROBOTS, single
-from steelyard.estimate.information.accumulate import MOVING, RESTING, Accumulator, Stretch, Sums
 from steelyard.estimate.information.gather import MOST_WINDOWS, accumulate, cut_pieces
+from steelyard.estimate.information.gram_accumulator import (
+    MOVING,
+    RESTING,
+    Accumulator,
+    Stretch,
+    Sums,
+)
 from steelyard.estimate.information.information import Information, Signature
 from steelyard.estimate.information.regressor import ParallelFilter, Regressor, base_regressor
 from steelyard.model.model import Model

@@ -11,15 +11,15 @@ from in_amperes import GAINS, RATE, ROBOT, run_of
 from steelyard.base.arrays import Parameters
 from steelyard.estimate.effort_uncertainty import Calibration
 from steelyard.estimate.estimate import StandardEstimate
-from steelyard.estimate.identified import Cutoffs, IdentifiedModel, Provenance
+from steelyard.estimate.identified_model import Cutoffs, IdentifiedModel, Provenance
 from steelyard.estimate.information.gather import blocks_with_channels, gather
 from steelyard.estimate.information.regressor import ParallelFilter, base_regressor
-from steelyard.estimate.least_squares.least_squares import WeightedLeastSquares
-from steelyard.estimate.scores.bands import Bands
+from steelyard.estimate.least_squares.weighted_and_recursive import WeightedLeastSquares
+from steelyard.estimate.scores.bands_and_traces import Bands
 from steelyard.estimate.scores.score import RunScore, score
 from steelyard.model.model import Model
 from steelyard.runs.run import Block, Run
-from steelyard.runs.smoothing.filters import apply, low_pass
+from steelyard.runs.smoothing.zero_phase_filters import apply, low_pass
 from steelyard.simulate.truth import Truth, random_truth
 
 

@@ -6,23 +6,23 @@ import numpy as np
 import pytest
 
 from invented import tree
-from steelyard.estimate.consistent.consistent import Consistent
+from steelyard.estimate.consistent.convex_estimator import Consistent
 from steelyard.estimate.estimate import Estimator
-from steelyard.estimate.information.accumulate import Accumulator, Stretch
+from steelyard.estimate.information.gram_accumulator import Accumulator, Stretch
 from steelyard.estimate.information.information import Information, Signature, Window
 from steelyard.estimate.information.regressor import base_regressor
-from steelyard.estimate.least_squares.constrained import Ridge
-from steelyard.estimate.least_squares.least_squares import (
-    OrdinaryLeastSquares,
-    WeightedLeastSquares,
-)
-from steelyard.estimate.least_squares.residual_covariance import (
+from steelyard.estimate.least_squares.covariance_from_residuals import (
     away,
     inflations,
     moved_scores,
     scatter,
 )
-from steelyard.estimate.prior.prior import default_knowledge
+from steelyard.estimate.least_squares.known_bounded_and_ridge import Ridge
+from steelyard.estimate.least_squares.weighted_and_recursive import (
+    OrdinaryLeastSquares,
+    WeightedLeastSquares,
+)
+from steelyard.estimate.prior.body_priors import default_knowledge
 from steelyard.model.model import Model
 
 MODEL = Model(tree())

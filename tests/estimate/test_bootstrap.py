@@ -9,11 +9,11 @@ import pytest
 from steelyard.base.arrays import Parameters
 from steelyard.base.errors import DataError
 from steelyard.base.progress import Event, Stopped
+from steelyard.estimate.bootstrap_and_sensitivity import bootstrap
 from steelyard.estimate.estimate import Estimate
-from steelyard.estimate.estimate_scatter import bootstrap
 from steelyard.estimate.information.information import Information, Signature, Window
 from steelyard.estimate.information.regressor import Layout
-from steelyard.estimate.least_squares.least_squares import (
+from steelyard.estimate.least_squares.weighted_and_recursive import (
     OrdinaryLeastSquares,
     WeightedLeastSquares,
 )

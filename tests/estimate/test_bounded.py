@@ -9,13 +9,16 @@ import pytest
 from invented import single
 from steelyard.base.errors import DataError
 from steelyard.estimate.estimate import Estimate
-from steelyard.estimate.estimators import ESTIMATORS, Context
-from steelyard.estimate.information.accumulate import Accumulator, Stretch
+from steelyard.estimate.estimator_register import ESTIMATORS, Context
+from steelyard.estimate.information.gram_accumulator import Accumulator, Stretch
 from steelyard.estimate.information.information import Information, Signature, Window
 from steelyard.estimate.information.regressor import base_regressor
-from steelyard.estimate.least_squares.constrained import BoundedLeastSquares, base_bounds
-from steelyard.estimate.least_squares.least_squares import WeightedLeastSquares
-from steelyard.estimate.prior.prior import default_knowledge
+from steelyard.estimate.least_squares.known_bounded_and_ridge import (
+    BoundedLeastSquares,
+    base_bounds,
+)
+from steelyard.estimate.least_squares.weighted_and_recursive import WeightedLeastSquares
+from steelyard.estimate.prior.body_priors import default_knowledge
 from steelyard.model.laws.coulomb import Coulomb
 from steelyard.model.laws.offset import Offset
 from steelyard.model.laws.rigid_body import RigidBody

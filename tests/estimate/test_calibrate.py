@@ -9,20 +9,20 @@ import pytest
 from in_amperes import GAINS, ROBOT, run_of
 from steelyard.base.errors import DataError, LogError, ModelError, SteelyardError
 from steelyard.estimate.effort_uncertainty import Calibration, bins
-from steelyard.estimate.identified import Cutoffs, IdentifiedModel, Provenance, load_model
+from steelyard.estimate.identified_model import Cutoffs, IdentifiedModel, Provenance, load_model
 from steelyard.estimate.information.gather import gather
 from steelyard.estimate.information.information import Information
 from steelyard.estimate.information.regressor import base_regressor
-from steelyard.estimate.least_squares.least_squares import WeightedLeastSquares
+from steelyard.estimate.least_squares.weighted_and_recursive import WeightedLeastSquares
 from steelyard.estimate.scores.band_calibration import calibrate, correlation_of, quantile
-from steelyard.estimate.scores.bands import Bands
+from steelyard.estimate.scores.bands_and_traces import Bands
 from steelyard.estimate.scores.cross_validation import runs_left_out, stretches_left_out
 from steelyard.estimate.scores.residuals import residual_trace
 from steelyard.estimate.scores.score import score
 from steelyard.model.laws.register import DEFAULT_TERMS
 from steelyard.model.laws.stribeck import Stribeck
 from steelyard.model.model import Model
-from steelyard.runs.processing import Processing
+from steelyard.runs.processing_choices import Processing
 from steelyard.runs.run import Run
 from steelyard.simulate.truth import random_truth
 

@@ -12,13 +12,22 @@ from steelyard.base.arrays import Array, frozen
 from steelyard.base.errors import DataError
 from steelyard.base.motion import Motion
 from steelyard.base.progress import Event, Stopped
-from steelyard.estimate.closed_loop.experiment import Experiment, Measured, RunController, simulate
-from steelyard.estimate.closed_loop.kalman import KalmanParameters, torque_noise, white_noise
-from steelyard.estimate.closed_loop.motion_under_torque import (
+from steelyard.estimate.closed_loop.extended_kalman_filter import (
+    KalmanParameters,
+    torque_noise,
+    white_noise,
+)
+from steelyard.estimate.closed_loop.feedback_and_forward_dynamics import (
     Forward,
     Integration,
     JointPD,
     tuned_pd,
+)
+from steelyard.estimate.closed_loop.simulated_experiment import (
+    Experiment,
+    Measured,
+    RunController,
+    simulate,
 )
 from steelyard.estimate.closed_loop.simulating_estimators import (
     ClosedLoopOutputError,
@@ -27,11 +36,11 @@ from steelyard.estimate.closed_loop.simulating_estimators import (
     filtered,
 )
 from steelyard.estimate.estimate import Estimate
-from steelyard.estimate.estimators import ESTIMATORS, Context, Offer
-from steelyard.estimate.information.accumulate import Accumulator, Stretch
+from steelyard.estimate.estimator_register import ESTIMATORS, Context, Offer
+from steelyard.estimate.information.gram_accumulator import Accumulator, Stretch
 from steelyard.estimate.information.information import Information, Signature, Window
 from steelyard.estimate.information.regressor import Regressor, base_regressor
-from steelyard.estimate.prior.prior import default_knowledge
+from steelyard.estimate.prior.body_priors import default_knowledge
 from steelyard.excite.trajectories.fourier import random_fourier
 from steelyard.model.laws.coulomb import Coulomb
 from steelyard.model.laws.presliding import Dahl
@@ -41,7 +50,7 @@ from steelyard.model.laws.viscous import Viscous
 from steelyard.model.model import Model
 from steelyard.robot.file.signals import Signals
 from steelyard.runs.prepare import prepare
-from steelyard.runs.processing import Processing
+from steelyard.runs.processing_choices import Processing
 from steelyard.runs.recording import LogInMemory, Recording
 
 RATE, LENGTH, CUTOFF = 1000.0, 3.5, 20.0
@@ -183,7 +192,7 @@ def test_noise_of_positions_does_not_bias_as_it_biases_least_squares(offer: Offe
 @cache
 def differenced(position: float, torque: float) -> Experiment:
     """An experiment whose motion is from noisy positions behind a generous low-pass."""
-    from steelyard.runs.smoothing.method import Butterworth
+    from steelyard.runs.smoothing.method_and_butterworth import Butterworth
 
     data = experiment(position, torque)
     (run,) = data.runs

@@ -12,29 +12,33 @@ from invented import single, tree
 from steelyard.base.arrays import Parameters
 from steelyard.base.errors import DataError
 from steelyard.base.progress import Event, Stopped, report_progress
-from steelyard.estimate.consistent.consistent import Consistent
+from steelyard.estimate.consistent.convex_estimator import Consistent
 from steelyard.estimate.estimate import Estimate, StandardEstimate
-from steelyard.estimate.estimators import ESTIMATORS, Context, Offer
-from steelyard.estimate.information.accumulate import Accumulator, Stretch
+from steelyard.estimate.estimator_register import ESTIMATORS, Context, Offer
 from steelyard.estimate.information.gather import gather
+from steelyard.estimate.information.gram_accumulator import Accumulator, Stretch
 from steelyard.estimate.information.information import Information, Signature, Window
 from steelyard.estimate.information.regressor import base_regressor
-from steelyard.estimate.least_squares.least_squares import (
+from steelyard.estimate.least_squares.weighted_and_recursive import (
     OrdinaryLeastSquares,
     WeightedLeastSquares,
 )
-from steelyard.estimate.prior.prior import default_knowledge
+from steelyard.estimate.prior.body_priors import default_knowledge
 from steelyard.estimate.scores.cross_validation import longest_window
-from steelyard.estimate.scores.estimator_advice import Comparison, EstimatorScore, recommended
 from steelyard.estimate.scores.estimator_comparison import (
     Parts,
     compare,
     impossible_bodies,
 )
+from steelyard.estimate.scores.estimator_scores_and_advice import (
+    Comparison,
+    EstimatorScore,
+    recommended,
+)
 from steelyard.model.model import Model
 from steelyard.robot.file.signals import Signals
 from steelyard.runs.prepare import prepare
-from steelyard.runs.processing import Processing
+from steelyard.runs.processing_choices import Processing
 from steelyard.runs.recording import LogInMemory, Recording
 from steelyard.runs.run import Run
 

@@ -9,20 +9,20 @@ import pytest
 from cvxpy_oracle import cvxpy_problem, solved
 from invented import tree
 from steelyard.base.errors import DataError
-from steelyard.estimate.consistent.consistent import Consistent
-from steelyard.estimate.consistent.penalties import Entropic, Form, Free, Pullback
+from steelyard.estimate.consistent.convex_estimator import Consistent
+from steelyard.estimate.consistent.unknowns_and_penalties import Entropic, Form, Free, Pullback
 from steelyard.estimate.estimate import Estimate
-from steelyard.estimate.information.accumulate import Accumulator, Stretch
+from steelyard.estimate.information.gram_accumulator import Accumulator, Stretch
 from steelyard.estimate.information.information import Information, Signature, Window
 from steelyard.estimate.information.regressor import base_regressor
-from steelyard.estimate.least_squares.least_squares import (
+from steelyard.estimate.least_squares.weighted_and_recursive import (
     OrdinaryLeastSquares,
     WeightedLeastSquares,
     whitened,
 )
-from steelyard.estimate.prior.prior import Knowledge, Row, default_knowledge
+from steelyard.estimate.prior.body_priors import Knowledge, Row, default_knowledge
 from steelyard.model.model import Model
-from steelyard.robot.rigid_body import INERTIAL_NAMES, Inertia
+from steelyard.robot.inertia_and_placement import INERTIAL_NAMES, Inertia
 
 MODEL = Model(tree())
 REGRESSOR = base_regressor(MODEL)

@@ -6,8 +6,8 @@ import pytest
 from steelyard.base.arrays import Array
 from steelyard.base.errors import DataError
 from steelyard.estimate.estimate import Z95
-from steelyard.robot.rigid_body import Inertia
-from steelyard.uses.payload.payload_body import (
+from steelyard.robot.inertia_and_placement import Inertia
+from steelyard.uses.payload.consistent_payload_body import (
     ConsistentBody,
     PayloadKnowledge,
     SolidShape,

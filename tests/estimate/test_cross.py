@@ -8,11 +8,11 @@ import pytest
 
 from invented import single, tree
 from steelyard.base.errors import DataError
-from steelyard.estimate.information.accumulate import Accumulator, Stretch
 from steelyard.estimate.information.gather import gather
+from steelyard.estimate.information.gram_accumulator import Accumulator, Stretch
 from steelyard.estimate.information.information import Information, Signature, Window
 from steelyard.estimate.information.regressor import base_regressor
-from steelyard.estimate.least_squares.least_squares import (
+from steelyard.estimate.least_squares.weighted_and_recursive import (
     OrdinaryLeastSquares,
     WeightedLeastSquares,
 )
@@ -30,7 +30,7 @@ from steelyard.estimate.scores.cross_validation import (
 from steelyard.model.model import Model
 from steelyard.robot.file.signals import Signals
 from steelyard.runs.prepare import prepare
-from steelyard.runs.processing import Processing
+from steelyard.runs.processing_choices import Processing
 from steelyard.runs.recording import LogInMemory, Recording
 from steelyard.runs.run import Run
 

@@ -5,18 +5,18 @@ import pytest
 
 from in_amperes import GAINS, ROBOT, run_of
 from steelyard.base.arrays import Parameters
-from steelyard.estimate.consistent.consistent import Consistent
-from steelyard.estimate.consistent.penalties import Entropic, Pullback, unknowns
-from steelyard.estimate.consistent.program import Program, conic_constraints
+from steelyard.estimate.consistent.convex_estimator import Consistent
+from steelyard.estimate.consistent.convex_program import Program, conic_constraints
+from steelyard.estimate.consistent.unknowns_and_penalties import Entropic, Pullback, unknowns
 from steelyard.estimate.estimate import Z95
 from steelyard.estimate.information.gather import gather
 from steelyard.estimate.information.information import Information
 from steelyard.estimate.information.regressor import base_regressor
-from steelyard.estimate.least_squares.least_squares import whitened
-from steelyard.estimate.prior.prior import default_knowledge
+from steelyard.estimate.least_squares.weighted_and_recursive import whitened
+from steelyard.estimate.prior.body_priors import default_knowledge
 from steelyard.model.model import Model
-from steelyard.robot.rigid_body import INERTIAL_NAMES, Inertia
-from steelyard.runs.processing import Processing
+from steelyard.robot.inertia_and_placement import INERTIAL_NAMES, Inertia
+from steelyard.runs.processing_choices import Processing
 from steelyard.simulate.truth import Truth, random_truth
 
 MODEL = Model(ROBOT)

@@ -8,9 +8,9 @@ import pytest
 from invented import tree
 from steelyard.base.arrays import Parameters
 from steelyard.base.motion import Motion
-from steelyard.estimate.consistent.consistent import Consistent
-from steelyard.estimate.information.accumulate import Accumulator, Stretch
+from steelyard.estimate.consistent.convex_estimator import Consistent
 from steelyard.estimate.information.base_parameters import base_parameters
+from steelyard.estimate.information.gram_accumulator import Accumulator, Stretch
 from steelyard.estimate.information.information import Information, Signature, Window
 from steelyard.estimate.information.regressor import base_regressor
 from steelyard.estimate.nonlinear.effort_scales import (
@@ -19,7 +19,7 @@ from steelyard.estimate.nonlinear.effort_scales import (
     effort_scales,
     with_predicted,
 )
-from steelyard.estimate.prior.prior import default_knowledge
+from steelyard.estimate.prior.body_priors import default_knowledge
 from steelyard.model.model import Model
 
 MODEL = Model(tree())

@@ -12,14 +12,14 @@ from invented import dh_arm
 from law_cases import CASES, LawCase, name_of
 from steelyard.base.errors import ModelError
 from steelyard.base.progress import Event, Stopped
-from steelyard.estimate.information.accumulate import Accumulator, Stretch
 from steelyard.estimate.information.base_parameters import base_parameters
+from steelyard.estimate.information.gram_accumulator import Accumulator, Stretch
 from steelyard.estimate.information.information import Information, Signature, Window
 from steelyard.estimate.information.regressor import Regressor, base_regressor, chosen_regressor
-from steelyard.estimate.nonlinear.field_search import unknowns_of
-from steelyard.estimate.nonlinear.fields import FoundFields, find_fields
+from steelyard.estimate.nonlinear.grid_search import unknowns_of
+from steelyard.estimate.nonlinear.nonlinear_parameters import FoundFields, find_fields
 from steelyard.model.laws.coulomb import Coulomb
-from steelyard.model.laws.coupled import Coupled
+from steelyard.model.laws.coupled_friction import Coupled
 from steelyard.model.laws.presliding import Dahl, LuGre
 from steelyard.model.laws.register import DEFAULT_TERMS, TERMS, description_of, term_of
 from steelyard.model.laws.stribeck import Stribeck
@@ -263,8 +263,8 @@ def test_dictionary_columns_are_the_terms_columns(law: type[Any], field: str) ->
 
 
 def test_too_many_columns_are_searched_one_after_another(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("steelyard.estimate.nonlinear.fields.WIDEST", 40)
-    monkeypatch.setattr("steelyard.estimate.nonlinear.field_search.WIDEST", 40)
+    monkeypatch.setattr("steelyard.estimate.nonlinear.nonlinear_parameters.WIDEST", 40)
+    monkeypatch.setattr("steelyard.estimate.nonlinear.grid_search.WIDEST", 40)
     terms, wanted = (*BARE, Dahl(length=1e-3)), (*BARE, Dahl(length=LENGTHS))
     information_of, passes = data(terms, Stribeck(speed=0.07), 0.02)
     result = find_fields(Model(ROBOT, (*wanted, Stribeck(speed=Find(1e-3, 1.0)))), information_of)

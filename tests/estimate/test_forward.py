@@ -11,7 +11,11 @@ from closed_chains import five_bar
 from invented import ROBOTS, dh_arm, tree
 from oracles import body_map, body_positions, pinocchio_model
 from steelyard.base.errors import DataError
-from steelyard.estimate.closed_loop.motion_under_torque import LEAST_WIDTH, Forward, Integration
+from steelyard.estimate.closed_loop.feedback_and_forward_dynamics import (
+    LEAST_WIDTH,
+    Forward,
+    Integration,
+)
 from steelyard.estimate.information.base_parameters import base_parameters
 from steelyard.model.laws.coulomb import Coulomb
 from steelyard.model.laws.presliding import Dahl

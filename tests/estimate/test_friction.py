@@ -13,14 +13,14 @@ from steelyard.base.arrays import Parameters
 from steelyard.base.errors import DataError
 from steelyard.base.motion import Motion
 from steelyard.estimate.friction.friction_choice import FrictionChoice, _staged, choose_friction
-from steelyard.estimate.friction.mixes import has_memory, mix_name
+from steelyard.estimate.friction.friction_mixes import has_memory, mix_name
 from steelyard.estimate.information.regressor import base_regressor
-from steelyard.estimate.least_squares.least_squares import WeightedLeastSquares
-from steelyard.estimate.nonlinear.fields import information_from
+from steelyard.estimate.least_squares.weighted_and_recursive import WeightedLeastSquares
+from steelyard.estimate.nonlinear.nonlinear_parameters import information_from
 from steelyard.estimate.scores.cross_validation import logarithms
 from steelyard.model.laws.coulomb import Coulomb
-from steelyard.model.laws.load_dependent import LoadDependent
-from steelyard.model.laws.powers import Cubic, Root
+from steelyard.model.laws.load_dependent_friction import LoadDependent
+from steelyard.model.laws.powers_of_speed import Cubic, Root
 from steelyard.model.laws.presliding import Dahl, MaxwellSlip
 from steelyard.model.laws.rigid_body import RigidBody
 from steelyard.model.laws.stribeck import Stribeck
@@ -30,7 +30,7 @@ from steelyard.model.terms.term import Term
 from steelyard.robot.file.sections import EffortKind
 from steelyard.robot.file.signals import Signals
 from steelyard.runs.prepare import prepare
-from steelyard.runs.processing import Processing
+from steelyard.runs.processing_choices import Processing
 from steelyard.runs.recording import LogInMemory, Recording
 from steelyard.runs.run import Run
 

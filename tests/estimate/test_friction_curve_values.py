@@ -10,9 +10,9 @@ from report.conftest import identified, robot
 from steelyard.base.arrays import Parameters
 from steelyard.base.motion import Motion
 from steelyard.estimate.estimate import Z95
-from steelyard.estimate.identified import IdentifiedModel
-from steelyard.estimate.identified_parameters import friction_curves
+from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.estimate.information.base_parameters import base_parameters
+from steelyard.estimate.parameter_status_and_friction import friction_curves
 from steelyard.model.laws.coulomb import Coulomb
 from steelyard.model.laws.presliding import Dahl
 from steelyard.model.laws.rigid_body import RigidBody

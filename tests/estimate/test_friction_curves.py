@@ -9,17 +9,17 @@ from invented import single, tree
 from moving import geared
 from steelyard.base.arrays import Parameters
 from steelyard.base.motion import Motion
-from steelyard.estimate.consistent.consistent import Consistent
-from steelyard.estimate.information.accumulate import Accumulator, Stretch
+from steelyard.estimate.consistent.convex_estimator import Consistent
 from steelyard.estimate.information.base_parameters import base_parameters
+from steelyard.estimate.information.gram_accumulator import Accumulator, Stretch
 from steelyard.estimate.information.information import Information, Signature, Window
 from steelyard.estimate.information.regressor import base_regressor
+from steelyard.estimate.prior.body_priors import Knowledge, Row, default_knowledge
 from steelyard.estimate.prior.dissipative_friction import REACH, friction_curves, shaped
-from steelyard.estimate.prior.prior import Knowledge, Row, default_knowledge
 from steelyard.model.laws.coulomb import Coulomb
-from steelyard.model.laws.directional import DirectionalCoulomb, DirectionalViscous
+from steelyard.model.laws.directional_friction import DirectionalCoulomb, DirectionalViscous
 from steelyard.model.laws.offset import Offset
-from steelyard.model.laws.powers import Cubic, Quadratic, Root
+from steelyard.model.laws.powers_of_speed import Cubic, Quadratic, Root
 from steelyard.model.laws.presliding import Dahl, LuGre, MaxwellSlip
 from steelyard.model.laws.rigid_body import RigidBody
 from steelyard.model.laws.stribeck import Stribeck

@@ -10,13 +10,13 @@ from invented import ball
 from steelyard.base.arrays import Parameters
 from steelyard.base.motion import Motion
 from steelyard.base.progress import Event
-from steelyard.estimate.consistent.consistent import Consistent
+from steelyard.estimate.consistent.convex_estimator import Consistent
 from steelyard.estimate.friction.friction_choice import FrictionChoice, choose_friction
 from steelyard.estimate.information.base_parameters import BaseMap
-from steelyard.estimate.least_squares.least_squares import WeightedLeastSquares
-from steelyard.estimate.prior.prior import default_knowledge
+from steelyard.estimate.least_squares.weighted_and_recursive import WeightedLeastSquares
+from steelyard.estimate.prior.body_priors import default_knowledge
 from steelyard.model.laws.coulomb import Coulomb
-from steelyard.model.laws.load_dependent import PLAUSIBLE, LoadDependent
+from steelyard.model.laws.load_dependent_friction import PLAUSIBLE, LoadDependent
 from steelyard.model.laws.presliding import Dahl
 from steelyard.model.laws.rigid_body import RigidBody
 from steelyard.model.laws.viscous import Viscous
@@ -26,7 +26,7 @@ from steelyard.robot.file.sections import EffortKind
 from steelyard.robot.file.signals import Signals
 from steelyard.robot.robot import Body, Coordinate, Robot
 from steelyard.runs.prepare import prepare
-from steelyard.runs.processing import Processing
+from steelyard.runs.processing_choices import Processing
 from steelyard.runs.recording import LogInMemory, Recording
 from steelyard.runs.run import Run
 

@@ -9,9 +9,9 @@ from loaded import GAINS, LOAD, MODEL, TOOL, UNITS, run
 from steelyard.base.errors import DataError, ModelError, SteelyardError
 from steelyard.estimate.information.base_parameters import base_parameters
 from steelyard.estimate.information.information import Information
-from steelyard.estimate.payload.bilinear import Bilinear
+from steelyard.estimate.payload.bilinear_least_squares import Bilinear
 from steelyard.estimate.payload.drive_gains import identified_gains
-from steelyard.estimate.payload.load_case import carrier, load_case
+from steelyard.estimate.payload.runs_with_payload import carrier, load_case
 
 JOINTS = MODEL.robot.joint_names
 UNLOADED, LOADED = [run(1)], [run(2, LOAD, friction=1.4)]

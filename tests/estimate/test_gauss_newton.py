@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares, lsq_linear
 
-from steelyard.estimate.consistent.log_cholesky import (
+from steelyard.estimate.consistent.log_cholesky_estimator import (
     GaussNewtonResult,
     bounded_gauss_newton,
     bounded_step,

@@ -18,9 +18,9 @@ from steelyard.excite.design_problem import Case, Objective
 from steelyard.excite.optimality_criteria import CRITERIA, Measure, worst
 from steelyard.excite.trajectories.motion_families import Basis, rest_fourier, splines
 from steelyard.model.laws.coulomb import Coulomb
-from steelyard.model.laws.coupled import Coupled
+from steelyard.model.laws.coupled_friction import Coupled
 from steelyard.model.laws.offset import Offset
-from steelyard.model.laws.powers import Cubic, Root
+from steelyard.model.laws.powers_of_speed import Cubic, Root
 from steelyard.model.laws.register import DEFAULT_TERMS
 from steelyard.model.laws.rigid_body import RigidBody
 from steelyard.model.laws.viscous import Viscous

@@ -7,8 +7,8 @@ import pytest
 from scipy.signal import butter, sosfiltfilt
 
 from steelyard.base.motion import Motion
-from steelyard.estimate.identified import BAND
-from steelyard.estimate.scores.joint_errors import (
+from steelyard.estimate.identified_model import BAND
+from steelyard.estimate.scores.effort_errors import (
     BandErrors,
     EffortReference,
     JointError,

@@ -14,14 +14,14 @@ from steelyard.base.errors import ModelError, OutputError
 from steelyard.base.motion import Motion
 from steelyard.estimate.effort_uncertainty import KnownScales
 from steelyard.estimate.estimate import Estimate, Unidentifiable
-from steelyard.estimate.identified import Cutoffs, IdentifiedModel, Provenance, load_model
+from steelyard.estimate.identified_model import Cutoffs, IdentifiedModel, Provenance, load_model
 from steelyard.estimate.information.base_parameters import base_parameters
 from steelyard.model.laws.coulomb import Coulomb
 from steelyard.model.laws.rigid_body import RigidBody
 from steelyard.model.model import Model
 from steelyard.robot.file.signals import Signals
 from steelyard.robot.robot import Limits
-from steelyard.uses.control.model_torques import refuse_unknown_gains
+from steelyard.uses.control.torques_along_motion import refuse_unknown_gains
 
 
 @pytest.fixture

@@ -9,7 +9,7 @@ from loaded import run
 from steelyard.base.arrays import Array
 from steelyard.base.errors import DataError
 from steelyard.estimate.information.information import Information, Signature
-from steelyard.estimate.payload.load_case import (
+from steelyard.estimate.payload.runs_with_payload import (
     covariance_of,
     inverse,
     joined,

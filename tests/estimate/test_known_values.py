@@ -9,16 +9,16 @@ import pytest
 
 from estimate.test_least_squares import ESTIMATORS, MODEL, NOISE, REGRESSOR, data
 from steelyard.estimate.estimate import Estimate
-from steelyard.estimate.estimators import Context, offer_of
-from steelyard.estimate.identified import IdentifiedModel
-from steelyard.estimate.least_squares.constrained import WithKnownValues, fixed_values
-from steelyard.estimate.least_squares.least_squares import (
+from steelyard.estimate.estimator_register import Context, offer_of
+from steelyard.estimate.identified_model import IdentifiedModel
+from steelyard.estimate.least_squares.known_bounded_and_ridge import WithKnownValues, fixed_values
+from steelyard.estimate.least_squares.weighted_and_recursive import (
     OrdinaryLeastSquares,
     WeightedLeastSquares,
 )
-from steelyard.estimate.payload.load_case import LoadCase
-from steelyard.estimate.prior.prior import Knowledge, Row, default_knowledge
-from steelyard.uses.payload.payload_of_runs import _knowledge
+from steelyard.estimate.payload.runs_with_payload import LoadCase
+from steelyard.estimate.prior.body_priors import Knowledge, Row, default_knowledge
+from steelyard.uses.payload.payload_fit import _knowledge
 
 COLUMNS = REGRESSOR.layout.columns
 LEAST = OrdinaryLeastSquares | WeightedLeastSquares

@@ -14,12 +14,12 @@ from invented import dh_arm, single
 from steelyard.base.arrays import Array, frozen
 from steelyard.base.errors import DataError
 from steelyard.estimate.estimate import Estimate
-from steelyard.estimate.estimators import ESTIMATORS, Context, Offer
+from steelyard.estimate.estimator_register import ESTIMATORS, Context, Offer
+from steelyard.estimate.information.filtered_samples import FilteredSamples
 from steelyard.estimate.information.regressor import Regressor, base_regressor
-from steelyard.estimate.information.samples import FilteredSamples
-from steelyard.estimate.prior.prior import Knowledge, default_knowledge
+from steelyard.estimate.prior.body_priors import Knowledge, default_knowledge
 from steelyard.model.model import Model
-from steelyard.robot.rigid_body import Inertia
+from steelyard.robot.inertia_and_placement import Inertia
 from steelyard.robot.robot import Robot
 
 OFFERS = [offer for offer in ESTIMATORS if offer.needs != "experiment"]

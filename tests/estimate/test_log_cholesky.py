@@ -11,22 +11,22 @@ import pytest
 from invented import tree
 from steelyard.base.errors import DataError
 from steelyard.base.progress import silent
-from steelyard.estimate.consistent.consistent import Consistent
-from steelyard.estimate.consistent.log_cholesky import Criterion, LogCholesky, entries
-from steelyard.estimate.consistent.penalties import BASIS, Pullback
+from steelyard.estimate.consistent.convex_estimator import Consistent
+from steelyard.estimate.consistent.log_cholesky_estimator import Criterion, LogCholesky, entries
+from steelyard.estimate.consistent.unknowns_and_penalties import BASIS, Pullback
 from steelyard.estimate.estimate import Estimate, StandardEstimate
-from steelyard.estimate.information.accumulate import Accumulator, Stretch
+from steelyard.estimate.information.gram_accumulator import Accumulator, Stretch
 from steelyard.estimate.information.information import Information, Signature, Window
 from steelyard.estimate.information.regressor import Regressor, base_regressor, standard_regressor
-from steelyard.estimate.least_squares.least_squares import whitened
-from steelyard.estimate.prior.prior import Knowledge, Row, default_knowledge
+from steelyard.estimate.least_squares.weighted_and_recursive import whitened
+from steelyard.estimate.prior.body_priors import Knowledge, Row, default_knowledge
 from steelyard.identify.comparison.compare import comparison_inputs
 from steelyard.model.laws.coulomb import Coulomb
 from steelyard.model.laws.rigid_body import RigidBody
 from steelyard.model.laws.viscous import Viscous
 from steelyard.model.model import Model
 from steelyard.robot.file.robot_file import load_robot
-from steelyard.robot.rigid_body import Inertia
+from steelyard.robot.inertia_and_placement import Inertia
 
 ROBOT = tree()
 FRICTION = ("coulomb", "viscous")

@@ -9,7 +9,7 @@ from report.conftest import estimate, identified, robot
 from steelyard.base.arrays import Array, Parameters
 from steelyard.base.errors import ModelError
 from steelyard.estimate.estimate import Estimate, Removed
-from steelyard.estimate.identified import IdentifiedModel
+from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.estimate.information.base_parameters import BaseMap, base_parameters
 from steelyard.estimate.scores.model_comparison import (
     CommonParameter,

@@ -17,11 +17,11 @@ from steelyard.model.laws.rigid_body import RigidBody
 from steelyard.model.model import Model
 from steelyard.robot.file.signals import Signals
 from steelyard.robot.robot import LoopClosure, Robot
+from steelyard.runs.moving_samples_and_open_loops import open_stretches
 from steelyard.runs.prepare import prepare
-from steelyard.runs.processing import Processing
+from steelyard.runs.processing_choices import Processing
 from steelyard.runs.recording import LogInMemory, Recording
 from steelyard.runs.run import Run
-from steelyard.runs.run_samples import open_stretches
 
 RATE = 200.0
 

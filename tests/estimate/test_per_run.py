@@ -9,14 +9,14 @@ import pytest
 from invented import tree
 from steelyard.base.errors import DataError
 from steelyard.estimate.estimate import Estimate
-from steelyard.estimate.information.accumulate import Accumulator, Stretch
+from steelyard.estimate.information.gram_accumulator import Accumulator, Stretch
 from steelyard.estimate.information.information import Information, Signature, Window
 from steelyard.estimate.information.regressor import base_regressor
-from steelyard.estimate.least_squares.least_squares import (
+from steelyard.estimate.least_squares.normal_equations import Runs
+from steelyard.estimate.least_squares.weighted_and_recursive import (
     OrdinaryLeastSquares,
     WeightedLeastSquares,
 )
-from steelyard.estimate.least_squares.normal_equations import Runs
 from steelyard.model.model import Model
 
 MODEL = Model(tree())

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from estimate.test_consistent import REGRESSOR, TRUTH, heavier, information_of, known
-from steelyard.estimate.consistent.conic import solved
-from steelyard.estimate.consistent.consistent import Consistent
-from steelyard.estimate.consistent.penalties import Entropic, Form, Free, Pullback
-from steelyard.estimate.consistent.program import Program, polished
-from steelyard.estimate.least_squares.least_squares import whitened
-from steelyard.estimate.prior.prior import Row
+from steelyard.estimate.consistent.conic_solver import solved
+from steelyard.estimate.consistent.convex_estimator import Consistent
+from steelyard.estimate.consistent.convex_program import Program, polished
+from steelyard.estimate.consistent.unknowns_and_penalties import Entropic, Form, Free, Pullback
+from steelyard.estimate.least_squares.weighted_and_recursive import whitened
+from steelyard.estimate.prior.body_priors import Row
 
 CONSTRAINTS = (
     Row("mass of tip", {"m.tip": 1.0}, lower=1.05 * TRUTH["m.tip"], upper=1.05 * TRUTH["m.tip"]),
@@ -85,7 +85,7 @@ def test_values_of_a_similar_problem_spare_the_solver(monkeypatch: pytest.Monkey
     consistent = Consistent(REGRESSOR.base, known(rows=CONSTRAINTS))
     first = consistent.values(information_of(0.05))
     alone = consistent.values(information_of(0.06), first.gamma)
-    monkeypatch.delattr("steelyard.estimate.consistent.consistent.solved")
+    monkeypatch.delattr("steelyard.estimate.consistent.convex_estimator.solved")
     again = consistent.values(information_of(0.06), first.gamma, first.standard)
     assert again.gamma == first.gamma
     np.testing.assert_allclose(again.values, alone.values, rtol=1e-7, atol=1e-9)

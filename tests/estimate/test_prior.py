@@ -9,14 +9,19 @@ import pytest
 
 from invented import ball, single, tree
 from steelyard.base.errors import ModelError
-from steelyard.estimate.prior import prior as prior_shapes
-from steelyard.estimate.prior.prior import THINNEST, Knowledge, corrected_body, default_knowledge
-from steelyard.estimate.prior.prior_constraint import given_knowledge
+from steelyard.estimate.prior import body_priors as prior_shapes
+from steelyard.estimate.prior.body_priors import (
+    THINNEST,
+    Knowledge,
+    corrected_body,
+    default_knowledge,
+)
+from steelyard.estimate.prior.constraint_protocol import given_knowledge
 from steelyard.model.laws.viscous import Viscous
 from steelyard.model.model import Model
 from steelyard.robot.file.robot_file import load_robot
 from steelyard.robot.file.sections import PriorSection
-from steelyard.robot.rigid_body import Inertia
+from steelyard.robot.inertia_and_placement import Inertia
 from steelyard.robot.robot import Body, Robot
 
 EXAMPLES = Path(__file__).parents[2] / "examples"

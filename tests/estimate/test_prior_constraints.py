@@ -11,19 +11,19 @@ import pytest
 
 from invented import ball, tree
 from steelyard.base.errors import DataError, ModelError
-from steelyard.estimate.consistent.constraint_costs import (
+from steelyard.estimate.consistent.contradictions_and_costs import (
     contradictions,
     irreducible,
     refuse_contradictions,
 )
+from steelyard.estimate.prior.body_priors import Knowledge, Row, default_knowledge
 from steelyard.estimate.prior.constraint_kinds import CONSTRAINTS, constraint_of, knowledge_of
-from steelyard.estimate.prior.prior import Knowledge, Row, default_knowledge
-from steelyard.estimate.prior.prior_constraint import ConstraintContext
+from steelyard.estimate.prior.constraint_protocol import ConstraintContext
 from steelyard.model.laws.register import DEFAULT_TERMS, term_of
 from steelyard.model.laws.viscous import Viscous
 from steelyard.model.model import Model
 from steelyard.robot.file.robot_file import LoadedRobot, load_robot
-from steelyard.robot.rigid_body import Inertia
+from steelyard.robot.inertia_and_placement import Inertia
 from steelyard.robot.robot import Frame
 
 MODEL = Model(

@@ -8,17 +8,17 @@ import numpy as np
 import pytest
 
 from invented import tree
-from steelyard.estimate.consistent.consistent import Consistent
+from steelyard.estimate.consistent.convex_estimator import Consistent
 from steelyard.estimate.estimate import StandardEstimate
-from steelyard.estimate.information.accumulate import Accumulator, Stretch
 from steelyard.estimate.information.base_parameters import base_parameters
+from steelyard.estimate.information.gram_accumulator import Accumulator, Stretch
 from steelyard.estimate.information.information import Information, Signature, Window
 from steelyard.estimate.information.regressor import base_regressor
+from steelyard.estimate.prior.body_priors import Knowledge, default_knowledge
 from steelyard.estimate.prior.constraint_kinds import constraint_of
-from steelyard.estimate.prior.prior import Knowledge, default_knowledge
-from steelyard.estimate.prior.prior_constraint import ConstraintContext
+from steelyard.estimate.prior.constraint_protocol import ConstraintContext
 from steelyard.model.model import Model
-from steelyard.robot.rigid_body import Inertia
+from steelyard.robot.inertia_and_placement import Inertia
 
 MODEL = Model(tree())
 NOISE = np.array([0.3, 2.0, 1.0, 0.3])

@@ -8,7 +8,7 @@ from invented import single, tree
 from steelyard.base.errors import DataError
 from steelyard.estimate.information.information import Information
 from steelyard.estimate.information.regressor import base_regressor
-from steelyard.estimate.least_squares.least_squares import (
+from steelyard.estimate.least_squares.weighted_and_recursive import (
     MOST_WINDOWS_APART,
     Online,
     OrdinaryLeastSquares,

@@ -13,10 +13,10 @@ from invented import dh_arm
 from steelyard.base.arrays import Array
 from steelyard.base.errors import DataError, ModelError, SteelyardError
 from steelyard.estimate.estimate import Estimate
+from steelyard.estimate.information.filtered_samples import FilteredSamples
 from steelyard.estimate.information.regressor import base_regressor
-from steelyard.estimate.information.samples import FilteredSamples
-from steelyard.estimate.least_squares.least_squares import WeightedLeastSquares
-from steelyard.estimate.reduction.elimination import CRITERIA, FullModel, State, backward
+from steelyard.estimate.least_squares.weighted_and_recursive import WeightedLeastSquares
+from steelyard.estimate.reduction.backward_elimination import CRITERIA, FullModel, State, backward
 from steelyard.estimate.reduction.reduction import (
     RULES,
     Bic,

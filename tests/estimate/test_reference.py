@@ -10,7 +10,7 @@ from steelyard.base.arrays import Parameters
 from steelyard.estimate.estimate import Estimate
 from steelyard.estimate.information.information import Information
 from steelyard.estimate.information.regressor import Regressor
-from steelyard.estimate.nonlinear.fields import (
+from steelyard.estimate.nonlinear.nonlinear_parameters import (
     MOST_REFERENCE_REFITS,
     bodies_of,
     converged_reference,
@@ -19,7 +19,7 @@ from steelyard.estimate.nonlinear.fields import (
     with_references,
 )
 from steelyard.model.laws.coulomb import Coulomb
-from steelyard.model.laws.load_dependent import LoadDependent
+from steelyard.model.laws.load_dependent_friction import LoadDependent
 from steelyard.model.laws.rigid_body import RigidBody
 from steelyard.model.model import Model
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import poisson
 
-from steelyard.estimate.external.residual_peaks import (
+from steelyard.estimate.external.contact_thresholds import (
     EXTRAPOLATION,
     RANGES,
     ContactThresholds,

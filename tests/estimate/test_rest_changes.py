@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from steelyard.estimate.external.residual_peaks import (
+from steelyard.estimate.external.contact_thresholds import (
     CREEP,
     ONSET,
     QUIET,

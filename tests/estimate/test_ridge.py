@@ -9,9 +9,9 @@ from drawn import motion_of, samples_of
 from invented import tree
 from steelyard.estimate.information.information import Information
 from steelyard.estimate.information.regressor import base_regressor
-from steelyard.estimate.least_squares.constrained import Ridge
-from steelyard.estimate.least_squares.least_squares import WeightedLeastSquares
-from steelyard.estimate.prior.prior import default_knowledge
+from steelyard.estimate.least_squares.known_bounded_and_ridge import Ridge
+from steelyard.estimate.least_squares.weighted_and_recursive import WeightedLeastSquares
+from steelyard.estimate.prior.body_priors import default_knowledge
 from steelyard.model.model import Model
 
 MODEL = Model(tree())

@@ -8,13 +8,18 @@ from scipy.optimize import least_squares
 
 from drawn import motion_of, samples_of
 from invented import single, tree
+from steelyard.estimate.information.filtered_samples import FilteredSamples
 from steelyard.estimate.information.regressor import Regressor, base_regressor
-from steelyard.estimate.information.samples import FilteredSamples
-from steelyard.estimate.least_squares.least_squares import (
+from steelyard.estimate.least_squares.robust_regression import (
+    Huber,
+    Reweighted,
+    Tukey,
+    residuals_of,
+)
+from steelyard.estimate.least_squares.weighted_and_recursive import (
     OrdinaryLeastSquares,
     WeightedLeastSquares,
 )
-from steelyard.estimate.least_squares.robust import Huber, Reweighted, Tukey, residuals_of
 from steelyard.model.model import Model
 
 TREE, SINGLE = base_regressor(Model(tree())), base_regressor(Model(single()))

@@ -6,19 +6,19 @@ import numpy as np
 import pytest
 
 from invented import tree
-from steelyard.estimate.information.accumulate import Accumulator, Stretch
+from steelyard.estimate.information.gram_accumulator import Accumulator, Stretch
 from steelyard.estimate.information.information import Information, Signature, Window
 from steelyard.estimate.information.regressor import base_regressor
-from steelyard.estimate.least_squares.least_squares import (
-    OrdinaryLeastSquares,
-    WeightedLeastSquares,
-)
-from steelyard.estimate.least_squares.residual_covariance import (
+from steelyard.estimate.least_squares.covariance_from_residuals import (
     honest_covariance,
     inflations,
     note_of,
     sandwich,
     scatter,
+)
+from steelyard.estimate.least_squares.weighted_and_recursive import (
+    OrdinaryLeastSquares,
+    WeightedLeastSquares,
 )
 from steelyard.model.model import Model
 

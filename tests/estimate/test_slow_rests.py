@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from steelyard.estimate.external.residual_peaks import CREEP, changes_at_rest
+from steelyard.estimate.external.contact_thresholds import CREEP, changes_at_rest
 
 
 def test_logs_slower_than_creep_are_not_tested() -> None:

@@ -12,7 +12,7 @@ from steelyard.base.motion import Motion
 from steelyard.estimate.scores.residuals import MOST_KEPT, PARTS, TorqueSplit
 from steelyard.estimate.scores.score import score
 from steelyard.model.laws.coulomb import Coulomb
-from steelyard.model.laws.load_dependent import LoadDependent
+from steelyard.model.laws.load_dependent_friction import LoadDependent
 from steelyard.model.laws.offset import Offset
 from steelyard.model.laws.presliding import Dahl
 from steelyard.model.laws.rigid_body import RigidBody

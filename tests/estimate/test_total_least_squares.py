@@ -10,7 +10,7 @@ from invented import single, tree
 from steelyard.base.errors import DataError
 from steelyard.estimate.information.information import Information
 from steelyard.estimate.information.regressor import base_regressor
-from steelyard.estimate.least_squares.motion_noise import TotalLeastSquares
+from steelyard.estimate.least_squares.errors_in_variables import TotalLeastSquares
 from steelyard.model.model import Model
 
 SINGLE, TREE = base_regressor(Model(single())), base_regressor(Model(tree()))

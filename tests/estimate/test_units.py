@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from estimate.test_consistent import REGRESSOR, heavier, information_of
-from steelyard.estimate.consistent.conic import solved
-from steelyard.estimate.consistent.consistent import Consistent
-from steelyard.estimate.consistent.program import Program
-from steelyard.estimate.least_squares.least_squares import whitened
+from steelyard.estimate.consistent.conic_solver import solved
+from steelyard.estimate.consistent.convex_estimator import Consistent
+from steelyard.estimate.consistent.convex_program import Program
+from steelyard.estimate.least_squares.weighted_and_recursive import whitened
 
 
 def reversed_efforts(noise: float) -> tuple[Consistent, Program]:

@@ -13,10 +13,10 @@ from steelyard.estimate.external.effort_to_wrench import (
     condition_numbers,
     learned_of,
 )
-from steelyard.estimate.external.observer import momentum_residual
-from steelyard.uses.wrench import wrench_smoothing as smoothing
+from steelyard.estimate.external.momentum_observer import momentum_residual
+from steelyard.uses.wrench import wrench_kalman_smoother as smoothing
 from steelyard.uses.wrench.wrench_along_run import name_of, unobservable_directions
-from steelyard.uses.wrench.wrench_smoothing import RESIDUAL_CORRELATION_TIME, Smoothed
+from steelyard.uses.wrench.wrench_kalman_smoother import RESIDUAL_CORRELATION_TIME, Smoothed
 
 STEP = 0.05
 

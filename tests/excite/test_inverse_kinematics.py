@@ -12,10 +12,10 @@ from steelyard.excite.planned.inverse_kinematics import (
     within,
 )
 from steelyard.excite.planned.straight_lines_and_reach import least_shift
-from steelyard.model.equations.kinematics import frame_kinematics, frame_of
-from steelyard.robot.file.loaded_robot import dh_mechanism
+from steelyard.model.equations.frame_kinematics import frame_kinematics, frame_of
+from steelyard.robot.file.model_reading_and_loaded_robot import dh_mechanism
 from steelyard.robot.file.sections import DHRow
-from steelyard.robot.from_mechanism import reduced
+from steelyard.robot.robot_from_mechanism import reduced
 from tooled import Arm, arm, invented_arm
 
 

@@ -21,7 +21,7 @@ from steelyard.excite.planned.tool_paths import (
     plane_axes,
 )
 from steelyard.model.equations.passive_joints import passive_positions
-from steelyard.robot.rigid_body import Inertia
+from steelyard.robot.inertia_and_placement import Inertia
 from steelyard.robot.robot import Coordinate, Frame, Limits, Robot
 from tooled import DOWN, arm
 

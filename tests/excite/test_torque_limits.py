@@ -20,10 +20,10 @@ from steelyard.excite.constraints.effort_and_power import (
 )
 from steelyard.excite.trajectories.fourier import FourierMotion
 from steelyard.model.laws.coulomb import Coulomb
-from steelyard.model.laws.coupled import Coupled
-from steelyard.model.laws.directional import DirectionalCoulomb, DirectionalViscous
+from steelyard.model.laws.coupled_friction import Coupled
+from steelyard.model.laws.directional_friction import DirectionalCoulomb, DirectionalViscous
 from steelyard.model.laws.offset import Offset
-from steelyard.model.laws.powers import Cubic, Quadratic, Root
+from steelyard.model.laws.powers_of_speed import Cubic, Quadratic, Root
 from steelyard.model.laws.rigid_body import RigidBody
 from steelyard.model.laws.rotor_inertia import RotorInertia
 from steelyard.model.laws.spring import Spring
@@ -31,7 +31,7 @@ from steelyard.model.laws.stribeck import Stribeck
 from steelyard.model.laws.viscous import Viscous
 from steelyard.model.model import Model, ValuedModel
 from steelyard.model.terms.term import Term
-from steelyard.robot.rigid_body import Inertia
+from steelyard.robot.inertia_and_placement import Inertia
 from steelyard.robot.robot import Body, Robot
 
 LAWS: dict[str, tuple[Term, ...]] = {

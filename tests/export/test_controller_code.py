@@ -28,8 +28,8 @@ from law_cases import CASES
 from moving import cycles, geared
 from steelyard.base.arrays import Array, Parameters
 from steelyard.base.motion import Motion
-from steelyard.export.code.c_code import CCode, commented, identifiers
-from steelyard.export.code.functions import FUNCTIONS, Controller, regrouped
+from steelyard.export.code.c_header_and_source import CCode, commented, identifiers
+from steelyard.export.code.controller_functions import FUNCTIONS, Controller, regrouped
 from steelyard.model.laws.coulomb import Coulomb
 from steelyard.model.laws.presliding import Dahl
 from steelyard.model.laws.register import DEFAULT_TERMS
@@ -244,9 +244,9 @@ def test_only_the_mathematical_library_is_needed(tmp_path: Path) -> None:
 
 
 def test_values_of_variables_live_as_long_as_they_are_read() -> None:
-    from steelyard.symbolic.program import InputArray as Input
+    from steelyard.symbolic.program_and_softening import InputArray as Input
     from steelyard.symbolic.source_code import variables_of
-    from steelyard.symbolic.trace import symbolic
+    from steelyard.symbolic.symbols_and_tracing import symbolic
 
     def chain(x: list) -> list:
         total = x[0] * x[1]

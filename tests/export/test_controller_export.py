@@ -13,7 +13,7 @@ from invented import tree
 from moving import cycles
 from steelyard.base.errors import DataError, ModelError
 from steelyard.base.motion import Motion
-from steelyard.export.code.model_code import controller_of, end_frames, origin_of, write_code
+from steelyard.export.code.export_code import controller_of, end_frames, origin_of, write_code
 from steelyard.model.laws.presliding import Dahl
 from steelyard.model.laws.register import DEFAULT_TERMS
 from steelyard.robot.robot import Frame, LoopClosure, Robot

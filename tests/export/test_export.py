@@ -18,12 +18,12 @@ from steelyard.base.errors import ModelError
 from steelyard.base.motion import Motion
 from steelyard.estimate.effort_uncertainty import EDGES, Calibration, KnownScales
 from steelyard.estimate.estimate import Unidentifiable
-from steelyard.estimate.identified import IdentifiedModel
+from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.estimate.information.base_parameters import base_parameters
-from steelyard.export.model_files.content import FIT_HEADING, Format, content_of
-from steelyard.export.model_files.model_file import exported, refuse_changed
+from steelyard.export.model_files.export_model_file import exported, refuse_changed
+from steelyard.export.model_files.representable_content import FIT_HEADING, Format, content_of
 from steelyard.model.laws.coulomb import Coulomb
-from steelyard.model.laws.powers import Cubic, Quadratic, Root
+from steelyard.model.laws.powers_of_speed import Cubic, Quadratic, Root
 from steelyard.model.laws.presliding import MaxwellSlip
 from steelyard.model.laws.register import DEFAULT_TERMS, TERMS
 from steelyard.model.laws.rigid_body import RigidBody
@@ -34,9 +34,9 @@ from steelyard.model.laws.viscous import Viscous
 from steelyard.model.model import Model
 from steelyard.model.terms.term import ActsOnAxes, Term
 from steelyard.robot.file.robot_file import load_robot
-from steelyard.robot.rigid_body import INERTIAL_NAMES, Inertia
+from steelyard.robot.inertia_and_placement import INERTIAL_NAMES, Inertia
 from steelyard.robot.robot import Limits, Robot
-from steelyard.runs.run_samples import MotionSamples
+from steelyard.runs.moving_samples_and_open_loops import MotionSamples
 from weighed import identified_of
 
 LAWS = [case for case in CASES if case.law != "rigid_body"]

@@ -17,8 +17,8 @@ from moving import cycles
 from steelyard.base.arrays import Array
 from steelyard.base.errors import ModelError
 from steelyard.base.motion import Motion
-from steelyard.estimate.identified import IdentifiedModel
-from steelyard.export.code.model_code import write_code
+from steelyard.estimate.identified_model import IdentifiedModel
+from steelyard.export.code.export_code import write_code
 from steelyard.export.code.ros2 import text_literal
 from steelyard.model.equations.inverse_dynamics import JointState
 from steelyard.model.laws.presliding import Dahl

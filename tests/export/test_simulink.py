@@ -11,7 +11,7 @@ from in_c import compiler, run_compiler
 from invented import tree
 from moving import cycles
 from steelyard.base.motion import Motion
-from steelyard.export.code.model_code import write_code
+from steelyard.export.code.export_code import write_code
 from steelyard.model.laws.presliding import Dahl
 from steelyard.model.laws.register import DEFAULT_TERMS
 from steelyard.robot.robot import Robot

@@ -10,7 +10,7 @@ from steelyard.logs.contents import TimeColumn, content_of
 from steelyard.logs.formats import open_log
 from steelyard.robot.init.guess_columns import guess_columns
 from steelyard.robot.robot import Coordinate
-from steelyard.runs.named_logs import sample_of
+from steelyard.runs.runs_of_named_logs import sample_of
 
 NAN = np.nan
 

@@ -12,8 +12,8 @@ from steelyard.base.arrays import Parameters
 from steelyard.model.equations.inverse_dynamics import JointState
 from steelyard.model.laws.rigid_body import RigidBody
 from steelyard.model.model import Model
-from steelyard.model.terms.error_columns import GeometryErrors
-from steelyard.robot.rigid_body import skew
+from steelyard.model.terms.geometry_and_effort_errors import GeometryErrors
+from steelyard.robot.inertia_and_placement import skew
 from steelyard.robot.robot import Body, Robot
 
 STEP = 1e-6

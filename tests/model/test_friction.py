@@ -10,17 +10,17 @@ from moving import geared, torque
 from steelyard.base.errors import ModelError
 from steelyard.model.equations.inverse_dynamics import JointState
 from steelyard.model.laws.coulomb import Coulomb
-from steelyard.model.laws.coupled import Coupled
-from steelyard.model.laws.directional import DirectionalCoulomb, DirectionalViscous
-from steelyard.model.laws.powers import Cubic, Quadratic, Root
+from steelyard.model.laws.coupled_friction import Coupled
+from steelyard.model.laws.directional_friction import DirectionalCoulomb, DirectionalViscous
+from steelyard.model.laws.powers_of_speed import Cubic, Quadratic, Root
 from steelyard.model.laws.presliding import Dahl, LuGre, MaxwellSlip
 from steelyard.model.laws.register import term_of
 from steelyard.model.laws.stribeck import DirectionalStribeck, Stribeck
 from steelyard.model.laws.viscous import Viscous
 from steelyard.model.model import Model
 from steelyard.model.terms.term import Term
-from steelyard.symbolic.program import InputArray, run
-from steelyard.symbolic.trace import slopes_of, symbolic
+from steelyard.symbolic.program_and_softening import InputArray, run
+from steelyard.symbolic.symbols_and_tracing import slopes_of, symbolic
 
 SPEEDS = np.array([0.0, 0.05, -0.1, 2.0])
 TINY, HUGE = 1e-300, 1e6

@@ -7,7 +7,7 @@ from steelyard.base.arrays import Parameters
 from steelyard.model.equations.inverse_dynamics import JointState
 from steelyard.model.laws.rigid_body import RigidBody
 from steelyard.model.model import Model
-from steelyard.model.terms.error_columns import EffortReadingErrors
+from steelyard.model.terms.geometry_and_effort_errors import EffortReadingErrors
 
 ROBOT = dh_arm()
 

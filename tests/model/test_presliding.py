@@ -11,10 +11,10 @@ from moving import channels, cycles
 from steelyard.base.arrays import Parameters
 from steelyard.base.motion import Motion
 from steelyard.model.equations.inverse_dynamics import JointState
-from steelyard.model.laws.load_dependent import LoadDependent
+from steelyard.model.laws.load_dependent_friction import LoadDependent
 from steelyard.model.laws.presliding import Dahl, LuGre, MaxwellSlip
 from steelyard.model.model import Model
-from steelyard.model.terms.memory import Presliding
+from steelyard.model.terms.friction_memory import Presliding
 from steelyard.model.terms.term import Term
 
 AMPLITUDE, REVERSALS = 0.05, 6

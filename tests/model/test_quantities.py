@@ -22,10 +22,10 @@ from steelyard.model.laws.rigid_body import RigidBody
 from steelyard.model.laws.rotor_inertia import RotorInertia
 from steelyard.model.laws.viscous import Viscous
 from steelyard.model.model import Model, ValuedModel
-from steelyard.model.quantity import QUANTITIES, Quantity
-from steelyard.model.terms.error_columns import EffortReadingErrors
+from steelyard.model.quantity_programs import QUANTITIES, Quantity
+from steelyard.model.terms.geometry_and_effort_errors import EffortReadingErrors
 from steelyard.robot.robot import Frame, LoopClosure, Robot
-from steelyard.symbolic import program as numpy_backend
+from steelyard.symbolic import program_and_softening as numpy_backend
 
 PLACE = np.array([0.2, -0.1, 0.3])
 

@@ -15,9 +15,9 @@ from steelyard.model.laws.gravity_compensator import GravityCompensator
 from steelyard.model.laws.register import term_of
 from steelyard.model.laws.spring import Spring
 from steelyard.model.terms.term import Term
-from steelyard.robot.from_mechanism import reduced
 from steelyard.robot.models.mjcf import read_mjcf
 from steelyard.robot.robot import Robot
+from steelyard.robot.robot_from_mechanism import reduced
 
 POINTS = ((0.3, -0.4, 1.2), (0.1, 0.2, -0.3))
 STIFFNESS, PRELOAD = 700.0, 250.0

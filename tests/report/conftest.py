@@ -13,19 +13,28 @@ from steelyard.base.arrays import Parameters
 from steelyard.check.examine import Diagnosis
 from steelyard.check.finding import ComparedHypothesis, Edit, Fix, Picture, Severity, Trace
 from steelyard.check.finding import Finding as SaidFinding
-from steelyard.estimate.consistent.consistent import Consistent
+from steelyard.estimate.bootstrap_and_sensitivity import (
+    Bootstrap,
+    RepeatedEstimates,
+    Sensitivity,
+    Variation,
+)
+from steelyard.estimate.consistent.convex_estimator import Consistent
 from steelyard.estimate.estimate import Estimate, RunParameters, StandardEstimate, Unidentifiable
-from steelyard.estimate.estimate_scatter import Bootstrap, RepeatedEstimates, Sensitivity, Variation
 from steelyard.estimate.friction.friction_choice import FrictionChoice, MixScore
-from steelyard.estimate.identified import Cutoffs, IdentifiedModel, Provenance
+from steelyard.estimate.identified_model import Cutoffs, IdentifiedModel, Provenance
 from steelyard.estimate.information.base_parameters import BaseMap, base_parameters
 from steelyard.estimate.nonlinear.effort_scales import EffortScales, Scaled, Scales
-from steelyard.estimate.nonlinear.fields import Finding
-from steelyard.estimate.nonlinear.zero_offset import ZeroOffsets
+from steelyard.estimate.nonlinear.joint_zero_offsets import ZeroOffsets
+from steelyard.estimate.nonlinear.nonlinear_parameters import Finding
 from steelyard.estimate.payload.drive_gains import GainEstimate
-from steelyard.estimate.prior.prior import Knowledge
-from steelyard.estimate.scores.estimator_advice import Comparison, EstimatorScore, Failure
-from steelyard.estimate.scores.joint_errors import BandErrors, JointError
+from steelyard.estimate.prior.body_priors import Knowledge
+from steelyard.estimate.scores.effort_errors import BandErrors, JointError
+from steelyard.estimate.scores.estimator_scores_and_advice import (
+    Comparison,
+    EstimatorScore,
+    Failure,
+)
 from steelyard.estimate.scores.residuals import TorqueParts
 from steelyard.estimate.scores.score import JointScore, RunScore, Traces
 from steelyard.identify.comparison.estimators_page import ComparisonContent
@@ -36,7 +45,7 @@ from steelyard.model.laws.viscous import Viscous
 from steelyard.model.model import Model
 from steelyard.report.page import Section
 from steelyard.robot.file.signals import Signals
-from steelyard.robot.rigid_body import Inertia
+from steelyard.robot.inertia_and_placement import Inertia
 from steelyard.robot.robot import Body, Coordinate, Robot
 
 EVIL = "<script>document.body.dataset.errors='ran'</script></script><b>\"'&{{7*7}}"

@@ -2,17 +2,17 @@
 
 import numpy as np
 
+from steelyard.estimate.external.contact_thresholds import RANGES, ContactThresholds
 from steelyard.estimate.external.effort_to_wrench import Expected
-from steelyard.estimate.external.residual_peaks import RANGES, ContactThresholds
 from steelyard.estimate.payload.payload_estimate import PayloadEstimate
 from steelyard.estimate.scores.residuals import ResidualTrace
 from steelyard.uses.contact.contact_events import ContactEvent, JointLoad
 from steelyard.uses.contact.contact_page import Contacts
+from steelyard.uses.health.drift_detection import QUANTITIES, Series, changes_of
 from steelyard.uses.health.health import Health
-from steelyard.uses.health.health_changes import QUANTITIES, Series, changes_of
-from steelyard.uses.payload.payload_changes import SlidingMass
-from steelyard.uses.payload.payload_events import Carried, Kind, PayloadEvent, PayloadEvents
-from steelyard.uses.wrench.external_wrench import ExternalWrench
+from steelyard.uses.payload.change_detection import SlidingMass
+from steelyard.uses.payload.pick_up_and_put_down import Carried, Kind, PayloadEvent, PayloadEvents
+from steelyard.uses.wrench.wrench import ExternalWrench
 from steelyard.uses.wrench.wrench_along_run import WrenchEstimate
 
 JOINTS = ("shoulder_lift_joint", "a_joint_with_a_name_that_is_rather_long")

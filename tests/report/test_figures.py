@@ -31,7 +31,7 @@ from steelyard.identify.page.link_inertias import MassesSection
 from steelyard.identify.page.parameter_table import TruthSection
 from steelyard.identify.page.section_register import render
 from steelyard.report.figures import Figure
-from steelyard.robot.rigid_body import Inertia
+from steelyard.robot.inertia_and_placement import Inertia
 from steelyard.robot.robot import Frame, frame_origins
 
 

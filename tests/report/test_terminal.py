@@ -10,7 +10,7 @@ from rich.console import Console
 from report.inspected import contact_content, payload_events
 from steelyard.check.finding import Finding, Severity
 from steelyard.estimate.effort_uncertainty import KnownScales
-from steelyard.estimate.scores.joint_errors import pooled
+from steelyard.estimate.scores.effort_errors import pooled
 from steelyard.identify.page.content import ReportContent
 from steelyard.identify.page.model_verdict import verdict
 from steelyard.identify.page.score_words import coverage_words

@@ -16,7 +16,7 @@ from steelyard.identify.page.link_inertias import BodiesSection, identified_link
 from steelyard.identify.page.parameter_table import ParametersSection, parameter_rows
 from steelyard.identify.page.section_register import parameters_csv, print_report, render
 from steelyard.report.figures import outline
-from steelyard.robot.rigid_body import Inertia
+from steelyard.robot.inertia_and_placement import Inertia
 
 
 def decoded(packed: dict[str, str]) -> np.ndarray:

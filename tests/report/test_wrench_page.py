@@ -7,7 +7,7 @@ import pytest
 
 from report.inspected import wrench_content
 from steelyard.estimate.external.effort_to_wrench import Expected
-from steelyard.uses.wrench.external_wrench import ExternalWrench
+from steelyard.uses.wrench.wrench import ExternalWrench
 
 CONTENT = wrench_content()
 

@@ -6,8 +6,8 @@ import pytest
 from steelyard.base.errors import ModelError
 from steelyard.excite.collision.model_file_shapes import robot_shapes
 from steelyard.robot.file.robot_file import load_robot
-from steelyard.robot.from_mechanism import reduced
 from steelyard.robot.models.mjcf import compiled, read_mjcf
+from steelyard.robot.robot_from_mechanism import reduced
 
 CORNERS = [(0, 0, 0), (0.3, 0, 0), (0, 0.2, 0), (0, 0, 0.1)]
 SURFACE = [(1, 3, 2), (1, 2, 4), (2, 3, 4), (3, 1, 4)]

@@ -3,11 +3,11 @@ import pytest
 
 from oracles import body_positions, pinocchio_torque
 from steelyard.base.errors import ModelError
-from steelyard.robot.file.loaded_robot import DHConvention, dh_mechanism
+from steelyard.robot.file.model_reading_and_loaded_robot import DHConvention, dh_mechanism
 from steelyard.robot.file.sections import DHRow
-from steelyard.robot.from_mechanism import reduced
-from steelyard.robot.rigid_body import turn
+from steelyard.robot.inertia_and_placement import turn
 from steelyard.robot.robot import Robot
+from steelyard.robot.robot_from_mechanism import reduced
 
 ROWS = (
     DHRow(

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 
 from steelyard.base.errors import ModelError
 from steelyard.robot.file.robot_file import load_robot
-from steelyard.robot.file.toml import tomllib
 from steelyard.robot.file.toml_edits import edited, lines_of
+from steelyard.robot.file.toml_schema import tomllib
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ from steelyard.robot.file.excitation_sections import (
     changed_excitation,
 )
 from steelyard.robot.file.sections import RobotFile
-from steelyard.robot.file.toml import checked
+from steelyard.robot.file.toml_schema import checked
 
 
 def read(tables: str) -> ExcitationSection:

@@ -11,10 +11,10 @@ from steelyard.excite.problem_from_tables import build
 from steelyard.excite.search.parallel_search import SearchBudget, task_of
 from steelyard.model.model import Model
 from steelyard.robot.file.robot_file import load_robot
-from steelyard.robot.from_mechanism import reduced
-from steelyard.robot.init.proposal import proposed
-from steelyard.robot.init.template import assigned, drafted
+from steelyard.robot.init.base_and_locked_joints import proposed
+from steelyard.robot.init.draft_robot_file import assigned, drafted
 from steelyard.robot.models.mjcf import read_mjcf
+from steelyard.robot.robot_from_mechanism import reduced
 
 BALL = '<geom type="sphere" size=".05" pos=".1 .02 0" mass=".7"/>'
 CUBE = '<body name="{}" pos="1 0 0"><freejoint/><geom type="box" size=".1 .1 .1"/></body>'

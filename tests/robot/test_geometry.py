@@ -4,7 +4,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from steelyard.robot.rigid_body import Placement, clean_axis, clean_rotation, rpy_rotation, turn
+from steelyard.robot.inertia_and_placement import (
+    Placement,
+    clean_axis,
+    clean_rotation,
+    rpy_rotation,
+    turn,
+)
 
 angles = st.floats(-4.0, 4.0)
 

@@ -5,10 +5,10 @@ import pytest
 
 from steelyard.base.errors import ModelError, OpenModelError
 from steelyard.robot.file.robot_file import LoadedRobot, load_robot
-from steelyard.robot.from_mechanism import reduced
-from steelyard.robot.init.proposal import proposed
-from steelyard.robot.init.template import assigned, drafted
+from steelyard.robot.init.base_and_locked_joints import proposed
+from steelyard.robot.init.draft_robot_file import assigned, drafted
 from steelyard.robot.models.mjcf import read_mjcf
+from steelyard.robot.robot_from_mechanism import reduced
 
 BALL = '<geom type="sphere" size=".05" pos=".1 .02 0" mass=".7"/>'
 HAND = """

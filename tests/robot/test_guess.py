@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from steelyard.base.errors import LogError, ModelError
+from steelyard.robot.inertia_and_placement import Inertia
 from steelyard.robot.init.column_names import Column, words_of
 from steelyard.robot.init.guess_columns import guess_columns, guess_signals, velocities_beside
-from steelyard.robot.rigid_body import Inertia
 from steelyard.robot.robot import Body, Coordinate, Limits, Robot
 
 UR = tuple(

@@ -5,7 +5,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from steelyard.robot.rigid_body import Inertia, rpy_rotation, six_numbers, skew, symmetric
+from steelyard.robot.inertia_and_placement import (
+    Inertia,
+    rpy_rotation,
+    six_numbers,
+    skew,
+    symmetric,
+)
 
 numbers = st.floats(-2.0, 2.0)
 vectors = arrays(np.float64, 3, elements=numbers)

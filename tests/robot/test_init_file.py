@@ -6,13 +6,13 @@ import polars as pl
 import pytest
 
 from steelyard.base.errors import ModelError
-from steelyard.estimate.identified import BAND
+from steelyard.estimate.identified_model import BAND
 from steelyard.model.robot_file_model import model_with_open_friction
 from steelyard.robot.file.robot_file import LoadedRobot, load_robot
 from steelyard.robot.file.sections import PriorSection, ProcessingSection
-from steelyard.robot.init.guess_efforts import link_side
-from steelyard.robot.init.proposal import proposed
-from steelyard.robot.init.template import assigned, drafted, path_from
+from steelyard.robot.init.base_and_locked_joints import proposed
+from steelyard.robot.init.draft_robot_file import assigned, drafted, path_from
+from steelyard.robot.init.guess_efforts_and_gears import link_side
 from steelyard.robot.robot import Limits
 
 DATA = os.environ.get("STEELYARD_DATA")

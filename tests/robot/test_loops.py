@@ -10,10 +10,10 @@ from closed_chains import CHAINS, Oracle, five_bar, parallelogram, spatial, twin
 from invented import ball
 from steelyard.base.errors import ModelError
 from steelyard.robot.file.robot_file import load_robot
-from steelyard.robot.from_mechanism import reduced
 from steelyard.robot.loop_closures import closest, gaps, loop_equations, residual
 from steelyard.robot.models.mjcf import read_mjcf
 from steelyard.robot.robot import LoopClosure, Robot, robot_from_dict, robot_to_dict
+from steelyard.robot.robot_from_mechanism import reduced
 
 
 @pytest.mark.parametrize("name", CHAINS)

@@ -7,14 +7,14 @@ import pytest
 
 from steelyard.base.errors import ModelError
 from steelyard.estimate.information.base_parameters import base_parameters, full_regressor
-from steelyard.estimate.payload.load_case import carrier
-from steelyard.estimate.prior.prior import default_knowledge
-from steelyard.estimate.prior.prior_constraint import body_index
+from steelyard.estimate.payload.runs_with_payload import carrier
+from steelyard.estimate.prior.body_priors import default_knowledge
+from steelyard.estimate.prior.constraint_protocol import body_index
 from steelyard.model.laws.rigid_body import RigidBody
 from steelyard.model.model import Model
-from steelyard.robot.from_mechanism import reduced
 from steelyard.robot.models.mjcf import read_mjcf
 from steelyard.robot.robot import Robot, robot_from_dict, robot_to_dict
+from steelyard.robot.robot_from_mechanism import reduced
 from steelyard.simulate.truth import random_truth
 
 HIP = """

@@ -6,9 +6,9 @@ import pytest
 
 from oracles import body_map, body_positions, pinocchio_torque
 from steelyard.base.errors import ModelError
-from steelyard.robot.from_mechanism import reduced
 from steelyard.robot.models.mjcf import read_mjcf
 from steelyard.robot.robot import Robot
+from steelyard.robot.robot_from_mechanism import reduced
 
 ARM = """
 <mujoco model="two armed">

@@ -3,10 +3,10 @@ import pytest
 
 from oracles import body_positions, pinocchio_torque
 from steelyard.base.errors import ModelError
-from steelyard.robot.from_mechanism import reduced
+from steelyard.robot.inertia_and_placement import Inertia, Placement, rpy_rotation
 from steelyard.robot.mechanism import Joint, Link, Mechanism, Mimic
-from steelyard.robot.rigid_body import Inertia, Placement, rpy_rotation
 from steelyard.robot.robot import Limits
+from steelyard.robot.robot_from_mechanism import reduced
 
 BALL = Inertia.about_com(1.0, [0.1, 0.2, 0.3], 0.01 * np.eye(3))
 Z = np.array([0.0, 0.0, 1.0])

@@ -1,7 +1,7 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from steelyard.robot.file.toml import KeyPath, toml_lines, tomllib
+from steelyard.robot.file.toml_schema import KeyPath, toml_lines, tomllib
 
 TEXT = '''# a comment with [brackets] and "quotes"
 [robot] # another

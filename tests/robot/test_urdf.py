@@ -8,8 +8,8 @@ import pytest
 
 from oracles import body_map, body_positions, pinocchio_torque
 from steelyard.base.errors import ModelError
-from steelyard.robot.from_mechanism import reduced
 from steelyard.robot.models.urdf import read_urdf
+from steelyard.robot.robot_from_mechanism import reduced
 
 DATA = os.environ.get("STEELYARD_DATA")
 URDFS = [

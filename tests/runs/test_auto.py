@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from steelyard.base.errors import LogError
-from steelyard.runs.smoothing.auto import Auto, LowPasses, likeliest_cutoffs
-from steelyard.runs.smoothing.filters import continued_at_ends
-from steelyard.runs.smoothing.kalman import kalman_smoothed
-from steelyard.runs.smoothing.method import Butterworth, Choosing
+from steelyard.runs.smoothing.auto_method import Auto, LowPasses, likeliest_cutoffs
+from steelyard.runs.smoothing.kalman_smoother import kalman_smoothed
+from steelyard.runs.smoothing.method_and_butterworth import Butterworth, Choosing
+from steelyard.runs.smoothing.zero_phase_filters import continued_at_ends
 
 RATE = 250.0
 

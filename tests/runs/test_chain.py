@@ -9,7 +9,7 @@ from scipy.interpolate import CubicSpline, PchipInterpolator
 from steelyard.base.errors import LogError, ModelError
 from steelyard.robot.file.sections import ProcessingSection
 from steelyard.runs.prepare import prepare
-from steelyard.runs.processing import METHODS, Processing, method_of, requested_processing
+from steelyard.runs.processing_choices import METHODS, Processing, method_of, requested_processing
 from steelyard.runs.recording import Recording
 from steelyard.runs.rows.resampling import (
     CUBIC,
@@ -20,9 +20,9 @@ from steelyard.runs.rows.resampling import (
     interpolated,
     sample_count,
 )
-from steelyard.runs.smoothing.fir_methods import MovingAverage
-from steelyard.runs.smoothing.kalman import CausalKalman, KalmanSmoother
-from steelyard.runs.smoothing.method import Butterworth
+from steelyard.runs.smoothing.finite_window_methods import MovingAverage
+from steelyard.runs.smoothing.kalman_smoother import CausalKalman, KalmanSmoother
+from steelyard.runs.smoothing.method_and_butterworth import Butterworth
 
 WHOLE = [n for n, method in METHODS.items() if method().designed(8.0, 100.0).halo is None]
 CHAINS = {

@@ -9,10 +9,10 @@ from hypothesis import strategies as st
 
 from steelyard.base.errors import LogError
 from steelyard.runs.prepare import prepare
-from steelyard.runs.processing import Processing
+from steelyard.runs.processing_choices import Processing
 from steelyard.runs.recording import Recording
-from steelyard.runs.rows.clock import RowScan, learn_clock, nice_rate
-from steelyard.runs.rows.faulty_rows import RowVerdict
+from steelyard.runs.rows.clock_and_row_scan import RowScan, learn_clock, nice_rate
+from steelyard.runs.rows.faulty_row_detectors import RowVerdict
 
 
 def scanned(recording: Recording) -> tuple[np.ndarray, np.ndarray, dict[str, int]]:

@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 
 from steelyard.runs.prepare import prepare
-from steelyard.runs.processing import Processing
+from steelyard.runs.processing_choices import Processing
 from steelyard.runs.rows.false_stretches import dead_efforts, frozen_positions
 
 RATE = 200.0

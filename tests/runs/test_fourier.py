@@ -5,7 +5,7 @@ import pytest
 
 from steelyard.base.errors import LogError, ModelError
 from steelyard.runs.smoothing.fourier import Fourier, fourier_series, refined_frequency
-from steelyard.runs.spectrum import moving_span
+from steelyard.runs.spectrum_and_period import moving_span
 
 RATE = 100.0
 

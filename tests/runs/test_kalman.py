@@ -5,8 +5,8 @@ import pytest
 
 from steelyard.base.errors import LogError
 from steelyard.runs.prepare import prepare
-from steelyard.runs.processing import Processing, smoother_of
-from steelyard.runs.smoothing.kalman import (
+from steelyard.runs.processing_choices import Processing, smoother_of
+from steelyard.runs.smoothing.kalman_smoother import (
     Kalman,
     KalmanSmoother,
     kalman_smoothed,

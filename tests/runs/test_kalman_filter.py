@@ -9,9 +9,9 @@ import steelyard
 from runs.test_kalman import wandering
 from steelyard.base.errors import DataError, LogError
 from steelyard.runs.prepare import prepare
-from steelyard.runs.processing import Processing
-from steelyard.runs.smoothing.kalman import CausalKalman
-from steelyard.runs.smoothing.kalman_filter import KalmanFilter, transition
+from steelyard.runs.processing_choices import Processing
+from steelyard.runs.smoothing.kalman_smoother import CausalKalman
+from steelyard.runs.smoothing.streaming_kalman_filter import KalmanFilter, transition
 
 NOISE, JERK, SPEED, ACCELERATION = 0.01, 3.0, 2.0, 5.0
 

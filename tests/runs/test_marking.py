@@ -3,8 +3,8 @@
 import numpy as np
 
 from steelyard.runs.prepare import prepare
-from steelyard.runs.processing import Processing
-from steelyard.runs.rows.faulty_rows import (
+from steelyard.runs.processing_choices import Processing
+from steelyard.runs.rows.faulty_row_detectors import (
     Extremes,
     bridged,
     outlying,

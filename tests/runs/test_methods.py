@@ -5,7 +5,7 @@ import pytest
 from scipy.signal import butter, savgol_filter, sosfiltfilt
 
 from steelyard.base.errors import LogError, ModelError
-from steelyard.runs.processing import (
+from steelyard.runs.processing_choices import (
     METHODS,
     SMOOTHERS,
     description_of,
@@ -13,14 +13,14 @@ from steelyard.runs.processing import (
     method_of,
     smoother_of,
 )
-from steelyard.runs.smoothing.filters import apply
-from steelyard.runs.smoothing.fir_methods import (
+from steelyard.runs.smoothing.finite_window_methods import (
     FIR,
     MovingAverage,
     SavitzkyGolay,
 )
-from steelyard.runs.smoothing.kalman import CausalKalman
-from steelyard.runs.smoothing.method import Butterworth, Method, Smoother
+from steelyard.runs.smoothing.kalman_smoother import CausalKalman
+from steelyard.runs.smoothing.method_and_butterworth import Butterworth, Method, Smoother
+from steelyard.runs.smoothing.zero_phase_filters import apply
 
 RATE, CUTOFF = 200.0, 10.0
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from steelyard.base.errors import ModelError
-from steelyard.runs.spectrum import (
+from steelyard.runs.spectrum_and_period import (
     Repetitions,
     distance,
     find_period,

@@ -9,7 +9,7 @@ import pytest
 from steelyard.base.errors import LogError
 from steelyard.logs.formats import open_log
 from steelyard.runs.prepare import prepare
-from steelyard.runs.processing import Processing
+from steelyard.runs.processing_choices import Processing
 from steelyard.runs.recording import LoggedSamples, Recording
 from steelyard.runs.run import Block
 

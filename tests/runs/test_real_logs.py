@@ -5,7 +5,7 @@ import pytest
 
 from steelyard.base.errors import LogError
 from steelyard.runs.prepare import prepare
-from steelyard.runs.processing import Processing
+from steelyard.runs.processing_choices import Processing
 from steelyard.runs.recording import LoggedSamples
 
 

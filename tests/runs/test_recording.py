@@ -10,8 +10,8 @@ from steelyard.base.arrays import frozen
 from steelyard.logs.log import Cut
 from steelyard.robot.file.signals import Signals
 from steelyard.runs.recording import LoggedSamples, LogInMemory, Recording
-from steelyard.runs.rows.clock import learn_clock
-from steelyard.runs.rows.faulty_rows import RowVerdict, broken_rows
+from steelyard.runs.rows.clock_and_row_scan import learn_clock
+from steelyard.runs.rows.faulty_row_detectors import RowVerdict, broken_rows
 
 RATIOS = np.array([[50.0, 0.0], [40.0, -40.0]])
 OFFSET = np.array([0.3, -0.2])

@@ -8,11 +8,16 @@ import numpy as np
 import pytest
 
 from steelyard.base.errors import LogError
+from steelyard.runs.mean_over_repetitions import (
+    average_aligned,
+    mean_of_logs,
+    mean_of_periods,
+    weights_of,
+)
 from steelyard.runs.prepare import prepare, prepare_mean
-from steelyard.runs.processing import Processing
+from steelyard.runs.processing_choices import Processing
 from steelyard.runs.recording import Recording
-from steelyard.runs.repetitions import average_aligned, mean_of_logs, mean_of_periods, weights_of
-from steelyard.runs.spectrum import Repetitions
+from steelyard.runs.spectrum_and_period import Repetitions
 
 RATE = 200.0
 
@@ -142,8 +147,8 @@ def test_the_choice_is_kept_in_files() -> None:
 @pytest.mark.parametrize("text", ['"find"', "{period = 13.333, drop_first = 0, drop_last = 0}"])
 def test_robot_files_ask_for_it(text: str) -> None:
     from steelyard.robot.file.sections import ProcessingSection
-    from steelyard.robot.file.toml import tomllib
-    from steelyard.runs.processing import requested_processing
+    from steelyard.robot.file.toml_schema import tomllib
+    from steelyard.runs.processing_choices import requested_processing
 
     section = ProcessingSection(**tomllib.loads(f"repetitions = {text}"))
     found = requested_processing(section, lambda *place: ".".join(place)).repetitions
@@ -153,8 +158,8 @@ def test_robot_files_ask_for_it(text: str) -> None:
 
 def test_the_panda_comes_back_after_its_period(real: Callable[[str], Recording]) -> None:
     log = real("panda/panda_gaz2019_trajectory1.parquet")
-    from steelyard.runs.repetitions import _evenly_sampled
-    from steelyard.runs.spectrum import find_period
+    from steelyard.runs.mean_over_repetitions import _evenly_sampled
+    from steelyard.runs.spectrum_and_period import find_period
 
     channels, rate = _evenly_sampled(log.in_memory())
     assert find_period(channels[log.channels.q], rate) == pytest.approx(13.333, abs=0.005)

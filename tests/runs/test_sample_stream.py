@@ -8,7 +8,7 @@ import pytest
 from invented import tree
 from steelyard.base.arrays import Array
 from steelyard.robot.file.signals import ROW, Signals
-from steelyard.runs.rows.faulty_rows import RowVerdict
+from steelyard.runs.rows.faulty_row_detectors import RowVerdict
 from steelyard.runs.sample_stream import (
     JUMPS_UNTIL_RESTART,
     PAUSE_SECONDS,

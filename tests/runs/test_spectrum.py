@@ -5,7 +5,7 @@ import pytest
 from scipy import signal
 
 from steelyard.base.errors import LogError
-from steelyard.runs.defaults import (
+from steelyard.runs.cutoffs_and_rest_speed import (
     MATCHED_FACTOR,
     Processing,
     SpeedHistogram,
@@ -13,7 +13,7 @@ from steelyard.runs.defaults import (
     default_rest_speed,
     given_rest_speed,
 )
-from steelyard.runs.spectrum import motion_band, welch
+from steelyard.runs.spectrum_and_period import motion_band, welch
 
 
 def test_welch_is_scipys() -> None:

@@ -5,7 +5,11 @@ import pytest
 from scipy.interpolate import make_smoothing_spline
 
 from steelyard.base.errors import LogError
-from steelyard.runs.smoothing.spline import SmoothingSpline, cross_validated, smoothing_spline
+from steelyard.runs.smoothing.smoothing_spline import (
+    SmoothingSpline,
+    cross_validated,
+    smoothing_spline,
+)
 
 
 @pytest.mark.parametrize("weight", [1e-8, 1e-4, 1.0])

@@ -7,7 +7,7 @@ import pytest
 
 from steelyard.base.arrays import Array
 from steelyard.runs.prepare import prepare
-from steelyard.runs.processing import Processing
+from steelyard.runs.processing_choices import Processing
 from steelyard.runs.recording import TURN, LogInMemory, Recording, wrapped_middles
 from steelyard.simulate.demo import write_demo_arm
 

@@ -10,10 +10,10 @@ from steelyard.model.laws.register import DEFAULT_TERMS
 from steelyard.model.laws.rigid_body import RigidBody
 from steelyard.model.model import Model
 from steelyard.model.terms.term import Term
-from steelyard.robot.from_mechanism import reduced
+from steelyard.robot.inertia_and_placement import Inertia, turn
 from steelyard.robot.models.urdf import read_urdf
-from steelyard.robot.rigid_body import Inertia, turn
 from steelyard.robot.robot import Body, Coordinate, JointKind, Limits, LoopClosure, Robot
+from steelyard.robot.robot_from_mechanism import reduced
 from steelyard.simulate.truth import Truth
 
 

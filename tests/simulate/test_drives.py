@@ -9,10 +9,10 @@ from steelyard.base.errors import ModelError
 from steelyard.base.motion import Motion
 from steelyard.excite.trajectories.fourier import random_fourier
 from steelyard.robot.robot import Robot
-from steelyard.simulate.drives import Drives, DrivesInUse, customary_drives
+from steelyard.simulate.encoders_and_drives import Drives, DrivesInUse, customary_drives
 from steelyard.simulate.truth import random_truth
 from steelyard.simulate.virtual_robot import VirtualRobot
-from steelyard.uses.control.joint_control import Cascade
+from steelyard.uses.control.joint_controllers import Cascade
 
 TICK = 1e-3
 

@@ -9,7 +9,7 @@ from steelyard.excite.trajectories.fourier import random_fourier
 from steelyard.model.laws.coulomb import Coulomb
 from steelyard.model.laws.register import DEFAULT_TERMS
 from steelyard.robot.robot import Robot
-from steelyard.simulate.plant import MujocoPlant
+from steelyard.simulate.mujoco_plant import MujocoPlant
 from steelyard.simulate.truth import Truth, random_truth
 from steelyard.simulate.virtual_robot import VirtualRobot
 

@@ -14,10 +14,10 @@ from steelyard.base.motion import Motion
 from steelyard.excite.trajectories.fourier import random_fourier
 from steelyard.model.equations.passive_joints import all_joints
 from steelyard.model.laws.coulomb import Coulomb
-from steelyard.model.laws.coupled import Coupled
-from steelyard.model.laws.directional import DirectionalCoulomb
-from steelyard.model.laws.load_dependent import LoadDependent
-from steelyard.model.laws.powers import Root
+from steelyard.model.laws.coupled_friction import Coupled
+from steelyard.model.laws.directional_friction import DirectionalCoulomb
+from steelyard.model.laws.load_dependent_friction import LoadDependent
+from steelyard.model.laws.powers_of_speed import Root
 from steelyard.model.laws.presliding import Dahl, LuGre, MaxwellSlip
 from steelyard.model.laws.register import term_of
 from steelyard.model.laws.rigid_body import RigidBody
@@ -25,9 +25,9 @@ from steelyard.model.laws.rotor_inertia import RotorInertia
 from steelyard.model.model import Model
 from steelyard.model.terms.term import StatefulTerm, Term, TermSamples
 from steelyard.robot.robot import Robot
-from steelyard.simulate.mujoco_laws import Laws, LawsInUse
+from steelyard.simulate.laws_beside_mujoco import Laws, LawsInUse
 from steelyard.simulate.mujoco_model import build
-from steelyard.simulate.plant import MujocoPlant
+from steelyard.simulate.mujoco_plant import MujocoPlant
 from steelyard.simulate.truth import Truth, random_truth
 from steelyard.simulate.virtual_robot import VirtualRobot
 

@@ -14,8 +14,13 @@ from steelyard.model.laws.rotor_inertia import RotorInertia
 from steelyard.model.laws.viscous import Viscous
 from steelyard.robot.loop_closures import gaps
 from steelyard.robot.robot import Robot
-from steelyard.simulate.plant import MujocoPlant
-from steelyard.simulate.scales import closed, passive_slopes, postures_of, typical_masses
+from steelyard.simulate.mujoco_plant import MujocoPlant
+from steelyard.simulate.torque_and_mass_scales import (
+    closed,
+    passive_slopes,
+    postures_of,
+    typical_masses,
+)
 from steelyard.simulate.truth import random_truth
 from steelyard.simulate.virtual_robot import VirtualRobot
 

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from steelyard.base.errors import ModelError
-from steelyard.estimate.closed_loop.motion_under_torque import JointPD
+from steelyard.estimate.closed_loop.feedback_and_forward_dynamics import JointPD
 from steelyard.excite.trajectories.fourier import random_fourier
-from steelyard.robot.rigid_body import Inertia
+from steelyard.robot.inertia_and_placement import Inertia
 from steelyard.robot.robot import Robot
-from steelyard.simulate.external_loads import Payload
-from steelyard.simulate.plant import MujocoPlant
+from steelyard.simulate.mujoco_plant import MujocoPlant
+from steelyard.simulate.payloads_and_wrenches import Payload
 from steelyard.simulate.truth import Truth, random_truth
 from steelyard.simulate.virtual_robot import VirtualRobot
 

@@ -11,10 +11,10 @@ from steelyard.model.laws.offset import Offset
 from steelyard.model.laws.rigid_body import RigidBody
 from steelyard.model.laws.rotor_inertia import RotorInertia
 from steelyard.model.laws.stribeck import Stribeck
-from steelyard.robot.rigid_body import Inertia
+from steelyard.robot.inertia_and_placement import Inertia
 from steelyard.robot.robot import Robot
 from steelyard.simulate.mujoco_model import mass_matrices
-from steelyard.simulate.plant import MujocoPlant
+from steelyard.simulate.mujoco_plant import MujocoPlant
 from steelyard.simulate.truth import Truth, random_truth
 
 

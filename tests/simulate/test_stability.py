@@ -10,7 +10,7 @@ from steelyard.model.laws.presliding import Dahl, LuGre
 from steelyard.model.laws.spring import Spring
 from steelyard.model.laws.viscous import Viscous
 from steelyard.robot.robot import Robot
-from steelyard.simulate.plant import MujocoPlant
+from steelyard.simulate.mujoco_plant import MujocoPlant
 
 
 def step_of(robot: Robot, truth: object) -> float:

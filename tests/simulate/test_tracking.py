@@ -6,12 +6,12 @@ import pytest
 from steelyard.base.errors import ModelError
 from steelyard.excite.trajectories.fourier import random_fourier
 from steelyard.excite.trajectories.piecewise_polynomials import SampledMotion
-from steelyard.model.equations.kinematics import frame_kinematics, frame_of, last_frame
+from steelyard.model.equations.frame_kinematics import frame_kinematics, frame_of, last_frame
 from steelyard.robot.robot import Robot
-from steelyard.simulate.drives import customary_drives
+from steelyard.simulate.encoders_and_drives import customary_drives
 from steelyard.simulate.track import Tracking, controllers_of, tracking
 from steelyard.simulate.truth import Truth, random_truth
-from steelyard.uses.control.joint_control import control_of
+from steelyard.uses.control.joint_controllers import control_of
 
 
 def run(robot: Robot, truth: Truth, control: str, *models: tuple[str, Truth]) -> Tracking:

@@ -7,7 +7,7 @@ import pytest
 from law_cases import CASES, LawCase, name_of
 from steelyard.base.errors import ModelError
 from steelyard.model.laws.coulomb import Coulomb
-from steelyard.model.laws.load_dependent import LoadDependent
+from steelyard.model.laws.load_dependent_friction import LoadDependent
 from steelyard.model.laws.presliding import Dahl, LuGre
 from steelyard.model.laws.rigid_body import RigidBody
 from steelyard.model.laws.rotor_inertia import RotorInertia
@@ -16,10 +16,10 @@ from steelyard.model.laws.stribeck import Stribeck
 from steelyard.model.laws.viscous import Viscous
 from steelyard.model.model import Model
 from steelyard.model.terms.axes import Find
-from steelyard.robot.rigid_body import Inertia
+from steelyard.robot.inertia_and_placement import Inertia
 from steelyard.robot.robot import Limits, Robot, Transmission
-from steelyard.simulate.plant import MujocoPlant
-from steelyard.simulate.scales import scales_of
+from steelyard.simulate.mujoco_plant import MujocoPlant
+from steelyard.simulate.torque_and_mass_scales import scales_of
 from steelyard.simulate.truth import Truth, random_truth
 
 

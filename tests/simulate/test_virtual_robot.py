@@ -8,7 +8,7 @@ from scipy.interpolate import CubicSpline
 from steelyard.base.errors import DataError, OutputError
 from steelyard.base.motion import Rig, run
 from steelyard.base.progress import Event, Stopped
-from steelyard.estimate.closed_loop.motion_under_torque import tuned_pd
+from steelyard.estimate.closed_loop.feedback_and_forward_dynamics import tuned_pd
 from steelyard.excite.trajectories.fourier import FourierMotion, random_fourier
 from steelyard.robot.robot import Robot
 from steelyard.simulate.mujoco_model import build, inverse_dynamics

@@ -9,9 +9,9 @@ import pytest
 from steelyard.base.errors import DataError, ModelError
 from steelyard.base.motion import run
 from steelyard.excite.trajectories.piecewise_polynomials import SampledMotion
-from steelyard.model.equations.kinematics import frame_kinematics
+from steelyard.model.equations.frame_kinematics import frame_kinematics
 from steelyard.robot.robot import Robot
-from steelyard.simulate.external_loads import (
+from steelyard.simulate.payloads_and_wrenches import (
     WRENCH_COLUMNS,
     AppliedWrench,
     Axes,
@@ -103,7 +103,7 @@ def test_unusable_wrenches_are_refused(arm: Robot, tmp_path: Path) -> None:
 
 
 def test_a_wrench_on_the_base_is_refused(arm: Robot) -> None:
-    from steelyard.estimate.external.observer_program import moved_frame
+    from steelyard.estimate.external.observer_equations import moved_frame
     from steelyard.robot.robot import Frame
 
     fixed = arm.changed(frames=(*arm.frames, Frame("table", -1, np.eye(3), np.zeros(3))))

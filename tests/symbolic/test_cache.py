@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 import steelyard
-from steelyard.symbolic.native import cache, compiled, machine
-from steelyard.symbolic.program import InputArray, Program, Step
+from steelyard.symbolic.native import cache, compiled_programs, machine
+from steelyard.symbolic.program_and_softening import InputArray, Program, Step
 
 DOUBLE = Program((InputArray("x", 1),), (Step("input", (0, 0)), Step("add", (0, 0))), (1,))
 
@@ -28,7 +28,7 @@ def run() -> int:
         built += 1
         return DOUBLE, {"note": "twice"}
 
-    code = compiled.compiled("a test", build)
+    code = compiled_programs.compiled("a test", build)
     assert code.about["note"] == "twice"
     assert code([np.array([[1.5, -2.0]])]).tolist() == [[3.0, -4.0]]
     return built

@@ -11,11 +11,11 @@ import pytest
 from steelyard.model.laws.rigid_body import RigidBody
 from steelyard.model.model import Model
 from steelyard.robot.file.robot_file import load_robot
-from steelyard.symbolic import program as numpy_backend
-from steelyard.symbolic.native.compiled import compiled
-from steelyard.symbolic.native.emit import CHUNK
-from steelyard.symbolic.program import InputArray, Program, Step
-from steelyard.symbolic.trace import symbolic
+from steelyard.symbolic import program_and_softening as numpy_backend
+from steelyard.symbolic.native.compiled_programs import compiled
+from steelyard.symbolic.native.llvm_vector_code import CHUNK
+from steelyard.symbolic.program_and_softening import InputArray, Program, Step
+from steelyard.symbolic.symbols_and_tracing import symbolic
 
 WIDE = np.concatenate(
     [[0.0, -0.0], *(s * np.logspace(-9, e, 4001) for s in (1, -1) for e in (0, 2, 5))]

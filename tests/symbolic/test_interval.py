@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 
 from invented import tree
 from steelyard.base.arrays import Array
-from steelyard.symbolic.interval import CHUNK, enclosed
-from steelyard.symbolic.program import (
+from steelyard.symbolic.interval_bounds import CHUNK, enclosed
+from steelyard.symbolic.program_and_softening import (
     NUMPY,
     Program,
     Step,
@@ -19,7 +19,7 @@ from steelyard.symbolic.program import (
     program_to_json,
     run,
 )
-from steelyard.symbolic.program import InputArray as Input
+from steelyard.symbolic.program_and_softening import InputArray as Input
 
 INPUTS = (Input("x", 3), Input("p", 2, shared=True))
 
@@ -149,7 +149,7 @@ def torque_program() -> Program:
     from steelyard.model.equations.inverse_dynamics import JointState
     from steelyard.model.laws.rigid_body import RigidBody
     from steelyard.model.model import Model
-    from steelyard.symbolic.trace import symbolic
+    from steelyard.symbolic.symbols_and_tracing import symbolic
 
     model = Model(tree(), (RigidBody(),))
     values = tree().nominal.ravel()

@@ -10,7 +10,12 @@ from closed_chains import five_bar
 from invented import ROBOTS, tree, turned
 from oracles import body_map, body_positions, pinocchio_model
 from steelyard.base.errors import DataError, ModelError
-from steelyard.model.equations.kinematics import frame_kinematics, frame_of, points_on, positions_of
+from steelyard.model.equations.frame_kinematics import (
+    frame_kinematics,
+    frame_of,
+    points_on,
+    positions_of,
+)
 from steelyard.robot.robot import Frame, Robot
 
 PLACE = np.array([0.2, -0.1, 0.3])

@@ -15,9 +15,9 @@ from steelyard.model.laws.rigid_body import RigidBody
 from steelyard.model.model import Model
 from steelyard.robot.robot import Robot
 from steelyard.simulate.mujoco_model import build, inverse_dynamics
-from steelyard.symbolic import program as numpy_backend
-from steelyard.symbolic.program import InputArray as Input
-from steelyard.symbolic.trace import symbolic
+from steelyard.symbolic import program_and_softening as numpy_backend
+from steelyard.symbolic.program_and_softening import InputArray as Input
+from steelyard.symbolic.symbols_and_tracing import symbolic
 
 
 @pytest.fixture(params=list(ROBOTS))

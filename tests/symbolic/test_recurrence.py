@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from steelyard.symbolic.native.compiled import recurrence
+from steelyard.symbolic.native.compiled_programs import recurrence
 
 
 def drawn(rows: int, count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:

@@ -12,7 +12,7 @@ from steelyard.model.laws.rotor_inertia import RotorInertia
 from steelyard.model.laws.viscous import Viscous
 from steelyard.model.model import Model, ValuedModel
 from steelyard.model.terms.term import Term
-from steelyard.uses.control.joint_control import ControlTask
+from steelyard.uses.control.joint_controllers import ControlTask
 
 TICK = 1e-3
 

@@ -9,7 +9,7 @@ from steelyard.base.motion import Motion
 from steelyard.model.laws.presliding import Dahl
 from steelyard.model.laws.rotor_inertia import RotorInertia
 from steelyard.model.model import ValuedModel
-from steelyard.uses.control.joint_control import (
+from steelyard.uses.control.joint_controllers import (
     CONTROLS,
     PD,
     PID,
@@ -20,7 +20,7 @@ from steelyard.uses.control.joint_control import (
     TorqueFeedforward,
     control_of,
 )
-from steelyard.uses.control.model_torques import friction_torque
+from steelyard.uses.control.torques_along_motion import friction_torque
 from uses.conftest import TICK, valued_of
 
 

@@ -10,7 +10,11 @@ from steelyard.base.errors import DataError
 from steelyard.base.motion import Motion
 from steelyard.model.laws.coulomb import Coulomb
 from steelyard.model.model import Model, ValuedModel
-from steelyard.uses.control.model_torques import feedforward_torque, friction_torque, in_joint_order
+from steelyard.uses.control.torques_along_motion import (
+    feedforward_torque,
+    friction_torque,
+    in_joint_order,
+)
 from uses.conftest import valued_of
 
 ROBOT = geared()

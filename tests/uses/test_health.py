@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from steelyard.uses.health.health_changes import (
+from steelyard.uses.health.drift_detection import (
     ENOUGH_LOGS,
     LEAST_CHANGE,
     HealthChange,

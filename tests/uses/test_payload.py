@@ -12,18 +12,18 @@ from loaded import GAINS, LOAD, MODEL, REGRESSOR, TOOL, UNITS, run
 from steelyard.base.errors import DataError, ModelError, SteelyardError
 from steelyard.estimate.effort_uncertainty import KnownScales
 from steelyard.estimate.estimate import Z95
-from steelyard.estimate.identified import Cutoffs, IdentifiedModel, Provenance
+from steelyard.estimate.identified_model import Cutoffs, IdentifiedModel, Provenance
 from steelyard.estimate.information.information import Information, Signature
-from steelyard.estimate.least_squares.least_squares import WeightedLeastSquares
-from steelyard.estimate.payload.load_case import drifting
+from steelyard.estimate.least_squares.weighted_and_recursive import WeightedLeastSquares
 from steelyard.estimate.payload.payload_estimate import PayloadEstimate
+from steelyard.estimate.payload.runs_with_payload import drifting
 from steelyard.model.laws.rigid_body import RigidBody
 from steelyard.model.laws.rotor_inertia import RotorInertia
 from steelyard.model.laws.viscous import Viscous
 from steelyard.model.model import Model
 from steelyard.robot.file.signals import Signals
-from steelyard.robot.rigid_body import Inertia
-from steelyard.uses.payload.payload_of_runs import identify_payload
+from steelyard.robot.inertia_and_placement import Inertia
+from steelyard.uses.payload.payload_fit import identify_payload
 from steelyard.uses.payload.payload_page import payload_headline
 
 NAMES = tuple(f"c{k}" for k in range(9))

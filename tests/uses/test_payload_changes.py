@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from steelyard.base.arrays import Array
-from steelyard.uses.payload.payload_changes import (
+from steelyard.uses.payload.change_detection import (
     CHANGE_SPAN,
     CHANGE_STEP,
     PayloadChanges,

@@ -5,7 +5,7 @@ import pytest
 
 from steelyard.base.arrays import Array
 from steelyard.base.errors import DataError
-from steelyard.estimate.external.residual_peaks import ONSET, ContactThresholds
+from steelyard.estimate.external.contact_thresholds import ONSET, ContactThresholds
 from steelyard.estimate.scores.residuals import ResidualTrace
 from steelyard.uses.contact.contact_events import (
     ContactEvent,
@@ -13,9 +13,9 @@ from steelyard.uses.contact.contact_events import (
     ContactStream,
     contacts_in,
 )
-from steelyard.uses.payload.payload_changes import SlidingMass
-from steelyard.uses.payload.payload_events import Kind, PayloadEvent, PayloadEvents
-from steelyard.uses.watch.watcher import (
+from steelyard.uses.payload.change_detection import SlidingMass
+from steelyard.uses.payload.pick_up_and_put_down import Kind, PayloadEvent, PayloadEvents
+from steelyard.uses.watch.online_detection import (
     FIRST_SEARCH,
     SEARCH_PERIOD,
     SEARCHED_SPAN,

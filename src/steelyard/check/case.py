@@ -12,18 +12,18 @@ from steelyard.base.errors import DataError, LogError
 from steelyard.base.motion import Motion
 from steelyard.base.progress import Progress, silent
 from steelyard.check.finding import Finding
-from steelyard.estimate.identified import IdentifiedModel
-from steelyard.estimate.payload.load_case import carrier
+from steelyard.estimate.identified_model import IdentifiedModel
+from steelyard.estimate.payload.runs_with_payload import carrier
 from steelyard.logs.log import Log
 from steelyard.model.laws.rigid_body import RigidBody
 from steelyard.model.model import Model, ValuedModel
-from steelyard.robot.file.loaded_robot import LoadedRobot
-from steelyard.robot.rigid_body import INERTIAL_NAMES
+from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
+from steelyard.robot.inertia_and_placement import INERTIAL_NAMES
 from steelyard.robot.robot import Robot
 from steelyard.runs.prepare import prepare
-from steelyard.runs.processing import Processing
+from steelyard.runs.processing_choices import Processing
 from steelyard.runs.recording import Channels, LoggedSamples, Recording
-from steelyard.runs.rows.clock import rows_between
+from steelyard.runs.rows.clock_and_row_scan import rows_between
 from steelyard.runs.run import Run
 
 AtStates = Callable[[ValuedModel, Array, Array, Array], Array]

@@ -20,14 +20,14 @@ from steelyard.check.findings_page import CheckContent, render_check
 from steelyard.check.findings_text import check_headline, diagnosis_dict, edit_dict, tally
 from steelyard.check.findings_text import print_findings as show_findings
 from steelyard.check.subject import Subject, diagnosed, refuse_foreign, subject_of
-from steelyard.estimate.estimators import method_of
-from steelyard.estimate.identified import IdentifiedModel, load_model
+from steelyard.estimate.estimator_register import method_of
+from steelyard.estimate.identified_model import IdentifiedModel, load_model
 from steelyard.report.result import Result
-from steelyard.robot.file.toml import tomllib
 from steelyard.robot.file.toml_edits import edited, lines_of
-from steelyard.robot.init.template import path_from
+from steelyard.robot.file.toml_schema import tomllib
+from steelyard.robot.init.draft_robot_file import path_from
 from steelyard.robot.models.xacro import stem_of
-from steelyard.runs.named_logs import log_files, paths_of
+from steelyard.runs.runs_of_named_logs import log_files, paths_of
 
 MOST_CHECK_ROUNDS = 4  # checks at most: one thing that is wrong can hide another
 REFINED_KEY = ("signals", "effort", "delay")

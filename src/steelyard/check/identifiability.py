@@ -11,7 +11,7 @@ from steelyard.check.finding import Finding, Fix
 from steelyard.estimate.estimate import Unidentifiable
 from steelyard.estimate.information.gather import gather
 from steelyard.estimate.information.regressor import base_regressor
-from steelyard.estimate.least_squares.least_squares import WeightedLeastSquares
+from steelyard.estimate.least_squares.weighted_and_recursive import WeightedLeastSquares
 from steelyard.model.laws.coulomb import Coulomb
 from steelyard.model.laws.register import DEFAULT_TERMS, law_of, term_of
 from steelyard.model.laws.viscous import Viscous

@@ -9,18 +9,18 @@ from steelyard.base.errors import LogError
 from steelyard.check.case import Evidence
 from steelyard.check.decision.gain_sources import gains_of_logs
 from steelyard.check.hypotheses.excerpt import Excerpt, excerpt_of
-from steelyard.estimate.friction.mixes import joint_motions, lacking
+from steelyard.estimate.friction.friction_mixes import joint_motions, lacking
 from steelyard.logs.formats import open_log
 from steelyard.model.laws.rigid_body import RigidBody
 from steelyard.model.model import Model
-from steelyard.robot.file.loaded_robot import LoadedRobot
+from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
 from steelyard.robot.file.signals import Signals, build_signals, expanded
+from steelyard.robot.init.draft_tables import Known, needs_gains
 from steelyard.robot.init.guess_columns import Guess
-from steelyard.robot.init.guess_efforts import Gears
-from steelyard.robot.init.tables import Known, needs_gains
+from steelyard.robot.init.guess_efforts_and_gears import Gears
 from steelyard.robot.robot import Coordinate, Transmission
-from steelyard.runs.named_logs import LogArgument, recording_of
-from steelyard.runs.processing import Processing
+from steelyard.runs.processing_choices import Processing
+from steelyard.runs.runs_of_named_logs import LogArgument, recording_of
 
 
 def refuse_other_columns(

@@ -13,18 +13,20 @@ from steelyard.check.case import Case, Evidence
 from steelyard.check.examine import Diagnosis, examine
 from steelyard.check.finding import Edit, Finding, Fix, Severity
 from steelyard.check.findings_text import by_edits, print_notes
-from steelyard.estimate.identified import IdentifiedModel
+from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.logs.log import parse_log_argument
 from steelyard.model.laws.register import term_of
-from steelyard.robot.file.loaded_robot import LoadedRobot
+from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
 from steelyard.robot.file.robot_file import load_robot, robot_text
 from steelyard.robot.file.signals import Signals
-from steelyard.robot.file.toml import tomllib
 from steelyard.robot.file.toml_edits import edited, lines_of
+from steelyard.robot.file.toml_schema import tomllib
+from steelyard.robot.init.base_and_locked_joints import proposed
+from steelyard.robot.init.draft_robot_file import assigned, drafted, notes_beside
 from steelyard.robot.init.guess_columns import guess_columns, refuse_motors, velocities_beside
-from steelyard.robot.init.proposal import proposed
-from steelyard.robot.init.template import assigned, drafted, notes_beside
-from steelyard.runs.named_logs import (
+from steelyard.runs.rows.clock_and_row_scan import no_row, time_span
+from steelyard.runs.run import Run
+from steelyard.runs.runs_of_named_logs import (
     LogArgument,
     distinct_names,
     processing_of_robot,
@@ -32,8 +34,6 @@ from steelyard.runs.named_logs import (
     sample_of,
     signals_of,
 )
-from steelyard.runs.rows.clock import no_row, time_span
-from steelyard.runs.run import Run
 
 READING_CHECK = "log"  # what a log that cannot be read is suspected of
 

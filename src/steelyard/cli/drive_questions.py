@@ -9,9 +9,9 @@ import numpy as np
 from steelyard.base.errors import ModelError, advice
 from steelyard.robot.file.sections import Side
 from steelyard.robot.file.signals import looks_like_degrees
+from steelyard.robot.init.draft_tables import Effort, Known, needs_gains, with_effort
 from steelyard.robot.init.guess_columns import Guess
-from steelyard.robot.init.guess_efforts import Gears
-from steelyard.robot.init.tables import Effort, Known, needs_gains, with_effort
+from steelyard.robot.init.guess_efforts_and_gears import Gears
 from steelyard.robot.robot import Coordinate
 
 

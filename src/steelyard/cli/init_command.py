@@ -15,10 +15,10 @@ from steelyard.cli.derived_command import from_function
 if TYPE_CHECKING:
     from steelyard.cli.drive_questions import Stated
     from steelyard.identify.validation_data import ProposedCut
-    from steelyard.robot.init.proposal import Proposal
-    from steelyard.robot.init.tables import Known
-    from steelyard.robot.init.template import Assignment, Draft
-    from steelyard.runs.named_logs import LogArgument
+    from steelyard.robot.init.base_and_locked_joints import Proposal
+    from steelyard.robot.init.draft_robot_file import Assignment, Draft
+    from steelyard.robot.init.draft_tables import Known
+    from steelyard.runs.runs_of_named_logs import LogArgument
 
 
 INCOMPLETE = 1  # exit code where the robot file has to be completed before it is of use
@@ -89,9 +89,9 @@ def init(
     from steelyard.cli.drive_questions import Stated
     from steelyard.identify.validation_data import ProposedCut, propose_cut
     from steelyard.robot.file.robot_file import load_robot
-    from steelyard.robot.init.proposal import proposed
-    from steelyard.robot.init.template import drafted, notes_beside
-    from steelyard.runs.named_logs import log_files
+    from steelyard.robot.init.base_and_locked_joints import proposed
+    from steelyard.robot.init.draft_robot_file import drafted, notes_beside
+    from steelyard.runs.runs_of_named_logs import log_files
 
     proposal = proposed(model, fixed_base)
     target = output if output is not None else Path(f"{proposal.loaded.stem}.toml")
@@ -151,9 +151,9 @@ def examined(
     """Joints with their columns, and what else logs and answers contain."""
     from steelyard.check.new_robot_file import known_from_logs, refuse_other_columns
     from steelyard.cli import drive_questions as questions
-    from steelyard.robot.init.tables import Known, with_effort
-    from steelyard.robot.init.template import assigned, gears_of
-    from steelyard.runs.named_logs import sample_of
+    from steelyard.robot.init.draft_robot_file import assigned, gears_of
+    from steelyard.robot.init.draft_tables import Known, with_effort
+    from steelyard.runs.runs_of_named_logs import sample_of
 
     columns, sample = sample_of(logs[0].path) if logs else (None, None)
     assignment = assigned(proposal, columns, sample, rate, stated.ratios is not None, stated.side)
@@ -236,7 +236,7 @@ def show(
 
 def _beyond_columns(draft: "Draft", known: "Known") -> Iterator[str]:
     """Gains and friction laws, and where they come from."""
-    from steelyard.robot.init.tables import needs_gains, scale_words
+    from steelyard.robot.init.draft_tables import needs_gains, scale_words
 
     if draft.guess is None:
         return

@@ -20,8 +20,8 @@ from steelyard.cli.command import (
 from steelyard.cli.derived_command import from_function
 
 if TYPE_CHECKING:
-    from steelyard.export.code.model_code import WrittenCode
-    from steelyard.export.model_files.model_file import Exported
+    from steelyard.export.code.export_code import WrittenCode
+    from steelyard.export.model_files.export_model_file import Exported
     from steelyard.identify.reduce import ReducedModel
 
 
@@ -164,8 +164,8 @@ def export(
     Example: steelyard export steelyard-ur10e --to c -o ur10e-c
     """
     from steelyard.base.files import refuse_existing, whole_file
-    from steelyard.estimate.identified import load_model
-    from steelyard.export.model_files.model_file import exported, refuse_changed
+    from steelyard.estimate.identified_model import load_model
+    from steelyard.export.model_files.export_model_file import exported, refuse_changed
 
     form = _format(to, output)
     identified = load_model(model)
@@ -174,7 +174,7 @@ def export(
     refuse_existing(path)
     if form != "urdf" and form != "mjcf":
         _refuse(form, {"--model": original})
-        from steelyard.export.code.model_code import write_code
+        from steelyard.export.code.export_code import write_code
 
         written = write_code(
             identified, path, form, precision or "double", functions or (), frames or ()
@@ -232,7 +232,7 @@ def _print_export(path: Path, made: "Exported", as_json: bool) -> None:
     """What was written, and what was not."""
     from rich.text import Text
 
-    from steelyard.export.model_files.model_file import KEPT, UNSEEN, listed_under
+    from steelyard.export.model_files.export_model_file import KEPT, UNSEEN, listed_under
     from steelyard.report.terminal import terminal
     from steelyard.report.words import count
 

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from steelyard.excite.excite import DesignedMotion
     from steelyard.excite.trajectories.trajectory import ExactTrajectory
     from steelyard.identify.identify import Identification
-    from steelyard.robot.file.loaded_robot import LoadedRobot
+    from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
     from steelyard.simulate.simulate import SimulatedRun
     from steelyard.simulate.track import TrackingComparison
 

@@ -12,9 +12,9 @@ from steelyard.cli.derived_command import from_function
 if TYPE_CHECKING:
     from steelyard.estimate.payload.payload_estimate import PayloadEstimate
     from steelyard.uses.contact.contact_page import Contacts
-    from steelyard.uses.control.feedforward_torques import FeedforwardTorques
+    from steelyard.uses.control.feedforward import FeedforwardTorques
     from steelyard.uses.health.health import Health
-    from steelyard.uses.wrench.external_wrench import ExternalWrench
+    from steelyard.uses.wrench.wrench import ExternalWrench
 
 XYZ = {"type": tuple[float, float, float] | None, "metavar": "X Y Z"}
 
@@ -49,16 +49,16 @@ def payload(
     from steelyard.base.files import whole_folder, write_json
     from steelyard.cli import interrupt
     from steelyard.cli.command import progress_bar
-    from steelyard.estimate.identified import load_model
+    from steelyard.estimate.identified_model import load_model
     from steelyard.estimate.payload.payload_estimate import PayloadEstimate
     from steelyard.report.terminal import terminal
     from steelyard.uses.payload.payload import events_of_logs
-    from steelyard.uses.payload.payload_events import events_dict
     from steelyard.uses.payload.payload_page import (
         event_lines,
         payload_lines,
         render_payload_events,
     )
+    from steelyard.uses.payload.pick_up_and_put_down import events_dict
 
     given, folder = call.keywords, optional_folder(output)
     common = ("model", "logs", "frame", "gain_uncertainty")

@@ -41,9 +41,9 @@ from steelyard.excite.search.why_no_motion import explained_no_motion, refuse_im
 from steelyard.excite.trajectories.jumps_and_holds import holds_note
 from steelyard.excite.trajectories.motion_families import FAMILIES, coefficients_of
 from steelyard.excite.trajectories.trajectory import ExactTrajectory
-from steelyard.model.equations.kinematics import positions_of
+from steelyard.model.equations.frame_kinematics import positions_of
 from steelyard.model.model import Model
-from steelyard.robot.file.loaded_robot import LoadedRobot
+from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
 from steelyard.robot.robot import Robot
 
 ASSUMED_NOISE = 0.01  # assumed without an earlier log, over the joint's greatest effort

@@ -8,10 +8,10 @@ import numpy as np
 
 from steelyard.base.arrays import Array, frozen
 from steelyard.base.errors import DataError
-from steelyard.estimate.identified import IdentifiedModel, load_model
+from steelyard.estimate.identified_model import IdentifiedModel, load_model
 from steelyard.estimate.information.base_parameters import BaseMap
 from steelyard.estimate.information.regressor import ParallelFilter
-from steelyard.robot.file.loaded_robot import LoadedRobot
+from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,7 +13,7 @@ from rich.console import Console
 from steelyard.base.arguments import checked
 from steelyard.base.errors import DataError
 from steelyard.base.progress import DESIGN_BUDGET_S, Progress, silent
-from steelyard.estimate.identified import IdentifiedModel
+from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.excite.constraints.certificate import COVERS
 from steelyard.excite.design_from_tables import Designed, design
 from steelyard.excite.earlier_model import Earlier, earlier_of, identified_before
@@ -30,7 +30,7 @@ from steelyard.model.model import Model
 from steelyard.model.robot_file_model import model_with_open_friction, with_friction
 from steelyard.report.result import Result
 from steelyard.robot.file.excitation_sections import changed_excitation
-from steelyard.robot.file.loaded_robot import LoadedRobot
+from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
 from steelyard.robot.file.robot_file import load_robot
 
 

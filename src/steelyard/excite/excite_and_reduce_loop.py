@@ -9,7 +9,7 @@ from shutil import copytree
 from steelyard.base.arguments import checked
 from steelyard.base.motion import Rig, run
 from steelyard.base.progress import Progress, silent
-from steelyard.estimate.identified import IdentifiedModel, load_model
+from steelyard.estimate.identified_model import IdentifiedModel, load_model
 from steelyard.estimate.reduction.reduction import criterion_of
 from steelyard.excite.design_from_tables import condition_of_motion
 from steelyard.excite.excite import design_task
@@ -17,7 +17,7 @@ from steelyard.excite.search.parallel_search import SearchBudget
 from steelyard.excite.trajectories.trajectory_files import read_trajectory
 from steelyard.identify.identify import identify
 from steelyard.identify.reduce import reduce
-from steelyard.robot.file.loaded_robot import LoadedRobot
+from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
 from steelyard.robot.file.robot_file import load_robot
 
 

@@ -25,7 +25,7 @@ from steelyard.excite.design_problem import Case, Problem
 from steelyard.excite.earlier_model import Earlier
 from steelyard.excite.optimality_criteria import CRITERIA, Measure
 from steelyard.excite.trajectories.motion_families import basis_of, per_joint
-from steelyard.model.equations.kinematics import last_frame
+from steelyard.model.equations.frame_kinematics import last_frame
 from steelyard.model.model import Model
 from steelyard.model.terms.term import StatefulTerm
 from steelyard.robot.file.excitation_sections import (
@@ -34,8 +34,8 @@ from steelyard.robot.file.excitation_sections import (
     LoadSection,
     MotionLimitsSection,
 )
-from steelyard.robot.file.loaded_robot import LoadedRobot
-from steelyard.robot.rigid_body import Inertia
+from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
+from steelyard.robot.inertia_and_placement import Inertia
 from steelyard.robot.robot import Robot
 
 JUMP_SOFTNESS = 0.01  # width within which jumping laws turn while optimising, over the top speed

@@ -8,9 +8,9 @@ from typing import Any, NamedTuple
 from steelyard.base.progress import Progress
 from steelyard.check.fitted.binding_constraints import contradicted_rows
 from steelyard.check.fitted.gear_side import LINK_SIDE_INSTEAD, rotors_at_zero
-from steelyard.estimate.consistent.consistent import Consistent
+from steelyard.estimate.consistent.convex_estimator import Consistent
 from steelyard.estimate.estimate import Estimate, Estimator
-from steelyard.estimate.estimators import (
+from steelyard.estimate.estimator_register import (
     KNOWLEDGE,
     LEAST_SQUARES,
     PRIOR,
@@ -24,18 +24,18 @@ from steelyard.estimate.estimators import (
     on_information,
     per_run_columns,
 )
-from steelyard.estimate.identified import BAND, Cutoffs, IdentifiedModel, Provenance
+from steelyard.estimate.identified_model import BAND, Cutoffs, IdentifiedModel, Provenance
 from steelyard.estimate.information.base_parameters import BaseMap, base_parameters
 from steelyard.estimate.information.information import Information
 from steelyard.estimate.information.regressor import base_regressor
-from steelyard.estimate.least_squares.constrained import fixed_values
-from steelyard.estimate.least_squares.least_squares import (
+from steelyard.estimate.least_squares.known_bounded_and_ridge import fixed_values
+from steelyard.estimate.least_squares.weighted_and_recursive import (
     OrdinaryLeastSquares,
     WeightedLeastSquares,
 )
 from steelyard.estimate.nonlinear.effort_scales import EffortScales, effort_scales
 from steelyard.estimate.payload.drive_gains import GainEstimate
-from steelyard.estimate.prior.prior import Knowledge
+from steelyard.estimate.prior.body_priors import Knowledge
 from steelyard.estimate.scores.band_calibration import calibrate
 from steelyard.identify.prepared_fit import (
     TOO_SHORT,
@@ -45,11 +45,11 @@ from steelyard.identify.prepared_fit import (
     with_signals,
 )
 from steelyard.model.model import Model
-from steelyard.robot.file.loaded_robot import LoadedRobot
+from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
 from steelyard.robot.file.sections import EstimationSection, PriorSection
-from steelyard.runs.named_logs import processing_of_robot
+from steelyard.runs.moving_samples_and_open_loops import motion_samples
 from steelyard.runs.run import Run
-from steelyard.runs.run_samples import motion_samples
+from steelyard.runs.runs_of_named_logs import processing_of_robot
 
 EstimatorOf = Callable[[Sequence[Run], Information], Estimator[Information]]
 """The estimator for runs, and what they say: it may look at more than that."""

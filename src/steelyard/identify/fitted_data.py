@@ -10,7 +10,7 @@ from steelyard.identify.fit import Fit
 from steelyard.identify.prepared_fit import FitTask
 from steelyard.model.model import Model
 from steelyard.model.robot_file_model import with_friction
-from steelyard.robot.file.loaded_robot import LoadedRobot
+from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
 from steelyard.robot.file.signals import Signals
 from steelyard.runs.run import Run
 

@@ -20,7 +20,7 @@ from steelyard.check.fitted.implausible import refuse_absurd
 from steelyard.check.fitted.post_fit import examine_fit
 from steelyard.check.signals.movement import of_base
 from steelyard.check.subject import notes_of_precheck, prechecked
-from steelyard.estimate.estimators import method_of
+from steelyard.estimate.estimator_register import method_of
 from steelyard.estimate.scores.score import RunScore
 from steelyard.identify.fit import Fit, calibrated, fit
 from steelyard.identify.fitted_data import below_described_band, without_forces
@@ -51,10 +51,11 @@ from steelyard.identify.scores import (
 from steelyard.identify.validation_data import marked_repeats, refuse_same_rows
 from steelyard.model.robot_file_model import model_with_open_friction
 from steelyard.report.result import DataFrame
-from steelyard.robot.file.loaded_robot import LoadedRobot
+from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
 from steelyard.robot.file.robot_file import load_robot
 from steelyard.robot.file.signals import Signals
-from steelyard.runs.named_logs import (
+from steelyard.runs.run import Run
+from steelyard.runs.runs_of_named_logs import (
     LogArgument,
     log_files,
     paths_of,
@@ -62,7 +63,6 @@ from steelyard.runs.named_logs import (
     runs_of,
     signals_of,
 )
-from steelyard.runs.run import Run
 
 
 @dataclass(frozen=True, eq=False, repr=False)

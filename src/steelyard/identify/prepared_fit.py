@@ -7,36 +7,36 @@ from math import inf
 
 from steelyard.base.errors import DataError, ModelError
 from steelyard.base.progress import Progress, silent
-from steelyard.estimate.consistent.consistent import Consistent
+from steelyard.estimate.consistent.convex_estimator import Consistent
 from steelyard.estimate.estimate import Estimator
-from steelyard.estimate.estimators import method_of
+from steelyard.estimate.estimator_register import method_of
 from steelyard.estimate.friction.friction_choice import (
     FrictionChoice,
     choose_friction,
     refuse_listed,
 )
-from steelyard.estimate.friction.mixes import PLAIN, has_memory
+from steelyard.estimate.friction.friction_mixes import PLAIN, has_memory
 from steelyard.estimate.information.base_parameters import BaseMap, base_parameters, refuse_twins
 from steelyard.estimate.information.gather import gather
 from steelyard.estimate.information.information import Information
 from steelyard.estimate.information.regressor import base_regressor
 from steelyard.estimate.least_squares.normal_equations import own_columns
-from steelyard.estimate.nonlinear.field_search import InformationOf
-from steelyard.estimate.nonlinear.fields import (
+from steelyard.estimate.nonlinear.grid_search import InformationOf
+from steelyard.estimate.nonlinear.joint_zero_offsets import ZeroOffsets, find_offsets, with_offsets
+from steelyard.estimate.nonlinear.nonlinear_parameters import (
     Finding,
     converged_reference,
     find_fields,
     information_from,
     needs_reference,
 )
-from steelyard.estimate.nonlinear.zero_offset import ZeroOffsets, find_offsets, with_offsets
 from steelyard.estimate.payload.drive_gains import GainEstimate, identified_gains
 from steelyard.estimate.prior.constraint_kinds import knowledge_of
 from steelyard.estimate.scores.cross_validation import TooShortError
 from steelyard.model.model import Model
 from steelyard.model.robot_file_model import with_friction
 from steelyard.model.terms.axes import finds_of
-from steelyard.robot.file.loaded_robot import LoadedRobot
+from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
 from steelyard.robot.file.signals import Signals
 from steelyard.runs.run import Run, fastest_of
 

@@ -12,19 +12,22 @@ from steelyard.base.arguments import checked
 from steelyard.base.arrays import frozen
 from steelyard.base.errors import DataError, ModelError, advice
 from steelyard.base.progress import Progress, silent
-from steelyard.estimate.consistent.consistent import Consistent
-from steelyard.estimate.consistent.constraint_costs import contradictions, refuse_contradictions
+from steelyard.estimate.consistent.contradictions_and_costs import (
+    contradictions,
+    refuse_contradictions,
+)
+from steelyard.estimate.consistent.convex_estimator import Consistent
 from steelyard.estimate.estimate import Estimate, StandardEstimate
-from steelyard.estimate.friction.mixes import has_memory
-from steelyard.estimate.identified import IdentifiedModel, load_model
+from steelyard.estimate.friction.friction_mixes import has_memory
+from steelyard.estimate.identified_model import IdentifiedModel, load_model
 from steelyard.estimate.information.base_parameters import base_parameters
 from steelyard.estimate.information.information import Information
 from steelyard.estimate.information.regressor import base_regressor
-from steelyard.estimate.least_squares.least_squares import WeightedLeastSquares
 from steelyard.estimate.least_squares.normal_equations import own_columns
-from steelyard.estimate.nonlinear.fields import information_from
+from steelyard.estimate.least_squares.weighted_and_recursive import WeightedLeastSquares
+from steelyard.estimate.nonlinear.nonlinear_parameters import information_from
+from steelyard.estimate.prior.body_priors import Row
 from steelyard.estimate.prior.constraint_kinds import knowledge_of
-from steelyard.estimate.prior.prior import Row
 from steelyard.estimate.reduction.reduction import Reduction, Tolerance, criterion_of, rule_of
 from steelyard.estimate.reduction.reduction import reduce as reduced_by
 from steelyard.estimate.scores.band_calibration import calibrate
@@ -35,11 +38,11 @@ from steelyard.identify.validation_data import marked_repeats
 from steelyard.model.model import Model
 from steelyard.model.terms.term import Term
 from steelyard.report.result import Result
-from steelyard.robot.file.loaded_robot import LoadedRobot
+from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
 from steelyard.robot.file.robot_file import load_robot
-from steelyard.runs.named_logs import log_files, paths_of, refuse_overlaps, sha256
+from steelyard.runs.moving_samples_and_open_loops import motion_samples
 from steelyard.runs.run import Run, fastest_of
-from steelyard.runs.run_samples import motion_samples
+from steelyard.runs.runs_of_named_logs import log_files, paths_of, refuse_overlaps, sha256
 
 STILL_SPEED_SHARE = 0.05  # speed over that of the fastest joint of its kind: hardly moves
 

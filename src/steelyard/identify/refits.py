@@ -10,8 +10,7 @@ from typing import Any
 from steelyard.base.arguments import checked
 from steelyard.base.errors import DataError, LogError
 from steelyard.base.progress import report_progress
-from steelyard.estimate.estimate import Estimate
-from steelyard.estimate.estimate_scatter import (
+from steelyard.estimate.bootstrap_and_sensitivity import (
     FACTORS,
     Bootstrap,
     RepeatedEstimates,
@@ -19,7 +18,8 @@ from steelyard.estimate.estimate_scatter import (
     Variation,
     bootstrap,
 )
-from steelyard.estimate.identified import IdentifiedModel, load_model
+from steelyard.estimate.estimate import Estimate
+from steelyard.estimate.identified_model import IdentifiedModel, load_model
 from steelyard.estimate.information.regressor import base_regressor
 from steelyard.estimate.scores.score import RunScore
 from steelyard.identify.fit import Fit
@@ -30,11 +30,11 @@ from steelyard.report.result import DataFrame, frame
 from steelyard.report.tables import text_table
 from steelyard.report.terminal import terminal
 from steelyard.robot.file.signals import Signals
-from steelyard.runs.defaults import MATCHED_HIGHEST, NYQUIST_SHARE, rounded
-from steelyard.runs.named_logs import LogArgument, recording_of
+from steelyard.runs.cutoffs_and_rest_speed import MATCHED_HIGHEST, NYQUIST_SHARE, rounded
 from steelyard.runs.prepare import prepare
-from steelyard.runs.processing import Processing
+from steelyard.runs.processing_choices import Processing
 from steelyard.runs.run import Run
+from steelyard.runs.runs_of_named_logs import LogArgument, recording_of
 
 
 @dataclass(frozen=True, eq=False)

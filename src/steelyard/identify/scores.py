@@ -14,10 +14,10 @@ from steelyard.base.arguments import checked
 from steelyard.base.arrays import Array, frozen
 from steelyard.base.errors import DataError, advice
 from steelyard.base.progress import Progress, report_progress, silent
-from steelyard.estimate.identified import IdentifiedModel, load_model
+from steelyard.estimate.identified_model import IdentifiedModel, load_model
 from steelyard.estimate.information.gather import Mask
-from steelyard.estimate.scores.bands import Bands
-from steelyard.estimate.scores.joint_errors import (
+from steelyard.estimate.scores.bands_and_traces import Bands
+from steelyard.estimate.scores.effort_errors import (
     band_of,
     effort_reference,
     joints_moving,
@@ -34,7 +34,9 @@ from steelyard.identify.page.verdict_section import joints_table
 from steelyard.report.result import TEXT_WIDTH, DataFrame, Result, Series, frame
 from steelyard.report.terminal import terminal
 from steelyard.robot.file.signals import Signals
-from steelyard.runs.named_logs import (
+from steelyard.runs.processing_choices import Processing
+from steelyard.runs.run import Run
+from steelyard.runs.runs_of_named_logs import (
     LogArgument,
     _overlap,
     log_files,
@@ -43,8 +45,6 @@ from steelyard.runs.named_logs import (
     recording_of,
     sha256,
 )
-from steelyard.runs.processing import Processing
-from steelyard.runs.run import Run
 
 
 def fitted_before(identified: IdentifiedModel, log: LogArgument) -> bool:

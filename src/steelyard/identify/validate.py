@@ -10,7 +10,7 @@ from steelyard.base.progress import Progress, silent
 from steelyard.check.findings_text import finding_dict
 from steelyard.check.fitted.fitted_case import FittedCase
 from steelyard.check.fitted.post_fit import examine_fit
-from steelyard.estimate.identified import IdentifiedModel, load_model
+from steelyard.estimate.identified_model import IdentifiedModel, load_model
 from steelyard.estimate.scores.score import RunScore
 from steelyard.identify.page.content import ReportContent
 from steelyard.identify.page.model_verdict import verdict
@@ -31,8 +31,8 @@ from steelyard.identify.scores import (
 )
 from steelyard.identify.validation_data import holds_fitted_rows, marked_repeats
 from steelyard.report.result import Result
-from steelyard.runs.named_logs import log_files, paths_of
 from steelyard.runs.run import Run
+from steelyard.runs.runs_of_named_logs import log_files, paths_of
 
 
 @dataclass(frozen=True, eq=False, repr=False)

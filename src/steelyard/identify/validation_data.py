@@ -8,16 +8,16 @@ import numpy as np
 
 from steelyard.base.errors import LogError, SteelyardError
 from steelyard.base.progress import silent
-from steelyard.estimate.identified import IdentifiedModel
+from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.estimate.scores.repeated_motion import repeat_of, repeat_within
 from steelyard.estimate.scores.score import RunScore
 from steelyard.logs.log import Cut, parse_log_argument
-from steelyard.robot.file.loaded_robot import LoadedRobot
-from steelyard.runs.named_logs import log_files, recording_of, runs_of, signals_of
+from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
+from steelyard.runs.moving_samples_and_open_loops import motion_samples
 from steelyard.runs.recording import Recording
-from steelyard.runs.rows.clock import learn_clock
+from steelyard.runs.rows.clock_and_row_scan import learn_clock
 from steelyard.runs.run import Run
-from steelyard.runs.run_samples import motion_samples
+from steelyard.runs.runs_of_named_logs import log_files, recording_of, runs_of, signals_of
 
 FITTED_SHARE = 0.7  # share of a single log that is fitted; the rest validates
 SHORTEST_CUT_LOG = 5.0  # duration from which on a log is long enough for that [s]

@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 from steelyard.base.arrays import Array
 from steelyard.base.errors import DataError
 from steelyard.base.motion import Motion
-from steelyard.model.quantity import (
+from steelyard.model.quantity_programs import (
     BIAS,
     FORWARD_DYNAMICS,
     FRICTION,
@@ -24,7 +24,7 @@ from steelyard.model.quantity import (
 from steelyard.robot.robot import Frame, Robot
 
 if TYPE_CHECKING:
-    from steelyard.model.evaluation import Stepper
+    from steelyard.model.compiled_evaluation import Stepper
 
 
 class Dynamics(ABC):

@@ -11,10 +11,10 @@ from numpy.typing import ArrayLike
 
 from steelyard.base.arrays import Array, Parameters
 from steelyard.base.errors import DataError, ModelError
+from steelyard.model.compiled_evaluation import CompiledQuantity, Stepper
 from steelyard.model.dynamics import Dynamics
-from steelyard.model.evaluation import CompiledQuantity, Stepper
 from steelyard.model.laws.register import DEFAULT_TERMS, term_of
-from steelyard.model.quantity import Quantity
+from steelyard.model.quantity_programs import Quantity
 from steelyard.model.terms.term import Term
 from steelyard.model.torque_equations import Equations
 from steelyard.robot.robot import Robot, robot_from_dict

@@ -12,12 +12,12 @@ from steelyard.model.equations.closed_chains import completed, projected
 from steelyard.model.equations.inverse_dynamics import JointState, Scalar, Scalars
 from steelyard.model.laws.register import description_of
 from steelyard.model.laws.rigid_body import RigidBody, body_efforts
-from steelyard.model.terms.memory import Presliding, Scan
+from steelyard.model.terms.friction_memory import Presliding, Scan
 from steelyard.model.terms.term import Columns, StatefulTerm, Term, channels_of
 from steelyard.robot.robot import Robot, robot_to_dict
-from steelyard.symbolic.native.compiled import Code, compiled_equations
-from steelyard.symbolic.program import InputArray as Input
-from steelyard.symbolic.program import Program
+from steelyard.symbolic.native.compiled_programs import Code, compiled_equations
+from steelyard.symbolic.program_and_softening import InputArray as Input
+from steelyard.symbolic.program_and_softening import Program
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,7 +149,7 @@ class Equations:
     @cached_property
     def columns_program(self) -> tuple[Program, tuple[tuple[int, int], ...]]:
         """All columns as one program, and the place `(row, column)` of each of its outputs."""
-        from steelyard.symbolic.trace import symbolic
+        from steelyard.symbolic.symbols_and_tracing import symbolic
 
         places: list[tuple[int, int]] = []
 

@@ -13,8 +13,8 @@ import numpy as np
 
 from steelyard.base.arrays import Array, frozen
 from steelyard.base.errors import ModelError, advice
+from steelyard.robot.inertia_and_placement import skew
 from steelyard.robot.mechanism import Mechanism, Pin
-from steelyard.robot.rigid_body import skew
 from steelyard.robot.robot import Body, Frame, LoopClosure, OpenLoops, Robot
 
 CLOSED = 1e-5  # distance of a pin's two points up to which it counts as closed [m]

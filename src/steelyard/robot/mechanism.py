@@ -7,7 +7,7 @@ from typing import Any, Literal
 
 from steelyard.base.arrays import Array, frozen, set_fields
 from steelyard.base.errors import ModelError, advice
-from steelyard.robot.rigid_body import DIRT, Inertia, Placement, clean_axis, turn
+from steelyard.robot.inertia_and_placement import DIRT, Inertia, Placement, clean_axis, turn
 from steelyard.robot.robot import Limits
 
 Answer = Literal["gravity", "weight", "efforts", "springs"]
@@ -125,7 +125,7 @@ class Link:
 class Joint:
     """A joint between two links; the child link's frame is the joint's frame.
 
-    A kind with more than one degree of freedom no robot keeps (`joint_reduction.py`). The
+    A kind with more than one degree of freedom no robot keeps. The
     `placement` is the joint's frame in the parent link's at position zero, the `axis` `(3,)` a unit
     vector there. An effort limit that only fills its place is taken as unknown, and is the
     `placeholder` [Nm; N].

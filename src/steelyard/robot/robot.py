@@ -8,7 +8,7 @@ import numpy as np
 
 from steelyard.base.arguments import built
 from steelyard.base.arrays import Array, frozen, set_fields
-from steelyard.robot.rigid_body import Inertia, skew
+from steelyard.robot.inertia_and_placement import Inertia, skew
 
 JointKind = Literal["revolute", "prismatic"]
 

@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from steelyard.base.arrays import Array, frozen
-from steelyard.runs.inspection import survey
 from steelyard.runs.run import Run
-from steelyard.runs.smoothing.method import Butterworth, Method
+from steelyard.runs.smoothing.method_and_butterworth import Butterworth, Method
+from steelyard.runs.survey_of_recording import survey
 
 
 def motion_responses(

@@ -11,10 +11,10 @@ from itertools import groupby
 import numpy as np
 
 from steelyard.base.arrays import Array
-from steelyard.runs.rows.clock import RowPiece
+from steelyard.runs.rows.clock_and_row_scan import RowPiece
+from steelyard.runs.rows.marked_rows_and_quality import COUNTS_OF_MARKS, RowChecks, Segment
 from steelyard.runs.rows.resampling import CUBIC, Lane, Thinning, interpolated, sample_count
-from steelyard.runs.rows.row_checks import COUNTS_OF_MARKS, RowChecks, Segment
-from steelyard.runs.smoothing.filters import continued_at_ends
+from steelyard.runs.smoothing.zero_phase_filters import continued_at_ends
 
 SAMPLES_OF_PART = 8192  # samples of a part; more where margins are long
 

@@ -7,8 +7,7 @@ import numpy as np
 from steelyard.base.arrays import Array, frozen
 from steelyard.base.errors import LogError
 from steelyard.logs.log import Cut
-from steelyard.runs.chain import Chain
-from steelyard.runs.defaults import (
+from steelyard.runs.cutoffs_and_rest_speed import (
     MOVING_OVER_REST,
     SHORTEST_SEGMENT,
     Cutoffs,
@@ -17,16 +16,17 @@ from steelyard.runs.defaults import (
     default_rest_speed,
     given_rest_speed,
 )
-from steelyard.runs.inspection import Survey, survey
+from steelyard.runs.mean_over_repetitions import MeanMotion, mean_of_periods
 from steelyard.runs.noise_propagation import motion_responses, noise_gain
-from steelyard.runs.processing import Processing
+from steelyard.runs.processing_chain import Chain
+from steelyard.runs.processing_choices import Processing
 from steelyard.runs.recording import Recording
-from steelyard.runs.repetitions import MeanMotion, mean_of_periods
-from steelyard.runs.rows.faulty_rows import RowVerdict
+from steelyard.runs.rows.faulty_row_detectors import RowVerdict
+from steelyard.runs.rows.marked_rows_and_quality import COUNTS_OF_MARKS, Marked, Quality, Segment
 from steelyard.runs.rows.resampling import sample_count
-from steelyard.runs.rows.row_checks import COUNTS_OF_MARKS, Marked, Quality, Segment
 from steelyard.runs.run import Run, lost_ends
-from steelyard.runs.smoothing.method import Butterworth, Choosing, Method
+from steelyard.runs.smoothing.method_and_butterworth import Butterworth, Choosing, Method
+from steelyard.runs.survey_of_recording import Survey, survey
 
 SAME_RATE = 1e-6  # relative difference up to which two rates are one
 WHOLE_SAMPLES = 300_000

@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 from steelyard.base.arrays import Array, frozen
 from steelyard.base.motion import Motion
 from steelyard.robot.file.signals import Signals
-from steelyard.runs.chain import Chain
 from steelyard.runs.left_out import LeftOut, efforts_left_out
+from steelyard.runs.mean_over_repetitions import Importance
+from steelyard.runs.processing_chain import Chain
 from steelyard.runs.recording import Recording
-from steelyard.runs.repetitions import Importance
-from steelyard.runs.rows.row_checks import Quality, Segment
+from steelyard.runs.rows.marked_rows_and_quality import Quality, Segment
 
 BLOCK_SAMPLES = 4096  # samples of a block
 LEAST_SPREAD = 0.2  # time around a stretch left out that low-passes of 5 Hz mix with it [s]

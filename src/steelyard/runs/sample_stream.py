@@ -15,7 +15,7 @@ from steelyard.base.arrays import Array
 from steelyard.robot.file.signals import ROW, Signals
 from steelyard.robot.robot import Robot
 from steelyard.runs.recording import NEAR_END_OF_RANGE, Channels, LogInMemory, Recording
-from steelyard.runs.rows.faulty_rows import FASTEST_LOGGED_SPEED, RowVerdict, broken_rows
+from steelyard.runs.rows.faulty_row_detectors import FASTEST_LOGGED_SPEED, RowVerdict, broken_rows
 
 RESTARTED = 20  # rows with rising times before the latest one, after which the clock was set back
 JUMPS_UNTIL_RESTART = 3  # rows whose positions jump that are left out; more are where the robot is

@@ -16,7 +16,7 @@ from steelyard.excite.collision.workspace_from_tables import workspace_of
 from steelyard.excite.trajectories.fourier import FourierMotion, random_fourier, repeated
 from steelyard.excite.trajectories.trajectory import ExactTrajectory
 from steelyard.excite.trajectories.trajectory_files import write_motion
-from steelyard.robot.file.loaded_robot import LoadedRobot
+from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
 from steelyard.robot.file.robot_file import load_robot
 from steelyard.simulate.truth import Truth, random_truth
 from steelyard.simulate.virtual_robot import VirtualRobot, customary_sensors

@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike
 
 from steelyard.base.arrays import Array, frozen
 from steelyard.base.errors import ModelError
-from steelyard.robot.rigid_body import Inertia
+from steelyard.robot.inertia_and_placement import Inertia
 from steelyard.robot.robot import Body, LoopClosure, Robot
 
 LEAST_INERTIA = 1e-12  # of a massless body [kg; kg m²]: MuJoCo refuses moving bodies without

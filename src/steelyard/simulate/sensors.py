@@ -11,7 +11,7 @@ from steelyard.base.errors import DataError, ModelError
 from steelyard.robot.file.sections import EffortKind
 from steelyard.robot.file.signals import ROW, Signals
 from steelyard.robot.robot import Robot
-from steelyard.simulate.external_loads import WRENCH_COLUMNS
+from steelyard.simulate.payloads_and_wrenches import WRENCH_COLUMNS
 
 CONTROL_RATE = 1000.0  # ticks of the joint controller per second [1/s]
 

@@ -9,18 +9,18 @@ from steelyard.base.arguments import checked
 from steelyard.base.arrays import Array
 from steelyard.base.errors import DataError, ModelError
 from steelyard.base.progress import Progress, silent
-from steelyard.estimate.identified import IdentifiedModel, load_model
+from steelyard.estimate.identified_model import IdentifiedModel, load_model
 from steelyard.excite.trajectories.fourier import random_fourier, repeated
 from steelyard.excite.trajectories.trajectory import ExactTrajectory, SlowedMotion
 from steelyard.excite.trajectories.trajectory_files import read_motion
-from steelyard.model.equations.kinematics import last_frame
+from steelyard.model.equations.frame_kinematics import last_frame
 from steelyard.model.robot_file_model import model_with_open_friction, with_friction
-from steelyard.robot.file.loaded_robot import LoadedRobot
+from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
 from steelyard.robot.file.robot_file import load_robot
 from steelyard.robot.file.signals import ROW
 from steelyard.robot.robot import Robot
-from steelyard.simulate.drives import customary_drives
-from steelyard.simulate.external_loads import AppliedWrench, Axes, Payload, read_wrench
+from steelyard.simulate.encoders_and_drives import customary_drives
+from steelyard.simulate.payloads_and_wrenches import AppliedWrench, Axes, Payload, read_wrench
 from steelyard.simulate.sensors import Sensors
 from steelyard.simulate.truth import Truth, random_truth, read_truth
 from steelyard.simulate.virtual_robot import (
@@ -29,8 +29,8 @@ from steelyard.simulate.virtual_robot import (
     customary_sensors,
     write_run,
 )
-from steelyard.uses.control.joint_control import PD, Control, control_of
-from steelyard.uses.control.model_torques import refuse_other_robot, refuse_unknown_gains
+from steelyard.uses.control.joint_controllers import PD, Control, control_of
+from steelyard.uses.control.torques_along_motion import refuse_other_robot, refuse_unknown_gains
 
 RANDOM_PERIOD = 10.0  # length of a random motion [s], if none is given
 RANDOM_GAINS = (5.0, 15.0)  # least and greatest, of a robot whose truth has none [Nm/A; N/A]

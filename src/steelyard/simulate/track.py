@@ -12,23 +12,23 @@ from steelyard.base.arguments import checked
 from steelyard.base.arrays import Array, Parameters, frozen, set_fields
 from steelyard.base.motion import Trajectory
 from steelyard.base.progress import Progress, silent
-from steelyard.estimate.identified import IdentifiedModel
+from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.excite.trajectories.trajectory_files import read_motion
 from steelyard.identify.comparison.compare_models import named_models
-from steelyard.model.equations.kinematics import frame_of, last_frame
+from steelyard.model.equations.frame_kinematics import frame_of, last_frame
 from steelyard.model.model import Model, ValuedModel
 from steelyard.report.page import render_sections
 from steelyard.report.result import Result
-from steelyard.robot.file.loaded_robot import LoadedRobot
+from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
 from steelyard.robot.file.robot_file import load_robot
 from steelyard.robot.robot import Frame, Robot
-from steelyard.simulate.drives import Drives, customary_drives
+from steelyard.simulate.encoders_and_drives import Drives, customary_drives
 from steelyard.simulate.simulate import true_robot
 from steelyard.simulate.tracking_sections import TRACK_SECTIONS, TrackingContent
 from steelyard.simulate.truth import Truth
 from steelyard.simulate.virtual_robot import VirtualRobot
-from steelyard.uses.control.joint_control import PD, ComputedTorque, Control, control_of
-from steelyard.uses.control.model_torques import (
+from steelyard.uses.control.joint_controllers import PD, ComputedTorque, Control, control_of
+from steelyard.uses.control.torques_along_motion import (
     refuse_other_robot,
     refuse_unknown_gains,
     remarks_on_torques,

@@ -21,10 +21,10 @@ from steelyard.model.laws.rigid_body import RigidBody
 from steelyard.model.model import Model
 from steelyard.model.terms.axes import Axis, Find
 from steelyard.model.terms.term import INVENTED_TORQUE_SHARE, ActsOnAxes, Role, StatefulTerm, Term
-from steelyard.robot.rigid_body import Inertia
+from steelyard.robot.inertia_and_placement import Inertia
 from steelyard.robot.robot import Robot
 from steelyard.simulate.mujoco_model import TIMESTEP, Brake, Rotor
-from steelyard.simulate.scales import Scales, scales_of
+from steelyard.simulate.torque_and_mass_scales import Scales, scales_of
 
 SCHEMA = "steelyard-truth/2"
 _WHERE = "truth of the virtual robot"

@@ -14,22 +14,22 @@ from steelyard.base.errors import DataError
 from steelyard.base.files import whole_folder, write_json, write_table
 from steelyard.base.motion import Motion, Trajectory, run
 from steelyard.base.progress import Progress, report_progress, silent
-from steelyard.estimate.closed_loop.motion_under_torque import joint_inertia, tuned_pd
-from steelyard.estimate.external.observer_program import moved_frame
+from steelyard.estimate.closed_loop.feedback_and_forward_dynamics import joint_inertia, tuned_pd
+from steelyard.estimate.external.observer_equations import moved_frame
 from steelyard.excite.trajectories.trajectory import ExactTrajectory
 from steelyard.excite.trajectories.trajectory_files import write_motion
 from steelyard.model.laws.rigid_body import RigidBody
 from steelyard.model.model import Model
 from steelyard.robot.file.signals import Signals
 from steelyard.robot.robot import Robot
-from steelyard.simulate.drives import Drives, DrivesInUse
-from steelyard.simulate.external_loads import AppliedWrench, Payload
+from steelyard.simulate.encoders_and_drives import Drives, DrivesInUse
 from steelyard.simulate.mujoco_model import build
-from steelyard.simulate.plant import MujocoPlant
-from steelyard.simulate.scales import closed, typical_masses, typical_torque
+from steelyard.simulate.mujoco_plant import MujocoPlant
+from steelyard.simulate.payloads_and_wrenches import AppliedWrench, Payload
 from steelyard.simulate.sensors import CONTROL_RATE, Sensors, TrueRun, as_declared
+from steelyard.simulate.torque_and_mass_scales import closed, typical_masses, typical_torque
 from steelyard.simulate.truth import Truth
-from steelyard.uses.control.joint_control import PD, Control, ControlTask
+from steelyard.uses.control.joint_controllers import PD, Control, ControlTask
 
 _TICK = 1.0 / CONTROL_RATE
 _SETTLING = 0.5

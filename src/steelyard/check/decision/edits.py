@@ -23,8 +23,8 @@ from steelyard.check.hypotheses.likelihood import Likelihood, Reading, likelihoo
 from steelyard.check.hypotheses.payload_and_gravity import refined_gravity
 from steelyard.check.hypotheses.position_columns import ZERO_CAUSE
 from steelyard.estimate.estimate import Z95
-from steelyard.robot.file.efforts import MOTOR_KINDS
-from steelyard.robot.file.loaded_robot import LoadedRobot
+from steelyard.robot.file.effort_units_and_gears import MOTOR_KINDS
+from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
 from steelyard.robot.file.sections import Gain
 from steelyard.robot.file.signals import Signals
 

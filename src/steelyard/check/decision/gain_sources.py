@@ -30,7 +30,7 @@ from steelyard.estimate.information.regressor import base_regressor
 from steelyard.estimate.payload.drive_gains import identified_gains
 from steelyard.robot.file.sections import Gain
 from steelyard.robot.init.column_names import Column, by_number
-from steelyard.robot.init.guess_efforts import stated_current
+from steelyard.robot.init.guess_efforts_and_gears import stated_current
 
 TARGET_WORDS = frozenset("des desired target ref reference cmd command commanded setpoint".split())
 TORQUE_WORDS = frozenset("tau torque torques moment moments".split())

@@ -44,13 +44,13 @@ from steelyard.check.hypotheses.position_columns import (
 )
 from steelyard.check.identifiability import clean_runs, customary_model
 from steelyard.estimate.estimate import Z95
-from steelyard.estimate.friction.mixes import has_memory
+from steelyard.estimate.friction.friction_mixes import has_memory
 from steelyard.estimate.information.base_parameters import base_parameters
 from steelyard.estimate.information.regressor import Regressor, base_regressor
-from steelyard.estimate.least_squares.least_squares import WeightedLeastSquares
 from steelyard.estimate.least_squares.normal_equations import own_columns
-from steelyard.estimate.nonlinear.fields import information_from
-from steelyard.estimate.nonlinear.zero_offset import ZeroOffsets, find_offsets, with_offsets
+from steelyard.estimate.least_squares.weighted_and_recursive import WeightedLeastSquares
+from steelyard.estimate.nonlinear.joint_zero_offsets import ZeroOffsets, find_offsets, with_offsets
+from steelyard.estimate.nonlinear.nonlinear_parameters import information_from
 from steelyard.model.model import Model
 from steelyard.robot.file.signals import Signals
 from steelyard.robot.robot import Robot

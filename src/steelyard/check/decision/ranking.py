@@ -32,7 +32,7 @@ from steelyard.check.hypotheses.position_columns import (
     zero_hypotheses,
 )
 from steelyard.check.signals.log_overview import remembered
-from steelyard.estimate.identified import IdentifiedModel
+from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.robot.file.signals import Signals
 
 BAD_JOINT_MISFIT = {True: 0.12, False: 0.5}  # of a joint, with a reference and without

@@ -16,7 +16,7 @@ from steelyard.check.decision.ranking import DECISIVE_GAIN
 from steelyard.check.decision.verdict import judge_log
 from steelyard.check.finding import Finding, Fix
 from steelyard.check.hypotheses.likelihood import Likelihood
-from steelyard.robot.file.efforts import MOTOR_KINDS
+from steelyard.robot.file.effort_units_and_gears import MOTOR_KINDS
 from steelyard.robot.robot import Transmission
 
 COMPARE_RATIOS = Fix(

@@ -15,16 +15,16 @@ from functools import partial
 import numpy as np
 
 from steelyard.base.errors import DataError
-from steelyard.estimate.consistent.consistent import Consistent
+from steelyard.estimate.consistent.convex_estimator import Consistent
 from steelyard.estimate.estimate import Z95, Estimate, Estimator
-from steelyard.estimate.friction.mixes import has_memory
+from steelyard.estimate.friction.friction_mixes import has_memory
 from steelyard.estimate.information.base_parameters import BaseMap
 from steelyard.estimate.information.information import Information
 from steelyard.estimate.information.regressor import base_regressor
-from steelyard.estimate.least_squares.least_squares import WeightedLeastSquares, whitened
+from steelyard.estimate.least_squares.weighted_and_recursive import WeightedLeastSquares, whitened
 from steelyard.estimate.nonlinear.effort_scales import EffortScales
-from steelyard.estimate.nonlinear.fields import information_from
-from steelyard.estimate.prior.prior import Knowledge, Row
+from steelyard.estimate.nonlinear.nonlinear_parameters import information_from
+from steelyard.estimate.prior.body_priors import Knowledge, Row
 from steelyard.estimate.scores.cross_validation import FOLDS, logarithms, values_by
 from steelyard.model.model import Model
 from steelyard.report.words import with_interval

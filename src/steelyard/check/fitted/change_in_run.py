@@ -22,13 +22,13 @@ from steelyard.check.fitted.fitted_case import FittedCase, post_fit_check
 from steelyard.check.fitted.passing_force import FINE_WINDOW, PassingForce, passing_force
 from steelyard.check.hypotheses.friction_evidence import whitened_columns
 from steelyard.estimate.estimate import Z95
-from steelyard.estimate.friction.mixes import has_memory
-from steelyard.estimate.identified import IdentifiedModel
+from steelyard.estimate.friction.friction_mixes import has_memory
+from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.estimate.information.base_parameters import BaseMap
 from steelyard.estimate.information.information import Information
 from steelyard.estimate.information.regressor import base_regressor
-from steelyard.estimate.nonlinear.fields import information_from
-from steelyard.estimate.payload.load_case import carrier, payload_lift
+from steelyard.estimate.nonlinear.nonlinear_parameters import information_from
+from steelyard.estimate.payload.runs_with_payload import carrier, payload_lift
 from steelyard.model.laws.register import law_of
 from steelyard.robot.robot import Coordinate, Robot
 from steelyard.runs.run import Run

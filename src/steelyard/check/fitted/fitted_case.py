@@ -18,18 +18,18 @@ from steelyard.check.fitted.missing_terms import (
     left_out_gains,
     wide_model,
 )
-from steelyard.estimate.consistent.consistent import Consistent
+from steelyard.estimate.consistent.convex_estimator import Consistent
 from steelyard.estimate.estimate import Estimate
-from steelyard.estimate.friction.mixes import has_memory
-from steelyard.estimate.identified import IdentifiedModel
+from steelyard.estimate.friction.friction_mixes import has_memory
+from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.estimate.information.base_parameters import base_parameters
 from steelyard.estimate.information.information import Information
 from steelyard.estimate.information.regressor import Regressor, base_regressor
-from steelyard.estimate.least_squares.least_squares import WeightedLeastSquares
+from steelyard.estimate.least_squares.covariance_from_residuals import inflations
 from steelyard.estimate.least_squares.normal_equations import own_columns
-from steelyard.estimate.least_squares.residual_covariance import inflations
+from steelyard.estimate.least_squares.weighted_and_recursive import WeightedLeastSquares
 from steelyard.estimate.nonlinear.effort_scales import EffortScales
-from steelyard.estimate.nonlinear.fields import information_from
+from steelyard.estimate.nonlinear.nonlinear_parameters import information_from
 from steelyard.estimate.scores.residuals import ResidualNoise, residual_noise
 from steelyard.estimate.scores.score import RunScore
 from steelyard.model.model import Model

@@ -17,7 +17,7 @@ from steelyard.check.identifiability import customary_model, longest_run
 from steelyard.estimate.estimate import Estimate
 from steelyard.estimate.information.gather import gather
 from steelyard.estimate.information.regressor import base_regressor
-from steelyard.estimate.least_squares.least_squares import WeightedLeastSquares
+from steelyard.estimate.least_squares.weighted_and_recursive import WeightedLeastSquares
 from steelyard.model.laws.register import law_of
 from steelyard.model.laws.rotor_inertia import RotorInertia
 

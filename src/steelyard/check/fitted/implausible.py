@@ -17,9 +17,9 @@ from steelyard.base.errors import DataError
 from steelyard.check.finding import Finding, Fix, Severity
 from steelyard.check.fitted.fitted_case import FittedCase, post_fit_check
 from steelyard.estimate.estimate import Z95
-from steelyard.estimate.identified import IdentifiedModel
+from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.model.laws.coulomb import Coulomb
-from steelyard.model.laws.load_dependent import PLAUSIBLE, LoadDependent
+from steelyard.model.laws.load_dependent_friction import PLAUSIBLE, LoadDependent
 from steelyard.model.laws.viscous import Viscous
 from steelyard.model.model import Model
 from steelyard.model.terms.term import ActsOnAxes

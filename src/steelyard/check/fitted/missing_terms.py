@@ -26,20 +26,20 @@ from steelyard.estimate.information.base_parameters import base_parameters
 from steelyard.estimate.information.information import Information
 from steelyard.estimate.information.regressor import Regressor
 from steelyard.estimate.least_squares.normal_equations import Runs, lengths_of, own_columns, solve
-from steelyard.estimate.nonlinear.fields import bodies_of, information_from
+from steelyard.estimate.nonlinear.nonlinear_parameters import bodies_of, information_from
 from steelyard.estimate.scores.cross_validation import (
     folding,
     left_out_errors,
     logarithms,
     per_fold,
 )
-from steelyard.model.laws.load_dependent import LoadDependent
-from steelyard.model.laws.powers import Quadratic
+from steelyard.model.laws.load_dependent_friction import LoadDependent
+from steelyard.model.laws.powers_of_speed import Quadratic
 from steelyard.model.laws.presliding import Dahl
 from steelyard.model.laws.spring import Spring
 from steelyard.model.laws.stribeck import Stribeck
 from steelyard.model.model import Model
-from steelyard.model.terms.error_columns import EffortReadingErrors, GeometryErrors
+from steelyard.model.terms.geometry_and_effort_errors import EffortReadingErrors, GeometryErrors
 from steelyard.model.terms.term import Term
 from steelyard.runs.run import Run
 

@@ -18,8 +18,8 @@ from steelyard.check.fitted.model_error import model_error_check
 from steelyard.check.fitted.runs_disagree import last_link_check, runs_disagree_check
 from steelyard.check.fitted.unseen_reason import unseen_reason_check
 from steelyard.estimate.estimate import Z95
-from steelyard.estimate.scores.joint_errors import PROMISED
-from steelyard.model.laws.load_dependent import LoadDependent
+from steelyard.estimate.scores.effort_errors import PROMISED
+from steelyard.model.laws.load_dependent_friction import LoadDependent
 from steelyard.model.laws.register import law_of
 from steelyard.model.laws.rotor_inertia import RotorInertia
 from steelyard.model.laws.spring import Spring

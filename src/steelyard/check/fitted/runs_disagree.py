@@ -21,10 +21,10 @@ from steelyard.base.errors import DataError
 from steelyard.check.finding import Finding, Fix
 from steelyard.check.fitted.fitted_case import FittedCase, post_fit_check
 from steelyard.estimate.estimate import Z95
-from steelyard.estimate.identified import IdentifiedModel
+from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.estimate.information.information import Information
-from steelyard.estimate.least_squares.least_squares import WeightedLeastSquares
-from steelyard.estimate.payload.load_case import carrier, drifting, load_case
+from steelyard.estimate.least_squares.weighted_and_recursive import WeightedLeastSquares
+from steelyard.estimate.payload.runs_with_payload import carrier, drifting, load_case
 
 DISAGREEING_RESIDUAL = 2.0
 """Residual of common bodies over that of each run's own from which on runs disagree, root mean

@@ -21,9 +21,9 @@ from steelyard.check.fitted.fitted_case import FittedCase, post_fit_check
 from steelyard.check.hypotheses.likelihood import Likelihood
 from steelyard.check.hypotheses.position_columns import ZERO_CAUSE
 from steelyard.check.several_logs import with_unbounded_friction
-from steelyard.estimate.identified import IdentifiedModel
+from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.estimate.scores.score import RunScore
-from steelyard.robot.file.loaded_robot import LoadedRobot
+from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
 from steelyard.runs.run import Run
 
 UNSEEN_ERROR_FACTOR = 2.0  # RMS error over the fit's residuals for a reason to be looked for

@@ -36,14 +36,14 @@ from steelyard.check.hypotheses.likelihood import (
 )
 from steelyard.check.hypotheses.nuisance import MISFIT_FLOOR, NUISANCES, LikelihoodScore, score_of
 from steelyard.check.signals.log_overview import remembered
-from steelyard.estimate.consistent.conic import solved
-from steelyard.estimate.consistent.penalties import Entropic, Unknowns, ten_map
-from steelyard.estimate.consistent.program import ConicConstraints, Program, polished
+from steelyard.estimate.consistent.conic_solver import solved
+from steelyard.estimate.consistent.convex_program import ConicConstraints, Program, polished
+from steelyard.estimate.consistent.unknowns_and_penalties import Entropic, Unknowns, ten_map
 from steelyard.estimate.information.base_parameters import base_parameters
 from steelyard.estimate.information.regressor import Regressor, chosen_regressor
-from steelyard.estimate.payload.load_case import carrier
-from steelyard.estimate.prior.prior import model_prior
-from steelyard.model.evaluation import check_angles
+from steelyard.estimate.payload.runs_with_payload import carrier
+from steelyard.estimate.prior.body_priors import model_prior
+from steelyard.model.compiled_evaluation import check_angles
 from steelyard.model.model import Model, ValuedModel
 
 BODY_SAMPLES = 600  # samples that bodies are fitted to

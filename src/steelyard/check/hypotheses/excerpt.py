@@ -14,14 +14,20 @@ from numpy.typing import NDArray
 
 from steelyard.base.arrays import Array
 from steelyard.base.errors import LogError
-from steelyard.runs.defaults import cutoffs
-from steelyard.runs.processing import Processing
+from steelyard.runs.cutoffs_and_rest_speed import cutoffs
+from steelyard.runs.processing_choices import Processing
 from steelyard.runs.recording import Recording
-from steelyard.runs.rows.clock import SHORTEST_CHAIN, RowPiece, RowScan, learn_clock, nice_rate
+from steelyard.runs.rows.clock_and_row_scan import (
+    SHORTEST_CHAIN,
+    RowPiece,
+    RowScan,
+    learn_clock,
+    nice_rate,
+)
 from steelyard.runs.rows.false_stretches import FalseStretches
 from steelyard.runs.rows.resampling import uniform
-from steelyard.runs.smoothing.filters import Bank, apply, butterworth, low_pass, settling
-from steelyard.runs.spectrum import motion_band
+from steelyard.runs.smoothing.zero_phase_filters import Bank, apply, butterworth, low_pass, settling
+from steelyard.runs.spectrum_and_period import motion_band
 
 EXCERPT_SOURCE_ROWS = 100_000  # rows of the log that are looked at
 EXCERPT_SAMPLES = 3000  # samples that are kept

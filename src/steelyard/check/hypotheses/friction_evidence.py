@@ -35,7 +35,7 @@ from steelyard.model.laws.presliding import MaxwellSlip
 from steelyard.model.laws.viscous import Viscous
 from steelyard.model.model import Model
 from steelyard.runs.run import Run
-from steelyard.symbolic.native.compiled import recurrence
+from steelyard.symbolic.native.compiled_programs import recurrence
 
 PRESLIDING_LENGTHS = (1e-3, 3e-3, 1e-2, 3e-2, 0.1)
 """Lengths over which friction may give way [rad; m]."""

@@ -33,7 +33,7 @@ from steelyard.check.hypotheses.nuisance import (
     regressors,
     score_of,
 )
-from steelyard.robot.file.efforts import MOTOR_KINDS
+from steelyard.robot.file.effort_units_and_gears import MOTOR_KINDS
 from steelyard.robot.file.signals import Signals
 from steelyard.robot.robot import Robot, Transmission
 

@@ -9,9 +9,9 @@ import numpy as np
 
 from steelyard.base.arrays import Array
 from steelyard.model.equations.inverse_dynamics import Scalar
-from steelyard.symbolic.native.compiled import Code, compiled
-from steelyard.symbolic.program import InputArray as Input
-from steelyard.symbolic.program import Program
+from steelyard.symbolic.native.compiled_programs import Code, compiled
+from steelyard.symbolic.program_and_softening import InputArray as Input
+from steelyard.symbolic.program_and_softening import Program
 
 FRICTION_DRIFT = (0.5, 1.8)  # range of a log's friction relative to the reference's
 REST_SPEED = 0.03  # speed up to which a joint rests, relative to its fastest
@@ -44,7 +44,7 @@ def _coordinates(sweeps: int) -> Code:
     r"""Sweeps to the least $\theta^T H\theta - 2 b^T\theta$: code of $H$, $b$, bounds; `theta`."""
 
     def build() -> tuple[Program, dict[str, Any]]:
-        from steelyard.symbolic.trace import symbolic
+        from steelyard.symbolic.symbols_and_tracing import symbolic
 
         def swept(
             h: Sequence[Scalar],

@@ -31,8 +31,8 @@ from steelyard.check.hypotheses.nuisance import (
     SharedFit,
     shared_fit,
 )
-from steelyard.estimate.payload.load_case import carrier
-from steelyard.robot.rigid_body import Inertia
+from steelyard.estimate.payload.runs_with_payload import carrier
+from steelyard.robot.inertia_and_placement import Inertia
 
 POSSIBLE_BODY = 3.0
 """Standard deviations of moments of inertia by which second moments may be below zero."""

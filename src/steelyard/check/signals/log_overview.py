@@ -16,14 +16,14 @@ from numpy.typing import NDArray
 from steelyard.base.arrays import Array
 from steelyard.check.case import Case, Evidence
 from steelyard.runs.recording import Channels
-from steelyard.runs.rows.clock import GAP_STEPS
+from steelyard.runs.rows.clock_and_row_scan import GAP_STEPS
 from steelyard.runs.rows.false_stretches import (
     FASTEST_FACTOR,
     FASTEST_SHARE,
     MOVED,
     frozen_positions,
 )
-from steelyard.runs.rows.faulty_rows import LARGEST_VALUE
+from steelyard.runs.rows.faulty_row_detectors import LARGEST_VALUE
 from steelyard.runs.rows.resampling import uniform
 
 P = ParamSpec("P")

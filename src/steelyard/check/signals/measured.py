@@ -28,10 +28,10 @@ from steelyard.check.signals.log_overview import (
 from steelyard.check.signals.motion_units import driven_joints, unit_reading
 from steelyard.estimate.information.gather import gather
 from steelyard.estimate.information.regressor import base_regressor
-from steelyard.estimate.least_squares.least_squares import WeightedLeastSquares
+from steelyard.estimate.least_squares.weighted_and_recursive import WeightedLeastSquares
 from steelyard.robot.init.column_names import Column, Quantity, by_number
 from steelyard.runs.rows.false_stretches import MOVED
-from steelyard.runs.rows.faulty_rows import stretches
+from steelyard.runs.rows.faulty_row_detectors import stretches
 
 DIFFERENCE_ORDER = 6
 

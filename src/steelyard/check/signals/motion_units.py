@@ -33,7 +33,7 @@ from steelyard.check.signals.velocity_agreement import (
 )
 from steelyard.robot.file.signals import POSITION_UNITS, ROW, VELOCITY_UNITS
 from steelyard.robot.init.column_names import Column
-from steelyard.robot.init.guess_efforts import beyond_range
+from steelyard.robot.init.guess_efforts_and_gears import beyond_range
 from steelyard.robot.robot import Coordinate
 from steelyard.runs.rows.false_stretches import FASTEST_SHARE
 

@@ -15,10 +15,10 @@ from steelyard.check.case import Case, Evidence, case_check, log_check
 from steelyard.check.finding import Finding, Fix, Picture, Severity, of_joints, trace
 from steelyard.check.signals.log_overview import SLOPE_ENDS, signal_overview, width_of
 from steelyard.check.signals.motion_units import driven_joints, motion_in_units, unit_reading
-from steelyard.robot.file.loaded_robot import LoadedRobot
+from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
 from steelyard.robot.init.column_names import words_of
-from steelyard.runs.rows.faulty_rows import stretches
-from steelyard.runs.spectrum import motion_band
+from steelyard.runs.rows.faulty_row_detectors import stretches
+from steelyard.runs.spectrum_and_period import motion_band
 
 LITTLE_RANGE = {"revolute": 0.05, "prismatic": 0.01}
 """Range below which a joint hardly moves [rad; m]."""

@@ -25,7 +25,7 @@ from steelyard.check.signals.motion_units import (
 from steelyard.check.signals.velocity_agreement import AGREEING_CORRELATION
 from steelyard.robot.file.signals import POSITION_UNITS
 from steelyard.robot.init.column_names import Column
-from steelyard.robot.init.guess_efforts import beyond_range
+from steelyard.robot.init.guess_efforts_and_gears import beyond_range
 
 RATE_UNIT_WORDS = {"s", "rpm", "rads", "degs"}  # last words of the units of velocities
 

@@ -52,9 +52,9 @@ from steelyard.check.signals.velocity_agreement import (
 )
 from steelyard.estimate.information.gather import gather
 from steelyard.estimate.information.regressor import Regressor, base_regressor
-from steelyard.estimate.least_squares.least_squares import WeightedLeastSquares
+from steelyard.estimate.least_squares.weighted_and_recursive import WeightedLeastSquares
 from steelyard.robot.file.signals import ROW
-from steelyard.runs.rows.clock import GAP_SECONDS, GAP_STEPS
+from steelyard.runs.rows.clock_and_row_scan import GAP_SECONDS, GAP_STEPS
 from steelyard.runs.run import BLOCK_SAMPLES, Block, Run
 
 STEPS_AROUND_LEAP = 4  # steps on each side that say how fast joints move

@@ -29,9 +29,14 @@ import numpy as np
 from steelyard.base.arrays import Array, Parameters, frozen
 from steelyard.base.errors import DataError
 from steelyard.base.progress import Progress, silent
-from steelyard.estimate.closed_loop.experiment import Experiment, Simulated, require_sound, simulate
+from steelyard.estimate.closed_loop.simulated_experiment import (
+    Experiment,
+    Simulated,
+    require_sound,
+    simulate,
+)
 from steelyard.estimate.estimate import Estimate
-from steelyard.estimate.information.accumulate import MOVING
+from steelyard.estimate.information.gram_accumulator import MOVING
 from steelyard.estimate.information.regressor import ParallelFilter
 
 _STEP = 1e-4  # change of the torque, over the torque, by which a parameter is moved

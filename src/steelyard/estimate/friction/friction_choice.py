@@ -19,9 +19,9 @@ import numpy as np
 from steelyard.base.arrays import Array
 from steelyard.base.errors import DataError, ModelError
 from steelyard.base.progress import Progress, report_progress, silent
-from steelyard.estimate.consistent.consistent import Consistent
+from steelyard.estimate.consistent.convex_estimator import Consistent
 from steelyard.estimate.estimate import Estimator
-from steelyard.estimate.friction.mixes import (
+from steelyard.estimate.friction.friction_mixes import (
     DIRECTION,
     LOAD,
     PLAIN,
@@ -34,7 +34,7 @@ from steelyard.estimate.friction.mixes import (
 from steelyard.estimate.information.base_parameters import BaseMap, base_parameters
 from steelyard.estimate.information.information import Information
 from steelyard.estimate.information.regressor import Regressor, chosen_regressor
-from steelyard.estimate.nonlinear.fields import information_from, reference_of
+from steelyard.estimate.nonlinear.nonlinear_parameters import information_from, reference_of
 from steelyard.estimate.scores.cross_validation import (
     LEAST_GAIN_PER_PARAMETER,
     folding,
@@ -45,7 +45,7 @@ from steelyard.estimate.scores.cross_validation import (
     too_short,
     values_by,
 )
-from steelyard.model.laws.load_dependent import PLAUSIBLE, LoadDependent
+from steelyard.model.laws.load_dependent_friction import PLAUSIBLE, LoadDependent
 from steelyard.model.laws.presliding import Dahl
 from steelyard.model.model import Model
 from steelyard.model.terms.term import CandidateTerms, StatefulTerm, Term

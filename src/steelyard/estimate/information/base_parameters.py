@@ -32,10 +32,10 @@ from steelyard.model.equations.passive_joints import random_positions
 from steelyard.model.laws.register import TERMS
 from steelyard.model.laws.rigid_body import RigidBody
 from steelyard.model.model import Model
-from steelyard.robot.rigid_body import INERTIAL_NAMES
+from steelyard.robot.inertia_and_placement import INERTIAL_NAMES
 from steelyard.robot.robot import Robot
 from steelyard.symbolic.native import cache
-from steelyard.symbolic.program import run
+from steelyard.symbolic.program_and_softening import run
 
 NEW = 1e-2  # part of a column's norm that must be new for it to be taken in natural order
 UNSEEN = 1e-9  # norm of a column, over the largest, that is zero but for rounding

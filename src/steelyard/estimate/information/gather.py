@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 
 from steelyard.base.errors import LogError
 from steelyard.base.progress import Progress, report_progress, silent
-from steelyard.estimate.information.accumulate import Accumulator, Stretch, Sums
+from steelyard.estimate.information.gram_accumulator import Accumulator, Stretch, Sums
 from steelyard.estimate.information.information import Information, Signature, Window
 from steelyard.estimate.information.regressor import ParallelFilter, Regressor
 from steelyard.model.model import Model
+from steelyard.runs.moving_samples_and_open_loops import closed_parts
 from steelyard.runs.run import Block, Run
-from steelyard.runs.run_samples import closed_parts
 
 MOST_WINDOWS = 128  # windows kept per run; beyond that neighbours are merged
 

@@ -21,10 +21,10 @@ from steelyard.estimate.information.base_parameters import BaseMap, base_paramet
 from steelyard.model.equations.closed_chains import completed
 from steelyard.model.equations.inverse_dynamics import JointState
 from steelyard.model.model import Model
-from steelyard.runs.smoothing.filters import kaiser_lowpass
-from steelyard.symbolic.native.compiled import Code, compiled
-from steelyard.symbolic.program import InputArray as Input
-from steelyard.symbolic.program import Program, Step, softened
+from steelyard.runs.smoothing.zero_phase_filters import kaiser_lowpass
+from steelyard.symbolic.native.compiled_programs import Code, compiled
+from steelyard.symbolic.program_and_softening import InputArray as Input
+from steelyard.symbolic.program_and_softening import Program, Step, softened
 
 
 @dataclass(frozen=True)
@@ -233,7 +233,7 @@ class InformationEvaluator:
     @cached_property
     def _slopes(self) -> Code:
         def build() -> tuple[Program, dict[str, Any]]:
-            from steelyard.symbolic.trace import pulled_back
+            from steelyard.symbolic.symbols_and_tracing import pulled_back
 
             return pulled_back(self._program()[0], (_Q, _DQ, _DDQ, _CHANNELS)), {}
 
@@ -247,7 +247,7 @@ class InformationEvaluator:
             return None
 
         def build() -> tuple[Program, dict[str, Any]]:
-            from steelyard.symbolic.trace import symbolic
+            from steelyard.symbolic.symbols_and_tracing import symbolic
 
             def rows(q: Any, channels: Any) -> list[Any]:
                 still = [0.0] * robot.n
@@ -279,7 +279,7 @@ class InformationEvaluator:
 
     def _program(self) -> tuple[Program, list[list[int]]]:
         """The regressor's entries with softened jumps, and the columns that each row sees."""
-        from steelyard.symbolic.trace import symbolic
+        from steelyard.symbolic.symbols_and_tracing import symbolic
 
         n, columns = self.model.robot.n, self.base.independent
         place = {column: k for k, column in enumerate(columns)}

@@ -18,15 +18,15 @@ from steelyard.base.errors import DataError, ModelError, advice
 from steelyard.estimate.estimate import Z95
 from steelyard.estimate.information.base_parameters import base_parameters
 from steelyard.estimate.information.information import Information
-from steelyard.estimate.payload.bilinear import Bilinear, Solution, solved
-from steelyard.estimate.payload.load_case import (
+from steelyard.estimate.payload.bilinear_least_squares import Bilinear, Solution, solved
+from steelyard.estimate.payload.payload_estimate import PayloadEstimate, payload_of
+from steelyard.estimate.payload.runs_with_payload import (
     LoadCase,
     carrier,
     covariance_of,
     load_case,
     refuse_foreign,
 )
-from steelyard.estimate.payload.payload_estimate import PayloadEstimate, payload_of
 from steelyard.model.model import Model
 from steelyard.model.torque_equations import names_of
 from steelyard.robot.robot import Frame, Robot

@@ -8,7 +8,7 @@ import numpy as np
 from steelyard.base.arrays import Array, finite_json, frozen
 from steelyard.base.errors import DataError
 from steelyard.estimate.estimate import Z95
-from steelyard.robot.rigid_body import INERTIAL_NAMES, INERTIAL_UNITS, Inertia, skew
+from steelyard.robot.inertia_and_placement import INERTIAL_NAMES, INERTIAL_UNITS, Inertia, skew
 from steelyard.robot.robot import Frame, Robot
 
 NOISE = 18.3  # 95 % quantile of the rise of χ² that noise explains: that of ten degrees of freedom

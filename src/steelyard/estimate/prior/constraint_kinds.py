@@ -8,22 +8,22 @@ import numpy as np
 
 from steelyard.base.arrays import Array
 from steelyard.base.errors import ModelError
-from steelyard.estimate.consistent.constraint_costs import refuse_contradictions
+from steelyard.estimate.consistent.contradictions_and_costs import refuse_contradictions
 from steelyard.estimate.least_squares.normal_equations import own_columns
-from steelyard.estimate.prior.dissipative_friction import friction_curves, shaped
-from steelyard.estimate.prior.prior import Knowledge, Row
-from steelyard.estimate.prior.prior_constraint import (
+from steelyard.estimate.prior.body_priors import Knowledge, Row
+from steelyard.estimate.prior.constraint_protocol import (
     Bounded,
     ConstraintContext,
     PriorConstraint,
     given_knowledge,
     in_words,
 )
+from steelyard.estimate.prior.dissipative_friction import friction_curves, shaped
 from steelyard.model.laws.register import TERMS
 from steelyard.model.model import Model
-from steelyard.robot.file.kinds import Kinds
-from steelyard.robot.file.loaded_robot import LoadedRobot
-from steelyard.robot.rigid_body import INERTIAL_NAMES
+from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
+from steelyard.robot.file.values_by_kind import Kinds
+from steelyard.robot.inertia_and_placement import INERTIAL_NAMES
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -17,10 +17,10 @@ import numpy as np
 from steelyard.base.arrays import Array, frozen
 from steelyard.base.errors import DataError, ModelError, named
 from steelyard.estimate.estimate import Estimate, Removed
+from steelyard.estimate.information.filtered_samples import FilteredSamples
 from steelyard.estimate.information.information import Information
-from steelyard.estimate.information.samples import FilteredSamples
-from steelyard.estimate.least_squares.least_squares import WeightedLeastSquares
-from steelyard.estimate.reduction.elimination import (
+from steelyard.estimate.least_squares.weighted_and_recursive import WeightedLeastSquares
+from steelyard.estimate.reduction.backward_elimination import (
     CRITERIA,
     Criterion,
     FullModel,

@@ -27,12 +27,12 @@ from steelyard.estimate.effort_uncertainty import (
     rest_speed_of_runs,
 )
 from steelyard.estimate.estimate import Z95, Estimator
-from steelyard.estimate.friction.mixes import has_memory
-from steelyard.estimate.identified import IdentifiedModel
+from steelyard.estimate.friction.friction_mixes import has_memory
+from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.estimate.information.information import Information
 from steelyard.estimate.information.regressor import base_regressor
-from steelyard.estimate.nonlinear.fields import information_from
-from steelyard.estimate.scores.bands import Bands
+from steelyard.estimate.nonlinear.nonlinear_parameters import information_from
+from steelyard.estimate.scores.bands_and_traces import Bands
 from steelyard.estimate.scores.cross_validation import (
     FOLDS,
     LeftOut,

@@ -12,11 +12,11 @@ import numpy as np
 
 from steelyard.base.errors import DataError, LogError
 from steelyard.base.progress import Progress, report_progress, silent
-from steelyard.estimate.friction.mixes import has_memory
-from steelyard.estimate.identified import BAND
+from steelyard.estimate.friction.friction_mixes import has_memory
+from steelyard.estimate.identified_model import BAND
 from steelyard.estimate.information.regressor import base_regressor
-from steelyard.estimate.least_squares.least_squares import WeightedLeastSquares
-from steelyard.estimate.nonlinear.fields import information_from
+from steelyard.estimate.least_squares.weighted_and_recursive import WeightedLeastSquares
+from steelyard.estimate.nonlinear.nonlinear_parameters import information_from
 from steelyard.estimate.scores.cross_validation import (
     folding,
     left_out_errors,
@@ -26,7 +26,7 @@ from steelyard.estimate.scores.cross_validation import (
 )
 from steelyard.model.model import Model
 from steelyard.model.terms.axes import finds_of
-from steelyard.runs.defaults import rounded
+from steelyard.runs.cutoffs_and_rest_speed import rounded
 from steelyard.runs.run import Run
 
 IN_DOUBT = 2.0  # cut-off over the band of errors from which on lower ones are tried

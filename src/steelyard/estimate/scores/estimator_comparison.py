@@ -15,14 +15,19 @@ from steelyard.base.arrays import Array, frozen
 from steelyard.base.errors import DataError, SteelyardError
 from steelyard.base.progress import Progress, Stopped, report_progress, silent
 from steelyard.estimate.estimate import Estimate, Estimator
-from steelyard.estimate.estimators import Context, Needs, Offer
+from steelyard.estimate.estimator_register import Context, Needs, Offer
 from steelyard.estimate.information.base_parameters import BaseMap
 from steelyard.estimate.information.information import Information
-from steelyard.estimate.least_squares.least_squares import WeightedLeastSquares
-from steelyard.estimate.prior.prior import Knowledge
+from steelyard.estimate.least_squares.weighted_and_recursive import WeightedLeastSquares
+from steelyard.estimate.prior.body_priors import Knowledge
 from steelyard.estimate.scores.cross_validation import folds_of, stretches_of
-from steelyard.estimate.scores.estimator_advice import COST, Comparison, EstimatorScore, Failure
-from steelyard.robot.rigid_body import Inertia
+from steelyard.estimate.scores.estimator_scores_and_advice import (
+    COST,
+    Comparison,
+    EstimatorScore,
+    Failure,
+)
+from steelyard.robot.inertia_and_placement import Inertia
 from steelyard.runs.run import Run
 
 LEFT = "leave it out of the comparison"  # what to do about an estimator that only fails

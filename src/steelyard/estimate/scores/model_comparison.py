@@ -9,8 +9,8 @@ import numpy as np
 
 from steelyard.base.arrays import Array
 from steelyard.base.errors import ModelError
-from steelyard.estimate.identified import IdentifiedModel
-from steelyard.estimate.scores.joint_errors import (
+from steelyard.estimate.identified_model import IdentifiedModel
+from steelyard.estimate.scores.effort_errors import (
     BandErrors,
     EffortError,
     band_of,

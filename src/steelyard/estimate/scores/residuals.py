@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 from steelyard.base.arrays import Array, Parameters, frozen
 from steelyard.base.errors import DataError, LogError
 from steelyard.base.motion import Motion
-from steelyard.estimate.external.residual_peaks import (
+from steelyard.estimate.external.contact_thresholds import (
     FEWEST,
     HOLD,
     SETTLED,
@@ -39,14 +39,14 @@ from steelyard.estimate.external.residual_peaks import (
     peaks_of,
     ranges_of,
 )
-from steelyard.estimate.friction.mixes import has_memory
-from steelyard.estimate.identified import IdentifiedModel
+from steelyard.estimate.friction.friction_mixes import has_memory
+from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.estimate.information.gather import Mask, blocks_with_channels
 from steelyard.estimate.information.regressor import ParallelFilter
 from steelyard.model.model import ValuedModel
 from steelyard.model.terms.term import Term
 from steelyard.runs.run import Block, Run
-from steelyard.runs.spectrum import welch
+from steelyard.runs.spectrum_and_period import welch
 
 PARTS = ("gravity", "coriolis", "inertia", "friction", "other")  # order of all arrays
 MOST_KEPT = 5000  # samples of a run that are kept at most

@@ -16,8 +16,8 @@ import numpy as np
 from steelyard.base.arrays import Array, finite_json
 from steelyard.base.errors import DataError
 from steelyard.estimate.information.gather import Mask, blocks_with_channels
-from steelyard.estimate.scores.bands import MOST_DRAWN, Bands, Thinned, Traces
-from steelyard.estimate.scores.joint_errors import (
+from steelyard.estimate.scores.bands_and_traces import MOST_DRAWN, Bands, Thinned, Traces
+from steelyard.estimate.scores.effort_errors import (
     BandErrors,
     EffortReference,
     Squares,
@@ -28,7 +28,12 @@ from steelyard.estimate.scores.joint_errors import (
 from steelyard.estimate.scores.residuals import MOST_KEPT, PARTS, TorqueParts, TorqueSplit
 from steelyard.model.model import ValuedModel
 from steelyard.runs.run import Block, Run
-from steelyard.runs.smoothing.filters import ChunkOperation, apply, low_pass, require_fitting
+from steelyard.runs.smoothing.zero_phase_filters import (
+    ChunkOperation,
+    apply,
+    low_pass,
+    require_fitting,
+)
 
 CONTEXT = 6.0  # of rests beside a motion [s]: an abrupt stop is low-passed with what follows it
 

@@ -30,7 +30,7 @@ from steelyard.excite.collision.shape_kinematics import Poses, Shape, ShapeKinem
 from steelyard.excite.constraints.bounds_at_all_times import cut, goals
 from steelyard.excite.constraints.constraint import PROOF_BY_BOUNDS, Constraint, Margins
 from steelyard.excite.trajectories.trajectory import ExactTrajectory
-from steelyard.robot.file.loaded_robot import LoadedRobot
+from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
 from steelyard.robot.robot import Robot
 
 CLEARANCE_MARGIN = 0.01  # distance that is kept by default [m]

@@ -21,9 +21,9 @@ from steelyard.excite.constraints.tool_workspace import (
     planes,
     tool_box,
 )
-from steelyard.model.equations.kinematics import frame_of, last_frame
+from steelyard.model.equations.frame_kinematics import frame_of, last_frame
 from steelyard.robot.file.excitation_sections import BoxSpans, WorkspaceSection
-from steelyard.robot.file.loaded_robot import LoadedRobot, beside
+from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot, beside
 from steelyard.robot.robot import Robot
 
 WALL_RESERVE = 5e-5  # kept beyond every wall [m], for controllers that interpolate between points

@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 
 from steelyard.base.arrays import Array
 from steelyard.excite.trajectories.trajectory import ExactTrajectory
-from steelyard.symbolic.interval import enclosed
-from steelyard.symbolic.program import Program
+from steelyard.symbolic.interval_bounds import enclosed
+from steelyard.symbolic.program_and_softening import Program
 
 STRETCHES = 512  # stretches of time to begin with
 MOST_STRETCHES = 100_000  # stretches after which a proof ends with the bound that it has

@@ -21,11 +21,11 @@ from steelyard.excite.constraints.constraint import Constraint, Declined, Gap
 from steelyard.excite.constraints.effort_and_power import EffortLimit, power_limit, torque_limit
 from steelyard.excite.earlier_model import Earlier
 from steelyard.excite.trajectories.motion_families import per_joint
-from steelyard.model.equations.kinematics import last_frame
+from steelyard.model.equations.frame_kinematics import last_frame
 from steelyard.model.model import Model, ValuedModel
 from steelyard.model.terms.term import StatefulTerm
-from steelyard.robot.file.loaded_robot import LoadedRobot
-from steelyard.robot.rigid_body import INERTIAL_NAMES, Inertia
+from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
+from steelyard.robot.inertia_and_placement import INERTIAL_NAMES, Inertia
 
 SHELL_INERTIA = 2.0 / 3.0  # of a hollow ball about its centre, over its mass and its radius squared
 

@@ -26,7 +26,7 @@ from steelyard.excite.planned.straight_lines_and_reach import (
 from steelyard.excite.planned.tool_way_bounds import ToolWay
 from steelyard.excite.trajectories.piecewise_polynomials import SMOOTH, PiecewiseMotion, from_scipy
 from steelyard.excite.trajectories.trajectory import ORDERS
-from steelyard.model.equations.kinematics import frame_kinematics
+from steelyard.model.equations.frame_kinematics import frame_kinematics
 from steelyard.robot.robot import Frame, Robot
 
 STRAIGHTNESS = 1e-4  # greatest distance from a line [m], and turn from the attitude [rad]

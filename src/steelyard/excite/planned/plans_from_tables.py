@@ -30,7 +30,7 @@ from steelyard.robot.file.excitation_sections import (
     SquareSection,
     WaypointsSection,
 )
-from steelyard.robot.file.loaded_robot import LoadedRobot, beside
+from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot, beside
 from steelyard.robot.robot import Frame, Robot
 
 WHERE = "[excitation.motion]"

@@ -9,7 +9,7 @@ from steelyard.excite.collision.shape_kinematics import axes_along
 from steelyard.excite.constraints.bounds_at_all_times import Stretches, proven_minimum
 from steelyard.excite.constraints.tool_workspace import paths
 from steelyard.excite.trajectories.trajectory import ExactTrajectory
-from steelyard.model.equations.kinematics import FrameKinematics, points_on
+from steelyard.model.equations.frame_kinematics import FrameKinematics, points_on
 
 _FIRST_STRETCHES = 64  # stretches of time that a proof begins with
 

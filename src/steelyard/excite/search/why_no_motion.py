@@ -19,7 +19,7 @@ from steelyard.excite.search.feasibility import (
     standing,
 )
 from steelyard.excite.trajectories.motion_families import posture_of
-from steelyard.robot.file.loaded_robot import LoadedRobot
+from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
 from steelyard.robot.robot import Robot
 
 WORTHY_MOTION_SIZE = 0.1  # size of a small motion, over the largest that the joints' limits allow

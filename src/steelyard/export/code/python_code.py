@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from steelyard.estimate.external.observer import GAP, PER_PERIOD
-from steelyard.estimate.external.residual_peaks import HOLD, SETTLED, ContactThresholds
-from steelyard.export.code.c_code import commented, joint_lines, named_functions
-from steelyard.export.code.c_state import CLOSING_STEPS, CLOSING_TOLERANCE
-from steelyard.export.code.functions import Controller, Function, ObserverNumbers
+from steelyard.estimate.external.contact_thresholds import HOLD, SETTLED, ContactThresholds
+from steelyard.estimate.external.momentum_observer import GAP, PER_PERIOD
+from steelyard.export.code.c_functions_with_state import CLOSING_STEPS, CLOSING_TOLERANCE
+from steelyard.export.code.c_header_and_source import commented, joint_lines, named_functions
+from steelyard.export.code.controller_functions import Controller, Function, ObserverNumbers
 from steelyard.model.equations.passive_joints import ITERATIONS
 from steelyard.robot.loop_closures import loop_equations
 from steelyard.symbolic.source_code import Syntax, source_of

@@ -8,9 +8,9 @@ from functools import partial
 from xml.sax.saxutils import escape
 
 from steelyard.base.errors import ModelError
-from steelyard.export.code.c_code import CCode, commented, filled, joint_list
-from steelyard.export.code.c_files import self_test
-from steelyard.export.code.functions import Function
+from steelyard.export.code.c_folder_and_self_test import self_test
+from steelyard.export.code.c_header_and_source import CCode, commented, filled, joint_list
+from steelyard.export.code.controller_functions import Function
 
 ROS2_FUNCTIONS = ("torque", "gravity", "bias", "friction", "mass")  # that the package calls
 LARGEST_CLOSURE_ERROR = 1e-6  # closure error [m] above which the chains of a robot are open

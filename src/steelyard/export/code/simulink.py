@@ -1,7 +1,7 @@
 """A model as an S-function for Simulink (level 2, C MEX), around the C code."""
 
-from steelyard.export.code.c_code import CCode, commented, filled, joint_list
-from steelyard.export.code.c_files import self_test
+from steelyard.export.code.c_folder_and_self_test import self_test
+from steelyard.export.code.c_header_and_source import CCode, commented, filled, joint_list
 from steelyard.export.code.fmu import evaluation, fields
 
 LONGEST_NAME = 63  # characters of names in MATLAB

@@ -13,11 +13,22 @@ from collections.abc import Sequence
 import numpy as np
 
 from steelyard.base.arrays import Array
-from steelyard.export.model_files.content import Content, Effects, base_of, carriers_of
-from steelyard.export.model_files.urdf import frames_of, limit, number, numbers, rounded
-from steelyard.model.equations.kinematics import frame_of
-from steelyard.model.terms.model_files import AxisPartKind
-from steelyard.robot.rigid_body import turn
+from steelyard.export.model_files.representable_content import (
+    Content,
+    Effects,
+    base_of,
+    carriers_of,
+)
+from steelyard.export.model_files.urdf_and_xml_numbers import (
+    frames_of,
+    limit,
+    number,
+    numbers,
+    rounded,
+)
+from steelyard.model.equations.frame_kinematics import frame_of
+from steelyard.model.terms.terms_in_model_files import AxisPartKind
+from steelyard.robot.inertia_and_placement import turn
 from steelyard.robot.robot import Robot
 
 TIMESTEP = 1e-3  # step of the integration [s]

@@ -15,13 +15,18 @@ from typing import NamedTuple
 from xml.parsers.expat import ParserCreate
 
 from steelyard.base.errors import ModelError, advice
-from steelyard.export.model_files.content import Content, carriers_of
-from steelyard.export.model_files.urdf import comment, dynamics_of, inertial_of, origin_of
-from steelyard.robot.file.loaded_robot import read_mechanism
+from steelyard.export.model_files.representable_content import Content, carriers_of
+from steelyard.export.model_files.urdf_and_xml_numbers import (
+    comment,
+    dynamics_of,
+    inertial_of,
+    origin_of,
+)
+from steelyard.robot.file.model_reading_and_loaded_robot import read_mechanism
 from steelyard.robot.file.robot_file import load_robot
+from steelyard.robot.inertia_and_placement import Placement
 from steelyard.robot.models.xacro import expand, split_reference
 from steelyard.robot.models.xml_reader import read_bytes, read_xml
-from steelyard.robot.rigid_body import Placement
 from steelyard.robot.robot import Frame
 
 _TAG = re.compile(rb"<(?:[^<>\"']|\"[^\"]*\"|'[^']*')*>")

@@ -12,7 +12,7 @@ from steelyard.base.arguments import checked
 from steelyard.base.errors import DataError, ModelError
 from steelyard.base.progress import Progress, silent
 from steelyard.check.subject import notes_of_precheck, prechecked
-from steelyard.estimate.estimators import (
+from steelyard.estimate.estimator_register import (
     ESTIMATORS,
     Context,
     Offer,
@@ -23,11 +23,11 @@ from steelyard.estimate.estimators import (
 )
 from steelyard.estimate.information.information import Information
 from steelyard.estimate.information.regressor import base_regressor
-from steelyard.estimate.least_squares.least_squares import WeightedLeastSquares
+from steelyard.estimate.least_squares.weighted_and_recursive import WeightedLeastSquares
 from steelyard.estimate.scores.cross_validation import longest_window
-from steelyard.estimate.scores.estimator_advice import Comparison
 from steelyard.estimate.scores.estimator_comparison import Parts
 from steelyard.estimate.scores.estimator_comparison import compare as compare_estimators
+from steelyard.estimate.scores.estimator_scores_and_advice import Comparison
 from steelyard.identify.comparison.estimators_page import (
     COMPARE_SECTIONS,
     ComparisonContent,
@@ -38,10 +38,16 @@ from steelyard.identify.run_notes import dropped, dropped_rows, notes_of
 from steelyard.model.robot_file_model import model_with_open_friction
 from steelyard.report.page import render_sections
 from steelyard.report.result import DataFrame, Result, frame
-from steelyard.robot.file.loaded_robot import LoadedRobot
+from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
 from steelyard.robot.file.robot_file import load_robot
-from steelyard.runs.named_logs import log_files, paths_of, refuse_overlaps, runs_of, signals_of
 from steelyard.runs.run import Run
+from steelyard.runs.runs_of_named_logs import (
+    log_files,
+    paths_of,
+    refuse_overlaps,
+    runs_of,
+    signals_of,
+)
 
 
 def _refuse_one_run(information: Information) -> NoReturn:

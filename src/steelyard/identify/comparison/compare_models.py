@@ -12,7 +12,7 @@ from steelyard.base.arguments import checked
 from steelyard.base.arrays import json_values, records
 from steelyard.base.errors import ModelError
 from steelyard.base.progress import Progress, report_progress, silent
-from steelyard.estimate.identified import IdentifiedModel, load_model
+from steelyard.estimate.identified_model import IdentifiedModel, load_model
 from steelyard.estimate.scores.model_comparison import (
     ComparedModel,
     ModelComparison,
@@ -27,8 +27,8 @@ from steelyard.identify.scores import fitted_before, runs_for
 from steelyard.identify.validation_data import holds_fitted_rows
 from steelyard.report.page import render_sections
 from steelyard.report.result import DataFrame, Result, frame
-from steelyard.runs.named_logs import LogArgument, log_files, paths_of
 from steelyard.runs.run import Run
+from steelyard.runs.runs_of_named_logs import LogArgument, log_files, paths_of
 
 GivenModel = str | Path | IdentifiedModel  # also a `model.json`, or its folder
 

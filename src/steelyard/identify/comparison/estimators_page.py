@@ -9,9 +9,13 @@ from rich.console import Console
 from rich.text import Text
 
 from steelyard.estimate.friction.friction_choice import FrictionChoice
-from steelyard.estimate.nonlinear.fields import Finding
+from steelyard.estimate.nonlinear.nonlinear_parameters import Finding
 from steelyard.estimate.payload.drive_gains import GainEstimate
-from steelyard.estimate.scores.estimator_advice import Comparison, EstimatorScore, Failure
+from steelyard.estimate.scores.estimator_scores_and_advice import (
+    Comparison,
+    EstimatorScore,
+    Failure,
+)
 from steelyard.identify.page.content import QualitySection, SettingsSection
 from steelyard.identify.page.estimate_tables import DrivesSection
 from steelyard.identify.page.friction_and_residuals import FrictionSection

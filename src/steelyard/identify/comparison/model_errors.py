@@ -7,7 +7,7 @@ from typing import Any, Literal
 from rich.console import RenderableType
 from rich.text import Text
 
-from steelyard.estimate.scores.joint_errors import EffortError
+from steelyard.estimate.scores.effort_errors import EffortError
 from steelyard.estimate.scores.model_comparison import ModelComparison
 from steelyard.identify.page.effort_figures import drawn_efforts
 from steelyard.report.figures import (

@@ -10,7 +10,7 @@ from steelyard.estimate.estimate import Estimate
 from steelyard.identify.page.content import ReportContent
 from steelyard.report.figures import Figure, Group, row_height
 from steelyard.report.page import FigureSection, Numbers, Section, packed
-from steelyard.robot.rigid_body import INERTIAL_NAMES
+from steelyard.robot.inertia_and_placement import INERTIAL_NAMES
 
 MOST_CORRELATED_PAIRS = 6  # most pairs of correlated parameters that are named
 LEAST_NAMED_CORRELATION = 0.9  # correlation of two estimates from which on they are named

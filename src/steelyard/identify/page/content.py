@@ -9,12 +9,12 @@ from steelyard.check.examine import Diagnosis
 from steelyard.check.finding import Finding
 from steelyard.check.findings_page import findings_of
 from steelyard.check.findings_text import diagnosis_dict
-from steelyard.estimate.estimate_scatter import Bootstrap, RepeatedEstimates, Sensitivity
+from steelyard.estimate.bootstrap_and_sensitivity import Bootstrap, RepeatedEstimates, Sensitivity
 from steelyard.estimate.friction.friction_choice import FrictionChoice
-from steelyard.estimate.identified import IdentifiedModel
+from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.estimate.nonlinear.effort_scales import EffortScales
-from steelyard.estimate.nonlinear.fields import Finding as FieldFinding
-from steelyard.estimate.nonlinear.zero_offset import ZeroOffsets
+from steelyard.estimate.nonlinear.joint_zero_offsets import ZeroOffsets
+from steelyard.estimate.nonlinear.nonlinear_parameters import Finding as FieldFinding
 from steelyard.estimate.payload.drive_gains import GainEstimate
 from steelyard.estimate.reduction.reduction import Reduction
 from steelyard.estimate.scores.residuals import TorqueParts

@@ -7,9 +7,9 @@ import numpy as np
 
 from steelyard.base.arrays import Array
 from steelyard.estimate.estimate import Z95
-from steelyard.estimate.identified import IdentifiedModel
+from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.estimate.information.gather import Mask
-from steelyard.estimate.scores.bands import Traces
+from steelyard.estimate.scores.bands_and_traces import Traces
 from steelyard.estimate.scores.residuals import PARTS, TorqueParts
 from steelyard.estimate.scores.score import RunScore
 from steelyard.identify.page.content import ReportContent

@@ -8,9 +8,14 @@ from rich.console import RenderableType
 from rich.text import Text
 
 from steelyard.base.arrays import Array
-from steelyard.estimate.estimate_scatter import Bootstrap, RepeatedEstimates, Sensitivity, Variation
+from steelyard.estimate.bootstrap_and_sensitivity import (
+    Bootstrap,
+    RepeatedEstimates,
+    Sensitivity,
+    Variation,
+)
 from steelyard.estimate.nonlinear.effort_scales import BEFORE, EffortScales
-from steelyard.estimate.nonlinear.zero_offset import ZeroOffsets
+from steelyard.estimate.nonlinear.joint_zero_offsets import ZeroOffsets
 from steelyard.estimate.payload.drive_gains import DriveGain, GainEstimate
 from steelyard.identify.page.content import ReportContent
 from steelyard.report.page import PageContent, TableSection, ValueSection

@@ -10,8 +10,8 @@ from rich.text import Text
 
 from steelyard.base.arrays import Array
 from steelyard.estimate.friction.friction_choice import FrictionChoice
-from steelyard.estimate.identified_parameters import FrictionCurve, friction_curves
-from steelyard.estimate.nonlinear.fields import Finding
+from steelyard.estimate.nonlinear.nonlinear_parameters import Finding
+from steelyard.estimate.parameter_status_and_friction import FrictionCurve, friction_curves
 from steelyard.estimate.scores.residuals import PARTS, TorqueParts
 from steelyard.identify.page.content import ReportContent, fitted_samples, unseen_samples
 from steelyard.model.terms.term import StatefulTerm

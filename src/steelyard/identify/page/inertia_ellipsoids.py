@@ -11,8 +11,8 @@ from steelyard.identify.page.link_inertias import identified_links
 from steelyard.report.figures import Figure, Group, Traced
 from steelyard.report.page import FigureSection, Numbers, packed
 from steelyard.report.words import significant
+from steelyard.robot.inertia_and_placement import Inertia
 from steelyard.robot.loop_closures import loop_equations
-from steelyard.robot.rigid_body import Inertia
 from steelyard.robot.robot import Robot, body_poses, sticks
 
 AXES = "xyz"

@@ -9,14 +9,14 @@ import numpy as np
 
 from steelyard.base.arrays import Array, Parameters
 from steelyard.estimate.estimate import Z95, StandardEstimate
-from steelyard.estimate.identified import IdentifiedModel
-from steelyard.estimate.prior.prior import model_prior, rigid_bodies
+from steelyard.estimate.identified_model import IdentifiedModel
+from steelyard.estimate.prior.body_priors import model_prior, rigid_bodies
 from steelyard.identify.page.content import ReportContent
 from steelyard.report.figures import Figure, Group, Key, Traced, dots, figure_of_rows
 from steelyard.report.page import FigureSection, Numbers, TableSection, rounded
 from steelyard.report.tables import PlainTable, Row, table_of
 from steelyard.report.words import NONE, fixed, share, significant, with_interval
-from steelyard.robot.rigid_body import INERTIAL_NAMES, Inertia
+from steelyard.robot.inertia_and_placement import INERTIAL_NAMES, Inertia
 
 BODIES_WORDS = (
     "Estimate of each link from data and prior, with 95 % intervals. The data alone determine only "

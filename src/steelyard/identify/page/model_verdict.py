@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from steelyard.check.finding import Finding
-from steelyard.estimate.scores.joint_errors import EffortError, as_logged, pooled
+from steelyard.estimate.scores.effort_errors import EffortError, as_logged, pooled
 from steelyard.estimate.scores.score import RunScore
 from steelyard.identify.page.content import ReportContent
 from steelyard.identify.page.parameter_table import parameter_rows

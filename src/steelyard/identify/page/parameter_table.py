@@ -11,15 +11,15 @@ from rich.text import Text
 
 from steelyard.base.arrays import records
 from steelyard.estimate.estimate import Z95
-from steelyard.estimate.identified import IdentifiedModel
-from steelyard.estimate.identified_parameters import (
+from steelyard.estimate.identified_model import IdentifiedModel
+from steelyard.estimate.information.base_parameters import symbols
+from steelyard.estimate.parameter_status_and_friction import (
     FROM_DATA,
     SMALL,
     WELL,
     ParameterStatus,
     statuses,
 )
-from steelyard.estimate.information.base_parameters import symbols
 from steelyard.identify.page.content import ReportContent
 from steelyard.model.laws.register import description_of
 from steelyard.report.figures import Figure, Group, Key, dots, figure_of_rows

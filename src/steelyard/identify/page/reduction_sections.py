@@ -7,9 +7,9 @@ import numpy as np
 from rich.console import RenderableType
 from rich.text import Text
 
-from steelyard.estimate.identified import IdentifiedModel
+from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.estimate.reduction.reduction import Reduction
-from steelyard.estimate.scores.joint_errors import pooled
+from steelyard.estimate.scores.effort_errors import pooled
 from steelyard.identify.page.content import ReportContent
 from steelyard.identify.page.score_words import MOVING, WHOLE
 from steelyard.model.laws.register import law_of

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from math import inf, isfinite
 from statistics import fmean
 
-from steelyard.estimate.identified import IdentifiedModel
-from steelyard.estimate.scores.joint_errors import (
+from steelyard.estimate.identified_model import IdentifiedModel
+from steelyard.estimate.scores.effort_errors import (
     PROMISED,
     EffortError,
     JointError,

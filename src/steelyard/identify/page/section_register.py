@@ -10,7 +10,7 @@ from math import isfinite
 from rich.console import Console
 from rich.text import Text
 
-from steelyard.estimate.identified import IdentifiedModel
+from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.identify.page import (
     conditioning,
     effort_figures,

@@ -12,7 +12,7 @@ from rich.text import Text
 
 from steelyard.base.arrays import Array
 from steelyard.check.findings_text import finding_dict
-from steelyard.estimate.scores.joint_errors import EffortError, as_logged, pooled
+from steelyard.estimate.scores.effort_errors import EffortError, as_logged, pooled
 from steelyard.estimate.scores.score import RunScore
 from steelyard.identify.page.content import ReportContent
 from steelyard.identify.page.effort_figures import band_text

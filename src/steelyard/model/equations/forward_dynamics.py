@@ -13,7 +13,7 @@ import numpy as np
 
 from steelyard.model.equations.closed_chains import solved_by_factors
 from steelyard.model.equations.inverse_dynamics import Scalar, Scalars
-from steelyard.symbolic.program import InputArray, Program
+from steelyard.symbolic.program_and_softening import InputArray, Program
 
 Q, DQ, EFFORT, PARAMETERS, WIDTHS = range(5)  # numbers of the input arrays
 
@@ -36,7 +36,7 @@ def accelerations(efforts: Efforts, applied: Scalars) -> tuple[list[Scalar], lis
 
     The pivots are positive if and only if the mass matrix is positive definite.
     """
-    from steelyard.symbolic.trace import affine
+    from steelyard.symbolic.symbols_and_tracing import affine
 
     mass, bias = affine(efforts, len(applied))
     sides = [tau - rest for tau, rest in zip(applied, bias, strict=True)]
@@ -51,7 +51,7 @@ def runge_kutta(program: Program, n: int) -> Program:
     same inputs, and the step [s]; outputs are the new `q` and `dq`, then the least pivot of all
     stages.
     """
-    from steelyard.symbolic.trace import replayed, symbolic
+    from steelyard.symbolic.symbols_and_tracing import replayed, symbolic
 
     def build(q: Any, dq: Any, *rest: Any) -> list[Scalar]:
         *held, (step,) = rest

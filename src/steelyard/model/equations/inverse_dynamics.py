@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from steelyard.robot.rigid_body import skew
+from steelyard.robot.inertia_and_placement import skew
 from steelyard.robot.robot import Body, Robot
 
 Scalar = Any

@@ -9,8 +9,8 @@ from steelyard.model.equations.closed_chains import completed, corrected
 from steelyard.model.equations.inverse_dynamics import JointState
 from steelyard.robot.loop_closures import CLOSED, closest, gaps, loop_equations, residual
 from steelyard.robot.robot import Robot, robot_to_dict
-from steelyard.symbolic.native.compiled import Code, SampleCall, compiled_equations
-from steelyard.symbolic.program import InputArray as Input
+from steelyard.symbolic.native.compiled_programs import Code, SampleCall, compiled_equations
+from steelyard.symbolic.program_and_softening import InputArray as Input
 
 ITERATIONS = 12  # Newton steps after which a sample counts as open
 
@@ -205,7 +205,7 @@ def _regularity(robot: Robot, q: Array, passive: Array) -> float:
 
 
 class _Newton:
-    """Newton's method for the passive positions of one sample, see `native_loops.sample`."""
+    """Newton's method for the passive positions of one sample, see `sample`."""
 
     def __init__(self, robot: Robot) -> None:
         code, n, count = newton_code(robot), robot.n, len(robot.passive)

@@ -18,8 +18,8 @@ from steelyard.model.terms.axes import (
     refuse_shape,
     unfit,
 )
-from steelyard.model.terms.model_files import Placed, Values, under
 from steelyard.model.terms.term import ActsOnAxes, Cause, Dissipation, Role
+from steelyard.model.terms.terms_in_model_files import Placed, Values, under
 from steelyard.robot.robot import Robot
 
 

@@ -10,8 +10,8 @@ from steelyard.base.arrays import Array, Parameter
 from steelyard.base.errors import ModelError, advice
 from steelyard.model.equations.inverse_dynamics import JointState, Scalar, carried_point
 from steelyard.model.terms.axes import unfit
-from steelyard.model.terms.model_files import Placed, Pull, Values
 from steelyard.model.terms.term import Cause, Columns, Dissipation, Term
+from steelyard.model.terms.terms_in_model_files import Placed, Pull, Values
 from steelyard.robot.robot import Robot
 
 SHORT = 1e-18  # added to a squared length [m²], so that its root has a slope where the points meet

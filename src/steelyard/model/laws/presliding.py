@@ -24,9 +24,9 @@ from steelyard.model.terms.axes import (
     refuse_not_positive,
     unfit,
 )
-from steelyard.model.terms.memory import Presliding, RigidTorque, StateStep, relaxed
-from steelyard.model.terms.model_files import Place, full_sliding
+from steelyard.model.terms.friction_memory import Presliding, RigidTorque, StateStep, relaxed
 from steelyard.model.terms.term import INVENTED_TORQUE_SHARE, Dissipation
+from steelyard.model.terms.terms_in_model_files import Place, full_sliding
 from steelyard.robot.robot import Robot
 
 PRESLIDING_DISPLACEMENT = "presliding displacement"

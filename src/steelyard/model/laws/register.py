@@ -6,12 +6,12 @@ from typing import Any, cast
 
 from steelyard.base.errors import ModelError
 from steelyard.model.laws.coulomb import Coulomb
-from steelyard.model.laws.coupled import Coupled
-from steelyard.model.laws.directional import DirectionalCoulomb, DirectionalViscous
+from steelyard.model.laws.coupled_friction import Coupled
+from steelyard.model.laws.directional_friction import DirectionalCoulomb, DirectionalViscous
 from steelyard.model.laws.gravity_compensator import GravityCompensator
-from steelyard.model.laws.load_dependent import LoadDependent
+from steelyard.model.laws.load_dependent_friction import LoadDependent
 from steelyard.model.laws.offset import Offset
-from steelyard.model.laws.powers import Cubic, Quadratic, Root
+from steelyard.model.laws.powers_of_speed import Cubic, Quadratic, Root
 from steelyard.model.laws.presliding import Dahl, LuGre, MaxwellSlip
 from steelyard.model.laws.rigid_body import RigidBody
 from steelyard.model.laws.rotor_inertia import RotorInertia
@@ -19,10 +19,10 @@ from steelyard.model.laws.spring import Spring
 from steelyard.model.laws.stribeck import DirectionalStribeck, Stribeck
 from steelyard.model.laws.viscous import Viscous
 from steelyard.model.terms.axes import Find, finds_of, is_search, search_of
-from steelyard.model.terms.memory import Presliding
+from steelyard.model.terms.friction_memory import Presliding
 from steelyard.model.terms.term import ActsOnAxes, StatefulTerm, Term, columns_at_rest
-from steelyard.robot.file.kinds import Kinds
-from steelyard.robot.rigid_body import INERTIAL_NAMES
+from steelyard.robot.file.values_by_kind import Kinds
+from steelyard.robot.inertia_and_placement import INERTIAL_NAMES
 from steelyard.robot.robot import Robot
 
 REQUIRED = ("dissipation", "cause", "shown_by", "in_model_files")

@@ -8,9 +8,9 @@ import numpy as np
 
 from steelyard.base.arrays import Array, Parameter
 from steelyard.model.equations.inverse_dynamics import JointState, Scalar, Scalars, inverse_dynamics
-from steelyard.model.terms.model_files import Placed, Values
 from steelyard.model.terms.term import Cause, Columns, Dissipation, Role, Term
-from steelyard.robot.rigid_body import INERTIAL_NAMES, INERTIAL_UNITS
+from steelyard.model.terms.terms_in_model_files import Placed, Values
+from steelyard.robot.inertia_and_placement import INERTIAL_NAMES, INERTIAL_UNITS
 from steelyard.robot.robot import Robot
 
 
@@ -56,8 +56,8 @@ class RigidBody(Term):
 
     def columns(self, robot: Robot, state: JointState) -> Columns:
         """Reverse derivative of the inverse dynamics, without what is zero by structure."""
-        from steelyard.symbolic.tape import Tape, backward, edges
-        from steelyard.symbolic.trace import Symbol, number_of
+        from steelyard.symbolic.symbols_and_tracing import Symbol, number_of
+        from steelyard.symbolic.tape_and_derivatives import Tape, backward, edges
 
         tape = Tape.current()
         numbers = [tape.variable() for _ in range(10 * len(robot.bodies))]

@@ -9,8 +9,8 @@ import numpy as np
 from steelyard.base.arrays import Array
 from steelyard.model.equations.inverse_dynamics import JointState, Scalars
 from steelyard.model.terms.axes import Axes, Axis
-from steelyard.model.terms.model_files import Place, as_one
 from steelyard.model.terms.term import ActsOnAxes, Cause, Dissipation, Role
+from steelyard.model.terms.terms_in_model_files import Place, as_one
 from steelyard.robot.robot import Robot
 
 

@@ -6,8 +6,8 @@ from typing import ClassVar
 from steelyard.base.arrays import Parameter
 from steelyard.model.equations.inverse_dynamics import JointState, Scalars
 from steelyard.model.terms.axes import Axes, each, unfit
-from steelyard.model.terms.model_files import AxisPart, Placed, Values, under
 from steelyard.model.terms.term import ActsOnAxes, Cause, Dissipation
+from steelyard.model.terms.terms_in_model_files import AxisPart, Placed, Values, under
 from steelyard.robot.robot import Robot
 
 

@@ -19,8 +19,8 @@ from steelyard.model.terms.axes import (
     refuse_shape,
     refuse_unknown,
 )
-from steelyard.model.terms.model_files import Place, curve_over_speed
 from steelyard.model.terms.term import ActsOnAxes, Cause, Dissipation
+from steelyard.model.terms.terms_in_model_files import Place, curve_over_speed
 
 
 @dataclass(frozen=True)

@@ -6,8 +6,8 @@ from typing import ClassVar
 
 from steelyard.model.equations.inverse_dynamics import JointState, Scalars
 from steelyard.model.terms.axes import Axes
-from steelyard.model.terms.model_files import Place, as_one
 from steelyard.model.terms.term import ActsOnAxes, Cause, Dissipation
+from steelyard.model.terms.terms_in_model_files import Place, as_one
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ from typing_extensions import Self
 from steelyard.base.arrays import Array, Parameter
 from steelyard.model.equations.inverse_dynamics import JointState, Scalar, Scalars
 from steelyard.model.terms.axes import Along, Axes, Axis, coordinates, each, spread
-from steelyard.model.terms.model_files import Place
+from steelyard.model.terms.terms_in_model_files import Place
 from steelyard.robot.robot import Robot
 
 Columns = Mapping[tuple[int, int], Scalar]
@@ -53,7 +53,7 @@ class Term(ABC):
     shown_by: ClassVar[str]
     """The motion that shows its parameters, to be followed by names of joints."""
     in_model_files: ClassVar[Place]
-    """What of it model files have a place for: one of the functions of `model_files`."""
+    """What of it model files have a place for: one of the functions of `terms_in_model_files`."""
     bounds: ClassVar[Mapping[str, tuple[float, float]]] = {}
     """Fields that can be found from data, all speeds or lengths, to their least and greatest."""
     symbol: ClassVar[str] = ""

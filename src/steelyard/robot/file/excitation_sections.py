@@ -5,7 +5,7 @@ from typing import Annotated, Any, Literal, get_args
 
 from pydantic import BeforeValidator, Field, ValidationError
 
-from steelyard.robot.file.toml import (
+from steelyard.robot.file.toml_schema import (
     Many,
     Name,
     Names,

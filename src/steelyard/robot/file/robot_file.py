@@ -9,9 +9,9 @@ import numpy as np
 from steelyard.base.arguments import checked as checked_arguments
 from steelyard.base.arrays import Array, frozen
 from steelyard.base.errors import ModelError, advice
-from steelyard.robot.file.efforts import WITHOUT_TORQUE, Locate, build_transmission
-from steelyard.robot.file.loaded_robot import LoadedRobot as LoadedRobot
-from steelyard.robot.file.loaded_robot import (
+from steelyard.robot.file.effort_units_and_gears import WITHOUT_TORQUE, Locate, build_transmission
+from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot as LoadedRobot
+from steelyard.robot.file.model_reading_and_loaded_robot import (
     SourceFile,
     TermSpec,
     dh_table,
@@ -23,18 +23,18 @@ from steelyard.robot.file.loaded_robot import (
     source_of,
     xacro_settings,
 )
-from steelyard.robot.file.loaded_robot import read_mechanism as read_mechanism
+from steelyard.robot.file.model_reading_and_loaded_robot import read_mechanism as read_mechanism
 from steelyard.robot.file.sections import RobotFile, RobotSection
 from steelyard.robot.file.signals import build_signals
-from steelyard.robot.file.toml import checked
-from steelyard.robot.from_mechanism import ignored_statements, reduced, springs_along
-from steelyard.robot.joint_reduction import floating_base, unlimited_if_empty
+from steelyard.robot.file.toml_schema import checked
+from steelyard.robot.free_coupled_and_mimic_joints import floating_base, unlimited_if_empty
+from steelyard.robot.inertia_and_placement import clean_rotation, rpy_rotation
 from steelyard.robot.loop_closures import Closing
 from steelyard.robot.mechanism import Answer, Mechanism, Pin
 from steelyard.robot.models.xacro import joined_reference, split_reference
 from steelyard.robot.models.xml_reader import read_bytes
-from steelyard.robot.rigid_body import clean_rotation, rpy_rotation
 from steelyard.robot.robot import Limits, Robot
+from steelyard.robot.robot_from_mechanism import ignored_statements, reduced, springs_along
 
 
 def closing_of(section: RobotSection, mechanism: Mechanism, locate: Locate) -> Closing:

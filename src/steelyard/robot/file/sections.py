@@ -6,13 +6,13 @@ from pydantic import Field, field_validator
 from pydantic_core import PydanticCustomError
 
 from steelyard.robot.file.excitation_sections import ExcitationSection as ExcitationSection
-from steelyard.robot.file.toml import ADVICE, Many, Pair, key
-from steelyard.robot.file.toml import Name as Name
-from steelyard.robot.file.toml import Names as Names
-from steelyard.robot.file.toml import Numbers as Numbers
-from steelyard.robot.file.toml import Positive as Positive
-from steelyard.robot.file.toml import Section as Section
-from steelyard.robot.file.toml import Vector as Vector
+from steelyard.robot.file.toml_schema import ADVICE, Many, Pair, key
+from steelyard.robot.file.toml_schema import Name as Name
+from steelyard.robot.file.toml_schema import Names as Names
+from steelyard.robot.file.toml_schema import Numbers as Numbers
+from steelyard.robot.file.toml_schema import Positive as Positive
+from steelyard.robot.file.toml_schema import Section as Section
+from steelyard.robot.file.toml_schema import Vector as Vector
 
 EffortKind = Literal[
     "motor_current", "motor_torque", "joint_torque", "link_torque", "gravity_compensated_torque"

@@ -11,7 +11,7 @@ import numpy as np
 
 from steelyard.base.arrays import Array, frozen
 from steelyard.base.errors import ModelError
-from steelyard.robot.file.efforts import (
+from steelyard.robot.file.effort_units_and_gears import (
     Locate,
     check_count,
     check_sides,

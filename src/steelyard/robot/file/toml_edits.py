@@ -9,7 +9,7 @@ from typing import Any
 
 from steelyard.base.arrays import json_values
 from steelyard.base.errors import ModelError
-from steelyard.robot.file.toml import shown, toml_written
+from steelyard.robot.file.toml_schema import shown, toml_written
 
 
 def toml_text(value: Any) -> str:

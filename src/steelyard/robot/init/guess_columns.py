@@ -25,7 +25,7 @@ from steelyard.robot.init.column_names import (
     listed,
     partly_by_number,
 )
-from steelyard.robot.init.guess_efforts import (
+from steelyard.robot.init.guess_efforts_and_gears import (
     COUNTS,
     Gears,
     beyond_effort,

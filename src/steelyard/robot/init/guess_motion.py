@@ -17,7 +17,7 @@ from steelyard.base.errors import LogError
 from steelyard.robot.file.sections import Side
 from steelyard.robot.file.signals import POSITION_UNITS, TIME_UNITS, VELOCITY_UNITS
 from steelyard.robot.init.column_names import IN_FILE, Column, finite, give_up, listed
-from steelyard.robot.init.guess_efforts import (
+from steelyard.robot.init.guess_efforts_and_gears import (
     LEAST_MOTOR_BEYOND_LIMIT,
     LEAST_POSITION_BEYOND_LIMIT,
     beyond_limits,

@@ -15,6 +15,7 @@ import numpy as np
 
 from steelyard.base.arrays import Array, frozen
 from steelyard.base.errors import ModelError
+from steelyard.robot.inertia_and_placement import Inertia, Placement, turn
 from steelyard.robot.mechanism import Joint, Link, Mechanism, MechanismJointKind, Mimic
 from steelyard.robot.models.mjcf_equalities import WORLD, Equalities, reference
 from steelyard.robot.models.mjcf_forces import (
@@ -26,7 +27,6 @@ from steelyard.robot.models.mjcf_forces import (
     wraps_of,
 )
 from steelyard.robot.models.xml_reader import Element, read_xml, refuse_device
-from steelyard.robot.rigid_body import Inertia, Placement, turn
 from steelyard.robot.robot import Limits
 
 _POINTER = b"version https://git-lfs"

@@ -8,6 +8,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from steelyard.robot.inertia_and_placement import Placement
 from steelyard.robot.mechanism import Coupling, Mimic, Pin
 from steelyard.robot.models.mjcf_forces import (
     joints_of,
@@ -16,7 +17,6 @@ from steelyard.robot.models.mjcf_forces import (
     single_joints,
     wraps_of,
 )
-from steelyard.robot.rigid_body import Placement
 
 WORLD = "world"
 

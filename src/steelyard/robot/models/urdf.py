@@ -6,9 +6,9 @@ from typing import cast, get_args
 
 from steelyard.base.arrays import frozen
 from steelyard.base.errors import ModelError, advice
+from steelyard.robot.inertia_and_placement import Inertia, Placement, rpy_rotation, symmetric
 from steelyard.robot.mechanism import Joint, Link, Mechanism, MechanismJointKind, Mimic
 from steelyard.robot.models.xml_reader import Element, read_xml, xacro_name
-from steelyard.robot.rigid_body import Inertia, Placement, rpy_rotation, symmetric
 from steelyard.robot.robot import Limits
 
 _KINDS = tuple(kind for kind in get_args(MechanismJointKind) if kind != "ball")

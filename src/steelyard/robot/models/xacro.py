@@ -1,7 +1,7 @@
 """Xacro files as URDF: expanded in this process, without ROS and without running what they say.
 
 Macros, properties, conditions and includes become plain elements, as the program `xacro` 2 does it,
-but for what a file from a stranger must not do: see `xacro_expression` for `${...}`,
+but for what a file from a stranger must not do: see `xacro_expressions_and_scopes` for `${...}`,
 `xacro_commands` for `$(...)`. Files are only read.
 
 A reference is a model file with its arguments behind it, as for the program `xacro`:
@@ -27,8 +27,8 @@ from steelyard.base.errors import ModelError, advice
 from steelyard.base.files import cache_folder, whole_file
 from steelyard.robot.models.urdf import of_xacro
 from steelyard.robot.models.xacro_commands import Commands, Packages
-from steelyard.robot.models.xacro_expression import Macro, Reading, Scope
-from steelyard.robot.models.xacro_values import Budget, XacroError, as_truth
+from steelyard.robot.models.xacro_expressions_and_scopes import Macro, Reading, Scope
+from steelyard.robot.models.xacro_values_and_functions import Budget, XacroError, as_truth
 from steelyard.robot.models.xml_reader import Element, read_xml, xacro_name
 
 _ARGUMENT = re.compile(r"\s+(?=[A-Za-z_]\w*:=)")

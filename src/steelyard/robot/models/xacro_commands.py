@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from steelyard.base.errors import ModelError
-from steelyard.robot.models.xacro_expression import Names, evaluate
-from steelyard.robot.models.xacro_values import Budget, XacroError, literal
+from steelyard.robot.models.xacro_expressions_and_scopes import Names, evaluate
+from steelyard.robot.models.xacro_values_and_functions import Budget, XacroError, literal
 from steelyard.robot.models.xml_reader import read_bytes, read_xml
 
 

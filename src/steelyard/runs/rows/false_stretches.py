@@ -9,7 +9,7 @@ import numpy as np
 
 from steelyard.base.arrays import Array
 from steelyard.runs.left_out import LeftOut
-from steelyard.runs.processing import Processing
+from steelyard.runs.processing_choices import Processing
 from steelyard.runs.recording import Channels
 
 MOVED = 0.01  # range of a joint that moves [rad; m]

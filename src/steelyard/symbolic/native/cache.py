@@ -23,17 +23,17 @@ SOURCES = (
     "symbolic",
     "model",
     "robot/models",
-    "robot/from_mechanism.py",
-    "robot/joint_reduction.py",
+    "robot/robot_from_mechanism.py",
+    "robot/free_coupled_and_mimic_joints.py",
     "robot/loop_closures.py",
     "robot/mechanism.py",
-    "robot/rigid_body.py",
+    "robot/inertia_and_placement.py",
     "robot/robot.py",
     "estimate/information",
     "estimate/closed_loop",
     "estimate/external",
     "check/hypotheses/nuisance.py",
-    "simulate/mujoco_laws.py",
+    "simulate/laws_beside_mujoco.py",
 )
 """Folders and files of the package that programs are made from."""
 

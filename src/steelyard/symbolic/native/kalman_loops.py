@@ -28,7 +28,7 @@ import numpy as np
 
 from steelyard.base.arrays import Array
 from steelyard.symbolic.native import machine
-from steelyard.symbolic.native.compiled import machine_code
+from steelyard.symbolic.native.compiled_programs import machine_code
 
 KEPT = 11
 """Numbers kept per sample: predicted state (3), its covariance (6), innovation, its variance."""

@@ -11,9 +11,9 @@ from steelyard.base.arrays import Array
 from steelyard.base.errors import DataError, LogError
 from steelyard.base.progress import Progress, silent
 from steelyard.estimate.effort_uncertainty import EDGES, rest_speed_of, rest_speed_of_runs
-from steelyard.estimate.external.residual_peaks import ResidualPeaks
-from steelyard.estimate.friction.mixes import has_memory
-from steelyard.estimate.identified import IdentifiedModel, load_model
+from steelyard.estimate.external.contact_thresholds import ResidualPeaks
+from steelyard.estimate.friction.friction_mixes import has_memory
+from steelyard.estimate.identified_model import IdentifiedModel, load_model
 from steelyard.estimate.information.gather import gather
 from steelyard.estimate.information.regressor import base_regressor
 from steelyard.estimate.scores.residuals import (
@@ -25,12 +25,12 @@ from steelyard.estimate.scores.residuals import (
 from steelyard.identify.run_notes import left_out, notes_of
 from steelyard.identify.scores import fitted_before, runs_for
 from steelyard.identify.validation_data import holds_fitted_rows
-from steelyard.runs.named_logs import log_files, paths_of, refuse_overlaps
 from steelyard.runs.run import Run
+from steelyard.runs.runs_of_named_logs import log_files, paths_of, refuse_overlaps
 from steelyard.uses.contact.contact_events import SuspectedContact, contacts_in, without_contact
 from steelyard.uses.contact.contact_page import LEAST_LASTING_SHARE, Contacts
-from steelyard.uses.other_efforts import refuse_other_efforts
-from steelyard.uses.payload.payload_of_runs import payload_words, unknown_payload
+from steelyard.uses.efforts_unlike_the_model import refuse_other_efforts
+from steelyard.uses.payload.payload_fit import payload_words, unknown_payload
 
 
 @checked(rate=1e-9)

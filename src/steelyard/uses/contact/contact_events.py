@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from steelyard.base.arrays import Array
-from steelyard.estimate.external.residual_peaks import ONSET, ContactThresholds, ResidualPeaks
+from steelyard.estimate.external.contact_thresholds import ONSET, ContactThresholds, ResidualPeaks
 from steelyard.estimate.scores.residuals import ResidualTrace
 from steelyard.robot.robot import Robot
 

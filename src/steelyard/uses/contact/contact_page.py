@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from rich.text import Text
 
-from steelyard.estimate.external.residual_peaks import RANGES
+from steelyard.estimate.external.contact_thresholds import RANGES
 from steelyard.report.figures import Figure, Group, Key, area, line
 from steelyard.report.page import figures, inspected_page, notes
 from steelyard.report.result import Result, print_verdict
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from steelyard.base.arrays import Array
-    from steelyard.estimate.external.residual_peaks import ContactThresholds
+    from steelyard.estimate.external.contact_thresholds import ContactThresholds
     from steelyard.estimate.scores.residuals import ResidualTrace
     from steelyard.uses.contact.contact_events import ContactEvent, SuspectedContact
 

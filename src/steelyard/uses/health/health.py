@@ -14,8 +14,8 @@ from steelyard.base.arguments import checked
 from steelyard.base.errors import LogError
 from steelyard.base.progress import Progress, silent
 from steelyard.estimate.estimate import Z95
-from steelyard.estimate.friction.mixes import has_memory
-from steelyard.estimate.identified import IdentifiedModel, load_model
+from steelyard.estimate.friction.friction_mixes import has_memory
+from steelyard.estimate.identified_model import IdentifiedModel, load_model
 from steelyard.estimate.information.gather import gather
 from steelyard.estimate.information.regressor import base_regressor
 from steelyard.estimate.scores.residuals import residual_cutoff, residual_trace
@@ -26,8 +26,9 @@ from steelyard.report.page import figures, inspected_page, notes
 from steelyard.report.result import Result, print_verdict
 from steelyard.report.tables import PlainTable, Row, narrow_table
 from steelyard.report.words import NONE
-from steelyard.runs.named_logs import log_files, paths_of, refuse_overlaps
-from steelyard.uses.health.health_changes import (
+from steelyard.runs.runs_of_named_logs import log_files, paths_of, refuse_overlaps
+from steelyard.uses.efforts_unlike_the_model import refuse_other_efforts
+from steelyard.uses.health.drift_detection import (
     CLEAR_HALF_WIDTHS,
     FALSE_DRIFT_LEVEL,
     LEAST_CHANGE,
@@ -39,8 +40,7 @@ from steelyard.uses.health.health_changes import (
     changes_of,
     series_of,
 )
-from steelyard.uses.other_efforts import refuse_other_efforts
-from steelyard.uses.payload.payload_of_runs import payload_words, unknown_payload
+from steelyard.uses.payload.payload_fit import payload_words, unknown_payload
 
 QUANTITY_HEADINGS = ("dry", "viscous", "offset", "effort scale")  # as short as columns need
 

@@ -10,22 +10,22 @@ import numpy as np
 from steelyard.base.arguments import checked
 from steelyard.base.errors import DataError
 from steelyard.base.progress import Progress, silent
-from steelyard.estimate.friction.mixes import has_memory
-from steelyard.estimate.identified import IdentifiedModel, load_model
+from steelyard.estimate.friction.friction_mixes import has_memory
+from steelyard.estimate.identified_model import IdentifiedModel, load_model
+from steelyard.estimate.information.filtered_samples import gather_samples
 from steelyard.estimate.information.gather import gather
 from steelyard.estimate.information.regressor import base_regressor
-from steelyard.estimate.information.samples import gather_samples
-from steelyard.estimate.payload.load_case import carrier
 from steelyard.estimate.payload.payload_estimate import PayloadEstimate
+from steelyard.estimate.payload.runs_with_payload import carrier
 from steelyard.estimate.scores.residuals import residual_cutoff, residual_trace
 from steelyard.identify.run_notes import dropped
 from steelyard.identify.scores import fitted_before, runs_for
-from steelyard.runs.named_logs import LogArgument, log_files, paths_of, refuse_overlaps
 from steelyard.runs.run import Run
-from steelyard.uses.other_efforts import refuse_without
-from steelyard.uses.payload.payload_body import PayloadKnowledge, SolidShape
-from steelyard.uses.payload.payload_events import PayloadEvents, find_payload_events
-from steelyard.uses.payload.payload_of_runs import identify_payload as payload_of_informations
+from steelyard.runs.runs_of_named_logs import LogArgument, log_files, paths_of, refuse_overlaps
+from steelyard.uses.efforts_unlike_the_model import refuse_without
+from steelyard.uses.payload.consistent_payload_body import PayloadKnowledge, SolidShape
+from steelyard.uses.payload.payload_fit import identify_payload as payload_of_informations
+from steelyard.uses.payload.pick_up_and_put_down import PayloadEvents, find_payload_events
 
 
 def _logs(

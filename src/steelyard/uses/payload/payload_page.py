@@ -13,8 +13,8 @@ from steelyard.report.figures import Figure, Group, Key, area, evenly, line
 from steelyard.report.page import figures, inspected_page, notes
 from steelyard.report.tables import PlainTable, Row, light_table
 from steelyard.report.words import rounded_to_uncertainty
-from steelyard.robot.rigid_body import INERTIAL_NAMES, INERTIAL_UNITS
-from steelyard.uses.payload.payload_changes import CHANGE_SPAN
+from steelyard.robot.inertia_and_placement import INERTIAL_NAMES, INERTIAL_UNITS
+from steelyard.uses.payload.change_detection import CHANGE_SPAN
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from steelyard.estimate.payload.payload_estimate import PayloadEstimate
-    from steelyard.uses.payload.payload_events import PayloadEvents
+    from steelyard.uses.payload.pick_up_and_put_down import PayloadEvents
 
 
 def rounded_mass(value: float, half: float) -> tuple[str, str]:

@@ -13,14 +13,14 @@ import numpy as np
 from steelyard.base.files import explained
 from steelyard.report.words import signed, significant
 from steelyard.uses.contact.contact_events import ContactEvent, ContactStart, JointLoad
-from steelyard.uses.payload.payload_events import PayloadEvent
 from steelyard.uses.payload.payload_page import mass_with_interval, rounded_mass
-from steelyard.uses.watch.watcher import StreamEstimate, StreamNote
+from steelyard.uses.payload.pick_up_and_put_down import PayloadEvent
+from steelyard.uses.watch.online_detection import StreamEstimate, StreamNote
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from steelyard.uses.watch.watcher import StreamEvent, Watcher
+    from steelyard.uses.watch.online_detection import StreamEvent, Watcher
 
 
 def record_of(event: StreamEvent) -> dict[str, Any]:

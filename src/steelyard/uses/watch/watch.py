@@ -10,21 +10,21 @@ import numpy as np
 from steelyard.base.arrays import Array
 from steelyard.base.errors import DataError, LogError
 from steelyard.base.progress import Progress, report_progress, silent
-from steelyard.estimate.external.observer import PER_PERIOD
-from steelyard.estimate.external.residual_peaks import HOLD, SETTLED, ContactThresholds
-from steelyard.estimate.friction.mixes import has_memory
-from steelyard.estimate.identified import IdentifiedModel, load_model
+from steelyard.estimate.external.contact_thresholds import HOLD, SETTLED, ContactThresholds
+from steelyard.estimate.external.momentum_observer import PER_PERIOD
+from steelyard.estimate.friction.friction_mixes import has_memory
+from steelyard.estimate.identified_model import IdentifiedModel, load_model
+from steelyard.estimate.information.filtered_samples import gather_samples
 from steelyard.estimate.information.regressor import base_regressor
-from steelyard.estimate.information.samples import gather_samples
-from steelyard.estimate.payload.load_case import carrier
+from steelyard.estimate.payload.runs_with_payload import carrier
 from steelyard.estimate.scores.residuals import FORGOTTEN, ResidualTrace, greatest, thresholds_of
 from steelyard.identify.scores import fitted_before, processing_of
 from steelyard.logs.contents import windowed
 from steelyard.logs.formats import open_log
 from steelyard.logs.log import parse_log_argument
-from steelyard.runs.named_logs import LogArgument, log_files, paths_of
 from steelyard.runs.prepare import prepare
 from steelyard.runs.recording import LogInMemory, Recording
+from steelyard.runs.runs_of_named_logs import LogArgument, log_files, paths_of
 from steelyard.runs.sample_stream import SampleStream
 from steelyard.uses.contact.contact import (
     common_rest_speed,
@@ -32,9 +32,15 @@ from steelyard.uses.contact.contact import (
     left_out_words,
     peaks_of_free_motion,
 )
-from steelyard.uses.payload.payload_events import PayloadEvents, find_payload_events
+from steelyard.uses.payload.pick_up_and_put_down import PayloadEvents, find_payload_events
+from steelyard.uses.watch.online_detection import (
+    PayloadStream,
+    StreamEvent,
+    Watcher,
+    rests_of,
+    velocity_of,
+)
 from steelyard.uses.watch.stream_output import StreamFiles
-from steelyard.uses.watch.watcher import PayloadStream, StreamEvent, Watcher, rests_of, velocity_of
 
 
 @dataclass(frozen=True, eq=False)

@@ -27,22 +27,26 @@ from steelyard.estimate.external.effort_to_wrench import (
     WrenchMethod,
     condition_numbers,
 )
-from steelyard.estimate.external.observer import PER_PERIOD, check_bandwidth, momentum_residual
-from steelyard.estimate.external.observer_program import (
+from steelyard.estimate.external.momentum_observer import (
+    PER_PERIOD,
+    check_bandwidth,
+    momentum_residual,
+)
+from steelyard.estimate.external.observer_equations import (
     Axes,
     Observed,
     moved_frame,
     observed_quantity,
 )
-from steelyard.estimate.friction.mixes import has_memory
-from steelyard.estimate.identified import IdentifiedModel
+from steelyard.estimate.friction.friction_mixes import has_memory
+from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.estimate.information.gather import blocks_with_channels
 from steelyard.estimate.scores.residuals import FORGOTTEN, FRICTION, TorqueSplit, residual_trace
-from steelyard.model.quantity import Quantity
+from steelyard.model.quantity_programs import Quantity
 from steelyard.runs.run import Block, Run
-from steelyard.runs.smoothing.filters import noise_bandwidth, zero_phase
-from steelyard.uses.other_efforts import refuse_other_efforts
-from steelyard.uses.wrench.wrench_smoothing import OBSERVABLE, Smoothed
+from steelyard.runs.smoothing.zero_phase_filters import noise_bandwidth, zero_phase
+from steelyard.uses.efforts_unlike_the_model import refuse_other_efforts
+from steelyard.uses.wrench.wrench_kalman_smoother import OBSERVABLE, Smoothed
 
 ResidualKind = Literal["momentum", "torque"]
 

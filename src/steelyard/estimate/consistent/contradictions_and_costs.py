@@ -1,0 +1,362 @@
+r"""Constraints that contradict each other or the data; what they and the prior cost the fit.
+
+The weight of the prior: stated, $\gamma = 1/s^2$ with the prior's relative uncertainty $s$.
+Otherwise the $\gamma$ under which the data are likeliest, all parameters integrated out (Laplace)
+[MacKay1992], and never so large that the weighted squares rise over those of least squares by more
+than the rank of the data: as much as noise alone moves them.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
+
+import numpy as np
+
+from steelyard.base.arrays import Array
+from steelyard.base.errors import DataError
+from steelyard.estimate.consistent.conic_solver import Block, Conic, Unsolved, solved
+from steelyard.estimate.consistent.convex_program import (
+    ConicConstraints,
+    Program,
+    conic_constraints,
+    scaled_rows,
+)
+from steelyard.estimate.consistent.unknowns_and_penalties import ONE, apart, scale_of
+from steelyard.estimate.prior.body_priors import Knowledge, Row
+from steelyard.estimate.prior.constraint_protocol import in_words
+
+MARGIN = 1e-4  # least eigenvalue of a body's pseudo-inertia in the scale of its prior
+
+_NEARLY = 1e-6
+
+
+def refuse_contradictions(knowledge: Knowledge) -> None:
+    """Stop at constraints that cannot hold together, with a set of which all are needed."""
+    labels = contradictions(knowledge)
+    if not labels:
+        return
+    if len(labels) == 1:
+        wrong, fix = f"no physical body satisfies this: {labels[0]}", "correct it, or leave it out"
+    else:
+        wrong = f"these constraints are infeasible together: {'; '.join(labels)}"
+        fix = "correct one of them, or leave it out"
+    raise DataError(wrong, where="prior constraints", fix=fix)
+
+
+def contradictions(knowledge: Knowledge) -> tuple[str, ...]:
+    """Labels of constraints and bounds of which all but one, but not all, can hold together."""
+    allowed = partial(_allowed, knowledge)
+    rows = (*_bounds(knowledge), *knowledge.rows)
+    if not knowledge.rows or allowed(rows):
+        return ()
+    return tuple(dict.fromkeys(row.label for row in irreducible(rows, allowed)))
+
+
+def irreducible(
+    rows: Sequence[Row], feasible: Callable[[tuple[Row, ...]], bool]
+) -> tuple[Row, ...]:
+    """Rows that cannot hold together, but can if any one label's are left out [Chinneck1991].
+
+    Rows with one label are one constraint and stay together. Many are left out at once, and a half
+    of them where that is too many; earlier ones first. `feasible`, whether rows can hold, is called
+    about `2 k log2(n / k)` times for `k` of `n` labels. Empty if not even no row can hold.
+    """
+    kept, parts = tuple(rows), [tuple(dict.fromkeys(row.label for row in rows))]
+    while parts:
+        part = parts.pop()
+        others = tuple(row for row in kept if row.label not in part)
+        if not feasible(others):
+            kept = others
+        elif len(part) > 1:
+            half = len(part) // 2
+            parts += [part[half:], part[:half]]
+    return kept
+
+
+def _bounds(knowledge: Knowledge) -> tuple[Row, ...]:
+    """Bounds of the parameters but those of bodies."""
+    bounds = zip(knowledge.names, knowledge.lower.tolist(), knowledge.upper.tolist(), strict=True)
+    return tuple(
+        Row(f"'{name}' is {in_words((low, high))} by its law", {name: 1.0}, low, high)
+        for (name, low, high), of_body in zip(bounds, knowledge.of_bodies, strict=True)
+        if not of_body and (np.isfinite(low) or np.isfinite(high))
+    )
+
+
+def _allowed(knowledge: Knowledge, rows: tuple[Row, ...]) -> bool:
+    r"""Whether physically consistent bodies allow rows: all hold with next to no slack.
+
+    Each row, in units of its length, may fail by $s$, and so may $X \succeq \delta 1$ of every
+    body's pseudo-inertia $L X L^T$ in the scale $L$ of its prior. Such values always exist, so the
+    solver never has to prove that there are none.
+    """
+    if not rows:
+        return True
+    found = scaled_rows(rows, knowledge.names, scale_of(knowledge)[0])
+    count = found.matrix.shape[1]
+    above, below = np.isfinite(found.lower), np.isfinite(found.upper)
+    planes = np.vstack([-found.matrix[above], found.matrix[below], np.zeros(count)])
+    planes = np.column_stack([planes, -np.ones(len(planes))])
+    ends = np.concatenate([-found.lower[above], found.upper[below], [1.0]])
+    body, bodies = apart(MARGIN), range(len(knowledge.bodies))
+    matrix = np.column_stack([body.matrix, -ONE])
+    blocks = (
+        Block("nonnegative", np.arange(count + 1), planes, ends),  # no slack is below -1
+        *(
+            replace(body, columns=np.append(10 * k + np.arange(10), count), matrix=matrix)
+            for k in bodies
+        ),
+    )
+    least = Conic(np.zeros(count + 1), np.eye(count + 1)[count], blocks)
+    try:
+        return bool(solved(least, "prior constraints")[count] < _NEARLY)
+    except Unsolved:
+        return True
+
+
+LEAST_PRIOR_WEIGHT, MOST_PRIOR_WEIGHT = 1e-3, 1e4  # uncertainties of 3000 % and 1 %
+FIRST_PRIOR_WEIGHT = 10.0  # weight that is tried first: 32 %
+PRIOR_WEIGHT_STEP = 6.0  # factor between weights until the likeliest is between two
+REFINED = 2  # times that a parabola through three weights gives a better one
+SOLVES = 15  # most solutions of a search
+
+
+@dataclass(frozen=True, eq=False)
+class Tried:
+    """The solution with one weight."""
+
+    gamma: float  # the weight
+    u: Array
+    rise: float  # rise of the weighted squares over those of least squares
+    evidence: float  # logarithm of the data's likelihood, but for a constant
+
+
+@dataclass(frozen=True, eq=False)
+class Weighed:
+    """A weight and the solution with it."""
+
+    tried: Tried
+    solves: int = 1  # solutions that the search took
+    physics: float = 0.0  # rise without a prior worth the name, if above the rank of the data
+
+
+def weighed(attempt: Callable[[float, Array | None], Tried], rank: int) -> Weighed:
+    """Search the likeliest weight whose rise is allowed, up to `rank`.
+
+    `attempt` solves with a weight, from unknowns of a solution nearby if there are any.
+    """
+    search = _Search(attempt)
+    best = search.likeliest()
+    if search.at(best).rise <= rank:
+        return Weighed(search.at(best), len(search.found))
+    least = search.at(LEAST_PRIOR_WEIGHT).rise
+    physics = least if least > rank else 0.0
+    gamma = search.largest(best, rank + physics)
+    return Weighed(search.at(gamma), len(search.found), physics)
+
+
+@dataclass(frozen=True, eq=False)
+class _Search:
+    """Weights that were tried; each is solved once."""
+
+    attempt: Callable[[float, Array | None], Tried]
+    found: dict[float, Tried] = field(default_factory=dict)
+
+    def at(self, gamma: float) -> Tried:
+        """The solution with a weight."""
+        if gamma not in self.found:
+            apart = {abs(np.log(gamma / known)): tried.u for known, tried in self.found.items()}
+            self.found[gamma] = self.attempt(gamma, apart[min(apart)] if apart else None)
+        return self.found[gamma]
+
+    def likeliest(self) -> float:
+        """The weight of most evidence, at an end of the range or between its neighbours."""
+        best = FIRST_PRIOR_WEIGHT
+        for factor in (PRIOR_WEIGHT_STEP, 1.0 / PRIOR_WEIGHT_STEP):
+            while LEAST_PRIOR_WEIGHT < best < MOST_PRIOR_WEIGHT:
+                further = float(np.clip(best * factor, LEAST_PRIOR_WEIGHT, MOST_PRIOR_WEIGHT))
+                if self.at(further).evidence <= self.at(best).evidence:
+                    break
+                best = further
+        for _ in range(REFINED):
+            below = max((g for g in self.found if g < best), default=None)
+            above = min((g for g in self.found if g > best), default=None)
+            if below is None or above is None:
+                break
+            # top of the parabola through three weights, in their logarithm, kept between them
+            x = np.log([below, best, above])
+            y = [self.at(g).evidence for g in (below, best, above)]
+            curve = np.polyfit(x - x[1], y, 2)
+            top = -curve[1] / (2.0 * curve[0]) if curve[0] < 0.0 else 0.0
+            away = np.clip(top, 0.8 * (x[0] - x[1]), 0.8 * (x[2] - x[1]))
+            gamma = float(np.exp(x[1] + away))
+            best = max(best, gamma, key=lambda g: self.at(g).evidence)
+        return best
+
+    def largest(self, high: float, allowed: float) -> float:
+        """The largest weight below `high` whose rise is allowed, to a few percent."""
+        low = max(
+            (g for g, t in self.found.items() if t.rise <= allowed), default=LEAST_PRIOR_WEIGHT
+        )
+        high = min((g for g, t in self.found.items() if t.rise > allowed), default=high)
+        while len(self.found) < SOLVES and high > 1.1 * low:
+            middle = float(np.sqrt(low * high))
+            low, high = (middle, high) if self.at(middle).rise <= allowed else (low, middle)
+        return low
+
+
+DISTANCE_TO_BOUND, DISTANCE_BEYOND_BOUND = 1e-3, 1e-3
+"""Distance to a bound, and distance beyond it at the data's optimum, in standard deviations, at
+which it counts as active."""
+
+CONTRADICTED = 2.0  # standard deviations by which data violate a constraint that they contradict
+FAR = 1e3  # size of a constraint to be checked, in units of a body's prior or of the whole effort
+CONTRADICTED_IN_NOTE = 3  # constraints that are named: those that the data contradict most
+
+
+def active_bounds(program: Program, u: Array, covariance: Array) -> tuple[Array, tuple[str, ...]]:
+    """Unknowns with those that a bound of their own holds put onto it, and their names.
+
+    Those that are not identifiable are zero. Given are the optimum `(m,)` and the covariance of the
+    unknowns, `(m, m)`.
+    """
+    known, constraints = program.unknowns, program.constraints
+    slope = known.matrix.T @ (known.matrix @ u - known.vector) + known.weak * u
+    own = (np.count_nonzero(constraints.matrix, axis=1) == 1) & ~constraints.equal
+    first = 10 * len(known.priors)
+    at, names = u.copy(), []
+    for number in np.flatnonzero(own):
+        k = int(np.argmax(np.abs(constraints.matrix[number])))
+        if k < first:
+            continue
+        sign, std = constraints.matrix[number, k], float(np.sqrt(max(covariance[k, k], 0.0)))
+        for bound, outward in ((constraints.lower[number], 1.0), (constraints.upper[number], -1.0)):
+            slack = outward * (sign * u[k] - bound)
+            beyond = outward * sign * slope[k] * std
+            if slack <= DISTANCE_TO_BOUND * std and beyond >= DISTANCE_BEYOND_BOUND:
+                at[k] = sign * bound
+                names.append(known.names[known.terms[k - first]])
+    several = constraints.matrix[np.count_nonzero(constraints.matrix, axis=1) > 1]
+    identified = np.any(known.matrix != 0.0, axis=0) | np.any(several != 0.0, axis=0)
+    for k in (first + np.flatnonzero(~identified[first:])).tolist():
+        alone = constraints.matrix[:, k] != 0.0
+        both = np.array([constraints.lower[alone], constraints.upper[alone]])
+        edges = np.sort(both / constraints.matrix[alone, k], axis=0)
+        at[k] = np.clip(0.0, edges[0].max(initial=-np.inf), edges[1].min(initial=np.inf))
+    return at, tuple(dict.fromkeys(names))
+
+
+def contradicted(program: Program, free: Array, covariance: Array) -> tuple[str, ...]:
+    """Constraints that the data contradict; `free` `(m,)` is the optimum without them."""
+    constraints, known = program.constraints, program.unknowns
+    found: dict[str, tuple[float, float]] = {}
+    values, roots = constraints.matrix @ free, constraints.matrix @ covariance
+    stds = np.sqrt(np.maximum(np.sum(roots * constraints.matrix, axis=1), 0.0))
+    standard = dict(zip(known.names, known.standard(free).tolist(), strict=True))
+    for row, value, std, low, high in zip(
+        constraints.rows, values, stds, constraints.lower, constraints.upper, strict=True
+    ):
+        missed = max(low - value, value - high)
+        if missed <= CONTRADICTED * std or missed <= 0.0:
+            continue
+        worth = missed / max(std, 1e-300)
+        data = sum(factor * standard[name] for name, factor in row.coefficients.items())
+        if row.label not in found or worth > found[row.label][0]:
+            found[row.label] = (worth, data)
+    order = sorted(found, key=lambda label: -found[label][0])
+    lines = [f"{label}: {found[label][1]:.4g} without it" for label in order[:CONTRADICTED_IN_NOTE]]
+    rest = len(order) - CONTRADICTED_IN_NOTE
+    return (*lines, *([f"and {rest} more"] if rest > 0 else []))
+
+
+def far_constraints(constraints: ConicConstraints) -> tuple[str, ...]:
+    """Constraints of sizes that hardly any parameter has, for messages."""
+    ends = np.abs([constraints.lower, constraints.upper])
+    sizes = np.where(np.isfinite(ends), ends, 0.0).max(axis=0)
+    found = [row.label for row, size in zip(constraints.rows, sizes, strict=True) if size > FAR]
+    return tuple(dict.fromkeys(found))[:CONTRADICTED_IN_NOTE]
+
+
+EDGE = 0.02  # least eigenvalue of a body's `X` below which it is at the edge of consistent bodies
+CONSTRAINTS_IN_NOTE = 6  # active constraints that a note names
+
+SolveProgram = Callable[[Program, float], Tried]
+Spread = Callable[[Program, Tried], Array]
+
+
+def cost_notes(
+    program: Program, knowledge: Knowledge, found: Weighed, attempt: SolveProgram, spread: Spread
+) -> list[str]:
+    """What contradicts the data: knowledge, physical constraints, or the prior.
+
+    `attempt` solves a program with a weight of the prior, and `spread` is the covariance of a
+    solution's unknowns, `(m, m)`.
+    """
+    rank, gamma, rise, notes = len(program.unknowns.vector), found.tried.gamma, found.tried.rise, []
+    try:
+        if knowledge.rows:
+            knowledge = replace(knowledge, rows=())
+            bare = replace(program, constraints=conic_constraints(program.unknowns, knowledge))
+            free = attempt(bare, gamma)
+            if against := contradicted(program, free.u, spread(bare, free)):
+                notes.append(
+                    f"the data contradict the prior constraints, which raise χ² by "
+                    f"{rise - free.rise:.4g}: {'; '.join(against)}"
+                )
+            program, rise = bare, free.rise
+        if (found.physics or rise > rank) and (
+            physical := _physical(program, knowledge, attempt, spread)
+        ):
+            return [*notes, physical]
+    except DataError:
+        return notes
+    if rise > 2.0 * rank and any(program.unknowns.priors):
+        notes.append(
+            f"a prior with this uncertainty raises χ² by {rise:.4g}, where up to {rank} is within "
+            "noise: the data contradict it"
+        )
+    return notes
+
+
+def _physical(
+    program: Program, knowledge: Knowledge, attempt: SolveProgram, spread: Spread
+) -> str | None:
+    """What bounds and consistent bodies cost without a prior; nothing if noise explains it."""
+    whole = attempt(program, LEAST_PRIOR_WEIGHT)
+    if whole.rise <= len(program.unknowns.vector):
+        return None
+    lower = np.where(knowledge.of_bodies, knowledge.lower, -np.inf)
+    upper = np.where(knowledge.of_bodies, knowledge.upper, np.inf)
+    unbounded = replace(knowledge, lower=lower, upper=upper, curves=())
+    bare = replace(program, constraints=conic_constraints(program.unknowns, unbounded))
+    alone = attempt(bare, LEAST_PRIOR_WEIGHT)
+    _, at = active_bounds(program, whole.u, spread(program, whole))
+    thin = np.linalg.eigvalsh(program.unknowns.pseudo(whole.u))[:, 0] <= EDGE
+    edges = [name for name, near in zip(knowledge.bodies, thin, strict=True) if near]
+    parts = (
+        (whole.rise - alone.rise, "bounds of", grouped(at, knowledge.names)),
+        (alone.rise, "valid inertia of", edges),
+    )
+    most = CONSTRAINTS_IN_NOTE
+    named = [
+        f"{kind} {', '.join(names[:most])}"
+        f"{f' and {len(names) - most} more' if len(names) > most else ''} ({cost:.4g})"
+        for cost, kind, names in sorted(parts, key=lambda part: -part[0])
+        if names and cost > 0.05 * whole.rise
+    ]
+    active = f"; active: {'; '.join(named)}" if named else ""
+    return (
+        f"physical constraints (valid inertias, bounds such as friction >= 0) raise χ² by "
+        f"{whole.rise:.4g} even without a prior{active}: a term is missing or wrong"
+    )
+
+
+def grouped(names: Sequence[str], every: Sequence[str]) -> list[str]:
+    """Names of parameters; a law of which all are among them is `law.*`."""
+    found: dict[str, None] = {}
+    for name in names:
+        law = name.split(".")[0]
+        family = [other for other in every if other.split(".")[0] == law]
+        whole = len(family) > 1 and set(family) <= set(names)
+        found[f"{law}.*" if whole else name] = None
+    return list(found)

@@ -1,0 +1,298 @@
+r"""Physically consistent parameters: bodies near their priors [Wensing2018].
+
+The data come whitened and compressed, bodies in the scale of their prior, friction, rotor inertia
+and stiffness within their bounds; the program is convex: Clarabel comes near its optimum, Newton's
+method gets there. Its curvature at the optimum is the posterior's precision (Laplace), so intervals
+count data and prior alike, and each parameter has its share of data. Near the edge of physical
+consistency the penalty is steep, which makes no parameter better known: the prior counts there with
+the curvature that it has at its own values.
+"""
+
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+
+from steelyard.base.arrays import Array, Parameters, frozen
+from steelyard.estimate.consistent.conic_solver import (
+    AIM,
+    MOST_ITERATIONS,
+    Infeasible,
+    Unsolved,
+    solved,
+)
+from steelyard.estimate.consistent.contradictions_and_costs import (
+    Tried,
+    Weighed,
+    active_bounds,
+    cost_notes,
+    far_constraints,
+    refuse_contradictions,
+    weighed,
+)
+from steelyard.estimate.consistent.convex_program import Program, conic_constraints, polished
+from steelyard.estimate.consistent.unknowns_and_penalties import Entropic, Form, unknowns
+from steelyard.estimate.estimate import Estimate, StandardEstimate
+from steelyard.estimate.information.base_parameters import BaseMap
+from steelyard.estimate.information.information import Information
+from steelyard.estimate.least_squares.normal_equations import Solution, Spread, described
+from steelyard.estimate.least_squares.weighted_and_recursive import Whitened, whitened
+from steelyard.estimate.prior.body_priors import Knowledge
+
+ROUGH = 1e-8  # gap and infeasibility required of the solver where Newton's method does the rest
+
+UNITS = (1e4, 1e6)
+"""Units of the squares that are tried where the solver stops in that of the noise, before that of
+the whole effort."""
+
+GAP_IN_EFFORT_UNITS = 1e-5  # gap that is enough in such a unit: squares are nearly all the effort's
+
+ENOUGH = 5e-5
+"""Gap of the objective that moves no value by more than 0.01 standard deviations: within a gap `g`
+the data and the prior together leave a distance of the root of `2 g`."""
+
+LISTED = 6  # prior constraints that the notes list
+
+
+@dataclass(frozen=True, eq=False)
+class ConsistentValues:
+    """Values without covariances."""
+
+    values: Array  # of the information's columns, `(p,)`, zero without a base parameter
+    gamma: float  # weight of the prior that they were estimated with
+    standard: Array  # all standard parameters
+
+
+@dataclass(frozen=True, eq=False)
+class Consistent:
+    """The convex estimate with a prior; the default."""
+
+    base: BaseMap  # lifts base parameters to standard ones
+    knowledge: Knowledge  # priors, bounds and constraints
+    form: Form = Entropic()  # penalties of bodies far from their priors, and physical consistency
+    # weight of the prior; of its stated uncertainty, or found from the data, if `None`
+    gamma: float | None = None
+    per_run: tuple[str, ...] = ()  # columns whose parameters every run has for itself
+    equal: bool = False  # whether all rows weigh the same, whatever their noise
+    iterations: int = MOST_ITERATIONS  # after which the solver gives up
+
+    def __post_init__(self) -> None:
+        if self.gamma is not None and not self.gamma > 0.0:
+            raise ValueError("a weight of the prior is positive; the form `Free` takes none")
+
+    def __call__(self, information: Information) -> Estimate:
+        """Estimate all standard parameters."""
+        data = whitened(information, self.per_run, equal=self.equal)
+        program = self.program(data)
+        found = self.weighed(program)
+        return self._described(data, program, found)
+
+    def values(
+        self, information: Information, gamma: float | None = None, near: Array | None = None
+    ) -> ConsistentValues:
+        """Values of the information's columns, without covariances.
+
+        No run has parameters of its own. `gamma` is the weight of the prior, as of a call if
+        `None`; `near` are standard parameters of a similar problem, to begin at.
+        """
+        program = self.program(whitened(information, equal=self.equal))
+        if gamma is None:
+            tried = self.weighed(program).tried
+        else:
+            begin = None if near is None else program.unknowns.of_standard(near)
+            tried = self._tried(program, gamma, begin)
+        standard = program.unknowns.standard(tried.u)
+        values = self.base.values_of(information.layout.columns, standard)
+        return ConsistentValues(values, tried.gamma, standard)
+
+    def program(self, data: Whitened) -> Program:
+        """The convex program of whitened data."""
+        known = unknowns(data, self.base, self.knowledge)
+        return Program(known, conic_constraints(known, self.knowledge), self.form)
+
+    def solve(self, program: Program, gamma: float, near: Array | None = None) -> Array:
+        """The unknowns at the optimum with a weight of the prior, near those of a like problem."""
+        if near is not None and (end := self._polished(program, near, gamma)) is not None:
+            return end
+        try:
+            return self._optimum(program, gamma)
+        except (Infeasible, Unsolved) as error:
+            refuse_contradictions(self.knowledge)
+            if far := far_constraints(program.constraints):
+                raise type(error)(
+                    error.wrong,
+                    where=self._where,
+                    fix=f"check the magnitudes in [[knowledge]]: {'; '.join(far)}",
+                ) from None
+            raise
+
+    def _polished(self, program: Program, near: Array, gamma: float) -> Array | None:
+        """The optimum from a solution nearby by Newton's method, where that confirms it."""
+        smooth = self.form.penalises and all(program.unknowns.priors)
+        return polished(program, near, gamma) if smooth else None
+
+    def _optimum(self, program: Program, gamma: float) -> Array:
+        """Near it by the solver and to the end by Newton's method, or all by the solver."""
+        m, whole = len(program.unknowns.weak), float(np.sum(np.square(program.unknowns.vector)))
+
+        def found(unit: float, aim: float, enough: float) -> Array:
+            conic = program.conic(gamma, unit=unit)
+            return solved(conic, self._where, self.iterations, aim=aim, enough=enough)[:m]
+
+        if self.form.penalises and all(program.unknowns.priors):
+            with suppress(Infeasible, Unsolved):
+                end = polished(program, found(1.0, ROUGH, ENOUGH), gamma)
+                if end is not None:
+                    return end
+        try:
+            return found(1.0, AIM, ENOUGH)
+        except (Infeasible, Unsolved):
+            # where consistent bodies contradict the data, the squares are so many times the prior's
+            # penalty that the solver loses the latter's digits: other units of the squares help
+            for unit in (unit for unit in (*UNITS, whole) if 1.0 < unit <= whole):
+                with suppress(Infeasible, Unsolved):
+                    return found(unit, ROUGH, GAP_IN_EFFORT_UNITS)
+            raise
+
+    @property
+    def _where(self) -> str:
+        return f"the consistent estimate ({self.form.name} prior)"
+
+    def weighed(self, program: Program) -> Weighed:
+        """The solution with the weight of the prior that is given, stated or found."""
+        stated = self.gamma
+        if stated is None and self.knowledge.uncertainty is not None:
+            stated = self.knowledge.uncertainty**-2
+        if stated is None and self.form.penalises and any(program.unknowns.priors):
+            return weighed(partial(self._tried, program), len(program.unknowns.vector))
+        return Weighed(self._tried(program, 0.0 if stated is None else stated))
+
+    def _tried(self, program: Program, gamma: float, near: Array | None = None) -> Tried:
+        """The solution with one weight."""
+        u = self.solve(program, gamma, near)
+        return Tried(gamma, u, program.unknowns.chi_squared(u), program.evidence(u, gamma))
+
+    def _described(self, data: Whitened, program: Program, found: Weighed) -> Estimate:
+        """The estimate: base parameters as the data see them, and all standard ones."""
+        known = program.unknowns
+        after, before = _spreads(data, program, found.tried)
+        u, held = active_bounds(program, found.tried.u, after @ after.T)
+        standard = known.standard(u)
+        lift, free = self.base.lift, program.constraints.free
+        spread = lift @ (known.scale @ after)
+        solution = _solution(data, lift @ standard, spread @ spread.T, self.base)
+        fit = replace(data.fit, solution=solution)
+        name = f"physically consistent ({self.form.name} prior)"
+        estimate = described(name, fit, Spread.of(solution, solution.inverse))
+        names = estimate.parameters.names
+        place = {n: k for k, n in enumerate(self.base.base_names)}
+        learned = _share(lift @ known.scale, free, after, before)[[place[n] for n in names]]
+        learned[[n in self.per_run for n in names]] = 1.0
+        alone = np.count_nonzero(lift, axis=1) == 1
+        share = _share(known.scale, free, after, before)
+        return replace(
+            estimate,
+            standard=self._standard(estimate, standard, known.scale @ after, share),
+            learned=frozen(learned),
+            at_bound=tuple(n for n in names if n in held and alone[place[n]]),
+            notes=tuple(self._notes(data, program, found)),
+        )
+
+    def _notes(self, data: Whitened, program: Program, found: Weighed) -> list[str]:
+        """What was known, how its weight came about, and what it costs."""
+        notes, gamma = list(self.knowledge.notes), found.tried.gamma
+        if labels := list(dict.fromkeys(row.label for row in self.knowledge.rows)):
+            more = f"; and {len(labels) - LISTED} more" if len(labels) > LISTED else ""
+            notes.append(f"prior constraints: {'; '.join(labels[:LISTED])}{more}")
+        if gamma and any(program.unknowns.priors):
+            how = "as stated"
+            if self.knowledge.uncertainty is None:
+                how = "estimated from the data"
+                how += f" in {found.solves} iterations" if self.gamma is None else ""
+            notes.append(
+                f"prior uncertainty of link inertias {100.0 * gamma**-0.5:.3g} % ({how}); prior "
+                f"and constraints raise χ² by {found.tried.rise:.3g} (up to "
+                f"{len(program.unknowns.vector)} is within noise)"
+            )
+
+        def covariance(some: Program, tried: Tried) -> Array:
+            root = _spreads(data, some, tried)[0]
+            return root @ root.T
+
+        return notes + cost_notes(program, self.knowledge, found, self._tried, covariance)
+
+    def _standard(
+        self, estimate: Estimate, values: Array, spread: Array, share: Array
+    ) -> StandardEstimate:
+        """All standard parameters; what every run has for itself is as a new run is expected."""
+        full, learned, covariance = values.copy(), share.copy(), spread @ spread.T
+        place = {name: k for k, name in enumerate(self.base.names)}
+        for name in self.per_run:
+            if name in estimate.parameters.names:
+                k, own = place[name], estimate.parameters.names.index(name)
+                full[k], learned[k] = estimate.parameters.values[own], 1.0
+                covariance[k, k] = estimate.covariance[own, own]
+        parameters = Parameters(self.base.names, self.base.units, full)
+        return StandardEstimate(parameters, frozen(covariance), frozen(learned))
+
+
+def _spreads(data: Whitened, program: Program, tried: Tried) -> tuple[Array, Array]:
+    r"""Roots $R$ of the unknowns' covariances $R R^T$ with the data and without, each `(m, k)`.
+
+    Within the constraints' equations. Sums of unknowns of which each is hardly known have a small
+    variance that rounding would take from $R R^T$, not from their rows of $R$. Where rows do not
+    weigh by their noise, that of the data is between the inverses.
+    """
+    known, free = program.unknowns, program.constraints.free
+    prior = program.stated_precision(tried.u, tried.gamma)
+    after, before = (
+        free @ _root_of_inverse(free.T @ precision @ free)
+        for precision in (prior + known.matrix.T @ known.matrix, prior)
+    )
+    if not np.array_equal(data.noise, np.eye(len(data.noise))):
+        values, vectors = np.linalg.eigh(known.matrix.T @ data.noise @ known.matrix + prior)
+        after = after @ (after.T @ (vectors * np.sqrt(np.maximum(values, 0.0))))
+    return after, before
+
+
+def inverse_of(precision: Array) -> Array:
+    """Inverse of a precision; of what nothing is known, a large variance."""
+    root = _root_of_inverse(precision)
+    return root @ root.T
+
+
+def _root_of_inverse(precision: Array) -> Array:
+    values, vectors = np.linalg.eigh(precision)
+    floor = 1e-14 * max(float(values.max(initial=0.0)), 1.0)
+    return np.asarray(vectors / np.sqrt(np.maximum(values, floor)))
+
+
+def _share(parameters: Array, free: Array, after: Array, before: Array) -> Array:
+    """Share of what is known that the data taught; nothing of what the constraints' equations give.
+
+    Parameters are sums of the unknowns, `(p, m)`; `free` directions of those are left by the
+    equations, `(m, k)`; `after` and `before` are the roots of `_spreads`.
+    """
+    taught, guessed = (np.sum(np.square(parameters @ root), axis=1) for root in (after, before))
+    lengths = np.linalg.norm(parameters, axis=1)
+    given = np.linalg.norm(parameters @ free, axis=1) <= 1e-9 * lengths
+    ratio = taught / np.where(given | (guessed <= 0.0), 1.0, guessed)
+    return np.where(given | (guessed <= 0.0), 0.0, np.clip(1.0 - ratio, 0.0, 1.0))
+
+
+def _solution(data: Whitened, values: Array, covariance: Array, base: BaseMap) -> Solution:
+    """The values as a solution in base parameters, with the parameters of single runs."""
+    old, columns = data.fit.solution, data.fit.data.whole.layout.columns
+    place = {name: k for k, name in enumerate(base.base_names)}
+    rows = [place[name] for name in columns]
+    local = list(data.fit.data.local)
+    full = values[rows]
+    full[local] = 0.0
+    kept = [rows[k] for k in old.kept]
+    return replace(
+        old,
+        values=full,
+        inverse=covariance[np.ix_(kept, kept)],
+        locals=tuple(part.solved(full) for part in data.eliminated),
+    )

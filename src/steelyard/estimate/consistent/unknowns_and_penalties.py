@@ -1,0 +1,273 @@
+r"""Standard parameters in the scale of their prior, and penalties on their distance from it.
+
+A body's pseudo-inertia is $J = L X L^T$ with $J_0 = L L^T$ that of its prior: the prior is
+$X = 1$, and margins have no unit [Wensing2018]. A body's unknowns are the ten entries of the upper
+triangle of $X$, column by column; every other parameter is counted in the standard deviation that
+is known of it, else in the size that would make all of the effort, or, where the data do not see
+it, in what is wide in its SI unit.
+
+Every form keeps $X \succeq \delta 1$: a body with margin.
+"""
+
+from dataclasses import dataclass
+from typing import ClassVar, Protocol
+
+import numpy as np
+
+from steelyard.base.arrays import Array, frozen
+from steelyard.estimate.consistent.conic_solver import Block
+from steelyard.estimate.information.base_parameters import BaseMap
+from steelyard.estimate.least_squares.weighted_and_recursive import Whitened
+from steelyard.estimate.prior.body_priors import Knowledge
+from steelyard.robot.inertia_and_placement import Inertia
+
+ORDER = 4  # rows of a pseudo-inertia
+ENTRIES = tuple((i, j) for j in range(ORDER) for i in range(j + 1))  # upper triangle by columns
+WIDEST = 10.0  # standard deviation of a wholly unknown cause of torque, in that of the whole effort
+UNSEEN = 1e-9  # effort of a parameter over that of the strongest that the data do not see
+UNKNOWN = 100.0  # standard deviation of a parameter that the data do not see, in its SI unit
+
+SCALE_WITHOUT_PRIOR = Inertia.about_com(1.0, np.zeros(3), 0.01 * np.eye(3))
+"""Scale of a body without prior."""
+
+ROWS, COLUMNS = np.array(ENTRIES).T
+
+ONE = np.where(ROWS == COLUMNS, 1.0, 0.0)  # entries of the unit matrix
+
+BASIS = np.zeros((10, ORDER, ORDER))
+BASIS[range(10), ROWS, COLUMNS] = BASIS[range(10), COLUMNS, ROWS] = 1.0
+BASIS.flags.writeable = False
+
+_TENS = np.array([Inertia.from_pseudo(e).ten for e in BASIS]).T  # ten numbers per entry, `(10, 10)`
+
+
+@dataclass(frozen=True, eq=False)
+class Unknowns:
+    r"""Standard parameters as unknowns of a program, $\phi = c + T u$."""
+
+    names: tuple[str, ...]
+    # per body whether it has a prior; its unknowns are `u[10 k : 10 k + 10]`
+    priors: tuple[bool, ...]
+    # indices in `names` of the other unknowns, which follow those of the bodies
+    terms: tuple[int, ...]
+    scale: Array  # $T$, `(p, m)`
+    weak: Array  # precision of each unknown that keeps what no data show near zero, `(m,)`
+    matrix: Array  # whitened data over the unknowns, `(rank, m)`
+    vector: Array  # `(rank,)`
+
+    @property
+    def start(self) -> Array:
+        """The prior: `X = 1`, no friction."""
+        u = np.zeros(len(self.weak))
+        u[: 10 * len(self.priors)] = np.tile(ONE, len(self.priors))
+        return u
+
+    def pseudo(self, u: Array) -> Array:
+        """`X` of every body, shape `(bodies, 4, 4)`."""
+        return np.tensordot(u[: 10 * len(self.priors)].reshape(-1, 10), BASIS, axes=1)
+
+    def standard(self, u: Array) -> Array:
+        """Standard parameters, shape `(p,)`; unseen ones of terms are zero but for constraints."""
+        return np.asarray(self.scale @ u)
+
+    def of_standard(self, standard: Array) -> Array:
+        """The unknowns of standard parameters, shape `(m,)`; the reverse of `standard`."""
+        return np.asarray(np.linalg.solve(self.scale, standard))
+
+    def chi_squared(self, u: Array) -> float:
+        """Rise of the weighted squares over those of weighted least squares."""
+        residual = self.matrix @ u - self.vector
+        return float(residual @ residual)
+
+
+def unknowns(data: Whitened, base: BaseMap, knowledge: Knowledge) -> Unknowns:
+    """The unknowns of a problem."""
+    first = 10 * len(knowledge.bodies)
+    place = {name: k for k, name in enumerate(base.base_names)}
+    lift = base.lift[[place[name] for name in data.names]]
+    scale, terms = scale_of(knowledge)
+    strength = np.linalg.norm(data.matrix @ lift, axis=0)
+    least = UNSEEN * float(strength.max(initial=0.0))
+    strength = strength[list(terms)]
+    sizes = np.divide(
+        data.effort, strength, out=np.full(len(terms), UNKNOWN), where=strength > least
+    )
+    stated = np.array([knowledge.deviations.get(base.names[k], np.nan) for k in terms])
+    scale[:, first:] *= np.where(np.isfinite(stated), stated, sizes)
+    matrix = data.matrix @ lift @ scale
+    matrix[:, first + np.flatnonzero(strength <= least)] = 0.0
+    weak = np.full(scale.shape[1], WIDEST**-2)
+    weak[:first] = 0.0
+    weak[first + np.flatnonzero((strength <= least) | np.isfinite(stated))] = 1.0
+    return Unknowns(
+        base.names,
+        tuple(prior is not None for prior in knowledge.priors),
+        terms,
+        frozen(scale),
+        frozen(weak),
+        frozen(matrix),
+        data.vector,
+    )
+
+
+def scale_of(knowledge: Knowledge) -> tuple[Array, tuple[int, ...]]:
+    """Parameters per entry of every `X`, then the others, which are given, as they are."""
+    tens = [knowledge.tens(body) for body in range(len(knowledge.bodies))]
+    terms = np.flatnonzero(~knowledge.of_bodies).tolist()
+    scale = np.zeros((len(knowledge.names), 10 * len(tens) + len(terms)))
+    for body, ten in enumerate(tens):
+        part = ten_map(knowledge.priors[body] or SCALE_WITHOUT_PRIOR)
+        scale[ten, 10 * body : 10 * body + 10] = part
+    scale[terms, 10 * len(tens) + np.arange(len(terms))] = 1.0
+    return scale, tuple(terms)
+
+
+def ten_map(prior: Inertia) -> Array:
+    """Ten numbers of a body per entry of its `X`, shape `(10, 10)`."""
+    factor = np.linalg.cholesky(prior.pseudo)
+    return np.asarray(_TENS @ (factor @ BASIS @ factor.T)[:, ROWS, COLUMNS].T)
+
+
+_TWICE = 2.0 - ONE
+
+FAINT = 1e-6  # weight that keeps bodies without prior bounded
+
+
+@dataclass(frozen=True, eq=False)
+class BodyPenalty:
+    """Quadratic and linear cost of a body's ten unknowns, then of its helpers, and its cones."""
+
+    square: Array
+    linear: Array
+    blocks: tuple[Block, ...]  # columns count from the body's first unknown, helpers from 10
+
+
+class Form(Protocol):
+    """A penalty on a body's distance from its prior."""
+
+    name: ClassVar[str]
+    penalises: ClassVar[bool]
+
+    @property
+    def margin(self) -> float:
+        """Least eigenvalue of `X`."""
+        ...
+
+    def part(self, weight: float) -> BodyPenalty:
+        """Cost and cones of one body, the penalty times a weight."""
+        ...
+
+    def cost(self, x: Array) -> float:
+        """The penalty of one `X`, shape `(4, 4)`; zero at the prior."""
+        ...
+
+    def slope(self, x: Array) -> Array:
+        """Derivative of the penalty by the ten entries of `X`, shape `(10,)`."""
+        ...
+
+    def curvature(self, x: Array) -> Array:
+        """Second derivative of the penalty by the ten entries of `X`, shape `(10, 10)`."""
+        ...
+
+
+@dataclass(frozen=True)
+class Entropic:
+    r"""$\mathrm{tr}\,X - \log\det X - 4$, the divergence of two mass distributions [Lee2020].
+
+    In cones: $\log\det X \ge \sum_k t_k$ where $\begin{pmatrix} X & Z \\ Z^T & D
+    \end{pmatrix} \succeq 0$, $Z$ lower triangular, $D$ its diagonal, $t_k \le \log D_{kk}$.
+    """
+
+    name: ClassVar[str] = "entropic"
+    penalises: ClassVar[bool] = True
+    margin: float = 1e-3
+
+    def part(self, weight: float) -> BodyPenalty:
+        """Ten entries of `Z` and four logarithms help."""
+        linear = weight * np.concatenate([ONE, np.zeros(10), -np.ones(4)])
+        return BodyPenalty(np.zeros(24), linear, (_bordered(), *_logarithms(), apart(self.margin)))
+
+    def cost(self, x: Array) -> float:
+        """The divergence."""
+        return float(np.trace(x) - np.linalg.slogdet(x)[1] - ORDER)
+
+    def slope(self, x: Array) -> Array:
+        r"""$\mathrm{tr}((1 - X^{-1}) E_a)$."""
+        return np.asarray(np.tensordot(BASIS, np.eye(ORDER) - np.linalg.inv(x), axes=2))
+
+    def curvature(self, x: Array) -> Array:
+        r"""$\mathrm{tr}(X^{-1} E_a X^{-1} E_b)$."""
+        turned = np.linalg.solve(x, BASIS)
+        return np.asarray(np.einsum("aij,bji->ab", turned, turned))
+
+
+@dataclass(frozen=True)
+class Pullback:
+    r"""$\tfrac12 \|X - 1\|_F^2$: the divergence to second order, a quadratic [Lee2018]."""
+
+    name: ClassVar[str] = "quadratic"
+    penalises: ClassVar[bool] = True
+    size: ClassVar[float] = 1.0
+    centre: ClassVar[Array] = ONE
+    margin: float = 1e-3
+
+    def part(self, weight: float) -> BodyPenalty:
+        """A quadratic around a centre; no helpers."""
+        size = weight * self.size
+        return BodyPenalty(size * _TWICE, -size * self.centre, (apart(self.margin),))
+
+    def cost(self, x: Array) -> float:
+        """Half the squared distance."""
+        return 0.5 * self.size * float(_TWICE @ np.square(x[ROWS, COLUMNS] - self.centre))
+
+    def slope(self, x: Array) -> Array:
+        r"""$\mathrm{tr}((X - 1) E_a)$."""
+        return np.asarray(self.size * _TWICE * (x[ROWS, COLUMNS] - self.centre))
+
+    def curvature(self, x: Array) -> Array:
+        """The same everywhere."""
+        return np.diag(self.size * _TWICE)
+
+
+@dataclass(frozen=True)
+class Free(Pullback):
+    """No penalty beyond physical consistency.
+
+    What no data show is kept from growing without bound: 1000 times the prior costs one half.
+    """
+
+    name: ClassVar[str] = "free"
+    penalises: ClassVar[bool] = False
+    size: ClassVar[float] = FAINT
+    centre: ClassVar[Array] = np.zeros(10)
+
+
+def apart(margin: float) -> Block:
+    """`X - margin` is positive semidefinite."""
+    return Block("semidefinite", np.arange(10), -np.diag(np.sqrt(_TWICE)), -margin * ONE, ORDER)
+
+
+def _bordered() -> Block:
+    """`X` bordered by `Z` and its diagonal is positive semidefinite."""
+    places = [(i, j) for j in range(2 * ORDER) for i in range(j + 1)]
+    matrix = np.zeros((len(places), 20))
+    for k, (i, j) in enumerate(ENTRIES):
+        # Z is lower triangular: its entry (j, i) is the upper triangle's (i, j)
+        matrix[places.index((i, j)), k] = 1.0 if i == j else np.sqrt(2.0)
+        matrix[places.index((j, ORDER + i)), 10 + k] = np.sqrt(2.0)
+        if i == j:
+            matrix[places.index((ORDER + i, ORDER + i)), 10 + k] = 1.0
+    return Block("semidefinite", np.arange(20), -matrix, np.zeros(len(matrix)), 2 * ORDER)
+
+
+def _logarithms() -> tuple[Block, ...]:
+    """Each of the last four helpers is at most the logarithm of an entry of `D`."""
+    return tuple(
+        Block(
+            "exponential",
+            np.array([20 + k, 10 + diagonal]),
+            np.array([[-1.0, 0.0], [0.0, 0.0], [0.0, -1.0]]),
+            np.array([0.0, 1.0, 0.0]),
+        )
+        for k, diagonal in enumerate(np.flatnonzero(ONE))
+    )

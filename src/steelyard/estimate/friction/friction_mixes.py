@@ -1,0 +1,201 @@
+"""Mixes of friction laws for `friction = "auto"`, and whether logs contain enough motion for it.
+
+Friction laws are compared by leaving out a fifth of the motion (or one run) in turn. Every part
+should have motion of every joint at several speeds, over a distance at which laws with internal
+states become usable (three of their lengths), and all parts together motion in both directions.
+With fewer data no laws can be distinguished; with these, the comparison itself keeps Coulomb
+friction unless another law is significantly better.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
+from itertools import groupby
+from typing import Any, Literal, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from steelyard.base.arrays import Array
+from steelyard.estimate.scores.cross_validation import FOLDS
+from steelyard.model.laws.coulomb import Coulomb
+from steelyard.model.laws.load_dependent_friction import LoadDependent
+from steelyard.model.laws.offset import Offset
+from steelyard.model.laws.powers_of_speed import Cubic, Quadratic, Root
+from steelyard.model.laws.presliding import Dahl, LuGre, MaxwellSlip
+from steelyard.model.laws.spring import Spring
+from steelyard.model.laws.stribeck import Stribeck
+from steelyard.model.laws.viscous import Viscous
+from steelyard.model.model import Model
+from steelyard.model.terms.term import StatefulTerm, Term
+from steelyard.robot.file.sections import EffortKind
+from steelyard.robot.robot import Coordinate, Robot
+
+Mix = tuple[Term, ...]  # friction laws that act together
+Stage = tuple[Mix, ...]  # candidates, the simplest first
+
+FINE = (3e-4, 1e-3, 3e-3, 1e-2)
+WIDE = (1e-3, 4e-3, 2e-2, 1e-1)
+
+DIRECTION: Stage = (
+    (Coulomb(),),
+    *((Coulomb(smoothing=speed),) for speed in (0.005, 0.02, 0.05)),
+    *((Dahl(length=length),) for length in (3e-4, 1e-3, 3e-3, 1e-2)),
+    *(
+        (LuGre(length=length, breakaway=1.15, speed=speed),)
+        for length in (3e-4, 1e-3)
+        for speed in (0.1, 0.3)
+    ),
+    (MaxwellSlip(lengths=FINE),),
+    (MaxwellSlip(lengths=WIDE, relaxing=True),),
+    (Coulomb(), MaxwellSlip(lengths=FINE)),
+)
+"""How friction turns round with the direction of motion, the simplest first."""
+
+SPEED: Stage = (
+    (Viscous(),),
+    (Viscous(), Root()),
+    (Viscous(), Quadratic()),
+    (Viscous(), Cubic()),
+    *((Viscous(), Stribeck(speed=speed)) for speed in (0.02, 0.1)),
+)
+"""How friction grows with speed."""
+
+PLAIN: Mix = (*DIRECTION[0], *SPEED[0])  # with which others are compared
+LOADED = ("motor_current", "motor_torque")  # efforts behind gears: friction grows with load
+
+LOAD: Stage = ((), (LoadDependent(length=1e-3),))  # whether friction grows with the load
+
+LEVER = 0.1  # arm at which a prismatic joint's speeds and lengths are those of a revolute one [m]
+
+SPRINGS: Stage = ((), (Spring(),))  # whether cables or springs pull the joints
+
+
+def stages_of(
+    model: Model, kind: EffortKind, left_out: Literal["run", "segment"]
+) -> tuple[Stage, ...]:
+    """The candidates for a model without friction, stage by stage.
+
+    Laws of speed act along further coordinates as well, where the model has viscous friction along
+    them. A spring that the model has is no candidate; nor are springs where stretches are left out
+    in turn, which share the postures of one motion and cannot tell them from what else depends on
+    posture.
+    """
+    aside = [x for x in model.terms if isinstance(x, Viscous) and (x.along or x.motors)]
+
+    def everywhere(laws: Mix) -> Mix:
+        return laws + tuple(
+            replace(cast(Any, law), joints=x.joints, motors=x.motors, along=x.along)
+            for law in laws[1:]
+            for x in aside
+        )
+
+    stages = [_sized(DIRECTION, model.robot), _sized([*map(everywhere, SPEED)], model.robot)]
+    if kind in LOADED:
+        stages.append(_sized(LOAD, model.robot))
+    if left_out == "run" and not any(isinstance(term, Spring) for term in model.terms):
+        free = any(isinstance(term, Offset) for term in model.terms)
+        stages.append(SPRINGS if free else ((), (Spring(free="unknown"),)))
+    return tuple(stages)
+
+
+def _sized(stage: Sequence[Mix], robot: Robot) -> Stage:
+    """The candidates with speeds and lengths of prismatic joints as at a lever."""
+    sizes = [LEVER if c.kind == "prismatic" else 1.0 for c in robot.coordinates]
+    if LEVER not in sizes:
+        return tuple(stage)
+
+    def sized(term: Term) -> Term:
+        if any(getattr(term, name, None) for name in ("joints", "motors", "along")):
+            return term
+        given = {name: getattr(term, name) for name in term.bounds}
+        wanted = {name: tuple(value * x for x in sizes) for name, value in given.items() if value}
+        return cast(Term, replace(cast(Any, term), **wanted)) if wanted else term
+
+    return tuple(tuple(map(sized, mix)) for mix in stage)
+
+
+def has_memory(terms: Sequence[Term]) -> bool:
+    """Whether friction at rest is known: some law has a memory of where the joint came from."""
+    return any(isinstance(term, StatefulTerm) for term in terms)
+
+
+def mix_name(terms: Sequence[Term]) -> str:
+    """A mix for people to read: laws with their speeds and lengths, and what else is not usual."""
+    names = []
+    for term in terms:
+        values = {f: getattr(term, f.name) for f in fields(term)}  # type: ignore[arg-type]
+        given = [
+            f.name if value is True else f"{f.name} {_short(value)}"
+            for f, value in values.items()
+            if f.name not in term.unnamed and value
+            if f.name in term.bounds or value != f.default
+        ]
+        names.append(f"{term.law} ({', '.join(given)})" if given else term.law)
+    return " + ".join(names)
+
+
+def _short(value: object) -> str:
+    if isinstance(value, tuple) and value and isinstance(value[0], tuple):
+        return ", ".join(str(name) for name, _ in value)
+    if isinstance(value, tuple):
+        alike = [(x, len(list(same))) for x, same in groupby(value)]
+        return ", ".join(_short(x) + (f" x {n}" if n > 1 else "") for x, n in alike)
+    return f"{value:g}" if isinstance(value, float) else str(value)
+
+
+LENGTHS = 3.0  # lengths of a law's state that a joint travels until its samples are used
+SPEEDS = 2.0  # fast over slow motion (quantiles 0.9 and 0.1) from which on speeds differ
+SLOWEST = 0.03  # speed up to which a joint rests, relative to its fastest
+
+
+@dataclass(frozen=True)
+class JointMotion:
+    """Motion of one joint over all logs."""
+
+    reversals: int
+    travel: float  # distance travelled [rad; m]
+    speeds: float  # fast over slow motion, quantiles 0.9 and 0.1 of the speed in motion
+
+
+def joint_motions(
+    logs: Sequence[tuple[Array, NDArray[np.intp], float]],
+) -> tuple[JointMotion, ...]:
+    """Motion of each joint.
+
+    A log is velocities `(n, B)` [rad/s; m/s], the number of the stretch that each sample lies in
+    `(B,)`, and the time between samples [s].
+    """
+    n = len(logs[0][0])
+    fastest = [max(float(np.quantile(np.abs(dq[j]), 0.98)) for dq, _, _ in logs) for j in range(n)]
+    found = []
+    for joint in range(n):
+        reversals, travel, speeds = 0, 0.0, [np.zeros(0)]
+        for dq, stretch, step in logs:
+            moving = np.abs(dq[joint]) > SLOWEST * fastest[joint]
+            for number in np.unique(stretch[moving]):
+                signs = np.sign(dq[joint][moving & (stretch == number)])
+                reversals += int(np.count_nonzero(np.diff(signs)))
+            travel += float(np.abs(dq[joint]).sum()) * step
+            speeds.append(np.abs(dq[joint])[moving])
+        every = np.concatenate(speeds)
+        slow, fast = np.quantile(every, (0.1, 0.9)) if len(every) else (1.0, 0.0)
+        found.append(JointMotion(reversals, travel, float(fast / slow)))
+    return tuple(found)
+
+
+def lacking(motions: Sequence[JointMotion], coordinates: Sequence[Coordinate]) -> tuple[str, ...]:
+    """What is missing for `friction = "auto"`, one sentence per joint; none if nothing is."""
+    found = []
+    for motion, coordinate in zip(motions, coordinates, strict=True):
+        size = LEVER if coordinate.kind == "prismatic" else 1.0
+        least = FOLDS * LENGTHS * max(WIDE) * size
+        if motion.reversals == 0:
+            found.append(f"{coordinate.name} moves in one direction only")
+        elif motion.travel < least:
+            found.append(
+                f"{coordinate.name} travels {motion.travel:.2g} {coordinate.unit} "
+                f"({least:.2g} needed)"
+            )
+        elif motion.speeds < SPEEDS:
+            found.append(f"{coordinate.name} moves at one speed only")
+    return tuple(found)

@@ -1,0 +1,334 @@
+"""Gram matrices of one stretch of samples, block by block, in tiles of rows."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cache, cached_property
+from math import lcm
+
+import numpy as np
+from numpy.typing import NDArray
+
+from steelyard.base.arrays import Array
+from steelyard.estimate.information.regressor import Layout, ParallelFilter, Regressor
+from steelyard.model.compiled_evaluation import check_angles
+from steelyard.symbolic.native.compiled_programs import loops
+from steelyard.symbolic.native.gram_and_filter_loops import FIR_OUTPUTS, TILE_COLUMNS, TILE_ROWS
+
+
+@dataclass(frozen=True, eq=False)
+class Tiling:
+    """Tiles that cover the lower triangles of all rows' Gram matrices."""
+
+    firsts: NDArray[np.int64]  # first rows `(a, b)` of each tile, `(tiles, 2)`
+    cells: NDArray[np.int64]  # where each packed Gram entry lies among the tiles' sums
+
+    @classmethod
+    @cache
+    def of(cls, layout: Layout) -> "Tiling":
+        """The last tile of a row of tiles reaches back over its neighbour, not beyond."""
+        firsts: list[tuple[int, int]] = []
+        cells: list[int] = []
+        for start, width in zip(layout.starts, layout.widths, strict=True):
+            cell: dict[tuple[int, int], int] = {}
+            for a in _edges(width, TILE_ROWS):
+                for b in _edges(min(a + TILE_ROWS, width), TILE_COLUMNS):
+                    for k in range(TILE_ROWS * TILE_COLUMNS):
+                        i, j = a + k // TILE_COLUMNS, b + k % TILE_COLUMNS
+                        cell[i, j] = len(firsts) * TILE_ROWS * TILE_COLUMNS + k
+                    firsts.append((start + a, start + b))
+            cells += [cell[i, j] for i in range(width) for j in range(i + 1)]
+        return cls(np.array(firsts, dtype=np.int64), np.array(cells, dtype=np.int64))
+
+
+def _edges(width: int, size: int) -> list[int]:
+    return sorted({max(0, min(start, width - size)) for start in range(0, width, size)})
+
+
+BLOCK = 256  # samples per inner block: its rows stay in the second-level cache
+
+MOVING = 0.1
+"""Filtered weight above which a filtered sample counts: only a rest as long as the filter is left
+out, a reversal of the motion is not a rest."""
+
+RESTING = 0.02  # share of left out samples from which on a filtered sample is beside rests
+PADDING = 8  # extra samples per row, so that rows do not start a power of two apart
+
+
+@dataclass(frozen=True, eq=False)
+class Stretch:
+    """Consecutive samples of one run, joint-major."""
+
+    q: Array  # `(n, N)`; likewise `dq`, `ddq` and `effort`
+    dq: Array
+    ddq: Array
+    effort: Array
+    # weight of each sample in each effort row, `(n, N)`; all ones if `None`. A filtered sample
+    # counts if samples of weight 0 leave more than `MOVING` of its filter; then its weight is the
+    # inverse of the variances $1 / w$ behind the filter
+    weights: Array | None = None
+    channels: Array | None = None  # `(n_channels, N)`, see `model.Scan`; without channels if `None`
+
+    def __post_init__(self) -> None:
+        if self.channels is None:
+            object.__setattr__(self, "channels", np.empty((0, np.shape(self.q)[1])))
+        for name in ("q", "dq", "ddq", "effort", "channels"):
+            values = np.asarray(getattr(self, name), dtype=np.float64)
+            if values.strides[1] != 8:
+                values = np.ascontiguousarray(values)
+            object.__setattr__(self, name, values)
+        like = (self.q, self.dq, self.ddq, self.effort)
+        if not all(x.shape == self.q.shape for x in like):
+            raise ValueError("q, dq, ddq and effort differ in shape")
+        check_angles(self.q)
+
+    @property
+    def inputs(self) -> tuple[Array, Array, Array, Array, Array]:
+        """What the kernel reads."""
+        channels = np.empty((0, self.q.shape[1])) if self.channels is None else self.channels
+        return self.q, self.dq, self.ddq, channels, self.effort
+
+
+@dataclass(frozen=True, eq=False)
+class Sums:
+    """Sums over samples."""
+
+    grams: Array  # packed Gram matrices, `(size,)`
+    absolute: Array  # sums of |value|, `(width,)`
+    counts: Array  # samples per row, `(rows,)`
+    # of `grams`, the part of filtered samples beside rests: those in which samples of weight 0 have
+    # a share above `RESTING`
+    beside: Array
+
+    def __iadd__(self, other: "Sums") -> "Sums":
+        for mine, theirs in zip(vars(self).values(), vars(other).values(), strict=True):
+            mine += theirs
+        return self
+
+
+@dataclass(frozen=True, eq=False)
+class Accumulator:
+    """Turns stretches into sums; holds no state, so threads share it."""
+
+    regressor: Regressor
+    matched: ParallelFilter | None = None
+
+    @cached_property
+    def tiling(self) -> Tiling:
+        """Tiles of the Gram matrices."""
+        return Tiling.of(self.regressor.layout)
+
+    @property
+    def width(self) -> int:
+        """Columns of all rows, efforts included."""
+        return sum(self.regressor.layout.widths)
+
+    @cached_property
+    def taps(self) -> Array:
+        """The filter's taps, padded with zeros to whole vectors; a single one without filter."""
+        taps = self.matched.taps if self.matched else np.ones(1)
+        lanes = self.regressor.code.lanes
+        return np.concatenate([taps, np.zeros(-len(taps) % lanes)])
+
+    @property
+    def decimation(self) -> int:
+        """Samples per kept sample."""
+        return self.matched.decimation if self.matched else 1
+
+    @property
+    def halo(self) -> int:
+        """Samples that a stretch needs beyond those that it answers for."""
+        return len(self.matched.taps) - self.decimation if self.matched else 0
+
+    def outputs(self, n_samples: int) -> int:
+        """Filtered samples that a stretch of `n_samples` yields."""
+        length = len(self.matched.taps) if self.matched else 1
+        return max(0, (n_samples - length) // self.decimation + 1)
+
+    def __call__(self, stretch: Stretch) -> Sums:
+        """Sums over one stretch."""
+        if self.matched is None and stretch.weights is None:
+            return self._fused(stretch)
+        return self._filtered(stretch)
+
+    def _fused(self, stretch: Stretch) -> Sums:
+        """Everything in one native call; what does not fill a vector is added apart."""
+        code, work = self.regressor.code, _Workspace(self, BLOCK)
+        n_samples = stretch.q.shape[1]
+        whole = n_samples - n_samples % code.lanes
+        if whole:
+            given, y, tiles = _addresses(stretch, 0), _place(work.y), _tiles(self.tiling)
+            sums, absolute = work.sums.ctypes.data, work.absolute.ctypes.data
+            code.fused(whole, *given, BLOCK, *y, *tiles, sums, self.width, absolute)
+            work.counts += whole
+        if whole < n_samples:
+            work.evaluate(stretch, whole, n_samples - whole, 0)
+            work.add(work.y, n_samples - whole)
+        return work.result()
+
+    def _filtered(self, stretch: Stretch) -> Sums:
+        """Kernel, filter, weights and Gram, one native call each per block."""
+        work = _Workspace(self, sum(self._steps))
+        weights, beside = self._weights(stretch), self._beside(stretch)
+        for first, count, block in self._blocks(stretch, work):
+            part = slice(first, first + count)
+            work.add(block, count, None if weights is None else weights[:, part])
+            if beside is not None:
+                work.add_beside(block, beside[:, part])
+        return work.result()
+
+    def rows(self, stretch: Stretch) -> tuple[Array, Array]:
+        """Filtered samples `(width, outputs)`, see `Layout.starts`, and weights `(n, outputs)`."""
+        n_outputs, weights = self.outputs(stretch.q.shape[1]), self._weights(stretch)
+        result = np.empty((self.width, n_outputs))
+        for first, count, block in self._blocks(stretch, _Workspace(self, sum(self._steps))):
+            result[:, first : first + count] = block[: self.width, :count]
+        return result, np.ones((len(stretch.q), n_outputs)) if weights is None else weights
+
+    @property
+    def _steps(self) -> tuple[int, int]:
+        """Samples kept of the block before, and samples a block goes on by."""
+        lanes, decimation = self.regressor.code.lanes, self.decimation
+        step = lcm(decimation, lanes)
+        return -(-self.halo // lanes) * lanes, step * max(1, BLOCK // step)
+
+    def _blocks(self, stretch: Stretch, work: "_Workspace") -> Iterator[tuple[int, int, Array]]:
+        """First filtered sample, how many there are, and their rows, which may be written to."""
+        history, step = self._steps
+        n_outputs, per_step = self.outputs(stretch.q.shape[1]), step // self.decimation
+        known = 0
+        for first in range(0, n_outputs, per_step):
+            count = min(per_step, n_outputs - first)
+            start = first * self.decimation + known
+            work.evaluate(stretch, start, history + step - known, known)
+            yield first, count, work.filtered(count)
+            work.y[:, :history] = work.y[:, step : step + history]
+            known = history
+
+    def _weights(self, stretch: Stretch) -> Array | None:
+        """Weights of the filtered samples, shape `(n, outputs)`."""
+        n_outputs = self.outputs(stretch.q.shape[1])
+        if stretch.weights is None or n_outputs == 0 or np.all(stretch.weights == 1.0):
+            return None
+        if self.matched is None:
+            return stretch.weights
+        counted = stretch.weights > 0.0
+        kept = self._over_taps(counted.astype(np.float64), self.matched.taps) > MOVING
+        if np.isin(stretch.weights, (0.0, 1.0)).all():
+            return kept.astype(np.float64)
+        shares = np.square(self.matched.taps)
+        variance = np.divide(1.0, stretch.weights, where=counted, out=np.zeros(counted.shape))
+        mean = self._over_taps(variance, shares)
+        known = self._over_taps(counted.astype(np.float64), shares)
+        return np.divide(known, mean, where=kept & (mean > 0.0), out=np.zeros(mean.shape))
+
+    def _beside(self, stretch: Stretch) -> Array | None:
+        """Ones of filtered samples beside rests, `(n, outputs)`; `None` if there are none."""
+        if self.matched is None or stretch.weights is None or np.all(stretch.weights > 0.0):
+            return None
+        if self.outputs(stretch.q.shape[1]) == 0:
+            return None
+        sizes = np.abs(self.matched.taps)
+        resting = (stretch.weights == 0.0).astype(np.float64)
+        share = self._over_taps(resting, sizes / sizes.sum())
+        return (share > RESTING).astype(np.float64)
+
+    def _over_taps(self, values: Array, taps: Array) -> Array:
+        """Values `(n, N)` summed over the taps at every filtered sample, shape `(n, outputs)`."""
+        windows = np.lib.stride_tricks.sliding_window_view(values, len(taps), axis=1)
+        kept = windows[:, :: self.decimation][:, : self.outputs(values.shape[1])]
+        return np.asarray(kept @ taps)
+
+
+class _Workspace:
+    """Buffers of one call: rows over samples, filtered rows, and the sums as they grow."""
+
+    def __init__(self, accumulator: Accumulator, samples: int) -> None:
+        self.accumulator = accumulator
+        lanes = accumulator.regressor.code.lanes
+        rows = accumulator.width + TILE_ROWS
+        spare = FIR_OUTPUTS * accumulator.decimation + len(accumulator.taps)
+        self.y = np.zeros((rows, -(-(samples + spare) // lanes) * lanes + PADDING))
+        outputs = samples // accumulator.decimation + FIR_OUTPUTS + lanes
+        self.z = np.zeros((rows, -(-outputs // lanes) * lanes + PADDING))
+        tiles = len(accumulator.tiling.firsts)
+        self.sums = np.zeros((tiles, TILE_ROWS * TILE_COLUMNS, lanes))
+        self.beside = np.zeros_like(self.sums)
+        self.absolute = np.zeros((accumulator.width, lanes))
+        self.counts = np.zeros(len(accumulator.regressor.layout.rows))
+
+    def evaluate(self, stretch: Stretch, start: int, count: int, column: int) -> None:
+        """Write rows of samples `start...` into the buffer from `column` on."""
+        code = self.accumulator.regressor.code
+        count = min(count, stretch.q.shape[1] - start)
+        if count <= 0:
+            return
+        whole = count - count % code.lanes
+        if whole:
+            place = self.y.ctypes.data + 8 * column
+            code.raw(whole, *_addresses(stretch, start), place, self.y.shape[1])
+        if whole < count:
+            part = slice(start + whole, start + count)
+            values = code([x[:, part] for x in stretch.inputs])
+            self.y[: values.shape[0], column + whole : column + count] = values
+
+    def filtered(self, count: int) -> Array:
+        """The first `count` filtered samples of the buffer."""
+        width, decimation = self.accumulator.width, self.accumulator.decimation
+        taps, outputs = self.accumulator.taps, -(-count // FIR_OUTPUTS) * FIR_OUTPUTS
+        filter_ = taps.ctypes.data, len(taps), decimation
+        loops().fir(*_place(self.y), width, *filter_, outputs, *_place(self.z))
+        return self.z
+
+    def add(self, block: Array, count: int, weights: Array | None = None) -> None:
+        """Add the first `count` samples of a block of rows, weighted per effort row."""
+        if weights is not None:
+            self._weigh(block, weights)
+        self._add_grams(block, count, self.sums)
+        width, absolute = self.accumulator.width, self.absolute.ctypes.data
+        loops().absolute(*_place(block), self._padded(count), width, absolute)
+        self.counts += count if weights is None else np.count_nonzero(weights, axis=1)
+
+    def add_beside(self, block: Array, marks: Array) -> None:
+        """Add those samples of a block that `add` has weighted that `marks` `(n, count)` marks."""
+        self._weigh(block, marks)
+        self._add_grams(block, marks.shape[1], self.beside)
+
+    def _weigh(self, block: Array, weights: Array) -> None:
+        """Multiply rows by the roots of their weights, shape `(n, count)`."""
+        widths = self.accumulator.regressor.layout.widths
+        roots = np.repeat(np.sqrt(weights), widths, axis=0)
+        block[: len(roots), : weights.shape[1]] *= roots
+
+    def _add_grams(self, block: Array, count: int, sums: Array) -> None:
+        """Add the products of the first `count` samples."""
+        padded = self._padded(count)
+        block[:, count:padded] = 0.0
+        tiles = _tiles(self.accumulator.tiling)
+        loops().gram(*_place(block), padded, *tiles, sums.ctypes.data)
+
+    def _padded(self, count: int) -> int:
+        """So many samples as whole vectors."""
+        lanes = self.accumulator.regressor.code.lanes
+        return -(-count // lanes) * lanes
+
+    def result(self) -> Sums:
+        """The sums, lanes added up."""
+        places = self.accumulator.tiling.cells
+        grams, beside = (x.sum(axis=2).ravel()[places] for x in (self.sums, self.beside))
+        return Sums(grams, self.absolute.sum(axis=1), self.counts, beside)
+
+
+def _place(rows: Array) -> tuple[int, int]:
+    """Address and row stride of a buffer, as the machine code takes them."""
+    return rows.ctypes.data, rows.shape[1]
+
+
+def _tiles(tiling: Tiling) -> tuple[int, int]:
+    return tiling.firsts.ctypes.data, len(tiling.firsts)
+
+
+def _addresses(stretch: Stretch, start: int) -> list[int]:
+    """Address of sample `start` and row stride of every input, as the machine code takes them."""
+    return [
+        number for x in stretch.inputs for number in (x.ctypes.data + 8 * start, x.strides[0] // 8)
+    ]

@@ -1,0 +1,255 @@
+r"""Backward elimination: a model with some base parameters, which one is removed next, the path.
+
+All states of a path share the weights of the full model's rows, $1/\sigma_j^2$: with weights that
+followed each removal, a row that lost a parameter would count less, and the next removal there
+would seem cheaper than it is.
+"""
+
+from collections.abc import Callable, Collection
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from steelyard.base.arrays import Array, frozen
+from steelyard.base.errors import DataError
+from steelyard.estimate.estimate import Unidentifiable
+from steelyard.estimate.information.information import Information
+from steelyard.estimate.least_squares.covariance_from_residuals import scatter, score_covariance
+from steelyard.estimate.least_squares.normal_equations import condition_of, unit_length
+from steelyard.estimate.least_squares.weighted_and_recursive import WeightedLeastSquares
+
+
+@dataclass(frozen=True, eq=False)
+class FullModel:
+    """The data of a full model, and the weights that its least squares found."""
+
+    information: Information  # the data, in the columns that they show, `p` of them
+    variances: Array  # residual variance per effort row of the full model, `(rows,)`
+    factors: Array  # how many times more the estimate scatters than by white residuals, `(rows,)`
+    matrix: Array  # normal matrix $A^T W A$, columns of unit length, `(p, p)`
+    vector: Array  # $A^T W b$ of the same columns, `(p,)`
+    scores: Array  # covariance of that vector with the factors, `(p, p)`
+    lengths: Array  # lengths of the weighted columns, `(p,)`
+    blind: tuple[Unidentifiable, ...]  # columns that the data do not show; they have no value
+
+    @classmethod
+    def of(cls, information: Information) -> "FullModel":
+        """Weighted least squares of all columns that the data show."""
+        blind = WeightedLeastSquares().fit(information).solution.blind
+        hidden = {one.name for one in blind}
+        shown = [name for name in information.layout.columns if name not in hidden]
+        seen = information.select(shown) if blind else information
+        fit = WeightedLeastSquares().fit(seen)
+        factors = scatter(fit)
+        matrix, vector, _ = seen.normal(1.0 / fit.variances)
+        unit, lengths = unit_length(matrix)
+        return cls(
+            seen,
+            fit.variances,
+            factors,
+            frozen(unit),
+            frozen(vector / lengths),
+            frozen(score_covariance(fit, factors) / lengths[:, None] / lengths),
+            frozen(lengths),
+            blind,
+        )
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the columns that the data show."""
+        return self.information.layout.columns
+
+    @cached_property
+    def norms(self) -> Array:
+        """Norms of the unweighted columns over all rows and samples, shape `(p,)`."""
+        matrix, _, _ = self.information.normal()
+        return np.sqrt(np.maximum(np.diag(matrix), 0.0))
+
+    @cached_property
+    def means(self) -> Array:
+        """Means of |column| over all rows and samples, shape `(p,)`."""
+        return np.asarray(self.information.absolute_sums() / self.information.n_samples.sum())
+
+
+@dataclass(frozen=True, eq=False)
+class State:
+    """A reduced model, all other columns being zero."""
+
+    full: FullModel
+    active: tuple[int, ...]  # indices of the columns that are left, ascending, `k` of them
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the parameters that are left."""
+        return tuple(self.full.names[k] for k in self.active)
+
+    @cached_property
+    def _inverse(self) -> Array:
+        """Inverse normal matrix of columns of unit length, shape `(k, k)`."""
+        return frozen(np.linalg.inv(self.full.matrix[np.ix_(self.active, self.active)]))
+
+    @cached_property
+    def _unit_values(self) -> Array:
+        return np.asarray(self._inverse @ self.full.vector[list(self.active)])
+
+    @property
+    def values(self) -> Array:
+        """Values of the parameters that are left, shape `(k,)`."""
+        return self._unit_values / self.full.lengths[list(self.active)]
+
+    @property
+    def all_values(self) -> Array:
+        """Values of all columns, zero where removed, shape `(p,)`."""
+        values = np.zeros(len(self.full.names))
+        values[list(self.active)] = self.values
+        return values
+
+    @cached_property
+    def ratios(self) -> Array:
+        r"""$|\theta_i| / \sigma_i$ with white residuals, shape `(k,)`."""
+        return np.abs(self._unit_values) / np.sqrt(np.diag(self._inverse))
+
+    @cached_property
+    def losses(self) -> Array:
+        r"""Rise of $\chi^2$ by each removal, $\theta_i^2 / C_{ii}$, shape `(k,)`.
+
+        All others are refitted; $C$ counts the correlation of residuals, so that a parameter that
+        is zero in truth has a loss of one on average.
+        """
+        inverse = self._inverse
+        scores = self.full.scores[np.ix_(self.active, self.active)]
+        variances = np.einsum("ij,jk,ki->i", inverse, scores, inverse, optimize=True)
+        return np.asarray(np.square(self._unit_values) / np.maximum(variances, 1e-300))
+
+    @cached_property
+    def squares(self) -> Array:
+        """Sum of squared residuals per effort row, shape `(rows,)`."""
+        return self.full.information.residual_squares(self.all_values)
+
+    @property
+    def rms(self) -> Array:
+        """Root mean square of the residuals per effort row, shape `(rows,)` [Nm; N]."""
+        return np.sqrt(self.squares / np.maximum(self.full.information.n_samples, 1.0))
+
+    @cached_property
+    def condition(self) -> float:
+        """Condition number of the weighted columns at unit length."""
+        some = self.full.matrix[np.ix_(self.active, self.active)]
+        return condition_of(some)
+
+    @property
+    def chi_square(self) -> float:
+        """Squared residuals in variances that count their correlation."""
+        full = self.full
+        return float(np.sum(self.squares / (full.variances * np.maximum(full.factors, 1.0))))
+
+
+@dataclass(frozen=True)
+class Criterion:
+    """A measure of what a parameter is worth to a model."""
+
+    name: str  # short name, as options know it
+    about: str  # what it is, in a few words
+    # worth of each parameter that is left, `(k,)`; the least one is removed
+    worth: Callable[[State], Array]
+
+
+def _contribution(state: State) -> Array:
+    r"""$|p_j|\,\|w_j\|$ over their sum."""
+    torque = np.abs(state.values) * state.full.norms[list(state.active)]
+    return np.asarray(torque / max(float(torque.sum()), 1e-300))
+
+
+CRITERIA: tuple[Criterion, ...] = (
+    Criterion("loss", "rise of χ² by the removal, residuals correlated", lambda s: s.losses),
+    Criterion("contribution", "relative torque contribution [Wang], eqs. 6 to 9", _contribution),
+    Criterion(
+        "mean_column",
+        "mean absolute column of the regressor [Volkmann], eq. 10",
+        lambda s: s.full.means[list(s.active)],
+    ),
+    Criterion(
+        "deviation", "relative standard deviation, the largest first [Pham1991]", lambda s: s.ratios
+    ),
+)
+"""All criteria, the default one first."""
+
+Accepts = Callable[[State, State], bool]  # whether the full model may shrink to the other
+
+
+@dataclass(frozen=True)
+class Step:
+    """One removal."""
+
+    name: str
+    cost: float  # rise of chi-squared by it, see `State.losses`
+
+
+@dataclass(frozen=True, eq=False)
+class Path:
+    """Models from the first one, without what was requested to go, to the smallest."""
+
+    states: tuple[State, ...]  # the models; each has one parameter less than the one before
+    steps: tuple[Step, ...]  # what was removed from each but the last
+    essential: tuple[str, ...]  # parameters without which a model was refused, or that had to stay
+    requested: tuple[Step, ...] = ()  # what the first model lacks already, whatever it is worth
+
+    @property
+    def full(self) -> FullModel:
+        """The full model."""
+        return self.states[0].full
+
+    @property
+    def sizes(self) -> tuple[int, ...]:
+        """Number of parameters of each model."""
+        return tuple(len(state.active) for state in self.states)
+
+
+def backward(
+    full: FullModel,
+    criterion: Criterion,
+    *,
+    keep: Collection[str] = (),
+    drop: Collection[str] = (),
+    accepts: Accepts = lambda full, smaller: True,
+) -> Path:
+    """Backward stepwise selection, [Volkmann] algorithm 1 for any criterion.
+
+    In each step the parameter that is worth least, and is not essential, is removed and the
+    others are refitted. Where `accepts` refuses the smaller model, the parameter becomes essential
+    instead. The path ends where all parameters that are left are essential, or one is left.
+    Parameters to drop are removed first, whatever they are worth.
+    """
+    complete = state = State(full, tuple(range(len(full.names))))
+    essential, wanted = dict.fromkeys(keep), set(drop)
+    if wanted.issuperset(full.names):
+        raise DataError(
+            "all parameters that the data show are to be removed",
+            where=", ".join(full.names[:4]),
+            fix="remove fewer",
+        )
+    requested, steps = list[Step](), list[Step]()
+    while free := [name for name in state.names if name in wanted]:
+        step, state = _without_least(state, free, criterion)
+        requested.append(step)
+    states = [state]
+    while len(state.active) > 1:
+        if not (free := [name for name in state.names if name not in essential]):
+            break
+        step, smaller = _without_least(state, free, criterion)
+        if accepts(complete, smaller):
+            state = smaller
+            states.append(state)
+            steps.append(step)
+        else:
+            essential[step.name] = None
+    return Path(tuple(states), tuple(steps), tuple(essential), tuple(requested))
+
+
+def _without_least(state: State, free: Collection[str], criterion: Criterion) -> tuple[Step, State]:
+    """The removal of the parameter that is worth least of some, and the model without it."""
+    worth = criterion.worth(state)
+    place = min((state.names.index(name) for name in free), key=lambda k: worth[k])
+    step = Step(state.names[place], float(state.losses[place]))
+    return step, State(state.full, (*state.active[:place], *state.active[place + 1 :]))

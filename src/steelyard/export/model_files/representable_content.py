@@ -1,0 +1,255 @@
+"""What of an identified model a model file holds, and what is left out of it."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Literal, NamedTuple
+
+import numpy as np
+
+from steelyard.base.errors import ModelError
+from steelyard.estimate.identified_model import IdentifiedModel
+from steelyard.export.model_files.representable_friction import (
+    FRICTION_KINDS,
+    FRICTION_ROUNDING,
+    POWERS,
+    Row,
+    along,
+    greatest_speed,
+    joint_axis,
+    merged,
+    supported_friction,
+)
+from steelyard.model.terms.axes import Axis
+from steelyard.model.terms.terms_in_model_files import AxisPartKind, Placed, Pull, listed, placed
+from steelyard.robot.inertia_and_placement import INERTIAL_NAMES, LEAST_INERTIA, Inertia
+from steelyard.robot.robot import Robot
+
+Format = Literal["urdf", "mjcf"]
+FORMAT_NAMES: dict[Format, str] = {"urdf": "URDF", "mjcf": "MJCF"}
+
+FLAT_MASS = 1e-13  # a body is none if its mass is spread this little in a direction, of its inertia
+GRAVITY = (0.0, 0.0, -9.81)  # what readers of a URDF take for granted, in the base frame [m/s²]
+
+SUPPORTED: dict[Format, tuple[AxisPartKind, ...]] = {
+    "urdf": ("dry", "viscous"),
+    "mjcf": tuple(POWERS),
+}
+
+FIT_HEADING = "nonlinear friction curve; fitted by the format's friction laws, largest error"
+"""Heads the joints where not every law has a place."""
+
+Effects = Mapping[AxisPartKind, float]
+
+
+class Sum(NamedTuple):
+    """What acts along a sum of several joints."""
+
+    axis: Axis
+    effects: Effects
+
+
+@dataclass(frozen=True, eq=False)
+class Content:
+    """What a file of one format holds of a model."""
+
+    robot: Robot
+    inertias: tuple[Inertia, ...]
+    joints: tuple[Effects, ...]  # what acts along each of `robot.joints`
+    sums: tuple[Sum, ...]  # what acts along sums of joints
+    pulls: tuple[Pull, ...]  # springs between links
+    unsupported: tuple[str, ...]  # what the format does not support, one sentence each
+
+
+def content_of(identified: IdentifiedModel, form: Format) -> Content:
+    """What a file of a format holds of a model."""
+    model, robot = identified.model, identified.model.robot
+    values = _standard(identified)
+    terms = [placed(term, robot, values) for term in model.terms]
+    joints, sums, unsupported = _gathered(identified, terms, form)
+    pulls, slack = _pulls(terms, form)
+    scaled, scales = [], identified.effort_scales
+    if scales is not None:
+        scaled = [f"scales of the efforts: logged efforts are {scales.words} times as large"]
+    return Content(
+        robot,
+        tuple(_inertia(robot, k, values) for k in range(len(robot.bodies))),
+        joints,
+        sums,
+        pulls,
+        (
+            *_of_robot(robot, form),
+            *scaled,
+            *unsupported,
+            *slack,
+            *(x for term in terms for x in term.unsupported),
+        ),
+    )
+
+
+def carriers_of(robot: Robot) -> tuple[int, ...]:
+    """Per joint of `robot.joints` the body that its own joint carries."""
+    found: dict[int, int] = {}
+    for index, body in enumerate(robot.bodies):
+        if (body.ratio, body.offset) == (1.0, 0.0):
+            found.setdefault(body.coordinate, index)
+    for index, joint in enumerate(robot.joints):
+        if index not in found:
+            raise ModelError(
+                f"joint '{joint.name}' moves bodies by mimic joints alone",
+                where=f"robot '{robot.name}'",
+                fix="include the joint that the mimic joints follow",
+            )
+    return tuple(found[index] for index in range(robot.n_joints))
+
+
+def base_of(robot: Robot) -> str:
+    """Name of the base link."""
+    for frame in robot.frames:
+        moved = frame.position.any() or not np.array_equal(frame.rotation, np.eye(3))
+        if frame.body < 0 and not moved:
+            return frame.name
+    taken = [body.name for body in robot.bodies]
+    return "base" if "base" not in taken else "base_" + robot.name
+
+
+def _standard(identified: IdentifiedModel) -> dict[str, float]:
+    name, estimate = identified.model.robot.name, identified.estimate
+    if estimate.standard is None:
+        raise ModelError(
+            "the model has base parameters only, not the mass and inertia of every link",
+            where=f"model of '{name}', estimated by {estimate.estimator}",
+            fix="remove method from [estimation] of the robot file (or --method) and identify "
+            "again: the default estimator takes from the prior what the data do not determine",
+        )
+    if not identified.model.has_bodies:
+        raise ModelError(
+            "the model has no rigid bodies",
+            where=f"terms of the model of '{name}'",
+            fix='identify with "rigid_body" among the terms',
+        )
+    return identified.valued.values.as_dict()
+
+
+def _inertia(robot: Robot, index: int, values: Mapping[str, float]) -> Inertia:
+    """Mass properties of a physically consistent body; the least ones for one without mass."""
+    name = robot.bodies[index].name
+    inertia = Inertia.from_ten([values[f"{number}.{name}"] for number in INERTIAL_NAMES])
+    if not inertia.ten.any():
+        return Inertia.about_com(LEAST_INERTIA, np.zeros(3), LEAST_INERTIA * np.eye(3))
+    flaw = inertia.flaw()
+    if flaw is None:
+        about = inertia.inertia_com
+        spread = np.linalg.eigvalsh(0.5 * np.trace(about) * np.eye(3) - about)[0]
+        if spread <= FLAT_MASS * np.trace(inertia.inertia_origin):
+            flaw = "its pseudo-inertia is not positive definite: its mass lies in a plane or a line"
+    if flaw is not None:
+        raise ModelError(
+            f"link '{name}' is not physically consistent: {flaw}",
+            where=f"estimated mass properties of link '{name}'",
+            fix="identify with the default estimator: its links are physically consistent",
+        )
+    return inertia
+
+
+def _gathered(
+    identified: IdentifiedModel, terms: Sequence[Placed], form: Format
+) -> tuple[tuple[Effects, ...], tuple[Sum, ...], tuple[str, ...]]:
+    """What acts along joints and along sums of them, and what is left out."""
+    robot = identified.model.robot
+    axes, totals, curves = merged(robot, terms)
+    kept: dict[Row, dict[AxisPartKind, float]] = {row: {} for row in axes}
+    unsupported: dict[str, list[str]] = {}
+    for row, axis in axes.items():
+        values = totals.get(row, {})
+        if form == "mjcf" or sum(map(bool, row)) == 1:
+            own = {kind: values.pop(kind) for kind in FRICTION_KINDS if kind in values}
+            top = greatest_speed(identified, axis)
+            forces = [along(axis, curve) for curve in curves.get(row, [])]
+            supported = supported_friction(own, forces, SUPPORTED[form], top)
+            kept[row] = supported.effects
+            if supported.fit:
+                errors = f"{supported.largest:.3g} {axis.effort_unit} (rms {supported.rms:.2g})"
+                unsupported.setdefault(FIT_HEADING, []).append(
+                    f"{axis.name} {errors} up to {top:.3g} {axis.speed_unit}"
+                )
+        else:
+            for curve in curves.get(row, []):
+                named = listed([(curve.axis.name, curve.value, curve.unit)])
+                unsupported.setdefault(curve.words, []).append(named)
+        for kind, value in values.items():
+            if value != 0.0 and _fits(robot, axis, kind, value, values, form):
+                kept[row][kind] = value
+            elif value > 0.0 or value < -FRICTION_ROUNDING or kind == "preload":
+                named = listed([(axis.name, value, _unit(axis, kind))])
+                unsupported.setdefault(POWERS[kind][0], []).append(named)
+    joints = [kept.get(joint_axis(robot, k).row, {}) for k in range(robot.n_joints)]
+    sums = [Sum(axes[row], e) for row, e in kept.items() if sum(map(bool, row)) > 1 and e]
+    words = [
+        f"{what}: {named}"
+        for what, x in unsupported.items()
+        if (named := ", ".join(filter(None, x)))
+    ]
+    return tuple(joints), tuple(sums), tuple(words)
+
+
+def _fits(
+    robot: Robot, axis: Axis, kind: AxisPartKind, value: float, beside: Effects, form: Format
+) -> bool:
+    """Whether a format has a place for something along a coordinate."""
+    if kind not in SUPPORTED[form] or (value < 0.0 and kind != "preload"):
+        return False
+    moving = [j for j, c in enumerate(axis.row) if c]
+    if len(moving) > 1 and (form == "urdf" or (kind == "rotor" and not _chain(robot, moving))):
+        return False
+    return kind != "preload" or beside.get("stiffness", 0.0) > 0.0
+
+
+def _chain(robot: Robot, joints: Iterable[int]) -> bool:
+    """Whether the joints carry each other: MuJoCo couples inertia along chains only."""
+    carriers = carriers_of(robot)
+    bodies = {carriers[j] for j in joints}
+    return bodies.issubset(robot.carriers(max(bodies)))
+
+
+def _unit(axis: Axis, kind: AxisPartKind) -> str:
+    units = {
+        "rotor": "{inertia}",
+        "dry": "{effort}",
+        "viscous": "{rate}",
+        "quadratic": "{force}/({speed})²",
+        "cubic": "{force}/({speed})³",
+        "stiffness": "{stiffness}",
+        "preload": "{effort}",
+    }
+    return axis.unit(units[kind])
+
+
+def _pulls(terms: Sequence[Placed], form: Format) -> tuple[tuple[Pull, ...], tuple[str, ...]]:
+    """Springs between links that a format can hold, and those that it cannot."""
+    supported, unsupported = [], []
+    for pull in (pull for term in terms for pull in term.pulls):
+        if form == "mjcf" and pull.stiffness > 0.0 and pull.preload >= 0.0:
+            supported.append(pull)
+        elif pull.stiffness or pull.preload:
+            unsupported.append(
+                f"spring between '{pull.links[0]}' and '{pull.links[1]}' ({pull.name}): "
+                f"{pull.stiffness:.4g} N/m, preload {pull.preload:.4g} N"
+            )
+    return tuple(supported), tuple(unsupported)
+
+
+def _of_robot(robot: Robot, form: Format) -> tuple[str, ...]:
+    """What of the robot itself a format has no place for."""
+    unsupported = []
+    if form == "urdf" and not np.allclose(robot.gravity, GRAVITY, rtol=0.0, atol=1e-6):
+        x, y, z = robot.gravity
+        unsupported.append(f"gravity: set it to ({x:.6g}, {y:.6g}, {z:.6g}) m/s² in the base frame")
+    if form == "urdf" and robot.loops:
+        names = ", ".join(loop.name for loop in robot.loops)
+        unsupported.append(f"closed loops: the file has the open kinematic tree without {names}")
+    if form == "mjcf" and any(np.isfinite(c.limits.velocity) for c in robot.joints):
+        unsupported.append("speed limits of the joints")
+    if robot.transmission is not None:
+        words = "coupled gears" if robot.transmission.coupled else "gears"
+        unsupported.append(f"{words}: efforts are those of the joints, not of the motors")
+    return tuple(unsupported)

@@ -1,0 +1,260 @@
+r"""Frames and points of a robot as machine code: poses, Jacobians, drift, on any chains.
+
+Everything is expressed in the base frame. The linear part of a Jacobian is the derivative of a
+point's position, the angular part maps joint speeds to the angular velocity:
+$\omega = J_\omega \dot q$.
+
+With the linear and the angular velocity $v = J \dot q$, the accelerations are
+$a = J \ddot q + \dot J \dot q$; the drift is $\dot J \dot q$. Passive joints follow the independent
+ones, so that $J$ and the drift are those of the independent joints alone.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from steelyard.base.arrays import Array, frozen
+from steelyard.base.errors import ModelError, named
+from steelyard.model.equations.closed_chains import completed, projected
+from steelyard.model.equations.inverse_dynamics import (
+    JointState,
+    Matrix,
+    Scalar,
+    Scalars,
+    Vector,
+    _constant,
+    _placement,
+    _times,
+    carried_point,
+)
+from steelyard.model.equations.passive_joints import passive_positions
+from steelyard.robot.robot import Frame, Robot, body_frames, robot_to_dict
+from steelyard.symbolic.native.compiled_programs import Code, compiled, compiled_equations
+from steelyard.symbolic.program_and_softening import InputArray as Input
+from steelyard.symbolic.program_and_softening import (
+    Program,
+    program_from_json,
+    program_to_json,
+    run,
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Points:
+    """Points `(m, 3)` [m] that are fixed to bodies of a robot, each in its body's frame.
+
+    The `code` maps `q` to positions, then their derivatives, point by point; `flow` `q` and `dq` to
+    all positions, then all velocities; `bend` `q`, `dq` and `ddq` to all accelerations.
+    """
+
+    robot: Robot
+    carriers: tuple[int, ...]
+    places: Array
+    code: Code
+    flow: Program
+    bend: Program
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """What pickle keeps: compiled code is of one process."""
+        return points_on, (self.robot, self.carriers, self.places)
+
+    def __call__(self, q: Array) -> tuple[Array, Array]:
+        """Positions `(N, m, 3)` [m] and their derivatives `(N, m, 3, n)` at `q`, `(N, n)`."""
+        m, n = len(self.carriers), self.robot.n
+        values = self.code([q.T]).T
+        slopes = values[:, 3 * m :].reshape(len(q), m, 3, n)
+        return values[:, : 3 * m].reshape(len(q), m, 3), slopes
+
+
+@dataclass(frozen=True, eq=False)
+class FrameKinematics:
+    """Pose, Jacobian and drift of one frame."""
+
+    robot: Robot
+    frame: Frame
+
+    def __call__(self, q: Array) -> tuple[Array, Array, Array]:
+        """Position `(N, 3)`, rotation `(N, 3, 3)` and Jacobian `(N, 6, n)` at `q`, `(N, n)`."""
+        values = self._pose_code([q.T, passive_positions(self.robot, q.T)]).T
+        count = len(q)
+        jacobian = values[:, 12:].reshape(count, 6, self.robot.n)
+        return values[:, :3], values[:, 3:12].reshape(count, 3, 3), jacobian
+
+    def pose(self, q: Array) -> tuple[Array, Array]:
+        """Origin `(N, 3)` [m] and axes, the columns of `(N, 3, 3)`, at `q`, `(N, n)`."""
+        return self(q)[:2]
+
+    def jacobian(self, q: Array) -> Array:
+        """Joint speeds to the origin's velocity and the angular velocity, shape `(N, 6, n)`."""
+        return self(q)[2]
+
+    def moving(self, q: Array, passive: Array, dq: Array) -> tuple[Array, Array, Array, Array]:
+        """Origin `(3,)` [m], axes `(3, 3)`, Jacobian `(6, n)` and drift `(6,)`, in the base frame.
+
+        At one sample: independent `q` `(n,)`, passive joints where loops close, and `dq` `(n,)`.
+        """
+        values = self._motion_code([q[:, None], passive[:, None], dq[:, None]])[:, 0]
+        jacobian = values[12:-6].reshape(6, self.robot.n)
+        return values[:3], values[3:12].reshape(3, 3), jacobian, values[-6:]
+
+    @cached_property
+    def _pose_code(self) -> Code:
+        return self._code("frame", frame_outputs, ("q", "passive"))
+
+    @cached_property
+    def _motion_code(self) -> Code:
+        return self._code("frame motion", _frame_motion_outputs, ("q", "passive", "dq"))
+
+    def _code(self, what: str, outputs: Callable[..., list[Scalar]], names: Sequence[str]) -> Code:
+        place = [self.frame.body, self.frame.rotation.tolist(), self.frame.position.tolist()]
+        sizes = {"q": self.robot.n, "passive": len(self.robot.passive), "dq": self.robot.n}
+        return compiled_equations(
+            [what, robot_to_dict(self.robot), place],
+            lambda *x: outputs(self.robot, self.frame, *x),
+            [Input(name, sizes[name]) for name in names],
+        )
+
+
+def last_frame(robot: Robot) -> str:
+    """Name of the frame at the robot's end: the last one on its last body, or that body's own."""
+    last = len(robot.bodies) - 1
+    on_it = [frame.name for frame in robot.frames if frame.body == last]
+    return on_it[-1] if on_it else robot.bodies[last].name
+
+
+def frame_of(robot: Robot, name: str) -> Frame:
+    """The frame of that name: of a moving link, or of one that is fixed to a link or the base."""
+    frames = {frame.name: frame for frame in (*body_frames(robot)[1:], *robot.frames)}
+    return named(name, frames, "frame", "frames", f"robot '{robot.name}'")
+
+
+def frame_kinematics(robot: Robot, frame: str | Frame) -> FrameKinematics:
+    """Pose, Jacobian and drift of a frame."""
+    return FrameKinematics(robot, frame_of(robot, frame) if isinstance(frame, str) else frame)
+
+
+def frame_outputs(robot: Robot, frame: Frame, q: Scalars, passive: Scalars) -> list[Scalar]:
+    r"""Position, rotation and Jacobian of a frame, row by row; loops are closed at the positions.
+
+    Passive joints follow the independent ones with $\dot q_p = G \dot q_a$, so that a frame behind
+    them has the Jacobian $J_a + J_p G$.
+    """
+    positions = [*q, *passive]
+    position, slopes = carried_point(robot, positions, frame.body, frame.position)
+    rotation, axes = _turned(robot, positions, frame)
+    outputs = [*position, *rotation.ravel()]
+    torque_map = None
+    if max([*slopes, *axes], default=-1) >= robot.n:
+        rest = [0.0] * robot.n
+        _, torque_map = completed(robot, JointState(q, rest, rest, passive))
+    for columns in (slopes, axes):
+        entries = {(j, k): x for j, column in columns.items() for k, x in enumerate(column)}
+        found = projected(robot, entries, torque_map)
+        outputs += [found.get((j, k), 0.0) for k in range(3) for j in range(robot.n)]
+    return outputs
+
+
+def points_on(robot: Robot, carriers: Sequence[int], places: ArrayLike) -> Points:
+    """Points of bodies, -1 is the base, at places in their frames `(m, 3)` [m].
+
+    It is a `ModelError` if loops decide where one is.
+    """
+    points, n = frozen(places, (len(carriers), 3)), robot.n
+    for body in carriers:
+        refuse_passive(robot, body, robot.bodies[body].name if body >= 0 else "base")
+
+    def build() -> tuple[Program, dict[str, Any]]:
+        from steelyard.symbolic.symbols_and_tracing import carried_along, symbolic
+
+        def outputs(q: Scalars) -> list[Scalar]:
+            slopes = (
+                carried_point(robot, q, *one)[1] for one in zip(carriers, points, strict=True)
+            )
+            return [
+                *_positions(robot, carriers, points, q),
+                *(x for s in slopes for x in _rows(s, n)),
+            ]
+
+        def flow(q: Scalars, dq: Scalars) -> list[Scalar]:
+            positions = _positions(robot, carriers, points, q)
+            return [*positions, *carried_along(positions, q, dq)]
+
+        def bend(q: Scalars, dq: Scalars, ddq: Scalars) -> list[Scalar]:
+            velocities = flow(q, dq)[3 * len(points) :]
+            return carried_along(velocities, [*q, *dq], [*dq, *ddq])
+
+        inputs = [Input(name, n) for name in ("q", "dq", "ddq")]
+        about = {
+            "flow": program_to_json(symbolic(flow, inputs[:2])),
+            "bend": program_to_json(symbolic(bend, inputs)),
+        }
+        return symbolic(outputs, inputs[:1]), about
+
+    code = compiled(["points", robot_to_dict(robot), list(carriers), points.tolist()], build)
+    flow, bend = (program_from_json(code.about[name]) for name in ("flow", "bend"))
+    return Points(robot, tuple(carriers), points, code, flow, bend)
+
+
+def positions_of(robot: Robot, carriers: Sequence[int], places: ArrayLike, q: Array) -> Array:
+    """Positions `(N, m, 3)` along one motion `(N, n)`, where compiling takes longer."""
+    from steelyard.symbolic.symbols_and_tracing import symbolic
+
+    points = frozen(places, (len(carriers), 3))
+    inputs = [Input("q", robot.n)]
+    program = symbolic(lambda q: _positions(robot, carriers, points, q), inputs)
+    return run(program, [q.T]).T.reshape(len(q), len(carriers), 3)
+
+
+def _positions(robot: Robot, carriers: Sequence[int], points: Array, q: Scalars) -> list[Scalar]:
+    ends = zip(carriers, points, strict=True)
+    return [x for body, point in ends for x in carried_point(robot, q, body, point)[0]]
+
+
+def refuse_passive(robot: Robot, body: int, name: str) -> None:
+    """Points with programs of their motion hang on independent joints only."""
+    for link in (robot.bodies[k] for k in reversed(robot.carriers(body))):
+        if link.coordinate >= robot.n:
+            raise ModelError(
+                f"frame '{name}' hangs on joint '{link.joint}', which a closed loop determines",
+                where=f"robot '{robot.name}'",
+                fix="name a frame that hangs on driven joints only: the motion of frames behind "
+                "passive joints has no bounds between samples",
+            )
+
+
+def _turned(robot: Robot, q: Scalars, frame: Frame) -> tuple[Matrix, dict[int, Vector]]:
+    """Axes of a frame in the base frame, and the angular velocity per joint speed."""
+    rotation, axes = _constant(np.eye(3)), dict[int, Vector]()
+    for link in (robot.bodies[k] for k in robot.carriers(frame.body)):
+        if link.kind == "revolute":
+            axis = _times(rotation @ _constant(link.rotation @ link.axis), link.ratio)
+            axes[link.coordinate] = axis + axes.get(link.coordinate, 0.0)
+        turned, _ = _placement(link, link.ratio * q[link.coordinate] + link.offset)
+        rotation = rotation @ turned
+    return rotation @ _constant(frame.rotation), axes
+
+
+def _rows(columns: dict[int, Vector], n: int) -> list[Scalar]:
+    """Three rows of `n` from the columns that are not zero."""
+    return [columns[j][axis] if j in columns else 0.0 for axis in range(3) for j in range(n)]
+
+
+def _frame_motion_outputs(
+    robot: Robot,
+    frame: Frame,
+    q: Scalars,
+    passive: Scalars,
+    dq: Scalars,
+) -> list[Scalar]:
+    """Outputs of `frame_outputs`, and the drift: how the velocities grow while `dq` is constant."""
+    from steelyard.symbolic.symbols_and_tracing import carried_along
+
+    found, n = frame_outputs(robot, frame, q, passive), robot.n
+    rows = np.array(found[12:], dtype=object).reshape(6, n)
+    velocities = [sum((x * rate for x, rate in zip(row, dq, strict=True)), 0.0) for row in rows]
+    state, _ = completed(robot, JointState(q, dq, [0.0] * n, passive))
+    return [*found, *carried_along(velocities, [*q, *passive], state.dq)]

@@ -1,0 +1,322 @@
+"""Models that robot files name (URDF, xacro, MJCF, DH tables), and robots as loaded."""
+
+import copyreg
+import hashlib
+import math
+import os
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any, Literal
+
+import numpy as np
+
+from steelyard.base.arrays import frozen
+from steelyard.base.errors import ModelError, OpenModelError
+from steelyard.robot.file.effort_units_and_gears import Locate
+from steelyard.robot.file.excitation_sections import ExcitationSection
+from steelyard.robot.file.sections import (
+    DHRow,
+    DHSection,
+    EstimationSection,
+    FrictionSelection,
+    PriorSection,
+    ProcessingSection,
+    RobotSection,
+    ValidationSection,
+)
+from steelyard.robot.file.signals import Signals
+from steelyard.robot.free_coupled_and_mimic_joints import floating_base
+from steelyard.robot.inertia_and_placement import Inertia, Placement, symmetric, turn
+from steelyard.robot.mechanism import Joint, JointSpring, Link, Mechanism
+from steelyard.robot.models.urdf import read_urdf
+from steelyard.robot.models.xacro import expand, joined_reference, stem_of
+from steelyard.robot.models.xml_reader import read_bytes, read_xml
+from steelyard.robot.robot import Robot
+from steelyard.robot.robot_from_mechanism import ignored_statements, reduced, springs_along
+
+DHConvention = Literal["standard", "modified"]
+_X, _Z = np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0])
+
+
+def dh_mechanism(
+    rows: Sequence[DHRow],
+    convention: DHConvention = "standard",
+    name: str = "dh_robot",
+    gravity: Sequence[float] = (0.0, 0.0, -9.81),
+    where: str = "the DH table",
+) -> Mechanism:
+    r"""The chain of a DH table; joint `i` turns or slides along z of the link's frame.
+
+    From DH frame $i-1$ to $i$, with the joint's position added to `theta` (revolute) or `d`
+    (prismatic):
+
+    * standard (Denavit, Hartenberg; Spong): $R_z(\theta_i) T_z(d_i) T_x(a_i) R_x(\alpha_i)$,
+    * modified (Craig; Khalil): $R_x(\alpha_{i-1}) T_x(a_{i-1}) R_z(\theta_i) T_z(d_i)$.
+
+    The link's frame, to which its ten inertial parameters refer, is DH frame `i` in the modified
+    convention. In the standard one DH frame `i` does not lie on the joint's axis, and the link's
+    frame is the one after $R_z(\theta_i) T_z(d_i)$: on the axis, with the x axis of DH frame `i`.
+    Masses in the table are given in DH frame `i` in both, angles in rad. The base is DH frame 0.
+    """
+    if not rows:
+        raise ModelError("the DH table has no rows", where=where, fix="give one row per joint")
+    links, joints = [Link("base", None, where)], []
+    end = Placement()
+    for number, row in enumerate(rows, start=1):
+        screw_x = Placement(turn(_X, row.alpha), row.a * _X)
+        screw_z = Placement(turn(_Z, row.theta), row.d * _Z)
+        modified = convention == "modified"
+        placement = screw_x @ screw_z if modified else end @ screw_z
+        end = Placement() if modified else screw_x
+        link, at = f"link_{number}", f"{where}, row {number}"
+        joint, carrier = row.joint or f"joint_{number}", links[-1].name
+        joints.append(Joint(joint, row.kind, carrier, link, placement, frozen(_Z), where=at))
+        inertia = None
+        if row.mass is not None:
+            in_dh = Inertia.about_com(row.mass, row.com, symmetric(row.inertia_com))
+            inertia = in_dh.moved(end.rotation, end.position)
+        links.append(Link(link, inertia, at))
+    return Mechanism(name, links, joints, frozen(gravity), where)
+
+
+def read_mechanism(path: Path) -> Mechanism:
+    """The mechanism of a URDF or an MJCF, distinguished by the outermost element."""
+    if read_xml(path).tag != "mujoco":
+        return read_urdf(path)
+    from steelyard.robot.models.mjcf import read_mjcf  # loads MuJoCo
+
+    return read_mjcf(path)
+
+
+def model_path_of(section: RobotSection, path: Path, locate: Locate) -> Path | None:
+    """The model file that is named; `None` for a DH table."""
+    given = [key for key in ("urdf", "mjcf", "dh") if getattr(section, key) is not None]
+    if len(given) != 1:
+        raise ModelError(
+            f"the robot has {' and '.join(given)}" if given else "the robot has no model",
+            where=locate("robot"),
+            fix='give exactly one of urdf = "FILE", mjcf = "FILE" and a table [robot.dh]',
+        )
+    if given == ["dh"]:
+        return None
+    text = str(getattr(section, given[0]))
+    where = locate("robot", given[0])
+    model_path = beside(path, text, where)
+    if not model_path.is_file():
+        raise ModelError(
+            f"the robot's {given[0]} '{model_path}' does not exist",
+            where=where,
+            fix="give its path relative to the robot file; ${NAME} stands for an environment "
+            "variable",
+        )
+    if (read_xml(model_path).tag == "mujoco") != (given == ["mjcf"]):
+        raise ModelError(
+            f"'{model_path}' is not what its key '{given[0]}' says",
+            where=where,
+            fix=f"write {'urdf' if given == ['mjcf'] else 'mjcf'} = ... instead",
+        )
+    return model_path
+
+
+def xacro_settings(
+    section: RobotSection, path: Path, locate: Locate
+) -> tuple[dict[str, str], tuple[Path, ...]]:
+    """Arguments of a xacro file as its texts, and folders of packages."""
+    folders = tuple(
+        beside(path, folder, locate("robot", "xacro", "packages", index))
+        for index, folder in enumerate(section.xacro.packages)
+    )
+    given = section.xacro.arguments.items()
+    return {n: str(x).lower() if isinstance(x, bool) else str(x) for n, x in given}, folders
+
+
+def beside(path: Path, text: str, where: str) -> Path:
+    """A file named in the robot file at `path`: relative to it, `${NAME}` from the environment."""
+
+    def value(match: re.Match[str]) -> str:
+        name = match.group(1)
+        if name not in os.environ:
+            raise ModelError(
+                f"the environment variable '{name}' is not set",
+                where=where,
+                fix=f"set it to the folder the path starts from: export {name}=/path/to/folder",
+            )
+        return os.environ[name]
+
+    return path.parent / re.sub(r"\$\{(\w+)\}", value, text)
+
+
+def dh_table(section: RobotSection, path: Path, locate: Locate) -> Mechanism:
+    """The mechanism of a Denavit-Hartenberg table."""
+    table: DHSection = section.dh  # type: ignore[assignment]  # the only model given
+    angle = math.pi / 180.0 if table.angle_unit == "deg" else 1.0
+    rows = [
+        row.model_copy(update={"alpha": row.alpha * angle, "theta": row.theta * angle})
+        for row in table.links
+    ]
+    name = section.name or path.stem
+    return dh_mechanism(rows, table.convention, name, where=locate("robot", "dh"))
+
+
+def _proxy(table: dict[Any, Any]) -> MappingProxyType[Any, Any]:
+    return MappingProxyType(table)
+
+
+copyreg.pickle(MappingProxyType, lambda table: (_proxy, (dict(table),)))
+
+
+@dataclass(frozen=True)
+class SourceFile:
+    """A file that was read, and what was in it."""
+
+    path: Path
+    sha256: str
+
+
+@dataclass(frozen=True)
+class TermSpec:
+    """A cause of torque as the robot file names it: a law's name, or a table with `law`."""
+
+    description: str | Mapping[str, Any]
+    where: str
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class LoadedRobot:
+    """A robot and all that its file says.
+
+    Attributes:
+        robot: The robot, with the joints to identify.
+        notes: What was assumed, one sentence each, for the user.
+        signals: Columns of its logs; `None` if the file does not say.
+        terms: Causes of torque; `None` if the file does not say.
+        friction: How the friction laws are to be chosen from the data; `None` if they are not.
+        processing: Filter settings; what is `None` is chosen from the data.
+        estimation: How parameters are estimated.
+        validation: Score settings.
+        sources: The file given, then the model file it names, if any.
+        where: Places in the file, for messages about what later rooms make of it.
+        prior: What is known of links before the data, beside the model file.
+        knowledge: Prior constraints, a table with its `kind` each.
+        excitation: Which motion is wanted, and what it must keep.
+        arguments: Of a xacro file that was given itself; those of a robot file stand there.
+        springs: Springs of the model file along its coordinates, by name; no term has them unless
+            it is listed.
+        ignored: What the model file states of forces that the model ignores, a sentence
+            for each kind.
+        base: The link that is fixed to the world; `None` if it is the model's root.
+        floats: Whether that link floats in the model: its being at rest is an assumption.
+        couplings_stated: Whether the file states couplings of motors, or that there are none.
+
+    Example:
+        >>> load_robot("arm.urdf").robot
+        Robot('arm', 2 joints)
+    """
+
+    robot: Robot
+    notes: tuple[str, ...]
+    signals: Signals | None = None
+    terms: tuple[TermSpec, ...] | None = None
+    friction: FrictionSelection | None = None
+    processing: ProcessingSection = ProcessingSection()
+    estimation: EstimationSection = EstimationSection()
+    validation: ValidationSection = ValidationSection()
+    sources: tuple[SourceFile, ...] = ()
+    where: Locate = lambda *key: "the model"
+    prior: PriorSection = PriorSection()
+    knowledge: tuple[Mapping[str, Any], ...] = ()
+    excitation: ExcitationSection = ExcitationSection()
+    springs: Mapping[str, JointSpring] = field(default_factory=dict)
+    ignored: Mapping[str, str] = field(default_factory=dict)
+    arguments: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
+    base: str | None = None
+    floats: bool = False
+    couplings_stated: bool = True
+
+    def __repr__(self) -> str:
+        return f"LoadedRobot('{self.reference}', {self.robot!r})"
+
+    @property
+    def reference(self) -> str:
+        """What `load_robot` takes for the same robot."""
+        return joined_reference(self.sources[0].path, self.arguments)
+
+    @property
+    def model_given(self) -> Path:
+        """The model file as it was given, before a xacro file is expanded."""
+        models = (s.path for s in self.sources if s.path.suffix.lower() != ".toml")
+        return next(models, self.sources[-1].path)
+
+    @property
+    def stem(self) -> str:
+        """The name of the file given, without its endings."""
+        return stem_of(self.sources[0].path)
+
+
+@dataclass(frozen=True, eq=False)
+class ModelFile:
+    """A model file that was read; the last source is what a xacro file was expanded to."""
+
+    mechanism: Mechanism
+    sources: tuple[SourceFile, ...]
+    arguments: Mapping[str, str]
+    notes: tuple[str, ...]
+
+
+def read_model(path: Path, arguments: Mapping[str, str]) -> ModelFile:
+    """A URDF, a xacro file with its arguments, or an MJCF."""
+    sources, notes = model_sources(path, arguments, ())
+    mechanism = read_mechanism(sources[-1].path)
+    return ModelFile(mechanism, sources, MappingProxyType(dict(arguments)), notes)
+
+
+def robot_of_model(
+    model: ModelFile, *, base: str | None = None, locked: Mapping[str, float] | None = None
+) -> LoadedRobot:
+    """The robot of a model file alone; a `ModelError` if it leaves open what a robot is."""
+    mechanism, path = model.mechanism, model.sources[0].path
+    try:
+        robot, notes = reduced(mechanism, base=base, locked=locked)
+    except OpenModelError:
+        raise
+    except ModelError as error:
+        if locked is not None or not mechanism.pins:
+            raise
+        fix = f"{error.fix}; `steelyard init` writes a robot file that locks the loops of hands"
+        raise ModelError(error.wrong, where=error.where, fix=fix) from None
+    ignored = ignored_statements(mechanism, robot, (), ())
+    return LoadedRobot(
+        robot,
+        (*model.notes, *notes, *ignored.values()),
+        sources=model.sources,
+        where=lambda *key: str(path),
+        arguments=model.arguments,
+        springs=springs_along(mechanism, robot),
+        ignored=ignored,
+        base=base,
+        floats=floating_base(mechanism, base) is not None,
+    )
+
+
+def source_of(path: Path) -> SourceFile:
+    """A file as it is now."""
+    return SourceFile(path, sha256_of(read_bytes(path, "a robot model")))
+
+
+def model_sources(
+    path: Path, arguments: Mapping[str, str], packages: Sequence[Path]
+) -> tuple[tuple[SourceFile, ...], tuple[str, ...]]:
+    """A model file, behind it what a xacro file is expanded to; and a note on that."""
+    source = source_of(path)
+    expansion = expand(path, arguments, packages)
+    if expansion is None:
+        return (source,), ()
+    return (source, SourceFile(expansion.path, expansion.sha256)), (expansion.note,)
+
+
+def sha256_of(data: bytes) -> str:
+    """What identifies the content of a file."""
+    return hashlib.sha256(data).hexdigest()

@@ -1,0 +1,360 @@
+"""From a mechanism to a robot: joints that move or are locked, merged links, and notes."""
+
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from steelyard.base.arrays import frozen
+from steelyard.base.errors import ModelError, advice, listing
+from steelyard.robot.free_coupled_and_mimic_joints import (
+    drive_of,
+    followers_of,
+    limit_notes,
+    merged,
+    narrowed,
+    refuse_coupled,
+    unlimited_if_empty,
+    without_free_joints,
+)
+from steelyard.robot.inertia_and_placement import LEAST_INERTIA, Inertia, Placement
+from steelyard.robot.loop_closures import Closing, closed_robot, passive_joints
+from steelyard.robot.mechanism import (
+    Answer,
+    Joint,
+    JointSpring,
+    Listed,
+    Mechanism,
+    Mimic,
+    ModelNote,
+)
+from steelyard.robot.robot import Body, Coordinate, Frame, JointKind, Limits, Robot
+
+
+def ignored_statements(
+    mechanism: Mechanism, robot: Robot, answered: Collection[Answer], limited: Collection[str]
+) -> dict[str, str]:
+    """Ignored statements of the model file, each with a line of all it is about.
+
+    Left out is what is about joints that do not move, what the robot file answers, and limits of
+    effort of joints for which it gives them (`limited`).
+    """
+    moving = {body.joint for body in robot.bodies}
+    unlimited = set(robot.joint_names) - set(limited)
+    lines: dict[str, list[str]] = {}
+    for note in _statements(mechanism):
+        concerned = unlimited if note.answer == "efforts" else moving
+        if note.answer in answered or (note.joints and concerned.isdisjoint(note.joints)):
+            continue
+        lines.setdefault(note.what, []).append(note.item)
+    return {what: what + ", ".join(items) for what, items in lines.items()}
+
+
+def springs_along(mechanism: Mechanism, robot: Robot) -> dict[str, JointSpring]:
+    r"""The springs of the joints that move, one per coordinate, those of its followers included.
+
+    A follower at $x = r q + o$ with a spring $k, x_0$ pulls its master with
+    $k r\,(r q + o - x_0)$. Springs of which nothing is left are left out.
+    """
+    pulls: dict[str, list[float]] = {}
+    linear: dict[str, bool] = {}
+    for body in robot.bodies:
+        spring = mechanism.springs.get(body.joint)
+        if spring is None:
+            continue
+        name = robot.joints[body.coordinate].name
+        along = spring.stiffness * body.ratio
+        total = pulls.setdefault(name, [0.0, 0.0])
+        total[0] += along * body.ratio
+        total[1] += along * (spring.free - body.offset)
+        linear[name] = linear.get(name, True) and spring.linear
+    return {n: JointSpring(k, p / k, linear[n]) for n, (k, p) in pulls.items() if k}
+
+
+def _statements(mechanism: Mechanism) -> Iterator[ModelNote]:
+    """All that the model file says and no robot has: placeholders of limits and springs, too."""
+    yield from mechanism.statements
+    what = "placeholder effort limits are treated as unknown (state [robot.limits.JOINT] effort): "
+    for joint in mechanism.joints:
+        if joint.placeholder > 0.0:
+            item = f"{joint.name} ({joint.placeholder:g} {_units(joint)[0]})"
+            yield ModelNote(what, item, (joint.name,), "efforts")
+    what = (
+        'springs along joints are in the model file; a term {law = "spring", ...} under [model] '
+        "terms represents them, none of the default terms does: "
+    )
+    for name, spring in mechanism.springs.items():
+        effort, position = _units(mechanism.joint(name))
+        more = "" if spring.linear else " and higher powers"
+        item = (
+            f"{name} ({spring.stiffness:g} {effort}/{position}{more}, "
+            f"free at {spring.free:.4g} {position})"
+        )
+        yield ModelNote(what, item, (name,), "springs")
+
+
+def _units(joint: Joint) -> tuple[str, str]:
+    return ("N", "m") if joint.kind == "prismatic" else ("Nm", "rad")
+
+
+def reduction_notes(
+    mechanism: Mechanism,
+    drives: Mapping[str, Mimic],
+    robot: Robot,
+    base: str,
+    assumed: tuple[str, ...],
+    positions: Mapping[str, float],
+) -> tuple[str, ...]:
+    """What was assumed and matters to the robot's dynamics, one sentence each."""
+    notes = list[str]()
+    carried = {b.joint for b in robot.bodies}
+    touched = {
+        j.name
+        for j in mechanism.from_link(base)
+        if carried & {k.name for k in (*mechanism.to_link(j.child), *mechanism.from_link(j.child))}
+    }
+    if matter := [n for n in assumed if n in touched]:
+        places = ", ".join(
+            f"{n} at {positions[n]:.4g} {'m' if mechanism.joint(n).kind == 'prismatic' else 'rad'}"
+            for n in matter
+        )
+        notes.append(Listed("locked, as no position was given", places))
+    carriers = {frame.name: frame.body for frame in robot.frames if frame.body >= 0}
+    lacking = [link for link in mechanism.links if link.lacks and link.name in carriers]
+    meshless = {carriers[link.name] for link in lacking}
+    bare = [b.name for k, b in enumerate(robot.bodies) if not b.known and k not in meshless]
+    if bare:
+        notes.append(Listed("no inertial in the model, nominal mass is zero", ", ".join(bare)))
+    if lacking:
+        names = ", ".join(f"{link.name} ('{link.lacks}')" for link in lacking[:6])
+        more = f" and {len(lacking) - 6} more" if len(lacking) > 6 else ""
+        absent = "nominal mass is zero, as the mesh is missing"
+        notes.append(Listed(absent, names + more))
+    for body in robot.bodies:
+        if flaw := body.inertia.flaw():
+            notes.append(Listed(f"the inertial is not physically consistent: '{body.name}'", flaw))
+    return (*notes, *limit_notes(mechanism, drives, robot))
+
+
+def reduced(
+    mechanism: Mechanism,
+    joints: Sequence[str] | None = None,
+    *,
+    locked: Mapping[str, float] | None = None,
+    base: str | None = None,
+    tip: str | Sequence[str] | None = None,
+    gravity: ArrayLike | None = None,
+    limits: Mapping[str, Limits] | None = None,
+    closing: Closing | None = None,
+    snap: bool = True,
+) -> tuple[Robot, tuple[str, ...]]:
+    """The robot in which `joints` move and all others are locked; and notes on what was assumed.
+
+    Locked and fixed links merge with their inertia into the moving link that carries them; what
+    is fixed to the base vanishes. A mimic joint moves with its master, which keeps within the
+    limits of both, or is locked where a locked master puts it. Joints neither moving nor in
+    `locked` are locked at zero, or at the limit nearest to it.
+
+    Args:
+        mechanism: What the model file says.
+        joints: Names in the order of the log. `None`: every joint between base and tip that is
+            neither fixed, nor mimic, nor locked, in tree order.
+        locked: Positions of locked joints [rad; m].
+        base: The link taken as fixed base; `None` is the root link.
+        tip: The link, or links, where the moving chain ends; `None` is every leaf.
+        gravity: Shape `(3,)` [m/s²], in the base link's frame; `None` is the mechanism's own.
+        limits: Limits by joint that replace the file's, and its mimic joints' where they differ.
+        closing: What the robot file says of closed chains. Passive joints move like those to
+            identify, and are listed apart from them.
+        snap: Whether entries of rotations and axes below `DIRT` are rounding errors of the file.
+    """
+    if snap:
+        mechanism = mechanism.changed(joints=[joint.snapped() for joint in mechanism.joints])
+    tips = [] if tip is None else [tip] if isinstance(tip, str) else list(tip)
+    _check_links(mechanism, mechanism.root if base is None else base, tips)
+    mechanism, locked, left_out = without_free_joints(mechanism, base, joints, locked or {})
+    limits, closing = dict(limits or {}), closing or Closing()
+    base = mechanism.root if base is None else base
+    drives = {j.name: drive_of(mechanism, j) for j in mechanism.joints if j.movable}
+    free = _moving(mechanism, None, locked, base, tips)
+    masters = {name: drive.master for name, drive in drives.items()}
+    passive = passive_joints(mechanism, masters, free, joints, closing)
+    if both := [name for name in joints or () if name in passive]:
+        raise ModelError(
+            f"joint '{both[0]}' is to be identified, and passive at once",
+            where=closing.where,
+            fix="list each joint of a loop under joints if it is logged, else under passive",
+        )
+    active = [n for n in free if n not in passive] if joints is None else joints
+    moving = _moving(mechanism, [*active, *passive], locked, base, tips)
+    refuse_coupled(mechanism, masters, moving)
+    _check_joints(mechanism, [*locked], "locked")
+    _check_joints(mechanism, [*limits], "given limits")
+    resting_joints = [j for j in mechanism.movable if j.name not in (*moving, *locked)]
+    assumed = tuple(j.name for j in resting_joints)
+    zeros = (float(np.clip(0.0, j.limits.lower, j.limits.upper)) for j in resting_joints)
+    positions = {**locked, **dict(zip(assumed, zeros, strict=True))}
+    resting = {
+        name: drive.ratio * positions[drive.master] + drive.offset
+        for name, drive in drives.items()
+        if drive.master in positions
+    }
+    bodies, frames = _merged_bodies(mechanism, drives, moving, resting, base)
+    in_root = Placement()
+    for joint in mechanism.to_link(base):
+        in_root = in_root @ joint.at(resting.get(joint.name, 0.0))
+    root_gravity = in_root.rotation.T @ mechanism.gravity
+    coordinates = tuple(_coordinate(mechanism, drives, n, limits.get(n)) for n in moving)
+    robot = Robot(
+        mechanism.name,
+        bodies,
+        coordinates[: len(active)],
+        root_gravity if gravity is None else frozen(gravity),
+        passive=coordinates[len(active) :],
+        frames=frames,
+    )
+    robot, closed = closed_robot(robot, mechanism, closing)
+    notes = reduction_notes(mechanism, drives, robot, base, assumed, positions)
+    return robot, (*left_out, *notes, *closed)
+
+
+def _check_links(mechanism: Mechanism, base: str, tips: Sequence[str]) -> None:
+    links = [link.name for link in mechanism.links]
+    below = {base, *(j.child for j in mechanism.from_link(base))}
+    for role, name in [("base", base)] + [("tip", t) for t in tips]:
+        if name not in links:
+            raise ModelError(
+                f"the {role} link '{name}' does not exist",
+                where=mechanism.where,
+                fix=advice(name, links, "links"),
+            )
+        if name not in below:
+            raise ModelError(
+                f"the tip link '{name}' is not beyond the base link '{base}'",
+                where=mechanism.where,
+                fix="choose a tip beyond the base, or another base",
+            )
+
+
+def _check_joints(mechanism: Mechanism, names: Sequence[str], use: str) -> None:
+    """Each name is a joint that moves on its own."""
+    known = {j.name: j for j in mechanism.joints}
+    for name in names:
+        joint = known.get(name)
+        if joint is not None and joint.movable and joint.mimic is None:
+            continue
+        if joint is None:
+            wrong = f"joint '{name}' is to be {use}, but the model has no such joint"
+        elif joint.mimic is not None:
+            wrong = f"joint '{name}' cannot be {use}: it follows joint '{joint.mimic.master}'"
+        else:
+            wrong = f"joint '{name}' cannot be {use}: it is fixed in the model"
+        movable, what = [j.name for j in mechanism.movable], "joints that move on their own"
+        raise ModelError(
+            wrong,
+            where=joint.where if joint else mechanism.where,
+            fix=listing(movable, what) if joint else advice(name, movable, what),
+        )
+
+
+def _moving(
+    mechanism: Mechanism,
+    joints: Sequence[str] | None,
+    locked: Mapping[str, float],
+    base: str,
+    tips: Sequence[str],
+) -> tuple[str, ...]:
+    """Names of the joints that are identified, in the order of the coordinates."""
+    inside = mechanism.from_link(base)
+    if tips:
+        chain = {j.name for t in tips for j in mechanism.to_link(t)}
+        inside = tuple(j for j in inside if j.name in chain)
+    free = [j.name for j in inside if j.movable and j.mimic is None]
+    if joints is None:
+        joints = [name for name in free if name not in locked]
+    _check_joints(mechanism, joints, "identified")
+    for name in joints:
+        wrong = "also locked" if name in locked else ""
+        wrong = wrong or ("listed twice" if joints.count(name) > 1 else "")
+        if wrong or name not in free:
+            raise ModelError(
+                f"joint '{name}' is to be identified but {wrong or 'is not between base and tip'}",
+                where=mechanism.where,
+                fix="list every joint once, between base and tip, either as identified or locked",
+            )
+    if not joints:
+        raise ModelError(
+            "no joint is left to identify",
+            where=mechanism.where,
+            fix="leave at least one revolute, continuous or prismatic joint unlocked",
+        )
+    return tuple(joints)
+
+
+def _coordinate(
+    mechanism: Mechanism, drives: Mapping[str, Mimic], name: str, given: Limits | None
+) -> Coordinate:
+    """A joint that moves, within its limits and those of the joints that follow it."""
+    joint = mechanism.joint(name)
+    narrow, _ = narrowed(unlimited_if_empty(joint.limits), followers_of(mechanism, drives, name))
+    limits = narrow if given is None else merged(given, joint.limits, narrow)
+    return Coordinate(name, _kind(joint), unlimited_if_empty(limits))
+
+
+def _kind(joint: Joint) -> JointKind:
+    return "prismatic" if joint.kind == "prismatic" else "revolute"
+
+
+def _merged_bodies(
+    mechanism: Mechanism,
+    drives: Mapping[str, Mimic],
+    moving: tuple[str, ...],
+    resting: Mapping[str, float],
+    base: str,
+) -> tuple[tuple[Body, ...], tuple[Frame, ...]]:
+    """The moving bodies beyond the base, what rests merged into them, and where all links are."""
+    links = {link.name: link for link in mechanism.links}
+    bodies: list[Body] = []
+    carriers = {base: (-1, Placement())}
+    for joint in mechanism.from_link(base):
+        index, placement = carriers[joint.parent]
+        if joint.movable and joint.name not in resting:
+            placed = placement @ joint.placement
+            drive = drives[joint.name]
+            bodies.append(
+                Body(
+                    joint.child,
+                    joint.name,
+                    _kind(joint),
+                    index,
+                    placed.rotation,
+                    placed.position,
+                    joint.axis,
+                    moving.index(drive.master),
+                    drive.ratio,
+                    drive.offset,
+                    massless=True,
+                )
+            )
+            index, placement = len(bodies) - 1, Placement()
+        else:
+            placement = placement @ joint.at(resting.get(joint.name, 0.0))
+        carriers[joint.child] = (index, placement)
+        if index >= 0:
+            link, body = links[joint.child], bodies[index]
+            massless, inertia = link.massless, body.inertia
+            if link.inertia is not None:
+                # files of `export` give a frame without mass the least inertia
+                frame = link.name.endswith(f"/{joint.name}") and link.inertia.mass <= LEAST_INERTIA
+                own = Inertia.zero() if frame else link.inertia
+                massless = massless or frame
+                inertia = inertia + own.moved(placement.rotation, placement.position)
+            bodies[index] = replace(
+                body,
+                massless=body.massless and massless,
+                inertia=inertia,
+                known=body.known or link.inertia is not None,
+            )
+    frames = (Frame(n, k, p.rotation, p.position) for n, (k, p) in carriers.items())
+    return tuple(bodies), tuple(frames)

@@ -1,0 +1,201 @@
+"""The chain from a log's rows to motion and effort on a uniform clock, part by part in memory."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from math import ceil
+
+import numpy as np
+
+from steelyard.base.arrays import Array
+from steelyard.runs.partition import ToClock, partition, windows
+from steelyard.runs.processing_choices import Processing
+from steelyard.runs.recording import Recording
+from steelyard.runs.rows.clock_and_row_scan import Clock, RowScan
+from steelyard.runs.rows.marked_rows_and_quality import COUNTS_OF_MARKS, CUT_OFF, RowChecks, Segment
+from steelyard.runs.rows.resampling import (
+    INTERPOLATIONS,
+    THINNING_PASSBAND,
+    WORST_NEIGHBOUR,
+    Lane,
+    Thinning,
+)
+from steelyard.runs.smoothing.auto_method import Auto
+from steelyard.runs.smoothing.kalman_smoother import CausalKalman
+from steelyard.runs.smoothing.zero_phase_filters import continued_at_ends
+
+SATURATION_SPREAD = 0.5
+"""How far around an effort at its limit samples do not count, in periods of the regression cut-off:
+half the length over which the parallel filter mixes them."""
+CONTEXT_PERIODS = 4.0
+"""How far methods that are given whole segments look beyond a window, in periods of the cut-off."""
+
+
+@dataclass(frozen=True, eq=False)
+class MotionPart:
+    """Samples of a segment on the uniform clock, from the one with number `first` on.
+
+    Signals are `q, dq, ddq, effort`, shape `(4 n, N)`; weights say how much each effort counts,
+    shape `(n, N)`, `None` if all count alike; marks are the counts of `Marked` over the rows.
+    """
+
+    segment: Segment
+    first: int
+    signals: Array
+    weights: Array | None
+    marks: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Chain:
+    """What is done with a recording's rows, with every choice made."""
+
+    processing: Processing
+    clock: Clock
+    rate: float  # of the uniform clock [Hz]
+    thinning: int  # samples of the clock that rows are brought to over samples that are left
+    row_checks: RowChecks
+    flagged: bool  # whether any effort is marked
+    before: str = ""  # what the rows are already, in words
+
+    @property
+    def motion_cutoff(self) -> float:
+        """Low-pass of the motion [Hz]."""
+        return float(self.processing.motion_cutoff or 0.0)
+
+    @property
+    def matched_cutoff(self) -> float:
+        """Low-pass of regressor and effort alike, which the pass applies [Hz]."""
+        return float(self.processing.matched_cutoff or 0.0)
+
+    @property
+    def words(self) -> str:
+        """The stages, for reports."""
+        p, s = self.processing, self.row_checks
+        stages = [self.before] if self.before else []
+        stages += [
+            "outliers kept"
+            if s.threshold is None
+            else f"Hampel threshold {s.threshold:g} scaled MAD"
+        ]
+        if s.bridge_stale:
+            stages.append("repeated rows interpolated")
+        if not np.isnan(s.limits).all():
+            stages.append("efforts at their limit left out")
+        stages.append(f"{p.resampling} to {self.rate:g} Hz")
+        if self.thinning > 1:
+            stages[-1] += f" behind a low-pass of {THINNING_PASSBAND * self.rate:g} Hz"
+        stages += [f"motion {self._motion_words}", p.effort_words]
+        return ", ".join(stages)
+
+    @property
+    def _motion_words(self) -> str:
+        motion, at = self.processing.motion, f"{self.motion_cutoff:g} Hz"
+        if isinstance(motion, Auto):
+            return f"by {self.processing.motion_words}, motion cut-off {at}"
+        late = ""
+        if isinstance(motion, CausalKalman):
+            delay = 1e3 * motion.lateness(self.motion_cutoff)
+            late = f"; causal: slow accelerations {delay:.2g} ms late"
+        return f"by {self.processing.motion_words} ({at}{late})"
+
+    def context(self, recording: Recording) -> float:
+        """How far beyond a window the chain looks [s]."""
+        work = ToMotion(self, recording)
+        seconds = work.halo / self.rate + work.clock.reach
+        if work.whole:
+            seconds += CONTEXT_PERIODS / self.motion_cutoff
+        lags = recording.signals.velocity_delay, recording.signals.effort_delay
+        return seconds + max(abs(lag) for lag in lags) + self.row_checks.halo * self.clock.step
+
+    def parts(
+        self,
+        recording: Recording,
+        segments: Sequence[Segment],
+        counted: tuple[float, float] = (-np.inf, np.inf),
+    ) -> Iterator[MotionPart]:
+        """Signals and weights of segments, in order; marked rows count between two times [s]."""
+        work = ToMotion(self, recording)
+        around = 0 if work.whole else work.halo
+        parts = partition(segments, self.rate, work.clock.margin(around))
+        held: list[Array] = []
+        marks = np.zeros(COUNTS_OF_MARKS)
+        for window in windows(RowScan(self.clock, recording).pieces(), parts):
+            part, segment = window.part, window.part.segment
+            low, high = max(part.first - around, 0), min(part.stop + around, segment.samples)
+            even, found = work.clock(window, low, high, counted)
+            held.append(even)
+            marks += found
+            if work.whole and part.stop < segment.samples:
+                continue
+            even = held.pop() if len(held) == 1 else np.concatenate(held, axis=1)
+            held.clear()
+            first, low = (0, 0) if work.whole else (part.first, low)
+            before, after = work.halo - (first - low), work.halo - (high - part.stop)
+            signals, weights = work(continued_at_ends(even, before, after))
+            yield MotionPart(segment, first, signals, weights, marks)
+            marks = np.zeros(COUNTS_OF_MARKS)
+
+
+class ToMotion:
+    """Rows to even channels, and these to `q, dq, ddq, effort` and weights, in memory."""
+
+    def __init__(self, chain: Chain, recording: Recording) -> None:
+        p, rate, c = chain.processing, chain.rate, recording.channels
+        self._flagged, self._channels = chain.flagged, c
+        self._motion = p.motion.designed(chain.motion_cutoff, rate)
+        self._effort = None
+        if p.effort is not None:
+            self._effort = p.effort.smooth(p.effort_cutoff or chain.motion_cutoff, rate)
+        spread = ceil(SATURATION_SPREAD * rate / chain.matched_cutoff) if chain.flagged else 0
+        halos = self._motion.halo, 0 if self._effort is None else self._effort.halo, spread
+        self.whole = None in halos
+        self.halo = max(halo or 0 for halo in halos)
+        self._spare = [self.halo - (halo or 0) for halo in halos]
+        thinning = None
+        if chain.thinning > 1:
+            thinning = Thinning.design(chain.thinning, c.joints if chain.flagged else 0)
+        self.clock = ToClock(chain.row_checks, rate, _lanes(chain, recording), thinning)
+
+    def __call__(self, extended: Array) -> tuple[Array, Array | None]:
+        """Channels with context, `(C, N + 2 halo)`, to signals, `(4 n, N)`, and weights, `(n, N)`.
+
+        There are no weights if all efforts count alike.
+        """
+        c = self._channels
+        inner, measured, flags = (
+            extended[:, spare : extended.shape[1] - spare] for spare in self._spare
+        )
+        signals = self._motion(inner[c.q], inner[c.dq] if c.velocities else None)
+        effort = measured[c.effort]
+        if self._effort is not None:
+            effort = self._effort(effort)
+        weights = None
+        if self._flagged:
+            weights = _weights(np.abs(flags[c.count :]), self.halo - self._spare[2])
+        return np.concatenate((*signals, effort)), weights
+
+
+def _lanes(chain: Chain, recording: Recording) -> list[Lane]:
+    """How channels are read, and below them the flags, if they are carried."""
+    c, s = recording.channels, recording.signals
+    kind = INTERPOLATIONS[chain.processing.resampling]
+    joined: list[Lane] = []
+    for channels, lag in ((c.q, 0.0), (c.dq, s.velocity_delay), (c.effort, s.effort_delay)):
+        if joined and joined[-1].lag == lag:
+            joined[-1] = Lane(slice(joined[-1].channels.start, channels.stop), kind, lag)
+        elif channels.start < channels.stop:
+            joined.append(Lane(channels, kind, lag))
+    if chain.flagged:
+        joined.append(Lane(slice(c.count, c.count + c.joints), WORST_NEIGHBOUR, s.effort_delay))
+    return joined
+
+
+def _weights(flags: Array, spread: int) -> Array:
+    """Weights of efforts, from their flags with context, shape `(n, N + 2 spread)`.
+
+    The `spread` samples around an effort at its limit do not count either.
+    """
+    count = np.cumsum(np.pad(flags >= CUT_OFF, ((0, 0), (1, 0))), axis=1)
+    near: Array = count[:, 2 * spread + 1 :] - count[:, : -2 * spread - 1]
+    own = flags[:, spread : flags.shape[1] - spread]
+    return np.where((near > 0) | (own > 0.0), 0.0, 1.0)

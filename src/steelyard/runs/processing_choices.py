@@ -1,0 +1,194 @@
+"""The choices of the processing chain, and its methods by the names they have in files."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass, fields, replace
+from typing import Any
+
+from steelyard.base.errors import ModelError
+from steelyard.robot.file.sections import ProcessingSection
+from steelyard.robot.file.values_by_kind import Kinds
+from steelyard.runs.rows.resampling import INTERPOLATIONS
+from steelyard.runs.smoothing.auto_method import Auto
+from steelyard.runs.smoothing.finite_window_methods import FIR, MovingAverage, SavitzkyGolay
+from steelyard.runs.smoothing.fourier import Fourier
+from steelyard.runs.smoothing.kalman_smoother import CausalKalman, Kalman, KalmanSmoother
+from steelyard.runs.smoothing.method_and_butterworth import Butterworth, Method, Smoother
+from steelyard.runs.smoothing.smoothing_spline import SmoothingSpline
+from steelyard.runs.spectrum_and_period import Repetitions
+
+METHODS: dict[str, type[Any]] = {
+    method.name: method
+    for method in (
+        Auto,
+        Butterworth,
+        FIR,
+        SavitzkyGolay,
+        MovingAverage,
+        Fourier,
+        Kalman,
+        CausalKalman,
+        SmoothingSpline,
+    )
+}
+"""Ways from positions to motion, for `motion = ...`."""
+
+SMOOTHERS: dict[str, type[Any]] = {
+    method.name: method
+    for method in (Butterworth, FIR, SavitzkyGolay, MovingAverage, KalmanSmoother)
+}
+"""Ways to smooth efforts, for `effort = ...`."""
+
+Description = str | Mapping[str, Any]
+method_of: Callable[[Description, str], Method]
+method_of = Kinds(METHODS, "method", "method for motion", "method").built
+"""A method from its name, or from a table with its name under `method` and its settings."""
+smoother_of: Callable[[Description, str], Smoother]
+smoother_of = Kinds(SMOOTHERS, "method", "method for effort", "method").built
+"""A smoother of efforts, likewise."""
+
+
+def description_of(method: Method | Smoother) -> dict[str, Any]:
+    """The table that `method_of` or `smoother_of` turns back into the method."""
+    given = {x.name: getattr(method, x.name) for x in fields(method)}  # type: ignore[arg-type]
+    settings = {x: list(v) if isinstance(v, tuple) else v for x, v in given.items()}
+    return {"method": method.name, **{x: v for x, v in settings.items() if v is not None}}
+
+
+def method_in_words(method: Method | Smoother) -> str:
+    """Name and settings that are not the default: `savitzky_golay, degree 4`."""
+    settings = [
+        f"{x.name} {_shown_value(value)}"
+        for x in fields(method)  # type: ignore[arg-type]
+        if (value := getattr(method, x.name)) != x.default
+    ]
+    return ", ".join((method.name, *settings)).replace("_", " ")
+
+
+def _shown_value(value: object) -> str:
+    if isinstance(value, tuple):
+        return " ".join(map(_shown_value, value))
+    return f"{value:g}" if isinstance(value, float) else str(value)
+
+
+OUTLIERS = 15.0
+"""Default distance from the rows around, in usual ones, from which on a row is an outlier: on clean
+logs of five robots it marks 3 values in 100 000, currents of drives that start or stop."""
+NOT_WHITE = ", as the noise is not white"  # why `auto` chose the low-pass of the motion cut-off
+
+BY_CUTOFF: Method = Auto()  # stands for a method that is not given
+
+
+@dataclass(frozen=True, eq=False)
+class Processing:
+    """How a recording is made a run; what is `None` comes from the data."""
+
+    motion_cutoff: float | None = None  # low-pass of positions and velocities [Hz]
+    # low-pass that the pass applies to regressor and effort alike [Hz]
+    matched_cutoff: float | None = None
+    # speed up to which a joint rests, one for all or one per joint [rad/s; m/s]
+    rest_speed: float | tuple[float, ...] | None = None
+    rate: float | None = None  # of the uniform clock [Hz]
+    resampling: str = "cubic"  # name of the interpolation, see `INTERPOLATIONS`
+    # from positions to motion; if not given, `Auto`, or `Butterworth` where the cut-off of the
+    # motion is given
+    motion: Method = BY_CUTOFF
+    effort: Smoother | None = None  # smooths efforts; `None`: they stay as logged
+    effort_cutoff: float | None = None  # cut-off of that [Hz]; the motion's if `None`
+    # distance from which on a row is an outlier, see `outliers`; `None`: none is
+    outliers: float | None = OUTLIERS
+    # whether rows that repeat the one before in motion are interpolated
+    bridge_repeats: bool = True
+    leave_out_saturated: bool = True  # whether efforts that stay at a limit count for nothing
+    # that the motion is repeated, and only its mean is wanted
+    repetitions: Repetitions | None = None
+
+    def __post_init__(self) -> None:
+        if self.motion is BY_CUTOFF:
+            usual = Auto() if self.motion_cutoff is None else Butterworth()
+            object.__setattr__(self, "motion", usual)
+        if self.resampling not in INTERPOLATIONS:
+            raise ModelError(
+                f"'{self.resampling}' is not a resampling method",
+                where="processing",
+                fix=f"use one of {', '.join(INTERPOLATIONS)}",
+            )
+
+    @property
+    def motion_words(self) -> str:
+        """The way from positions to motion in words; what `auto` has chosen, where it is that."""
+        if not isinstance(self.motion, Auto):
+            return method_in_words(self.motion)
+        return f"{self.motion.choice} (chosen by auto{'' if self.motion != Auto() else NOT_WHITE})"
+
+    @property
+    def effort_words(self) -> str:
+        """What is done with efforts, in words."""
+        if self.effort is None:
+            return "efforts not smoothed"
+        at = "" if self.effort_cutoff is None else f" {self.effort_cutoff:g} Hz"
+        return f"efforts by {method_in_words(self.effort)}{at}"
+
+    def to_dict(self) -> dict[str, Any]:
+        """As JSON values; exact."""
+        values = {field.name: getattr(self, field.name) for field in fields(self)}
+        values["motion"] = description_of(self.motion)
+        values["effort"] = None if self.effort is None else description_of(self.effort)
+        if self.repetitions is not None:
+            values["repetitions"] = asdict(self.repetitions)
+        return values
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> "Processing":
+        """The processing that `to_dict` wrote."""
+        values = dict(data)
+        where = "processing of the model"
+        values["motion"] = method_of(values["motion"], where)
+        if values["effort"] is not None:
+            values["effort"] = smoother_of(values["effort"], where)
+        if isinstance(values["rest_speed"], list):
+            values["rest_speed"] = tuple(values["rest_speed"])
+        if values.get("repetitions") is not None:
+            values["repetitions"] = Repetitions(**values["repetitions"])
+        return cls(**values)
+
+
+def requested_processing(section: ProcessingSection, where: Callable[..., str]) -> Processing:
+    """The processing that a robot file requests.
+
+    Raises:
+        ModelError: There is no such method, or it has no such setting or value.
+    """
+    table, repetitions = section.repetitions, None
+    if table is not None:
+        given = () if isinstance(table, str) else (table.period, table.drop_first, table.drop_last)
+        repetitions = Repetitions(*given)
+    wanted = Processing(
+        motion_cutoff=section.motion_cutoff,
+        matched_cutoff=section.matched_cutoff,
+        rest_speed=section.rest_speed,
+        rate=section.rate,
+        resampling=section.resampling,
+        outliers=None if section.outliers == "keep" else section.outliers,
+        bridge_repeats=section.repeats == "bridge",
+        leave_out_saturated=section.saturation == "leave_out",
+        repetitions=repetitions,
+    )
+    if section.motion is not None:
+        method = method_of(section.motion, where("processing", "motion"))
+        wanted = replace(wanted, motion=method)
+    if section.effort is not None:
+        effort, place = section.effort, where("processing", "effort")
+        settings = {"method": effort} if isinstance(effort, str) else dict(effort)
+        cutoff = _positive(settings.pop("cutoff", None), place)
+        wanted = replace(wanted, effort=smoother_of(settings, place), effort_cutoff=cutoff)
+    return wanted
+
+
+def _positive(cutoff: Any, where: str) -> float | None:
+    if cutoff is None:
+        return None
+    if isinstance(cutoff, bool) or not isinstance(cutoff, int | float) or not cutoff > 0.0:
+        raise ModelError(
+            f"the effort's cutoff is {cutoff!r}", where=where, fix="give a frequency above 0 Hz"
+        )
+    return float(cutoff)

@@ -1,0 +1,249 @@
+"""Logs as they are named on a command line, made runs."""
+
+import hashlib
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from types import MappingProxyType
+
+import numpy as np
+
+from steelyard.base.arguments import checked
+from steelyard.base.errors import LogError
+from steelyard.base.progress import Progress, report_progress, silent
+from steelyard.logs.formats import open_log
+from steelyard.logs.log import Cut, Numbered, parse_log_argument
+from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
+from steelyard.robot.file.robot_file import load_robot
+from steelyard.robot.file.signals import ROW, Signals
+from steelyard.robot.init.guess_columns import guess_signals
+from steelyard.runs.prepare import prepare
+from steelyard.runs.processing_choices import Processing, requested_processing
+from steelyard.runs.recording import Recording
+from steelyard.runs.run import Run
+
+SAMPLE_ROWS = 20_000  # rows read to guess units, and whether velocities are good
+
+
+HASHED_BYTES = 1 << 20  # bytes that are hashed at a time
+
+
+@dataclass(frozen=True)
+class LogArgument:
+    """A log as it was named on the command line."""
+
+    text: str
+    path: Path
+
+
+def log_files(arguments: Sequence[str]) -> list[LogArgument]:
+    """The files of logs; each must be there and be a log.
+
+    Raises:
+        LogError: One is not.
+    """
+    found = []
+    for text in arguments:
+        path = parse_log_argument(text)[0]
+        open_log(path)
+        found.append(LogArgument(text, path))
+    return found
+
+
+def refuse_overlaps(fitted: Sequence[LogArgument], unseen: Sequence[LogArgument]) -> None:
+    """The same samples neither count twice in a fit nor test it."""
+    again = [(log, other) for n, log in enumerate(fitted) for other in fitted[:n]]
+    tested = [(log, other) for log in fitted for other in unseen]
+    for pairs, role in ((again, "is fitted twice"), (tested, "is both fitted and validated")):
+        for log, other in pairs:
+            if log.path.resolve() == other.path.resolve() and _overlap(log, other):
+                raise LogError(
+                    f"a part of '{log.path.name}' {role}",
+                    where=f"{log.text} and {other.text}",
+                    fix="give every part once; cut a log with LOG@START:STOP",
+                )
+
+
+def _overlap(one: LogArgument, other: LogArgument) -> bool:
+    """Whether two windows share samples; one in seconds and one in rows cannot be compared."""
+    a, b = parse_log_argument(one.text)[1], parse_log_argument(other.text)[1]
+    whole = Cut()
+    if whole not in (a, b) and (a.seconds == whole.seconds) != (b.seconds == whole.seconds):
+        return False
+    apart = a.seconds[1] <= b.seconds[0] or b.seconds[1] <= a.seconds[0]
+    first, second = sorted((a.rows, b.rows), key=lambda rows: rows[0])
+    return not apart and (first[1] is None or second[0] < first[1])
+
+
+def sha256(path: Path) -> str:
+    """Hash of a file, read in parts; of a folder, that of its files' names and hashes."""
+    if path.is_dir():
+        files = sorted(file for file in path.rglob("*") if file.is_file())
+        listed = (f"{file.relative_to(path).as_posix()} {sha256(file)}\n" for file in files)
+        return hashlib.sha256("".join(listed).encode()).hexdigest()
+    digest = hashlib.sha256()
+    with path.open("rb") as file:
+        while block := file.read(HASHED_BYTES):
+            digest.update(block)
+    return digest.hexdigest()
+
+
+def recording_of(argument: LogArgument, signals: Signals) -> Recording:
+    """The recording that an argument names, wrapped positions made continuous."""
+    path, cut = parse_log_argument(argument.text)
+    log = open_log(path)
+    read = Numbered(log) if signals.time == ROW else log
+    return Recording(read, signals, cut).unwrapped()
+
+
+def sample_of(path: Path) -> tuple[tuple[str, ...], dict[str, np.ndarray]]:
+    """Names of a log's columns, and some values of each whose name is its own.
+
+    Of columns of text there is the word that they begin with.
+    """
+    log = open_log(path)
+    single = [name for name, count in Counter(log.columns).items() if count == 1]
+    table = next(log.parts(single, (0, SAMPLE_ROWS), SAMPLE_ROWS), None)
+    if table is None:
+        raise LogError("the log has no rows", where=str(path), fix="record or export it again")
+    texts = {name: np.array([text]) for name, text in getattr(log, "texts", ())}
+    return tuple(dict.fromkeys(log.columns)), dict(zip(single, table.T, strict=True)) | texts
+
+
+def signals_of(loaded: LoadedRobot, log: LogArgument) -> tuple[Signals, tuple[str, ...]]:
+    """The robot file's signals, or a guess from the log's columns with its reasons."""
+    if loaded.signals is not None:
+        return loaded.signals, ()
+    columns, sample = sample_of(log.path)
+    return guess_signals(loaded.robot, columns, sample)
+
+
+def processing_of_robot(loaded: LoadedRobot) -> Processing:
+    """How logs are made runs, as the robot file says it."""
+    return requested_processing(loaded.processing, loaded.where)
+
+
+def prepared(
+    recordings: Sequence[Recording],
+    wanted: Processing,
+    progress: Progress,
+    *,
+    at_rest: bool = False,
+    known: Mapping[str, Run] = MappingProxyType({}),
+) -> tuple[Run, ...]:
+    """Clean runs with common cut-offs: those wanted, or the widest that a run's motion needs.
+
+    Logs in which no joint moves are refused, unless they may be `at_rest`. Of `known` runs by the
+    place of their log, made as wanted, the log is not surveyed again.
+    """
+    runs = []
+    for number, recording in enumerate(recordings):
+        report_progress(progress, "reading logs", number, len(recordings))
+        run = known.get(recording.where)
+        runs.append(prepare(recording, wanted, at_rest=at_rest) if run is None else run)
+    if not runs:
+        return ()
+    common = processing_used(wanted, runs)
+    return distinct(
+        [
+            run
+            if (run.motion_cutoff, run.matched_cutoff)
+            == (common.motion_cutoff, common.matched_cutoff)
+            else prepare(recording, common, at_rest=at_rest)
+            for run, recording in zip(runs, recordings, strict=True)
+        ]
+    )
+
+
+def runs_of(
+    loaded: LoadedRobot,
+    signals: Signals,
+    fitted: Sequence[LogArgument],
+    unseen: Sequence[LogArgument],
+    progress: Progress,
+    made: Mapping[str, Run] = MappingProxyType({}),
+) -> tuple[tuple[Run, ...], tuple[Run, ...]]:
+    """Clean runs, to be fitted and to be predicted, with the cut-offs that the former come to.
+
+    Runs that were `made` of single motions before, by the place of their log, are taken over.
+    """
+    wanted = processing_of_robot(loaded)
+    known = made if wanted.repetitions is None else {}
+    clean = prepared([recording_of(log, signals) for log in fitted], wanted, progress, known=known)
+    fresh = [recording_of(log, signals) for log in unseen]
+    once = replace(processing_used(wanted, clean), repetitions=None)
+    runs = distinct([*clean, *prepared(fresh, once, progress, at_rest=True)])
+    return runs[: len(clean)], runs[len(clean) :]
+
+
+def distinct(runs: Sequence[Run]) -> tuple[Run, ...]:
+    """Runs with distinct names: with as many folders before them as that takes.
+
+    Logs are often called alike, each in a folder of its own; what is left out in turn, and
+    parameters of single runs, go by the runs' names.
+    """
+    names = distinct_names([(run.name, run.recording.log.path) for run in runs])
+    return tuple(replace(run, name=name) for run, name in zip(runs, names, strict=True))
+
+
+def distinct_names(logs: Sequence[tuple[str, Path]]) -> list[str]:
+    """Names of logs at these paths, with as many folders before them as makes them distinct."""
+    names = [name for name, _ in logs]
+    folders = [path.resolve().parts[-2::-1] for _, path in logs]
+    for depth in range(max((len(parts) for parts in folders), default=0)):
+        alike = [names.count(name) > 1 for name in names]
+        names = [
+            f"{parts[depth]}/{name}" if twice and depth < len(parts) else name
+            for name, parts, twice in zip(names, folders, alike, strict=True)
+        ]
+    return names
+
+
+def processing_used(wanted: Processing, runs: Sequence[Run]) -> Processing:
+    """The processing with the cut-offs that the runs came to."""
+    return replace(
+        wanted,
+        motion_cutoff=max(run.motion_cutoff for run in runs),
+        matched_cutoff=max(run.matched_cutoff for run in runs),
+    )
+
+
+def paths_of(logs: str | Path | Iterable[str | Path], least: int = 0) -> list[str]:
+    """One log or several as texts."""
+    given = [logs] if isinstance(logs, str | Path) else list(logs)
+    strange = next((log for log in given if not isinstance(log, str | Path)), None)
+    if strange is not None or len(given) < least:
+        raise LogError(
+            "no log is given" if strange is None else f"a {type(strange).__name__} is no log",
+            where="list of logs",
+            fix="give the paths of log files",
+        )
+    return [str(log) for log in given]
+
+
+@checked()
+def load_runs(
+    robot: str | Path | LoadedRobot,
+    logs: str | Path | Iterable[str | Path],
+    *,
+    progress: Progress = silent,
+) -> tuple[Run, ...]:
+    """Logs as runs: motion and effort on a uniform clock, in SI units and joint order.
+
+    Args:
+        robot: Robot file (TOML), URDF, xacro or MJCF, or what `load_robot` made of it.
+        logs: The logs; `run.csv@5:20` is a window in seconds.
+        progress: Receives events of progress; an exception from it stops the work.
+
+    Raises:
+        SteelyardError: A file cannot be used.
+
+    Example:
+        >>> (run,) = load_runs("arm.toml", "fit.csv")
+        >>> run.whole().motion.n_joints
+        2
+    """
+    loaded = load_robot(robot)
+    files = log_files(paths_of(logs, least=1))
+    return runs_of(loaded, signals_of(loaded, files[0])[0], files, (), progress)[0]

@@ -1,0 +1,188 @@
+"""A program as machine code, from the cache where possible, and the bounded linear recurrence."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import lru_cache, partial
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+
+from steelyard.base.arrays import Array
+from steelyard.symbolic.native import cache, gram_and_filter_loops, machine
+from steelyard.symbolic.program_and_softening import InputArray, Program
+
+ENGINE = 4  # raised whenever emitted code changes its meaning: old cache entries are then not used
+
+
+@dataclass(frozen=True, eq=False)
+class Code:
+    """Machine code of one program, and what its builder stated about it (JSON).
+
+    `raw(N, x0, ld0, ..., y, ldy)` takes addresses and strides in numbers of doubles, and sample
+    counts that are multiples of the `lanes`; `fused` and `sample` are loops beside the program.
+    """
+
+    about: dict[str, Any]
+    shared: tuple[bool, ...]
+    n_outputs: int
+    lanes: int
+    raw: Any
+    fused: Any
+    sample: Any
+
+    def __call__(self, inputs: Sequence[Array]) -> Array:
+        """At `N` samples, `(n_outputs, N)`; inputs `(entries, N)`, or shared ones `(entries,)`."""
+        n_samples = next(x.shape[1] for x, one in zip(inputs, self.shared, strict=True) if not one)
+        padded = -(-n_samples // self.lanes) * self.lanes
+        arrays = [
+            np.ascontiguousarray(x) if one else _padded(x, padded)
+            for x, one in zip(inputs, self.shared, strict=True)
+        ]
+        result = np.empty((self.n_outputs, padded))
+        if n_samples:
+            arguments = [
+                number
+                for x, one in zip(arrays, self.shared, strict=True)
+                for number in (x.ctypes.data, 0 if one else padded)
+            ]
+            self.raw(padded, *arguments, result.ctypes.data, padded)
+        return result[:, :n_samples]
+
+
+class SampleCall:
+    """The code at one sample, on arrays that stay where they are; see `sample`.
+
+    `call()` writes the outputs to `result`. It returns whether the sum of squares of the numbers
+    `given` is below the limit, and all outputs are finite. Arrays that samples do not share are
+    followed by as many spare numbers as the code has lanes beyond the first.
+    """
+
+    def __init__(
+        self, code: Code, inputs: Sequence[Array], given: Array, limit: float = np.inf
+    ) -> None:
+        self.result = np.zeros(code.n_outputs)
+        lanes = np.zeros((code.n_outputs, code.lanes))
+        addresses = np.array(
+            [
+                code.lanes,
+                *(x for array in inputs for x in (array.ctypes.data, 1)),
+                *(lanes.ctypes.data, code.lanes, given.ctypes.data, len(given)),
+                *(self.result.ctypes.data, code.n_outputs, np.float64(limit).view(np.int64)),
+            ]
+        )
+        self.call: Callable[[], int] = partial(code.sample, addresses.ctypes.data)
+        self._kept = (*inputs, given, lanes, addresses)
+
+
+def machine_code(
+    description: Any, write: Callable[[], tuple[str, dict[str, Any]]]
+) -> tuple[dict[str, Any], bytes]:
+    """Machine code of LLVM code and what is stated about it, from the cache where possible."""
+    facts = [ENGINE, machine.version(), machine.host(), machine.lanes()]
+    key = cache.key_of([*facts, description])
+    entry = cache.load(key)
+    if entry is None:
+        text, about = write()
+        entry = about, machine.compile_code(text)
+        cache.store(key, *entry)
+    return entry
+
+
+def compiled(description: Any, build: Callable[[], tuple[Program, dict[str, Any]]]) -> Code:
+    """Machine code for what `description` stands for.
+
+    That is everything the program depends on, as JSON; its hash names the cache entry. `build`
+    makes the program and states about it what callers need, if the cache has no sound entry.
+    """
+
+    def write() -> tuple[str, dict[str, Any]]:
+        program, about = build()
+        facts = {
+            "shared": [array.shared for array in program.inputs],
+            "n_outputs": len(program.outputs),
+            "n_operations": program.n_operations,
+        }
+        return _module(program, machine.lanes()), {**about, **facts}
+
+    about, code = machine_code(description, write)
+    library = machine.Library(code, ["program", "fused", "sample"], loops().module)
+    n_inputs = len(about["shared"])
+    return Code(
+        about=about,
+        shared=tuple(about["shared"]),
+        n_outputs=int(about["n_outputs"]),
+        lanes=machine.lanes(),
+        raw=library.function("program", 2 * n_inputs + 3),
+        fused=library.function("fused", 2 * n_inputs + 9),
+        sample=library.function("sample", 1, answers=True),
+    )
+
+
+def compiled_equations(
+    description: Any, equations: Callable[..., Sequence[Any]], inputs: Sequence[InputArray]
+) -> Code:
+    """Machine code of equations over scalars, one list of them per input array; see `compiled`."""
+
+    def build() -> tuple[Program, dict[str, Any]]:
+        from steelyard.symbolic.symbols_and_tracing import symbolic
+
+        return symbolic(equations, inputs), {}
+
+    return compiled(description, build)
+
+
+@lru_cache
+def loops() -> Any:
+    """The small loops that do not depend on the program, and their `module`."""
+    lanes, arguments = machine.lanes(), {"gram": 6, "absolute": 5, "fir": 9, "recurrence": 7}
+    writers = (
+        gram_and_filter_loops.gram,
+        gram_and_filter_loops.absolute_sums,
+        gram_and_filter_loops.decimating_fir,
+    )
+    pieces = (*(writer(lanes) for writer in writers), gram_and_filter_loops.recurrence())
+    code = machine_code("loops", lambda: (_joined(*pieces), {}))[1]
+    module = machine.Library(code, list(arguments))
+    functions = {name: module.function(name, count) for name, count in arguments.items()}
+    return SimpleNamespace(module=module, **functions)
+
+
+def _module(program: Program, lanes: int) -> str:
+    from steelyard.symbolic.native.llvm_vector_code import emit
+
+    return _joined(
+        emit(program, "program", lanes),
+        gram_and_filter_loops.fused(len(program.inputs)),
+        gram_and_filter_loops.sample(len(program.inputs)),
+    )
+
+
+def _joined(*pieces: str) -> str:
+    """One module; a function of LLVM's that several pieces declare is declared once."""
+    lines = "\n".join(pieces).split("\n")
+    declarations = dict.fromkeys(line for line in lines if line.startswith("declare"))
+    return "\n".join([*declarations, *(x for x in lines if not x.startswith("declare"))])
+
+
+def _padded(x: Array, n_samples: int) -> Array:
+    """Samples row by row in memory, the last one repeated up to a full vector."""
+    missing = n_samples - x.shape[1]
+    if missing:
+        x = np.concatenate([x, np.repeat(x[:, -1:], missing, axis=1)], axis=1)
+    return np.ascontiguousarray(x, dtype=np.float64)
+
+
+def recurrence(decay: Array, drive: Array, bound: Array, start: Array) -> tuple[Array, Array]:
+    r"""$y_k = \operatorname{clip}(a_k y_{k-1} + b_k, \pm c_k)$, row by row, and its last column.
+
+    $a, b, c$ have shape `(rows, N)`, `start` is $y_{-1}$; the next call goes on from the last.
+    """
+    a, b, c = (np.ascontiguousarray(x, dtype=np.float64) for x in (decay, drive, bound))
+    if not a.shape == b.shape == c.shape or start.shape != a.shape[:1]:
+        raise ValueError("decay, drive, bound and start differ in shape")
+    result, last = np.empty_like(a), np.array(start, dtype=np.float64)
+    if result.size:
+        addresses = (x.ctypes.data for x in (a, b, c, result))
+        loops().recurrence(*addresses, *a.shape, last.ctypes.data)
+    return result, last

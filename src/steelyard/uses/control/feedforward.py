@@ -1,0 +1,214 @@
+"""Torques of an identified model along a motion: what `steelyard feedforward` does."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from steelyard.base.arguments import checked
+from steelyard.base.arrays import Array
+from steelyard.base.errors import DataError
+from steelyard.base.files import write_table
+from steelyard.base.motion import Motion
+from steelyard.estimate.identified_model import IdentifiedModel, far_beyond_limits, load_model
+from steelyard.excite.sampled_motion_files import grid_times
+from steelyard.excite.trajectories.trajectory_files import read_named, read_table
+from steelyard.robot.robot import Coordinate, Robot
+from steelyard.uses.control.torques_along_motion import (
+    SIGN_SMOOTHING,
+    feedforward_torque,
+    in_joint_order,
+    refuse_unknown_gains,
+    remarks_on_torques,
+)
+
+FEEDFORWARD_RATE = 250.0  # rows a second of the table, if none is given
+FEWEST_ROWS, LEAST_NOISE = 20, 1.0
+"""Rows of a table from which on noise is sought, and the least RMS of its accelerations that
+matters [rad/s²; m/s²]."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class FeedforwardTorques:
+    """Torques along a motion."""
+
+    joints: tuple[Coordinate, ...]
+    motion: Motion
+    torque: Array  # shape `(N, n)` [Nm; N]
+    notes: tuple[str, ...] = ()  # what the torques leave out
+    # what speaks against commanding them: torques beyond the limits of their joints, accelerations
+    # that are noise, angles far beyond the limits; and what to do
+    warnings: tuple[str, ...] = ()
+
+    def __repr__(self) -> str:
+        return f"FeedforwardTorques({len(self.motion)} samples, {len(self.joints)} joints)"
+
+    def __str__(self) -> str:
+        width = max(len(joint.name) for joint in self.joints)
+        joints = (
+            f"{joint.name:{width}}  RMS {rms:.4g}, largest {peak:.4g} {joint.effort_unit}"
+            for joint, rms, peak in zip(self.joints, self.rms, self.peaks, strict=True)
+        )
+        notes = (*(f"! {one}" for one in self.warnings), *(f"note: {one}" for one in self.notes))
+        return "\n".join([f"{len(self.motion)} samples", *joints, *notes])
+
+    @property
+    def peaks(self) -> Array:
+        """Largest torque of each joint, shape `(n,)` [Nm; N]."""
+        return np.asarray(np.abs(self.torque).max(axis=0))
+
+    @property
+    def rms(self) -> Array:
+        """Root mean square torque of each joint, shape `(n,)` [Nm; N]."""
+        return np.asarray(np.sqrt(np.mean(self.torque**2, axis=0)))
+
+    def write(self, path: str | Path) -> None:
+        """Write a table: `time_s`, then `q_NAME`, `dq_NAME`, `ddq_NAME` and `tau_NAME`, SI units.
+
+        Args:
+            path: A name that ends in `.csv` or `.parquet`.
+        """
+        motion, columns = self.motion, {"time_s": self.motion.t}
+        values = {"q": motion.q, "dq": motion.dq, "ddq": motion.ddq, "tau": self.torque}
+        for what, samples in values.items():
+            for joint, column in zip(self.joints, samples.T, strict=True):
+                columns[f"{what}_{joint.name}"] = column
+        write_table(Path(path), columns)
+
+    def to_dict(self) -> dict[str, Any]:
+        """As JSON values, without the samples."""
+        return {
+            "duration_s": float(self.motion.t[-1] - self.motion.t[0]),
+            "samples": len(self.motion),
+            "joints": [
+                {"name": joint.name, "unit": joint.effort_unit, "rms": rms, "peak": peak}
+                for joint, rms, peak in zip(
+                    self.joints, self.rms.tolist(), self.peaks.tolist(), strict=True
+                )
+            ],
+            "notes": list(self.notes),
+            "warnings": list(self.warnings),
+        }
+
+
+@checked(rate=1.0, smoothing=0.0)
+def feedforward(
+    model: str | Path | IdentifiedModel,
+    motion: str | Path | Motion,
+    *,
+    joints: Sequence[str] | None = None,
+    rate: float = FEEDFORWARD_RATE,
+    smoothing: float = SIGN_SMOOTHING,
+    as_logged: bool = False,
+) -> FeedforwardTorques:
+    """Torques along a desired motion, for a controller that adds them to its own.
+
+    Friction is that of the desired velocity. Laws with a smoothing in the robot file keep it;
+    others that jump at zero velocity turn within `smoothing`.
+
+    Args:
+        model: The model, its `model.json`, or the folder that contains it.
+        motion: `trajectory.json`, a table of times and positions, or samples (`Motion`); joints are
+            matched by name. A table keeps its times, and may begin and end moving.
+        joints: Names of the columns of samples; those of the model in its order if `None`.
+        rate: Rows per second along a file.
+        smoothing: Speed [rad/s; m/s] over which the sign function of friction laws is smoothed; 0
+            for the sign itself. A law with a smoothing in the robot file keeps it.
+        as_logged: Torques in Nm (N) as the robot file reads them from the log: multiplied by the
+            estimated effort scales of the model, if it has any. For currents, divide by the robot
+            file's gain, as `IdentifiedModel.effort` does.
+
+    Raises:
+        SteelyardError: A file cannot be used, a joint is missing, or the model's efforts are no
+            torques.
+
+    Example:
+        >>> ahead = feedforward("arm-model", "fit/trajectory.json", rate=100.0)
+        >>> ahead.torque.shape == ahead.motion.q.shape
+        True
+    """
+    identified = load_model(model)
+    refuse_unknown_gains(identified)
+    robot = identified.model.robot
+    samples, measured = _samples(motion, joints, robot, rate)
+    torque = feedforward_torque(identified.valued, samples, smoothing)
+    if as_logged and identified.effort_scales is not None:
+        torque = torque * identified.effort_scales.values
+        identified = replace(identified, effort_scales=None)
+    far = far_beyond_limits(robot, samples.q)
+    warnings = (
+        (f"{far}: do not command these torques; positions are in rad, convert degrees",)
+        if far
+        else tuple(beyond_limits(robot.coordinates, samples, torque, measured))
+    )
+    return FeedforwardTorques(
+        robot.coordinates, samples, torque, remarks_on_torques(identified), warnings
+    )
+
+
+def beyond_limits(
+    joints: Sequence[Coordinate], motion: Motion, torque: Array, measured: Sequence[str] = ()
+) -> Iterator[str]:
+    """What speaks against commanding torques `(N, n)` [Nm; N] along a motion, and what to do.
+
+    `measured` are the joints whose positions in the table are measured ones with noise.
+    """
+    found = False
+    for joint, column, ddq in zip(joints, torque.T, motion.ddq.T, strict=True):
+        above = np.abs(column) > joint.limits.effort
+        if above.any():
+            found = True
+            k = int(np.argmax(np.abs(column)))
+            yield (
+                f"{joint.name}: {abs(column[k]):.3g} {joint.effort_unit} at {motion.t[k]:.3f} s is "
+                f"beyond its limit of {joint.limits.effort:.4g} (acceleration {ddq[k]:.3g}; "
+                f"{above.sum()} of {len(column)} samples)"
+            )
+    if measured:
+        yield (
+            f"do not command these torques: accelerations of {', '.join(measured)} reverse from "
+            "row to row, as those of measured positions, whose noise they contain; smooth the "
+            "positions, or give a planned motion"
+        )
+    elif found:
+        yield "do not command these torques: give a slower motion, or smooth measured positions"
+
+
+def _samples(
+    motion: str | Path | Motion, joints: Sequence[str] | None, robot: Robot, rate: float
+) -> tuple[Motion, tuple[str, ...]]:
+    """The motion of the robot's joints, in their order; joints whose table has noise."""
+    if isinstance(motion, Motion):
+        return in_joint_order(motion, joints, robot, "samples of the motion"), ()
+    if joints is not None:
+        raise DataError(
+            "names of joints are given together with a file, which has its own",
+            where="joints",
+            fix="leave them out",
+        )
+    path = Path(motion)
+    if path.suffix == ".json":
+        trajectory, names = read_named(path)
+        found = trajectory.sample(grid_times(trajectory.duration, rate))
+        return in_joint_order(found, names, robot, str(path)), ()
+    table = read_table(path, robot)
+    found = table.unstopped.sample(grid_times(table.motion.duration, rate))
+    noisy = np.array(robot.joint_names)[_noisy(table.motion.t, table.motion.q)]
+    return Motion(table.start + found.t, found.q, found.dq, found.ddq), tuple(noisy.tolist())
+
+
+def _noisy(t: Array, q: Array) -> NDArray[np.bool_]:
+    """Whether second differences of positions `(N, n)` are mostly noise, shape `(n,)`.
+
+    Those of white noise have a correlation of -2/3 from row to row, those of a motion that the rows
+    resolve a positive one.
+    """
+    if len(t) < FEWEST_ROWS:
+        return np.zeros(q.shape[1], dtype=np.bool_)
+    step = np.diff(t)[:, None]
+    acceleration = np.diff(np.diff(q, axis=0) / step, axis=0) / (0.5 * (step[1:] + step[:-1]))
+    large = np.sqrt(np.mean(np.square(acceleration), axis=0)) > LEAST_NOISE
+    return np.asarray(large & (np.sum(acceleration[1:] * acceleration[:-1], axis=0) < 0.0))

@@ -1,0 +1,459 @@
+"""External wrench along a log, without a force sensor: `steelyard wrench`, with its page."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from rich.console import Console
+
+from steelyard.base.arguments import checked
+from steelyard.base.arrays import Array
+from steelyard.base.files import write_table
+from steelyard.base.progress import Progress, silent
+from steelyard.estimate.external.effort_to_wrench import (
+    FORCE,
+    LEVER,
+    Expected,
+    InverseJacobian,
+    Weighted,
+    WrenchMethod,
+)
+from steelyard.estimate.external.observer_equations import Axes, moved_frame
+from steelyard.estimate.identified_model import IdentifiedModel, load_model
+from steelyard.identify.run_notes import left_out, notes_of
+from steelyard.identify.scores import fitted_before, runs_for
+from steelyard.identify.validation_data import holds_fitted_rows
+from steelyard.report.figures import Figure, Group, Key, Traced, area, evenly, line
+from steelyard.report.page import figures, inspected_page, notes
+from steelyard.report.result import Result, print_verdict
+from steelyard.report.tables import PlainTable, Row, narrow_table
+from steelyard.report.words import NONE, significant
+from steelyard.runs.runs_of_named_logs import log_files
+from steelyard.uses.control.torques_along_motion import refuse_unknown_gains
+from steelyard.uses.wrench.wrench_along_run import (
+    COMPONENTS,
+    ResidualKind,
+    WrenchEstimate,
+    estimated_wrench,
+    name_of,
+)
+from steelyard.uses.wrench.wrench_kalman_smoother import DURATION, OBSERVABLE, Smoothed
+
+MOST_POINTS_OF_WRENCH = 3000  # points of a line, at most
+
+LEAST_LASTING_SHARE = 1.0 / 3.0  # of the log with a force: something else is likelier than pushes
+
+LEAST_UNEXPECTED_FORCE = 5.0  # over the expected one: something else is likelier than a push
+LEAST_VARIANCE_SHARE = 0.005  # of the expected variance, below which nothing is estimated
+
+WRENCH_TABLE_COLUMNS = ("fx_N", "fy_N", "fz_N", "tx_Nm", "ty_Nm", "tz_Nm")
+"""Force and moment in tables; `steelyard simulate --wrench` reads the same names."""
+
+UNITS = ("N", "N", "N", "Nm", "Nm", "Nm")
+
+SOURCES = {
+    "momentum": "generalised momentum, without accelerations",
+    "torque": "measured minus predicted torque",
+}
+
+METHODS = {
+    "smoothed": "smoothed over time, errors of the model's parameters estimated from the same log",
+    "weighted": "each sample by itself, weighted by the model's uncertainty and the expected size",
+    "inverse": "inverse of the transposed Jacobian: large near singular postures",
+}
+
+
+@dataclass(frozen=True)
+class ComponentSummary:
+    """One component of the wrench over a log; values are in its unit."""
+
+    component: str
+    unit: str
+    rms: float
+    peak: float
+    peak_half_width: float  # half-width of its 95 % interval
+    peak_time_s: float
+    median_half_width: float
+    nonzero_share: float  # share of the samples whose interval leaves zero out
+    data_share: float  # share of the expected variance that the log removes, on average
+    assumed_zero: bool  # whether it is not estimated but zero, as its expected size is
+
+    @property
+    def row(self) -> Row:
+        """For people to read; without estimates where it has none."""
+        name = f"{self.component.replace(' along', '').replace(' about', '')} [{self.unit}]"
+        width = f"± {significant(self.median_half_width, 2)}"
+        if self.assumed_zero:
+            return Row((name, NONE, "assumed zero", NONE, NONE, NONE, NONE))
+        if self.data_share < LEAST_VARIANCE_SHARE:
+            return Row((name, NONE, NONE, NONE, width, NONE, "0 %"))
+        return Row(
+            (
+                name,
+                significant(self.rms),
+                f"{significant(self.peak)} ± {significant(self.peak_half_width, 2)}",
+                f"{self.peak_time_s:.2f}",
+                width,
+                f"{100.0 * self.nonzero_share:.0f} %",
+                f"{100.0 * self.data_share:.0f} %",
+            )
+        )
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ExternalWrench(Result):
+    """External wrench along a log."""
+
+    robot: str
+    estimate: WrenchEstimate  # all arrays
+    usual_bandwidth: float  # cut-off of the model's scores [Hz]
+    fitted: bool
+    left_out: tuple[str, ...]  # rows and times that were not examined, for people to read
+    details: tuple[str, ...]
+    json_name = "wrench.json"
+
+    @property
+    def headline(self) -> str:
+        """The largest force that differs from zero, or that none does."""
+        found, at = self.estimate, self.estimate.largest
+        size = significant(float(found.force[at]))
+        text = f"{size} ± {significant(float(found.force_half_width[at]), 2)} N"
+        place = f"at {found.t[at]:.2f} s of {found.run} ({found.t[-1] - found.t[0]:.1f} s)"
+        if found.pushed[at]:
+            return f"Largest force on {found.frame}: {text} {place}"
+        return (
+            f"No force on {found.frame} that differs from zero (95 %); largest estimate "
+            f"{text} {place}"
+        )
+
+    @property
+    def claim(self) -> str:
+        """What was estimated, and how."""
+        found = self.estimate
+        axes = f"axes of {found.frame}" if found.axes == "frame" else "axes of the base"
+        return (
+            f"Wrench on the robot, moments about the origin of {found.frame}, {axes}. External "
+            f"torques: {SOURCES[found.residual]}, low-pass {found.bandwidth:.3g} Hz. Wrench: "
+            f"{METHODS[found.method]}. Intervals: 95 %."
+        )
+
+    @property
+    def settings(self) -> str:
+        """The same in short."""
+        found = self.estimate
+        axes = found.frame if found.axes == "frame" else "the base"
+        return (
+            f"On the robot, moments about the frame's origin, axes of {axes}; 95 % intervals; "
+            f"{found.method}, by the {found.residual}, low-pass {found.bandwidth:.3g} Hz"
+        )
+
+    @property
+    def components(self) -> tuple[ComponentSummary, ...]:
+        """Figures of the six components."""
+        found = self.estimate
+        nonzero = np.abs(found.wrench) > found.half_width
+        rows = []
+        for k, (name, unit) in enumerate(zip(COMPONENTS, UNITS, strict=True)):
+            own, half = found.wrench[:, k], found.half_width[:, k]
+            at = int(np.argmax(np.abs(own)))
+            rows.append(
+                ComponentSummary(
+                    component=name,
+                    unit=unit,
+                    rms=float(np.sqrt(np.mean(np.square(own)))),
+                    peak=float(own[at]),
+                    peak_half_width=float(half[at]),
+                    peak_time_s=float(found.t[at]),
+                    median_half_width=float(np.median(half)),
+                    nonzero_share=float(np.mean(nonzero[:, k])),
+                    data_share=float(np.mean(found.data_share[:, k])),
+                    assumed_zero=bool(found.assumed_zero[k]),
+                )
+            )
+        return tuple(rows)
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What qualifies the result."""
+        found, warnings = self.estimate, list(self.left_out)
+        inverse = found.method == InverseJacobian.name
+        if found.unobservable:
+            names = "; ".join(
+                f"{name_of(one)} ({100.0 * found.unobservable_share(one):.0f} % of the log)"
+                for one in found.unobservable
+            )
+            warnings.append(
+                f"not observable from the joint torques of this log: {names}. "
+                + (
+                    "There the inverse multiplies errors, and gives zero with too narrow an "
+                    "interval where the Jacobian has no inverse"
+                    if inverse
+                    else "There the estimate stays near zero, with an interval of 1.4 to 2 times "
+                    "the expected size on either side"
+                )
+            )
+        elif found.partly_unobservable > 0.0:
+            at = found.least_data_share < OBSERVABLE
+            worst = COMPONENTS[int(np.argmin(found.data_share[at].mean(axis=0)))]
+            warnings.append(
+                "one direction or more is not observable in "
+                f"{100.0 * found.partly_unobservable:.2g} % of the log, near singular "
+                f"postures (mostly {worst}): "
+                + ("the inverse multiplies errors there" if inverse else "intervals there are wide")
+            )
+        if found.bandwidth < self.usual_bandwidth:
+            warnings.append(
+                f"the low-pass of {found.bandwidth:.3g} Hz hides pushes shorter than "
+                f"{0.5 / found.bandwidth:.2g} s (usual for this model: {self.usual_bandwidth:.3g} "
+                "Hz, for logs of at least ten times that rate)"
+            )
+        if self.fitted:
+            warnings.append("the model was fitted to this log: its residuals are too small")
+        lasting, doubts = float(np.mean(found.pushed)), []
+        times = float(found.force[found.largest]) / found.expected.force
+        if lasting > LEAST_LASTING_SHARE:
+            doubts.append(f"the force differs from zero in {100.0 * lasting:.0f} % of the log")
+        if found.pushed[found.largest] and times > LEAST_UNEXPECTED_FORCE:
+            doubts.append(
+                f"the largest force is {significant(times, 2)} times the expected "
+                f"{found.expected.force:g} N"
+            )
+        if doubts:
+            warnings.append(
+                f"{', '.join(doubts)}: efforts in other units or with another sign, other "
+                "positions, a payload, another tool or other drive gains are likelier than pushes; "
+                "steelyard check names what differs, steelyard payload identifies a payload"
+            )
+        return tuple(warnings)
+
+    @property
+    def t(self) -> Array:
+        """Time from the log's start, shape `(N,)` [s]."""
+        return self.estimate.t
+
+    @property
+    def wrench(self) -> Array:
+        """Force [N] and moment [Nm] on the robot, shape `(N, 6)`."""
+        return self.estimate.wrench
+
+    @property
+    def half_width(self) -> Array:
+        """Half-width of the 95 % intervals of `wrench`, shape `(N, 6)`."""
+        return self.estimate.half_width
+
+    @property
+    def unobservable(self) -> tuple[str, ...]:
+        """Directions that the joints do not show in this log."""
+        return tuple(name_of(direction) for direction in self.estimate.unobservable)
+
+    def report(self) -> str:
+        """The report as one self-contained HTML page."""
+        found = self.estimate
+        components, least, torques = _figures(found)
+        sections = (
+            figures(
+                "wrench",
+                "Wrench",
+                words=f"{self.headline}. {self.claim}",
+                tables=[components_table(self)],
+            ),
+            notes("notes", "Limits of this result", self.warnings),
+            figures(
+                "over-time",
+                "Wrench over time",
+                legend=[Key("--measured", "estimate"), Key("--interval", "95 % interval", "area")],
+                groups=[Group(components, columns="one")],
+            ),
+            figures(
+                "observability",
+                "Observability",
+                words="Share of the expected variance that the log removes, in the direction where "
+                f"it removes least; below {OBSERVABLE:g} that direction counts as not observable.",
+                groups=[Group([least], columns="one")],
+            ),
+            figures(
+                "torques",
+                "External torques",
+                legend=[
+                    Key("--measured", "external torque"),
+                    Key("--interval", "95 % interval of the model's error", "area"),
+                ],
+                groups=[Group(torques, columns="one")],
+            ),
+            notes("details", "Notes", self.details, folded=True),
+        )
+        title = f"{self.robot}: wrench in {found.run}"
+        return inspected_page(title, self.robot, sections)
+
+    def to_dict(self) -> dict[str, Any]:
+        """What was estimated as JSON values, without the samples."""
+        found = self.estimate
+        return {
+            "log": found.run,
+            "frame": found.frame,
+            "axes": found.axes,
+            "residual": found.residual,
+            "method": found.method,
+            "bandwidth_hz": found.bandwidth,
+            "expected": {"force_N": found.expected.force, "lever_m": found.expected.lever},
+            "largest_force": {
+                "force_N": float(found.force[found.largest]),
+                "half_width_N": float(found.force_half_width[found.largest]),
+                "time_s": float(found.t[found.largest]),
+                "differs_from_zero": bool(found.pushed[found.largest]),
+            },
+            "samples": len(found.t),
+            "start_s": float(found.t[0]),
+            "end_s": float(found.t[-1]),
+            "components": [vars(row) for row in self.components],
+            "unobservable": [
+                {
+                    "name": name_of(one),
+                    **dict(zip(COMPONENTS, one.tolist(), strict=True)),
+                    "share_of_log": found.unobservable_share(one),
+                }
+                for one in found.unobservable
+            ],
+            "partly_unobservable_share": found.partly_unobservable,
+            "warnings": list(self.warnings),
+            "notes": list(self.details),
+        }
+
+    def table(self) -> dict[str, Array]:
+        """Columns of `wrench.csv`: time, wrench, half-widths, external efforts, data share."""
+        found = self.estimate
+        joints = zip(found.joints, found.units, strict=True)
+        names = (
+            *WRENCH_TABLE_COLUMNS,
+            *(f"half_width_{name}" for name in WRENCH_TABLE_COLUMNS),
+            *(f"external_{joint}_{unit}" for joint, unit in joints),
+        )
+        own = np.hstack([found.wrench, found.half_width, found.torque]).T
+        columns = dict(zip(names, own, strict=True))
+        return {"time_s": found.t, **columns, "least_data_share": found.least_data_share}
+
+    def write(self, folder: Path) -> None:
+        """Write `report.html`, `wrench.csv` and `wrench.json`."""
+        super().write(folder)
+        write_table(folder / "wrench.csv", self.table())
+
+    def show(self, console: Console) -> None:
+        """Print the components and what qualifies them."""
+        print_verdict(console, self.headline, self.settings, self.warnings)
+        console.print(narrow_table(components_table(self)))
+
+
+def components_table(content: ExternalWrench) -> PlainTable:
+    """One row per component."""
+    words = (
+        "From data: share of the expected variance (standard deviation "
+        f"{content.estimate.expected.force:.3g} N, moments {content.estimate.expected.lever:.2g} m "
+        "times that) that the log removes, mean over time."
+    )
+    headings = ("", "RMS", "largest", "at [s]", "± (median)", "not zero", "from data")
+    return PlainTable("", words, headings, [one.row for one in content.components])
+
+
+def _figures(found: WrenchEstimate) -> tuple[list[Figure], Figure, list[Figure]]:
+    """Components of the wrench, the least observable direction, and external torques over time."""
+    at = evenly(len(found.t), MOST_POINTS_OF_WRENCH)
+    t, components, torques = found.t[at], [], []
+    for k, (name, unit) in enumerate(zip(COMPONENTS, UNITS, strict=True)):
+        own, half = found.wrench[at, k], found.half_width[at, k]
+        interval = area("95 % interval", t, own - half, own + half, "--interval")
+        estimate = line("estimate", t, own, "--measured", width=1.5)
+        y = f"{name.split()[0]} [{unit}]"
+        components.append(_figure(name.capitalize(), y, [interval, estimate]))
+    for j, (joint, unit) in enumerate(zip(found.joints, found.units, strict=True)):
+        half = found.torque_half_width[at, j]
+        interval = area("95 % interval of the model's error", t, -half, half, "--interval")
+        estimate = line("external torque", t, found.torque[at, j], "--measured", width=1.2)
+        torques.append(_figure(joint, f"effort [{unit}]", [interval, estimate]))
+    limit = line("limit", t, np.full(len(t), OBSERVABLE), "--vermillion", width=1, dash="dash")
+    share = line("share", t, found.least_data_share[at], "--measured", width=1.5)
+    yaxis = {"range": [0, 1]}
+    least = _figure("Least observable direction", "share", [share, limit], yaxis=yaxis)
+    return components, least, torques
+
+
+def _figure(title: str, y: str, traces: list[Traced], **layout: object) -> Figure:
+    more = {"showlegend": False, **layout}
+    return Figure(title, f"{title} over time", "time [s]", y, traces, more, height=220)
+
+
+MethodName = Literal["smoothed", "weighted", "inverse"]
+
+
+@checked()
+def external_wrench(
+    model: str | Path | IdentifiedModel,
+    log: str | Path,
+    frame: str | None = None,
+    *,
+    residual: ResidualKind = "momentum",
+    method: MethodName = "smoothed",
+    bandwidth: float | None = None,
+    force: float = FORCE,
+    lever: float = LEVER,
+    duration: float = DURATION,
+    axes: Axes = "frame",
+    progress: Progress = silent,
+) -> ExternalWrench:
+    """Estimate the wrench that acts on a frame along a log, with 95 % intervals.
+
+    Args:
+        model: The model, its `model.json`, or the folder that contains it.
+        log: The log; `run.csv@5:20` is a window in seconds.
+        frame: Frame that the wrench acts on; that of the robot's end if `None`.
+        residual: What external torques are computed from; the momentum needs no accelerations.
+        method: `smoothed` over time, with errors of the model estimated from the same log;
+            `weighted` by the uncertainty of the model and the expected wrench, each sample by
+            itself; `inverse`, by the transposed Jacobian's inverse.
+        bandwidth: Low-pass of external torques [Hz]; if `None`, the validation cutoff of the robot
+            file or else the regression cut-off, or a tenth of the log's rate if that is less.
+        force: Expected size of each component of the force [N], 0.1 to 100 000.
+        lever: Expected moment over expected force [m], up to 100; 0 for forces at the frame's
+            origin, moments then count as zero.
+        duration: Usual duration of a push [s], for `smoothed`.
+        axes: Axes of the components.
+        progress: Receives events of progress; an exception from it stops the work.
+
+    Raises:
+        SteelyardError: A file cannot be used, the frame is fixed to the base, the log is too slow
+            or short for the bandwidth, or its efforts are not those of the model's robot.
+
+    Example:
+        >>> found = external_wrench("arm-model", "other.csv", "lower")
+        >>> found.wrench.shape == found.half_width.shape == (len(found.t), 6)
+        True
+    """
+    identified = load_model(model)
+    refuse_unknown_gains(identified)
+    moved_frame(identified.robot, frame)
+    expected = Expected(force, lever)
+    chosen: WrenchMethod
+    if method == "smoothed":
+        chosen = Smoothed(expected, duration)
+    else:
+        chosen = (Weighted if method == "weighted" else InverseJacobian)(expected)
+    (file,) = log_files([str(log)])
+    (run,) = runs_for(identified, [file], progress, at_rest=True)
+    estimate = estimated_wrench(
+        identified,
+        run,
+        frame,
+        residual=residual,
+        method=chosen,
+        bandwidth=bandwidth,
+        axes=axes,
+        progress=progress,
+    )
+    return ExternalWrench(
+        robot=identified.robot.name,
+        estimate=estimate,
+        usual_bandwidth=identified.cutoffs.score,
+        fitted=fitted_before(identified, file) or holds_fitted_rows(identified, run),
+        left_out=left_out(run),
+        details=notes_of([run]),
+    )
