@@ -294,7 +294,9 @@ def test_a_sound_log_is_ok(tmp_path: Path, seed: int) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("fault", list(FAULTS))
-def test_a_fault_is_found_alone_with_its_fix(tmp_path: Path, fault: str) -> None:
+def test_a_fault_is_found_alone_with_its_fix_and_a_small_picture(
+    tmp_path: Path, fault: str
+) -> None:
     change, check, severity, edits, joints = FAULTS[fault]
     table = change(sound())
     found = diagnosis(tmp_path, table)
@@ -309,13 +311,6 @@ def test_a_fault_is_found_alone_with_its_fix(tmp_path: Path, fault: str) -> None
     if edits:
         corrected = diagnosis(tmp_path, table, edited(ROBOT, about.fix.edits))
         assert corrected.severity == Severity.OK
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("fault", list(FAULTS))
-def test_every_picture_is_small_and_whole(tmp_path: Path, fault: str) -> None:
-    found = diagnosis(tmp_path, FAULTS[fault][0](sound()))
-    about = of(found, FAULTS[fault][1])
     assert about.picture is not None
     for finding in found.findings:
         for trace in finding.picture.traces if finding.picture else ():

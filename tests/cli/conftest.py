@@ -1,15 +1,21 @@
 """A workshop with short logs of the demo arm, and one identification of it."""
 
-from collections.abc import Callable
+import json
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from shutil import copytree
+from typing import Any
 
 import pytest
 from typer.testing import CliRunner, Result
 
 from cli.mistakes import workshop
 from short_arm import short_logs
+from steelyard.cli import command as commands
+from steelyard.cli import identify_commands
 from steelyard.cli.app import app, expanded
+from steelyard.cli.command import CommandResult, computed
 from steelyard.estimate.scores.cross_validation import stretches_left_out
 from steelyard.identify import validation_data
 from steelyard.simulate.demo import write_demo_arm
@@ -52,9 +58,28 @@ def command(work: Path, monkeypatch: pytest.MonkeyPatch) -> Command:
     return run
 
 
+@contextmanager
+def results() -> Iterator[list[dict[str, Any]]]:
+    """The numbers that commands compute meanwhile, which print text: `--json` of the same run."""
+    found: list[dict[str, Any]] = []
+
+    def kept(compute: Callable[..., CommandResult], folder: Path | None) -> CommandResult:
+        result = computed(compute, folder)
+        found.append(json.loads(json.dumps(result.to_dict(), allow_nan=False)))
+        return result
+
+    with pytest.MonkeyPatch.context() as patch:
+        for module in (commands, identify_commands):
+            patch.setattr(module, "computed", kept)
+        yield found
+
+
 @pytest.fixture(scope="session")
 def identified(given: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The output folder of an identification with validation, terminal output beside it."""
+    """The output folder of an identification with validation; beside it what it prints.
+
+    `terminal.txt` is the text, `printed.json` the numbers.
+    """
     return _identified(given, tmp_path_factory.mktemp("identified"))
 
 
@@ -75,7 +100,9 @@ def six_identified(six_given: Path, tmp_path_factory: pytest.TempPathFactory) ->
 def _identified(given: Path, folder: Path) -> Path:
     log, other = (str(given / f"{name}.csv") for name in ("identification", "validation"))
     arguments = ["identify", str(given / "demo_arm.toml"), log, "--validate", other]
-    done = CliRunner().invoke(app, [*arguments, "-o", str(folder / "out")])
+    with results() as found:
+        done = CliRunner().invoke(app, [*arguments, "-o", str(folder / "out")])
     assert done.exit_code == 0, done.output
     (folder / "terminal.txt").write_text(done.stdout)
+    (folder / "printed.json").write_text(json.dumps(found[0]))
     return folder / "out"

@@ -1,38 +1,39 @@
 """`identify --bootstrap`: in the terminal, in the report and as JSON."""
 
-import json
 from pathlib import Path
 from types import SimpleNamespace
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
+from cli.conftest import results
 from estimate.test_least_squares import data
 from steelyard.base.progress import silent
+from steelyard.cli.app import app
 from steelyard.estimate.estimator_register import offer_of
 from steelyard.estimate.least_squares.weighted_and_recursive import WeightedLeastSquares
 from steelyard.identify.fit import Fit
 
 DRAWS = 20
+Drawn = tuple[dict[str, Any], str, Path]
 
 
 @pytest.fixture(scope="module")
-def drawn(given: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[str, Path]:
-    from typer.testing import CliRunner
-
-    from steelyard.cli.app import app
-
+def drawn(given: Path, tmp_path_factory: pytest.TempPathFactory) -> Drawn:
+    """Numbers, text and folder of one command."""
     folder = tmp_path_factory.mktemp("drawn") / "out"
     arguments = ["identify", str(given / "demo_arm.toml"), str(given / "identification.csv")]
-    arguments += ["--bootstrap", str(DRAWS), "--no-check", "--json", "-o", str(folder)]
-    done = CliRunner().invoke(app, arguments)
+    arguments += ["--bootstrap", str(DRAWS), "--no-check", "-o", str(folder)]
+    with results() as found:
+        done = CliRunner().invoke(app, arguments)
     assert done.exit_code == 0, done.output
-    return done.stdout, folder
+    return found[0], " ".join(done.stdout.split()), folder
 
 
-def test_draws_stand_beside_what_was_stated(drawn: tuple[str, Path]) -> None:
-    found = json.loads(drawn[0])
+def test_draws_stand_beside_what_was_stated(drawn: Drawn) -> None:
+    found = drawn[0]
     again = found["bootstrap"]
     assert again["draws"] == DRAWS and again["failed"] == 0 and again["windows"] > 4
     stated = {row["name"]: row for row in found["parameters"]}
@@ -44,21 +45,15 @@ def test_draws_stand_beside_what_was_stated(drawn: tuple[str, Path]) -> None:
         assert row["lower95"] < row["upper95"]
 
 
-def test_the_report_has_a_section_for_it(drawn: tuple[str, Path], identified: Path) -> None:
-    page = (drawn[1] / "report.html").read_text()
+def test_the_report_has_a_section_for_it(drawn: Drawn, identified: Path) -> None:
+    page = (drawn[2] / "report.html").read_text()
     assert "Bootstrap over time windows" in page and f"{DRAWS} draws of " in page
     assert "Bootstrap over time windows" not in (identified / "report.html").read_text()
 
 
-def test_the_terminal_shows_it(command, given: Path, tmp_path: Path) -> None:
-    log, out = f"{given / 'identification.csv'}@0:5", tmp_path / "out"
-    arguments = ("identify", given / "demo_arm.toml", log, "--no-check", "-o", out)
-    done = command(*arguments, "--bootstrap", DRAWS)
-    assert done.exit_code == 0, done.output
-    output = " ".join(done.output.split())
-    assert (
-        f"bootstrap: {DRAWS} draws of " in output and "of the stated standard deviation" in output
-    )
+def test_the_terminal_shows_it(drawn: Drawn) -> None:
+    shown = drawn[1]
+    assert f"bootstrap: {DRAWS} draws of " in shown and "of the stated standard deviation" in shown
 
 
 def test_few_draws_are_refused(command, given: Path, tmp_path: Path) -> None:

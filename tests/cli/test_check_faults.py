@@ -79,6 +79,7 @@ def test_a_corrected_clock_is_that_of_the_proposed_cut(
     assert 0.5 < float(cut) < 100.0
 
 
+@pytest.mark.slow
 def test_currents_beside_a_model_file_need_a_robot_file(
     simulated: tuple[Path, Path], given: Path, command: Command, tmp_path: Path
 ) -> None:
@@ -159,6 +160,7 @@ def test_a_fault_is_found_and_the_fixed_file_is_ok(
     assert "# says the manual" in target.read_text()
 
 
+@pytest.mark.slow
 def test_a_robot_mounted_sideways_is_found(
     simulated: tuple[Path, Path], given: Path, command: Command, tmp_path: Path
 ) -> None:

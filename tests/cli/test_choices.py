@@ -3,6 +3,7 @@
 import json
 import re
 from collections.abc import Callable
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,8 @@ import steelyard
 from cli.conftest import Command
 from cli.river_files import edited
 from short_arm import short_logs
+from steelyard.estimate.scores.cross_validation import TooShortError
+from steelyard.identify.prepared_fit import TOO_SHORT
 
 TERMS = 'terms = ["rigid_body", "rotor_inertia", "coulomb", "viscous", "offset"]'
 Identified = Callable[..., tuple[dict[str, Any], Path]]
@@ -41,12 +44,29 @@ def longer(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     return folder / "identification.csv", folder / "validation.csv"
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("selection", ["auto", "auto_memoryless"])
-def test_friction_is_chosen_and_reported(
-    selection: str, given: Path, longer: tuple[Path, Path], tmp_path: Path, command: Command
+def test_memory_is_among_what_is_chosen_from_unless_excluded(
+    selection: str, given: Path, tmp_path: Path, command: Command, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    asked = []
+
+    def choose(*args: object, memory: bool, **kwargs: object) -> None:
+        asked.append(memory)
+        raise TooShortError("too short", where="", fix="")
+
+    monkeypatch.setattr(import_module("steelyard.identify.prepared_fit"), "choose_friction", choose)
     terms = TERMS.replace('"coulomb", "viscous", ', "") + f'\nfriction = "{selection}"'
+    robot, log = edited(given, tmp_path, (TERMS, terms)), given / "identification.csv"
+    done = command("identify", robot, log, "--no-check", "-o", "out", "--method", "OLS", "--json")
+    assert done.exit_code == 0, done.output
+    assert asked == [selection == "auto"] and TOO_SHORT in json.loads(done.stdout)["notes"]
+
+
+@pytest.mark.slow
+def test_friction_is_chosen_and_reported(
+    given: Path, longer: tuple[Path, Path], tmp_path: Path, command: Command
+) -> None:
+    terms = TERMS.replace('"coulomb", "viscous", ', "") + '\nfriction = "auto"'
     robot, out = edited(given, tmp_path, (TERMS, terms)), tmp_path / "out"
     done = command("identify", robot, *longer, "--no-check", "-o", out, "--json")
     assert done.exit_code == 0, done.output
@@ -54,8 +74,7 @@ def test_friction_is_chosen_and_reported(
     table = chosen["friction"]["table"]
     assert [mix["chosen"] for mix in table].count(True) == 1
     assert chosen["friction"]["left_out"] == "run"
-    memory = any("dahl" in mix["mix"] or "maxwell_slip" in mix["mix"] for mix in table)
-    assert memory == (selection == "auto")
+    assert any("dahl" in mix["mix"] or "maxwell_slip" in mix["mix"] for mix in table)
     best = next(mix for mix in table if mix["chosen"])
     assert best["mix"] == chosen["friction"]["chosen"]
     assert best["error_percent"] <= table[0]["error_percent"]
@@ -70,6 +89,7 @@ def test_friction_is_chosen_and_reported(
     assert {term.law for term in steelyard.load_model(out).model.terms} == laws
 
 
+@pytest.mark.slow
 def test_a_field_is_found_and_reported(identified: Identified) -> None:
     dahl = '{law = "coulomb", smoothing = {find = [0.002, 0.2]}}'
     found, out = identified((TERMS, TERMS.replace('"coulomb"', dahl)))
@@ -83,6 +103,7 @@ def test_a_field_is_found_and_reported(identified: Identified) -> None:
     assert "Estimated nonlinear parameters" in (out / "report.html").read_text(encoding="utf-8")
 
 
+@pytest.mark.slow
 def test_joints_weigh_by_noise_or_alike(identified: Identified, tmp_path: Path) -> None:
     equal = ("[signals]\n", '[estimation]\nweights = "equal"\n\n[signals]\n')
     _, out = identified(equal)
@@ -102,6 +123,7 @@ def test_plain_least_squares_can_be_had(identified: Identified) -> None:
     assert not any("does not use" in note for note in plain["notes"])
 
 
+@pytest.mark.slow
 def test_knowledge_that_plain_least_squares_passes_over_is_checked_and_reported(
     identified: Identified, given: Path, tmp_path: Path, command: Command
 ) -> None:
@@ -139,9 +161,9 @@ def test_twins_are_refused_where_fields_are_found_too(
 ) -> None:
     twins = '{law = "stribeck", speed = "find"}, {law = "spring", free = "unknown"}'
     robot = edited(given, tmp_path, (TERMS, TERMS.replace('"viscous"', twins)))
-    done = command("identify", robot, given / "identification.csv", "-o", tmp_path / "out")
+    done = command("identify", robot, given / "identification.csv", "--no-check", "-o", "out")
     assert done.exit_code == 2 and "not distinguishable from" in done.stderr, done.output
-    assert not (tmp_path / "out").exists()
+    assert not Path("out").exists()
 
 
 def test_a_poor_prediction_is_called_poor(given: Path, tmp_path: Path, command: Command) -> None:

@@ -184,14 +184,9 @@ def test_a_log_that_was_fitted_is_no_test(
     assert [run["fitted"] for run in runs] == [False, True]
 
 
-def test_validate_says_what_identify_says(
-    identified: Path, command: Command, tmp_path: Path
-) -> None:
-    options = ("--no-check", "-o", tmp_path / "o", "--json")
-    done = command("identify", ROBOT, LOG, "--validate", OTHER, *options)
-    printed = strict(done.stdout)
-    again = strict(command("validate", tmp_path / "o" / "model.json", OTHER, "--json").stdout)
-    assert printed["output"] == str(tmp_path / "o")
+def test_validate_says_what_identify_says(identified: Path, command: Command) -> None:
+    printed = strict((identified.parent / "printed.json").read_text())
+    again = strict(command("validate", identified / "model.json", OTHER, "--json").stdout)
     assert again[0]["joints"] == printed["validation"][0]["joints"]
     assert printed["verdict"]["level"] == "good" and again[0]["verdict"] == printed["verdict"]
     assert printed["n_base_parameters"] == len(printed["parameters"]) + len(printed["not_seen"])
@@ -212,6 +207,8 @@ def test_several_logs_to_validate(command: Command, tmp_path: Path) -> None:
     arguments = (ROBOT, f"{LOG}#0:1000", "--no-check", *options, "-o", tmp_path / "o", "--json")
     done = command("identify", *arguments)
     result = strict(done.stdout)
+    assert result["output"] == str(tmp_path / "o") and result["check"] is None
+    assert "Check of the logs" not in (tmp_path / "o" / "report.html").read_text()
     assert [run["run"] for run in result["validation"]] == ["validation", "identification@4.1:7"]
     assert [run["run"] for run in result["identification"]] == ["identification#0:1000"]
     assert [run["motion"] for run in result["identification"]] == ["fitted"]
@@ -247,7 +244,7 @@ def test_init_alone_and_with_a_log(command: Command, tmp_path: Path) -> None:
     assert facts["columns_found"] and facts["complete"]
     assert not facts["without_columns"] and not facts["missing"]
     assert any("the side of the gears" in reason for reason in facts["guesses"])
-    done = command("identify", guessed, LOG, "-o", tmp_path / "o")
+    done = command("identify", guessed, LOG, "--no-check", "-o", tmp_path / "o")
     assert done.exit_code == 0, done.output
 
 
@@ -308,7 +305,7 @@ def test_init_says_what_it_did_not_find(command: Command, tmp_path: Path) -> Non
 
 
 def test_a_urdf_alone_works_too(command: Command, tmp_path: Path) -> None:
-    done = command("identify", URDF, LOG, "-o", tmp_path / "o", "--json")
+    done = command("identify", URDF, LOG, "--no-check", "-o", tmp_path / "o", "--json")
     result = strict(done.stdout)
     assert len(result["identification"][0]["joints"]) == 3
     assert any("effort" in note or "tau" in note for note in result["notes"])

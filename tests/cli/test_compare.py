@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from cli.conftest import results
 from cli.mistakes import leftovers
 from cli.river_files import edited
 from cli.test_interrupt import pressed_here
@@ -44,14 +45,12 @@ def test_runs_are_left_out_in_turn(command, tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_errors_are_those_of_a_validation(command, tmp_path: Path) -> None:
+def test_errors_are_those_of_a_validation(command, identified: Path) -> None:
     """The model of one log, scored on the other where joints move."""
     done = command("compare", ROBOT, LOG, OTHER, "--estimators", "WLS", "--json")
     found = json.loads(done.stdout)
     assert found["parts"] == ["identification", "validation"]
-    command("identify", ROBOT, LOG, "--validate", OTHER, "--no-check", "-o", tmp_path / "fit")
-    scored = command("validate", tmp_path / "fit", OTHER, "--json")
-    (score,) = json.loads(scored.stdout)
+    (score,) = json.loads((identified.parent / "printed.json").read_text())["validation"]
     compared = sum(found["estimators"][0]["errors_percent"][1]) / len(found["joints"])
     # one behind the parallel filter, where samples that see a joint stick count as well, the other
     # behind a Butterworth of the same cut-off
@@ -170,13 +169,12 @@ def test_the_robot_files_weights_count(command, given: Path, tmp_path: Path) -> 
 
 @pytest.mark.slow
 def test_the_advice_has_its_line(command) -> None:
-    done = command("compare", ROBOT, LOG, OTHER, "--estimators", "WLS", "OLS")
+    with results() as computed:
+        done = command("compare", ROBOT, LOG, OTHER, "--estimators", "WLS", "OLS")
     text = words(done.output)
     assert "Recommended: WLS" in text and "two parts are few" in text
     assert 'in the robot file: [estimation] method = "WLS"' in text
-    found = json.loads(
-        command("compare", ROBOT, LOG, OTHER, "--estimators", "WLS", "OLS", "--json").stdout
-    )
+    (found,) = computed
     assert found["robot_file"] == '[estimation] method = "WLS"'
 
 

@@ -24,6 +24,7 @@ def models(identified: Path, given: Path) -> dict[str, IdentifiedModel]:
     return {"full": full, "small": small, "doubled": IdentifiedModel.from_dict(data)}
 
 
+@pytest.mark.slow
 def test_errors_of_the_first_model_are_those_of_validate(
     command: Command, identified: Path, models: dict[str, IdentifiedModel], tmp_path: Path
 ) -> None:

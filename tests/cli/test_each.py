@@ -41,6 +41,7 @@ def done(robot: Path, logs: list[str], tmp_path_factory: pytest.TempPathFactory)
     return folder
 
 
+@pytest.mark.slow
 def test_each_log_alone_gives_what_its_own_identification_gives(
     robot: Path, logs: list[str], done: Path
 ) -> None:

@@ -157,9 +157,7 @@ def six_fewer(
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "stop", ["one_standard_error", "bic", "tolerance=300", "condition=1e9", "ratio=1e9", "refit"]
-)
+@pytest.mark.parametrize("stop", ["one_standard_error", "tolerance=300", "refit"])
 def test_what_was_removed_before_stays_removed(
     stop: str, six_fewer: tuple[Path, list[str]], identified: Path, log: Path, command: Command
 ) -> None:

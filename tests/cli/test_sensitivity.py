@@ -2,26 +2,31 @@
 
 import json
 from pathlib import Path
+from typing import Any
 
 import pytest
+from typer.testing import CliRunner
+
+from cli.conftest import results
+from steelyard.cli.app import app
+
+Swept = tuple[dict[str, Any], str, Path]
 
 
 @pytest.fixture(scope="module")
-def swept(given: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[str, Path]:
-    from typer.testing import CliRunner
-
-    from steelyard.cli.app import app
-
+def swept(given: Path, tmp_path_factory: pytest.TempPathFactory) -> Swept:
+    """Numbers, text and folder of one command."""
     folder = tmp_path_factory.mktemp("swept") / "out"
     arguments = ["identify", str(given / "demo_arm.toml"), str(given / "identification.csv")]
     arguments += ["--validate", str(given / "validation.csv"), "--sensitivity", "--no-check"]
-    done = CliRunner().invoke(app, [*arguments, "--json", "-o", str(folder)])
+    with results() as found:
+        done = CliRunner().invoke(app, [*arguments, "-o", str(folder)])
     assert done.exit_code == 0, done.output
-    return done.stdout, folder
+    return found[0], done.stdout, folder
 
 
-def test_fits_with_other_cutoffs_are_compared(swept: tuple[str, Path]) -> None:
-    found = json.loads(swept[0])
+def test_fits_with_other_cutoffs_are_compared(swept: Swept) -> None:
+    found = swept[0]
     fits = found["sensitivity"]["fits"]
     assert [fit["factor"] for fit in fits] == [0.5, 0.71, 1.0, 1.41, 2.0]
     (result,) = [fit for fit in fits if fit["factor"] == 1.0]
@@ -40,20 +45,15 @@ def test_fits_with_other_cutoffs_are_compared(swept: tuple[str, Path]) -> None:
     assert max(row["largest_shift_in_std"] for row in found["sensitivity"]["parameters"]) > 0.0
 
 
-def test_the_report_has_a_section_for_it(swept: tuple[str, Path], identified: Path) -> None:
-    page = (swept[1] / "report.html").read_text()
+def test_the_report_has_a_section_for_it(swept: Swept, identified: Path) -> None:
+    page = (swept[2] / "report.html").read_text()
     assert "Fits with other cut-offs" in page and "Largest parameter shifts" in page
     assert "Fits with other cut-offs" not in (identified / "report.html").read_text()
 
 
-@pytest.mark.slow
-def test_the_terminal_shows_it(command, given: Path, tmp_path: Path) -> None:
-    log, out = f"{given / 'identification.csv'}@0:5", tmp_path / "out"
-    options = ("--sensitivity", "--no-check", "-o", out)
-    done = command("identify", given / "demo_arm.toml", log, *options)
-    assert done.exit_code == 0, done.output
-    assert "Fits with other cut-offs" in done.output and "x 1.41" in done.output
-    assert "largest parameter shifts, in standard deviations" in done.output
+def test_the_terminal_shows_it(swept: Swept) -> None:
+    assert "Fits with other cut-offs" in swept[1] and "x 1.41" in swept[1]
+    assert "largest parameter shifts, in standard deviations" in swept[1]
 
 
 def test_the_chain_is_noted_and_kept_by_the_model(identified: Path) -> None:

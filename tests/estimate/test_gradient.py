@@ -150,15 +150,15 @@ def test_softened_laws_have_slopes_at_low_speed(term: Term) -> None:
 
 
 @pytest.mark.parametrize("term", CASES, ids=name_of)
-@pytest.mark.parametrize("width", [SHARP, 0.05])
-def test_standing_still_has_finite_slopes(term: Term, width: float) -> None:
+def test_standing_still_has_finite_slopes(term: Term) -> None:
     """Every motion from rest has a sample at zero speed."""
-    still = shows(geared(), [term], width)
     q = np.random.default_rng(0).normal(size=(4, 5))
-    seen = still.at(q, np.zeros_like(q), np.zeros_like(q))
-    slopes = still.pull(seen, symmetric(len(still.base)))
-    assert np.all(np.isfinite(seen.gram))
-    assert all(np.all(np.isfinite(x)) for x in slopes)
+    for width in (SHARP, 0.5):  # as above, where their programs are compiled
+        still = shows(geared(), [term], width)
+        seen = still.at(q, np.zeros_like(q), np.zeros_like(q))
+        slopes = still.pull(seen, symmetric(len(still.base)))
+        assert np.all(np.isfinite(seen.gram))
+        assert all(np.all(np.isfinite(x)) for x in slopes)
 
 
 def test_terms_together() -> None:

@@ -20,7 +20,7 @@ from steelyard.excite.trajectories.trajectory import ExactTrajectory
 @pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
 def test_joint_trajectories_are_followed_at_all_times(name: str) -> None:
-    robot = arm(7, 0)
+    robot = arm(4, 0)
     motion = motions(robot)[name]
     follower = Follower(exported(motion, robot, "ros2"))
     t = moments(motion.duration)
