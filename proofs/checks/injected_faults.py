@@ -19,9 +19,9 @@ from proofs.support.fault_kinds import KINDS, Kind, real_payload
 from proofs.support.faults import Clean, Faulty, Tally, diagnosis, right_fix, right_verdict
 
 from steelyard.base.progress import silent
-from steelyard.check.case import Case, Evidence
-from steelyard.check.decision.ranking import ranking
-from steelyard.check.hypotheses.payload_and_gravity import delay_fit
+from steelyard.check.case_and_evidence import Case, Evidence
+from steelyard.check.decision.ranked_readings import ranking
+from steelyard.check.hypotheses.gravity_payload_and_delay import delay_fit
 from steelyard.estimate.identified_model import IdentifiedModel, Provenance
 from steelyard.excite.trajectories.fourier import random_fourier
 from steelyard.identify.fit import fit

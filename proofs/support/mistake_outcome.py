@@ -15,8 +15,8 @@ from steelyard.base.arrays import Array
 from steelyard.base.errors import SteelyardError
 from steelyard.base.progress import silent
 from steelyard.check.check import correct_robot_file
-from steelyard.check.examine import Diagnosis
-from steelyard.check.subject import diagnosed, subject_of
+from steelyard.check.check_register_and_diagnosis import Diagnosis
+from steelyard.check.named_logs_and_precheck import diagnosed, subject_of
 from steelyard.identify.identify import identify
 from steelyard.identify.page.content import ReportContent
 from steelyard.identify.page.model_verdict import verdict

@@ -10,8 +10,9 @@ import pytest
 from short_arm import without_wrist
 from steelyard.base.arrays import Array
 from steelyard.base.motion import Motion
-from steelyard.check.case import Case, Evidence
-from steelyard.check.decision.checks import (
+from steelyard.check.case_and_evidence import Case, Evidence
+from steelyard.check.check_register_and_diagnosis import Check, Diagnosis, examine
+from steelyard.check.decision.hypothesis_checks import (
     EFFORT_DELAY,
     EFFORT_KIND,
     EFFORT_SIGN,
@@ -22,7 +23,6 @@ from steelyard.check.decision.checks import (
     PAYLOAD,
     POSITION_SIGN,
 )
-from steelyard.check.examine import Check, Diagnosis, examine
 from steelyard.estimate.identified_model import Cutoffs, IdentifiedModel, Provenance
 from steelyard.estimate.information.gather import gather
 from steelyard.estimate.information.regressor import base_regressor

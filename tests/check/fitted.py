@@ -9,7 +9,7 @@ import numpy as np
 import polars as pl
 
 from steelyard.base.motion import Motion
-from steelyard.check.fitted.fitted_case import FittedCase
+from steelyard.check.fitted.fitted_case_and_causes import FittedCase
 from steelyard.estimate.identified_model import Cutoffs, IdentifiedModel, Provenance
 from steelyard.estimate.information.base_parameters import base_parameters
 from steelyard.estimate.information.regressor import base_regressor

@@ -6,7 +6,7 @@ from typing import Any, cast
 import numpy as np
 
 from steelyard.check.finding import Finding, Severity
-from steelyard.check.fitted.post_fit import band_coverage_check
+from steelyard.check.fitted.post_fit_checks import band_coverage_check
 
 
 def score(run: str, *shares: float, at_rest: bool = False) -> Any:

@@ -10,8 +10,8 @@ import pytest
 from check.conftest import Arm
 from steelyard.base.arrays import Array
 from steelyard.check.finding import Finding, Severity
-from steelyard.check.fitted.change_in_run import change_in_run_check, scale_drifts
-from steelyard.check.fitted.fitted_case import FittedCase
+from steelyard.check.fitted.changes_within_run import change_in_run_check, scale_drifts
+from steelyard.check.fitted.fitted_case_and_causes import FittedCase
 from steelyard.estimate.information.regressor import base_regressor
 from steelyard.estimate.nonlinear.nonlinear_parameters import information_from
 from steelyard.robot.inertia_and_placement import Inertia

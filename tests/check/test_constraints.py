@@ -15,8 +15,8 @@ import pytest
 import steelyard
 from invented import tree
 from steelyard.check.fitted.binding_constraints import BindingConstraints, binding_constraints
-from steelyard.check.fitted.fitted_case import FittedCase
-from steelyard.check.fitted.post_fit import constraints_check
+from steelyard.check.fitted.fitted_case_and_causes import FittedCase
+from steelyard.check.fitted.post_fit_checks import constraints_check
 from steelyard.estimate.consistent.convex_estimator import Consistent
 from steelyard.estimate.information.gram_accumulator import Accumulator, Stretch
 from steelyard.estimate.information.information import Information, Signature, Window

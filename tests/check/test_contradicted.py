@@ -6,8 +6,8 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from steelyard.check.decision import verdict
-from steelyard.check.decision.verdict import contradicted
+from steelyard.check.decision import judged_explanations
+from steelyard.check.decision.judged_explanations import contradicted
 
 
 @pytest.mark.parametrize(
@@ -23,6 +23,6 @@ def test_a_delay_must_be_likely_and_leave_clearly_less(
 
     before, after = object(), object()
     found = {before: bodies(0.0, (1.0, 1.0)), after: bodies(gain, misfits)}
-    monkeypatch.setattr(verdict, "consistent_bodies", lambda reading: found[reading])
+    monkeypatch.setattr(judged_explanations, "consistent_bodies", lambda reading: found[reading])
     winner = SimpleNamespace(cause="effort delay", reading=after)
     assert contradicted(cast(Any, before), cast(Any, winner)) == expected

@@ -9,19 +9,19 @@ from check.fitted import case as fitted_case
 from check.fitted import demo_arm, log
 from steelyard.base.arrays import Parameters
 from steelyard.base.progress import silent
-from steelyard.check.case import Case
+from steelyard.check.case_and_evidence import Case
 from steelyard.check.check import CheckResult
-from steelyard.check.examine import Diagnosis
+from steelyard.check.check_register_and_diagnosis import Diagnosis
 from steelyard.check.finding import Severity
 from steelyard.check.findings_page import CheckContent
-from steelyard.check.fitted.fitted_case import FittedCase
+from steelyard.check.fitted.fitted_case_and_causes import FittedCase
 from steelyard.check.fitted.gear_side import (
     SEPARABLE_ROTORS,
     gear_side_check,
     rotors_at_zero_check,
     rotors_of,
 )
-from steelyard.check.subject import Subject, case_of
+from steelyard.check.named_logs_and_precheck import Subject, case_of
 from steelyard.cli.log_commands import hints
 from steelyard.robot.file.robot_file import load_robot
 from steelyard.runs.runs_of_named_logs import log_files

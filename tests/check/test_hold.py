@@ -12,7 +12,7 @@ from check.conftest import Arm
 from check.test_signals import DQ, ROBOT, TAU, Q, case_of, coarse, diagnosis, sound
 from steelyard.base.arrays import Array
 from steelyard.check.finding import Edit, Finding, Severity
-from steelyard.check.signals.rows import repeated_rows_check, zero_order_hold
+from steelyard.check.signals.corrupt_and_repeated_rows import repeated_rows_check, zero_order_hold
 from steelyard.estimate.information.gather import gather
 from steelyard.estimate.information.regressor import base_regressor
 from steelyard.estimate.least_squares.weighted_and_recursive import WeightedLeastSquares

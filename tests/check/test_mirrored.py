@@ -6,9 +6,9 @@ import pytest
 
 from check.conftest import Arm
 from steelyard.base.arrays import Array
-from steelyard.check.decision.ranking import ranking
+from steelyard.check.decision.ranked_readings import ranking
 from steelyard.check.finding import Severity
-from steelyard.check.hypotheses.bodies import efforts_first, mirrors
+from steelyard.check.hypotheses.consistent_bodies_of_log import efforts_first, mirrors
 
 
 def turned(arm: Arm, *patterns: str) -> Array:

@@ -12,9 +12,9 @@ import pytest
 from check.fitted import case, demo_arm, log
 from steelyard.base.arrays import Array
 from steelyard.check.finding import Finding, Severity
-from steelyard.check.fitted import model_error
-from steelyard.check.fitted.missing_terms import Cause, LeftOutGain
-from steelyard.check.fitted.model_error import model_error_check
+from steelyard.check.fitted import incomplete_model
+from steelyard.check.fitted.causes_of_residuals import Cause, LeftOutGain
+from steelyard.check.fitted.incomplete_model import model_error_check
 from steelyard.estimate.information.information import Information
 from steelyard.estimate.information.regressor import base_regressor
 from steelyard.estimate.nonlinear.nonlinear_parameters import information_from
@@ -195,6 +195,10 @@ def test_errors_of_models_with_scales_are_to_be_compared_as_logged() -> None:
     tested = ((spring, LeftOutGain(3.0, 2.0, True, "run")),)
     falls = "With a spring the error on left-out motion falls from 3 to 2 % "
     falls += "(least squares, fitted logs)"
-    assert model_error.term_advice(tested, False) == f"{falls}. Add it to [model] terms"
-    assert model_error.term_advice(tested, True).startswith(f"{falls} at the present effort scales")
-    assert model_error.term_advice(tested, True).endswith("only if the error as logged then falls")
+    assert incomplete_model.term_advice(tested, False) == f"{falls}. Add it to [model] terms"
+    assert incomplete_model.term_advice(tested, True).startswith(
+        f"{falls} at the present effort scales"
+    )
+    assert incomplete_model.term_advice(tested, True).endswith(
+        "only if the error as logged then falls"
+    )

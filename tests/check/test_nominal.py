@@ -19,16 +19,16 @@ from check.test_model_based import (
     with_payload,
     wrong,
 )
-from steelyard.check.case import knowledge_of
-from steelyard.check.decision import decidable, verdict
-from steelyard.check.decision.gain_sources import _listed_sources
-from steelyard.check.decision.ranking import ranking
-from steelyard.check.decision.verdict import judge_log
+from steelyard.check.case_and_evidence import knowledge_of
+from steelyard.check.decision import decidable_questions, judged_explanations
+from steelyard.check.decision.drive_gain_sources import _listed_sources
+from steelyard.check.decision.judged_explanations import judge_log
+from steelyard.check.decision.ranked_readings import ranking
 from steelyard.check.finding import Edit, Severity
 from steelyard.check.findings_text import check_headline
-from steelyard.check.hypotheses.bodies import consistent_bodies
-from steelyard.check.hypotheses.likelihood import keeps_evidence
-from steelyard.check.hypotheses.payload_and_gravity import _DirectionResidual
+from steelyard.check.hypotheses.consistent_bodies_of_log import consistent_bodies
+from steelyard.check.hypotheses.gravity_payload_and_delay import _DirectionResidual
+from steelyard.check.hypotheses.readings_and_likelihood import keeps_evidence
 from steelyard.model.model import Model
 from steelyard.robot.file.toml_edits import edited
 
@@ -218,9 +218,9 @@ def test_an_order_of_positions_or_of_efforts_is_written_with_a_margin_only(arm, 
     decision = judge_log(case, case.logs[0])
     ((hypothesis, severity),) = decision.winners
     assert hypothesis.fixed and severity == Severity.WRONG
-    assert verdict._unrivalled([(hypothesis, severity)]) == [(hypothesis, severity)]
-    monkeypatch.setattr(verdict, "SUPPORT_MARGIN", 1e9)
-    ((hypothesis, severity),) = verdict._unrivalled([(hypothesis, severity)])
+    assert judged_explanations._unrivalled([(hypothesis, severity)]) == [(hypothesis, severity)]
+    monkeypatch.setattr(judged_explanations, "SUPPORT_MARGIN", 1e9)
+    ((hypothesis, severity),) = judged_explanations._unrivalled([(hypothesis, severity)])
     assert not hypothesis.fixed and severity == Severity.DOUBTFUL
     assert (
         "efforts in the order" in hypothesis.says and "columns of positions are" in hypothesis.says
@@ -232,7 +232,7 @@ def test_the_mirror_of_an_order_pairs_the_same_columns(arm):
     before = ranking(case, case.logs[0]).declared.reading
     moved = before.changed(position=(1, 2, 0))
     for after in (moved, before.changed(effort=(1, 2, 0))):
-        mirror = verdict._mirror(before, after)
+        mirror = judged_explanations._mirror(before, after)
         assert set(zip(mirror.position, mirror.effort, strict=True)) == set(
             zip(after.position, after.effort, strict=True)
         )
@@ -389,7 +389,7 @@ def test_a_misfit_hides_faults_unless_other_link_inertias_explain_it(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     bodies = None if free is None else SimpleNamespace(percent=free)
-    monkeypatch.setattr(decidable, "consistent_bodies", lambda _: bodies)
+    monkeypatch.setattr(decidable_questions, "consistent_bodies", lambda _: bodies)
     reading = SimpleNamespace(knowledge=SimpleNamespace(identified=identified), percent=misfit)
     decision = cast(Any, SimpleNamespace(last=SimpleNamespace(reading=reading)))
-    assert decidable.misfit_hides(decision) == hides
+    assert decidable_questions.misfit_hides(decision) == hides

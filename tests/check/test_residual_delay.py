@@ -7,11 +7,15 @@ import pytest
 
 from check.conftest import Arm
 from steelyard.base.arrays import Array
-from steelyard.check.decision.checks import EFFORT_DELAY
+from steelyard.check.contradictions_of_logs import edits_that_serve_all_logs
+from steelyard.check.decision.hypothesis_checks import EFFORT_DELAY
 from steelyard.check.finding import Severity
-from steelyard.check.hypotheses.friction_evidence import by_presliding, delays_of, residual_delay
+from steelyard.check.hypotheses.friction_signs_and_delay import (
+    by_presliding,
+    delays_of,
+    residual_delay,
+)
 from steelyard.check.identifiability import clean_runs, customary_model
-from steelyard.check.several_logs import edits_that_serve_all_logs
 from steelyard.estimate.information.regressor import base_regressor
 
 

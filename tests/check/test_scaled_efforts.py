@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from steelyard.check.finding import Finding, Severity
-from steelyard.check.fitted.missing_terms import Cause, LeftOutGain
-from steelyard.check.fitted.post_fit import scaled_efforts_check
+from steelyard.check.fitted.causes_of_residuals import Cause, LeftOutGain
+from steelyard.check.fitted.post_fit_checks import scaled_efforts_check
 from steelyard.estimate.nonlinear.effort_scales import Scales
 
 Tested = tuple[Cause, LeftOutGain]

@@ -11,20 +11,23 @@ import numpy as np
 import pytest
 
 from steelyard.base.arrays import Array
-from steelyard.check.case import Case, Evidence
-from steelyard.check.examine import CHECKS, Diagnosis, examine
+from steelyard.check.case_and_evidence import Case, Evidence
+from steelyard.check.check_register_and_diagnosis import CHECKS, Diagnosis, examine
 from steelyard.check.finding import Finding, Severity, percent_of
-from steelyard.check.signals.measured import (
+from steelyard.check.signals.corrupt_and_repeated_rows import (
+    corrupt_rows_check,
+    repeated_rows_check,
+)
+from steelyard.check.signals.motion_units import JointFacts, unit_reading
+from steelyard.check.signals.movement_rests_and_base import excitation_check, rests_check
+from steelyard.check.signals.noise_and_saturation import (
     noise_check,
     saturation_check,
     signed_efforts_check,
 )
-from steelyard.check.signals.motion_units import JointFacts, unit_reading
-from steelyard.check.signals.movement import excitation_check, rests_check
 from steelyard.check.signals.position import position_check
-from steelyard.check.signals.rows import corrupt_rows_check, repeated_rows_check
 from steelyard.check.signals.time_stamps import clock_check
-from steelyard.check.signals.velocity import velocity_check
+from steelyard.check.signals.velocity_check import velocity_check
 from steelyard.logs.log import Cut, Log, Numbered
 from steelyard.robot.file.robot_file import load_robot
 from steelyard.robot.file.signals import ROW, VELOCITY_UNITS

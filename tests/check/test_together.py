@@ -2,8 +2,8 @@
 
 import pytest
 
+from steelyard.check.contradictions_of_logs import edits_that_serve_all_logs
 from steelyard.check.finding import Edit, Finding, Fix, Severity
-from steelyard.check.several_logs import edits_that_serve_all_logs
 
 ORDER, SIGN, UNIT = (("signals", key) for key in ("position", "position_sign", "time"))
 

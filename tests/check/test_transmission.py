@@ -12,20 +12,20 @@ from check.fitted import log
 from short_arm import without_wrist
 from steelyard.base.arrays import Array
 from steelyard.base.progress import silent
-from steelyard.check.case import Case
+from steelyard.check.case_and_evidence import Case
 from steelyard.check.check import CheckResult
-from steelyard.check.decision.edits import file_gains
-from steelyard.check.decision.transmission import (
+from steelyard.check.check_register_and_diagnosis import Diagnosis, examine
+from steelyard.check.decision.gear_signs_and_couplings import (
     missing_coupling,
     other_gears,
     transmission_check,
     with_gears,
 )
-from steelyard.check.decision.verdict import judge_log
-from steelyard.check.examine import Diagnosis, examine
+from steelyard.check.decision.judged_explanations import judge_log
+from steelyard.check.decision.robot_file_edits import file_gains
 from steelyard.check.finding import Finding, Severity
 from steelyard.check.findings_page import CheckContent
-from steelyard.check.subject import case_of, subject_of
+from steelyard.check.named_logs_and_precheck import case_of, subject_of
 from steelyard.cli.log_commands import WHAT_DECIDES_GAINS, WHAT_TO_COMPARE_OF_GEARS, hints
 from steelyard.robot.file.robot_file import load_robot
 from steelyard.robot.robot import Transmission

@@ -19,11 +19,11 @@ from check.test_signals import (
     sound,
 )
 from steelyard.base.arrays import Array
-from steelyard.check.examine import examine
+from steelyard.check.check_register_and_diagnosis import examine
 from steelyard.check.finding import Severity
 from steelyard.check.signals.position import position_check
 from steelyard.check.signals.time_stamps import clock_check
-from steelyard.check.signals.velocity import velocity_check
+from steelyard.check.signals.velocity_check import velocity_check
 
 LIMITS = re.compile(r"\[robot.limits\]\n(joint_.*\n)+")
 UNLIMITED = LIMITS.sub("", ROBOT)

@@ -15,12 +15,12 @@ from browser import Tab, look
 from cli.conftest import Command
 from cli.mistakes import LOG, ROBOT
 from cli.river_files import edited
-from steelyard.check.case import Case
+from steelyard.check.case_and_evidence import Case
 from steelyard.check.finding import Edit, Finding, Fix, Picture, Severity, Trace
 from steelyard.cli.app import expanded
 from steelyard.robot.file.robot_file import load_robot
 
-EXAMINE = import_module("steelyard.check.examine")
+EXAMINE = import_module("steelyard.check.check_register_and_diagnosis")
 
 OTHER = "../given/validation.csv"
 

@@ -11,7 +11,13 @@ import pytest
 
 from cli.conftest import Command
 from cli.river_files import edited
-from steelyard.check.examine import CHECKS, CORRECTED_BY_FIX, MOTION_CHECKS_NAME, NOT_RUN, OF_MOTION
+from steelyard.check.check_register_and_diagnosis import (
+    CHECKS,
+    CORRECTED_BY_FIX,
+    MOTION_CHECKS_NAME,
+    NOT_RUN,
+    OF_MOTION,
+)
 from steelyard.robot.file.robot_file import load_robot
 
 CURRENTS = (

@@ -7,7 +7,7 @@ import pytest
 from rich.console import Console
 
 from report.conftest import EVIL, diagnosis
-from steelyard.check.examine import Diagnosis
+from steelyard.check.check_register_and_diagnosis import Diagnosis
 from steelyard.check.finding import ComparedHypothesis, Edit, Finding, Fix, Severity
 from steelyard.check.findings_page import CheckContent, findings_of, render_check
 from steelyard.check.findings_text import (
@@ -19,7 +19,7 @@ from steelyard.check.findings_text import (
     print_notes,
     tally,
 )
-from steelyard.check.subject import refusal
+from steelyard.check.named_logs_and_precheck import refusal
 from steelyard.identify.page.content import CheckSection
 
 

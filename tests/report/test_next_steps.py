@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from steelyard.base.arrays import Parameters
-from steelyard.check.examine import Diagnosis
+from steelyard.check.check_register_and_diagnosis import Diagnosis
 from steelyard.check.finding import Finding, Fix, Severity
 from steelyard.check.fitted.gear_side import rotors_at_zero_check
 from steelyard.identify.page.content import ReportContent

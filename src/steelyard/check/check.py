@@ -13,13 +13,13 @@ from steelyard.base.arguments import checked
 from steelyard.base.errors import ModelError, OutputError
 from steelyard.base.files import whole_file
 from steelyard.base.progress import Progress, silent
-from steelyard.check import examine
-from steelyard.check.examine import Diagnosis
+from steelyard.check import check_register_and_diagnosis
+from steelyard.check.check_register_and_diagnosis import Diagnosis
 from steelyard.check.finding import Edit, Finding, Severity
 from steelyard.check.findings_page import CheckContent, render_check
 from steelyard.check.findings_text import check_headline, diagnosis_dict, edit_dict, tally
 from steelyard.check.findings_text import print_findings as show_findings
-from steelyard.check.subject import Subject, diagnosed, refuse_foreign, subject_of
+from steelyard.check.named_logs_and_precheck import Subject, diagnosed, refuse_foreign, subject_of
 from steelyard.estimate.estimator_register import method_of
 from steelyard.estimate.identified_model import IdentifiedModel, load_model
 from steelyard.report.result import Result
@@ -317,7 +317,7 @@ def check(
         tuple(file.text for file in files),
         named,
         diagnosis,
-        {check.name: check.question for check in examine.CHECKS},
+        {check.name: check.question for check in check_register_and_diagnosis.CHECKS},
         subject.notes,
     )
     return CheckResult(content, corrected)

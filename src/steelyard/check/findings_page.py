@@ -24,7 +24,7 @@ from steelyard.report.words import percent
 from steelyard.robot.file.toml_edits import lines_of
 
 if TYPE_CHECKING:
-    from steelyard.check.examine import Diagnosis
+    from steelyard.check.check_register_and_diagnosis import Diagnosis
 
 
 MOST_POINTS_OF_EVIDENCE_LINE = 2000  # most points of one line

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from rich.table import Table
     from rich.text import Text
 
-    from steelyard.check.examine import Diagnosis
+    from steelyard.check.check_register_and_diagnosis import Diagnosis
 
 
 FINDING_WORDS = ("wrong", "doubtful", OPEN_WORD, "ok")  # what a check finds, the worst first

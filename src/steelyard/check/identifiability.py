@@ -6,7 +6,7 @@ from functools import reduce
 from operator import add
 
 from steelyard.base.errors import SteelyardError
-from steelyard.check.case import Case, Evidence, case_check
+from steelyard.check.case_and_evidence import Case, Evidence, case_check
 from steelyard.check.finding import Finding, Fix
 from steelyard.estimate.estimate import Unidentifiable
 from steelyard.estimate.information.gather import gather

@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 from steelyard.base.progress import Progress
-from steelyard.check.fitted.change_in_run import force_of_run, force_words
+from steelyard.check.fitted.changes_within_run import force_of_run, force_words
 from steelyard.estimate.scores.cutoff_choice import choose_cutoff
 from steelyard.identify.fit import Fit
 from steelyard.identify.prepared_fit import FitTask

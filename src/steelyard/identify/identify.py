@@ -10,16 +10,16 @@ from steelyard.base.arguments import checked
 from steelyard.base.arrays import Parameters
 from steelyard.base.errors import LogError
 from steelyard.base.progress import Progress, silent
-from steelyard.check.decision.joint_zeros import turned_joints
-from steelyard.check.decision.transmission import missing_coupling
-from steelyard.check.examine import Diagnosis
+from steelyard.check.check_register_and_diagnosis import Diagnosis
+from steelyard.check.decision.gear_signs_and_couplings import missing_coupling
+from steelyard.check.decision.zeros_and_quarter_turns import turned_joints
 from steelyard.check.finding import Finding, Severity
 from steelyard.check.findings_text import groups, open_words, print_notes
-from steelyard.check.fitted.fitted_case import FittedCase
-from steelyard.check.fitted.implausible import refuse_absurd
-from steelyard.check.fitted.post_fit import examine_fit
-from steelyard.check.signals.movement import of_base
-from steelyard.check.subject import notes_of_precheck, prechecked
+from steelyard.check.fitted.fitted_case_and_causes import FittedCase
+from steelyard.check.fitted.implausible_estimates import refuse_absurd
+from steelyard.check.fitted.post_fit_checks import examine_fit
+from steelyard.check.named_logs_and_precheck import notes_of_precheck, prechecked
+from steelyard.check.signals.movement_rests_and_base import of_base
 from steelyard.estimate.estimator_register import method_of
 from steelyard.estimate.scores.score import RunScore
 from steelyard.identify.fit import Fit, calibrated, fit

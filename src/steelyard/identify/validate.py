@@ -8,8 +8,8 @@ from typing import Any
 from steelyard.base.arguments import checked
 from steelyard.base.progress import Progress, silent
 from steelyard.check.findings_text import finding_dict
-from steelyard.check.fitted.fitted_case import FittedCase
-from steelyard.check.fitted.post_fit import examine_fit
+from steelyard.check.fitted.fitted_case_and_causes import FittedCase
+from steelyard.check.fitted.post_fit_checks import examine_fit
 from steelyard.estimate.identified_model import IdentifiedModel, load_model
 from steelyard.estimate.scores.score import RunScore
 from steelyard.identify.page.content import ReportContent

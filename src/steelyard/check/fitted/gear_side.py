@@ -10,9 +10,9 @@ Where it is worse at a joint that carries load, the fit gave that joint's torque
 from collections.abc import Iterable
 
 from steelyard.base.errors import SteelyardError
-from steelyard.check.case import Case, case_check
+from steelyard.check.case_and_evidence import Case, case_check
 from steelyard.check.finding import Finding, Fix
-from steelyard.check.fitted.fitted_case import FittedCase, post_fit_check
+from steelyard.check.fitted.fitted_case_and_causes import FittedCase, post_fit_check
 from steelyard.check.identifiability import customary_model, longest_run
 from steelyard.estimate.estimate import Estimate
 from steelyard.estimate.information.gather import gather

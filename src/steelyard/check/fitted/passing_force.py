@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.base.arrays import Array
-from steelyard.check.hypotheses.friction_evidence import whitened_columns
+from steelyard.check.hypotheses.friction_signs_and_delay import whitened_columns
 from steelyard.estimate.information.information import Information
 from steelyard.runs.left_out import LeftOut
 

@@ -16,14 +16,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.base.arrays import Array
-from steelyard.check.case import Case, Evidence
-from steelyard.check.signals.log_overview import (
+from steelyard.check.case_and_evidence import Case, Evidence
+from steelyard.check.signals.good_rows_and_derivatives import (
     PositionSlopes,
     position_slopes,
     remembered,
     signal_overview,
 )
-from steelyard.check.signals.velocity_agreement import (
+from steelyard.check.signals.velocity_against_derivative import (
     FEWEST_RATE_JOINTS,
     RATE_TOLERANCE,
     UNEVEN_RATE,

@@ -6,9 +6,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from steelyard.base.arrays import Array
-from steelyard.check.case import EXCERPT_ROWS, Case, Evidence, log_check
+from steelyard.check.case_and_evidence import EXCERPT_ROWS, Case, Evidence, log_check
 from steelyard.check.finding import Edit, Finding, Fix, Picture, Severity, of_joints
-from steelyard.check.signals.log_overview import (
+from steelyard.check.signals.good_rows_and_derivatives import (
     gaussian_slope,
     gaussian_smoothed,
     remembered,
@@ -22,7 +22,7 @@ from steelyard.check.signals.motion_units import (
     unit_reading,
     unit_value,
 )
-from steelyard.check.signals.velocity_agreement import AGREEING_CORRELATION
+from steelyard.check.signals.velocity_against_derivative import AGREEING_CORRELATION
 from steelyard.robot.file.signals import POSITION_UNITS
 from steelyard.robot.init.column_names import Column
 from steelyard.robot.init.guess_efforts_and_gears import beyond_range

@@ -18,7 +18,7 @@ import numpy as np
 
 from steelyard.base.arrays import Array
 from steelyard.base.errors import SteelyardError
-from steelyard.check.case import Case, Evidence, case_check
+from steelyard.check.case_and_evidence import Case, Evidence, case_check
 from steelyard.check.finding import (
     Edit,
     Finding,
@@ -29,9 +29,9 @@ from steelyard.check.finding import (
     percent_of,
     trace,
 )
-from steelyard.check.hypotheses.likelihood import likeliest
+from steelyard.check.hypotheses.readings_and_likelihood import likeliest
 from steelyard.check.identifiability import customary_model, longest_run
-from steelyard.check.signals.log_overview import (
+from steelyard.check.signals.good_rows_and_derivatives import (
     JITTER_LIMIT,
     LATE_STEP,
     remembered,
@@ -44,7 +44,7 @@ from steelyard.check.signals.motion_units import (
     driven_joints,
     unit_reading,
 )
-from steelyard.check.signals.velocity_agreement import (
+from steelyard.check.signals.velocity_against_derivative import (
     FEWEST_RATE_JOINTS,
     MOST_OFF,
     RATE_TOLERANCE,

@@ -11,7 +11,7 @@ from rich.console import Console
 from steelyard.base.arguments import checked
 from steelyard.base.errors import DataError, ModelError
 from steelyard.base.progress import Progress, silent
-from steelyard.check.subject import notes_of_precheck, prechecked
+from steelyard.check.named_logs_and_precheck import notes_of_precheck, prechecked
 from steelyard.estimate.estimator_register import (
     ESTIMATORS,
     Context,

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from steelyard.base.arrays import Parameters
-from steelyard.check.examine import Diagnosis
+from steelyard.check.check_register_and_diagnosis import Diagnosis
 from steelyard.check.finding import Finding
 from steelyard.check.findings_page import findings_of
 from steelyard.check.findings_text import diagnosis_dict

@@ -32,7 +32,7 @@ SOURCES = (
     "estimate/information",
     "estimate/closed_loop",
     "estimate/external",
-    "check/hypotheses/nuisance.py",
+    "check/hypotheses/nuisance_fit_and_score.py",
     "simulate/laws_beside_mujoco.py",
 )
 """Folders and files of the package that programs are made from."""

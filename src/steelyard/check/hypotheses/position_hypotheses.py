@@ -13,7 +13,7 @@ from math import pi
 import numpy as np
 
 from steelyard.base.arrays import Array
-from steelyard.check.hypotheses.likelihood import (
+from steelyard.check.hypotheses.readings_and_likelihood import (
     CLOSE_HYPOTHESES,
     FITTED_NUMBER_COST,
     ZOOMED_POINTS,

@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 
 from steelyard.base.arrays import Array
-from steelyard.check.case import Case, Evidence, case_check
-from steelyard.check.decision.verdict import judge_log
+from steelyard.check.case_and_evidence import Case, Evidence, case_check
+from steelyard.check.decision.judged_explanations import judge_log
 from steelyard.check.finding import Edit, Finding, Fix, Picture, Severity, Trace
-from steelyard.check.hypotheses.likelihood import Likelihood
-from steelyard.check.hypotheses.nuisance import LEAST_SAMPLE_COUNT
+from steelyard.check.hypotheses.nuisance_fit_and_score import LEAST_SAMPLE_COUNT
+from steelyard.check.hypotheses.readings_and_likelihood import Likelihood
 
 SHARED_DIGITS = 4
 DIFFERENT_FACTORS = 3.0  # standard deviations by which factors of two logs differ if not one number

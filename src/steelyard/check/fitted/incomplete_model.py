@@ -4,21 +4,21 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from steelyard.check.decision.joint_zeros import (
+from steelyard.check.decision.zeros_and_quarter_turns import (
     estimated_offsets,
     far_offsets,
     offset_line,
     turned_zeros,
 )
 from steelyard.check.finding import Finding, Fix
-from steelyard.check.fitted.fitted_case import (
+from steelyard.check.fitted.causes_of_residuals import Cause, LeftOutGain
+from steelyard.check.fitted.fitted_case_and_causes import (
     FittedCase,
     RankedCauses,
     largest_residual,
     post_fit_check,
     worst_residual_words,
 )
-from steelyard.check.fitted.missing_terms import Cause, LeftOutGain
 from steelyard.estimate.scores.residuals import ResidualNoise
 
 INCOMPLETE_RESIDUAL = 2.0  # over the noise's upper bound, of an incomplete model

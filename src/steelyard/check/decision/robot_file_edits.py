@@ -14,14 +14,14 @@ import numpy as np
 
 from steelyard.base.arrays import Array
 from steelyard.base.errors import SteelyardError
-from steelyard.check.case import Case, Evidence
-from steelyard.check.decision.ranking import LogVerdict
+from steelyard.check.case_and_evidence import Case, Evidence
+from steelyard.check.decision.ranked_readings import LogVerdict
 from steelyard.check.finding import Edit
-from steelyard.check.hypotheses.effort_columns import PERCENT
-from steelyard.check.hypotheses.excerpt import excerpt_of
-from steelyard.check.hypotheses.likelihood import Likelihood, Reading, likelihood_of
-from steelyard.check.hypotheses.payload_and_gravity import refined_gravity
-from steelyard.check.hypotheses.position_columns import ZERO_CAUSE
+from steelyard.check.hypotheses.effort_hypotheses import PERCENT
+from steelyard.check.hypotheses.gravity_payload_and_delay import refined_gravity
+from steelyard.check.hypotheses.log_excerpt import excerpt_of
+from steelyard.check.hypotheses.position_hypotheses import ZERO_CAUSE
+from steelyard.check.hypotheses.readings_and_likelihood import Likelihood, Reading, likelihood_of
 from steelyard.estimate.estimate import Z95
 from steelyard.robot.file.effort_units_and_gears import MOTOR_KINDS
 from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot

@@ -22,10 +22,10 @@ import numpy as np
 
 from steelyard.base.arrays import Array
 from steelyard.base.errors import SteelyardError
-from steelyard.check.case import Case, Evidence
+from steelyard.check.case_and_evidence import Case, Evidence
 from steelyard.check.finding import Edit, Finding, Fix
-from steelyard.check.hypotheses.likelihood import Reading
-from steelyard.check.hypotheses.nuisance import LikelihoodScore
+from steelyard.check.hypotheses.nuisance_fit_and_score import LikelihoodScore
+from steelyard.check.hypotheses.readings_and_likelihood import Reading
 from steelyard.check.identifiability import clean_runs, customary_model, longest_run
 from steelyard.estimate.information.gather import gather
 from steelyard.estimate.information.information import Information

@@ -7,10 +7,10 @@ from functools import cached_property
 import numpy as np
 
 from steelyard.base.errors import DataError
-from steelyard.check.case import CaseCheck
+from steelyard.check.case_and_evidence import CaseCheck
 from steelyard.check.finding import Finding
 from steelyard.check.fitted.binding_constraints import BindingConstraints, binding_constraints
-from steelyard.check.fitted.missing_terms import (
+from steelyard.check.fitted.causes_of_residuals import (
     GEOMETRY,
     Cause,
     LeftOutGain,

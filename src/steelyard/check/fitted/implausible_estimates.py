@@ -15,7 +15,7 @@ import numpy as np
 
 from steelyard.base.errors import DataError
 from steelyard.check.finding import Finding, Fix, Severity
-from steelyard.check.fitted.fitted_case import FittedCase, post_fit_check
+from steelyard.check.fitted.fitted_case_and_causes import FittedCase, post_fit_check
 from steelyard.estimate.estimate import Z95
 from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.model.laws.coulomb import Coulomb

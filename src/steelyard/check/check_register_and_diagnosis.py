@@ -4,8 +4,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from steelyard.base.progress import report_progress
-from steelyard.check.case import Case, CaseCheck
-from steelyard.check.decision.checks import (
+from steelyard.check.case_and_evidence import Case, CaseCheck
+from steelyard.check.contradictions_of_logs import edits_that_serve_all_logs, friction_drift_check
+from steelyard.check.decision.gear_signs_and_couplings import transmission_check
+from steelyard.check.decision.hypothesis_checks import (
     EFFORT_DELAY,
     EFFORT_KIND,
     EFFORT_SIGN,
@@ -18,13 +20,20 @@ from steelyard.check.decision.checks import (
     POSITION_SIGN,
     HypothesisCheck,
 )
-from steelyard.check.decision.joint_zeros import joint_zeros_check
-from steelyard.check.decision.transmission import transmission_check
+from steelyard.check.decision.zeros_and_quarter_turns import joint_zeros_check
 from steelyard.check.finding import Edit, Finding, Severity
 from steelyard.check.fitted.gear_side import gear_side_check
 from steelyard.check.identifiability import identifiability_check
-from steelyard.check.several_logs import edits_that_serve_all_logs, friction_drift_check
-from steelyard.check.signals.measured import (
+from steelyard.check.signals.corrupt_and_repeated_rows import (
+    corrupt_rows_check,
+    repeated_rows_check,
+)
+from steelyard.check.signals.movement_rests_and_base import (
+    excitation_check,
+    moving_base_check,
+    rests_check,
+)
+from steelyard.check.signals.noise_and_saturation import (
     computed_efforts_check,
     measured_instead,
     noise_check,
@@ -32,11 +41,9 @@ from steelyard.check.signals.measured import (
     set_points_check,
     signed_efforts_check,
 )
-from steelyard.check.signals.movement import excitation_check, moving_base_check, rests_check
 from steelyard.check.signals.position import position_check
-from steelyard.check.signals.rows import corrupt_rows_check, repeated_rows_check
 from steelyard.check.signals.time_stamps import clock_check, out_of_order
-from steelyard.check.signals.velocity import velocity_check
+from steelyard.check.signals.velocity_check import velocity_check
 
 Check = CaseCheck[Case] | HypothesisCheck  # has a name, a question, `quick`, and gives findings
 OF_SIGNALS: tuple[Check, ...] = (

@@ -7,31 +7,31 @@ from numpy.typing import NDArray
 
 from steelyard.base.arrays import Array
 from steelyard.base.progress import report_progress
-from steelyard.check.case import Case, Evidence
+from steelyard.check.case_and_evidence import Case, Evidence
 from steelyard.check.finding import Severity
-from steelyard.check.hypotheses.bodies import efforts_first, link_hypotheses
-from steelyard.check.hypotheses.effort_columns import (
+from steelyard.check.hypotheses.consistent_bodies_of_log import efforts_first, link_hypotheses
+from steelyard.check.hypotheses.effort_hypotheses import (
     PERCENT,
     OtherEfforts,
     best_factors,
     effort_hypotheses,
 )
-from steelyard.check.hypotheses.excerpt import excerpt_of
-from steelyard.check.hypotheses.likelihood import (
+from steelyard.check.hypotheses.gravity_payload_and_delay import world_hypotheses
+from steelyard.check.hypotheses.log_excerpt import excerpt_of
+from steelyard.check.hypotheses.position_hypotheses import (
+    deep_hypotheses,
+    position_hypotheses,
+    ratio_hypotheses,
+    zero_hypotheses,
+)
+from steelyard.check.hypotheses.readings_and_likelihood import (
     AS_DECLARED,
     Hypothesis,
     Likelihood,
     Reading,
     likelihood_of,
 )
-from steelyard.check.hypotheses.payload_and_gravity import world_hypotheses
-from steelyard.check.hypotheses.position_columns import (
-    deep_hypotheses,
-    position_hypotheses,
-    ratio_hypotheses,
-    zero_hypotheses,
-)
-from steelyard.check.signals.log_overview import remembered
+from steelyard.check.signals.good_rows_and_derivatives import remembered
 from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.robot.file.signals import Signals
 

@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.base.arrays import Array
-from steelyard.check.case import Case, Evidence, case_check, log_check
+from steelyard.check.case_and_evidence import Case, Evidence, case_check, log_check
 from steelyard.check.finding import Finding, Fix, Picture, Severity, of_joints, trace
-from steelyard.check.signals.log_overview import SLOPE_ENDS, signal_overview, width_of
+from steelyard.check.signals.good_rows_and_derivatives import SLOPE_ENDS, signal_overview, width_of
 from steelyard.check.signals.motion_units import driven_joints, motion_in_units, unit_reading
 from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
 from steelyard.robot.init.column_names import words_of

@@ -18,13 +18,13 @@ from numpy.typing import NDArray
 
 from steelyard.base.arrays import Array
 from steelyard.base.errors import DataError, SteelyardError
-from steelyard.check.case import Case, Evidence
+from steelyard.check.case_and_evidence import Case, Evidence
 from steelyard.check.finding import Edit, Finding, Fix, Severity
-from steelyard.check.hypotheses.excerpt import excerpt_of
-from steelyard.check.hypotheses.likelihood import Hypothesis
-from steelyard.check.hypotheses.nuisance import REST_SPEED
+from steelyard.check.hypotheses.log_excerpt import excerpt_of
+from steelyard.check.hypotheses.nuisance_fit_and_score import REST_SPEED
+from steelyard.check.hypotheses.readings_and_likelihood import Hypothesis
 from steelyard.check.identifiability import clean_runs, customary_model
-from steelyard.check.signals.log_overview import remembered
+from steelyard.check.signals.good_rows_and_derivatives import remembered
 from steelyard.estimate.information.gather import gather
 from steelyard.estimate.information.regressor import base_regressor
 from steelyard.estimate.payload.drive_gains import identified_gains

@@ -16,9 +16,8 @@ from itertools import combinations
 import numpy as np
 
 from steelyard.base.arrays import Array
-from steelyard.check.decision.gain_sources import CAUSES_THAT_SCALE
-from steelyard.check.decision.ranking import DECISIVE_GAIN, LogVerdict
-from steelyard.check.decision.verdict import (
+from steelyard.check.decision.drive_gain_sources import CAUSES_THAT_SCALE
+from steelyard.check.decision.judged_explanations import (
     CLEAN,
     FAIR_BODIES_MISFIT,
     HEAVIEST_FACTOR,
@@ -26,15 +25,16 @@ from steelyard.check.decision.verdict import (
     LEAST_DELAY,
     least_mass,
 )
-from steelyard.check.hypotheses.bodies import consistent_bodies
-from steelyard.check.hypotheses.effort_columns import poorly_identified
-from steelyard.check.hypotheses.likelihood import Hypothesis, Reading, scored
-from steelyard.check.hypotheses.payload_and_gravity import NEAR_AXIS_ANGLE, payload_fit
-from steelyard.check.hypotheses.position_columns import (
+from steelyard.check.decision.ranked_readings import DECISIVE_GAIN, LogVerdict
+from steelyard.check.hypotheses.consistent_bodies_of_log import consistent_bodies
+from steelyard.check.hypotheses.effort_hypotheses import poorly_identified
+from steelyard.check.hypotheses.gravity_payload_and_delay import NEAR_AXIS_ANGLE, payload_fit
+from steelyard.check.hypotheses.position_hypotheses import (
     ZERO_CAUSE,
     zero_offsets,
     zeros_without_effect,
 )
+from steelyard.check.hypotheses.readings_and_likelihood import Hypothesis, Reading, scored
 from steelyard.estimate.estimate import Z95
 
 SHOWN_ALTERNATIVES = 3  # alternatives that are named

@@ -6,9 +6,9 @@ import numpy as np
 
 from steelyard.base.arrays import Array
 from steelyard.base.errors import LogError
-from steelyard.check.case import Evidence
-from steelyard.check.decision.gain_sources import gains_of_logs
-from steelyard.check.hypotheses.excerpt import Excerpt, excerpt_of
+from steelyard.check.case_and_evidence import Evidence
+from steelyard.check.decision.drive_gain_sources import gains_of_logs
+from steelyard.check.hypotheses.log_excerpt import Excerpt, excerpt_of
 from steelyard.estimate.friction.friction_mixes import joint_motions, lacking
 from steelyard.logs.formats import open_log
 from steelyard.model.laws.rigid_body import RigidBody

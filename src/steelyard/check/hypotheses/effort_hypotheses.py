@@ -12,8 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.base.arrays import Array
-from steelyard.check.hypotheses.bodies import ConsistentBodies, consistent_bodies
-from steelyard.check.hypotheses.likelihood import (
+from steelyard.check.hypotheses.consistent_bodies_of_log import ConsistentBodies, consistent_bodies
+from steelyard.check.hypotheses.nuisance_fit_and_score import LEAST_SAMPLE_COUNT
+from steelyard.check.hypotheses.position_hypotheses import COARSE_SAMPLES, MOST_PERMUTED_JOINTS
+from steelyard.check.hypotheses.readings_and_likelihood import (
     FITTED_NUMBER_COST,
     SAMPLE_BATCH,
     Hypothesis,
@@ -22,8 +24,6 @@ from steelyard.check.hypotheses.likelihood import (
     choice_cost,
     keeps_evidence,
 )
-from steelyard.check.hypotheses.nuisance import LEAST_SAMPLE_COUNT
-from steelyard.check.hypotheses.position_columns import COARSE_SAMPLES, MOST_PERMUTED_JOINTS
 
 THOUSAND = {"1000 times larger": 1e3, "1000 times smaller": 1e-3}
 OWN_GAIN_COST = 3.0 * FITTED_NUMBER_COST

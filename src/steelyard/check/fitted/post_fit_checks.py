@@ -10,13 +10,13 @@ import numpy as np
 
 from steelyard.base.progress import Progress, report_progress, silent
 from steelyard.check.finding import Finding, Fix, percent_of
-from steelyard.check.fitted.change_in_run import change_in_run_check
-from steelyard.check.fitted.fitted_case import FittedCase, PostFitCheck, post_fit_check
+from steelyard.check.fitted.changes_within_run import change_in_run_check
+from steelyard.check.fitted.fitted_case_and_causes import FittedCase, PostFitCheck, post_fit_check
 from steelyard.check.fitted.gear_side import below_nominal_check, rotors_at_zero_check
-from steelyard.check.fitted.implausible import absurd_bodies_check, load_friction_check
-from steelyard.check.fitted.model_error import model_error_check
-from steelyard.check.fitted.runs_disagree import last_link_check, runs_disagree_check
-from steelyard.check.fitted.unseen_reason import unseen_reason_check
+from steelyard.check.fitted.implausible_estimates import absurd_bodies_check, load_friction_check
+from steelyard.check.fitted.incomplete_model import model_error_check
+from steelyard.check.fitted.reason_of_unseen_error import unseen_reason_check
+from steelyard.check.fitted.runs_and_last_link_disagree import last_link_check, runs_disagree_check
 from steelyard.estimate.estimate import Z95
 from steelyard.estimate.scores.effort_errors import PROMISED
 from steelyard.model.laws.load_dependent_friction import LoadDependent

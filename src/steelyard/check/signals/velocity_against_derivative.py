@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.base.arrays import Array
-from steelyard.check.signals.log_overview import (
+from steelyard.check.signals.good_rows_and_derivatives import (
     SHORTEST_STRETCH,
     SignalOverview,
     gaussian_slope,

@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 
 from steelyard.base.arrays import Array
 from steelyard.base.errors import LogError
-from steelyard.check.case import Case, Evidence, case_check, log_check
+from steelyard.check.case_and_evidence import Case, Evidence, case_check, log_check
 from steelyard.check.finding import Edit, Finding, Fix, Picture, Severity, Trace, percent_of
-from steelyard.check.signals.log_overview import (
+from steelyard.check.signals.good_rows_and_derivatives import (
     JUMP_FACTOR,
     JUMP_ROWS,
     SignalOverview,

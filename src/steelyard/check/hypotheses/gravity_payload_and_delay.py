@@ -12,24 +12,24 @@ from copy import copy
 import numpy as np
 
 from steelyard.base.arrays import Array
-from steelyard.check.hypotheses.bodies import (
+from steelyard.check.hypotheses.consistent_bodies_of_log import (
     BODY_SAMPLES,
     ConsistentBodies,
     consistent_bodies,
     rows_of,
 )
-from steelyard.check.hypotheses.likelihood import (
+from steelyard.check.hypotheses.nuisance_fit_and_score import (
+    MISFIT_FLOOR,
+    SHARP_DELAY_FLOOR,
+    SharedFit,
+    shared_fit,
+)
+from steelyard.check.hypotheses.readings_and_likelihood import (
     FITTED_NUMBER_COST,
     Hypothesis,
     Reading,
     choice_cost,
     likeliest,
-)
-from steelyard.check.hypotheses.nuisance import (
-    MISFIT_FLOOR,
-    SHARP_DELAY_FLOOR,
-    SharedFit,
-    shared_fit,
 )
 from steelyard.estimate.payload.runs_with_payload import carrier
 from steelyard.robot.inertia_and_placement import Inertia

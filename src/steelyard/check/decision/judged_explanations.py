@@ -13,11 +13,17 @@ from dataclasses import replace
 
 import numpy as np
 
-from steelyard.check.case import Case, Evidence, Knowledge
-from steelyard.check.decision.gain_sources import LARGEST_GEAR_RATIO, LEAST_GEAR_RATIO
-from steelyard.check.decision.ranking import Judged, LogVerdict, disagrees, has_bad_joint, ranking
+from steelyard.check.case_and_evidence import Case, Evidence, Knowledge
+from steelyard.check.decision.drive_gain_sources import LARGEST_GEAR_RATIO, LEAST_GEAR_RATIO
+from steelyard.check.decision.ranked_readings import (
+    Judged,
+    LogVerdict,
+    disagrees,
+    has_bad_joint,
+    ranking,
+)
 from steelyard.check.finding import Severity
-from steelyard.check.hypotheses.bodies import (
+from steelyard.check.hypotheses.consistent_bodies_of_log import (
     ConsistentBodies,
     consistent_bodies,
     link_hypotheses,
@@ -25,28 +31,28 @@ from steelyard.check.hypotheses.bodies import (
     of_link,
     with_mirror,
 )
-from steelyard.check.hypotheses.effort_columns import (
+from steelyard.check.hypotheses.effort_hypotheses import (
     OWN_GAIN_COST,
     combined_hypotheses,
     factor_intervals,
     holds_factors,
     unit_hypotheses,
 )
-from steelyard.check.hypotheses.friction_evidence import friction_alone, presliding_score
-from steelyard.check.hypotheses.likelihood import (
+from steelyard.check.hypotheses.friction_signs_and_delay import friction_alone, presliding_score
+from steelyard.check.hypotheses.gravity_payload_and_delay import (
+    axis_near,
+    delay_hypotheses,
+    mounting_hypotheses,
+)
+from steelyard.check.hypotheses.nuisance_fit_and_score import MISFIT_FLOOR
+from steelyard.check.hypotheses.readings_and_likelihood import (
     CLOSE_HYPOTHESES,
     FITTED_NUMBER_COST,
     Hypothesis,
     Likelihood,
     Reading,
 )
-from steelyard.check.hypotheses.nuisance import MISFIT_FLOOR
-from steelyard.check.hypotheses.payload_and_gravity import (
-    axis_near,
-    delay_hypotheses,
-    mounting_hypotheses,
-)
-from steelyard.check.signals.log_overview import remembered
+from steelyard.check.signals.good_rows_and_derivatives import remembered
 
 SUPPORT_MARGIN, SUPPORT_FALL = 60.0, 2.0
 """Log-likelihood that bodies of the log's own must gain, and the factor by which the misfit of some

@@ -9,8 +9,8 @@ from typing import Any
 
 from steelyard.base.errors import DataError, LogError, ModelError
 from steelyard.base.progress import Progress, report_progress
-from steelyard.check.case import Case, Evidence
-from steelyard.check.examine import Diagnosis, examine
+from steelyard.check.case_and_evidence import Case, Evidence
+from steelyard.check.check_register_and_diagnosis import Diagnosis, examine
 from steelyard.check.finding import Edit, Finding, Fix, Severity
 from steelyard.check.findings_text import by_edits, print_notes
 from steelyard.estimate.identified_model import IdentifiedModel

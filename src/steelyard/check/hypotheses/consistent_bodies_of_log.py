@@ -27,15 +27,20 @@ import numpy as np
 
 from steelyard.base.arrays import Array
 from steelyard.base.errors import DataError
-from steelyard.check.hypotheses.likelihood import (
+from steelyard.check.hypotheses.nuisance_fit_and_score import (
+    MISFIT_FLOOR,
+    NUISANCES,
+    LikelihoodScore,
+    score_of,
+)
+from steelyard.check.hypotheses.readings_and_likelihood import (
     CLOSE_HYPOTHESES,
     FITTED_NUMBER_COST,
     Hypothesis,
     Likelihood,
     Reading,
 )
-from steelyard.check.hypotheses.nuisance import MISFIT_FLOOR, NUISANCES, LikelihoodScore, score_of
-from steelyard.check.signals.log_overview import remembered
+from steelyard.check.signals.good_rows_and_derivatives import remembered
 from steelyard.estimate.consistent.conic_solver import solved
 from steelyard.estimate.consistent.convex_program import ConicConstraints, Program, polished
 from steelyard.estimate.consistent.unknowns_and_penalties import Entropic, Unknowns, ten_map

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.base.arrays import Array
-from steelyard.check.case import Case, Evidence
+from steelyard.check.case_and_evidence import Case, Evidence
 from steelyard.runs.recording import Channels
 from steelyard.runs.rows.clock_and_row_scan import GAP_STEPS
 from steelyard.runs.rows.false_stretches import (

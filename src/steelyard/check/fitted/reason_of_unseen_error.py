@@ -12,15 +12,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.base.arrays import Array
-from steelyard.check.case import Case, Evidence
-from steelyard.check.decision.edits import zero_edits
-from steelyard.check.decision.ranking import LogVerdict
-from steelyard.check.decision.verdict import judge_log
+from steelyard.check.case_and_evidence import Case, Evidence
+from steelyard.check.contradictions_of_logs import with_unbounded_friction
+from steelyard.check.decision.judged_explanations import judge_log
+from steelyard.check.decision.ranked_readings import LogVerdict
+from steelyard.check.decision.robot_file_edits import zero_edits
 from steelyard.check.finding import Finding, Fix, Severity
-from steelyard.check.fitted.fitted_case import FittedCase, post_fit_check
-from steelyard.check.hypotheses.likelihood import Likelihood
-from steelyard.check.hypotheses.position_columns import ZERO_CAUSE
-from steelyard.check.several_logs import with_unbounded_friction
+from steelyard.check.fitted.fitted_case_and_causes import FittedCase, post_fit_check
+from steelyard.check.hypotheses.position_hypotheses import ZERO_CAUSE
+from steelyard.check.hypotheses.readings_and_likelihood import Likelihood
 from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.estimate.scores.score import RunScore
 from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot

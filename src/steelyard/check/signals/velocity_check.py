@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.base.arrays import Array
-from steelyard.check.case import Case, Evidence, log_check
-from steelyard.check.decision.verdict import positions_at_fault
+from steelyard.check.case_and_evidence import Case, Evidence, log_check
+from steelyard.check.decision.judged_explanations import positions_at_fault
 from steelyard.check.finding import Edit, Finding, Fix, Picture, Severity, trace
-from steelyard.check.signals.log_overview import signal_overview
+from steelyard.check.signals.good_rows_and_derivatives import signal_overview
 from steelyard.check.signals.motion_units import (
     SAME_SCALE,
     UnitReading,
@@ -22,7 +22,10 @@ from steelyard.check.signals.motion_units import (
 )
 from steelyard.check.signals.position import misplaced_velocities
 from steelyard.check.signals.time_stamps import leaping_rows, time_scale_by_velocities
-from steelyard.check.signals.velocity_agreement import VelocityAgreement, one_sided_differences
+from steelyard.check.signals.velocity_against_derivative import (
+    VelocityAgreement,
+    one_sided_differences,
+)
 from steelyard.robot.file.signals import VELOCITY_UNITS
 
 LATE_STEPS, LATE_ERRORS = 1.5, 3.0

@@ -11,11 +11,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from steelyard.base.arrays import Array
-from steelyard.check.case import Case, Evidence, log_check
-from steelyard.check.decision.ranking import DECISIVE_GAIN
-from steelyard.check.decision.verdict import judge_log
+from steelyard.check.case_and_evidence import Case, Evidence, log_check
+from steelyard.check.decision.judged_explanations import judge_log
+from steelyard.check.decision.ranked_readings import DECISIVE_GAIN
 from steelyard.check.finding import Finding, Fix
-from steelyard.check.hypotheses.likelihood import Likelihood
+from steelyard.check.hypotheses.readings_and_likelihood import Likelihood
 from steelyard.robot.file.effort_units_and_gears import MOTOR_KINDS
 from steelyard.robot.robot import Transmission
 

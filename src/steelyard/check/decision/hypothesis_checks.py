@@ -6,17 +6,14 @@ from functools import partial
 
 import numpy as np
 
-from steelyard.check.case import Case, Evidence
-from steelyard.check.decision.decidable import misfit_hides, undecided, zero_bounds
-from steelyard.check.decision.edits import confirmed, edits_of, velocity_edits
-from steelyard.check.decision.gain_sources import (
+from steelyard.check.case_and_evidence import Case, Evidence
+from steelyard.check.decision.decidable_questions import misfit_hides, undecided, zero_bounds
+from steelyard.check.decision.drive_gain_sources import (
     gains_left,
     gains_of_controller,
     unwritten_number_advice,
 )
-from steelyard.check.decision.joint_zeros import quarter_turns
-from steelyard.check.decision.ranking import HOPELESS_MISFIT, Judged, LogVerdict
-from steelyard.check.decision.verdict import (
+from steelyard.check.decision.judged_explanations import (
     CLEAN,
     ROUGH_MISFIT,
     bodies_that_explain,
@@ -24,16 +21,19 @@ from steelyard.check.decision.verdict import (
     judge_log,
     least_mass,
 )
+from steelyard.check.decision.ranked_readings import HOPELESS_MISFIT, Judged, LogVerdict
+from steelyard.check.decision.robot_file_edits import confirmed, edits_of, velocity_edits
+from steelyard.check.decision.zeros_and_quarter_turns import quarter_turns
 from steelyard.check.finding import ComparedHypothesis, Edit, Finding, Fix, Picture, Severity, Trace
-from steelyard.check.hypotheses.bodies import consistent_bodies
-from steelyard.check.hypotheses.friction_evidence import (
+from steelyard.check.hypotheses.consistent_bodies_of_log import consistent_bodies
+from steelyard.check.hypotheses.friction_signs_and_delay import (
     friction_alone,
     friction_signs,
     residual_delay,
 )
-from steelyard.check.hypotheses.likelihood import Hypothesis, Reading
-from steelyard.check.hypotheses.position_columns import ZERO_CAUSE
-from steelyard.check.signals.log_overview import remembered
+from steelyard.check.hypotheses.position_hypotheses import ZERO_CAUSE
+from steelyard.check.hypotheses.readings_and_likelihood import Hypothesis, Reading
+from steelyard.check.signals.good_rows_and_derivatives import remembered
 
 EMPTY_MISFIT = 0.5  # typical misfit of a reading that predicts next to nothing
 SHOWN_HYPOTHESES = 6  # hypotheses that are shown

@@ -18,9 +18,9 @@ import numpy as np
 from steelyard.base.arrays import Array
 from steelyard.base.errors import ModelError, SteelyardError
 from steelyard.check.finding import Finding, Fix
-from steelyard.check.fitted.fitted_case import FittedCase, post_fit_check
+from steelyard.check.fitted.fitted_case_and_causes import FittedCase, post_fit_check
 from steelyard.check.fitted.passing_force import FINE_WINDOW, PassingForce, passing_force
-from steelyard.check.hypotheses.friction_evidence import whitened_columns
+from steelyard.check.hypotheses.friction_signs_and_delay import whitened_columns
 from steelyard.estimate.estimate import Z95
 from steelyard.estimate.friction.friction_mixes import has_memory
 from steelyard.estimate.identified_model import IdentifiedModel

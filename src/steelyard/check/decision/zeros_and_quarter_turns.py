@@ -22,26 +22,26 @@ from numpy.typing import NDArray
 
 from steelyard.base.arrays import Array
 from steelyard.base.errors import DataError, SteelyardError
-from steelyard.check.case import Case, Evidence, case_check
-from steelyard.check.decision.decidable import UNKNOWN_GAINS
-from steelyard.check.decision.edits import zero_edits
-from steelyard.check.decision.ranking import DECISIVE_GAIN
-from steelyard.check.decision.verdict import CLEAN, STRIKING, judge_log
+from steelyard.check.case_and_evidence import Case, Evidence, case_check
+from steelyard.check.decision.decidable_questions import UNKNOWN_GAINS
+from steelyard.check.decision.judged_explanations import CLEAN, STRIKING, judge_log
+from steelyard.check.decision.ranked_readings import DECISIVE_GAIN
+from steelyard.check.decision.robot_file_edits import zero_edits
 from steelyard.check.finding import ComparedHypothesis, Edit, Finding, Fix
-from steelyard.check.fitted.fitted_case import (
+from steelyard.check.fitted.causes_of_residuals import WORTH_A_SEARCH, LeftOutGain, left_out_logs
+from steelyard.check.fitted.fitted_case_and_causes import (
     RankedCauses,
     can_be_ranked,
     first_parts_of_runs,
     ranked_causes,
     worst_residual_words,
 )
-from steelyard.check.fitted.missing_terms import WORTH_A_SEARCH, LeftOutGain, left_out_logs
-from steelyard.check.hypotheses.likelihood import Reading
-from steelyard.check.hypotheses.position_columns import (
+from steelyard.check.hypotheses.position_hypotheses import (
     ZERO_CAUSE,
     zero_near,
     zeros_without_effect,
 )
+from steelyard.check.hypotheses.readings_and_likelihood import Reading
 from steelyard.check.identifiability import clean_runs, customary_model
 from steelyard.estimate.estimate import Z95
 from steelyard.estimate.friction.friction_mixes import has_memory
