@@ -255,6 +255,9 @@ CASES: tuple[LawCase, ...] = (
     LawCase("spring", {"free": -1.0, "along": SLIDE}, **NAMED),
     LawCase("spring", {"free": "unknown"}, **NAMED, simulated="recovered"),
     LawCase("spring", {"free": "unknown", "motors": ["@motor 1", "@motor 3"]}, **NAMED),
+    LawCase("cogging", **NAMED, left_out="(cogging)", units=NM, simulated="recovered"),
+    LawCase("cogging", {"period": [0.3, 0.05], "joints": CHOSEN}, **NAMED, left_out="(cogging)"),
+    LawCase("cogging", {"period": 2.0, "motors": LAST}, **NAMED, left_out="(cogging)"),
     LawCase("gravity_compensator", {"links": ["base", "tool"], "points": ENDS}, **NAMED),
     LawCase(
         "gravity_compensator", {"links": ["base", "tool"], "points": ENDS, "name": "pushing"},

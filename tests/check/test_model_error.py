@@ -1,6 +1,6 @@
 """What residuals say of a model: errors planted into simulated logs are named, noise is not."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import polars as pl
 import pytest
+import tomllib
 
 from check.fitted import case, demo_arm, log
 from steelyard.base.arrays import Array
@@ -15,11 +16,13 @@ from steelyard.check.finding import Finding, Severity
 from steelyard.check.fitted import incomplete_model
 from steelyard.check.fitted.causes_of_residuals import Cause, LeftOutGain
 from steelyard.check.fitted.incomplete_model import model_error_check
+from steelyard.check.fitted.periodic_residuals import NO_PERIOD, strongest_period
 from steelyard.estimate.information.information import Information
 from steelyard.estimate.information.regressor import base_regressor
 from steelyard.estimate.nonlinear.nonlinear_parameters import information_from
+from steelyard.model.laws.cogging import Cogging
 from steelyard.model.laws.load_dependent_friction import LoadDependent
-from steelyard.model.laws.register import DEFAULT_TERMS
+from steelyard.model.laws.register import DEFAULT_TERMS, term_of
 from steelyard.model.laws.stribeck import Stribeck
 from steelyard.model.terms.term import Term
 from steelyard.robot.file.robot_file import LoadedRobot
@@ -45,6 +48,91 @@ def found(
     for seed, path in enumerate(paths, start=1):
         log(path, truth, seed, offset)
     return model_error_check(case(loaded, paths))
+
+
+Change = Callable[[Array, Array], Array]  # positions and efforts `(n, N)` to other efforts
+
+
+def of_changed_efforts(loaded: LoadedRobot, folder: Path, change: Change) -> Finding:
+    """The one finding of two runs whose efforts are changed after they were logged."""
+    paths = [folder / f"run{seed}.parquet" for seed in (1, 2)]
+    truth, joints = random_truth(loaded.robot, 1), range(1, loaded.robot.n + 1)
+    for seed, path in enumerate(paths, start=1):
+        log(path, truth, seed)
+        table = pl.read_parquet(path)
+        q, tau = (
+            table.select(name.format(k) for k in joints).to_numpy().T.copy()
+            for name in ("q{}_rad", "tau{}_Nm")
+        )
+        efforts = {f"tau{k}_Nm": x for k, x in zip(joints, change(q, tau), strict=True)}
+        table.with_columns(**efforts).write_parquet(path)
+    (finding,) = model_error_check(case(loaded, paths))
+    return finding
+
+
+def changed(tau: Array, joint: int, values: Array) -> Array:
+    return np.where(np.arange(len(tau))[:, None] == joint, values, tau)
+
+
+def play(torque: Array, width: float) -> Array:
+    """What a sensor with backlash of this half-width reads."""
+    found = torque.copy()
+    for k in range(1, len(torque)):
+        found[k] = np.clip(found[k - 1], torque[k] - width, torque[k] + width)
+    return found
+
+
+def soft(torque: Array) -> Array:
+    most = 1.3 * np.abs(torque).max()
+    return np.asarray(most * np.tanh(torque / most))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        (
+            lambda q, tau: changed(tau, 3, tau[3] + 0.15 * tau[2]),
+            "cross-talk of elbow in the effort of forearm_roll (15 % of it)",
+        ),
+        (
+            lambda q, tau: changed(tau, 2, play(tau[2], 0.06 * np.abs(tau[2]).max())),
+            "hysteresis in the effort of elbow (it depends on the way to it)",
+        ),
+        (
+            lambda q, tau: changed(tau, 2, soft(tau[2])),
+            "gain of elbow that falls with the torque",
+        ),
+    ],
+)
+def test_how_an_effort_is_misread_is_named(
+    change: Change, says: str, loaded: LoadedRobot, tmp_path: Path
+) -> None:
+    finding = of_changed_efforts(loaded, tmp_path, change)
+    assert says in finding.brief and "rror on left-out motion" in finding.brief
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("cycles", [11.0, 99.0])
+def test_an_effort_that_is_periodic_in_the_position_is_named(
+    cycles: float, loaded: LoadedRobot, tmp_path: Path
+) -> None:
+    finding = of_changed_efforts(
+        loaded, tmp_path, lambda q, tau: changed(tau, 2, tau[2] + 2.0 * np.sin(cycles * q[2] + 1.0))
+    )
+    says, _, rest = finding.brief.partition(" times per turn (term ")
+    assert says.partition("With an effort of elbow that is periodic in its position, ")[2]
+    assert float(says.rpartition(" ")[2]) == pytest.approx(cycles, rel=5e-3)
+    (term,) = tomllib.loads(f"terms = [{rest.partition(')')[0]}]")["terms"]
+    assert term_of(term, "advice") == Cogging(joints=("elbow",), period=term["period"])
+
+
+def test_the_strongest_period_is_found() -> None:
+    at, rng = np.arange(2000), np.random.default_rng(1)
+    counts = rng.integers(0, 5, len(at)).astype(np.float64)
+    sums = counts * (0.3 * at / 2000 + np.sin(at / 7.3)) + np.sqrt(counts) * rng.normal(size=2000)
+    assert strongest_period(sums, counts, 0.01) == pytest.approx(0.146 * np.pi, rel=1e-3)
+    assert strongest_period(sums[:10], counts[:10], 0.01) == NO_PERIOD
 
 
 def with_body(robot: Robot, index: int, **fields: Any) -> Robot:

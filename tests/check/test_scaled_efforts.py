@@ -23,7 +23,9 @@ def remark(*tested: Tested) -> str:
 def found(values: Scales, *tested: Tested) -> Finding:
     """The finding on scales beside which the causes are left, the most likely first."""
     scales = SimpleNamespace(
-        joints=("a", "b"), found=values, half_width=1.96 * values.std * values.values
+        joints=tuple("abcd"[: len(values.values)]),
+        found=values,
+        half_width=1.96 * values.std * values.values,
     )
     case = SimpleNamespace(scales=scales, tested=tested)
     (finding,) = scaled_efforts_check(cast(Any, case))
@@ -61,3 +63,11 @@ def test_a_gain_that_is_far_off_is_doubtful(value: float, doubtful: bool) -> Non
     assert finding.headline and finding.severity == Severity(int(doubtful))
     assert finding.joints == (("b",) if doubtful else ())
     assert (finding.fix is not None) == doubtful
+
+
+def test_a_joint_that_is_off_is_said_to_differ_from_the_others() -> None:
+    values = np.array([1.0, 0.5, 1.01, 0.99])
+    scales = Scales(values, 0.01**2 * np.eye(4), np.zeros(0), 1.0, np.zeros(0))
+    brief = found(scales).brief
+    assert brief.startswith("effort over what the efforts of the other joints imply: b 0.50 ± 0.01")
+    assert "a factor common to all joints looks like heavier links" in brief

@@ -16,6 +16,7 @@ from steelyard.estimate.information.regressor import base_regressor
 from steelyard.estimate.nonlinear.effort_scales import (
     DEVIATION,
     Scaled,
+    Scales,
     effort_scales,
     with_predicted,
 )
@@ -29,10 +30,15 @@ PARTS, LENGTH = 5, 300
 OFF = np.array([0.8, 1.05, 1.0, 1.2])[: len(ROWS)]
 
 
-def information_of(scales: np.ndarray, seed: int, noise: float = 0.01) -> Information:
-    """What five stretches of random motion say of the nominal robot, efforts times scales."""
+def information_of(
+    scales: np.ndarray, seed: int, noise: float = 0.01, heavier: float = 1.0
+) -> Information:
+    """What five stretches of random motion say of the robot, efforts times scales.
+
+    Its bodies are the nominal ones, times `heavier`.
+    """
     rng, n = np.random.default_rng(seed), MODEL.robot.n
-    values = np.array([p.prior or 0.0 for p in MODEL.parameters])
+    values = heavier * np.array([p.prior or 0.0 for p in MODEL.parameters])
     friction = [k for k, p in enumerate(MODEL.parameters) if p.prior is None]
     values[friction] = rng.uniform(0.1, 1.0, len(friction))
     valued = MODEL.at(Parameters(MODEL.names, MODEL.units, values))
@@ -87,7 +93,7 @@ def test_scales_are_found_within_their_intervals() -> None:
     np.testing.assert_array_equal(start.values, 1.0)
     found = scaled.converged(information, start, weigh=True)
     far = np.abs(np.log(found.values / OFF)) / found.std
-    assert far.max() < 3.0 and found.std.max() < DEVIATION
+    assert far.max() < 3.0 and found.std.max() < DEVIATION[1]
     assert np.abs(found.values - 1.0).max() > 0.1
     again = scaled.step(information, found)
     np.testing.assert_allclose(again.values, found.values, rtol=2e-3)
@@ -114,6 +120,25 @@ def test_efforts_that_agree_are_not_scaled() -> None:
     assert all(
         effort_scales(consistent(), information_of(np.ones(len(ROWS)), k)) is None for k in range(8)
     )
+
+
+@pytest.mark.parametrize("factor", [0.5, 1.8])
+@pytest.mark.parametrize("heavier", [0.85, 1.2])
+def test_one_joint_that_is_far_off_does_not_change_the_others(
+    factor: float, heavier: float
+) -> None:
+    true = np.where(np.arange(len(ROWS)) == 1, factor, 1.0)
+    scales = effort_scales(consistent(), information_of(true, 5, heavier=heavier))
+    assert scales is not None
+    np.testing.assert_allclose(scales.found.values, true, rtol=0.03)
+    assert np.all(np.abs(scales.found.values - true) < scales.half_width)
+
+
+def test_scales_that_scatter_are_not_known_better_than_they_scatter() -> None:
+    apart = Scales(np.array([0.7, 0.9, 1.1, 1.4]), np.eye(4), np.zeros(0), 1.0, np.zeros(0))
+    alike = replace(apart, values=np.array([1.0, 1.001, 0.5, 0.999]))
+    assert apart.deviation == DEVIATION[1] and alike.deviation == DEVIATION[0]
+    assert alike.prior_std[2] > 10.0 * alike.prior_std[0]
 
 
 def test_efforts_that_are_off_are_scaled_and_predicted_better() -> None:

@@ -118,5 +118,7 @@ def test_all_that_is_no_friction_keeps_energy_or_is_an_offset(case: LawCase) -> 
 
 def test_friction_drifts_and_is_shown_by_a_motion() -> None:
     lasting = {law for law, term in TERMS.items() if not term.drifts()}
-    assert lasting == {"rigid_body", "rotor_inertia", "spring", "gravity_compensator"}
+    assert lasting == {
+        "rigid_body", "rotor_inertia", "spring", "gravity_compensator", "cogging",
+    }  # fmt: skip
     assert all(term.shown_by for term in TERMS.values())

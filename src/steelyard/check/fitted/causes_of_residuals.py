@@ -13,13 +13,15 @@ motion worse. Each part of the fitted runs is left out in turn, and predicted by
 squares of all others, without and with the columns of the cause.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from itertools import permutations
 
 import numpy as np
 
 from steelyard.base.arrays import Array
 from steelyard.base.errors import DataError
+from steelyard.check.fitted.periodic_residuals import ResidualShape
 from steelyard.estimate.estimate import Estimate
 from steelyard.estimate.friction.friction_choice import DIRECTION_LOSS_PROBABILITY, worse
 from steelyard.estimate.information.base_parameters import base_parameters
@@ -33,6 +35,7 @@ from steelyard.estimate.scores.cross_validation import (
     logarithms,
     per_fold,
 )
+from steelyard.model.laws.cogging import Cogging
 from steelyard.model.laws.load_dependent_friction import LoadDependent
 from steelyard.model.laws.powers_of_speed import Quadratic
 from steelyard.model.laws.presliding import Dahl
@@ -40,11 +43,14 @@ from steelyard.model.laws.spring import Spring
 from steelyard.model.laws.stribeck import Stribeck
 from steelyard.model.model import Model
 from steelyard.model.terms.geometry_and_effort_errors import EffortReadingErrors, GeometryErrors
-from steelyard.model.terms.term import Term
+from steelyard.model.terms.term import StatefulTerm, Term
+from steelyard.robot.robot import Robot
 from steelyard.runs.run import Run
 
+LEAST_SIZE = 1e-6  # of a joint's typical effort, over the largest
 NEW_COLUMN_SHARE = 1e-6  # squared part of a column that the model's must leave for it to count
 GEOMETRY = ("position", "axis")
+READING = ("saturation", "hysteresis", "crosstalk")
 COMPLEXITY = 0.02  # share of its effect that each further column of a cause costs in the ranking
 FRICTION: tuple[tuple[str, Term], ...] = (
     ("Stribeck friction (term stribeck)", Stribeck(speed=0.1)),
@@ -60,8 +66,8 @@ FRICTION: tuple[tuple[str, Term], ...] = (
 class Cause:
     """One cause, and how much it explains."""
 
-    # `zero_offset`, `gain`, `saturation`, `compliance`, `position`, `axis`, `tilt` (of the first
-    # axis, the same as of gravity), `geometry`, or the law of a term
+    # `zero_offset`, `gain`, `saturation`, `hysteresis`, `crosstalk`, `compliance`, `position`,
+    # `axis`, `tilt` (of the first axis, the same as of gravity), `geometry`, or the law of a term
     kind: str
     joint: str  # empty if it is about all
     says: str  # in a few words
@@ -80,23 +86,39 @@ class Cause:
         return self.chi2 * max(0.0, 1.0 - COMPLEXITY * (self.columns - 1))
 
     @property
+    def of_reading(self) -> bool:
+        """Whether it is a shape of how an effort is read: many of them are looked for."""
+        return self.kind in READING
+
+    @property
     def of_friction(self) -> bool:
         """Whether it is a term of the model's, not an error of the geometry or of the efforts."""
-        return self.kind in {term.law for _, term in FRICTION}
+        return self.kind in {Cogging.law, *(term.law for _, term in FRICTION)}
 
 
-def wide_model(model: Model, estimate: Estimate) -> Model:
+def wide_model(model: Model, estimate: Estimate, shape: ResidualShape) -> Model:
     """The model with columns of all causes behind its own; those that it has are left out."""
-    bodies = tuple(bodies_of(estimate).items())
+    bodies, values = tuple(bodies_of(estimate).items()), estimate.parameters.as_dict()
     laws = {term.law for term in model.terms}
-    lacking = [term.with_reference(dict(bodies)) for _, term in FRICTION if term.law not in laws]
+    periodic = "", Cogging(period=tuple(shape.period.tolist()))
+    lacking = [
+        term.with_reference(dict(bodies))
+        for _, term in (*FRICTION, periodic)
+        if term.law not in laws
+    ]
+    beside = tuple(
+        (term, tuple(values.get(p.name, 0.0) for p in term.parameters(model.robot)))
+        for term in model.terms
+        if term.role != "body" and not isinstance(term, StatefulTerm)
+    )
+    size = tuple(np.maximum(shape.size, LEAST_SIZE * shape.size.max()).tolist())
     kinds = ("zero_offset", "compliance", *GEOMETRY)
-    geometry = (GeometryErrors(kinds, bodies), EffortReadingErrors(bodies))  # type: ignore[arg-type]
-    return replace(model, terms=(*model.terms, *lacking, *geometry))
+    errors = (GeometryErrors(kinds, bodies), EffortReadingErrors(bodies, size, beside))  # type: ignore[arg-type]
+    return replace(model, terms=(*model.terms, *lacking, *errors))
 
 
 def causes(
-    model: Model, information: Information, sigma: Array, ratios: Array
+    model: Model, information: Information, sigma: Array, ratios: Array, shape: ResidualShape
 ) -> tuple[Cause, ...]:
     """All causes, the most likely first, from the columns of `wide_model`.
 
@@ -107,14 +129,19 @@ def causes(
     seen = (counts > 0.0) & (sigma > 0.0)
     noise = np.where(np.isfinite(ratios), np.minimum(1.0, 1.0 / np.square(ratios)), 1.0)
     excess = float(np.sum((counts * (1.0 - noise))[seen]))
-    score, left, names = _scores(model, information, np.where(seen, weights, 0.0))
+    joints = model.robot.joint_names
+    score, left, scale, names = _scores(model, information, np.where(seen, weights, 0.0))
     found = []
-    for kind, joint, says, columns in _groups(model, names):
+    for kind, joint, says, columns in _groups(model, names, shape.period.tolist()):
         group = [names.index(column) for column in columns]
         values, vectors = np.linalg.eigh(left[np.ix_(group, group)])
         along, new = vectors.T @ score[group], values > NEW_COLUMN_SHARE
         chi2 = float(np.sum(np.square(along[new]) / values[new]))
-        share = min(1.0, chi2 / excess) if excess > 0.0 else 0.0
+        # what is periodic in the position goes on above the band, where it counts as noise
+        whole = counts[joints.index(joint)] if kind == Cogging.law else excess
+        share = min(1.0, chi2 / whole) if whole > 0.0 else 0.0
+        first = vectors[:1, new] @ (along[new] / values[new]) / scale[group[0]]
+        says += OF_VALUE[kind](float(first[0])) if kind in OF_VALUE else ""
         found.append(Cause(kind, joint, says, columns, chi2, share))
     return tuple(sorted(found, key=lambda cause: -cause.rank))
 
@@ -125,8 +152,8 @@ def _weights(sigma: Array) -> Array:
 
 def _scores(
     model: Model, information: Information, weights: Array
-) -> tuple[Array, Array, list[str]]:
-    """Score and information of the added columns, of unit length each, and their names."""
+) -> tuple[Array, Array, Array, list[str]]:
+    """Score and information of the added columns, of unit length each; lengths and names."""
     own, names = set(model.names), information.layout.columns
     per_run = tuple(c for c in names if c in set(own_columns(model)))
     matrix, vector, _, squares = Runs.of(information, per_run).normal(weights)
@@ -138,25 +165,48 @@ def _scores(
     across = matrix[np.ix_(added, mine)] @ inverse
     score = vector[added] - across @ vector[mine]
     left = matrix[np.ix_(added, added)] - across @ matrix[np.ix_(mine, added)]
-    return score, 0.5 * (left + left.T), [names[k] for k in added]
+    return score, 0.5 * (left + left.T), scale[added], [names[k] for k in added]
 
 
 OF_JOINTS = {
     "zero_offset": "zero offset of {}",
     "gain": "gain or scale of the effort of {}",
-    "saturation": "gain of {} that changes with the torque",
+    "saturation": "gain of {} that",
+    "hysteresis": "hysteresis in the effort of {} (it depends on the way to it)",
     "compliance": "elasticity of {}",
 }
 """Causes of one column per joint, in words."""
+OF_VALUE: dict[str, Callable[[float], str]] = {
+    "saturation": lambda x: f" {'falls' if x < 0.0 else 'rises'} with the torque",
+    "crosstalk": lambda x: f" ({100.0 * x:.2g} % of it)",
+}
+"""What follows the words of a cause, by the value of its column."""
 
 
-def _groups(model: Model, names: Sequence[str]) -> list[tuple[str, str, str, tuple[str, ...]]]:
+def _periodic(robot: Robot, joint: str, period: float) -> str:
+    """An effort with a period in the position, with the term that describes it."""
+    turns = robot.joints[robot.joint_names.index(joint)].kind == "revolute"
+    often = f"{2.0 * np.pi / period:.4g} times per turn" if turns else f"every {period:.4g} m"
+    term = f'{{law = "cogging", joints = ["{joint}"], period = {period:.5g}}}'
+    return f"an effort of {joint} that is periodic in its position, {often} (term {term})"
+
+
+def _groups(
+    model: Model, names: Sequence[str], periods: Sequence[float]
+) -> list[tuple[str, str, str, tuple[str, ...]]]:
     """Kind, joint, words and columns of every cause whose columns are there."""
     groups: list[tuple[str, str, str, tuple[str, ...]]] = [
         (kind, joint, says.format(joint), (f"{kind}.{joint}",))
         for joint in model.robot.joint_names
         for kind, says in OF_JOINTS.items()
     ]
+    joints = model.robot.joint_names
+    for k, j in permutations(range(len(joints)), 2):
+        says = f"cross-talk of {joints[k]} in the effort of {joints[j]}"
+        groups.append(("crosstalk", joints[j], says, (f"crosstalk_{k + 1}.{joints[j]}",)))
+    for joint, period in zip(joints, periods, strict=True):
+        columns = tuple(p.name for p in Cogging(joints=joint).parameters(model.robot))
+        groups.append((Cogging.law, joint, _periodic(model.robot, joint, period), columns))
     for body in model.robot.bodies:
         joint, first = body.joint, body.parent < 0
         place = tuple(f"position_{axis}.{joint}" for axis in "xyz")

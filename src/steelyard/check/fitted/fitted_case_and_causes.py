@@ -18,6 +18,7 @@ from steelyard.check.fitted.causes_of_residuals import (
     left_out_gains,
     wide_model,
 )
+from steelyard.check.fitted.periodic_residuals import residual_shape
 from steelyard.estimate.consistent.convex_estimator import Consistent
 from steelyard.estimate.estimate import Estimate
 from steelyard.estimate.friction.friction_mixes import has_memory
@@ -90,10 +91,12 @@ def first_parts_of_runs(runs: Sequence[Run], samples: int = MOST_SAMPLES) -> tup
 def ranked_causes(model: Model, estimate: Estimate, runs: Sequence[Run]) -> RankedCauses:
     """The causes of what a fit of runs leaves, and which of them stand out."""
     gains = runs[0].recording.signals.gains
-    beside = residual_noise(model.at(estimate.values), runs, estimate.sigma, gains)
-    wide = base_regressor(wide_model(model, estimate))
+    valued = model.at(estimate.values)
+    beside = residual_noise(valued, runs, estimate.sigma, gains)
+    shape = residual_shape(valued, runs, gains)
+    wide = base_regressor(wide_model(model, estimate, shape))
     information = information_from(runs, rests=has_memory(model.terms))(wide)
-    found = causes(model, information, estimate.sigma, beside.ratios)
+    found = causes(model, information, estimate.sigma, beside.ratios, shape)
     own = information.select(base_parameters(model).base_names)
     fit = WeightedLeastSquares(per_run=own_columns(model)).fit(own)
     terms = max((cause.rank for cause in found if cause.of_friction), default=0.0)

@@ -20,16 +20,21 @@ from steelyard.check.fitted.fitted_case_and_causes import (
     worst_residual_words,
 )
 from steelyard.estimate.scores.residuals import ResidualNoise
+from steelyard.model.laws.cogging import Cogging
 
 INCOMPLETE_RESIDUAL = 2.0  # over the noise's upper bound, of an incomplete model
 LARGE_FIT_ERROR = 10.0  # error of fitted runs [%] from which on unknown noise is reported
 CAUSE_ADVICE = {
     "gain": "Check the gain and unit of this effort",
     "saturation": "Check the gain of this effort at large currents",
+    "hysteresis": "Check the mounting of this sensor, and its calibration with rising and "
+    "falling torques",
+    "crosstalk": "Check the calibration of this sensor under loads of the other joint",
     "tilt": "Check gravity (or mounting) in [robot], its direction in the frame of the base",
     "compliance": "Positions may be measured before an elastic gear",
 }
 """What to do about a cause, by its kind; of the geometry otherwise."""
+LIKE_THE_BEST = 1.1  # error on left-out motion over the best cause's up to which one is as likely
 ADD_TERM = ". Add it to [model] terms"  # about a term that predicts left-out motion better
 AS_LOGGED = (
     " at the present effort scales, which change with it. Add it to [model] terms only if the "
@@ -53,8 +58,8 @@ def model_error_check(case: FittedCase) -> Iterable[Finding]:
     ranked = case.ranked
     if ranked is None:
         return ()
-    ratios = ranked.beside.ratios
-    if not ranked.blamed and not np.isfinite(ratios).any():
+    ratios, blamed = ranked.beside.ratios, _confirmed(case, ranked)
+    if not blamed and not np.isfinite(ratios).any():
         errors = [score.pooled_percent or score.mean_percent for score in case.fitted_scores]
         error, run = max(errors, default=0.0), case.examined[0]
         if not error > LARGE_FIT_ERROR:
@@ -65,12 +70,35 @@ def model_error_check(case: FittedCase) -> Iterable[Finding]:
             f"runs have errors up to {error:.0f} %"
         )
         return (Finding.ok(says, headline=True),)
-    if not ranked.blamed and float(np.nanmax(ratios)) < INCOMPLETE_RESIDUAL:
-        return ()
+    if not blamed and float(np.nanmax(ratios)) < INCOMPLETE_RESIDUAL:
+        return _periodic(case)
     zeros = _zeros(case, ranked)
-    if not ranked.blamed and zeros is None:
+    if not blamed and zeros is None:
         return (_remark(case, ranked),)
-    return (_doubtful(ranked, zeros),)
+    return (_doubtful(case, ranked, blamed, zeros),)
+
+
+def _confirmed(case: FittedCase, ranked: RankedCauses) -> tuple[Cause, ...]:
+    """The causes to blame: shapes of a reading only if left-out motion confirms them, clearly."""
+    gains = dict(case.tested) if any(cause.of_reading for cause in ranked.blamed) else {}
+    sure = {cause: gain for cause, gain in gains.items() if gain is not None and gain.confirmed}
+    least = min((gain.after for gain in sure.values()), default=0.0)
+    return tuple(
+        cause
+        for cause in ranked.blamed
+        if not cause.of_reading or (cause in sure and sure[cause].after <= LIKE_THE_BEST * least)
+    )
+
+
+def _periodic(case: FittedCase) -> tuple[Finding, ...]:
+    """An effort with a period, which raises the noise above the band too, if it is confirmed."""
+    ranked = case.ranked
+    if ranked is None or all(cause.kind != Cogging.law for cause in ranked.likely):
+        return ()
+    sure = [(gain.after, cause) for cause, gain in case.tested if gain and gain.confirmed]
+    if not sure or min(sure, key=lambda one: one[0])[1].kind != Cogging.law:
+        return ()
+    return (Finding.ok(term_advice(case.tested, case.scales is not None), headline=True),)
 
 
 def _remark(case: FittedCase, ranked: RankedCauses) -> Finding:
@@ -130,10 +158,18 @@ def term_advice(tested: Sequence[tuple[Cause, LeftOutGain | None]], scaled: bool
     return f"{most}: not confirmed on left-out motion (error {abs(more):.0f} % {way})"
 
 
-def _doubtful(ranked: RankedCauses, zeros: tuple[str, Fix] | None) -> Finding:
+def _doubtful(
+    case: FittedCase,
+    ranked: RankedCauses,
+    blamed: Sequence[Cause],
+    zeros: tuple[str, Fix] | None,
+) -> Finding:
     """An error that stands out; joint zeros with their values."""
-    first, *_ = ranked.blamed or ranked.found
-    words = " or ".join(cause.says for cause in ranked.blamed)
+    first, *_ = blamed or ranked.found
+    words = " or ".join(cause.says for cause in blamed)
+    gain = dict(case.tested).get(first) if first.of_reading else None
+    if gain is not None:
+        words += f" (error on left-out motion {gain.words})"
     fix = Fix(CAUSE_ADVICE.get(first.kind, GEOMETRY_ADVICE))
     if zeros is not None:
         words, fix = zeros

@@ -131,17 +131,24 @@ def scaled_efforts_check(case: FittedCase) -> Iterable[Finding]:
     pairs = zip(scales.joints, beyond, strict=True)
     wrong = tuple(joint for joint, far in pairs if far > np.log(WRONG_SCALE))
     listed = ", ".join(off) or "none significant by itself"
+    alone = 0 < 2 * len(off) < len(scales.joints)
     says = (
         f"a scale of the efforts is estimated per joint ({listed}): sensors or gains may be "
         "off by these factors, or a missing term may have the same effect. Masses are as "
         f"uncertain as the scales{_term_instead(case, scales.found.distance)}"
     )
-    brief = (
-        f"sensors or gains may be off, or a term missing: estimated scales {listed}"
-        if off
-        else "estimated scales of the efforts are used: together they differ significantly "
-        "from 1, though none does by itself"
-    )
+    brief = f"sensors or gains may be off, or a term missing: estimated scales {listed}"
+    if alone:
+        brief = (
+            f"effort over what the efforts of the other joints imply: {listed}. Its sensor or gain "
+            "is off by this factor, or a term is missing (a factor common to all joints looks like "
+            "heavier links)"
+        )
+    elif not off:
+        brief = (
+            "estimated scales of the efforts are used: together they differ significantly from 1, "
+            "though none does by itself"
+        )
     if not wrong:
         return (Finding.ok(says, headline=True, brief=brief),)
     fix = Fix(f"Check gain and unit of the effort of {', '.join(wrong)}")

@@ -5,7 +5,14 @@ shared by the rows of all joints, so rows whose scales differ contradict each ot
 $y_j = s_j\,A_j\phi$. A Gauss-Newton step estimates $\phi$ and $w_j = \ln s_j$ together, at scales
 $\bar s$ and parameters $\bar\phi$ that were reached, as a convex program over the efforts
 $y_j / \bar s_j + \ln\bar s_j\,A_j\bar\phi$ with the column $A_j\bar\phi$ beside those of row $j$,
-where $w_j$ has the standard deviation that is known of it before the data.
+where $w_j$ has the standard deviation that is known of it.
+
+What all scales have in common cannot be told from heavier links: only priors decide it. Most gains
+agree, and a wrong one may be off by any factor, so $w_j$ has a prior of a heavy tail, $p(w) \propto
+(1 + w^2 / (4 d^2))^{-2}$ (Student's t of three degrees of freedom), with the scatter $d$ of most
+joints around their median. At every step it is a normal one of the variance $d^2 + w^2 / 4$ at the
+$w$ that was reached [Lange1989]. So few joints differ, by what they are off: one that is off by a
+factor of two does not pull all others.
 
 They ask where all scales being 1 is further from the estimate than chance explains: that tells
 scales from chance. Whether they serve is judged by leaving one run out, one stretch of a single
@@ -26,6 +33,7 @@ from steelyard.base.progress import Progress, report_progress, silent
 from steelyard.estimate.consistent.convex_estimator import Consistent, inverse_of
 from steelyard.estimate.effort_uncertainty import KnownScales
 from steelyard.estimate.estimate import Z95, Estimate, StandardEstimate
+from steelyard.estimate.information.base_parameters import BaseMap
 from steelyard.estimate.information.information import Information
 from steelyard.estimate.information.regressor import Layout
 from steelyard.estimate.least_squares.normal_equations import condition_of, unit_length
@@ -61,7 +69,8 @@ def with_predicted(
     return information.mapped(layout, parts)
 
 
-DEVIATION = 0.1  # standard deviation of a scale's logarithm before the data
+DEVIATION = (0.02, 0.1)  # least and greatest $d$, the greatest where no scale is known
+NORMAL_MEDIAN = 0.6745  # median size of a standard normal variable
 ROUNDS = 12  # most Gauss-Newton steps
 LONGEST = 0.5  # longest step of a logarithm
 TOLERANCE = 1e-3  # step of a logarithm at which the search has converged
@@ -85,6 +94,25 @@ class Scales:
         return np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
 
     @property
+    def deviation(self) -> float:
+        """$d$: robust standard deviation of the logarithms around their median, within bounds."""
+        logs = np.log(self.values)
+        if not logs.any():
+            return DEVIATION[1]
+        scatter = float(np.median(np.abs(logs - np.median(logs)))) / NORMAL_MEDIAN
+        return float(np.clip(scatter, *DEVIATION))
+
+    @property
+    def before(self) -> str:
+        """How well a scale is known without the data, for people to read."""
+        return f"known a priori to ± {100.0 * Z95 * self.deviation:.0f} %, the scatter of most"
+
+    @property
+    def prior_std(self) -> Array:
+        """Standard deviations of the logarithms before the data, at these, shape `(rows,)`."""
+        return np.asarray(np.sqrt(self.deviation**2 + 0.25 * np.square(np.log(self.values))))
+
+    @property
     def distance(self) -> float:
         """Squared distance of all logarithms from zero, in what is left open of them."""
         logs = np.log(self.values)
@@ -97,14 +125,13 @@ class Scaled:
 
     estimator: Consistent
     rows: tuple[str, ...]
-    deviation: float = DEVIATION  # of a scale's logarithm before the data
 
     def unscaled(self, information: Information, gamma: float | None = None) -> Scales:
         """All scales 1, with a weight of the prior; of that which the estimate finds, if `None`."""
         found, n = self.estimator.values(information, gamma), len(self.rows)
         standard = np.concatenate([found.standard, np.zeros(n)])
         return Scales(
-            np.ones(n), self.deviation**2 * np.eye(n), found.values, found.gamma, standard
+            np.ones(n), DEVIATION[1] ** 2 * np.eye(n), found.values, found.gamma, standard
         )
 
     def step(self, information: Information, at: Scales, *, weigh: bool = False) -> Scales:
@@ -112,7 +139,7 @@ class Scaled:
 
         `weigh` finds the weight of the prior anew. Raises as the estimate does.
         """
-        wide, gamma = self._wide, at.gamma
+        wide, gamma = self._wide(at), at.gamma
         program = wide.program(whitened(self._extended(information, at), equal=wide.equal))
         if weigh:
             tried = wide.weighed(program).tried
@@ -125,7 +152,7 @@ class Scaled:
         precision = program.stated_precision(u, gamma)
         precision += program.unknowns.matrix.T @ program.unknowns.matrix
         n, columns = len(self.rows), information.layout.columns
-        spread = self.deviation**2 * inverse_of(precision)[-n:, -n:]
+        spread = np.outer(at.prior_std, at.prior_std) * inverse_of(precision)[-n:, -n:]
         return Scales(
             np.exp(logs),
             spread,
@@ -158,7 +185,7 @@ class Scaled:
         """
         names = self._names
         logged = information.scaled(scales.values, information.signature.effort)
-        wide = replace(self._wide, gamma=scales.gamma or None)
+        wide = replace(self._wide(scales), gamma=scales.gamma or None)
         found = _without(wide(self._extended(logged, scales)), names)
         own = whitened(information, equal=self.estimator.equal).fit.solution
         return replace(
@@ -175,19 +202,22 @@ class Scaled:
     def _names(self) -> tuple[str, ...]:
         return tuple(f"{LAW}.{row}" for row in self.rows)
 
-    @cached_property
-    def _wide(self) -> Consistent:
+    def _wide(self, at: Scales) -> Consistent:
         """The estimator over the scales' logarithms beside all parameters."""
-        base, known, names = self.estimator.base, self.estimator.knowledge, self._names
+        known, names, stds = self.estimator.knowledge, self._names, at.prior_std.tolist()
         n = len(names)
         knowledge = replace(
             known,
             names=(*known.names, *names),
             lower=np.append(known.lower, np.full(n, -np.inf)),
             upper=np.append(known.upper, np.full(n, np.inf)),
-            deviations={**known.deviations, **dict.fromkeys(names, self.deviation)},
+            deviations={**known.deviations, **dict(zip(names, stds, strict=True))},
         )
-        return replace(self.estimator, base=base.beside(names, ["1"] * n), knowledge=knowledge)
+        return replace(self.estimator, base=self._base, knowledge=knowledge)
+
+    @cached_property
+    def _base(self) -> BaseMap:
+        return self.estimator.base.beside(self._names, ["1"] * len(self.rows))
 
 
 def _without(estimate: Estimate, names: tuple[str, ...]) -> Estimate:
@@ -210,9 +240,6 @@ def _without(estimate: Estimate, names: tuple[str, ...]) -> Estimate:
         ),
     )
 
-
-BEFORE = f"known to ± {100.0 * Z95 * DEVIATION:.0f} % a priori (95 % interval)"
-"""How well a scale is known without them, for people to read."""
 
 CHANCE = 1e-3  # probability of a distance as great or greater at which the data ask for scales
 
@@ -245,8 +272,8 @@ class EffortScales:
         values = zip(self.joints, self.found.values, self.half_width, strict=True)
         listed = ", ".join(f"{joint} {x:.2f} ± {half:.2f}" for joint, x, half in values)
         return (
-            f"a scale of the efforts is estimated per joint (logged over model, {BEFORE}): "
-            f"{listed}; "
+            "a scale of the efforts is estimated per joint (logged over model, "
+            f"{self.found.before}): {listed}; "
             f"error on left-out motion {self.error:.3g} % instead of {self.without:.3g} %; masses "
             'are as uncertain as the scales; effort_scales = "off" in [estimation] keeps the given '
             "gains"

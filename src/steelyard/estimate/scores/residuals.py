@@ -18,7 +18,7 @@ above the band, resonances and the tails of model errors included, it is an uppe
 are at least that many times the noise.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import groupby
 
@@ -300,13 +300,7 @@ def residual_noise(
     for run in runs:
         taps = ParallelFilter.design(run.matched_cutoff, run.rate).taps
         stretches: dict[int, list[Array]] = {}
-        start: float | None = None
-        for block in blocks_with_channels(run.blocks(), valued.model):
-            start = float(block.t[0]) if start is None else start
-            if block.t[0] - start > LONGEST:
-                break
-            predicted = valued.block(block.q, block.dq, block.ddq, block.channels)
-            rest = gains[:, None] * block.effort - predicted
+        for block, _, rest in residual_blocks(valued, run, gains):
             stretches.setdefault(block.segment, []).append(rest)
         longest = max(stretches.values(), key=lambda parts: sum(p.shape[1] for p in parts))
         density = noise_floor(np.concatenate(longest, axis=1), run.rate, run.matched_cutoff)
@@ -316,6 +310,19 @@ def residual_noise(
         seconds += run.duration
     noise = np.sqrt(variances / seconds)
     return ResidualNoise(valued.model.robot.joint_names, frozen(sigma), frozen(noise))
+
+
+def residual_blocks(
+    valued: ValuedModel, run: Run, gains: Array
+) -> Iterator[tuple[Block, Array, Array]]:
+    """Blocks of the first `LONGEST` seconds, with predicted efforts and residuals, `(n, B)`."""
+    start: float | None = None
+    for block in blocks_with_channels(run.blocks(), valued.model):
+        start = float(block.t[0]) if start is None else start
+        if block.t[0] - start > LONGEST:
+            return
+        predicted = valued.block(block.q, block.dq, block.ddq, block.channels)
+        yield block, predicted, gains[:, None] * block.effort - predicted
 
 
 def noise_floor(signals: Array, rate: float, cutoff: float) -> Array:

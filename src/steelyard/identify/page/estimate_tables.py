@@ -14,7 +14,7 @@ from steelyard.estimate.bootstrap_and_sensitivity import (
     Sensitivity,
     Variation,
 )
-from steelyard.estimate.nonlinear.effort_scales import BEFORE, EffortScales
+from steelyard.estimate.nonlinear.effort_scales import EffortScales
 from steelyard.estimate.nonlinear.joint_zero_offsets import ZeroOffsets
 from steelyard.estimate.payload.drive_gains import DriveGain, GainEstimate
 from steelyard.identify.page.content import ReportContent
@@ -82,7 +82,7 @@ class EffortScalesSection(
         """One row per joint."""
         words = (
             "Logged effort over the effort of the common rigid-body model, with 95 % "
-            f"intervals; each is {BEFORE}. Error on left-out motion with them "
+            f"intervals; each is {found.found.before}. Error on left-out motion with them "
             f"{significant(found.error)} %, without {significant(found.without)} %. Either a "
             "sensor or gain is off by this factor, or a missing term has the same effect; masses "
             "are as uncertain as the scales."

@@ -5,6 +5,7 @@ from collections.abc import Mapping
 from typing import Any, cast
 
 from steelyard.base.errors import ModelError
+from steelyard.model.laws.cogging import Cogging
 from steelyard.model.laws.coulomb import Coulomb
 from steelyard.model.laws.coupled_friction import Coupled
 from steelyard.model.laws.directional_friction import DirectionalCoulomb, DirectionalViscous
@@ -81,6 +82,7 @@ TERMS: dict[str, type[Any]] = {
         MaxwellSlip,
         LuGre,
         Spring,
+        Cogging,
         GravityCompensator,
     )
 }

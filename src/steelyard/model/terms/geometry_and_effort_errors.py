@@ -7,6 +7,7 @@ columns of this term are those derivatives: what a fit gives them is how far the
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import permutations
 from typing import Any, ClassVar, Literal
 
 import numpy as np
@@ -14,9 +15,9 @@ import numpy as np
 from steelyard.base.arrays import Array, Parameter, frozen
 from steelyard.model.equations.inverse_dynamics import JointState, Scalars, inverse_dynamics
 from steelyard.model.laws.rigid_body import RigidBody
-from steelyard.model.terms.term import Columns, Dissipation, StatefulTerm, TermSamples
+from steelyard.model.terms.term import Columns, Dissipation, StatefulTerm, Term, TermSamples
 from steelyard.robot.robot import Body, Coordinate, Robot, robot_to_dict
-from steelyard.symbolic.native.compiled_programs import Code, compiled_equations
+from steelyard.symbolic.native.compiled_programs import Code, compiled_equations, recurrence
 from steelyard.symbolic.program_and_softening import InputArray as Input
 
 MOVES = 6  # of each joint frame: along its x, y, z [m], then about them [rad]
@@ -157,38 +158,67 @@ def _displacement_with_joint(robot: Robot, joint: int) -> Array:
     return moves.ravel()
 
 
+HYSTERESIS = 0.1  # change of a torque over its scale after which its direction is forgotten
+
+
 @dataclass(frozen=True)
 class EffortReadingErrors(StatefulTerm):
-    r"""Errors of efforts, around the torque $\tau$ of a reference model, ten numbers per body.
+    r"""Errors of efforts, around the torque $\tau$ of a reference model.
 
-    Per joint `gain`, $\tau_j$: its effort is that share too large; and `saturation`, $\tau_j
-    |\tau_j| / \tau_0$: the gain has changed by that share at a torque $\tau_0$, the scale [Nm; N],
-    1 if none is given. Both are without a unit. Trees only.
+    The model has ten numbers per body and, if given, terms `beside` them, each with its values.
+    Columns are without a unit, per joint: `gain`, the bodies' torque: its effort is that share too
+    large; `saturation`, $\tau_j |\tau_j| / \tau_0$: the gain has changed by that share at a torque
+    $\tau_0$, the `scale` [Nm; N], 1 if none is given; `hysteresis`, $\tau_0 z$ with $dz =
+    (d\tau_j - z\,|d\tau_j|) / (0.1\,\tau_0)$: what is read depends on the way to the torque; and
+    of every other joint $k$ `crosstalk_k`, $\tau_k$: the share of it that is read too. Trees only.
     """
 
     law: ClassVar[str] = "misread"
     dissipation: ClassVar[Dissipation] = "none"
-    state_only_fields: ClassVar[tuple[str, ...]] = ("reference", "scale")
+    state_only_fields: ClassVar[tuple[str, ...]] = ("reference", "scale", "beside")
     reference: tuple[tuple[str, float], ...] = ()
     scale: tuple[float, ...] = ()
+    beside: tuple[tuple[Term, tuple[float, ...]], ...] = ()  # terms without memory
 
     def parameters(self, robot: Robot) -> tuple[Parameter, ...]:
-        """Names like `gain.elbow`, `saturation.elbow`."""
-        if robot.passive:
-            return ()
-        kinds = ("gain", "saturation")
-        return tuple(Parameter(f"{kind}.{j.name}", "1") for kind in kinds for j in robot.joints)
+        """Names like `gain.elbow`; `crosstalk_1.elbow` is of the first joint in the elbow."""
+        names = [f"{kind}.{robot.joints[row].name}" for kind, row in self._places(robot)]
+        return tuple(Parameter(name, "1") for name in names)
 
     def columns(self, robot: Robot, state: JointState) -> Columns:
         """The channels, each in its joint's row."""
-        return {(k % robot.n_joints, k): c for k, c in enumerate(state.channels)}
+        rows = (row for _, row in self._places(robot))
+        return {(row, k): state.channels[k] for k, row in enumerate(rows)}
 
     def n_channels(self, robot: Robot) -> int:
         """One per parameter."""
-        return len(self.parameters(robot))
+        return len(self._places(robot))
 
     def remember(self, robot: Robot, samples: TermSamples, memory: Any) -> tuple[Array, Any]:
-        """Torque of the reference model, and its square with the torque's sign."""
-        torque = samples.rigid_torque(RigidBody.numbers_of(robot, dict(self.reference)))
+        """Torques of the reference model, and what sensors may make of them."""
+        rigid = samples.rigid_torque(RigidBody.numbers_of(robot, dict(self.reference)))
+        torque, state = rigid.copy(), JointState(*map(list, (samples.q, samples.dq, samples.ddq)))
+        for term, values in self.beside:
+            for (row, k), column in term.columns(robot, state).items():
+                torque[row] += values[k] * column
         scale = np.array(self.scale or (1.0,) * robot.n_joints)[:, None]
-        return np.concatenate((torque, torque * np.abs(torque) / scale)), None
+        before, start = memory or (torque[:, 0], np.zeros(len(torque)))
+        steps = np.diff(torque, axis=1, prepend=before[:, None]) / (HYSTERESIS * scale)
+        decay = np.exp(-np.abs(steps))
+        way, end = recurrence(decay, np.sign(steps) * (1.0 - decay), np.ones_like(decay), start)
+        others = [torque[k : k + 1] for k, _ in _pairs(robot)]
+        own = (rigid, torque * np.abs(torque) / scale, scale * way)
+        return np.concatenate((*own, *others)), (torque[:, -1], end)
+
+    def _places(self, robot: Robot) -> list[tuple[str, int]]:
+        """Kind and row of every column."""
+        if robot.passive:
+            return []
+        kinds = ("gain", "saturation", "hysteresis")
+        own = [(kind, row) for kind in kinds for row in range(robot.n_joints)]
+        return own + [(f"crosstalk_{k + 1}", row) for k, row in _pairs(robot)]
+
+
+def _pairs(robot: Robot) -> list[tuple[int, int]]:
+    """Every joint, and every other one."""
+    return list(permutations(range(robot.n_joints), 2))
