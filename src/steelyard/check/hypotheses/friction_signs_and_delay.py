@@ -303,7 +303,7 @@ def delays_of(regressor: Regressor, run: Run) -> RowDelays:
     after = np.clip((left + slope * delay + bend * delay**2) / left, 1e-3, None)
     std = 1.0 / np.sqrt(np.sum(weights / np.minimum(after, 1.0)))
     typical = [float(np.exp(np.mean(np.log(x)))) for x in (left, after * left)]
-    return RowDelays(delay, float(std), float(spread), *typical, int(usable.sum()))
+    return RowDelays(delay, float(std), float(spread), typical[0], typical[1], int(usable.sum()))
 
 
 def _with_delay(run: Run, delay: float) -> Run:
