@@ -19,7 +19,7 @@ from steelyard.estimate.identified_model import Cutoffs, IdentifiedModel, Proven
 from steelyard.estimate.information.base_parameters import base_parameters
 from steelyard.estimate.information.regressor import noise_bandwidth
 from steelyard.excite.trajectories.fourier import random_fourier
-from steelyard.identify.scores import processing_of
+from steelyard.identify.scores_and_residuals import processing_of
 from steelyard.model.equations.frame_kinematics import last_frame
 from steelyard.model.robot_file_model import model_with_open_friction
 from steelyard.robot.file.robot_file import load_robot

@@ -23,8 +23,8 @@ from steelyard.identify.identify import Identification as Identification
 from steelyard.identify.identify import identify as identify
 from steelyard.identify.reduce import reduce as reduce
 from steelyard.identify.refits import repeated as repeated
-from steelyard.identify.scores import parameter_table as parameter_table
-from steelyard.identify.scores import residuals as residuals
+from steelyard.identify.scores_and_residuals import parameter_table as parameter_table
+from steelyard.identify.scores_and_residuals import residuals as residuals
 from steelyard.identify.validate import validate as validate
 from steelyard.logs.formats import open_log as open_log
 from steelyard.model.compiled_evaluation import Stepper as Stepper

@@ -17,7 +17,7 @@ from steelyard.cli import identify_commands
 from steelyard.cli.app import app, expanded
 from steelyard.cli.command import CommandResult, computed
 from steelyard.estimate.scores.cross_validation import stretches_left_out
-from steelyard.identify import validation_data
+from steelyard.identify import cut_and_repeated_logs
 from steelyard.simulate.demo import write_demo_arm
 
 Command = Callable[..., Result]
@@ -46,7 +46,7 @@ def command(work: Path, monkeypatch: pytest.MonkeyPatch) -> Command:
     the time of an identification; `identified` calibrates on all. Logs of 2 s are cut.
     """
     monkeypatch.chdir(work)
-    monkeypatch.setattr(validation_data, "SHORTEST_CUT_LOG", 2.0)
+    monkeypatch.setattr(cut_and_repeated_logs, "SHORTEST_CUT_LOG", 2.0)
     monkeypatch.setattr(
         "steelyard.estimate.scores.band_calibration.stretches_left_out",
         lambda runs, information: stretches_left_out(runs, information)[:2],

@@ -11,7 +11,7 @@ from steelyard.base.motion import Motion
 from steelyard.estimate.information.gather import gather
 from steelyard.estimate.information.regressor import base_regressor
 from steelyard.estimate.scores.score import score
-from steelyard.identify.run_notes import dropped, first_dropped
+from steelyard.identify.notes_and_provenance import dropped, first_dropped
 from steelyard.model.laws.presliding import Dahl
 from steelyard.model.laws.rigid_body import RigidBody
 from steelyard.model.model import Model

@@ -38,7 +38,7 @@ from steelyard.estimate.scores.estimator_scores_and_advice import (
 from steelyard.estimate.scores.residuals import TorqueParts
 from steelyard.estimate.scores.score import JointScore, RunScore, Traces
 from steelyard.identify.comparison.estimators_page import ComparisonContent
-from steelyard.identify.page.content import ReportContent
+from steelyard.identify.page.report_content import ReportContent
 from steelyard.identify.page.section_register import render, sections_of
 from steelyard.model.laws.coulomb import Coulomb
 from steelyard.model.laws.viscous import Viscous

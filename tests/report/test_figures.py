@@ -12,10 +12,9 @@ from report.conftest import rendered_only
 from steelyard.base.arrays import Parameters
 from steelyard.estimate.estimate import Z95
 from steelyard.estimate.scores.residuals import PARTS
-from steelyard.identify.page import effort_figures
-from steelyard.identify.page.conditioning import CorrelationsSection, correlations
-from steelyard.identify.page.content import ReportContent, fitted_samples, unseen_samples
-from steelyard.identify.page.effort_figures import (
+from steelyard.identify.page import efforts_and_their_parts
+from steelyard.identify.page.conditioning_and_unseen import CorrelationsSection, correlations
+from steelyard.identify.page.efforts_and_their_parts import (
     MOST_POINTS_OF_TORQUE_PART,
     TORQUE_PART_NAMES,
     TorqueSplitSection,
@@ -28,7 +27,8 @@ from steelyard.identify.page.friction_and_residuals import (
 )
 from steelyard.identify.page.inertia_ellipsoids import EllipsoidsSection, semi_axes
 from steelyard.identify.page.link_inertias import MassesSection
-from steelyard.identify.page.parameter_table import TruthSection
+from steelyard.identify.page.parameters_and_truth import TruthSection
+from steelyard.identify.page.report_content import ReportContent, fitted_samples, unseen_samples
 from steelyard.identify.page.section_register import render
 from steelyard.report.figures import Figure
 from steelyard.robot.inertia_and_placement import Inertia
@@ -63,7 +63,7 @@ def test_the_parts_of_the_figure_add_up_to_the_prediction(usual: ReportContent) 
 def test_many_joints_share_the_points(
     usual: ReportContent, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(effort_figures, "MOST_POINTS_OF_TORQUE_PARTS", 100 * 7 * 2)
+    monkeypatch.setattr(efforts_and_their_parts, "MOST_POINTS_OF_TORQUE_PARTS", 100 * 7 * 2)
     numbers = TorqueSplitSection().numbers(usual)
     (figure,) = numbers["groups"][1].figures
     assert 50 <= len(drawn(figure, "predicted")[0]) <= 100

@@ -10,8 +10,8 @@ from steelyard.base.arrays import Parameters
 from steelyard.check.check_register_and_diagnosis import Diagnosis
 from steelyard.check.finding import Finding, Fix, Severity
 from steelyard.check.fitted.gear_side import rotors_at_zero_check
-from steelyard.identify.page.content import ReportContent
-from steelyard.identify.page.model_verdict import (
+from steelyard.identify.page.report_content import ReportContent
+from steelyard.identify.page.verdict_and_next_steps import (
     fix_commands,
     next_steps,
     path_word,

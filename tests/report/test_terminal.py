@@ -11,15 +11,15 @@ from report.inspected import contact_content, payload_events
 from steelyard.check.finding import Finding, Severity
 from steelyard.estimate.effort_uncertainty import KnownScales
 from steelyard.estimate.scores.effort_errors import pooled
-from steelyard.identify.page.content import ReportContent
-from steelyard.identify.page.model_verdict import verdict
-from steelyard.identify.page.score_words import coverage_words
+from steelyard.identify.page.errors_in_words import coverage_words
+from steelyard.identify.page.report_content import ReportContent
 from steelyard.identify.page.section_register import (
     CSV_COLUMNS,
     parameters_csv,
     print_report,
     render,
 )
+from steelyard.identify.page.verdict_and_next_steps import verdict
 from steelyard.uses.payload.payload_page import event_lines
 from steelyard.uses.watch.stream_output import summary_lines
 

@@ -14,7 +14,7 @@ from steelyard.cli.derived_command import from_function
 
 if TYPE_CHECKING:
     from steelyard.cli.drive_questions import Stated
-    from steelyard.identify.validation_data import ProposedCut
+    from steelyard.identify.cut_and_repeated_logs import ProposedCut
     from steelyard.robot.init.base_and_locked_joints import Proposal
     from steelyard.robot.init.draft_robot_file import Assignment, Draft
     from steelyard.robot.init.draft_tables import Known
@@ -87,7 +87,7 @@ def init(
     from steelyard.base.errors import ModelError, OutputError
     from steelyard.base.files import whole_file
     from steelyard.cli.drive_questions import Stated
-    from steelyard.identify.validation_data import ProposedCut, propose_cut
+    from steelyard.identify.cut_and_repeated_logs import ProposedCut, propose_cut
     from steelyard.robot.file.robot_file import load_robot
     from steelyard.robot.init.base_and_locked_joints import proposed
     from steelyard.robot.init.draft_robot_file import drafted, notes_beside
@@ -262,7 +262,11 @@ def _beyond_columns(draft: "Draft", known: "Known") -> Iterator[str]:
 
 def next_steps(draft: "Draft", named: Sequence[str], parts: "ProposedCut") -> list[str]:
     """Commands that follow, with the real names; the arguments are those of `show`."""
-    from steelyard.identify.page.model_verdict import identify_command, path_word, step_lines
+    from steelyard.identify.page.verdict_and_next_steps import (
+        identify_command,
+        path_word,
+        step_lines,
+    )
 
     target = path_word(named[1])
     given = " ".join(path_word(log) for log in named[2:]) or "LOG..."

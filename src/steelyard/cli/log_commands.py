@@ -78,7 +78,7 @@ def check(
 
     from steelyard.base.errors import ModelError
     from steelyard.base.files import whole_file, whole_folder
-    from steelyard.identify.validation_data import ProposedCut, propose_cut
+    from steelyard.identify.cut_and_repeated_logs import ProposedCut, propose_cut
     from steelyard.report.terminal import terminal
     from steelyard.robot.file.robot_file import load_robot
 
@@ -126,7 +126,7 @@ def hints(
     says why the log that validates ends before its last row. Without known drive gains a robot
     file is needed for them.
     """
-    from steelyard.identify.page.model_verdict import (
+    from steelyard.identify.page.verdict_and_next_steps import (
         gear_side_steps,
         identify_command,
         path_word,

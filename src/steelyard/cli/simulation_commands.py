@@ -194,7 +194,7 @@ def _show(motion: "DesignedMotion", found: "Identification", console: "Console")
     from rich.text import Text
 
     from steelyard.excite.page.design_text import design_headline
-    from steelyard.identify.page.parameter_table import TruthSection
+    from steelyard.identify.page.parameters_and_truth import TruthSection
     from steelyard.identify.page.verdict_section import VerdictSection
 
     console.print(Text(design_headline(motion.designed)))

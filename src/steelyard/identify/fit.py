@@ -37,7 +37,7 @@ from steelyard.estimate.nonlinear.effort_scales import EffortScales, effort_scal
 from steelyard.estimate.payload.drive_gains import GainEstimate
 from steelyard.estimate.prior.body_priors import Knowledge
 from steelyard.estimate.scores.band_calibration import calibrate
-from steelyard.identify.prepared_fit import (
+from steelyard.identify.gains_zeros_and_friction import (
     TOO_SHORT,
     FitTask,
     PreparedFit,

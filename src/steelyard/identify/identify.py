@@ -22,17 +22,11 @@ from steelyard.check.named_logs_and_precheck import notes_of_precheck, prechecke
 from steelyard.check.signals.movement_rests_and_base import of_base
 from steelyard.estimate.estimator_register import method_of
 from steelyard.estimate.scores.score import RunScore
+from steelyard.identify.cut_and_repeated_logs import marked_repeats, refuse_same_rows
 from steelyard.identify.fit import Fit, calibrated, fit
 from steelyard.identify.fitted_data import below_described_band, without_forces
-from steelyard.identify.page.content import ReportContent
-from steelyard.identify.prepared_fit import FitTask, with_signals
-from steelyard.identify.refits import (
-    Repeated,
-    bootstrap_of,
-    fits_with_other_cutoffs,
-    of_each_log,
-)
-from steelyard.identify.run_notes import (
+from steelyard.identify.gains_zeros_and_friction import FitTask, with_signals
+from steelyard.identify.notes_and_provenance import (
     commanded_note,
     dropped,
     dropped_rows,
@@ -42,13 +36,19 @@ from steelyard.identify.run_notes import (
     provenance,
     settings,
 )
-from steelyard.identify.scores import (
+from steelyard.identify.page.report_content import ReportContent
+from steelyard.identify.refits import (
+    Repeated,
+    bootstrap_of,
+    fits_with_other_cutoffs,
+    of_each_log,
+)
+from steelyard.identify.scores_and_residuals import (
     ModelReport,
     parameter_table,
     scored,
     scored_from_commanded,
 )
-from steelyard.identify.validation_data import marked_repeats, refuse_same_rows
 from steelyard.model.robot_file_model import model_with_open_friction
 from steelyard.report.result import DataFrame
 from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot

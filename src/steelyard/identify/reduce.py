@@ -31,10 +31,10 @@ from steelyard.estimate.prior.constraint_kinds import knowledge_of
 from steelyard.estimate.reduction.reduction import Reduction, Tolerance, criterion_of, rule_of
 from steelyard.estimate.reduction.reduction import reduce as reduced_by
 from steelyard.estimate.scores.band_calibration import calibrate
-from steelyard.identify.page.content import ReportContent
-from steelyard.identify.run_notes import dropped, dropped_rows, notes_of, settings
-from steelyard.identify.scores import ModelReport, runs_for, scored
-from steelyard.identify.validation_data import marked_repeats
+from steelyard.identify.cut_and_repeated_logs import marked_repeats
+from steelyard.identify.notes_and_provenance import dropped, dropped_rows, notes_of, settings
+from steelyard.identify.page.report_content import ReportContent
+from steelyard.identify.scores_and_residuals import ModelReport, runs_for, scored
 from steelyard.model.model import Model
 from steelyard.model.terms.term import Term
 from steelyard.report.result import Result

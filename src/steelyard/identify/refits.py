@@ -23,9 +23,9 @@ from steelyard.estimate.identified_model import IdentifiedModel, load_model
 from steelyard.estimate.information.regressor import base_regressor
 from steelyard.estimate.scores.score import RunScore
 from steelyard.identify.fit import Fit
-from steelyard.identify.page.estimate_tables import repeated_table
-from steelyard.identify.page.score_words import relative_errors
-from steelyard.identify.scores import processing_of, scored
+from steelyard.identify.page.errors_in_words import relative_errors
+from steelyard.identify.page.gains_offsets_and_scatter import repeated_table
+from steelyard.identify.scores_and_residuals import processing_of, scored
 from steelyard.report.result import DataFrame, frame
 from steelyard.report.tables import text_table
 from steelyard.report.terminal import terminal

@@ -12,9 +12,8 @@ from steelyard.check.fitted.fitted_case_and_causes import FittedCase
 from steelyard.check.fitted.post_fit_checks import examine_fit
 from steelyard.estimate.identified_model import IdentifiedModel, load_model
 from steelyard.estimate.scores.score import RunScore
-from steelyard.identify.page.content import ReportContent
-from steelyard.identify.page.model_verdict import verdict
-from steelyard.identify.run_notes import (
+from steelyard.identify.cut_and_repeated_logs import holds_fitted_rows, marked_repeats
+from steelyard.identify.notes_and_provenance import (
     commanded_note,
     dropped,
     dropped_rows,
@@ -22,14 +21,15 @@ from steelyard.identify.run_notes import (
     notes_of,
     settings,
 )
-from steelyard.identify.scores import (
+from steelyard.identify.page.report_content import ReportContent
+from steelyard.identify.page.verdict_and_next_steps import verdict
+from steelyard.identify.scores_and_residuals import (
     ModelReport,
     fitted_before,
     runs_for,
     scored,
     scored_from_commanded,
 )
-from steelyard.identify.validation_data import holds_fitted_rows, marked_repeats
 from steelyard.report.result import Result
 from steelyard.runs.run import Run
 from steelyard.runs.runs_of_named_logs import log_files, paths_of

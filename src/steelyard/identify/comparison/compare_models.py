@@ -20,11 +20,11 @@ from steelyard.estimate.scores.model_comparison import (
     refuse_different,
     same_efforts,
 )
-from steelyard.identify.comparison.model_errors import ModelsContent
+from steelyard.identify.comparison.errors_and_efforts import ModelsContent
 from steelyard.identify.comparison.models_page import COMPARE_MODELS_SECTIONS
-from steelyard.identify.run_notes import dropped_rows, notes_of
-from steelyard.identify.scores import fitted_before, runs_for
-from steelyard.identify.validation_data import holds_fitted_rows
+from steelyard.identify.cut_and_repeated_logs import holds_fitted_rows
+from steelyard.identify.notes_and_provenance import dropped_rows, notes_of
+from steelyard.identify.scores_and_residuals import fitted_before, runs_for
 from steelyard.report.page import render_sections
 from steelyard.report.result import DataFrame, Result, frame
 from steelyard.runs.run import Run

@@ -16,9 +16,9 @@ from steelyard.estimate.scores.estimator_scores_and_advice import (
     EstimatorScore,
     Failure,
 )
-from steelyard.identify.page.content import QualitySection, SettingsSection
-from steelyard.identify.page.estimate_tables import DrivesSection
 from steelyard.identify.page.friction_and_residuals import FrictionSection
+from steelyard.identify.page.gains_offsets_and_scatter import DrivesSection
+from steelyard.identify.page.report_content import QualitySection, SettingsSection
 from steelyard.report.figures import dots
 from steelyard.report.page import (
     Numbers,

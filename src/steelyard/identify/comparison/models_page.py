@@ -13,15 +13,15 @@ from steelyard.estimate.scores.model_comparison import (
     ModelComparison,
     ParameterValue,
 )
-from steelyard.identify.comparison.model_errors import (
+from steelyard.identify.comparison.errors_and_efforts import (
     ModelEffortsSection,
     ModelErrorsSection,
     ModelsContent,
     legend,
     model_dots,
 )
-from steelyard.identify.page.content import QualitySection, SettingsSection
 from steelyard.identify.page.link_inertias import IdentifiedLink, identified_links, link_dict
+from steelyard.identify.page.report_content import QualitySection, SettingsSection
 from steelyard.model.laws.register import description_of
 from steelyard.report.figures import Group, figure_of_rows
 from steelyard.report.page import (

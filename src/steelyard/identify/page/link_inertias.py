@@ -11,7 +11,7 @@ from steelyard.base.arrays import Array, Parameters
 from steelyard.estimate.estimate import Z95, StandardEstimate
 from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.estimate.prior.body_priors import model_prior, rigid_bodies
-from steelyard.identify.page.content import ReportContent
+from steelyard.identify.page.report_content import ReportContent
 from steelyard.report.figures import Figure, Group, Key, Traced, dots, figure_of_rows
 from steelyard.report.page import FigureSection, Numbers, TableSection, rounded
 from steelyard.report.tables import PlainTable, Row, table_of

@@ -14,16 +14,8 @@ from steelyard.base.arrays import Array
 from steelyard.check.findings_text import finding_dict
 from steelyard.estimate.scores.effort_errors import EffortError, as_logged, pooled
 from steelyard.estimate.scores.score import RunScore
-from steelyard.identify.page.content import ReportContent
-from steelyard.identify.page.effort_figures import band_text
-from steelyard.identify.page.model_verdict import (
-    MOST_FAIR_PERCENT,
-    MOST_GOOD_PERCENT,
-    level_of,
-    verdict,
-)
-from steelyard.identify.page.parameter_table import parameter_rows, usable
-from steelyard.identify.page.score_words import (
+from steelyard.identify.page.efforts_and_their_parts import band_text
+from steelyard.identify.page.errors_in_words import (
     basis_words,
     both_words,
     coverage_words,
@@ -32,6 +24,14 @@ from steelyard.identify.page.score_words import (
     relative,
     relative_errors,
     scale_words,
+)
+from steelyard.identify.page.parameters_and_truth import parameter_rows, usable
+from steelyard.identify.page.report_content import ReportContent
+from steelyard.identify.page.verdict_and_next_steps import (
+    MOST_FAIR_PERCENT,
+    MOST_GOOD_PERCENT,
+    level_of,
+    verdict,
 )
 from steelyard.report.page import Numbers, Section
 from steelyard.report.tables import light_table

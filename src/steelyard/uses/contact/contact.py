@@ -22,9 +22,9 @@ from steelyard.estimate.scores.residuals import (
     residual_trace,
     thresholds_of,
 )
-from steelyard.identify.run_notes import left_out, notes_of
-from steelyard.identify.scores import fitted_before, runs_for
-from steelyard.identify.validation_data import holds_fitted_rows
+from steelyard.identify.cut_and_repeated_logs import holds_fitted_rows
+from steelyard.identify.notes_and_provenance import left_out, notes_of
+from steelyard.identify.scores_and_residuals import fitted_before, runs_for
 from steelyard.runs.run import Run
 from steelyard.runs.runs_of_named_logs import log_files, paths_of, refuse_overlaps
 from steelyard.uses.contact.contact_events import SuspectedContact, contacts_in, without_contact

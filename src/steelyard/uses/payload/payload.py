@@ -18,8 +18,8 @@ from steelyard.estimate.information.regressor import base_regressor
 from steelyard.estimate.payload.payload_estimate import PayloadEstimate
 from steelyard.estimate.payload.runs_with_payload import carrier
 from steelyard.estimate.scores.residuals import residual_cutoff, residual_trace
-from steelyard.identify.run_notes import dropped
-from steelyard.identify.scores import fitted_before, runs_for
+from steelyard.identify.notes_and_provenance import dropped
+from steelyard.identify.scores_and_residuals import fitted_before, runs_for
 from steelyard.runs.run import Run
 from steelyard.runs.runs_of_named_logs import LogArgument, log_files, paths_of, refuse_overlaps
 from steelyard.uses.efforts_unlike_the_model import refuse_without

@@ -21,9 +21,9 @@ from steelyard.estimate.external.effort_to_wrench import (
 )
 from steelyard.estimate.external.observer_equations import Axes, moved_frame
 from steelyard.estimate.identified_model import IdentifiedModel, load_model
-from steelyard.identify.run_notes import left_out, notes_of
-from steelyard.identify.scores import fitted_before, runs_for
-from steelyard.identify.validation_data import holds_fitted_rows
+from steelyard.identify.cut_and_repeated_logs import holds_fitted_rows
+from steelyard.identify.notes_and_provenance import left_out, notes_of
+from steelyard.identify.scores_and_residuals import fitted_before, runs_for
 from steelyard.report.figures import Figure, Group, Key, Traced, area, evenly, line
 from steelyard.report.page import figures, inspected_page, notes
 from steelyard.report.result import Result, print_verdict

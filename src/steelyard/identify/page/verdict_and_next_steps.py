@@ -10,9 +10,7 @@ from typing import Any
 from steelyard.check.finding import Finding
 from steelyard.estimate.scores.effort_errors import EffortError, as_logged, pooled
 from steelyard.estimate.scores.score import RunScore
-from steelyard.identify.page.content import ReportContent
-from steelyard.identify.page.parameter_table import parameter_rows
-from steelyard.identify.page.score_words import (
+from steelyard.identify.page.errors_in_words import (
     MOST_NAMED_JOINTS,
     basis_words,
     both_words,
@@ -22,6 +20,8 @@ from steelyard.identify.page.score_words import (
     without_percentage,
     worse_joints,
 )
+from steelyard.identify.page.parameters_and_truth import parameter_rows
+from steelyard.identify.page.report_content import ReportContent
 from steelyard.report.words import Level, count, first_names, percent
 
 MOST_GOOD_PERCENT = 10.0  # relative error [%] up to which a joint counts as well predicted

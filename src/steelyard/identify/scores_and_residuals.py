@@ -25,11 +25,11 @@ from steelyard.estimate.scores.effort_errors import (
 )
 from steelyard.estimate.scores.residuals import TorqueSplit
 from steelyard.estimate.scores.score import RunScore, low_passed, no_closed_sample, score
-from steelyard.identify.page.content import ReportContent
-from steelyard.identify.page.model_verdict import Verdict, verdict
-from steelyard.identify.page.parameter_table import parameter_rows
-from steelyard.identify.page.score_words import both_words
+from steelyard.identify.page.errors_in_words import both_words
+from steelyard.identify.page.parameters_and_truth import parameter_rows
+from steelyard.identify.page.report_content import ReportContent
 from steelyard.identify.page.section_register import SECTIONS, parameters_csv, print_report, render
+from steelyard.identify.page.verdict_and_next_steps import Verdict, verdict
 from steelyard.identify.page.verdict_section import joints_table
 from steelyard.report.result import TEXT_WIDTH, DataFrame, Result, Series, frame
 from steelyard.report.terminal import terminal

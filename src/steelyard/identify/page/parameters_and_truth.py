@@ -20,7 +20,7 @@ from steelyard.estimate.parameter_status_and_friction import (
     ParameterStatus,
     statuses,
 )
-from steelyard.identify.page.content import ReportContent
+from steelyard.identify.page.report_content import ReportContent
 from steelyard.model.laws.register import description_of
 from steelyard.report.figures import Figure, Group, Key, dots, figure_of_rows
 from steelyard.report.page import FigureSection, Numbers, Section

@@ -9,7 +9,7 @@ from rich.text import Text
 
 from steelyard.estimate.scores.effort_errors import EffortError
 from steelyard.estimate.scores.model_comparison import ModelComparison
-from steelyard.identify.page.effort_figures import drawn_efforts
+from steelyard.identify.page.efforts_and_their_parts import drawn_efforts
 from steelyard.report.figures import (
     Figure,
     Group,
