@@ -5,7 +5,8 @@ none, one or two mistakes; Pinocchio makes the torques. A seed is *right* if the
 are called wrong, with their joints; *open* if the words are doubtful or open; *missed* if no error
 was found and nothing is open that the mistake concerns; *wrong reason* if anything else is called
 wrong; *wrong fix* if `--fix` would write what no planted mistake asks for; *refused* if a clean log
-is called wrong. What is called wrong is stated as beyond doubt: of that, 98 % must be right.
+is called wrong. Passing contacts are left to `identify`, whose notes must name them. What is called
+wrong is stated as beyond doubt: of that, 98 % must be right.
 
 Seeds 1 to 100 may be used to set thresholds, 101 to 300 only for the figure. `--seeds 101-300`;
 `--out FILE` gets a line per seed, and seeds in it are not run again; `--keep FOLDER` keeps files.
@@ -37,6 +38,7 @@ from steelyard.base.errors import SteelyardError
 from steelyard.check.check import CheckResult, check
 from steelyard.check.finding import Finding, Severity
 from steelyard.check.findings_text import check_headline
+from steelyard.identify.identify import identify
 from steelyard.robot.file.robot_file import LoadedRobot, load_robot
 
 COLUMNS = ("time_s", "q{}", "dq{}", "tau{}")
@@ -147,7 +149,7 @@ ARMS = "6R 7R heavy low-cost"
 GEARLESS = "6R SCARA gantry 7R low-cost"
 ANY = f"{GEARLESS} heavy"
 SCALE = "effort unit, effort kind, gain, transmission"
-DEAD = f"noise, computed efforts, saturation, signed efforts, {SCALE}"
+DEAD = "noise, computed efforts, saturation, signed efforts"
 KINDS: dict[str, tuple[Callable[[Plant, int, Random], Planted], str, str]] = {
     "positions swapped": (lambda p, j, r: swapped("q", p, j, r), "joint order", ANY),
     "efforts swapped": (lambda p, j, r: swapped("tau", p, j, r), "joint order", ANY),
@@ -323,6 +325,8 @@ def verdict(case: Case, found: CheckResult) -> tuple[str, list[str]]:
     findings = [*found.content.diagnosis.findings, *last.findings]
     wrong = [f for f in findings if f.severity == Severity.WRONG]
     true = {name for f in wrong for name in named(case, f)}
+    if "contact" in case.planted and not wrong and force_named(case):
+        true.add("contact")
     sure = [f"{'true' if named(case, f) else 'false'} {f.check}: {f.says}" for f in wrong]
     stated = list({line.split(":")[0]: line for line in sure}.values())
     if fixed and fixed.changes and (bad := strayed(case, fixed.subject.text)):
@@ -341,6 +345,15 @@ def verdict(case: Case, found: CheckResult) -> tuple[str, list[str]]:
         and not conditional(case, name)
     ]
     return ("open" if doubtful or not unseen else f"missed ({', '.join(unseen)})"), stated
+
+
+def force_named(case: Case) -> bool:
+    """Whether `identify` leaves a stretch out in which a force passes."""
+    try:
+        found = identify(case.robot, case.logs)
+    except SteelyardError:
+        return False
+    return any("a force acts" in note for note in found.content.notes)
 
 
 def conditional(case: Case, name: str) -> bool:
