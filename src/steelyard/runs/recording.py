@@ -195,10 +195,11 @@ class Recording:
         scales = (s.position_scale, s.velocity_scale, s.effort_scale)
         scale = np.concatenate([one for one in scales if one is not None])
         last = np.zeros(0) if self.middles is None else self.middles.copy()
+        absent = [self.channels.effort.start + j - k for k, j in enumerate(s.unactuated)]
         for part in self.log.parts(s.columns, rows, size):
             with np.errstate(over="ignore", invalid="ignore"):
                 t, logged = part[:, 0] * s.time_scale, _put_together(part[:, 0], part[:, 1:])
-                x = self._of_joints(logged * scale)
+                x = self._of_joints(np.insert(logged, absent, 0.0, axis=1) * scale)
                 for j in np.flatnonzero(~np.isnan(last)):
                     x[:, j], last[j] = continuous(x[:, j], float(last[j]))
             yield t, x

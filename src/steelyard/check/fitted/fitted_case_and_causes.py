@@ -46,6 +46,7 @@ LEAST_CHI_SQUARE, CHI_SQUARE_PER_COLUMN = 25.0, 3.0
 """Chi square that it must explain, and more per column, over the factor by which the estimate
 scatters more than by white residuals: a single column reaches 25 by noise once in a million."""
 NEXT_CAUSE_RANK = 0.8  # rank over the first's from which on another error is named beside it
+OF_MOTORS = ("gain", "saturation", "compliance")  # causes that a joint without a motor cannot have
 MOST_RUNS, MOST_SAMPLES = 20, 200_000  # looked at: more make no cause clearer
 
 
@@ -90,13 +91,18 @@ def first_parts_of_runs(runs: Sequence[Run], samples: int = MOST_SAMPLES) -> tup
 
 def ranked_causes(model: Model, estimate: Estimate, runs: Sequence[Run]) -> RankedCauses:
     """The causes of what a fit of runs leaves, and which of them stand out."""
-    gains = runs[0].recording.signals.gains
+    gains, free = runs[0].recording.signals.gains, runs[0].recording.signals.unactuated
     valued = model.at(estimate.values)
     beside = residual_noise(valued, runs, estimate.sigma, gains)
     shape = residual_shape(valued, runs, gains)
     wide = base_regressor(wide_model(model, estimate, shape))
     information = information_from(runs, rests=has_memory(model.terms))(wide)
-    found = causes(model, information, estimate.sigma, beside.ratios, shape)
+    found = tuple(
+        cause
+        for cause in causes(model, information, estimate.sigma, beside.ratios, shape)
+        if cause.kind not in OF_MOTORS
+        or cause.joint not in {model.robot.joint_names[j] for j in free}
+    )
     own = information.select(base_parameters(model).base_names)
     fit = WeightedLeastSquares(per_run=own_columns(model)).fit(own)
     terms = max((cause.rank for cause in found if cause.of_friction), default=0.0)

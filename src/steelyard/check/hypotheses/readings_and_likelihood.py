@@ -85,6 +85,15 @@ class Likelihood:
             return rates
         return np.asarray(self.gears.matrix @ rates)
 
+    def driven_only(self, x: Array) -> Array:
+        """What is known per joint `(n, ...)`, zero of those without a motor, and so an effort."""
+        free = list(self.signals.unactuated)
+        if not free:
+            return x
+        found = x.copy()
+        found[free] = 0.0
+        return found
+
     def sums(self, readings: Sequence["Reading"]) -> EffortProducts:
         """Products for readings that differ in positions and time alone."""
         q, dq, ddq = (
@@ -99,7 +108,7 @@ class Likelihood:
 
     def products(self, y: Array, moving: Array, e: Array) -> EffortProducts:
         """Products of columns `(n, h, 5, B)` with efforts `(h or 1, n, B)`."""
-        y, moving = np.moveaxis(y, 0, 1), np.moveaxis(moving, 0, 1)
+        y, moving = (np.moveaxis(self.driven_only(x), 0, 1) for x in (y, moving))
         yy, count = y @ y.swapaxes(-1, -2), moving.sum(axis=-1) * self.excerpt.worth
         ye = y @ e.swapaxes(-1, -2)[:, None]
         ee = moving @ np.square(e).swapaxes(-1, -2)
@@ -237,7 +246,7 @@ class Reading:
         q, dq, ddq = self.motion()
         rates = (self.likelihood.driven(x) for x in (dq, ddq))
         y, moving = regressors(*(x[:, None] for x in (q, *rates, predicted + np.zeros_like(q))))
-        return y[:, 0], moving[:, 0]
+        return self.likelihood.driven_only(y[:, 0]), self.likelihood.driven_only(moving[:, 0])
 
     @cached_property
     def sums(self) -> EffortProducts:

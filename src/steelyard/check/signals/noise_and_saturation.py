@@ -240,7 +240,8 @@ NOISE_PICTURE_TIME = 20.0  # length of the picture [s]
 def noise_check(case: Case, evidence: Evidence) -> Finding:
     """Resolution and noise of every signal; efforts of few levels are doubtful, of one wrong."""
     overview = signal_overview(case, evidence)
-    move = driven_joints(case, evidence)
+    move = driven_joints(case, evidence).copy()
+    move[list(evidence.recording.signals.unactuated)] = False
     levels = np.array([len(np.unique(column)) for column in overview.effort.T])
     noise = noise_of(overview.effort)
     spread = overview.effort.std(axis=0)
@@ -263,6 +264,9 @@ def noise_check(case: Case, evidence: Evidence) -> Finding:
     clauses += [f"the effort of {noisy} is mostly noise"] if noisy else []
     clauses.append(_noise_facts(case, overview, noise, evidence.recording.signals.effort_units))
     fix = DECLARE_MEASURED_COLUMNS if constant.any() else LEAVE_COARSE_JOINTS
+    if constant.any() and not overview.effort[:, constant].any():
+        listed = ", ".join(f'"{case.joints[j]}"' for j in np.flatnonzero(constant))
+        fix = Fix(f"{fix.says}; if no motor drives them, unactuated = [{listed}] there")
     return Finding.of(
         Severity.WRONG if constant.any() else Severity(int(len(bad) > 0)),
         "; ".join(clauses),

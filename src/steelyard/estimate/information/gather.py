@@ -80,15 +80,16 @@ def start_pass(
     regressor: Regressor, run: Run, matched: bool, rests: bool, longest: float = np.inf
 ) -> GramPass:
     """A pass over a run that has not read anything yet; see `gather`."""
-    columns = run.recording.signals.effort
-    steps = zip(columns, run.quality.effort_resolution, strict=True)
-    if dead := [column for column, step in steps if step == 0]:
+    signals = run.recording.signals
+    steps = enumerate(zip(signals.effort, run.quality.effort_resolution, strict=True))
+    if dead := [c for j, (c, step) in steps if step == 0 and j not in signals.unactuated]:
         # it would be fitted exactly, at the cost of all other joints
         raise LogError(
             f"column '{dead[0]}' never changes: it holds no measured effort",
             where=run.name,
             fix="name the right column in [signals.effort], or leave its joint out of "
-            "[robot] joints and lock it",
+            "[robot] joints and lock it; if the joint has no motor, name it as unactuated = "
+            "[...] in [signals.effort]",
         )
     chosen = ParallelFilter.design(run.matched_cutoff, run.rate) if matched else None
     accumulator = Accumulator(regressor, chosen)

@@ -86,6 +86,17 @@ class JointError(EffortError):
 
     joint: str
     samples: int
+    driven: bool = True  # whether a motor drives it; else its effort is zero, and it is not pooled
+
+    @property
+    def percent_of_used(self) -> float:
+        """The error relative to the used effort [%]; NaN of a joint without a motor."""
+        return super().percent_of_used if self.driven else float("nan")
+
+    @property
+    def aside(self) -> str:
+        """Why it is not pooled; empty if it is."""
+        return "" if self.counted else "at rest" if self.driven else "no motor"
 
     def to_dict(self) -> dict[str, Any]:
         """As JSON values."""
@@ -202,7 +213,7 @@ def band_errors(
 
     With estimated scales, the third row of the sums is of predicted efforts without them.
     """
-    moving = joints_moving(squares.samples_moving)
+    moving, unactuated = joints_moving(squares.samples_moving), run.recording.signals.unactuated
     at_rest, known = not moving.any(), gains_known(run.effort_units, gains, reference.scales)
 
     def of_joint(j: int, row: int, scale: float = 1.0) -> JointError:
@@ -216,7 +227,8 @@ def band_errors(
             joint=coordinates[j].name,
             unit=coordinates[j].effort_unit if known[j] else run.effort_units[j],
             samples=samples,
-            counted=bool(moving[j]) or at_rest,
+            counted=(bool(moving[j]) or at_rest) and j not in unactuated,
+            driven=j not in unactuated,
             error=error,
             used=used,
             least=LEAST_USED * scale * reference.fitted[j] if reference.fitted else 0.0,

@@ -97,7 +97,7 @@ def both_words(errors: Sequence[EffortError], logged: Sequence[EffortError]) -> 
 def basis_words(scores: Sequence[RunScore]) -> str:
     """Like `RMS below 5 Hz, pooled over 6 joints, where they move`."""
     moving = {j.joint for run in scores for j in run.errors.joints if j.counted}
-    joints = _moving_words(len(moving), len(scores[0].joints))
+    joints = _moving_words(len(moving), sum(j.driven for j in scores[0].errors.joints))
     still = [run.errors.at_rest for run in scores]
     where = "at rest" if all(still) else f"{MOVING}, or all rest" if any(still) else MOVING
     return f"RMS {below(run.errors.cutoff for run in scores)}, pooled over {joints}, {where}"

@@ -208,6 +208,7 @@ def _run(score: RunScore) -> dict[str, Any]:
         shown.append(
             {
                 **vars(joint),
+                "aside": joint.aside,
                 "share": share,
                 "of_limit": joint.percent_of_limit,
                 "level": level_of(share) if joint.counted else "none",
@@ -252,15 +253,16 @@ def joints_table(score: RunScore, unseen: bool) -> RenderableType:
     again = f"not fitted, repeats the motion of {score.repeats}" if score.repeats else "not fitted"
     where = "whole log" if score.errors.at_rest else "where each joint moves"
     basis = f"RMS below {score.errors.cutoff:g} Hz, {where}"
-    if not all(joint.counted for joint in score.errors.joints):
-        basis += "; joints at rest do not count"
+    apart = dict.fromkeys(joint.aside for joint in score.errors.joints if joint.aside)
+    if apart:
+        named = {"at rest": "at rest", "no motor": "without a motor"}
+        basis += f"; joints {' or '.join(named[why] for why in apart)} do not count"
     logged = ["as logged"] if score.errors.as_logged else []
     headings = ("joint", "error", "of used", *logged, "of limit", "used", "limit", "")
     table = light_table(headings, (0, 6 + len(logged)))
     for joint, other in score.errors.pairs:
         effort = significant(joint.used), significant(joint.limit)
-        note = "" if joint.counted else "at rest"
-        _add(table, joint.joint, joint, *effort, note, logged=other)
+        _add(table, joint.joint, joint, *effort, joint.aside, logged=other)
     every = _pooled_pairs(score)
     for error, one in every:
         _add(table, f"pooled, {error.unit}" if len(every) > 1 else "pooled", error, logged=one)

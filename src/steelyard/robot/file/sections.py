@@ -201,6 +201,9 @@ class EffortSection(Section):
         None, "Effort per A, Nm, N or %, one for all columns or one each; `identify` estimates it."
     )
     delay: Delay = key(0.0, "Delay relative to positions [s]; it is corrected.")
+    unactuated: Names = key(
+        (), "Joints without a motor: their effort is zero, and they need no column."
+    )
 
 
 class SignalsSection(Section):

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from steelyard.base.arrays import Array, frozen
-from steelyard.base.errors import ModelError
+from steelyard.base.errors import ModelError, advice
 from steelyard.robot.file.effort_units_and_gears import (
     Locate,
     check_count,
@@ -55,8 +55,9 @@ class Signals:
     positions and velocities, and from logged efforts, to the joints'; units and gains count behind
     that; `None` if they are the joints' already. Delays are against positions [s].
 
-    Columns of the commanded motion are `None` if they are not known; the signals `of_commanded`
-    only read them, positions with the scales of `position`.
+    Joints that are `unactuated`, by number, have no effort, and their columns are not read. Columns
+    of the commanded motion are `None` if they are not known; the signals `of_commanded` only read
+    them, positions with the scales of `position`.
     """
 
     time: str
@@ -78,6 +79,7 @@ class Signals:
     velocity_delay: float = 0.0
     effort_delay: float = 0.0
     unknown_offsets: tuple[bool, ...] = ()
+    unactuated: tuple[int, ...] = ()
     commanded_position: tuple[str, ...] | None = None
     commanded_velocity: tuple[str, ...] | None = None
     commanded_velocity_scale: Array | None = None
@@ -101,8 +103,9 @@ class Signals:
 
     @property
     def columns(self) -> tuple[str, ...]:
-        """All columns that are read."""
-        return (self.time, *self.position, *(self.velocity or ()), *self.effort)
+        """All columns that are read: no efforts of joints without a motor."""
+        measured = [name for j, name in enumerate(self.effort) if j not in self.unactuated]
+        return (self.time, *self.position, *(self.velocity or ()), *measured)
 
     @property
     def time_units(self) -> Mapping[str, float]:
@@ -133,7 +136,6 @@ def build_signals(
 ) -> Signals:
     """The signals a robot file declares, for the joints it identifies and gears, if it has any."""
     check_sides(section, gears, locate)
-    effort = _columns(section.effort.columns, coordinates, locate("signals", "effort", "columns"))
     columns = {
         key: _columns(given, coordinates, locate("signals", key))
         for key in (*_MEASURED, *_COMMANDED)
@@ -141,7 +143,10 @@ def build_signals(
     }
     _refuse_half_motion(columns, section, locate)
     time, time_scale = _clock(section, locate)
-    clock, efforts = (("signals", "time"), (time,)), (("signals", "effort", "columns"), effort)
+    unactuated = _unactuated(section, coordinates, locate)
+    effort = _effort_columns(section, coordinates, unactuated, locate)
+    measured = tuple(x for j, x in enumerate(effort) if j not in unactuated)
+    clock, efforts = (("signals", "time"), (time,)), (("signals", "effort", "columns"), measured)
     for keys in (_MEASURED, _COMMANDED):
         moved = [(("signals", key), columns.get(key, ())) for key in keys]
         _check_distinct([clock, *moved, efforts], locate)
@@ -180,10 +185,51 @@ def build_signals(
         velocity_delay=section.velocity_delay,
         effort_delay=section.effort.delay,
         unknown_offsets=unknown_offsets,
+        unactuated=unactuated,
         commanded_position=columns.get("commanded_position"),
         commanded_velocity=columns.get("commanded_velocity"),
         commanded_velocity_scale=velocity_scale if "commanded_velocity" in columns else None,
     )
+
+
+def _unactuated(
+    section: SignalsSection, coordinates: Sequence[Coordinate], locate: Locate
+) -> tuple[int, ...]:
+    """Numbers of the joints without a motor."""
+    names = [c.name for c in coordinates]
+    given, where = section.effort.unactuated, locate("signals", "effort", "unactuated")
+    for name in given:
+        if name not in names:
+            raise ModelError(
+                f"'{name}' is none of the identified joints",
+                where=where,
+                fix=advice(name, names, "joints"),
+            )
+    if given and (len(given) == len(names) or section.effort.side == "motor"):
+        raise ModelError(
+            "no joint has a motor"
+            if len(given) == len(names)
+            else "efforts are those of motors, and a joint has none",
+            where=where,
+            fix='name the joints without a motor; efforts are those of joints (side = "joint")',
+        )
+    return tuple(j for j, name in enumerate(names) if name in given)
+
+
+def _effort_columns(
+    section: SignalsSection,
+    coordinates: Sequence[Coordinate],
+    unactuated: tuple[int, ...],
+    locate: Locate,
+) -> tuple[str, ...]:
+    """A column per joint; where it has no motor, of any name."""
+    given, where = section.effort.columns, locate("signals", "effort", "columns")
+    some = [c for j, c in enumerate(coordinates) if j not in unactuated]
+    few = unactuated and not isinstance(given, str) and len(given) == len(some)
+    found = list(_columns(given, some if few else coordinates, where))
+    for j in unactuated if few else ():
+        found.insert(j, f"effort of {coordinates[j].name}")
+    return tuple(found)
 
 
 _MEASURED, _COMMANDED = ("position", "velocity"), ("commanded_position", "commanded_velocity")
@@ -333,10 +379,11 @@ def _scales(
 def signals_from_dict(data: Mapping[str, Any]) -> Signals:
     """The signals of `json_values`; `KeyError`, `ValueError` or `TypeError` if damaged."""
     later = {"commanded_position": None, "commanded_velocity": None, "unknown_offsets": ()}
+    later |= {"unactuated": ()}
     fields: dict[str, Any] = later | {"commanded_velocity_scale": None} | dict(data)
     for name in ("position", "velocity", "effort", "effort_units", *list(later)[:2]):
         fields[name] = None if fields[name] is None else tuple(fields[name])
-    for name in ("unknown_gains", "unknown_offsets"):
+    for name in ("unknown_gains", "unknown_offsets", "unactuated"):
         fields[name] = tuple(fields[name])
     n = len(fields["position"])
     scales = ("position_scale", "velocity_scale", "effort_scale", "gains")

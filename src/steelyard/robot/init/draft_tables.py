@@ -109,7 +109,9 @@ kind = {toml_text(effort.kind)}{side}
 unit = {toml_text(effort.unit)}  # "A", "mA", "Nm", "N" or "%"; or one per joint
 {_gain_lines(guess, known, file)}
 # Delay of efforts relative to positions [s].
-# delay = 0.0"""
+# delay = 0.0
+# Joints without a motor, whose effort is zero.
+{"" if effort.unactuated else "# "}unactuated = {toml_text(effort.unactuated)}"""
 
 
 def _side_lines(

@@ -33,6 +33,7 @@ from steelyard.robot.init.guess_efforts_and_gears import (
     effort_units,
     others,
     regressed,
+    unactuated,
 )
 from steelyard.robot.init.guess_motion import clock_of, guess_positions, judged
 from steelyard.robot.robot import Coordinate, Robot
@@ -130,6 +131,7 @@ def guess_columns(
     currents = {"A", "mA"} & set(units)  # a gain takes them to the joints' side, unless stated
     kind = "motor_current" if currents else "motor_torque" if of_motors else "joint_torque"
     behind = "motor" if of_motors and (stated or not currents) else "joint"
+    free = unactuated(position, effort, values) if behind == "joint" else ()
     section = SignalsSection.model_validate(
         {
             **clock,
@@ -143,6 +145,7 @@ def guess_columns(
                 "kind": kind,
                 "side": behind,
                 "unit": units[0] if len(set(units)) == 1 else units,
+                "unactuated": [joints[j].name for j in free],
             },
         }
     )
@@ -158,6 +161,12 @@ def guess_columns(
         f"efforts are {listed(effort)}, assigned {how}; {effort_words}"
         + others([c for group in groups for c in group], kinds.get("effort", [])),
     ]
+    if free:
+        names_of_free = ", ".join(joints[j].name for j in free)
+        reasons.append(
+            f"no motor drives {names_of_free}, as the effort is always zero while the joint moves; "
+            "if it is only not measured, lock the joint or log its effort"
+        )
     if velocity:
         reasons.append(rates.reason)
     left = () if used else tuple(c.name for c in velocity)

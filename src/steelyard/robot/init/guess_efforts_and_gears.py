@@ -113,6 +113,18 @@ def changes(name: str, values: Mapping[str, Array]) -> bool:
     return sampled is None or len(sampled) == 0 or bool(np.ptp(sampled) > 0.0)
 
 
+def unactuated(
+    position: Sequence[Column], effort: Sequence[Column], values: Mapping[str, Array]
+) -> tuple[int, ...]:
+    """Joints that move in the sample while their effort is always zero; not if all do."""
+    found = []
+    for j, (q, tau) in enumerate(zip(position, effort, strict=True)):
+        x, y = (values.get(column.name, np.zeros(0)) for column in (q, tau))
+        if len(x) and len(y) and np.ptp(x) > LEAST_MOTION and not y.any():
+            found.append(j)
+    return tuple(found) if len(found) < len(position) else ()
+
+
 def others(effort: Sequence[Column], every: Sequence[Column]) -> str:
     """Effort-like columns that were not chosen, by pattern; empty if there are none."""
     patterns: dict[str, list[str]] = {}
