@@ -322,7 +322,8 @@ def named(case: Case, f: Finding) -> list[str]:
 def verdict(case: Case, found: CheckResult) -> tuple[str, list[str]]:
     """The word for a seed, and what is called wrong, each with whether that is true."""
     fixed, last = found.fixed, found.last
-    findings = [*found.content.diagnosis.findings, *last.findings]
+    changes = [] if fixed is None else [c.finding for c in fixed.changes]
+    findings = [*found.content.diagnosis.findings, *changes, *last.findings]
     wrong = [f for f in findings if f.severity == Severity.WRONG]
     true = {name for f in wrong for name in named(case, f)}
     if "contact" in case.planted and not wrong and force_named(case):
