@@ -98,6 +98,7 @@ def test_a_study_uses_the_public_interface_alone(study: Path) -> None:
     assert not re.findall(r"(?:from|import) steelyard\.\w+", text)
 
 
+@pytest.mark.slow
 def test_an_existing_folder_is_not_overwritten(tmp_path: Path) -> None:
     (tmp_path / "kept.txt").write_text("mine")
     run = started(STUDIES[0], "-o", str(tmp_path), "--quick")
@@ -127,6 +128,7 @@ if __name__ == "__main__":
 """
 
 
+@pytest.mark.slow
 def test_a_study_is_a_program_with_processes_of_its_own(tmp_path: Path) -> None:
     script = tmp_path / "squares.py"
     script.write_text(SQUARES)
@@ -155,6 +157,7 @@ if __name__ == "__main__":
 """
 
 
+@pytest.mark.slow
 def test_an_interrupt_ends_all_processes_and_writes_nothing(tmp_path: Path) -> None:
     script = tmp_path / "endless.py"
     script.write_text(ENDLESS)

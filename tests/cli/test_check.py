@@ -296,6 +296,7 @@ def test_json_has_its_schema(slow: Slow, degrees: Path, command: Command) -> Non
     assert printed["edits"] == finding["fix"]["edits"]
 
 
+@pytest.mark.slow
 def test_the_output_is_a_page_and_json(
     slow: Slow, degrees: Path, command: Command, browser: Tab, tmp_path: Path
 ) -> None:

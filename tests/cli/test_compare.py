@@ -182,6 +182,7 @@ COMPARE = ("compare", ROBOT, LOG, "--estimators", "WLS", "OLS", "--no-check")
 SECOND = "least_squares.OrdinaryLeastSquares.__call__"
 
 
+@pytest.mark.slow
 def test_ctrl_c_keeps_what_is_done(
     work: Path,
     tmp_path: Path,
@@ -200,6 +201,7 @@ def test_ctrl_c_keeps_what_is_done(
     assert "stopped: 1 of 2" in (out / "compare.html").read_text()
 
 
+@pytest.mark.slow
 def test_ctrl_c_before_the_first_is_done_leaves_nothing(
     work: Path,
     tmp_path: Path,

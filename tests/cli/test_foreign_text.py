@@ -41,6 +41,7 @@ def test_an_error_is_lines_of_its_own_only() -> None:
     assert len(str(error).splitlines()) == 4  # the advice has two
 
 
+@pytest.mark.slow
 def test_a_column_of_a_log_cannot_command_the_terminal(tmp_path: Path) -> None:
     rows = "".join(f"{0.01 * k:.2f},{k},1\n" for k in range(40))
     (tmp_path / "evil.csv").write_text(f"time_s,q1,{FORGED}\n{rows}")
@@ -49,6 +50,7 @@ def test_a_column_of_a_log_cannot_command_the_terminal(tmp_path: Path) -> None:
     assert done.stdout.replace("\n", "").isprintable()
 
 
+@pytest.mark.slow
 def test_notes_of_a_simulated_robot_cannot_command_the_terminal(tmp_path: Path) -> None:
     (tmp_path / "arm.xml").write_text(
         '<mujoco><worldbody><body><joint name="j" axis="0 1 0" range="-1 1"/>'

@@ -91,6 +91,7 @@ def pressed(function: str, arguments: tuple[str, ...], work: Path) -> tuple[int,
     return done.returncode, done.stderr, report.read_text().splitlines()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("function", ["app.expanded", "identify.<module>"])
 def test_ctrl_c_at_the_start_leaves_nothing(function: str, work: Path) -> None:
     code, errors, entered = pressed(function, IDENTIFY, work)

@@ -68,6 +68,7 @@ def test_the_links_in_the_scene_are_where_pinocchio_has_them(replay: Replay) -> 
             assert abs(wxyz @ other) == pytest.approx(1.0, abs=1e-9)
 
 
+@pytest.mark.slow
 def test_a_browser_gets_the_page(replay: Replay) -> None:
     with urllib.request.urlopen(replay.address, timeout=10) as answer:
         assert answer.status == 200 and b"<html" in answer.read()
@@ -91,6 +92,7 @@ def test_playing_moves_the_scene_until_it_is_stopped(replay: Replay) -> None:
     np.testing.assert_allclose([thing.position for thing in replay._things], origins)
 
 
+@pytest.mark.slow
 def test_the_controls_pause_move_time_and_set_the_speed(replay: Replay) -> None:
     handles = replay.server.gui._gui_input_handle_from_uuid.values()
     labels = {handle.label: handle for handle in handles}

@@ -185,6 +185,7 @@ def test_a_model_without_left_out_motion_seeks_no_contact(identified: Path) -> N
         start_watch(model, bandwidth=3.0, rate=5.0)
 
 
+@pytest.mark.slow
 def test_ctrl_c_ends_with_a_summary(
     pushed: Path,
     identified: Path,

@@ -169,6 +169,7 @@ def test_what_cannot_be_absent(tmp_path: Path, without: str, words: str) -> None
         problem_of(tmp_path, f"{ANY}[excitation.criterion]\nwithout = {without}\n")
 
 
+@pytest.mark.slow
 def test_a_motion_to_start_from_is_not_made_worse(tmp_path: Path) -> None:
     criterion = '[excitation.criterion]\nkind = "condition"\n'
     first = designed(tmp_path, ANY + QUICK + criterion)
@@ -255,6 +256,7 @@ def test_an_earlier_model_of_base_parameters_gives_the_same_torque(tmp_path: Pat
     np.testing.assert_allclose(found[0], found[1], atol=1e-9)
 
 
+@pytest.mark.slow
 def test_what_is_still_unknown_gets_known(tmp_path: Path) -> None:
     """Designed for what an earlier log left open, a motion shows that better."""
     known = earlier(tmp_path, blind=3)
@@ -268,6 +270,7 @@ def test_what_is_still_unknown_gets_known(tmp_path: Path) -> None:
     assert means[1] < means[0]
 
 
+@pytest.mark.slow
 def test_noise_of_predictions(tmp_path: Path) -> None:
     known = earlier(tmp_path)
     plain = designed(tmp_path, ANY + QUICK)

@@ -337,6 +337,7 @@ def test_keys_of_a_circle(
     assert same == (change.get("start") == [0.2, -1.0, 2.0])
 
 
+@pytest.mark.slow
 def test_cartesian_reaching(tmp_path: Path) -> None:
     keys = {"move": 0.8, "dwell": 0.2, "cycles": 2, "angle": 0.5}
     motion = plan(tmp_path, OPEN + table("cartesian_reaching", **REACHING, **keys))
@@ -374,6 +375,7 @@ def test_reaches_that_cannot_be(tmp_path: Path, change: dict[str, Any], words: s
         plan(tmp_path, OPEN + table("cartesian_reaching", **keys))
 
 
+@pytest.mark.slow
 def test_a_circle_that_is_too_fast_is_written_but_not_proven(tmp_path: Path) -> None:
     found = designed(tmp_path, ANY + table("circle", **CIRCLE, period=0.5, ramp=0.5))
     assert not found.certificate.holds
@@ -383,6 +385,7 @@ def test_a_circle_that_is_too_fast_is_written_but_not_proven(tmp_path: Path) -> 
     assert designed(tmp_path, ANY + slow).certificate.holds
 
 
+@pytest.mark.slow
 def test_a_five_bar_is_designed_for_from_its_robot_file(tmp_path: Path) -> None:
     (tmp_path / "five_bar.urdf").write_text(FIVE_BAR, encoding="utf-8")
     motion = table("circle", centre=[0.0, 0.4, 0.0], radius=0.2, period=7.2, ramp=7.2)

@@ -116,6 +116,7 @@ def test_two_coefficients_in_a_box_end_in_its_corner() -> None:
     np.testing.assert_allclose(x, np.stack([upper, lower], axis=1), atol=1e-4)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "reach"), [("rest", 1e6), ("quintic, from", 1e3), ("blended", 1.0)]
 )
@@ -214,6 +215,7 @@ def test_room_is_kept_for_what_margins_dip_between_samples() -> None:
     assert kept > 0.0 > bare
 
 
+@pytest.mark.slow
 def test_what_is_to_be_kept_on_top_is_nearly_kept() -> None:
     design = problem(FAMILIES["rest"], [box(0.7)])
     start = random_starts(design.inequalities, np.random.default_rng(5), 1)[0]

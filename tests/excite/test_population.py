@@ -71,6 +71,7 @@ def test_a_search_improves_and_stays_inside(name: str, method: str, constrained:
     np.testing.assert_array_equal(reported[-1], x)
 
 
+@pytest.mark.slow
 @BOTH
 def test_the_same_seed_gives_the_same_motion(method: str) -> None:
     design = problem(FAMILIES["rest"])
@@ -81,6 +82,7 @@ def test_the_same_seed_gives_the_same_motion(method: str) -> None:
     np.testing.assert_array_equal(np.random.get_state()[1], before)  # type: ignore[index]
 
 
+@pytest.mark.slow
 @BOTH
 def test_more_work_is_not_worse(method: str) -> None:
     design = problem(FAMILIES["rest"])

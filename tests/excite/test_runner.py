@@ -174,6 +174,7 @@ def worker() -> "subprocess.Popen[bytes]":
     )
 
 
+@pytest.mark.slow
 def test_the_time_of_a_worker_does_not_begin_with_its_start(tmp_path: Path) -> None:
     with worker() as process:
         assert process.stdin is not None and process.stdout is not None
@@ -182,6 +183,7 @@ def test_the_time_of_a_worker_does_not_begin_with_its_start(tmp_path: Path) -> N
         assert [json.loads(line)["whole"] for line in process.stdout] == [False]
 
 
+@pytest.mark.slow
 def test_a_worker_ends_with_its_parent(tmp_path: Path) -> None:
     with worker() as process:
         assert process.stdin is not None and process.stdout is not None
@@ -192,6 +194,7 @@ def test_a_worker_ends_with_its_parent(tmp_path: Path) -> None:
         assert process.wait(timeout=10.0) == 0
 
 
+@pytest.mark.slow
 def test_a_worker_that_is_done_says_nothing_else(tmp_path: Path) -> None:
     with worker() as process:
         assert process.stdin is not None and process.stdout is not None

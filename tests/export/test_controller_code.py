@@ -170,6 +170,7 @@ def test_every_function_is_that_of_python(name: str, tmp_path: Path) -> None:
     assert apart(found[:, :n], accelerations) < 1e-9 and found[:, n].min() > 0.0
 
 
+@pytest.mark.slow
 def test_memory_on_a_closed_chain(tmp_path: Path) -> None:
     robot = five_bar()
     controller = controller_on(robot, REMEMBERING)
@@ -181,6 +182,7 @@ def test_memory_on_a_closed_chain(tmp_path: Path) -> None:
     assert apart(found, torque_of(controller, shifted)) < 1e-12
 
 
+@pytest.mark.slow
 def test_a_sample_that_is_no_number_passes(tmp_path: Path) -> None:
     robot = five_bar()
     controller = controller_on(robot, REMEMBERING)
@@ -195,6 +197,7 @@ def test_a_sample_that_is_no_number_passes(tmp_path: Path) -> None:
     np.testing.assert_array_equal(found[:20], whole[:20])
 
 
+@pytest.mark.slow
 def test_friction_of_a_velocity_that_is_no_number_is_none(tmp_path: Path) -> None:
     controller = controller_on(tree(), (RigidBody(), Coulomb()), names=("friction",))
     code, library = compiled(controller, tmp_path)
@@ -222,6 +225,7 @@ def test_compilers_and_sanitizers_find_nothing(
         assert "0 values beyond" in done.stdout
 
 
+@pytest.mark.slow
 def test_the_self_test_finds_another_number(tmp_path: Path) -> None:
     code = code_of(controller_on(tree(), DEFAULT_TERMS))
     source = written(code, tmp_path)
@@ -233,6 +237,7 @@ def test_the_self_test_finds_another_number(tmp_path: Path) -> None:
     assert done.returncode == 1 and " 0 values beyond" not in done.stdout
 
 
+@pytest.mark.slow
 def test_only_the_mathematical_library_is_needed(tmp_path: Path) -> None:
     source = written(code_of(controller_on(five_bar(), REMEMBERING)), tmp_path)
     run_compiler(compiler(), "-std=c99", "-O2", "-c", source, "-o", tmp_path / "code.o")
@@ -264,6 +269,7 @@ ODD = {
 }
 
 
+@pytest.mark.slow
 def test_odd_names_become_identifiers(tmp_path: Path) -> None:
     robot = tree()
     names = zip(ODD["joints"], robot.coordinates, strict=True)

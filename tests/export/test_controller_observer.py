@@ -150,6 +150,7 @@ def test_time_that_does_not_increase_changes_nothing(tmp_path: Path) -> None:
     assert np.array_equal(twice[::2], once)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "precision"), [*((name, "double") for name in CASES), ("tree", "float")]
 )

@@ -44,6 +44,7 @@ def wander(robot: Robot, count: int = 60) -> Motion:
     return Motion(0.01 * np.arange(count), q + robot.assembly[: robot.n], dq, ddq)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", CASES)
 def test_the_unit_is_valid_and_computes_the_same(case: str, tmp_path: Path) -> None:
     tool = fmpy()
@@ -87,6 +88,7 @@ def test_the_unit_is_valid_and_computes_the_same(case: str, tmp_path: Path) -> N
     unit.freeInstance()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", CASES)
 def test_the_interface_compiles_without_warnings(
     case: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

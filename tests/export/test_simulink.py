@@ -30,6 +30,7 @@ def wander(robot: Robot, count: int = 60) -> Motion:
     return Motion(0.01 * np.arange(count), q + robot.assembly[: robot.n], dq, ddq)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", CASES)
 def test_the_block_computes_the_same(case: str, tmp_path: Path) -> None:
     make, terms = CASES[case]

@@ -170,6 +170,7 @@ def test_nothing_beats_predicting_zero(compared: ComparisonContent) -> None:
     assert 'class="verdict none"' in page
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("which", ["compared", "strange"])
 def test_the_browser_draws_the_page_without_an_error(which, request, browse) -> None:
     page = render_sections(COMPARE_SECTIONS, request.getfixturevalue(which), "compared")

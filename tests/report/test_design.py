@@ -366,6 +366,7 @@ def test_the_page_of_a_motion_is_about_nothing_else(designed: Designed) -> None:
     assert not {s.name for s in SECTIONS} & {s.name for s in DESIGN_SECTIONS}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("which", ["plain", "evil"])
 def test_the_browser_draws_every_picture(
     designed: Designed, browse: Callable[[str], Rendered], which: str

@@ -275,6 +275,7 @@ def test_without_samples_there_are_no_figures_of_efforts(usual: ReportContent) -
     assert 'id="residuals"' not in render(bare)
 
 
+@pytest.mark.slow
 def test_the_browser_draws_figures_in_the_colours_of_the_page(browse, usual) -> None:
     seen = browse(rendered_only(usual, "friction-curves", "torque-split"))
     assert seen.console == () and seen.errors == []

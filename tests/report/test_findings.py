@@ -229,6 +229,7 @@ def drawn(dom: str) -> int:
     return sum("main-svg" in piece and "trace" in piece for piece in pieces)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["arm", EVIL])
 def test_the_browser_draws_the_page_without_an_error(name: str, browse) -> None:
     seen = browse(render_check(content(name)))

@@ -27,6 +27,7 @@ def own_html(page: str) -> str:
     return re.sub(ARCHIVE + "[^<]*", "", page)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("which", "joints"), [("usual", 2), ("nasty", 10)])
 def test_the_browser_draws_everything_without_an_error(request, browse, which, joints):
     page = render(request.getfixturevalue(which))

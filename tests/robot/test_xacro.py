@@ -510,6 +510,7 @@ ORACLE = f"""{HEAD}
 </robot>"""
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(find_spec("xacro") is None, reason="the package xacro is not installed")
 @pytest.mark.parametrize("text", [ARM.replace("$(arg name)", "arm", 1), ORACLE])
 def test_against_the_program_xacro(write: Write, text: str) -> None:
