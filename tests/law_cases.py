@@ -255,6 +255,11 @@ CASES: tuple[LawCase, ...] = (
     LawCase("spring", {"free": -1.0, "along": SLIDE}, **NAMED),
     LawCase("spring", {"free": "unknown"}, **NAMED, simulated="recovered"),
     LawCase("spring", {"free": "unknown", "motors": ["@motor 1", "@motor 3"]}, **NAMED),
+    LawCase(
+        "polynomial_spring", **NAMED, left_out="(polynomial_spring)",
+        units=("N m/rad²", "N/m²"), simulated="recovered",
+    ),
+    LawCase("polynomial_spring", {"along": SLIDE}, **NAMED, left_out="(polynomial_spring)"),
     LawCase("cogging", **NAMED, left_out="(cogging)", units=NM, simulated="recovered"),
     LawCase("cogging", {"period": [0.3, 0.05], "joints": CHOSEN}, **NAMED, left_out="(cogging)"),
     LawCase("cogging", {"period": 2.0, "motors": LAST}, **NAMED, left_out="(cogging)"),

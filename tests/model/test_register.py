@@ -120,5 +120,6 @@ def test_friction_drifts_and_is_shown_by_a_motion() -> None:
     lasting = {law for law, term in TERMS.items() if not term.drifts()}
     assert lasting == {
         "rigid_body", "rotor_inertia", "spring", "gravity_compensator", "cogging",
+        "polynomial_spring",
     }  # fmt: skip
     assert all(term.shown_by for term in TERMS.values())

@@ -16,7 +16,7 @@ from steelyard.model.laws.powers_of_speed import Cubic, Quadratic, Root
 from steelyard.model.laws.presliding import Dahl, LuGre, MaxwellSlip
 from steelyard.model.laws.rigid_body import RigidBody
 from steelyard.model.laws.rotor_inertia import RotorInertia
-from steelyard.model.laws.spring import Spring
+from steelyard.model.laws.spring import PolynomialSpring, Spring
 from steelyard.model.laws.stribeck import DirectionalStribeck, Stribeck
 from steelyard.model.laws.viscous import Viscous
 from steelyard.model.terms.axes import Find, finds_of, is_search, search_of
@@ -82,6 +82,7 @@ TERMS: dict[str, type[Any]] = {
         MaxwellSlip,
         LuGre,
         Spring,
+        PolynomialSpring,
         Cogging,
         GravityCompensator,
     )

@@ -1,5 +1,6 @@
-"""Springs on the coordinates themselves."""
+"""Springs on the coordinates themselves, linear and stiffening."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -7,7 +8,14 @@ from steelyard.base.arrays import Parameter
 from steelyard.model.equations.inverse_dynamics import JointState, Scalars
 from steelyard.model.terms.axes import Axes, each, unfit
 from steelyard.model.terms.term import ActsOnAxes, Cause, Dissipation
-from steelyard.model.terms.terms_in_model_files import AxisPart, Placed, Values, under
+from steelyard.model.terms.terms_in_model_files import (
+    AxisPart,
+    Place,
+    Placed,
+    Values,
+    left_out,
+    under,
+)
 from steelyard.robot.robot import Robot
 
 
@@ -71,3 +79,27 @@ class Spring(ActsOnAxes):
                 "give one position for all, or a list with one per coordinate",
             )
         return self.free
+
+
+@dataclass(frozen=True)
+class PolynomialSpring(ActsOnAxes):
+    r"""Square and cube of a position, $f = k_2\,x^2 + k_3\,x^3$: springs and cables that stiffen.
+
+    With `spring` and `offset` beside it, a polynomial of the third degree along the coordinate.
+    """
+
+    law: ClassVar[str] = "polynomial_spring"
+    dissipation: ClassVar[Dissipation] = "none"
+    cause: ClassVar[Cause] = "spring"
+    shown_by: ClassVar[str] = "other configurations of"
+    in_model_files: ClassVar[Place] = left_out("efforts of a polynomial in the position")
+    lower: ClassVar[float] = float("-inf")
+    units: ClassVar[Mapping[str, str]] = {
+        "_2": "{force}/{position}²",
+        "_3": "{force}/{position}³",
+    }
+
+    def efforts(self, axes: Axes, state: JointState) -> Scalars:
+        """Squares of all positions, then cubes."""
+        positions = [axis.of(state.q) for axis in axes]
+        return [*(x * x for x in positions), *(x * x * x for x in positions)]

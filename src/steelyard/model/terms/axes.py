@@ -65,6 +65,7 @@ _UNITS: Mapping[JointKind, Mapping[str, str]] = {
         "rate": "N m s/rad",
         "inertia": "kg m²",
         "stiffness": "N m/rad",
+        "position": "rad",
     },
     "prismatic": {
         "effort": "N",
@@ -73,10 +74,11 @@ _UNITS: Mapping[JointKind, Mapping[str, str]] = {
         "rate": "N s/m",
         "inertia": "kg",
         "stiffness": "N/m",
+        "position": "m",
     },
 }
-"""Units of effort (alone, and in a product), velocity, and effort per velocity, acceleration and
-position."""
+"""Units of effort (alone, and in a product), velocity, effort per velocity, acceleration and
+position, and of position."""
 
 
 Axes = Sequence[Axis]
