@@ -29,11 +29,8 @@ from steelyard.estimate.consistent.convex_estimator import Consistent  # noqa: E
 from steelyard.estimate.information.gather import accumulate, cut_pieces  # noqa: E402
 from steelyard.estimate.information.gram_accumulator import Accumulator, Stretch  # noqa: E402
 from steelyard.estimate.information.information import Information, Signature, Window  # noqa: E402
-from steelyard.estimate.information.regressor import (  # noqa: E402
-    ParallelFilter,
-    Regressor,
-    base_regressor,
-)
+from steelyard.estimate.information.parallel_filter import ParallelFilter  # noqa: E402
+from steelyard.estimate.information.regressor import Regressor, base_regressor  # noqa: E402
 from steelyard.estimate.least_squares.weighted_and_recursive import (  # noqa: E402
     OrdinaryLeastSquares,
     WeightedLeastSquares,

@@ -6,7 +6,7 @@ import numpy as np
 
 from invented import dh_arm
 from steelyard.base.arrays import Parameters
-from steelyard.estimate.information.regressor import InformationEvaluator
+from steelyard.estimate.information.motion_information import InformationEvaluator
 from steelyard.excite.constraints.constraint import Constraint
 from steelyard.excite.constraints.effort_and_power import torque_limit
 from steelyard.excite.constraints.motion_limits import MotionLimits

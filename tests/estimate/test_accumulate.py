@@ -16,7 +16,8 @@ from steelyard.estimate.information.gram_accumulator import (
     Sums,
 )
 from steelyard.estimate.information.information import Information, Signature
-from steelyard.estimate.information.regressor import ParallelFilter, Regressor, base_regressor
+from steelyard.estimate.information.parallel_filter import ParallelFilter
+from steelyard.estimate.information.regressor import Regressor, base_regressor
 from steelyard.model.model import Model
 from steelyard.runs.run import Block
 

@@ -13,7 +13,8 @@ from steelyard.estimate.effort_uncertainty import Calibration
 from steelyard.estimate.estimate import StandardEstimate
 from steelyard.estimate.identified_model import Cutoffs, IdentifiedModel, Provenance
 from steelyard.estimate.information.gather import blocks_with_channels, gather
-from steelyard.estimate.information.regressor import ParallelFilter, base_regressor
+from steelyard.estimate.information.parallel_filter import ParallelFilter
+from steelyard.estimate.information.regressor import base_regressor
 from steelyard.estimate.least_squares.weighted_and_recursive import WeightedLeastSquares
 from steelyard.estimate.scores.bands_and_traces import Bands
 from steelyard.estimate.scores.score import RunScore, score

@@ -17,7 +17,7 @@ from steelyard.estimate.least_squares.weighted_and_recursive import WeightedLeas
 from steelyard.estimate.scores.band_calibration import calibrate, correlation_of, quantile
 from steelyard.estimate.scores.bands_and_traces import Bands
 from steelyard.estimate.scores.cross_validation import runs_left_out, stretches_left_out
-from steelyard.estimate.scores.residuals import residual_trace
+from steelyard.estimate.scores.residual_trace import residual_trace
 from steelyard.estimate.scores.score import score
 from steelyard.model.laws.register import DEFAULT_TERMS
 from steelyard.model.laws.stribeck import Stribeck

@@ -17,7 +17,8 @@ from steelyard.estimate.information.filtered_samples import FilteredSamples
 from steelyard.estimate.information.regressor import base_regressor
 from steelyard.estimate.least_squares.weighted_and_recursive import WeightedLeastSquares
 from steelyard.estimate.reduction.backward_elimination import CRITERIA, FullModel, State, backward
-from steelyard.estimate.reduction.reduction import (
+from steelyard.estimate.reduction.reduction import Reduced, criterion_of, reduce
+from steelyard.estimate.reduction.stopping_rules import (
     RULES,
     Bic,
     ConditionLimit,
@@ -25,15 +26,12 @@ from steelyard.estimate.reduction.reduction import (
     DeviationRatio,
     OneFewer,
     OneStandardError,
-    Reduced,
     Refit,
     StoppingRule,
     Tolerance,
-    criterion_of,
     folds_of,
     left_out_errors,
     mean_absolute_errors,
-    reduce,
     rule_of,
 )
 from steelyard.model.model import Model

@@ -9,8 +9,9 @@ from estimate.test_score import GAIN, run_of, valued
 from invented import single, tree
 from steelyard.base.arrays import Parameters
 from steelyard.base.motion import Motion
-from steelyard.estimate.scores.residuals import MOST_KEPT, PARTS, TorqueSplit
+from steelyard.estimate.scores.residual_trace import MOST_KEPT
 from steelyard.estimate.scores.score import score
+from steelyard.estimate.scores.torque_parts import PARTS, TorqueSplit
 from steelyard.model.laws.coulomb import Coulomb
 from steelyard.model.laws.load_dependent_friction import LoadDependent
 from steelyard.model.laws.offset import Offset

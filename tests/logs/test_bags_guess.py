@@ -8,8 +8,8 @@ import pytest
 from bag_writers import floats, in_order, joint_state, write_mcap
 from steelyard.logs.formats import open_log
 from steelyard.robot.init.column_names import Column
+from steelyard.robot.init.guess_clock_and_positions import guess_time
 from steelyard.robot.init.guess_columns import guess_columns
-from steelyard.robot.init.guess_motion import guess_time
 from steelyard.robot.robot import Coordinate
 
 NAMES = ("shoulder_pan_joint", "shoulder_lift_joint", "elbow_joint", "wrist_1_joint")

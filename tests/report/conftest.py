@@ -35,8 +35,8 @@ from steelyard.estimate.scores.estimator_scores_and_advice import (
     EstimatorScore,
     Failure,
 )
-from steelyard.estimate.scores.residuals import TorqueParts
 from steelyard.estimate.scores.score import JointScore, RunScore, Traces
+from steelyard.estimate.scores.torque_parts import TorqueParts
 from steelyard.identify.comparison.estimators_page import ComparisonContent
 from steelyard.identify.page.report_content import ReportContent
 from steelyard.identify.page.section_register import render, sections_of

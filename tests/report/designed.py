@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from steelyard.estimate.information.regressor import InformationEvaluator
+from steelyard.estimate.information.motion_information import InformationEvaluator
 from steelyard.excite.constraints.certificate import certify
 from steelyard.excite.constraints.motion_limits import motion_limits
 from steelyard.excite.constraints.tool_workspace import Marker, tool_box

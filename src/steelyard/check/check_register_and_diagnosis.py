@@ -1,4 +1,4 @@
-"""All checks in the order in which they are run and shown, put to a case."""
+"""All checks in the order in which they are run and shown, and the diagnosis of a case."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace

@@ -24,7 +24,8 @@ from steelyard.estimate.estimate import Estimate, Estimator
 from steelyard.estimate.friction.friction_mixes import has_memory
 from steelyard.estimate.information.filtered_samples import FilteredSamples, gather_samples
 from steelyard.estimate.information.information import Information, Window
-from steelyard.estimate.information.regressor import Layout, ParallelFilter, Regressor
+from steelyard.estimate.information.parallel_filter import ParallelFilter
+from steelyard.estimate.information.regressor import Layout, Regressor
 from steelyard.estimate.least_squares.errors_in_variables import MotionNoise, TotalLeastSquares
 from steelyard.estimate.least_squares.known_bounded_and_ridge import (
     BoundedLeastSquares,

@@ -36,7 +36,7 @@ from steelyard.estimate.external.observer_equations import (
     moved_frame,
 )
 from steelyard.estimate.information.base_parameters import BaseMap
-from steelyard.estimate.information.regressor import noise_bandwidth
+from steelyard.estimate.information.parallel_filter import noise_bandwidth
 from steelyard.model.compiled_evaluation import Stepper
 from steelyard.model.dynamics import Dynamics
 from steelyard.model.model import Model, ValuedModel

@@ -14,7 +14,10 @@ from math import ceil
 import numpy as np
 
 from steelyard.base.arrays import Array
-from steelyard.estimate.information.regressor import InformationEvaluator, SampledInformation
+from steelyard.estimate.information.motion_information import (
+    InformationEvaluator,
+    SampledInformation,
+)
 from steelyard.excite.constraints.constraint import Constraint
 from steelyard.excite.constraints.motion_limits import MotionLimits
 from steelyard.excite.optimality_criteria import Criterion, DOptimal, Measure, worst, worst_value

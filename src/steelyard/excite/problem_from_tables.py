@@ -12,7 +12,7 @@ from steelyard.estimate.information.base_parameters import (
     base_parameters,
     clear_map,
 )
-from steelyard.estimate.information.regressor import InformationEvaluator
+from steelyard.estimate.information.motion_information import InformationEvaluator
 from steelyard.excite.constraints.constraint import Declined
 from steelyard.excite.constraints.constraints_from_tables import constraints_of, without_memory
 from steelyard.excite.constraints.effort_and_power import payload_numbers

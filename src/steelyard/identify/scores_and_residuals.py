@@ -23,8 +23,8 @@ from steelyard.estimate.scores.effort_errors import (
     joints_moving,
     known_efforts,
 )
-from steelyard.estimate.scores.residuals import TorqueSplit
 from steelyard.estimate.scores.score import RunScore, low_passed, no_closed_sample, score
+from steelyard.estimate.scores.torque_parts import TorqueSplit
 from steelyard.identify.page.errors_in_words import both_words
 from steelyard.identify.page.parameters_and_truth import parameter_rows
 from steelyard.identify.page.report_content import ReportContent

@@ -17,6 +17,7 @@ from steelyard.base.errors import LogError
 from steelyard.logs.log import ROWS_OF_PART, Cut, Log, RowRange, require_columns
 from steelyard.robot.file.signals import Signals
 from steelyard.runs.left_out import LeftOut
+from steelyard.runs.rows.resampling import put_together
 
 TURN = 2.0 * np.pi  # of a joint [rad]
 WRAP_TESTED_ROWS = 100_000  # rows of a log that are looked at
@@ -65,38 +66,6 @@ def continuous(q: Array, near: float) -> tuple[Array, float]:
     found = q.copy()
     found[usable] -= TURN * np.cumsum(np.round(np.diff(q[usable], prepend=near) / TURN))
     return found, float(found[usable[-1]])
-
-
-FEWEST_PARTIAL_ROWS = 100
-"""Rows from which on a table is known to hold its columns in rows of their own."""
-LONGEST_INTERPOLATED = 5.0  # usual steps of a column from which on a step is a pause
-
-
-def _put_together(t: Array, x: Array) -> Array:
-    """Columns `(N, C)` that are in rows of their own, as of several topics, in those of the first.
-
-    Others are interpolated linearly at its times `(N,)`, not across pauses, and rows without it are
-    emptied; unchanged if most rows of the first column are complete.
-    """
-    there = ~np.isnan(x) & np.isfinite(t)[:, None]
-    rows = np.flatnonzero(there[:, 0])
-    whole = int(np.count_nonzero(there[rows].all(axis=1)))
-    if len(rows) < FEWEST_PARTIAL_ROWS or 2 * whole > len(rows):
-        return x
-    few = (np.count_nonzero(there, axis=0) < FEWEST_PARTIAL_ROWS).any()
-    if few or (np.diff(t[there.any(axis=1)]) < 0.0).any():
-        return x
-    found = np.full_like(x, np.nan)
-    for channel, known in enumerate(there.T):
-        times, steps = t[known], np.diff(t[known])
-        after = np.searchsorted(times, t[rows])
-        exact = known[rows]
-        between = (after > 0) & (after < len(times))
-        near = np.zeros(len(rows), dtype=np.bool_)
-        near[between] = steps[after[between] - 1] <= LONGEST_INTERPOLATED * np.median(steps)
-        values = np.interp(t[rows], times, x[known, channel])
-        found[rows, channel] = np.where(exact, x[rows, channel], np.where(near, values, np.nan))
-    return found
 
 
 @dataclass(frozen=True)
@@ -198,7 +167,7 @@ class Recording:
         absent = [self.channels.effort.start + j - k for k, j in enumerate(s.unactuated)]
         for part in self.log.parts(s.columns, rows, size):
             with np.errstate(over="ignore", invalid="ignore"):
-                t, logged = part[:, 0] * s.time_scale, _put_together(part[:, 0], part[:, 1:])
+                t, logged = part[:, 0] * s.time_scale, put_together(part[:, 0], part[:, 1:])
                 x = self._of_joints(np.insert(logged, absent, 0.0, axis=1) * scale)
                 for j in np.flatnonzero(~np.isnan(last)):
                     x[:, j], last[j] = continuous(x[:, j], float(last[j]))

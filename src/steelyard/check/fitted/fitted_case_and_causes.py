@@ -31,7 +31,7 @@ from steelyard.estimate.least_squares.normal_equations import own_columns
 from steelyard.estimate.least_squares.weighted_and_recursive import WeightedLeastSquares
 from steelyard.estimate.nonlinear.effort_scales import EffortScales
 from steelyard.estimate.nonlinear.nonlinear_parameters import information_from
-from steelyard.estimate.scores.residuals import ResidualNoise, residual_noise
+from steelyard.estimate.scores.residual_noise import ResidualNoise, residual_noise
 from steelyard.estimate.scores.score import RunScore
 from steelyard.model.model import Model
 from steelyard.runs.run import Run

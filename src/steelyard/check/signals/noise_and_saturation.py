@@ -1,8 +1,9 @@
-r"""Are signals measured or computed, how finely, how noisily, and where are efforts cut off?
+r"""Are signals measured or computed, how finely and noisily; are efforts cut off or unsigned?
 
-A divided difference $\sum_i w_i x_i$ over `ORDER + 1` rows vanishes for polynomials below that
-order; of white noise it has the standard deviation $\sigma \|w\|$. What is left of a smooth signal
-falls with the `ORDER`-th power of the rows' distance, so noise far below what varies is measured.
+A divided difference $\sum_i w_i x_i$ over $k + 1$ rows, with the order $k$ of `DIFFERENCE_ORDER`,
+vanishes for polynomials below that order; of white noise it has the standard deviation
+$\sigma \|w\|$. What is left of a smooth signal falls with the $k$-th power of the rows' distance,
+so noise far below what varies is measured.
 """
 
 import re

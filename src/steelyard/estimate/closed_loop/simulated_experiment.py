@@ -27,7 +27,8 @@ from steelyard.estimate.closed_loop.feedback_and_forward_dynamics import (
 )
 from steelyard.estimate.estimate import Estimate
 from steelyard.estimate.information.information import Information
-from steelyard.estimate.information.regressor import ParallelFilter, Regressor
+from steelyard.estimate.information.parallel_filter import ParallelFilter
+from steelyard.estimate.information.regressor import Regressor
 from steelyard.estimate.least_squares.weighted_and_recursive import WeightedLeastSquares
 from steelyard.estimate.nonlinear.nonlinear_parameters import information_from
 from steelyard.model.laws.rigid_body import RigidBody

@@ -23,15 +23,13 @@ from steelyard.estimate.consistent.conic_solver import (
     solved,
 )
 from steelyard.estimate.consistent.contradictions_and_costs import (
-    Tried,
-    Weighed,
     active_bounds,
     cost_notes,
     far_constraints,
     refuse_contradictions,
-    weighed,
 )
 from steelyard.estimate.consistent.convex_program import Program, conic_constraints, polished
+from steelyard.estimate.consistent.prior_weight import Tried, Weighed, weighed
 from steelyard.estimate.consistent.unknowns_and_penalties import Entropic, Form, unknowns
 from steelyard.estimate.estimate import Estimate, StandardEstimate
 from steelyard.estimate.information.base_parameters import BaseMap

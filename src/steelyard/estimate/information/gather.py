@@ -13,7 +13,8 @@ from steelyard.base.errors import LogError
 from steelyard.base.progress import Progress, report_progress, silent
 from steelyard.estimate.information.gram_accumulator import Accumulator, Stretch, Sums
 from steelyard.estimate.information.information import Information, Signature, Window
-from steelyard.estimate.information.regressor import ParallelFilter, Regressor
+from steelyard.estimate.information.parallel_filter import ParallelFilter
+from steelyard.estimate.information.regressor import Regressor
 from steelyard.model.model import Model
 from steelyard.runs.moving_samples_and_open_loops import closed_parts
 from steelyard.runs.run import Block, Run

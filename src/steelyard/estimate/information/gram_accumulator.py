@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.base.arrays import Array
-from steelyard.estimate.information.regressor import Layout, ParallelFilter, Regressor
+from steelyard.estimate.information.parallel_filter import ParallelFilter
+from steelyard.estimate.information.regressor import Layout, Regressor
 from steelyard.model.compiled_evaluation import check_angles
 from steelyard.symbolic.native.compiled_programs import loops
 from steelyard.symbolic.native.gram_and_filter_loops import FIR_OUTPUTS, TILE_COLUMNS, TILE_ROWS

@@ -39,7 +39,7 @@ from steelyard.estimate.scores.cross_validation import (
     runs_left_out,
     stretches_left_out,
 )
-from steelyard.estimate.scores.residuals import ResidualTrace, residual_cutoff, residual_trace
+from steelyard.estimate.scores.residual_trace import ResidualTrace, residual_cutoff, residual_trace
 from steelyard.estimate.scores.score import score
 from steelyard.runs.run import Run
 

@@ -25,7 +25,8 @@ from steelyard.estimate.scores.effort_errors import (
     band_of,
     relative_percent,
 )
-from steelyard.estimate.scores.residuals import MOST_KEPT, PARTS, TorqueParts, TorqueSplit
+from steelyard.estimate.scores.residual_trace import MOST_KEPT
+from steelyard.estimate.scores.torque_parts import PARTS, TorqueParts, TorqueSplit
 from steelyard.model.model import ValuedModel
 from steelyard.runs.run import Block, Run
 from steelyard.runs.smoothing.zero_phase_filters import (

@@ -17,8 +17,8 @@ from steelyard.estimate.nonlinear.joint_zero_offsets import ZeroOffsets
 from steelyard.estimate.nonlinear.nonlinear_parameters import Finding as FieldFinding
 from steelyard.estimate.payload.drive_gains import GainEstimate
 from steelyard.estimate.reduction.reduction import Reduction
-from steelyard.estimate.scores.residuals import TorqueParts
 from steelyard.estimate.scores.score import RunScore
+from steelyard.estimate.scores.torque_parts import TorqueParts
 from steelyard.report.page import Numbers, PageContent, Section
 from steelyard.report.words import count
 

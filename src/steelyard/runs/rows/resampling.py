@@ -154,3 +154,35 @@ class Thinning:
             return low
         near = maximum_filter1d(np.abs(extended[signals:]), 2 * self.factor + 1, axis=1)
         return np.concatenate((low, near[:, self.halo : -self.halo]))
+
+
+FEWEST_PARTIAL_ROWS = 100
+"""Rows from which on a table is known to hold its columns in rows of their own."""
+LONGEST_INTERPOLATED = 5.0  # usual steps of a column from which on a step is a pause
+
+
+def put_together(t: Array, x: Array) -> Array:
+    """Columns `(N, C)` that are in rows of their own, as of several topics, in those of the first.
+
+    Others are interpolated linearly at its times `(N,)`, not across pauses, and rows without it are
+    emptied; unchanged if most rows of the first column are complete.
+    """
+    there = ~np.isnan(x) & np.isfinite(t)[:, None]
+    rows = np.flatnonzero(there[:, 0])
+    whole = int(np.count_nonzero(there[rows].all(axis=1)))
+    if len(rows) < FEWEST_PARTIAL_ROWS or 2 * whole > len(rows):
+        return x
+    few = (np.count_nonzero(there, axis=0) < FEWEST_PARTIAL_ROWS).any()
+    if few or (np.diff(t[there.any(axis=1)]) < 0.0).any():
+        return x
+    found = np.full_like(x, np.nan)
+    for channel, known in enumerate(there.T):
+        times, steps = t[known], np.diff(t[known])
+        after = np.searchsorted(times, t[rows])
+        exact = known[rows]
+        between = (after > 0) & (after < len(times))
+        near = np.zeros(len(rows), dtype=np.bool_)
+        near[between] = steps[after[between] - 1] <= LONGEST_INTERPOLATED * np.median(steps)
+        values = np.interp(t[rows], times, x[known, channel])
+        found[rows, channel] = np.where(exact, x[rows, channel], np.where(near, values, np.nan))
+    return found

@@ -16,7 +16,7 @@ from steelyard.estimate.friction.friction_mixes import has_memory
 from steelyard.estimate.identified_model import IdentifiedModel, load_model
 from steelyard.estimate.information.gather import gather
 from steelyard.estimate.information.regressor import base_regressor
-from steelyard.estimate.scores.residuals import (
+from steelyard.estimate.scores.residual_trace import (
     ResidualTrace,
     residual_cutoff,
     residual_trace,

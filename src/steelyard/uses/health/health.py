@@ -18,7 +18,7 @@ from steelyard.estimate.friction.friction_mixes import has_memory
 from steelyard.estimate.identified_model import IdentifiedModel, load_model
 from steelyard.estimate.information.gather import gather
 from steelyard.estimate.information.regressor import base_regressor
-from steelyard.estimate.scores.residuals import residual_cutoff, residual_trace
+from steelyard.estimate.scores.residual_trace import residual_cutoff, residual_trace
 from steelyard.identify.notes_and_provenance import notes_of
 from steelyard.identify.scores_and_residuals import runs_for
 from steelyard.report.figures import Figure, Group, Key, area, line

@@ -17,7 +17,7 @@ from steelyard.estimate.information.gather import gather
 from steelyard.estimate.information.regressor import base_regressor
 from steelyard.estimate.payload.payload_estimate import PayloadEstimate
 from steelyard.estimate.payload.runs_with_payload import carrier
-from steelyard.estimate.scores.residuals import residual_cutoff, residual_trace
+from steelyard.estimate.scores.residual_trace import residual_cutoff, residual_trace
 from steelyard.identify.notes_and_provenance import dropped
 from steelyard.identify.scores_and_residuals import fitted_before, runs_for
 from steelyard.runs.run import Run

@@ -41,7 +41,8 @@ from steelyard.estimate.external.observer_equations import (
 from steelyard.estimate.friction.friction_mixes import has_memory
 from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.estimate.information.gather import blocks_with_channels
-from steelyard.estimate.scores.residuals import FORGOTTEN, FRICTION, TorqueSplit, residual_trace
+from steelyard.estimate.scores.residual_trace import FORGOTTEN, FRICTION, residual_trace
+from steelyard.estimate.scores.torque_parts import TorqueSplit
 from steelyard.model.quantity_programs import Quantity
 from steelyard.runs.run import Block, Run
 from steelyard.runs.smoothing.zero_phase_filters import noise_bandwidth, zero_phase

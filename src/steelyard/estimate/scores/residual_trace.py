@@ -1,31 +1,19 @@
-r"""Predicted efforts by their causes, residuals behind a low-pass and beside the noise.
-
-With values, a model is $\tau = g(q) + C(q, \dot q)\dot q + M(q)\ddot q + \tau_f + \tau_o$: gravity,
-Coriolis and centrifugal efforts, inertia of bodies and rotors, friction, and springs with offsets.
-The torque is linear in the parameters, so that each part is the torque of the whole model with the
-other parameters at zero.
+r"""Residuals of a run behind a low-pass, and thresholds of contact for a rate of false alarms.
 
 Measured minus predicted effort goes through $\dot r = 2\pi f\,(\tau - \hat\tau - r)$, the filter of
 a momentum observer [DeLuca2005]: no sample waits for later efforts. Motion comes from the log's
 processing. Where a joint rests, its friction lies anywhere in a dead zone: laws without memory then
 predict none, instead of one of either sign by the noise of the velocity.
-
-The residuals of a fit went through the parallel filter. What the motion demands ends at its band;
-above it, the spectrum of measured minus predicted effort holds noise: that of the effort, and of
-the measured motion as far as its own filter lets it through. Noise that is white keeps
-$\sum_k h_k^2$ of its variance behind the filter, with $h$ its taps. Taken from the loudest octave
-above the band, resonances and the tails of model errors included, it is an upper bound: residuals
-are at least that many times the noise.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import groupby
 
 import numpy as np
 from numpy.typing import NDArray
 
-from steelyard.base.arrays import Array, Parameters, frozen
+from steelyard.base.arrays import Array
 from steelyard.base.errors import DataError, LogError
 from steelyard.base.motion import Motion
 from steelyard.estimate.external.contact_thresholds import (
@@ -41,75 +29,11 @@ from steelyard.estimate.external.contact_thresholds import (
 )
 from steelyard.estimate.friction.friction_mixes import has_memory
 from steelyard.estimate.identified_model import IdentifiedModel
-from steelyard.estimate.information.gather import Mask, blocks_with_channels
-from steelyard.estimate.information.regressor import ParallelFilter
-from steelyard.model.model import ValuedModel
-from steelyard.model.terms.term import Term
-from steelyard.runs.run import Block, Run
-from steelyard.runs.spectrum_and_period import welch
+from steelyard.estimate.information.gather import blocks_with_channels
+from steelyard.estimate.scores.torque_parts import PARTS, TorqueSplit
+from steelyard.runs.run import Run
 
-PARTS = ("gravity", "coriolis", "inertia", "friction", "other")  # order of all arrays
 MOST_KEPT = 5000  # samples of a run that are kept at most
-
-
-@dataclass(frozen=True, eq=False)
-class TorqueParts:
-    """Motion, and efforts behind the score's low-pass, of evenly spaced samples of a run."""
-
-    t: Array  # time, shape `(N,)` [s]
-    q: Array  # positions, shape `(N, n)` [rad; m]; likewise `dq` [rad/s; m/s]
-    dq: Array
-    moving: Mask  # whether each joint moves, shape `(N, n)`
-    measured: Array  # measured effort, at the joints, shape `(N, n)` [Nm; N]
-    parts: Array  # predicted effort by cause, in the order of `PARTS`, shape `(5, N, n)` [Nm; N]
-
-    @classmethod
-    def joined(cls, runs: Sequence["TorqueParts"]) -> "TorqueParts":
-        """The samples of several runs one after another."""
-        signals = zip(*(vars(run).values() for run in runs), strict=True)
-        return cls(*(np.concatenate(some, axis=max(-2, -some[0].ndim)) for some in signals))
-
-    @property
-    def predicted(self) -> Array:
-        """The whole predicted effort, shape `(N, n)` [Nm; N]."""
-        return np.asarray(self.parts.sum(axis=0))
-
-    @property
-    def residual(self) -> Array:
-        """Measured minus predicted effort, shape `(N, n)` [Nm; N]."""
-        return self.measured - self.predicted
-
-    @property
-    def friction(self) -> Array:
-        """Measured effort without all that is not friction in the model, `(N, n)` [Nm; N]."""
-        return np.asarray(self.residual + self.parts[PARTS.index("friction")])
-
-
-class TorqueSplit:
-    """Parts of a model's efforts, sample by sample."""
-
-    def __init__(self, valued: ValuedModel) -> None:
-        self._masses = only(valued, lambda term: term.cause == "inertia")
-        self._friction = only(valued, lambda term: term.cause == "friction")
-        self._others = only(valued, lambda term: term.cause not in ("inertia", "friction"))
-
-    def block(self, block: Block) -> Array:
-        """Unfiltered parts of the efforts of samples with channels, shape `(5, n, B)` [Nm; N]."""
-        q, dq, ddq, still = block.q, block.dq, block.ddq, np.zeros_like(block.dq)
-        gravity, bias, rigid = (
-            self._masses.block(q, *motion, block.channels)
-            for motion in ((still, still), (dq, still), (dq, ddq))
-        )
-        rest = (m.block(q, dq, ddq, block.channels) for m in (self._friction, self._others))
-        return np.stack([gravity, bias - gravity, rigid - bias, *rest])
-
-
-def only(valued: ValuedModel, chosen: Callable[[Term], bool]) -> ValuedModel:
-    """The same model, and so the same machine code, with the values of some terms; others zero."""
-    model = valued.model
-    kept = [chosen(term) for term in model.terms for _ in term.parameters(model.robot)]
-    values = np.where(kept, valued.values.values, 0.0)
-    return ValuedModel(model, Parameters(model.names, model.units, values))
 
 
 LEAST_RATE = 10.0  # least sampling rate over the cut-off of the residual's low-pass
@@ -268,75 +192,3 @@ def thresholds_of(
     """Thresholds for a rate of false alarms per hour, or for the usual one."""
     friction = sliding_friction(identified, peaks.edges[:, 1])
     return peaks.thresholds(supported_rate(peaks, rate), friction)
-
-
-CLEAR = 2.0  # frequencies from that many regression cut-offs on hold none of what is fitted
-TOP = 0.4  # share of the sampling rate up to which the spectrum is read: resampling bends it above
-SPECTRUM = 4.0  # length of the spectrum's windows [s]
-LINES = 4  # least number of frequencies of a band
-LONGEST = 60.0  # time of each run that is looked at [s]
-
-
-@dataclass(frozen=True, eq=False)
-class ResidualNoise:
-    """Residuals and measurement noise behind the parallel filter."""
-
-    joints: tuple[str, ...]
-    residual: Array  # standard deviation of the residuals, shape `(n,)` [Nm; N]
-    noise: Array  # upper bound, shape `(n,)`; NaN where no band above the motion's tells it
-
-    @property
-    def ratios(self) -> Array:
-        """Residual over noise, at least, shape `(n,)`; NaN where the noise is not known."""
-        known = np.isfinite(self.noise) & (self.noise > 0.0)
-        return np.where(known, self.residual / np.where(known, self.noise, 1.0), np.nan)
-
-
-def residual_noise(
-    valued: ValuedModel, runs: Sequence[Run], sigma: Array, gains: Array
-) -> ResidualNoise:
-    """Measurement noise of runs behind their parallel filter, beside the residuals of a fit."""
-    variances, seconds = np.zeros(len(gains)), 0.0
-    for run in runs:
-        taps = ParallelFilter.design(run.matched_cutoff, run.rate).taps
-        stretches: dict[int, list[Array]] = {}
-        for block, _, rest in residual_blocks(valued, run, gains):
-            stretches.setdefault(block.segment, []).append(rest)
-        longest = max(stretches.values(), key=lambda parts: sum(p.shape[1] for p in parts))
-        density = noise_floor(np.concatenate(longest, axis=1), run.rate, run.matched_cutoff)
-        least = np.square(np.asarray(run.quality.effort_resolution) * gains) / 12.0
-        own = np.fmax(0.5 * run.rate * density, np.where(np.isnan(density), np.nan, least))
-        variances += own * np.sum(np.square(taps)) * run.duration
-        seconds += run.duration
-    noise = np.sqrt(variances / seconds)
-    return ResidualNoise(valued.model.robot.joint_names, frozen(sigma), frozen(noise))
-
-
-def residual_blocks(
-    valued: ValuedModel, run: Run, gains: Array
-) -> Iterator[tuple[Block, Array, Array]]:
-    """Blocks of the first `LONGEST` seconds, with predicted efforts and residuals, `(n, B)`."""
-    start: float | None = None
-    for block in blocks_with_channels(run.blocks(), valued.model):
-        start = float(block.t[0]) if start is None else start
-        if block.t[0] - start > LONGEST:
-            return
-        predicted = valued.block(block.q, block.dq, block.ddq, block.channels)
-        yield block, predicted, gains[:, None] * block.effort - predicted
-
-
-def noise_floor(signals: Array, rate: float, cutoff: float) -> Array:
-    """Largest noise density above a band, one-sided, shape `(n,)`; NaN where nothing is above.
-
-    Of octaves from `CLEAR` times the cut-off to `TOP` times the rate [Hz], the median density of
-    the loudest. Signals have the shape `(n, N)`.
-    """
-    frequency, density = welch(signals, rate, SPECTRUM)
-    best, low = np.full(len(signals), np.nan), CLEAR * cutoff
-    while low < TOP * rate:
-        high = min(2.0 * low, TOP * rate)
-        inside = (frequency >= low) & (frequency < high)
-        if inside.sum() >= LINES:
-            best = np.fmax(best, np.median(density[:, inside], axis=1))
-        low = high
-    return best
