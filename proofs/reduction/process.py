@@ -25,8 +25,8 @@ from steelyard.estimate.information.filtered_samples import FilteredSamples
 from steelyard.estimate.information.regressor import Regressor, base_regressor
 from steelyard.estimate.least_squares.normal_equations import condition_of
 from steelyard.estimate.reduction.backward_elimination import State
+from steelyard.estimate.reduction.left_out_errors_and_rules import Tolerance
 from steelyard.estimate.reduction.reduction import Reduction, criterion_of, reduce
-from steelyard.estimate.reduction.stopping_rules import Tolerance
 from steelyard.excite.planned.plans_from_tables import planned
 from steelyard.excite.problem_from_tables import limits_of
 from steelyard.excite.trajectories.trajectory import ExactTrajectory

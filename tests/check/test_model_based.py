@@ -17,7 +17,7 @@ from steelyard.check.decision.judged_explanations import judge_log
 from steelyard.check.decision.ranked_readings import COMPARING_PHASE
 from steelyard.check.finding import Edit, Finding, Fix, Severity
 from steelyard.check.hypotheses.nuisance_fit_and_score import fit_nuisances, shared_fit
-from steelyard.check.identifiability import identifiability_check
+from steelyard.check.identifiability_and_clean_runs import identifiability_check
 from steelyard.estimate.effort_uncertainty import KnownScales
 from steelyard.robot.file.toml_edits import edited
 from steelyard.robot.inertia_and_placement import Inertia

@@ -15,7 +15,7 @@ from steelyard.check.hypotheses.friction_signs_and_delay import (
     delays_of,
     residual_delay,
 )
-from steelyard.check.identifiability import clean_runs, customary_model
+from steelyard.check.identifiability_and_clean_runs import clean_runs, customary_model
 from steelyard.estimate.information.regressor import base_regressor
 
 

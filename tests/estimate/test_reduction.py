@@ -17,8 +17,7 @@ from steelyard.estimate.information.filtered_samples import FilteredSamples
 from steelyard.estimate.information.regressor import base_regressor
 from steelyard.estimate.least_squares.weighted_and_recursive import WeightedLeastSquares
 from steelyard.estimate.reduction.backward_elimination import CRITERIA, FullModel, State, backward
-from steelyard.estimate.reduction.reduction import Reduced, criterion_of, reduce
-from steelyard.estimate.reduction.stopping_rules import (
+from steelyard.estimate.reduction.left_out_errors_and_rules import (
     RULES,
     Bic,
     ConditionLimit,
@@ -34,6 +33,7 @@ from steelyard.estimate.reduction.stopping_rules import (
     mean_absolute_errors,
     rule_of,
 )
+from steelyard.estimate.reduction.reduction import Reduced, criterion_of, reduce
 from steelyard.model.model import Model
 
 REGRESSOR = base_regressor(Model(dh_arm()))

@@ -23,7 +23,7 @@ from steelyard.check.decision.hypothesis_checks import (
 from steelyard.check.decision.zeros_and_quarter_turns import joint_zeros_check
 from steelyard.check.finding import Edit, Finding, Severity
 from steelyard.check.fitted.gear_side import gear_side_check
-from steelyard.check.identifiability import identifiability_check
+from steelyard.check.identifiability_and_clean_runs import identifiability_check
 from steelyard.check.signals.corrupt_and_repeated_rows import (
     corrupt_rows_check,
     repeated_rows_check,

@@ -42,7 +42,7 @@ from steelyard.check.hypotheses.position_hypotheses import (
     zeros_without_effect,
 )
 from steelyard.check.hypotheses.readings_and_likelihood import Reading
-from steelyard.check.identifiability import clean_runs, customary_model
+from steelyard.check.identifiability_and_clean_runs import clean_runs, customary_model
 from steelyard.estimate.estimate import Z95
 from steelyard.estimate.friction.friction_mixes import has_memory
 from steelyard.estimate.information.base_parameters import base_parameters

@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 from steelyard.base.arrays import Array, frozen
 from steelyard.base.errors import ModelError
 from steelyard.excite.collision.convex_solids import height
-from steelyard.excite.collision.link_tool_and_load_shapes import reach
 from steelyard.excite.collision.model_file_shapes import robot_shapes
 from steelyard.excite.collision.pairs_to_keep_apart import (
     Pair,
@@ -27,6 +26,7 @@ from steelyard.excite.collision.pairs_to_keep_apart import (
     separable,
 )
 from steelyard.excite.collision.shape_kinematics import Poses, Shape, ShapeKinematics, rates, sides
+from steelyard.excite.collision.shapes_given_or_assumed import reach
 from steelyard.excite.constraints.bounds_at_all_times import cut, goals
 from steelyard.excite.constraints.constraint import PROOF_BY_BOUNDS, Constraint, Margins
 from steelyard.excite.trajectories.trajectory import ExactTrajectory

@@ -9,10 +9,10 @@ from steelyard.base.arrays import Array
 from steelyard.base.errors import ModelError
 from steelyard.excite.collision.clearance import CLEARANCE_ROOM, Clearance
 from steelyard.excite.collision.convex_solids import Box
-from steelyard.excite.collision.link_tool_and_load_shapes import WholeRobot, load_balls, whole_robot
 from steelyard.excite.collision.model_file_shapes import world_shapes
 from steelyard.excite.collision.pairs_to_keep_apart import Pair, random_postures
 from steelyard.excite.collision.shape_kinematics import Shape, obstacle, wall
+from steelyard.excite.collision.shapes_given_or_assumed import WholeRobot, load_balls, whole_robot
 from steelyard.excite.constraints.constraint import Constraint, Gap
 from steelyard.excite.constraints.tool_workspace import (
     Marker,

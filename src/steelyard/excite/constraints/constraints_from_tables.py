@@ -8,8 +8,8 @@ import numpy as np
 from steelyard.base.arrays import Parameters
 from steelyard.base.errors import ModelError
 from steelyard.excite.collision.clearance import self_clearance
-from steelyard.excite.collision.link_tool_and_load_shapes import load_balls
 from steelyard.excite.collision.shape_kinematics import Shape
+from steelyard.excite.collision.shapes_given_or_assumed import load_balls
 from steelyard.excite.collision.workspace_from_tables import (
     ConstraintsAndNotes,
     workspace_of,
