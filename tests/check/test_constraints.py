@@ -83,6 +83,17 @@ def test_links_that_cannot_exist_are_named_where_no_bound_is_at_fault() -> None:
     assert found.bounds == found.joints == ()
 
 
+def test_efforts_of_the_opposite_sign_are_named_as_such() -> None:
+    found = found_in({name: -value for name, value in TRUTH.items()})
+    assert found is not None and found.turned is not None
+    assert found.turned < 2.0 * found.rank < 0.1 * found.rise
+    (finding,) = constraints_check(cast(FittedCase, SimpleNamespace(binding=found)))
+    assert finding.headline and finding.severity.word == "wrong"
+    assert finding.says.startswith("all efforts, or all positions, have the opposite sign")
+    one = found_in({"viscous.left_joint": -20.0})
+    assert one is not None and one.turned is None
+
+
 def says(*parameters: str) -> tuple[str, str]:
     """The sentence and the terminal's line about bounds of some parameters."""
     joints = tuple(dict.fromkeys(name.partition(".")[2] for name in parameters))

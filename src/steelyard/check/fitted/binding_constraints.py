@@ -5,7 +5,9 @@ about the rank of the data. Where they raise it by far more, the estimate is rep
 bounds along the coordinates where least squares contradicts one, and both predict motion that
 neither has seen: logs that were not fitted, or else each run or stretch of one, left out in turn.
 If the error without these bounds is clearly smaller, they are at fault; if not that, but that of
-least squares is, the prior or the physical consistency of the links.
+least squares is, the prior or the physical consistency of the links. Efforts of the other sign
+have the same least squares with the signs of all parameters turned: where constraints that hold
+for them cost far less, it is the sign.
 """
 
 from collections.abc import Iterator, Sequence
@@ -32,6 +34,7 @@ from steelyard.runs.run import Run
 
 COST_OVER_NOISE = 2.0  # rise of chi square over the rank of the data from which on it is compared
 CLEARLY_LARGER = 1.25  # error over that without constraints from which on they are at fault
+TURNED_RISE = 0.2  # rise of chi square with all efforts turned, over that as they are
 LEAST_ERROR = 10.0  # error [%] below which they do no harm worth a warning
 
 
@@ -53,6 +56,8 @@ class BindingConstraints:
     rise: float  # of chi square over least squares
     rank: int  # rise within noise
     of_unseen: bool  # whether of logs that were not fitted, not of parts left out in turn
+    # rise of chi square with the signs of all efforts turned, if it is far smaller
+    turned: float | None = None
 
 
 def binding_constraints(
@@ -68,10 +73,7 @@ def binding_constraints(
     Efforts of the information and of `unseen`, runs in motion, are divided by the `scales`. Without
     the constraints there are none, for scales found with them make up for what they do not allow.
     """
-    data = whitened(information, consistent.per_run, equal=consistent.equal)
-    known = estimate.parameters.as_dict()
-    residual = data.matrix @ [known.get(name, 0.0) for name in data.names] - data.vector
-    rise, rank = float(residual @ residual), len(data.vector)
+    rise, rank = _rise(information, consistent, estimate)
     if rise <= COST_OVER_NOISE * rank:
         return None
     parts = list(_parts(model, information, unseen))
@@ -85,6 +87,7 @@ def binding_constraints(
         gains, units = scales.found.values, information.signature.effort
         information = information.scaled(gains, units)
         parts = [(one.scaled(gains, units), other.scaled(gains, units)) for one, other in parts]
+    turned = _turned_rise(information, consistent)
     free = WeightedLeastSquares(per_run=consistent.per_run)
     enough, plain, knowledge = error / CLEARLY_LARGER, free(information), consistent.knowledge
     rows, without = contradicted_rows(consistent.base, knowledge, plain), np.nan
@@ -105,7 +108,28 @@ def binding_constraints(
         rise=rise,
         rank=rank,
         of_unseen=bool(unseen),
+        turned=turned if turned < TURNED_RISE * rise else None,
     )
+
+
+def _rise(
+    information: Information, consistent: Consistent, estimate: Estimate
+) -> tuple[float, int]:
+    """How far an estimate raises chi square over least squares, and the rank of the data."""
+    data = whitened(information, consistent.per_run, equal=consistent.equal)
+    known = estimate.parameters.as_dict()
+    residual = data.matrix @ [known.get(name, 0.0) for name in data.names] - data.vector
+    return float(residual @ residual), len(data.vector)
+
+
+def _turned_rise(information: Information, consistent: Consistent) -> float:
+    """The same with the signs of all efforts turned; infinite where nothing can be fitted."""
+    signs = -np.ones(len(information.layout.rows))
+    turned = information.scaled(signs, information.signature.effort)
+    try:
+        return _rise(turned, consistent, consistent(turned))[0]
+    except DataError:
+        return np.inf
 
 
 def _error(

@@ -68,6 +68,9 @@ OF_LINKS = (
     "missing"
 )
 CHECK_BOUNDS = "Check these efforts; [[knowledge]] with a lower bound below zero allows such values"
+TURN_EFFORTS = (
+    "Change the sign of gain in [signals.effort]; `steelyard check ROBOT LOG...` tests it"
+)
 CHECK_LINKS = "`steelyard check ROBOT LOG...` compares them; `--method least_squares` uses neither"
 
 
@@ -82,6 +85,13 @@ def constraints_check(case: FittedCase) -> Iterable[Finding]:
         f"prior and constraints raise χ² by {found.rise:.3g}, where {found.rank} is within noise"
     )
     falls = f"the error on {motion} is {found.error:.2g} %, without them {found.without:.2g} %"
+    if found.turned is not None:
+        says = (
+            "all efforts, or all positions, have the opposite sign: masses and friction come out "
+            f"below zero, {falls}; with the signs of all efforts changed the constraints hold"
+        )
+        figure += f", with the signs of all efforts changed {found.turned:.3g}"
+        return (Finding.wrong(says, figure, (), Fix(TURN_EFFORTS), headline=True),)
     if not found.bounds:
         says = f"the log contradicts the prior or the valid inertias of the links: {falls}"
         says, fix = f"{says}. {OF_LINKS}", Fix(CHECK_LINKS)
