@@ -24,7 +24,9 @@ def valued(factor: float = 1.0) -> ValuedModel:
     return MODEL.at(Parameters(MODEL.names, MODEL.units, values))
 
 
-def run_of(effort_of: object, rest: float = 0.0, pause: bool = False) -> Run:
+def run_of(
+    effort_of: object, rest: float = 0.0, pause: bool = False, rest_speed: float | None = None
+) -> Run:
     """A log of one joint: rest, then a swing, with a pause from 5 to 8 s; effort in amperes."""
     t = np.arange(0.0, 12.0, 1.0 / RATE)
     phase = np.clip(t - rest, 0.0, None)
@@ -41,4 +43,4 @@ def run_of(effort_of: object, rest: float = 0.0, pause: bool = False) -> Run:
     )
     table = np.column_stack([t, q, effort])
     log = LogInMemory(Path("swing"), ("t", "q", "i"), table)
-    return prepare(Recording(log, signals), Processing(20.0, 5.0))
+    return prepare(Recording(log, signals), Processing(20.0, 5.0, rest_speed))

@@ -144,7 +144,7 @@ def test_scores_print_as_a_table_per_log(folder: Path) -> None:
     assert repr(scores) == str(scores)
     title, headings, _, *joints, pooled = str(scores).splitlines()
     assert title == "other, not fitted (RMS below 5 Hz, where each joint moves)"
-    assert headings.split() == "joint error of used of limit used limit".split()
+    assert headings.split() == "joint error of used of limit used limit over".split()
     assert [line.split()[0] for line in joints] == ["joint1", "joint2"]
     assert pooled.startswith("pooled")
     assert scores.table["rmse"].to_list() == scores["rmse"].to_list()

@@ -96,8 +96,12 @@ def test_rested_time_does_not_count_where_the_joint_moves() -> None:
     assert joint.samples < run.n_samples - 2.0 * RATE
 
 
-ONE = JointError(joint="one", unit="Nm", samples=300, error=3.0, used=20.0, least=5.0, limit=100.0)
-TWO = JointError(joint="two", unit="Nm", samples=100, error=1.0, used=2.0, least=4.0, limit=50.0)
+ONE = JointError(
+    joint="one", unit="Nm", samples=300, seconds=3.0, error=3.0, used=20.0, least=5.0, limit=100.0
+)
+TWO = JointError(
+    joint="two", unit="Nm", samples=100, seconds=1.0, error=1.0, used=2.0, least=4.0, limit=50.0
+)
 
 
 def test_a_joint_is_related_to_what_it_uses_and_to_its_rating() -> None:

@@ -116,3 +116,20 @@ def test_traces_of_long_runs_are_evenly_spaced(monkeypatch: pytest.MonkeyPatch) 
 
 
 blocks = Run.blocks
+
+
+@pytest.mark.parametrize("rest_speed", [0.003, 0.3, 0.7])
+def test_the_samples_that_count_are_those_of_the_log_whatever_the_fit_left_out(
+    rest_speed: float,
+) -> None:
+    def slow_is_sticky(motion: Motion) -> np.ndarray:
+        return valued().torque(motion) / GAIN + np.where(np.abs(motion.dq) < 0.4, 5.0, 0.0)
+
+    usual, given = (
+        run_of(slow_is_sticky, rest=2.0, rest_speed=speed) for speed in (None, rest_speed)
+    )
+    assert given.rest_speed.tolist() == [rest_speed] != usual.rest_speed.tolist()
+    found, same = (score(valued(), run, np.array([GAIN]), 5.0) for run in (usual, given))
+    assert same.to_dict() == found.to_dict()
+    (joint,) = same.errors.joints
+    assert joint.seconds == pytest.approx(joint.samples / RATE) and 8.0 < joint.seconds < 10.0

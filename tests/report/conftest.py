@@ -198,6 +198,7 @@ def run_score(
             joint=joint,
             unit="Nm",
             samples=3000,
+            seconds=30.0,
             error=10.0 * error * (2.0 + k),
             used=10.0 * (2.0 + k),
             least=1.0,

@@ -90,7 +90,7 @@ def test_the_headline_is_in_joint_effort_with_its_shares_and_its_band(usual):
         "Predicts unseen motion with an error of 1.3 Nm: 5.0\u00a0% of the effort used"
     )
     assert judged.detail == (
-        "RMS below 5 Hz, pooled over 2 joints, where they move; "
+        "RMS below 5 Hz, pooled over 2 joints, where they move, 30 s each; "
         "2.5\u00a0% of the joints' effort limits."
     )
     assert judged.others == (
@@ -140,7 +140,9 @@ def test_efforts_of_different_units_are_not_pooled(usual):
         "error of 1.0 Nm: 5.0\u00a0% of the effort used; 6.0 N: 20.0\u00a0% of the effort used "
         "(elbow 20.0\u00a0%)" in judged.headline
     )
-    assert judged.detail.endswith("where they move; 2.0\u00a0% of the joints' effort limits.")
+    assert judged.detail.endswith(
+        "where they move, 30 s each; 2.0\u00a0% of the joints' effort limits."
+    )
     assert judged.level == "fair" and len(judged.errors) == 2
 
 

@@ -43,8 +43,16 @@ def test_the_summary_says_what_matters(usual):
     assert "Predicts unseen motion with an error of 1.3 Nm" in text
     assert "points, not fitted (RMS below 5 Hz, where each joint moves)" in text
     assert "run1" not in text
-    assert row(text, "joint") == ["joint", "error", "of used", "of limit", "used", "limit"]
-    assert row(text, "elbow") == ["elbow", "1.50 Nm", "5.0\u00a0%", "3.0\u00a0%", "30.0", "50.0"]
+    assert row(text, "joint") == ["joint", "error", "of used", "of limit", "used", "limit", "over"]
+    assert row(text, "elbow") == [
+        "elbow",
+        "1.50 Nm",
+        "5.0\u00a0%",
+        "3.0\u00a0%",
+        "30.0",
+        "50.0",
+        "30.0 s",
+    ]
     assert row(text, "pooled") == ["pooled", "1.27 Nm", "5.0\u00a0%", "2.5\u00a0%"]
     assert "13 base parameters: 9 identified, 1 small effect, 1 poorly identified, 1 from" in text
     assert "note: velocity: from positions" in text
@@ -149,7 +157,10 @@ def test_numbers_are_whole_beside_long_names(usual):
 
 def test_several_runs_have_one_row_each(usual):
     text = printed(usual)
-    assert "2 runs, not fitted (RMS below 5 Hz, pooled over 2 joints, where they move)" in text
+    assert (
+        "2 runs, not fitted (RMS below 5 Hz, pooled over 2 joints, where they move, 60 s each)"
+        in text
+    )
     assert row(text, "circle") == [
         "circle",
         "2.04 Nm",

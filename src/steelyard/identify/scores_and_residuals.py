@@ -120,8 +120,8 @@ class Scores:
     def table(self) -> DataFrame:
         """All columns as a Polars data frame, one row per joint of each log.
 
-        `error`, `used` and `limit` are in `unit`, below `band_hz`; the other errors (`rmse`, `mae`
-        ...) are in `logged_unit`, in the validation band. Where scales of the efforts were
+        `error`, `used` and `limit` are in `unit`, below `band_hz`, over `seconds`; the other errors
+        (`rmse`, `mae` ...) are in `logged_unit`, in the validation band. Where scales of the efforts were
         estimated, `error`, `used` and `percent_of_used` are of the efforts divided by them, and
         `error_as_logged`, `used_as_logged` and `percent_of_used_as_logged` of the efforts as
         logged.
@@ -138,7 +138,10 @@ class Scores:
                 rows.append(  # `print` shows the first and the last columns
                     {
                         **{"run": one.run, "fitted": fitted, "joint": joint.joint},
-                        **{k: printed[k] for k in ("error", "percent_of_limit", "used", "limit")},
+                        **{
+                            k: printed[k]
+                            for k in ("error", "percent_of_limit", "used", "limit", "seconds")
+                        },
                         **{f"{key}_as_logged": unscaled[key] for key in UNSCALED if unscaled},
                         "predicted_from": one.predicted_from,
                         **{"logged_unit" if k == "unit" else k: x for k, x in other.items()},
@@ -276,7 +279,7 @@ class Residuals:
     t: Array  # time, shape `(N,)` [s]
     measured: Array  # measured effort, shape `(N, n)`
     predicted: Array  # effort predicted by the model, shape `(N, n)`
-    moving: Mask  # whether each joint moves, shape `(N, n)`
+    moving: Mask  # whether each joint moves by the log alone, shape `(N, n)`
 
     @property
     def residual(self) -> Array:
@@ -363,7 +366,7 @@ def residuals(
     (run,) = runs_for(identified, [file], progress)
     gains = identified.signals.gains
     band = band_of(effort_reference(identified), run.rate) if cutoff is None else cutoff
-    found = [(x.t, x.moving, x.efforts) for x in low_passed([identified.valued], run, gains, band)]
+    found = [(x.t, x.counted, x.efforts) for x in low_passed([identified.valued], run, gains, band)]
     if not found:
         raise no_closed_sample(identified.valued, run)
     t, moving, efforts = (np.concatenate(some, axis=-1) for some in zip(*found, strict=True))

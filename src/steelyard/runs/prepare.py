@@ -1,5 +1,6 @@
 """From a recording to a run: survey, cut-offs, rests, quality."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -24,7 +25,7 @@ from steelyard.runs.recording import Recording
 from steelyard.runs.rows.faulty_row_detectors import RowVerdict
 from steelyard.runs.rows.marked_rows_and_quality import COUNTS_OF_MARKS, Marked, Quality, Segment
 from steelyard.runs.rows.resampling import sample_count
-from steelyard.runs.run import Run, lost_ends
+from steelyard.runs.run import Moves, Run, lost_ends
 from steelyard.runs.smoothing.method_and_butterworth import Butterworth, Choosing, Method
 from steelyard.runs.survey_of_recording import Survey, survey
 
@@ -59,21 +60,29 @@ def prepare(
     loaded, wide = _with_context(loaded, found, chain)
     segments = _long_enough(recording, wide, cut)
     given = given_rest_speed(processing, recording.channels.joints)
-    speeds, marked = _speeds(loaded, found, chain, segments, given)
-    if given is None:
-        given = speeds.edge_above(_rest_speed(recording, found, chain, speeds.quantile(0.99)))
-    span = speeds.moving(MOVING_OVER_REST * given)
-    if span is None and at_rest:
-        span = found.segments[0].start, found.segments[-1].stop
-        given = np.full_like(given, np.inf)
+    references = [np.ones(recording.channels.joints), *([] if given is None else [given])]
+    histograms, marked = _speeds(loaded, found, chain, segments, references)
+    speeds = histograms[0]
+    rest = speeds.edge_above(_rest_speed(recording, found, chain, speeds.quantile(0.99)))
+    whole = (found.segments[0].start, found.segments[-1].stop) if at_rest else None
+    judged = used = _moves(speeds, rest, whole)
+    if given is not None:
+        used = _moves(histograms[-1], given, whole)
+        judged = used if judged is None else judged
+    if used is None or judged is None:
+        raise _static(recording)
+    span = min(used.span[0], judged.span[0]), max(used.span[1], judged.span[1])
     return Run(
         recording=replace(loaded, log=recording.log),
         name=recording.name,
         chain=replace(chain, flagged=marked.efforts > 0),
         segments=segments,
-        rest_speed=frozen(given),
+        rest_speed=used.rest_speed,
         span=_long_span(recording, cut, span),
-        quality=_quality(recording, found, chain, requested, given, speeds.highest, marked),
+        judged=judged,
+        quality=_quality(
+            recording, found, chain, requested, used.rest_speed, speeds.highest, marked
+        ),
     )
 
 
@@ -124,14 +133,14 @@ def _speeds(
     found: Survey,
     chain: Chain,
     segments: tuple[Segment, ...],
-    given: Array | None,
-) -> tuple[SpeedHistogram, Marked]:
-    """Speeds in the window, and what was marked there.
+    references: Sequence[Array],
+) -> tuple[list[SpeedHistogram], Marked]:
+    """Speeds in the window, over each reference, and what was marked there.
 
     The ends of segments do not count, which the filter has to guess beyond.
     """
     n = recording.channels.joints
-    speeds = SpeedHistogram(np.ones(n) if given is None else given)
+    histograms = [SpeedHistogram(reference) for reference in references]
     slip = SAME_TIME / chain.rate
     counted = found.segments[0].start, found.segments[-1].stop
     bent = 1.0 / chain.motion_cutoff
@@ -142,17 +151,26 @@ def _speeds(
         at = s.start + np.arange(part.first, last) / chain.rate
         inside = at >= max(counted[0] - slip, s.start + bent + early)
         inside &= at <= min(counted[1] + slip, s.stop - bent - late)
-        speeds.add(at[inside], part.signals[n : 2 * n, inside])
+        for speeds in histograms:
+            speeds.add(at[inside], part.signals[n : 2 * n, inside])
         marks += part.marks
-    return speeds, Marked(*map(int, marks))
+    return histograms, Marked(*map(int, marks))
+
+
+def _moves(
+    speeds: SpeedHistogram, rest_speed: Array, whole: tuple[float, float] | None
+) -> Moves | None:
+    """Where joints move; where none does, the `whole` log at rest, if it is to be used."""
+    span = speeds.moving(MOVING_OVER_REST * rest_speed)
+    if span is not None:
+        return Moves(frozen(rest_speed), span)
+    return None if whole is None else Moves(frozen(np.full_like(rest_speed, np.inf)), whole)
 
 
 def _long_span(
-    recording: Recording, cut: Cutoffs, span: tuple[float, float] | None
+    recording: Recording, cut: Cutoffs, span: tuple[float, float]
 ) -> tuple[float, float]:
     """Times of the first and last motion of any joint, which must be long enough."""
-    if span is None:
-        raise _static(recording)
     need = SHORTEST_SEGMENT / cut.matched
     if span[1] - span[0] < need:
         raise LogError(

@@ -94,6 +94,14 @@ class KeptBlocks:
 
 
 @dataclass(frozen=True, eq=False)
+class Moves:
+    """Where the joints of a log move."""
+
+    rest_speed: Array  # speed up to which each joint rests, shape `(n,)` [rad/s; m/s]
+    span: tuple[float, float]  # first and last motion of any joint, from the log's start [s]
+
+
+@dataclass(frozen=True, eq=False)
 class Run:
     """A recording, cleaned when it is read: passes over long logs read anew, in constant memory.
 
@@ -104,6 +112,8 @@ class Run:
         segments: Stretches without gaps that are long enough for the filters.
         rest_speed: Speed up to which each joint rests, shape `(n,)` [rad/s; m/s].
         span: Times of the first and last motion of any joint, from the log's start [s].
+        judged: Where the joints move by the log alone, whatever rest speed is set: errors count
+            these samples.
         quality: What was found in the log.
         importance: Weights of efforts over time, of a mean over repetitions.
         kept: Motion and efforts of a short run, for the next pass.
@@ -120,6 +130,7 @@ class Run:
     segments: tuple[Segment, ...]
     rest_speed: Array
     span: tuple[float, float]
+    judged: Moves
     quality: Quality
     importance: Importance | None = None
     kept: KeptBlocks = field(default_factory=KeptBlocks)

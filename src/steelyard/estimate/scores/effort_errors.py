@@ -1,7 +1,8 @@
 r"""Errors that can be compared between runs and models, in the effort of the joints.
 
 Error and measured effort go through one low-pass of fixed cut-off, whatever the model was fitted
-with, and count where the joint moves; in a log in which no joint moves, everywhere. The error of
+with, and count where the joint moves, by the log alone, whatever a fit left out; in a log in which
+no joint moves, everywhere. The error of
 a joint is related to its effort limit, and to the effort it used: the root mean square measured in
 the log, but at least a quarter of that in the fitted runs, so that the relative error of a joint
 with hardly any load in this log is not one of noise and stiction alone. Over joints and runs,
@@ -86,6 +87,7 @@ class JointError(EffortError):
 
     joint: str
     samples: int
+    seconds: float  # time of these samples [s]
     driven: bool = True  # whether a motor drives it; else its effort is zero, and it is not pooled
 
     @property
@@ -100,7 +102,7 @@ class JointError(EffortError):
 
     def to_dict(self) -> dict[str, Any]:
         """As JSON values."""
-        names = ("joint", "unit", "counted", "error", "used", "limit")
+        names = ("joint", "unit", "counted", "seconds", "error", "used", "limit")
         figures = {name.replace("counted", "moving"): getattr(self, name) for name in names}
         return dict(finite_json(figures) | super().to_dict())
 
@@ -227,6 +229,7 @@ def band_errors(
             joint=coordinates[j].name,
             unit=coordinates[j].effort_unit if known[j] else run.effort_units[j],
             samples=samples,
+            seconds=samples / run.rate,
             counted=(bool(moving[j]) or at_rest) and j not in unactuated,
             driven=j not in unactuated,
             error=error,

@@ -2,11 +2,11 @@
 
 Per joint `100 ‖measured - predicted‖ / ‖measured‖`, from first to last motion, both sides through
 one zero-phase fourth-order Butterworth low-pass; once over all samples, once over those where the
-joint moves.
+joint moves by the log alone, whatever rest speed the model was fitted with.
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import groupby
 from math import sqrt
 from typing import Any, Literal
@@ -133,8 +133,8 @@ def score(
         if reference.scales:  # the prediction of efforts without estimated scales, too
             unscaled = in_band[1:] / np.array(reference.scales)[:, None]
             in_band = np.concatenate([in_band, unscaled])
-        fixed.add(in_band, part.moving)
-        squares.add(part.efforts[: 1 + len(models)], part.moving)
+        fixed.add(in_band, part.counted)
+        squares.add(part.efforts[: 1 + len(models)], part.counted)
         sure = np.empty((0, *part.moving.shape))
         if bands is not None:
             half = bands.half_width(part.dq, part.moving, part.std)
@@ -184,7 +184,8 @@ class LowPassed:
     """Consecutive samples of a run with low-passed efforts, in logged units."""
 
     t: Array  # shape `(B,)` [s]
-    moving: Mask  # whether each joint moves, shape `(n, B)`
+    moving: Mask  # whether each joint moves by the run's rest speed, shape `(n, B)`
+    counted: Mask  # whether it moves by that of the log alone, `Run.judged`, likewise
     q: Array  # position, not filtered, shape `(n, B)`; `dq` likewise
     dq: Array
     efforts: Array  # measured, of each model, parts by cause if any, shape `(1 + k, n, B)`
@@ -220,11 +221,15 @@ def low_passed(
 ) -> Iterator[LowPassed]:
     """Samples that errors are computed from, from first to last motion, in parts of segments.
 
+    Which ones does not depend on how a model was fitted: a rest speed that is set changes none.
+
     Efforts of models, and of causes if they are split, go through the low-pass of `cutoff`, those
     of the first model also through that of the fixed `band` [Hz].
     """
     require_fitting(cutoff, run.rate)
-    n, least = len(gains), 1e-6 / run.rate
+    n, least, judged = len(gains), 1e-6 / run.rate, run.judged
+    span = max(run.span[0], judged.span[0]) - least, min(run.span[1], judged.span[1]) + least
+    run = replace(run, span=span)
     first = 1 + 3 * n
     count = (1 + len(models) + (0 if split is None else len(PARTS))) * n
     operations: list[tuple[slice, ChunkOperation | None]] = [
@@ -248,11 +253,12 @@ def low_passed(
     blocks = blocks_with_channels(run.around(CONTEXT).blocks(), models[0].model)
     for _, segment in groupby(blocks, key=lambda block: block.segment):
         for part in apply(_Beside(*operations), map(rows, segment)):
-            inside = slice(*np.searchsorted(part[0], (run.span[0] - least, run.span[1] + least)))
+            inside = slice(*np.searchsorted(part[0], span))
             t, moving, q, dq, own, fixed, std = np.split(part[:, inside], edges)
             if t.size:
                 own, fixed = (x.reshape(-1, n, x.shape[1]) for x in (own, fixed))
-                yield LowPassed(t[0], moving.astype(bool), q, dq, own, fixed, std)
+                counted = np.abs(dq) > judged.rest_speed[:, None]
+                yield LowPassed(t[0], moving.astype(bool), counted, q, dq, own, fixed, std)
 
 
 def _joint_score(squares: Squares, j: int, name: str, unit: str) -> JointScore:

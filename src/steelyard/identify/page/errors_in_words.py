@@ -95,12 +95,21 @@ def both_words(errors: Sequence[EffortError], logged: Sequence[EffortError]) -> 
 
 
 def basis_words(scores: Sequence[RunScore]) -> str:
-    """Like `RMS below 5 Hz, pooled over 6 joints, where they move`."""
+    """Like `RMS below 5 Hz, pooled over 6 joints, where they move, 12 to 18 s each`."""
     moving = {j.joint for run in scores for j in run.errors.joints if j.counted}
     joints = _moving_words(len(moving), sum(j.driven for j in scores[0].errors.joints))
     still = [run.errors.at_rest for run in scores]
     where = "at rest" if all(still) else f"{MOVING}, or all rest" if any(still) else MOVING
-    return f"RMS {below(run.errors.cutoff for run in scores)}, pooled over {joints}, {where}"
+    band = below(run.errors.cutoff for run in scores)
+    return f"RMS {band}, pooled over {joints}, {where}, {_seconds(scores)} each"
+
+
+def _seconds(scores: Sequence[RunScore]) -> str:
+    """Like `12 to 18 s`: time over which joints count, over all runs."""
+    own = zip(*(run.errors.joints for run in scores), strict=True)
+    sums = [sum(one.seconds for one in joint if one.counted) for joint in own]
+    ends = dict.fromkeys(significant(s, 2) for s in (min(filter(None, sums)), max(sums)))
+    return f"{' to '.join(ends)} s"
 
 
 def worse_joints(scores: Sequence[RunScore], limit: float) -> tuple[str, ...]:

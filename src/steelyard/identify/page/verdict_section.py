@@ -211,6 +211,7 @@ def _run(score: RunScore) -> dict[str, Any]:
                 "aside": joint.aside,
                 "share": share,
                 "of_limit": joint.percent_of_limit,
+                "over": f"{significant(joint.seconds)} s",
                 "level": level_of(share) if joint.counted else "none",
                 "bar": min(share, 100.0) if share == share else 0.0,
                 "as_logged": other,
@@ -249,7 +250,7 @@ def _runs_table(scores: Sequence[RunScore], unseen: bool) -> RenderableType:
 
 
 def joints_table(score: RunScore, unseen: bool) -> RenderableType:
-    """One row per joint: its error in the fixed band, beside what it used and its effort limit."""
+    """One row per joint: its error in the fixed band, what it used, its limit, its time."""
     again = f"not fitted, repeats the motion of {score.repeats}" if score.repeats else "not fitted"
     where = "whole log" if score.errors.at_rest else "where each joint moves"
     basis = f"RMS below {score.errors.cutoff:g} Hz, {where}"
@@ -258,11 +259,12 @@ def joints_table(score: RunScore, unseen: bool) -> RenderableType:
         named = {"at rest": "at rest", "no motor": "without a motor"}
         basis += f"; joints {' or '.join(named[why] for why in apart)} do not count"
     logged = ["as logged"] if score.errors.as_logged else []
-    headings = ("joint", "error", "of used", *logged, "of limit", "used", "limit", "")
-    table = light_table(headings, (0, 6 + len(logged)))
+    headings = ("joint", "error", "of used", *logged, "of limit", "used", "limit", "over", "")
+    table = light_table(headings, (0, 7 + len(logged)))
     for joint, other in score.errors.pairs:
-        effort = significant(joint.used), significant(joint.limit)
-        _add(table, joint.joint, joint, *effort, joint.aside, logged=other)
+        over = f"{significant(joint.seconds)} s"
+        more = significant(joint.used), significant(joint.limit), over
+        _add(table, joint.joint, joint, *more, joint.aside, logged=other)
     every = _pooled_pairs(score)
     for error, one in every:
         _add(table, f"pooled, {error.unit}" if len(every) > 1 else "pooled", error, logged=one)
