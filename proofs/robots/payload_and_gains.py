@@ -16,6 +16,7 @@ import numpy as np
 from proofs.support.claims import Claim, data_folder, main_of
 
 from steelyard.base.progress import silent
+from steelyard.estimate.friction.friction_mixes import with_any_speed
 from steelyard.estimate.information.base_parameters import base_parameters
 from steelyard.estimate.information.gather import gather
 from steelyard.estimate.information.information import Information
@@ -91,7 +92,7 @@ def information_of(pair: tuple[str, str]) -> tuple[Model, Information, Informati
     """What an unloaded and a loaded run say, efforts as logged."""
     loaded = loaded_robot()
     assert loaded.signals is not None
-    regressor = base_regressor(model_with_open_friction(loaded))
+    regressor = base_regressor(with_any_speed(model_with_open_friction(loaded)))
     files = log_files([log(name) for name in pair])
     recordings = [recording_of(file, loaded.signals) for file in files]
     runs = prepared(recordings, processing_of_robot(loaded), silent)

@@ -1,6 +1,9 @@
 """Drive gains of an invented arm: exact without noise, unbiased and within intervals with it."""
 
 from collections.abc import Sequence
+from dataclasses import replace
+from functools import reduce
+from operator import add
 
 import numpy as np
 import pytest
@@ -8,7 +11,7 @@ import pytest
 from loaded import GAINS, LOAD, MODEL, TOOL, UNITS, run
 from steelyard.base.errors import DataError, ModelError, SteelyardError
 from steelyard.estimate.information.base_parameters import base_parameters
-from steelyard.estimate.information.information import Information
+from steelyard.estimate.information.information import Information, Window
 from steelyard.estimate.payload.bilinear_least_squares import Bilinear
 from steelyard.estimate.payload.drive_gains import identified_gains
 from steelyard.estimate.payload.runs_with_payload import carrier, load_case
@@ -83,6 +86,33 @@ def test_intervals_hold_the_truth() -> None:
         masses += abs(other.payload.mass - LOAD.mass) <= other.payload.half_width[0]
     assert 0.90 <= inside.mean() / draws <= 0.99
     assert 0.84 <= masses / draws
+
+
+def test_intervals_hold_the_truth_where_residuals_are_alike_for_long() -> None:
+    """Runs of eight windows in which every sample is there thirty times: with its error, too."""
+    draws, inside = 12, np.zeros(4)
+    for draw in range(draws):
+        unloaded, loaded = (
+            repeated([run(100 * draw + 10 * k + w, load, 1.0, count=25) for w in range(8)], k)
+            for k, load in enumerate((None, LOAD))
+        )
+        found = identified_gains(MODEL, [unloaded], [loaded], mass=LOAD.mass, frame="tool")
+        inside += np.abs(found.gains - GAINS) <= found.half_width
+    assert 0.85 <= inside.mean() / draws <= 0.99
+
+
+def repeated(parts: Sequence[Information], number: int) -> Information:
+    """One run of these windows, every sample thirty times."""
+    windows = tuple(Window(f"run{number}", float(k), k + 1.0) for k in range(len(parts)))
+    return replace(reduce(add, parts).with_effective_samples(1.0 / 30.0), windows=windows)
+
+
+def test_a_gain_that_is_hardly_seen_is_assumed() -> None:
+    """An interval of half of the gain and more is not that of its inverse, which is linear."""
+    for draw in range(6):
+        found = identified_gains(MODEL, [run(draw, noise=3.0)], known={JOINTS[0]: GAINS[0]})
+        seen = ~np.array(found.assumed) & ~np.array(found.known)
+        assert np.all(found.half_width[seen] <= 0.5 * np.abs(found.gains[seen]))
 
 
 def start(unloaded: Sequence[Information], loaded: Sequence[Information]) -> np.ndarray:

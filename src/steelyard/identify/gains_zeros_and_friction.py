@@ -15,7 +15,7 @@ from steelyard.estimate.friction.friction_choice import (
     choose_friction,
     refuse_listed,
 )
-from steelyard.estimate.friction.friction_mixes import PLAIN, has_memory
+from steelyard.estimate.friction.friction_mixes import PLAIN, has_memory, with_any_speed
 from steelyard.estimate.information.base_parameters import BaseMap, base_parameters, refuse_twins
 from steelyard.estimate.information.gather import gather
 from steelyard.estimate.information.information import Information
@@ -189,7 +189,7 @@ def _gains(task: FitTask) -> GainEstimate | None:
                 "`steelyard payload MODEL LOG`",
             )
         return None
-    model = with_friction(task.model, task.loaded)
+    model = with_any_speed(with_friction(task.model, task.loaded))
     if any(finds_of(term) for term in model.terms):
         raise DataError(
             "drive gains and nonlinear parameters of terms cannot be estimated together",

@@ -121,9 +121,9 @@ class Scores:
         """All columns as a Polars data frame, one row per joint of each log.
 
         `error`, `used` and `limit` are in `unit`, below `band_hz`, over `seconds`; the other errors
-        (`rmse`, `mae` ...) are in `logged_unit`, in the validation band. Where scales of the efforts were
-        estimated, `error`, `used` and `percent_of_used` are of the efforts divided by them, and
-        `error_as_logged`, `used_as_logged` and `percent_of_used_as_logged` of the efforts as
+        (`rmse`, `mae` ...) are in `logged_unit`, in the validation band. Where scales of the
+        efforts were estimated, `error`, `used` and `percent_of_used` are of the efforts divided by
+        them, and `error_as_logged`, `used_as_logged` and `percent_of_used_as_logged` of those as
         logged.
 
         Raises:

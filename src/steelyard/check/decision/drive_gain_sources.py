@@ -25,6 +25,7 @@ from steelyard.check.hypotheses.nuisance_fit_and_score import REST_SPEED
 from steelyard.check.hypotheses.readings_and_likelihood import Hypothesis
 from steelyard.check.identifiability_and_clean_runs import clean_runs, customary_model
 from steelyard.check.signals.good_rows_and_derivatives import remembered
+from steelyard.estimate.friction.friction_mixes import with_any_speed
 from steelyard.estimate.information.gather import gather
 from steelyard.estimate.information.regressor import base_regressor
 from steelyard.estimate.payload.drive_gains import identified_gains
@@ -258,7 +259,7 @@ def gains_left(case: Case) -> tuple[Finding, ...]:
     unknown = tuple(joint for joint, _, left in pairs if left)
     known = {joint: float(gain) for joint, gain, left in pairs if not left}
     try:
-        model, runs = customary_model(case), clean_runs(case)
+        model, runs = with_any_speed(customary_model(case)), clean_runs(case)
         if runs:
             regressor = base_regressor(model)
             identified_gains(model, [gather(regressor, run) for run in runs], known=known)

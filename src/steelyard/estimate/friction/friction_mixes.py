@@ -98,6 +98,22 @@ def stages_of(
     return tuple(stages)
 
 
+ANY_SPEED: Mix = (Quadratic(), Cubic(), Stribeck(speed=0.1))
+"""Beside Coulomb and viscous friction: about any friction that depends on speed."""
+
+
+def with_any_speed(model: Model) -> Model:
+    """The model with friction as about any function of speed, where it has Coulomb friction.
+
+    For what is estimated beside friction: what a law lacks would move it.
+    """
+    laws = {term.law for term in model.terms}
+    if Coulomb.law not in laws:
+        return model
+    more = [law for law in _sized([ANY_SPEED], model.robot)[0] if law.law not in laws]
+    return replace(model, terms=(*model.terms, *more))
+
+
 def _sized(stage: Sequence[Mix], robot: Robot) -> Stage:
     """The candidates with speeds and lengths of prismatic joints as at a lever."""
     sizes = [LEVER if c.kind == "prismatic" else 1.0 for c in robot.coordinates]

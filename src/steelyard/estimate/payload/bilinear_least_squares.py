@@ -12,7 +12,8 @@ import numpy as np
 
 from steelyard.base.arrays import Array
 from steelyard.estimate.information.information import Information
-from steelyard.estimate.payload.runs_with_payload import LoadCase, covariance_of, inverse
+from steelyard.estimate.information.regressor import Layout
+from steelyard.estimate.payload.runs_with_payload import LoadCase, covariance_of, inverse, scatter
 
 ROUNDS = 50  # most rounds of the weights
 STEPS = 100  # most steps in a round
@@ -125,10 +126,42 @@ class Bilinear:
 
     def deviation(self, solution: Solution) -> Array:
         """Relative standard deviation of each wanted gain; infinite where it is not seen."""
-        matrix, _ = self.normal(solution)
-        variances = np.diag(covariance_of(matrix, range(len(self.free), len(matrix))))
+        variances = np.diag(self.covariance(solution))[len(self.free) :]
         found = np.sqrt(variances) / np.abs(solution.rho[list(self.wanted)])
         return np.where(np.isnan(found), np.inf, found)
+
+    def covariance(self, solution: Solution) -> Array:
+        """Covariance of the free parameters and the wanted `rho`; NaN where they are not seen.
+
+        Residuals that are alike for longer than the filter, within windows or runs, widen it.
+        """
+        size = len(self.start)
+        chosen = [*self.free, *(size + row for row in self.wanted)]
+        matrix, _ = self.normal(solution)
+        near = self._linearised(solution)
+        full = np.zeros((size + self.n, size + self.n))
+        full[np.ix_(chosen, chosen)] = inverse(matrix)
+        zero = np.zeros(len(full))
+        factors = scatter(near, zero, 1.0 / solution.weights, full)
+        more, _, _ = near.normal((factors - 1.0) * solution.weights)
+        return (
+            covariance_of(matrix, range(len(chosen))) + (full @ more @ full)[np.ix_(chosen, chosen)]
+        )
+
+    def _linearised(self, solution: Solution) -> Information:
+        """What residuals say about changes of all parameters and of every row's `rho`."""
+        old, size = self.information.layout, len(self.start)
+        parts, sees = [], []
+        for row, seen in enumerate(old.sees):
+            values, part = solution.theta[list(seen)], np.zeros((len(seen) + 1, len(seen) + 2))
+            part[:-1, :-2] = solution.rho[row] * np.eye(len(seen))
+            part[:-1, -2], part[:-1, -1] = values, -solution.rho[row] * values
+            part[-1, -1] = 1.0
+            parts.append(part)
+            sees.append((*seen, size + row))
+        names = (*old.columns, *(f"1/gain.{name}" for name in old.rows))
+        layout = Layout(names, (*old.units, *("" for _ in old.rows)), old.rows, tuple(sees))
+        return self.information.mapped(layout, parts)
 
     @cached_property
     def signs(self) -> Array:

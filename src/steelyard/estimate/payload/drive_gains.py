@@ -23,7 +23,6 @@ from steelyard.estimate.payload.payload_estimate import PayloadEstimate, payload
 from steelyard.estimate.payload.runs_with_payload import (
     LoadCase,
     carrier,
-    covariance_of,
     load_case,
     refuse_foreign,
 )
@@ -31,7 +30,9 @@ from steelyard.model.model import Model
 from steelyard.model.torque_equations import names_of
 from steelyard.robot.robot import Frame, Robot
 
-LARGEST = 0.5  # largest relative standard deviation of a gain; beyond it the interval reaches zero
+LARGEST = 0.25
+"""Largest relative standard deviation of a gain. The interval is that of its inverse, which is
+linear; beyond this, half of the gain, the two differ by more than a quarter."""
 
 
 class DriveGain(NamedTuple):
@@ -145,8 +146,8 @@ def identified_gains(
 
 def _covariance(problem: Bilinear, solution: Solution) -> Array:
     """Covariance of all gains; a known one has none."""
-    matrix, chosen = problem.normal(solution)[0], list(problem.wanted)
-    found = covariance_of(matrix, range(len(problem.free), len(matrix)))
+    chosen, count = list(problem.wanted), len(problem.free)
+    found = problem.covariance(solution)[count:, count:]
     slope = -1.0 / np.square(solution.rho[chosen])
     covariance = np.zeros((problem.n, problem.n))
     covariance[np.ix_(chosen, chosen)] = found * slope[:, None] * slope
@@ -231,7 +232,7 @@ def _payload(
     mine = [k for k, column in enumerate(case.payload) if column in place]
     chosen = [place[case.payload[k]] for k in mine]
     covariance = np.zeros((10, 10))
-    covariance[np.ix_(mine, mine)] = covariance_of(problem.normal(solution)[0], chosen)
+    covariance[np.ix_(mine, mine)] = problem.covariance(solution)[np.ix_(chosen, chosen)]
     return payload_of(
         frame,
         robot,

@@ -17,6 +17,7 @@ import numpy as np
 
 from steelyard.base.arrays import Array
 from steelyard.base.errors import DataError, ModelError, named
+from steelyard.estimate.estimate import Z95
 from steelyard.estimate.information.base_parameters import BaseMap
 from steelyard.estimate.information.information import Information
 from steelyard.estimate.information.regressor import Layout
@@ -107,6 +108,45 @@ def covariance_of(matrix: Array, chosen: Sequence[int]) -> Array:
     blind = np.linalg.norm(vectors[:, null], axis=1) > TOUCHED
     covariance[blind, :] = covariance[:, blind] = np.nan
     return covariance
+
+
+FREEDOM = 2.0  # expected squares of scores below which they are too few
+
+
+def scatter(information: Information, values: Array, variances: Array, covariance: Array) -> Array:
+    """How many times more than by white residuals a fit scatters, per row, shape `(rows,)`.
+
+    By the scores of windows, or of whole runs where that is more (see
+    `steelyard.estimate.least_squares.residual_covariance`); one where chance explains them. Few
+    windows know a factor badly: it is wider as Student's quantile is.
+    """
+    from scipy.special import stdtrit
+
+    factors = np.ones(len(variances))
+    for windows in (information, information.merged(1)):
+        found, chance = _scatter(windows, values, variances, covariance)
+        wider = np.square(stdtrit(2.0 / np.square(np.maximum(chance, 1e-3)), 0.975) / Z95)
+        factors = np.where(found > factors * (1.0 + chance), found * wider, factors)
+    return factors
+
+
+def _scatter(
+    windows: Information, values: Array, variances: Array, covariance: Array
+) -> tuple[Array, Array]:
+    """The same of some windows, and its relative standard deviation by chance."""
+    factors, chance = np.ones((2, len(variances)))
+    for row, seen in enumerate(windows.layout.sees):
+        columns = list(seen)
+        grams = windows.row_grams(row) / variances[row]
+        scores = grams[:, :-1] @ np.append(-values[columns], 1.0)
+        inner = covariance[np.ix_(columns, columns)]
+        taken = inner @ grams[:, :-1, :-1]
+        square = np.sum(taken * taken.swapaxes(1, 2))
+        expected = np.trace(taken, axis1=1, axis2=2).sum() - square
+        if expected >= FREEDOM and len(windows.windows) > 1:
+            factors[row] = np.sum((scores @ inner) * scores) / expected
+            chance[row] = np.sqrt(2.0 * square) / expected
+    return factors, chance
 
 
 WINDOWS = 8  # windows kept per run; for the correlation of residuals

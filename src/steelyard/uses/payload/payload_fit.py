@@ -40,6 +40,7 @@ from steelyard.estimate.payload.runs_with_payload import (
     inverse,
     load_case,
     refuse_foreign,
+    scatter,
     seen_information,
 )
 from steelyard.robot.file.effort_units_and_gears import MOTOR_KINDS
@@ -54,8 +55,6 @@ from steelyard.uses.payload.consistent_payload_body import (
 FRICTION_DRIFT = 0.5  # of friction and offset from run to run, over the effort they make in a joint
 GAIN_RELATIVE_STD = 0.02  # relative standard deviation of motors' gains given without one
 
-
-FREEDOM = 2.0  # expected squares of scores below which they are too few
 
 ROUND_OFF = float(
     np.finfo(np.float64).eps
@@ -364,31 +363,13 @@ def _of_model(
     They count as what they are in windows, between runs, and in the model's left-out runs.
     """
     information, covariance = case.information, inverse(fit.matrix)
-    factors = np.maximum(_scatter(information, fit, covariance), 1.0)
-    runs = information.merged(1)
-    if len(runs.windows) > 1:
-        factors = np.maximum(factors, _scatter(runs, fit, covariance))
+    factors = scatter(information, fit.values, fit.variances, covariance)
     if identified.calibration is not None:
         ratios = np.square(identified.calibration.factors[:, 1:] / Z95)
         factors = np.maximum(factors, ratios.mean(axis=1))
     more, _vector, _square = information.normal((factors - 1.0) / fit.variances)
     some = covariance[list(columns)]
     return np.asarray(some @ more @ some.T)
-
-
-def _scatter(windows: Information, fit: CaseFit, covariance: Array) -> Array:
-    """How many times more scores of windows scatter than by white residuals, shape `(rows,)`."""
-    factors = np.ones(len(fit.variances))
-    for row, seen in enumerate(windows.layout.sees):
-        columns = list(seen)
-        grams = windows.row_grams(row) / fit.variances[row]
-        scores = grams[:, :-1] @ np.append(-fit.values[columns], 1.0)
-        inner = covariance[np.ix_(columns, columns)]
-        taken = inner @ grams[:, :-1, :-1]
-        expected = np.trace(taken, axis1=1, axis2=2).sum() - np.sum(taken * taken.swapaxes(1, 2))
-        if expected >= FREEDOM:
-            factors[row] = np.sum((scores @ inner) * scores) / expected
-    return factors
 
 
 def _by_scale(case: LoadCase, fit: CaseFit, columns: tuple[int, ...], jointly: bool) -> Array:
