@@ -779,6 +779,16 @@ def test_a_frozen_encoder_is_named_with_its_rows_and_no_line_is_written(tmp_path
     assert not found.edits and rows.fix is not None and "repair the encoder" in rows.fix.says
 
 
+def test_a_dead_effort_is_named_with_its_seconds(tmp_path: Path) -> None:
+    table = sound()
+    table[700:1000, 8] = 0.0
+    found = examine(case_of(tmp_path, table), checks=OWN)
+    (noise,) = (f for f in found.findings if f.severity)
+    assert (noise.check, noise.severity, noise.joints) == ("noise", Severity.DOUBTFUL, ("joint_2",))
+    assert "the effort of joint_2 keeps one value from 7 to 9.99 s while it moves" in noise.says
+    assert noise.fix is not None and "repair the sensor" in noise.fix.says and not found.edits
+
+
 def test_bursts_of_lost_rows_are_named_and_no_unit_is_written(tmp_path: Path) -> None:
     found = examine(case_of(tmp_path, lost_in_bursts(sound())), checks=OWN)
     (rows,) = (f for f in found.findings if f.severity)

@@ -66,3 +66,11 @@ def test_counts_have_one_unit(read: Callable[[str, str], Assignment]) -> None:
     guess = guess_of(read("raw-counts", "run1.csv"))
     assert guess.section.effort.unit == "mA"
     assert "the unit is not known" in guess.reasons[2]
+
+
+def test_an_axis_that_slides_with_mimic_partners_is_none_of_a_hand(
+    read: Callable[[str, str], Assignment],
+) -> None:
+    guess = guess_of(read("psm-insertion", "run1.csv"))
+    assert guess.joints == ("yaw", "pitch", "insertion")
+    assert guess.section.effort.unit == ("Nm", "Nm", "N")

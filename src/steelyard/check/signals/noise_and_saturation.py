@@ -33,6 +33,7 @@ from steelyard.estimate.least_squares.weighted_and_recursive import WeightedLeas
 from steelyard.robot.init.column_names import Column, Quantity, by_number
 from steelyard.runs.rows.false_stretches import MOVED
 from steelyard.runs.rows.faulty_row_detectors import stretches
+from steelyard.runs.run import Run
 
 DIFFERENCE_ORDER = 6
 
@@ -231,6 +232,8 @@ NOISY_SHARE = 0.7  # noise from row to row over all that varies, from which on a
 LEAVE_COARSE_JOINTS = Fix(
     "leave these joints out (joints = [...], [robot.locked]), or log them with finer resolution"
 )
+REPAIR_SENSOR = Fix("repair the sensor or its line before the next log")
+MOST_NAMED_STRETCHES = 5  # stretches without a measured effort that are named
 DECLARE_MEASURED_COLUMNS = Fix(
     "declare the columns that hold measured efforts under [signals.effort]"
 )
@@ -250,7 +253,9 @@ def noise_check(case: Case, evidence: Evidence) -> Finding:
     constant = move & (levels == 1)
     coarse = move & (levels < FEWEST_LEVELS) & (len(overview.t) >= FEWEST_LEVEL_ROWS) & ~constant
     loud = move & (share > NOISY_SHARE) & ~coarse
-    bad = np.flatnonzero(constant | coarse | loud)
+    dead = _dead_stretches(case, evidence)
+    silent = np.isin(np.arange(len(move)), [j for j, _ in dead])
+    bad = np.flatnonzero(constant | coarse | loud | silent)
     seen = np.flatnonzero(move) if move.any() else np.arange(len(move))
     least, loudest = seen[np.argmin(levels[seen])], seen[np.argmax(share[seen])]
     columns = evidence.recording.signals.effort
@@ -263,6 +268,7 @@ def noise_check(case: Case, evidence: Evidence) -> Finding:
         for j in np.flatnonzero(coarse)
     ]
     clauses += [f"the effort of {noisy} is mostly noise"] if noisy else []
+    clauses += [words for _, words in dead[:MOST_NAMED_STRETCHES]]
     clauses.append(_noise_facts(case, overview, noise, evidence.recording.signals.effort_units))
     fix = DECLARE_MEASURED_COLUMNS if constant.any() else LEAVE_COARSE_JOINTS
     if constant.any() and not overview.effort[:, constant].any():
@@ -276,9 +282,26 @@ def noise_check(case: Case, evidence: Evidence) -> Finding:
         f"effort's variation (at most {100.0 * NOISY_SHARE:g} % allowed)"
         + ("" if move.any() else "; efforts of joints at rest are not judged"),
         joints=tuple(case.joints[j] for j in bad),
-        fix=with_others(fix, evidence) if len(bad) else None,
+        fix=with_others(REPAIR_SENSOR if silent[bad].all() else fix, evidence)
+        if len(bad)
+        else None,
         picture=_noise_picture(case, evidence, overview, int(bad[0] if len(bad) else least)),
     )
+
+
+def _dead_stretches(case: Case, evidence: Evidence) -> list[tuple[int, str]]:
+    """Joints whose effort keeps one value while they move, and when, in words."""
+    if not isinstance(evidence.run, Run):
+        return []
+    return [
+        (
+            j,
+            f"the effort of {case.joints[j]} keeps one value from {s.start:.4g} to {s.stop:.4g} s "
+            "while it moves, and is left out there",
+        )
+        for s in evidence.run.recording.left_out
+        for j in s.joints
+    ]
 
 
 def _noise_facts(case: Case, overview: SignalOverview, noise: Array, units: tuple[str, ...]) -> str:
