@@ -16,8 +16,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-ROOT = Path(__file__).parents[1]
-ROOMS = Path("src", "steelyard")
+ROOT, ROOMS = Path(__file__).parents[1], Path("src", "steelyard")
 PAIRS = (
     (ast.Add, ast.Sub),
     (ast.Mult, ast.Div),
@@ -96,12 +95,11 @@ def main() -> None:
     parser.add_argument("--rooms", nargs="*")
     parser.add_argument("--only", nargs="*", type=int, help="of the numbers that were printed")
     given = parser.parse_args()
-    tested = {path.parent.name for path in (ROOT / "tests").glob("*/test_*.py")}
-    places: dict[str, list[Mutation]] = {}
+    tested, places = {path.parent.name for path in (ROOT / "tests").glob("*/test_*.py")}, {}
     for room in given.rooms or sorted(tested & {p.name for p in (ROOT / ROOMS).iterdir()}):
         files = sorted((ROOT / ROOMS / room).rglob("*.py"))
         places[room] = [one for file in files for one in mutations(file)]
-    draw, outcomes = random.Random(given.seed), []
+    draw, outcomes = random.Random(given.seed), list[bool]()
     with tempfile.TemporaryDirectory() as folder:
         copy = Path(folder) / "copy"
         for number in range(given.count):
@@ -110,9 +108,9 @@ def main() -> None:
             if given.only and number not in given.only:
                 continue
             shutil.copytree(ROOT, copy, ignore=shutil.ignore_patterns(".*", "site"))
-            what = mutation.apply(copy)
-            outcomes.append(found(copy, room))
-            print(f"{number:4d} {'found' if outcomes[-1] else 'NOT FOUND':9s} {what}", flush=True)
+            what, hit = mutation.apply(copy), found(copy, room)
+            outcomes.append(hit)
+            print(f"{number:4d} {'found' if hit else 'NOT FOUND':9s} {what}", flush=True)
             shutil.rmtree(copy)
     print(f"{sum(outcomes)} of {len(outcomes)} found")
 
