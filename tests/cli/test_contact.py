@@ -185,3 +185,28 @@ def test_mistakes(
     assert done.exit_code == 2 and done.stdout == ""
     assert words in done.stderr
     assert leftovers(work) == []
+
+
+def test_what_thresholds_cannot_show_is_not_called_free_of_contact(
+    given: Path, identified: Path
+) -> None:
+    """Thresholds above all efforts of a joint, or positions that never change, decide nothing."""
+    found = steelyard.contact(identified, given / "validation.csv")
+    first, known = found.joints[0], found.thresholds
+    limits = np.full_like(known.limits, 0.1)
+    found = replace(found, thresholds=replace(known, limits=limits.copy()))
+    assert found.headline.startswith("No contact in") and not found.blind
+    limits[0] = 9054.0
+    one = replace(found, thresholds=replace(found.thresholds, limits=limits))
+    assert one.blind == (first,) and one.to_dict()["undecided"] == [first]
+    assert one.headline.endswith(f", at {len(found.joints) - 1} of {len(found.joints)} joints")
+    assert any(
+        f"cannot decide where thresholds are above all efforts: {first} (9" in w
+        for w in one.warnings
+    )
+    every = replace(one, thresholds=replace(one.thresholds, limits=np.full_like(limits, 9054.0)))
+    assert every.headline.startswith("Cannot decide on contact in")
+    still = replace(found.trace, fastest=0.0 * found.trace.fastest)
+    frozen = replace(found, trace=still)
+    assert frozen.headline.startswith("Cannot decide on contact in")
+    assert any("positions never change" in words for words in frozen.warnings)

@@ -8,9 +8,13 @@ from pathlib import Path
 import mujoco
 import pytest
 
+import steelyard
 from cli.conftest import Command
 from cli.mistakes import leftovers
+from steelyard.check.fitted.implausible_estimates import light_links
+from steelyard.export.model_files.export_model_file import LIGHT_LINKS
 from steelyard.robot.file.robot_file import load_robot
+from steelyard.robot.inertia_and_placement import INERTIAL_NAMES
 from weighed import identified_of
 
 
@@ -180,3 +184,23 @@ def test_base_parameters_alone_are_refused(given: Path, command: Command, tmp_pa
     assert "base parameters only" in done.output and "default estimator" in done.output
     assert "remove method from [estimation]" in done.output
     assert not (tmp_path / "arm.urdf").exists()
+
+
+def test_implausibly_light_links_are_named(model: Path, command: Command, tmp_path: Path) -> None:
+    usual = steelyard.load_model(model)
+    assert light_links(usual) == ()
+    standard = usual.estimate.standard
+    assert standard is not None
+    names, values = list(standard.parameters.names), standard.parameters.values.copy()
+    body = usual.robot.bodies[2].name
+    ten = [names.index(f"{number}.{body}") for number in INERTIAL_NAMES]
+    values[ten] *= 0.01 / values[ten[0]]
+    light = replace(standard, parameters=replace(standard.parameters, values=values))
+    changed = replace(usual, estimate=replace(usual.estimate, standard=light))
+    (said,) = light_links(changed)
+    assert said.startswith(f"'{body}' 0.01 ± ") and "kg in the model file" in said
+    folder = changed.save(tmp_path / "light")
+    done = command("export", folder, "--to", "urdf", "-o", tmp_path / "light.urdf")
+    assert done.exit_code == 0, done.output
+    assert LIGHT_LINKS in " ".join(done.stdout.split()) and body in done.stdout
+    assert LIGHT_LINKS in " ".join((tmp_path / "light.urdf").read_text().split())

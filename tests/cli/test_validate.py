@@ -1,6 +1,7 @@
 """`steelyard validate` as a gate, and what the terminal shows without and with `--verbose`."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from shutil import copy
 
@@ -10,6 +11,9 @@ import polars as pl
 import steelyard
 from cli.conftest import Command
 from cli.mistakes import LOG
+from steelyard.check.finding import Finding, Fix
+from steelyard.check.fitted.post_fit_checks import doubts_of_fit
+from steelyard.estimate.identified_model import IdentifiedModel
 
 OTHER = "../given/validation.csv"
 
@@ -128,3 +132,20 @@ def test_identify_prints_a_good_result_in_25_lines(
     done = command("identify", robot, f"{LOG}@0:4", "--validate", OTHER, *options)
     assert "normalised condition number" in done.stdout and "note: cut-offs" in done.stdout
     assert "normalised condition number" not in text and "note: cut-offs" not in text
+
+
+def test_what_is_doubtful_of_the_fit_limits_the_verdict_on_any_log(
+    given: Path, identified: Path
+) -> None:
+    model, log = steelyard.load_model(identified), given / "validation.csv"
+    plain = steelyard.validate(model, log)
+    doubt = Finding.doubtful("runs disagree", "χ² 99", fix=Fix("look")).by("runs")
+    kept = tuple(doubts_of_fit([doubt, replace(doubt, check="unseen log")], ()))
+    origin = replace(model.provenance, doubts=kept)
+    doubted = replace(model, provenance=origin)
+    again = IdentifiedModel.from_dict(json.loads(doubted.text()))
+    found = steelyard.validate(again, log)
+    assert (plain.verdict.level, found.verdict.level) == ("good", "fair")
+    (limit,) = [one for one in found.verdict.limitations if "runs disagree" in one.text]
+    assert limit.text == "runs disagree (χ² 99). look"
+    assert found.to_dict()["logs"][0]["verdict"]["level"] == "fair"

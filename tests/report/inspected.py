@@ -39,6 +39,7 @@ def contact_content() -> Contacts:
         thresholds=ContactThresholds(edges, 8.0, 6.0, 600.0, limits, own, np.array([9.0, np.nan])),
         events=(ContactEvent(5.0, 6.0, 5.2, (load,), ("upper_arm", "forearm")),),
         sigma=np.ones(2),
+        usual=np.full(2, 40.0),
         source="3 calibration logs",
         carried=None,
         suspected=(),

@@ -244,7 +244,7 @@ def test_no_change_of_payload_is_claimed_only_where_one_would_be_seen():
 
 def test_a_standing_robot_is_named_with_the_pushes_that_are_visible():
     moving = replace(contact_content(), events=())
-    still = np.zeros_like(moving.trace.fastest)
+    still = np.full_like(moving.trace.fastest, 1e-6)
     resting = replace(moving, trace=replace(moving.trace, fastest=still, slowest=still))
     assert moving.headline == "No contact in 20.0 s of shift"
     assert resting.headline == "No contact in 20.0 s of shift, in which the robot stands"

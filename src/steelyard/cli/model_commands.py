@@ -232,7 +232,12 @@ def _print_export(path: Path, made: "Exported", as_json: bool) -> None:
     """What was written, and what was not."""
     from rich.text import Text
 
-    from steelyard.export.model_files.export_model_file import KEPT, UNSEEN, listed_under
+    from steelyard.export.model_files.export_model_file import (
+        KEPT,
+        LIGHT_LINKS,
+        UNSEEN,
+        listed_under,
+    )
     from steelyard.report.terminal import terminal
     from steelyard.report.words import count
 
@@ -245,6 +250,7 @@ def _print_export(path: Path, made: "Exported", as_json: bool) -> None:
                 "mass_from_data": made.mass_shares,
                 "not_seen": list(made.unseen),
                 "impossible_in_original": list(made.impossible),
+                "implausibly_light": list(made.light),
             }
         )
         return
@@ -260,6 +266,7 @@ def _print_export(path: Path, made: "Exported", as_json: bool) -> None:
             (", ".join(few),) if few else (),
         ),
         (UNSEEN, (", ".join(made.unseen),) if made.unseen else ()),
+        (LIGHT_LINKS, made.light),
         (KEPT, made.impossible),
     ):
         for line in listed_under(heading, sentences):

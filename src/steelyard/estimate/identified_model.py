@@ -66,6 +66,8 @@ class Provenance:
     inputs: Mapping[str, str]  # role and name of every file to its SHA-256
     runs: tuple[str, ...]  # the runs that were fitted, with their cuts
     notes: tuple[str, ...]  # assumptions and automatic choices, for display
+    # what checks doubt of the fit: it qualifies every verdict on the model; texts by name
+    doubts: tuple[Mapping[str, str], ...] = ()
 
 
 @dataclass(frozen=True)
@@ -332,7 +334,7 @@ class IdentifiedModel(Dynamics):
             processing=Processing.from_dict(data["processing"]),
             motions=tuple(MotionSamples.from_dict(m) for m in data.get("motions", ())),
             provenance=Provenance(
-                **{**origin, "runs": tuple(origin["runs"]), "notes": tuple(origin["notes"])}
+                **origin | {n: tuple(origin.get(n, ())) for n in ("runs", "notes", "doubts")}
             ),
             calibration=None if calibrated is None else Calibration.from_dict(calibrated),
             effort_scales=None if scales is None else KnownScales.from_dict(scales, joints),

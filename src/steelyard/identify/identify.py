@@ -17,7 +17,7 @@ from steelyard.check.finding import Finding, Severity
 from steelyard.check.findings_text import groups, open_words, print_notes
 from steelyard.check.fitted.fitted_case_and_causes import FittedCase
 from steelyard.check.fitted.implausible_estimates import refuse_absurd
-from steelyard.check.fitted.post_fit_checks import examine_fit
+from steelyard.check.fitted.post_fit_checks import doubts_of_fit, examine_fit
 from steelyard.check.named_logs_and_precheck import notes_of_precheck, prechecked
 from steelyard.check.signals.movement_rests_and_base import of_base
 from steelyard.estimate.estimator_register import method_of
@@ -225,6 +225,15 @@ def identify(
     )
     after = (*turned_joints(before), *examine_fit(case, progress))
     bases = (*of_base(file, before), *missing_coupling(before, file.couplings_stated))
+    limitations = (
+        *_open_questions(diagnosis),
+        *_doubts(diagnosis, (*after, *bases)),
+        *after,
+        *bases,
+    )
+    doubts = tuple(doubts_of_fit(limitations, [run.name for run in unseen]))
+    origin = replace(identified.provenance, doubts=doubts)
+    identified = replace(identified, provenance=origin)
     varied = None
     if sensitivity:
         columns = identified.signals.of_commanded() if commanded else identified.signals
@@ -257,12 +266,7 @@ def identify(
             offsets=prepared.offsets,
             scales=found.scales,
             diagnosis=diagnosis,
-            limitations=(
-                *_open_questions(diagnosis),
-                *_doubts(diagnosis, (*after, *bases)),
-                *after,
-                *bases,
-            ),
+            limitations=limitations,
             sensitivity=varied,
             bootstrap=drawn,
             repeated=repeated,

@@ -7,9 +7,10 @@ from typing import Any
 
 from steelyard.base.arguments import checked
 from steelyard.base.progress import Progress, silent
+from steelyard.check.finding import Finding
 from steelyard.check.findings_text import finding_dict
 from steelyard.check.fitted.fitted_case_and_causes import FittedCase
-from steelyard.check.fitted.post_fit_checks import examine_fit
+from steelyard.check.fitted.post_fit_checks import examine_fit, kept_doubts
 from steelyard.estimate.identified_model import IdentifiedModel, load_model
 from steelyard.estimate.scores.score import RunScore
 from steelyard.identify.cut_and_repeated_logs import holds_fitted_rows, marked_repeats
@@ -50,11 +51,16 @@ class Validation(ModelReport):
         return {"verdict": self.verdict.to_dict(), "logs": found}
 
     def _result(self, score: RunScore, *, fitted: bool) -> dict[str, Any]:
+        order = [name for name, _ in self.content.qualities]
         own = replace(
             self.content,
             scores=() if fitted else (score,),
             fitted=(score,) if fitted else (),
-            limitations=tuple(f for f in self.content.limitations if f.log in ("", score.run)),
+            limitations=tuple(
+                one
+                for one in self.content.limitations
+                if one.log in ("", score.run) or one.log not in order
+            ),
         )
         return {
             **score.to_dict(),
@@ -127,8 +133,15 @@ def validate(
         ),
         details=(*notes_of(runs), *open_loops[1:]),
         settings=settings(identified),
-        limitations=examine_fit(case),
+        limitations=_limitations(identified, examine_fit(case)),
         logs={run.name: log.text for run, log in zip(runs, files, strict=True)},
         only_errors=True,
     )
     return Validation(content)
+
+
+def _limitations(identified: IdentifiedModel, found: tuple[Finding, ...]) -> tuple[Finding, ...]:
+    """What limits the verdict: what checks doubted of the fit, and what they find of the logs."""
+    known = {(one.check, one.says) for one in found}
+    kept = [one for one in kept_doubts(identified) if (one.check, one.says) not in known]
+    return (*kept, *found)

@@ -13,6 +13,7 @@ from collections.abc import Iterable, Iterator
 
 import numpy as np
 
+from steelyard.base.arrays import Array
 from steelyard.base.errors import DataError
 from steelyard.check.finding import Finding, Fix, Severity
 from steelyard.check.fitted.fitted_case_and_causes import FittedCase, post_fit_check
@@ -63,16 +64,73 @@ def absurdities(identified: IdentifiedModel) -> tuple[str, ...]:
     return (*_masses(identified), *_driving(identified))
 
 
-def _masses(identified: IdentifiedModel) -> Iterator[str]:
+LIGHT = 10.0  # factor between a link's mass and what it is compared with, from which on it is said
+
+
+def light_links(identified: IdentifiedModel) -> tuple[str, ...]:
+    """Links far lighter than the model file, or both neighbours, say; one sentence each.
+
+    The last link of an arm is compared with the model file only: a flange may be light.
+    """
+    found = _estimated_masses(identified)
+    if found is None:
+        return ()
+    robot, (masses, covariance) = identified.model.robot, found
+    half = Z95 * np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    sentences = []
+    for index, body in enumerate(robot.bodies):
+        if body.massless:
+            continue
+        around = [k for k, other in enumerate(robot.bodies) if other.parent == index]
+        beside = min((float(masses[k]) for k in around), default=0.0)
+        if body.parent >= 0:
+            beside = min(beside, float(masses[body.parent]))
+        nominal = body.inertia.mass if body.known else 0.0
+        expected = [(nominal, f"{nominal:.3g} kg in the model file")] if nominal > 0.0 else []
+        expected.append((beside, f"its neighbours have {beside:.3g} kg or more"))
+        mass = float(masses[index])
+        above = [(other, words) for other, words in expected if mass * LIGHT < other]
+        if above:
+            sure = all(mass + half[index] < other for other, _ in above)
+            doubt = "" if sure else "; its interval is so wide that the data do not say it"
+            interval = f"{mass:.2g} ± {half[index]:.2g} kg"
+            sentences.append(
+                f"'{body.name}' {interval} ({', '.join(words for _, words in above)}{doubt})"
+            )
+    return tuple(sentences)
+
+
+@post_fit_check("light links")
+def light_links_check(case: FittedCase) -> Iterable[Finding]:
+    """A remark on links of a model that was fitted here, see `light_links`."""
+    found = light_links(case.identified) if case.fitted else ()
+    if not found:
+        return ()
+    what = "1 link is" if len(found) == 1 else f"{len(found)} links are"
+    says = (
+        f"{what} implausibly light: {'; '.join(found)}. Torques follow from sums over links: do "
+        "not use the mass of one link, or give what is known of it (`[prior.links]`)"
+    )
+    return (Finding.ok(says, headline=True),)
+
+
+def _estimated_masses(identified: IdentifiedModel) -> tuple[Array, Array] | None:
+    """Masses of all bodies `(b,)` and their covariance; `None` of a model without."""
     standard, robot = identified.estimate.standard, identified.model.robot
     if standard is None:
-        return
+        return None
     names = list(standard.parameters.names)
     places = [names.index(f"m.{b.name}") for b in robot.bodies if f"m.{b.name}" in names]
     if len(places) != len(robot.bodies):
+        return None
+    return standard.parameters.values[places], standard.covariance[np.ix_(places, places)]
+
+
+def _masses(identified: IdentifiedModel) -> Iterator[str]:
+    found, robot = _estimated_masses(identified), identified.model.robot
+    if found is None:
         return
-    masses = standard.parameters.values[places]
-    covariance = standard.covariance[np.ix_(places, places)]
+    masses, covariance = found
     stds = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     for index, (body, mass, std) in enumerate(zip(robot.bodies, masses, stds, strict=True)):
         most = heaviest(robot, index)

@@ -9,15 +9,20 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from steelyard.base.progress import Progress, report_progress, silent
-from steelyard.check.finding import Finding, Fix, percent_of
+from steelyard.check.finding import Finding, Fix, Severity, percent_of
 from steelyard.check.fitted.changes_within_run import change_in_run_check
 from steelyard.check.fitted.fitted_case_and_causes import FittedCase, PostFitCheck, post_fit_check
 from steelyard.check.fitted.gear_side import below_nominal_check, rotors_at_zero_check
-from steelyard.check.fitted.implausible_estimates import absurd_bodies_check, load_friction_check
+from steelyard.check.fitted.implausible_estimates import (
+    absurd_bodies_check,
+    light_links_check,
+    load_friction_check,
+)
 from steelyard.check.fitted.incomplete_model import model_error_check
 from steelyard.check.fitted.reason_of_unseen_error import unseen_reason_check
 from steelyard.check.fitted.runs_and_last_link_disagree import last_link_check, runs_disagree_check
 from steelyard.estimate.estimate import Z95
+from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.estimate.scores.effort_errors import PROMISED
 from steelyard.model.laws.load_dependent_friction import LoadDependent
 from steelyard.model.laws.register import law_of
@@ -188,8 +193,47 @@ def _term_instead(case: FittedCase, distance: float) -> str:
     )
 
 
+OF_A_LOG = ("nominal model", "unseen log", "95 % bands", "clipped efforts")
+"""Checks of logs that a model is compared with; `validate` makes them of its own logs."""
+
+
+def doubts_of_fit(findings: Iterable[Finding], unseen: Sequence[str]) -> list[dict[str, str]]:
+    """What findings doubt of a fit, whatever log it is compared with, as a model keeps it."""
+    return [
+        {
+            "check": one.check,
+            "log": one.log,
+            "severity": one.severity.name,
+            "says": one.says,
+            "figure": one.figure,
+            "fix": "" if one.fix is None else one.fix.says,
+            "brief": one.brief,
+        }
+        for one in findings
+        if one.severity and one.check not in OF_A_LOG and one.log not in unseen
+    ]
+
+
+def kept_doubts(identified: IdentifiedModel) -> tuple[Finding, ...]:
+    """The findings that `doubts_of_fit` made."""
+    return tuple(
+        Finding(
+            one["check"],
+            one["log"],
+            Severity[one["severity"]],
+            one["says"],
+            one["figure"],
+            fix=Fix(one["fix"]) if one["fix"] else None,
+            headline=True,
+            brief=one["brief"],
+        )
+        for one in identified.provenance.doubts
+    )
+
+
 POST_FIT: tuple[PostFitCheck, ...] = (
     absurd_bodies_check,
+    light_links_check,
     constraints_check,
     runs_disagree_check,
     change_in_run_check,

@@ -10,6 +10,7 @@ from steelyard.base.arguments import checked
 from steelyard.base.arrays import Array
 from steelyard.base.errors import ModelError, OutputError
 from steelyard.base.files import whole_file
+from steelyard.check.fitted.implausible_estimates import light_links
 from steelyard.estimate.identified_model import IdentifiedModel, load_model
 from steelyard.export.model_files.mjcf import mjcf_of
 from steelyard.export.model_files.original_urdf import urdf_behind, urdf_with
@@ -48,6 +49,7 @@ MERGED = "Links fixed to a moving link, directly or by locked joints, are lumped
 
 SHARES = "Share of each link's mass that comes from the data, the rest is prior:"
 UNSEEN = "Not identifiable from the data:"
+LIGHT_LINKS = "Implausibly light, do not rely on the mass of one of these links:"
 KEPT = "Links that were not identified and are not physically consistent in the original file:"
 
 
@@ -62,6 +64,7 @@ class Exported:
     mass_shares: dict[str, float]  # per link the share of its mass that comes from the data, 0 to 1
     unseen: tuple[str, ...]  # parameters that the data did not see
     impossible: tuple[str, ...] = ()  # links that cannot exist as the original says, and are kept
+    light: tuple[str, ...] = ()  # links that are implausibly light, one sentence each
 
 
 def exported(
@@ -79,7 +82,8 @@ def exported(
     unseen = tuple(dict.fromkeys((*(blind.name for blind in estimate.blind), *beside)))
     more = listed_under(SHARES, (f"{name}: {share:.0%}" for name, share in shares.items()))
     more += listed_under(UNSEEN, unseen)
-    impossible: tuple[str, ...] = ()
+    impossible, light = tuple[str, ...](), light_links(identified)
+    more += listed_under(LIGHT_LINKS, light)
     if original is None:
         root = urdf_of(content) if form == "urdf" else mjcf_of(content)
         text = document(root, head_of(identified, content, form, more))
@@ -94,7 +98,7 @@ def exported(
             where=str(original),
             fix="leave out --model, or export to a URDF",
         )
-    return Exported(text, form, content.unsupported, content, shares, unseen, impossible)
+    return Exported(text, form, content.unsupported, content, shares, unseen, impossible, light)
 
 
 def listed_under(heading: str, sentences: Iterable[str]) -> list[str]:

@@ -16,6 +16,7 @@ from steelyard.estimate.friction.friction_mixes import has_memory
 from steelyard.estimate.identified_model import IdentifiedModel, load_model
 from steelyard.estimate.information.gather import gather
 from steelyard.estimate.information.regressor import base_regressor
+from steelyard.estimate.scores.effort_errors import effort_reference
 from steelyard.estimate.scores.residual_trace import (
     ResidualTrace,
     residual_cutoff,
@@ -117,6 +118,7 @@ def contact(
         events=contacts_in(trace, thresholds, robot, sigma),
         carried=None,
         sigma=sigma,
+        usual=np.asarray(effort_reference(identified).fitted or np.zeros(robot.n)),
         source=source,
         suspected=suspected,
         wanted=rate,

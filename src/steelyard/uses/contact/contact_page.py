@@ -36,6 +36,7 @@ TERMINAL_COLUMNS = (0, 1, 2, 3, 4, 5)  # those for which a terminal has room
 
 THRESHOLD_HEADINGS = ("joint", "unit", RANGES[0], "change", *RANGES[1:])
 
+UNCHANGED = 1e-9  # speed of positions that never change, but for rounding [rad/s; m/s]
 LEAST_LASTING_SHARE = 0.5  # share of the log from which on events mean that something lasts
 
 
@@ -50,6 +51,7 @@ class Contacts(Result):
     thresholds: ContactThresholds  # to be exceeded by a contact; evaluable sample by sample
     events: tuple[ContactEvent, ...]  # the contacts, in the order of time
     sigma: Array  # standard deviation of the residuals of the fit, shape `(n,)` [Nm; N]
+    usual: Array  # root mean square effort of the fitted runs, likewise; 0 where not known
     source: str  # what the thresholds were calibrated on
     carried: str | None  # a payload that explains lasting residuals, for people to read
     suspected: tuple[SuspectedContact, ...]  # stretches of the calibration that contain contact
@@ -69,8 +71,36 @@ class Contacts(Result):
         """How many contacts there are, and whether the robot moves."""
         count, duration = len(self.events), self.trace.duration
         many = {0: "No contact", 1: "1 contact"}.get(count, f"{count} contacts")
+        blind, every = len(self.blind), len(self.joints)
+        if not count and (self.frozen or blind == every):
+            many, blind = "Cannot decide on contact", 0
         stands = ", in which the robot stands" if self.stands else ""
-        return f"{many} in {duration:.1f} s of {self.trace.run}{stands}"
+        where = f", at {every - blind} of {every} joints" if blind else ""
+        return f"{many} in {duration:.1f} s of {self.trace.run}{stands}{where}"
+
+    @property
+    def frozen(self) -> bool:
+        """Whether no position of the log ever changes."""
+        return not (self.trace.fastest > UNCHANGED).any()
+
+    @property
+    def levels(self) -> Array:
+        """Threshold of each joint in half of the log at least, NaN without, `(n,)` [Nm; N]."""
+        ranges = self.trace.ranges(self.thresholds.edges)
+        level = self.thresholds.at(ranges)
+        level = np.where(ranges == 0, np.fmin(level, self.thresholds.changes[:, None]), level)
+        level = np.sort(np.where(np.isnan(level), np.inf, level), axis=1)
+        return np.asarray(level[:, level.shape[1] // 2])
+
+    @property
+    def shown(self) -> Array:
+        """Greatest effort of each joint in the log, or usual one of fitted runs, `(n,)`."""
+        return np.asarray(np.maximum(np.abs(self.trace.measured).max(axis=1), self.usual))
+
+    @property
+    def blind(self) -> tuple[str, ...]:
+        """Joints at which only a push larger than all efforts that they show would be seen."""
+        return tuple(np.array(self.joints)[self.levels > self.shown].tolist())
 
     @property
     def busy(self) -> float:
@@ -92,8 +122,25 @@ class Contacts(Result):
     def warnings(self) -> tuple[str, ...]:
         """What qualifies the result."""
         found = list(self.notes)
+        if self.frozen:
+            found.append(
+                "positions never change: either brakes hold the joints, which bear every push, or "
+                "the positions are not measured ones"
+            )
         if self.stands:
             found.append(self._visible_at_rest)
+        if self.blind:
+            pairs = zip(self.joints, self.units, self.levels, self.shown, strict=True)
+            listed = ", ".join(
+                f"{joint} ({significant(float(level), 2)} {unit}, efforts up to "
+                f"{significant(float(shown), 2)})"
+                for joint, unit, level, shown in pairs
+                if joint in self.blind
+            )
+            found.append(
+                f"cannot decide where thresholds are above all efforts: {listed}; a model with "
+                "smaller errors, or more free motion with --calibrate, lowers them"
+            )
         if self.wanted is None and self.thresholds.rate > 1.0:
             found.append(
                 "1 false alarm per hour is more than this calibration supports: for it, give "
@@ -171,6 +218,7 @@ class Contacts(Result):
                 ],
             },
             "joints": list(self.joints),
+            "undecided": list(self.joints if self.frozen else self.blind),
             "payload": self.carried,
             "notes": list(self.notes),
         }
