@@ -4,6 +4,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from steelyard.runs.left_out import LeftOut
 from steelyard.runs.prepare import prepare
 from steelyard.runs.processing_choices import Processing
 from steelyard.runs.rows.false_stretches import dead_efforts, frozen_positions
@@ -32,6 +33,9 @@ def test_a_dead_effort_does_not_count_and_others_do(recording, sines) -> None:
     assert not whole.moving[inside, 1].any() and not whole.weights[inside, 1].any()
     assert whole.moving[inside, 0].any() and (whole.weights[inside, 0] == 1.0).all()
     assert "efforts of tau_1 from 5 to 6.995 s left out" in " ".join(run.quality.losses)
+    assert run.unmeasured(whole.t)[1, inside].all() and not run.unmeasured(whole.t)[0].any()
+    pushed = run.leaving_out([LeftOut(8.0, 9.0, "a force", (0,))])
+    assert not pushed.unmeasured(whole.t)[0].any()  # of a fit, not of the log
     kept = prepare(recording(t, q, effort), Processing(leave_out_saturated=False))
     assert kept.recording.left_out == ()
 

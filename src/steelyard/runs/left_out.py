@@ -8,6 +8,9 @@ from numpy.typing import NDArray
 
 from steelyard.base.arrays import Array
 
+FROZEN = "an encoder is frozen: its position stops within one row while others move"
+DEAD = "they keep one value while the joint moves: they are not measured there"
+
 
 @dataclass(frozen=True)
 class LeftOut:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from steelyard.base.arrays import Array, frozen
 from steelyard.base.motion import Motion
 from steelyard.robot.file.signals import Signals
-from steelyard.runs.left_out import LeftOut, efforts_left_out
+from steelyard.runs.left_out import DEAD, LeftOut, efforts_left_out
 from steelyard.runs.mean_over_repetitions import Importance
 from steelyard.runs.processing_chain import Chain
 from steelyard.runs.recording import Recording
@@ -203,6 +203,13 @@ class Run:
         left_out = (*self.recording.left_out, *stretches)
         recording = replace(self.recording, left_out=left_out)
         return replace(self, recording=recording, kept=KeptBlocks())
+
+    def unmeasured(self, t: Array) -> NDArray[np.bool_]:
+        """Whether each effort is dead at times `(N,)`, by the log alone, shape `(n, N)`."""
+        dead = [stretch for stretch in self.recording.left_out if stretch.reason == DEAD]
+        n = self.recording.channels.joints
+        out = efforts_left_out(t, n, dead, self._spread)
+        return np.zeros((n, len(t)), dtype=np.bool_) if out is None else out
 
     def around(self, context: float) -> "Run":
         """The run with that much of its segments before its first and after its last motion [s]."""

@@ -257,7 +257,7 @@ def low_passed(
             t, moving, q, dq, own, fixed, std = np.split(part[:, inside], edges)
             if t.size:
                 own, fixed = (x.reshape(-1, n, x.shape[1]) for x in (own, fixed))
-                counted = np.abs(dq) > judged.rest_speed[:, None]
+                counted = (np.abs(dq) > judged.rest_speed[:, None]) & ~run.unmeasured(t[0])
                 yield LowPassed(t[0], moving.astype(bool), counted, q, dq, own, fixed, std)
 
 

@@ -8,7 +8,7 @@ for bit while its joint moves.
 import numpy as np
 
 from steelyard.base.arrays import Array
-from steelyard.runs.left_out import LeftOut
+from steelyard.runs.left_out import DEAD, FROZEN, LeftOut
 from steelyard.runs.processing_choices import Processing
 from steelyard.runs.recording import Channels
 
@@ -24,9 +24,6 @@ usually keeps a value."""
 DEAD_MOTION = 0.1  # distance that its joint goes meanwhile, over its range in the log
 MOST_DEAD = 0.9  # share of the rows from which on an effort is no measured one with dead stretches
 ROWS_AT_ONCE = 100_000  # rows that are looked at together
-
-FROZEN = "an encoder is frozen: its position stops within one row while others move"
-DEAD = "they keep one value while the joint moves: they are not measured there"
 
 Rows = tuple[int, int, int]
 """Joint, first and last row of a stretch."""
