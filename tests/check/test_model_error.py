@@ -204,7 +204,8 @@ def test_a_friction_law_that_lacks_is_a_remark(
     assert f"(term {term.law})" in causes.split(",")[0]
     assert "geometry" not in causes  # many columns explain anything; single causes are named
     assert f"(term {term.law}) the error on left-out motion falls from " in finding.brief
-    assert finding.brief.endswith(" % (least squares, fitted logs). Add it to [model] terms")
+    assert finding.brief.endswith(f" % (least squares, fitted logs){incomplete_model.ADD_TERM}")
+    assert 'friction = "auto", which takes no fixed law' in finding.brief
     assert finding.says.endswith(
         ". Errors on left-out motion: least squares without prior, cross-validation over runs"
     )
@@ -283,7 +284,7 @@ def test_errors_of_models_with_scales_are_to_be_compared_as_logged() -> None:
     tested = ((spring, LeftOutGain(3.0, 2.0, True, "run")),)
     falls = "With a spring the error on left-out motion falls from 3 to 2 % "
     falls += "(least squares, fitted logs)"
-    assert incomplete_model.term_advice(tested, False) == f"{falls}. Add it to [model] terms"
+    assert incomplete_model.term_advice(tested, False) == f"{falls}{incomplete_model.ADD_TERM}"
     assert incomplete_model.term_advice(tested, True).startswith(
         f"{falls} at the present effort scales"
     )

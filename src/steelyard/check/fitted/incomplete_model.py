@@ -35,10 +35,14 @@ CAUSE_ADVICE = {
 }
 """What to do about a cause, by its kind; of the geometry otherwise."""
 LIKE_THE_BEST = 1.1  # error on left-out motion over the best cause's up to which one is as likely
-ADD_TERM = ". Add it to [model] terms"  # about a term that predicts left-out motion better
+INTO_TERMS = (
+    'Add it to [model] terms (with friction = "auto", which takes no fixed law: list the laws '
+    "that it chose there instead)"
+)
+ADD_TERM = f". {INTO_TERMS}"  # about a term that predicts left-out motion better
 AS_LOGGED = (
-    " at the present effort scales, which change with it. Add it to [model] terms only if the "
-    "error as logged then falls"
+    f" at the present effort scales, which change with it. {INTO_TERMS} only if the error as "
+    "logged then falls"
 )
 """What to do about it where scales of the efforts are estimated: errors of two models that divide
 efforts by other scales cannot be compared."""
