@@ -291,3 +291,14 @@ def test_errors_of_models_with_scales_are_to_be_compared_as_logged() -> None:
     assert incomplete_model.term_advice(tested, True).endswith(
         "only if the error as logged then falls"
     )
+
+
+def test_a_term_is_not_recommended_where_another_cause_predicts_better() -> None:
+    term = Cause("load_dependent", "", "a term", ("a",), 90.0, 0.5)
+    other = Cause("saturation", "elbow", "gain of elbow that falls", ("b",), 99.0, 0.6)
+    kept = LeftOutGain(1.0, 0.8, True, "run")
+    says = incomplete_model.term_advice([(term, kept)], False)
+    assert says.endswith("Add it to [model] terms")
+    tested = [(other, LeftOutGain(1.0, 0.75, False, "run")), (term, kept)]
+    says = incomplete_model.term_advice(tested, False)
+    assert "further with gain of elbow that falls: the logs do not decide" in says

@@ -146,6 +146,9 @@ def term_advice(tested: Sequence[tuple[Cause, LeftOutGain | None]], scaled: bool
             f"With {cause.says} the error on left-out motion falls from {gain.before:.2g} to "
             f"{gain.after:.2g} % (least squares, fitted logs)"
         )
+        rivals = [other.says for other, its in tested if its and its.after < gain.after]
+        if rivals:
+            return f"{falls}, and further with {rivals[0]}: the logs do not decide between them"
         if cause.of_friction:
             return f"{falls}{AS_LOGGED if scaled else ADD_TERM}"
         return f"{falls}. {CAUSE_ADVICE.get(cause.kind, GEOMETRY_ADVICE)}"
