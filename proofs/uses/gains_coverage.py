@@ -1,6 +1,6 @@
 """What 95 % intervals of drive gains hold: simulated arms with other masses, friction and gains.
 
-Each of the robots (40, or as many as the argument says) runs one motion without and another one
+Each of the robots (60, or as many as the argument says) runs one motion without and another one
 with a payload of known mass, on which its friction is another one. Disturbances take turns. What
 a payload does not fix, a known gain of one joint does: a gain is then covered or called assumed.
 `python -m proofs.uses.gains_coverage 200`.
@@ -86,7 +86,7 @@ def inside(found: GainEstimate, gains: Array) -> tuple[int, int]:
     return int(held[open_].sum()), int(open_.sum())
 
 
-def main(robots: int = 40) -> list[Claim]:
+def main(robots: int = 60) -> list[Claim]:
     """Shares of the gains in their intervals, with a payload and with one known gain."""
     rows = [row for row in ROWS if row.name in CHOSEN]
     counts = np.zeros((2, len(rows), 2), dtype=int)
