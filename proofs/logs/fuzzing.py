@@ -13,7 +13,7 @@ import tempfile
 import time
 import zlib
 from collections import Counter
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -26,7 +26,7 @@ import numpy as np
 import polars as pl
 from proofs.support.claims import Claim, main_of
 
-from steelyard.base.errors import LogError
+from steelyard.base.errors import SteelyardError
 from steelyard.logs.formats import FORMATS, open_log
 
 CASES = 260
@@ -97,8 +97,25 @@ def judged(label: str, found: list[Outcome]) -> Claim:
     return Claim(f"{len(found)} broken files: {label}", figure, bound, not bad and not over)
 
 
-def outcomes(folder: Path, sound: Path, contents: Iterable[bytes | Path]) -> Iterator[Outcome]:
-    """How reading each file ends, in a child that has read a sound one before."""
+@dataclass(frozen=True)
+class Limits:
+    """What a child may take: seconds a file, and memory beyond what it begins with [MiB]."""
+
+    seconds: float = LONGEST
+    room: float = 4096.0
+
+
+def outcomes(
+    folder: Path,
+    sound: Path,
+    contents: Iterable[bytes | Path],
+    read: Callable[[str], float] | None = None,
+    limits: Limits = Limits(),
+) -> Iterator[Outcome]:
+    """How reading each file ends, in a child that has read a sound one before.
+
+    `read` gives the decoded size of what it read [MiB]; without it logs are read.
+    """
     context = multiprocessing.get_context("spawn")
     child: Any = None
     pipe: Any = None
@@ -106,7 +123,9 @@ def outcomes(folder: Path, sound: Path, contents: Iterable[bytes | Path]) -> Ite
     for content in contents:
         if child is None:
             pipe, other = context.Pipe()
-            child = context.Process(target=work, args=(other, str(sound)), daemon=True)
+            child = context.Process(
+                target=work, args=(other, str(sound), read or _read, limits.room), daemon=True
+            )
             child.start()
             other.close()
             pipe.recv()
@@ -114,11 +133,14 @@ def outcomes(folder: Path, sound: Path, contents: Iterable[bytes | Path]) -> Ite
             target.write_bytes(content)
         try:
             pipe.send(str(target if isinstance(content, bytes) else content))
-            if pipe.poll(LONGEST):
-                yield pipe.recv()
+            if pipe.poll(limits.seconds):
+                outcome = pipe.recv()
+                if outcome.kind not in ("error", "table"):
+                    _keep(target, content)
+                yield outcome
                 continue
             child.kill()
-            yield Outcome("hang", seconds=LONGEST)
+            yield Outcome("hang", seconds=limits.seconds)
         except (EOFError, BrokenPipeError):
             child.join()
             yield Outcome(f"crash {child.exitcode}")
@@ -136,11 +158,11 @@ def _keep(target: Path, content: bytes | Path) -> None:
         (Path(keep) / f"{zlib.crc32(content):08x}{target.suffix}").write_bytes(content)
 
 
-def work(pipe: Connection, sound: str) -> None:
+def work(pipe: Connection, sound: str, read: Callable[[str], float], room: float) -> None:
     """Read files as they are named, in a process with little memory to spare."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), 2)
-    _read(sound)
-    most = 1024 * int(figure("VmSize") + 4096.0) * 1024
+    read(sound)
+    most = 1024 * int(figure("VmSize") + room) * 1024
     resource.setrlimit(resource.RLIMIT_AS, (most, most))
     pipe.send("ready")
     while True:
@@ -150,8 +172,8 @@ def work(pipe: Connection, sound: str) -> None:
         start = time.perf_counter()
         kind, part = "table", 0.0
         try:
-            part = _read(path)
-        except LogError as error:
+            part = read(path)
+        except SteelyardError as error:
             kind = "error" if error.wrong and error.fix and error.where else "a bare error"
         except BaseException as error:
             kind = f"{type(error).__name__}: {error}"[:80]

@@ -62,3 +62,18 @@ def test_counts_within_bounds_are_compiled(tmp_path: Path, monkeypatch: pytest.M
         "</mujoco>"
     )
     assert [joint.name for joint in load_robot(file).robot.joints] == ["j"]
+
+
+@pytest.mark.parametrize("origin", ["1e308 0 0", "0 -1e200 0"])
+def test_numbers_that_overflow_are_refused(tmp_path: Path, origin: str) -> None:
+    """Each is finite, but the inertia about the link frame's origin is not."""
+    file = tmp_path / "arm.urdf"
+    file.write_text(
+        '<robot name="arm"><link name="base"/><link name="hand"><inertial>'
+        f'<origin xyz="{origin}"/><mass value="2"/>'
+        '<inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial></link>'
+        '<joint name="j" type="continuous"><parent link="base"/><child link="hand"/></joint>'
+        "</robot>"
+    )
+    with pytest.raises(ModelError, match="'hand' are too large"):
+        load_robot(file)

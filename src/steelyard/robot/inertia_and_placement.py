@@ -72,7 +72,8 @@ class Inertia:
     def about_com(cls, mass: float, com: ArrayLike, inertia_com: ArrayLike) -> "Inertia":
         """From the centre of mass `(3,)` [m] and the inertia about it, link axes [kg m²]."""
         c = skew(com)
-        return cls(mass, mass * np.asarray(com), np.asarray(inertia_com) - mass * c @ c)
+        with np.errstate(over="ignore", invalid="ignore"):  # what is not finite is refused later
+            return cls(mass, mass * np.asarray(com), np.asarray(inertia_com) - mass * c @ c)
 
     @classmethod
     def from_pseudo(cls, pseudo: ArrayLike) -> "Inertia":
@@ -110,7 +111,8 @@ class Inertia:
         """The same body in a frame that sees this link frame with a rotation and position [m]."""
         placement = np.eye(4)
         placement[:3, :3], placement[:3, 3] = rotation, position
-        return Inertia.from_pseudo(placement @ self.pseudo @ placement.T)
+        with np.errstate(over="ignore", invalid="ignore"):  # likewise
+            return Inertia.from_pseudo(placement @ self.pseudo @ placement.T)
 
     def __add__(self, other: "Inertia") -> "Inertia":
         """Two bodies rigidly joined; both in the same frame."""
@@ -216,8 +218,6 @@ class Placement:
 
     def __matmul__(self, other: "Placement") -> "Placement":
         """A frame placed in this frame, seen from where this frame is placed."""
-        return Placement(
-            self.rotation @ other.rotation,
-            self.position + self.rotation @ other.position,
-            max(self.dirt, other.dirt),
-        )
+        with np.errstate(over="ignore", invalid="ignore"):  # likewise
+            position = self.position + self.rotation @ other.position
+        return Placement(self.rotation @ other.rotation, position, max(self.dirt, other.dirt))

@@ -201,6 +201,7 @@ def reduced(
         if drive.master in positions
     }
     bodies, frames = _merged_bodies(mechanism, drives, moving, resting, base)
+    _refuse_overflow(mechanism, bodies, frames)
     in_root = Placement()
     for joint in mechanism.to_link(base):
         in_root = in_root @ joint.at(resting.get(joint.name, 0.0))
@@ -217,6 +218,19 @@ def reduced(
     robot, closed = closed_robot(robot, mechanism, closing)
     notes = reduction_notes(mechanism, drives, robot, base, assumed, positions)
     return robot, (*left_out, *notes, *closed)
+
+
+def _refuse_overflow(mechanism: Mechanism, bodies: Sequence[Body], frames: Sequence[Frame]) -> None:
+    """Raise `ModelError` where numbers, each finite, are so large that placing them overflows."""
+    numbers = [(body.name, [*body.inertia.ten, *body.position]) for body in bodies]
+    numbers += [(frame.name, frame.position.tolist()) for frame in frames]
+    for name, values in numbers:
+        if not np.isfinite(values).all():
+            raise ModelError(
+                f"the numbers of link '{name}' are too large to compute with",
+                where=f"link '{name}' of robot '{mechanism.name}'",
+                fix="check the exponents of its inertial and of the origins up to it",
+            )
 
 
 def _check_links(mechanism: Mechanism, base: str, tips: Sequence[str]) -> None:
