@@ -22,14 +22,14 @@ import polars as pl
 from proofs.logs.fuzzing import Limits, Outcome, mutated, outcomes
 from proofs.support.claims import Claim, main_of
 from proofs.support.log_files import Table, message_columns, write_messages, write_tables
-
 from steelyard.estimate.identified import load_model
+
 from steelyard.identify.identify import identify
 from steelyard.logs.formats import open_log
 from steelyard.robot.file.robot_file import load_robot
 from steelyard.robot.file.signals import Signals
 from steelyard.runs.prepare import prepare
-from steelyard.runs.processing import Processing
+from steelyard.runs.processing_choices import Processing
 from steelyard.runs.recording import Recording
 from steelyard.simulate.demo import demo_runs
 

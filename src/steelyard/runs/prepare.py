@@ -17,6 +17,7 @@ from steelyard.runs.cutoffs_and_rest_speed import (
     default_rest_speed,
     given_rest_speed,
 )
+from steelyard.runs.kept_samples import KeptSamples, Source
 from steelyard.runs.mean_over_repetitions import MeanMotion, mean_of_periods
 from steelyard.runs.noise_propagation import motion_responses, noise_gain
 from steelyard.runs.processing_chain import Chain
@@ -36,32 +37,44 @@ SAME_TIME = 1e-6  # difference up to which two times are one, in samples
 
 
 def prepare(
-    recording: Recording, processing: Processing | None = None, *, at_rest: bool = False
+    recording: Recording,
+    processing: Processing | None = None,
+    *,
+    at_rest: bool = False,
+    before: Run | None = None,
 ) -> Run:
     """Look through a recording and decide how to read it.
 
     `processing` says what is not left to the data; `at_rest`, whether a log in which no joint
-    moves is used, from its first row to its last.
+    moves is used, from its first row to its last. A run that was made `before` with other cut-offs
+    only has been looked through.
     """
     requested = processing = Processing() if processing is None else processing
     if processing.repetitions is not None:
         mean = mean_of_periods(recording, processing.repetitions)
         return prepare_mean(mean, recording.name, processing)
     loaded = recording.in_memory()
-    found = survey(loaded, processing)
+    known = None if before is None else before.survey
+    found = survey(loaded, processing) if known is None else known
     loaded, recording = (replace(one, left_out=found.left_out) for one in (loaded, recording))
     if found.band.frequency == 0.0 and not at_rest:
         raise _static(recording)
     band = found.band
     cut = cutoffs(processing, band.frequency, found.rate, recording.where, band.floor)
     _long_enough(recording, found, cut)
-    processing = replace(processing, motion=_chosen_method(processing.motion, recording, found))
+    if before is None or known is None:
+        motion = _chosen_method(processing.motion, recording, found)
+    else:
+        motion = before.chain.processing.motion
+    processing = replace(processing, motion=motion)
     chain = _chain(processing, found, cut)
     loaded, wide = _with_context(loaded, found, chain)
     segments = _long_enough(recording, wide, cut)
     given = given_rest_speed(processing, recording.channels.joints)
+    read = replace(loaded, log=recording.log)
+    kept = KeptSamples()
     references = [np.ones(recording.channels.joints), *([] if given is None else [given])]
-    histograms, marked = _speeds(loaded, found, chain, segments, references)
+    histograms, marked = _speeds(loaded, found, kept, Source(read, chain, segments), references)
     speeds = histograms[0]
     rest = speeds.edge_above(_rest_speed(recording, found, chain, speeds.quantile(0.99)))
     whole = (found.segments[0].start, found.segments[-1].stop) if at_rest else None
@@ -73,9 +86,9 @@ def prepare(
         raise _static(recording)
     span = min(used.span[0], judged.span[0]), max(used.span[1], judged.span[1])
     return Run(
-        recording=replace(loaded, log=recording.log),
+        recording=read,
         name=recording.name,
-        chain=replace(chain, flagged=marked.efforts > 0),
+        chain=replace(chain, flagged=True) if marked.efforts else chain,
         segments=segments,
         rest_speed=used.rest_speed,
         span=_long_span(recording, cut, span),
@@ -83,6 +96,8 @@ def prepare(
         quality=_quality(
             recording, found, chain, requested, used.rest_speed, speeds.highest, marked
         ),
+        survey=replace(found, even=found.even[:, :0]),
+        kept=kept,
     )
 
 
@@ -131,14 +146,15 @@ def _static(recording: Recording) -> LogError:
 def _speeds(
     recording: Recording,
     found: Survey,
-    chain: Chain,
-    segments: tuple[Segment, ...],
+    kept: KeptSamples,
+    source: Source,
     references: Sequence[Array],
 ) -> tuple[list[SpeedHistogram], Marked]:
-    """Speeds in the window, over each reference, and what was marked there.
+    """Speeds in the window, over each reference, and what was marked there; samples are kept.
 
     The ends of segments do not count, which the filter has to guess beyond.
     """
+    chain = source.chain
     n = recording.channels.joints
     histograms = [SpeedHistogram(reference) for reference in references]
     slip = SAME_TIME / chain.rate
@@ -146,7 +162,7 @@ def _speeds(
     bent = 1.0 / chain.motion_cutoff
     early, late = lost_ends(recording.signals)
     marks = np.zeros(COUNTS_OF_MARKS)
-    for part in chain.parts(recording, segments, counted):
+    for part in kept.keeping(source, chain.parts(recording, source.segments, counted)):
         s, last = part.segment, part.first + part.signals.shape[1]
         at = s.start + np.arange(part.first, last) / chain.rate
         inside = at >= max(counted[0] - slip, s.start + bent + early)

@@ -1,6 +1,6 @@
 """A run: clean motion and effort on a uniform clock, read by parts."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -10,16 +10,15 @@ from numpy.typing import NDArray
 from steelyard.base.arrays import Array, frozen
 from steelyard.base.motion import Motion
 from steelyard.robot.file.signals import Signals
+from steelyard.runs.kept_samples import BLOCK_SAMPLES, KeptSamples, Source
 from steelyard.runs.left_out import DEAD, LeftOut, efforts_left_out
 from steelyard.runs.mean_over_repetitions import Importance
-from steelyard.runs.processing_chain import Chain
+from steelyard.runs.processing_chain import Chain, MotionPart
 from steelyard.runs.recording import Recording
 from steelyard.runs.rows.marked_rows_and_quality import Quality, Segment
+from steelyard.runs.survey_of_recording import Survey
 
-BLOCK_SAMPLES = 4096  # samples of a block
 LEAST_SPREAD = 0.2  # time around a stretch left out that low-passes of 5 Hz mix with it [s]
-KEPT = 2**20
-"""Values up to which motion and efforts of a run stay in memory for the next pass: 8 MiB."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,17 +81,6 @@ class RunData:
         return self.motion.t
 
 
-class KeptBlocks:
-    """Blocks of a short run that stay in memory, for itself and for runs of another span."""
-
-    def __init__(self) -> None:
-        self.source: tuple[object, ...] = ()
-        self.blocks: tuple[tuple[int, Block], ...] = ()
-
-    def __reduce__(self) -> tuple[type["KeptBlocks"], tuple[()]]:
-        return KeptBlocks, ()  # another process reads the log itself
-
-
 @dataclass(frozen=True, eq=False)
 class Moves:
     """Where the joints of a log move."""
@@ -103,7 +91,7 @@ class Moves:
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """A recording, cleaned when it is read: passes over long logs read anew, in constant memory.
+    """A recording, cleaned when it is first read, in constant memory.
 
     Attributes:
         recording: Where it comes from, with context around a cut for the motion's filter.
@@ -116,7 +104,8 @@ class Run:
             these samples.
         quality: What was found in the log.
         importance: Weights of efforts over time, of a mean over repetitions.
-        kept: Motion and efforts of a short run, for the next pass.
+        survey: What the first look at the log found, but for its excerpt.
+        kept: Motion and efforts, for the next pass.
 
     Example:
         >>> (run,) = load_runs("arm.toml", "fit.csv")
@@ -133,7 +122,8 @@ class Run:
     judged: Moves
     quality: Quality
     importance: Importance | None = None
-    kept: KeptBlocks = field(default_factory=KeptBlocks)
+    survey: Survey | None = None
+    kept: KeptSamples = field(default_factory=KeptSamples)
 
     def __repr__(self) -> str:
         joints = self.recording.channels.joints
@@ -172,16 +162,41 @@ class Run:
 
     def blocks(self, size: int = BLOCK_SAMPLES) -> Iterator[Block]:
         """Samples from first to last motion, in blocks of at most `size`; can be begun anew."""
-        if not self._short:
-            yield from (block for _, block in self._read(size, self.span))
-            return
-        segments = {s.number: s for s in self.segments}
-        for start, block in self._whole():
-            first, last = self._range(segments[block.segment], self.span)
-            begin, end = max(0, first - start), min(len(block.t), last - start)
+        n, ranges = self.recording.channels.joints, {}
+        for segment in self.segments:
+            ranges[segment.number] = self._range(segment, self.span)
+        for part in self._parts(ranges):
+            first, last = ranges[part.segment.number]
+            begin, end = max(0, first - part.first), min(part.signals.shape[1], last - part.first)
             for at in range(begin, end, size):
-                stop = min(at + size, end)
-                yield block if (at, stop) == (0, len(block.t)) else block.part(at, stop)
+                yield self._block(part, slice(at, min(at + size, end)), n)
+
+    def _block(self, part: MotionPart, inside: slice, n: int) -> Block:
+        """Some samples of a part."""
+        values = np.ascontiguousarray(part.signals[:, inside])
+        values.flags.writeable = False
+        q, dq, ddq, effort = values.reshape(4, n, -1)
+        first = part.first + inside.start
+        t = part.segment.start + np.arange(first, first + values.shape[1]) / self.rate
+        moving = np.abs(dq) > self.rest_speed[:, None]
+        out = efforts_left_out(t, n, self.recording.left_out, self._spread)
+        moving = moving if out is None else moving & ~out
+        weights = None if part.weights is None else part.weights[:, inside].copy()
+        if weights is not None and (weights == 1.0).all():
+            weights = None
+        if self.importance is not None:
+            own = self.importance.at(t)
+            weights = own if weights is None else own * weights
+        if out is not None:
+            weights = np.where(out, 0.0, 1.0 if weights is None else weights)
+        return Block(part.segment.number, t, q, dq, ddq, effort, moving, weights=weights)
+
+    def _parts(self, ranges: Mapping[int, tuple[int, int]]) -> Iterator[MotionPart]:
+        """Parts of all segments; of those that are kept, only what has samples in the ranges."""
+        source = self._source
+        if self.kept.of(source):
+            return self.kept.between(ranges)
+        return self.kept.keeping(source, self.chain.parts(self.recording, self.segments))
 
     def displaced(self, offsets: Array) -> "Run":
         """The run with positions that far from those of the log, shape `(n,)` [rad; m]."""
@@ -191,18 +206,17 @@ class Run:
             position_offset=frozen(offsets),
             unknown_offsets=(False,) * len(offsets),
         )
-        found = replace(self, recording=replace(self.recording, signals=signals), kept=KeptBlocks())
-        if self._short:
-            change = (offsets if given is None else offsets - given)[:, None]
-            whole = [(at, replace(b, q=frozen(b.q + change))) for at, b in self._whole()]
-            found.kept.blocks, found.kept.source = tuple(whole), found._source
-        return found
+        recording = replace(self.recording, signals=signals)
+        if not self.kept.of(self._source):
+            return replace(self, recording=recording, kept=KeptSamples())
+        change = (offsets if given is None else offsets - given)[:, None]
+        source = Source(recording, self.chain, self.segments)
+        return replace(self, recording=recording, kept=self.kept.displaced(change, source))
 
     def leaving_out(self, stretches: Sequence[LeftOut]) -> "Run":
         """The run in which efforts of some joints do not count in stretches of time."""
         left_out = (*self.recording.left_out, *stretches)
-        recording = replace(self.recording, left_out=left_out)
-        return replace(self, recording=recording, kept=KeptBlocks())
+        return replace(self, recording=replace(self.recording, left_out=left_out))
 
     def unmeasured(self, t: Array) -> NDArray[np.bool_]:
         """Whether each effort is dead at times `(N,)`, by the log alone, shape `(n, N)`."""
@@ -222,50 +236,9 @@ class Run:
         return max(1.0 / self.matched_cutoff, LEAST_SPREAD)
 
     @property
-    def _short(self) -> bool:
-        """Whether motion and efforts of all segments stay in memory."""
-        samples = sum(segment.samples for segment in self.segments)
-        return 4 * self.recording.channels.joints * samples <= KEPT
-
-    @property
-    def _source(self) -> tuple[object, ...]:
-        """What blocks are made from, but for the span."""
-        return self.recording, self.chain, self.segments, self.rest_speed, self.importance
-
-    def _whole(self) -> tuple[tuple[int, Block], ...]:
-        """All samples of all segments, with the number of each block's first one."""
-        kept, source = self.kept, self._source
-        if len(kept.source) != len(source) or any(
-            one is not other for one, other in zip(kept.source, source, strict=True)
-        ):
-            kept.blocks, kept.source = tuple(self._read(BLOCK_SAMPLES, (-np.inf, np.inf))), source
-        return kept.blocks
-
-    def _read(self, size: int, span: tuple[float, float]) -> Iterator[tuple[int, Block]]:
-        """Blocks within a span of time, with the number of their first sample in the segment."""
-        n = self.recording.channels.joints
-        for part in self.chain.parts(self.recording, self.segments):
-            segment, start, signals = part.segment, part.first, part.signals
-            first, last = self._range(segment, span)
-            for at in range(max(start, first), min(start + signals.shape[1], last), size):
-                stop = min(at + size, start + signals.shape[1], last)
-                inside = slice(at - start, stop - start)
-                values = np.ascontiguousarray(signals[:, inside])
-                values.flags.writeable = False
-                q, dq, ddq, effort = values.reshape(4, n, -1)
-                t = segment.start + np.arange(at, stop) / self.rate
-                moving = np.abs(dq) > self.rest_speed[:, None]
-                out = efforts_left_out(t, n, self.recording.left_out, self._spread)
-                moving = moving if out is None else moving & ~out
-                weights = None if part.weights is None else part.weights[:, inside].copy()
-                if weights is not None and (weights == 1.0).all():
-                    weights = None
-                if self.importance is not None:
-                    own = self.importance.at(t)
-                    weights = own if weights is None else own * weights
-                if out is not None:
-                    weights = np.where(out, 0.0, 1.0 if weights is None else weights)
-                yield at, Block(segment.number, t, q, dq, ddq, effort, moving, weights=weights)
+    def _source(self) -> Source:
+        """What its samples are made from."""
+        return Source(self.recording, self.chain, self.segments)
 
     def whole(self) -> RunData:
         """All samples from first to last motion, in memory."""

@@ -150,7 +150,7 @@ def prepared(
             run
             if (run.motion_cutoff, run.matched_cutoff)
             == (common.motion_cutoff, common.matched_cutoff)
-            else prepare(recording, common, at_rest=at_rest)
+            else prepare(recording, common, at_rest=at_rest, before=run)
             for run, recording in zip(runs, recordings, strict=True)
         ]
     )

@@ -54,8 +54,9 @@ from steelyard.estimate.information.gather import gather
 from steelyard.estimate.information.regressor import Regressor, base_regressor
 from steelyard.estimate.least_squares.weighted_and_recursive import WeightedLeastSquares
 from steelyard.robot.file.signals import ROW
+from steelyard.runs.kept_samples import BLOCK_SAMPLES
 from steelyard.runs.rows.clock_and_row_scan import GAP_SECONDS, GAP_STEPS
-from steelyard.runs.run import BLOCK_SAMPLES, Block, Run
+from steelyard.runs.run import Block, Run
 
 STEPS_AROUND_LEAP = 4  # steps on each side that say how fast joints move
 LEAP_FACTOR = 2.5  # factor from which on rows are missing

@@ -65,13 +65,12 @@ def calibrate(
     chosen = runs_left_out(runs, information)[:MOST_RUNS_LEFT_OUT]
     if len(chosen) < FEWEST_STRETCHES:
         kind, model = "stretches", identified.model
-        information = information_from(  # in windows shorter than a stretch
-            runs,
-            rests=has_memory(model.terms),
-            longest=max(run.duration for run in runs) / (PER_STRETCH * FOLDS),
-            threads=threads,
-            progress=progress,
-        )(base_regressor(model))
+        longest = max(run.duration for run in runs) / (PER_STRETCH * FOLDS)
+        if any(window.stop - window.start > longest for window in information.windows):
+            rests, regressor = has_memory(model.terms), base_regressor(model)
+            information = information_from(
+                runs, rests=rests, longest=longest, threads=threads, progress=progress
+            )(regressor)
         chosen = stretches_left_out(runs, information)
     found, cutoff = [], residual_cutoff(identified, runs)
     for number, one in enumerate(chosen):

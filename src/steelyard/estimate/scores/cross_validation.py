@@ -6,9 +6,10 @@ no test of a fit to its other half: windows that repeat what is left out are lef
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import pairwise
 from math import ceil
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -272,13 +273,18 @@ class _Course:
         """In units of `size`, shape `(2 n,)`."""
         return replace(self, states=self.states / size)
 
-    def repeats(self, other: "_Course") -> bool:
-        """Whether most of this is what the other does, at one lag."""
+    @cached_property
+    def tree(self) -> Any:
+        """Its states, to find those near others."""
         from scipy.spatial import KDTree
 
+        return KDTree(self.states)
+
+    def repeats(self, other: "_Course") -> bool:
+        """Whether most of this is what the other does, at one lag."""
         if not len(self.t) or not len(other.t):
             return False
-        distance, index = KDTree(other.states).query(
+        distance, index = other.tree.query(
             self.states, p=np.inf, distance_upper_bound=REPEATED_MOTION_DISTANCE
         )
         near = np.isfinite(distance)

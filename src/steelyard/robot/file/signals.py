@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from math import pi
 from typing import TYPE_CHECKING, Any
 
@@ -36,6 +36,18 @@ VELOCITY_UNITS = {
     "prismatic": {"m/s": 1.0, "mm/s": 1e-3},
 }
 
+
+NOT_OF_SAMPLES = {
+    "effort_kind",
+    "effort_units",
+    "gains",
+    "unknown_gains",
+    "unknown_offsets",
+    "commanded_position",
+    "commanded_velocity",
+    "commanded_velocity_scale",
+}
+"""Fields of `Signals` that say nothing of how samples are read, but what they mean."""
 
 ROW = "row number"
 """Column that a log without a clock is read with: the numbers of its rows, from zero."""
@@ -106,6 +118,11 @@ class Signals:
         """All columns that are read: no efforts of joints without a motor."""
         measured = [name for j, name in enumerate(self.effort) if j not in self.unactuated]
         return (self.time, *self.position, *(self.velocity or ()), *measured)
+
+    def reads_alike(self, other: Signals) -> bool:
+        """Whether both make the same samples of a log: gains and commanded columns do not count."""
+        names = {field.name for field in fields(self)} - NOT_OF_SAMPLES
+        return all(np.array_equal(getattr(self, name), getattr(other, name)) for name in names)
 
     @property
     def time_units(self) -> Mapping[str, float]:
