@@ -38,9 +38,9 @@ from steelyard.excite.search.parallel_search import (
 from steelyard.excite.search.repair_until_proven import finished
 from steelyard.excite.search.search_methods import method_of
 from steelyard.excite.search.why_no_motion import explained_no_motion, refuse_impossible
-from steelyard.excite.trajectories.jumps_and_holds import holds_note
 from steelyard.excite.trajectories.motion_families import FAMILIES, coefficients_of
 from steelyard.excite.trajectories.trajectory import ExactTrajectory
+from steelyard.excite.trajectories.velocity_jumps_and_standstills import holds_note
 from steelyard.model.equations.frame_kinematics import positions_of
 from steelyard.model.model import Model
 from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot

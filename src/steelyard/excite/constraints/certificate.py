@@ -13,8 +13,12 @@ from steelyard.base.arrays import Array
 from steelyard.base.files import write_json
 from steelyard.excite.constraints.constraint import PROOF_SAMPLES, Constraint, Declined, Gap
 from steelyard.excite.constraints.motion_limits import MotionLimits
-from steelyard.excite.trajectories.jumps_and_holds import Jump, unrest, velocity_jumps
 from steelyard.excite.trajectories.trajectory import ORDERS, ExactTrajectory
+from steelyard.excite.trajectories.velocity_jumps_and_standstills import (
+    Jump,
+    unrest,
+    velocity_jumps,
+)
 from steelyard.robot.robot import Robot
 
 
