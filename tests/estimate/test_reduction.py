@@ -34,7 +34,9 @@ from steelyard.estimate.reduction.left_out_errors_and_rules import (
     rule_of,
 )
 from steelyard.estimate.reduction.reduction import Reduced, criterion_of, reduce
+from steelyard.identify.page.reduction_sections import _joints_judged
 from steelyard.model.model import Model
+from steelyard.report.words import significant
 
 REGRESSOR = base_regressor(Model(dh_arm()))
 JOINTS = len(REGRESSOR.layout.rows)
@@ -184,6 +186,47 @@ def test_left_out_errors_are_those_of_a_path_of_the_other_runs() -> None:
             got = found.errors[fold, found.sizes.index(size), row]
             assert got == pytest.approx(wanted, rel=1e-9)
     assert found.rise[found.best] == 0.0 and found.spread[found.best] == 0.0
+
+
+def loud_and_quiet() -> FilteredSamples:
+    """Two runs; only the quiet one shows parameters a tenth of the others."""
+    values, parts = truth_of(70), []
+    values[np.random.default_rng(70).choice(len(NAMES), 6, replace=False)] *= 0.1
+    for run, noise in enumerate((0.3, 0.02)):
+        motion = motion_of(JOINTS, 240, 70 + run)
+        drawn = np.random.default_rng([70, run]).normal(size=(JOINTS, 240))
+        effort = REGRESSOR.dense(*motion) @ values + noise * drawn
+        parts.append(samples_of(REGRESSOR, motion, effort, f"run{run}"))
+    return joined(add, parts)
+
+
+@pytest.mark.parametrize("rule", [OneStandardError(), Tolerance()], ids=lambda rule: rule.name)
+def test_no_joint_is_made_worse_on_left_out_runs(rule: StoppingRule) -> None:
+    found = reduce(loud_and_quiet().information(), rule=rule)
+    left = found.left_out
+    assert left is not None and left.folds == ("run0", "run1")
+    chosen = left.sizes.index(len(found.state.active))
+    errors = np.exp(np.log(left.errors).mean(axis=0))
+    assert found.estimate.removed and (errors[chosen] <= 1.05 * errors[0]).all()
+    # one fewer would be within the standard error of both runs, or the tolerance of fitted motion
+    smaller = found.path.states[found.chosen + 1]
+    assert left.worse(len(smaller.active), 0.05)
+    assert (smaller.rms <= 1.05 * found.path.states[0].rms).all()
+
+
+def test_a_joint_that_triples_is_named_by_motion() -> None:
+    found = reduce(DATA, rule=Count(3))
+    left = found.left_out
+    assert left is not None
+    errors = np.exp(np.log(left.errors).mean(axis=0))
+    rise = errors[left.sizes.index(3)] / errors[0] - 1.0
+    assert rise.max() > 2.0
+    words = _joints_judged(found)
+    named = f"{DATA.layout.rows[int(rise.argmax())]} {significant(100.0 * rise.max())} %"
+    assert "on left-out motion (run0, run1, run2, run3 in turn)" in words and named in words
+    assert "the error of no joint rises by more than 5 %" in _joints_judged(reduce(DATA))
+    fitted = _joints_judged(replace(reduce(DATA), left_out=None))
+    assert "on fitted motion, as none is left out" in fitted
 
 
 def test_one_run_is_left_out_by_stretches() -> None:

@@ -91,7 +91,8 @@ def reduce(
             `contribution` (to the torque), `mean_column` (mean absolute value of its regressor
             column) or `deviation` (value over standard deviation).
         stop: Stopping rule: `one_standard_error` (smallest model with a left-out error within one
-            standard error of the least), `tolerance=5` (greatest relative rise of a joint's error
+            standard error of the least, no joint's above the full model's by more than 5 %),
+            `tolerance=5` (greatest relative rise of a joint's error, also on left-out motion,
             in percent), `bic`, `condition=30` (normalised condition number), `ratio=30` (greatest
             over least relative standard deviation), `count=25` (parameters), `one_fewer` (removes
             one besides those of `drop`) or `refit` (none besides those).

@@ -66,6 +66,24 @@ class LeftOutErrors:
         means = self.logarithms.mean(axis=0)
         return np.asarray(means - means[self.best])
 
+    @property
+    def joint_rise(self) -> Array:
+        """Relative rise of each row's error to the largest model's, shape `(sizes, rows)`.
+
+        Geometric means over folds, so that a joint with hardly any effort in a fold does not hide
+        what becomes worse in the others.
+        """
+        means = np.log(np.maximum(self.errors, 1e-9)).mean(axis=0)
+        return np.asarray(np.expm1(means - means[0]))
+
+    def worse(self, size: int, tolerance: float) -> tuple[tuple[int, float], ...]:
+        """Rows whose error rises by more than the tolerance, and by how much, at a size."""
+        rises = self.joint_rise[self.sizes.index(size)] if size in self.sizes else ()
+        return tuple((k, float(rise)) for k, rise in enumerate(rises) if rise > tolerance)
+
+
+RISE = 0.05  # relative rise of a joint's left-out error that a removal may cost by default
+
 
 def folds_of(information: Information) -> tuple[tuple[str, tuple[int, ...]], ...]:
     """Windows of every run, or of stretches with as many windows each where there is one run."""
@@ -132,6 +150,7 @@ class StoppingRule(ABC):
     name: ClassVar[str]  # short name, as options know it
     about: ClassVar[str]  # what it takes, in a few words
     needs_left_out: ClassVar[bool] = False  # whether it looks at errors on left-out data
+    tolerance: float = RISE  # rise of a joint's left-out error from which the report names it
 
     def accepts(self, full: State, smaller: State) -> bool:
         """Whether a model may be one of the path; else the parameter it lost is essential."""
@@ -144,7 +163,11 @@ class StoppingRule(ABC):
 
 @dataclass(frozen=True)
 class OneStandardError(StoppingRule):
-    """The smallest model whose left-out error is within one standard error of the least."""
+    """The smallest model whose left-out error is within one standard error of the least.
+
+    No joint's left-out error may rise by more than the tolerance: the error of all joints can hide
+    one, and a standard error of two folds can be as large as any rise.
+    """
 
     name: ClassVar[str] = "one_standard_error"
     about: ClassVar[str] = "least left-out error, within one standard error"
@@ -154,7 +177,9 @@ class OneStandardError(StoppingRule):
         """See `StoppingRule`."""
         if left_out is None:
             raise ValueError("errors on left-out data are needed")
-        near = np.flatnonzero(left_out.rise <= left_out.spread)
+        fit = np.array([not left_out.worse(size, self.tolerance) for size in left_out.sizes])
+        least = left_out.rise[fit].min()
+        near = np.flatnonzero(fit & (left_out.rise <= np.maximum(left_out.spread, least)))
         sizes = {left_out.sizes[k] for k in near} & set(path.sizes)
         if not sizes:
             wrong = "paths of the folds end before a model of the whole data is reached"
@@ -170,13 +195,14 @@ class Tolerance(StoppingRule):
     $e_{k,j} \le (1 + e_\mathrm{tol})\, e_{0,j}$ for every joint $j$, as the text of the paper says
     (line 10 of its algorithm 1 refuses a removal only if all joints exceed it). The error is the
     root mean square of the residuals, or their mean absolute value (eq. 11) where samples are
-    given; the relative error (eq. 12) has the same ratio.
+    given; the relative error (eq. 12) has the same ratio. It holds on the fitted motion along the
+    path and, where there is any, for each joint's error on left-out motion too.
     """
 
     name: ClassVar[str] = "tolerance"
     about: ClassVar[str] = "no joint's error grows by more than this [%]"
 
-    tolerance: float = 0.05  # $e_\mathrm{tol}$, above zero
+    tolerance: float = RISE  # $e_\mathrm{tol}$, above zero
     # samples whose mean absolute residuals count; `None` for the root mean square
     samples: FilteredSamples | None = None
 
@@ -194,8 +220,10 @@ class Tolerance(StoppingRule):
         return bool(np.all(self._errors(smaller) <= allowed))
 
     def choose(self, path: Path, left_out: LeftOutErrors | None) -> int:
-        """The last one: the path ends where no further removal is accepted."""
-        return len(path.states) - 1
+        """The last one that left-out motion, if there is any, does not refuse for some joint."""
+        sizes = path.sizes if left_out is None else left_out.sizes
+        fit = [n for n in sizes if left_out is None or not left_out.worse(n, self.tolerance)]
+        return max((path.sizes.index(n) for n in fit if n in path.sizes), default=0)
 
     def _errors(self, state: State) -> Array:
         if self.samples is None:

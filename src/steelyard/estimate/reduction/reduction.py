@@ -19,6 +19,7 @@ from steelyard.estimate.reduction.backward_elimination import (
     backward,
 )
 from steelyard.estimate.reduction.left_out_errors_and_rules import (
+    RISE,
     LeftOutErrors,
     OneStandardError,
     StoppingRule,
@@ -44,6 +45,7 @@ class Reduction:
     estimate: Estimate  # its values and their covariance, given the choice
     # errors of all models on other data, `(states, rows)` [%]; `None` without
     unseen: Array | None = None
+    tolerance: float = RISE  # relative rise of a joint's error from which it is named
 
     @property
     def state(self) -> State:
@@ -84,7 +86,7 @@ def reduce(
     path = follow(full)
     place = rule.choose(path, left_out)
     errors = None if unseen is None else frozen(path_errors(path, unseen)[0])
-    return Reduction(path, place, left_out, estimated(path, place, drop), errors)
+    return Reduction(path, place, left_out, estimated(path, place, drop), errors, rule.tolerance)
 
 
 @dataclass(frozen=True)

@@ -114,7 +114,36 @@ def _summary(content: ReportContent, found: Reduction) -> str:
     if parts:
         measure = measure_of(found)
         sentences.append(f"The choice is by another measure, {measure}: {', '.join(parts)}.")
+    sentences.append(_joints_judged(found))
     return " ".join(sentences)
+
+
+def _joints_judged(found: Reduction) -> str:
+    """Joints whose errors the removals raise by more than the tolerance, and on what motion."""
+    names, size = found.path.full.information.layout.rows, len(found.state.active)
+    rises = {}
+    if found.left_out is not None and size in found.left_out.sizes:
+        motion = f"left-out motion ({', '.join(found.left_out.folds)} in turn)"
+        rises[motion] = found.left_out.joint_rise[found.left_out.sizes.index(size)]
+    if found.unseen is not None:
+        first, last = np.maximum(found.unseen[[0, found.chosen]], 1e-9)
+        rises["unseen motion"] = last / first - 1.0
+    if not rises:
+        first, last = (np.maximum(s.rms, 1e-300) for s in (found.path.states[0], found.state))
+        rises["fitted motion, as none is left out"] = last / first - 1.0
+    sentences = []
+    for motion, rise in rises.items():
+        worse = [
+            f"{names[k]} {significant(100.0 * rise[k])} %"
+            for k in np.argsort(-rise)
+            if rise[k] > found.tolerance
+        ]
+        allowed = f"more than {100.0 * found.tolerance:g} %"
+        which = f"the error of no joint rises by {allowed}"
+        if worse:
+            which = f"the error rises by {allowed}: {', '.join(worse)}"
+        sentences.append(f"on {motion} {which}")
+    return f"By joint: {'; '.join(sentences)}."
 
 
 def measure_of(found: Reduction) -> str:
