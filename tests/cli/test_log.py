@@ -74,6 +74,38 @@ def test_nothing_is_overwritten_or_half_written(command: Command, tmp_path: Path
     assert sorted(path.name for path in tmp_path.iterdir()) == ["broken.npy", "out.csv"]
 
 
+@pytest.mark.parametrize("clock", [[], ["time_s"]])
+def test_files_of_one_clock_are_joined_by_row(
+    command: Command, tmp_path: Path, clock: list[str]
+) -> None:
+    frame = pl.read_csv(LOG)
+    q = [name for name in frame.columns if name.startswith("q")]
+    tau = [name for name in frame.columns if name.startswith("tau")]
+    one, other, out = tmp_path / "q.csv", tmp_path / "tau.parquet", tmp_path / "out.csv"
+    frame[[*clock, *q]].write_csv(one)
+    frame[[*clock, *tau]].write_parquet(other)
+    done = command("log", "convert", f"{one}#3:", out, "--beside", other)
+    assert done.exit_code == 0, done.output
+    assert "note  row k of every file is taken as one sample" in done.stdout
+    assert ("equal in them: time_s" in done.stdout) == bool(clock)
+    assert pl.read_csv(out).equals(frame[3:][[*clock, *q, *tau]])
+
+
+@pytest.mark.parametrize("change", ["shorter", "other clock"])
+def test_files_of_two_clocks_are_not_joined(command: Command, tmp_path: Path, change: str) -> None:
+    one, other = tmp_path / "q.csv", tmp_path / "tau.csv"
+    t = np.arange(6.0)
+    pl.DataFrame({"t": t, "q1": t}).write_csv(one)
+    late = np.where(t > 3.0, t + 0.5, t)
+    short = change == "shorter"
+    pl.DataFrame({"t": t[:5] if short else late, "tau1": t[:5] if short else t}).write_csv(other)
+    done = command("log", "convert", one, tmp_path / "out.csv", "--beside", other)
+    words = " ".join(done.stderr.split())
+    assert done.exit_code == 2 and "the logs have no common clock" in words
+    assert ("tau.csv ends after row 4" if short else "'t' of tau.csv differs from row 4") in words
+    assert not (tmp_path / "out.csv").exists()
+
+
 def test_columns_are_chosen_by_name_then_by_pattern() -> None:
     known = ("t", "q_1", "q_2", "q[1]", "q*")
     assert chosen(known, []) == known

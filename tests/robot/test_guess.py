@@ -254,6 +254,7 @@ def test_efforts_that_are_missing_are_named(stem: str) -> None:
     assert (
         words if "/" in stem else "none look like the efforts of 2 joints"
     ) in caught.value.wrong
+    assert ("--beside OTHER" in caught.value.wrong) == ("/" not in stem)
 
 
 def test_signals_of_a_robot_alone() -> None:

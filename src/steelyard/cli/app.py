@@ -58,6 +58,7 @@ MANY_VALUED_OPTIONS = (
     "--loaded",
     "--unloaded",
     "--columns",
+    "--beside",
     "--calibrate",
     "--estimators",
     "--on",

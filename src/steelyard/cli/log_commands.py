@@ -194,15 +194,21 @@ def info(logs: list[str], as_json: bool = False) -> None:
     source={"help": LOG_HELP, "metavar": "LOG"},
     output={"metavar": "OUTPUT"},
     columns={"metavar": "NAME..."},
+    beside={"metavar": "LOG..."},
 )
 def convert(
-    source: str, output: Path, columns: list[str] | None = None, as_json: bool = False
+    source: str,
+    output: Path,
+    columns: list[str] | None = None,
+    beside: list[Path] | None = None,
+    as_json: bool = False,
 ) -> None:
     """Convert a log, or a part of it, to another format; no number is changed.
 
     Options:
         output: File to write: .csv, .parquet, .npz, .mat or .h5; must not exist.
         columns: Columns to write, in this order; * is a wildcard. All if unset.
+        beside: Files with the same samples in other columns, joined row by row.
 
     Example: steelyard log convert run.mcap@1:5 run.csv --columns "/joint_states/*"
     """
@@ -210,9 +216,12 @@ def convert(
     from steelyard.logs.contents import windowed, with_progress
     from steelyard.logs.formats import open_log, writer_for
     from steelyard.logs.log import parse_log_argument, require_columns
+    from steelyard.logs.side_by_side import SideBySide
 
     path, cut = parse_log_argument(source)
     opened = open_log(path)
+    if beside:
+        opened = SideBySide((opened, *map(open_log, beside)))
     wanted = chosen(opened.columns, columns or [])
     require_columns(path, opened.columns, wanted)
     writer = writer_for(output)
@@ -227,6 +236,9 @@ def convert(
         print_json({"output": str(output), "rows": rows, "columns": list(wanted)})
         return
     typer.echo(f"wrote {output}: {rows} rows of {len(wanted)} columns")
+    if isinstance(opened, SideBySide):
+        same = f"; equal in them: {', '.join(opened.shared)}" if opened.shared else ""
+        typer.echo(f"note  row k of every file is taken as one sample: they are equally long{same}")
 
 
 def chosen(known: tuple[str, ...], patterns: list[str]) -> tuple[str, ...]:

@@ -283,7 +283,10 @@ def _why_not(
         groups = by_number(len(joints), [c for c in every if c.quantity is None])
         lines = [f"{key} = {json.dumps(_short(group, joints))}" for group in groups]
         return f"none look like the {what} of {len(joints)} joints" + (
-            f"; if these are, write {' or '.join(lines)}" if lines else ""
+            f"; if these are, write {' or '.join(lines)}"
+            if lines
+            else f"; if another file has the {what} of the same rows, join both: "
+            "steelyard log convert LOG JOINED.csv --beside OTHER"
         )
     return (
         f"{len(like)} columns look like {what} ({listed(like)}), but the robot model has "
