@@ -127,6 +127,23 @@ def test_plots_of_efforts_state_their_band_and_unit_and_have_the_errors_of_the_v
     assert "those of the verdict: A, below 8 Hz." in shown("effort", alike)
 
 
+def test_motor_torques_under_errors_at_the_joints_are_said_apart(usual):
+    """Both are in Nm, with a gear ratio between them."""
+    signals = replace(usual.identified.signals, effort_units=("Nm", "Nm"))
+    (score,) = usual.scores[:1]
+    joints = tuple(replace(joint, unit="Nm") for joint in score.joints)
+    errors = replace(score.errors, cutoff=score.cutoff)
+    alike = replace(usual, scores=(replace(score, joints=joints, errors=errors),), fitted=())
+    assert not np.allclose(np.abs(signals.gains), 1.0)
+    motors = replace(alike, identified=replace(usual.identified, signals=signals))
+    html = shown("effort", motors)
+    assert "Lines: efforts in Nm before gains and gears, the unit of the log, below 8 Hz. " in html
+    assert "those of the verdict, in Nm at the joints, below 8 Hz." in html
+    unit = replace(signals, gains=np.array([1.0, -1.0]))
+    joint = replace(alike, identified=replace(usual.identified, signals=unit))
+    assert "those of the verdict: Nm, below 8 Hz." in shown("effort", joint)
+
+
 def test_joints_above_ten_percent_stand_in_a_good_headline(usual):
     for error, named in ((0.6, False), (0.602, False), (0.61, True), (2.0, True)):
         judged = verdict(with_errors(usual, 1, error=error, used=6.0))

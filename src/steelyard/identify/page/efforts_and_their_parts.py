@@ -10,6 +10,7 @@ from steelyard.estimate.estimate import Z95
 from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.estimate.information.gather import Mask
 from steelyard.estimate.scores.bands_and_traces import Traces
+from steelyard.estimate.scores.effort_errors import known_efforts
 from steelyard.estimate.scores.score import RunScore
 from steelyard.estimate.scores.torque_parts import PARTS, TorqueParts
 from steelyard.identify.page.errors_in_words import below
@@ -63,7 +64,7 @@ class EffortSection(Section, name="effort", title="Effort, measured and predicte
             "rests": MOST_SHADED_RESTS,
             "bands": any(figure["bands"] for figure in figures),
             "calibration": band_text(content.identified),
-            "basis": basis_of([score for score, _ in chosen]),
+            "basis": basis_of([score for score, _ in chosen], content.identified),
             "few": LEAST_COVERAGE_PERCENT if any(figure["few"] for figure in figures) else None,
             "figures": figures,
         }
@@ -115,21 +116,33 @@ def _effort_figure(score: RunScore, joint: int, points: int) -> dict[str, Any]:
     }
 
 
-def basis_of(scores: Sequence[RunScore]) -> str:
-    """Unit and band of the lines, and those of the errors above them, where they differ."""
+def basis_of(scores: Sequence[RunScore], identified: IdentifiedModel) -> str:
+    """Unit and band of the lines, and those of the errors above them, where they differ.
+
+    Where known gains lie between the two, one unit, such as Nm, means two efforts.
+    """
+    units, gains = identified.robot.effort_units, identified.signals.gains
+    geared = any(
+        x.unit == unit and ok and abs(gain) != 1.0
+        for score in scores
+        for x, unit, ok, gain in zip(
+            score.joints, units, known_efforts(identified), gains, strict=True
+        )
+    )
     lines, errors = (
         " and ".join(dict.fromkeys(joint.unit for joints in every for joint in joints))
         for every in ([x.joints for x in scores], [x.errors.joints for x in scores])
     )
     drawn, judged = below(x.cutoff for x in scores), below(x.errors.cutoff for x in scores)
-    if (lines, drawn) == (errors, judged):
+    if not geared and (lines, drawn) == (errors, judged):
         return (
             f"Lines, and the errors above them, which are those of the verdict: {lines}, {drawn}."
         )
     fit = "" if drawn == judged else ", the validation band"
-    joint = "" if lines == errors else " at the joints"
+    joint = " at the joints" if geared or lines != errors else ""
     return (
-        f"Lines: efforts in {lines}, the unit of the log, {drawn}{fit}. "
+        f"Lines: efforts in {lines}{' before gains and gears' if geared else ''}, the unit of the "
+        f"log, {drawn}{fit}. "
         f"Errors above the plots: those of the verdict, in {errors}{joint}, {judged}."
     )
 
