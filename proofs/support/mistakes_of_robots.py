@@ -281,7 +281,7 @@ ROBOTS: list[Mistake] = [
         by_torque(lambda arm, k, m: arm.torque(m) - friction(arm, m)),
         untold="a robot without friction could be real; friction comes out as zero",
     ),
-    Mistake("friction falls by 60 %", by_torque(warming), RESIDUALS + "|drift"),
+    Mistake("friction falls by 60 %", by_torque(warming), RESIDUALS + "|drift|between the parts"),
     Mistake("friction with Stribeck effect", by_torque(stribeck), RESIDUALS),
     Mistake("friction grows with load", by_torque(load_dependent), RESIDUALS),
     Mistake("columns tau, no robot file", tau_columns, "note: .*(on the link side|rotor|motor)"),

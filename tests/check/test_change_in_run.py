@@ -90,7 +90,7 @@ def test_a_sound_log_is_no_change_and_slow_drift_is_of_friction(arm: Arm) -> Non
     ramp = np.linspace(-0.05, 0.05, len(drift))[:, None] * drift[:, efforts].std(axis=0)
     drift[:, efforts] += ramp * np.sign(arm.motion.dq)
     (finding,) = found(arm, drift)
-    assert finding.severity == Severity.OK and "friction drifts" in finding.says
+    assert finding.severity == Severity.OK and "friction differs between the parts" in finding.says
 
 
 @pytest.mark.parametrize("law", ["lugre", "directional_coulomb", "cubic"])
@@ -113,9 +113,39 @@ def test_a_scale_that_drifts_is_named_with_its_joints(arm: Arm) -> None:
     table[:, efforts] *= np.linspace(1.0, 1.3, len(table))[:, None]
     (finding,) = found(arm, table)
     assert finding.severity == Severity.DOUBTFUL and finding.log == "log"
-    assert "the effort scale drifts" in finding.says and len(finding.joints) >= 2
+    assert "the effort scale differs between the parts" in finding.says
+    assert "warm" not in finding.says and len(finding.joints) >= 2
     changes = [float(part.split(" %")[0]) for part in finding.says.split("by about ")[1:]]
     assert changes == pytest.approx([26.0] * len(changes), abs=6.0)
+
+
+def repeated(arm: Arm) -> tuple[Array, Array]:
+    """Seven times the periodic motion, 140 s, and the share of it that is over."""
+    table = np.tile(arm.table, (7, 1))
+    table[:, 0] = 0.005 * np.arange(len(table))
+    return table, np.linspace(0.0, 1.0, len(table))
+
+
+def test_a_scale_that_drifts_through_a_long_log_is_like_one_that_gets_warm(arm: Arm) -> None:
+    table, over = repeated(arm)
+    table[:, arm.at("tau{}_Nm")] *= 1.0 + 0.3 * over[:, None]
+    (finding,) = found(arm, table)
+    assert finding.severity == Severity.DOUBTFUL
+    assert "the effort scale drifts during the log, as with a gain or sensor warm" in finding.says
+
+
+@pytest.mark.parametrize("steady", [True, False])
+def test_friction_that_steps_in_a_long_log_is_not_getting_warm(arm: Arm, steady: bool) -> None:
+    table, over = repeated(arm)
+    less = 0.5 * (over if steady else over > 0.5)
+    names = [n for n in arm.truth.values.names if n.startswith(("coulomb.", "viscous."))]
+    none = arm.truth.changed(**dict.fromkeys(names, 0.0))
+    friction = arm.truth.model.at(arm.truth.values).torque(arm.motion)
+    friction -= none.model.at(none.values).torque(arm.motion)
+    table[:, arm.at("tau{}_Nm")] -= less[:, None] * np.tile(friction, (7, 1))
+    (finding,) = found(arm, table)
+    words = "drifts during the log, as with gears warm" if steady else "differs between the parts"
+    assert f"friction {words}" in finding.says and ("warm" in finding.says) == steady
 
 
 def test_friction_that_falls_is_no_drift_of_the_scale(arm: Arm) -> None:
@@ -127,4 +157,4 @@ def test_friction_that_falls_is_no_drift_of_the_scale(arm: Arm) -> None:
     table[:, arm.at("tau{}_Nm")] += np.linspace(0.0, 1.0, len(table))[:, None] * change
     (finding,) = found(arm, table)
     assert finding.severity == Severity.OK and finding.headline
-    assert "friction drifts" in finding.says and "scale" not in finding.says
+    assert "friction differs between the parts" in finding.says and "scale" not in finding.says

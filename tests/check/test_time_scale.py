@@ -1,11 +1,18 @@
 """Without velocities a clock that runs wrong shows where accelerations and gravity disagree."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from check.conftest import Arm
+from steelyard.check.case_and_evidence import Case, Evidence
 from steelyard.check.finding import Finding, Severity
 from steelyard.check.signals.time_stamps import clock_check
+from steelyard.logs.log import Numbered
+from steelyard.robot.file.robot_file import load_robot
+from steelyard.runs.processing_choices import Processing
+from steelyard.runs.recording import LogInMemory, Recording
 
 WITHOUT = ('velocity = "dq{}_rad_s"\n', "")
 
@@ -40,6 +47,31 @@ def test_logged_velocities_show_a_clock_that_is_far_off(arm: Arm) -> None:
 def test_logged_velocities_show_the_scale(arm: Arm, scale: float) -> None:
     (finding,) = found(arm, scale, velocities=True)
     assert finding.severity == Severity.DOUBTFUL and f"{scale:g} times d(q)/dt" in finding.says
+
+
+def of_rows(arm: Arm, text: str, rate: int) -> Finding:
+    """The finding on the log as it comes without its column of time."""
+    arm.path.write_text(text.replace('time = "time_s"', f"rate = {rate}.0"))
+    loaded = load_robot(arm.path)
+    assert loaded.signals is not None
+    log = Numbered(LogInMemory(Path("log"), arm.columns, arm.table))
+    evidence = Evidence(Recording(log, loaded.signals), Processing(), "log")
+    (finding,) = clock_check(Case(loaded, (evidence,), None))
+    return finding
+
+
+@pytest.mark.parametrize(
+    ("rate", "word"), [(10, "open"), (30, "open"), (200, "ok"), (1000, "open")]
+)
+def test_a_declared_rate_that_nothing_tells_is_open(arm: Arm, rate: int, word: str) -> None:
+    """The log's rate is 200 Hz: a fit confirms it, and finds none where the declared one is far."""
+    finding = of_rows(arm, arm.text.replace(*WITHOUT), rate)
+    assert finding.word == word and ("undecided" in finding.says) == (word == "open")
+
+
+def test_velocities_tell_a_declared_rate(arm: Arm) -> None:
+    finding = of_rows(arm, arm.text, 200)
+    assert finding.word == "ok" and finding.answered
 
 
 def test_one_joint_alone_tells_nothing(arm: Arm) -> None:

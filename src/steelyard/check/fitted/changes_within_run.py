@@ -199,17 +199,37 @@ def scale_drifts(run: Information, *, friction: bool = False) -> tuple[ChangeWit
     return tuple(ChangeWithinRun(*about, row, *found) for row, found in drifts if found)
 
 
+def _is_steady(run: Information, row: int, friction: bool) -> bool:
+    """Whether the scale of a row changes the same way in each half of the run, by its own fit.
+
+    Motion that differs between the halves, or a scale that steps, looks like a drift of the whole.
+    """
+    half = len(run.windows) // 2
+    found = []
+    for part in (slice(half), slice(half, None)):
+        window = run.windows[part]
+        middle = np.array([0.5 * (one.start + one.stop) for one in window])
+        time = np.zeros(len(run.windows))
+        time[part] = (middle - middle.mean()) / (window[-1].stop - window[0].start)
+        found.append(_drift_of_row(run, row, time, friction, part))
+    values = [one[0] / one[1] for one in found if one]
+    return len(values) == len(found) and (min(values) > Z95 or max(values) < -Z95)
+
+
 def _drift_of_row(
-    run: Information, row: int, time: Array, friction: bool
+    run: Information, row: int, time: Array, friction: bool, part: slice = slice(None)
 ) -> tuple[float, float, float, float] | None:
-    """Relative change of the scale of one row, and as of any column; `None` if it shows none."""
+    """Relative change of the scale of one row in some windows, and as of any column.
+
+    `None` if it shows none.
+    """
     names = [run.layout.columns[c] for c in run.layout.sees[row]]
     chosen = np.array([law_of(name).drifts() == friction for name in names])
-    grams = run.row_grams(row)
+    time, grams = time[part], run.row_grams(row)[part]
     whole, once, twice = (np.tensordot(time**k, grams, 1) for k in (0, 1, 2))
     own, effort, left = _own_fit(whole)
     torque = np.where(chosen, own @ effort, 0.0)
-    freedom = float(run.counts[:, row].sum()) - own.shape[1] - 1.0
+    freedom = float(run.counts[part, row].sum()) - own.shape[1] - 1.0
     shared = own.T @ once[:-1, :-1] @ torque
     most = float(torque @ twice[:-1, :-1] @ torque)
     bend = most - float(shared @ shared)
@@ -226,6 +246,9 @@ LEAST_CHANGE_RISE = {"load": 200.0, "offset": 100.0}  # over noise; at most 92 i
 LEAST_DRIFT_SHARE, DRIFT_RISES, LEAST_DRIFT = 0.3, 100.0, 0.05
 """Least share of a joint's squared residual that a drift of its scale explains, least rise, and
 least change; in sound logs of ten real robots the rise is at most 44."""
+SHORTEST_WARMING = 120.0
+"""Shortest log whose drift may be of something that gets warm [s]: drives, gears and sensors do so
+in minutes to hours."""
 LARGEST_PRINTED_CHANGE = 3.0  # relative change beyond which it is only called larger
 SURE_CHANGE = 5.0  # standard deviations that a load or a step must have
 
@@ -313,27 +336,43 @@ def _of_run(case: FittedCase, run: Information, logged: Run) -> Iterator[Finding
             fix=step.cut,
             log=log,
         )
-    warm = [drift for drift in scale_drifts(run, friction=True) if _sure_drift(drift)]
-    names = tuple(coordinates[drift.row].name for drift in drifts or warm)
+    if not steps:
+        warm = [drift for drift in scale_drifts(run, friction=True) if _sure_drift(drift)]
+        names = model.robot.joint_names
+        yield from _drift_found(run, drifts or warm, names, friction=not drifts)
+
+
+def _drift_found(
+    run: Information, drifts: list[ChangeWithinRun], joints: Sequence[str], *, friction: bool
+) -> Iterator[Finding]:
+    """The finding on scales, or on friction, that drift; a slow cause only where a log tells it."""
+    if not drifts:
+        return
+    names = tuple(joints[drift.row] for drift in drifts)
     large = f"more than +{100.0 * LARGEST_PRINTED_CHANGE:.0f} %"
     sizes = [
         f"about {100.0 * x.value:+.0f} %" if x.value <= LARGEST_PRINTED_CHANGE else large
-        for x in drifts or warm
+        for x in drifts
     ]
     words = ", ".join(f"'{n}' by {size}" for n, size in zip(names, sizes, strict=True))
-    if drifts and not steps:
-        least = min(drift.explained for drift in drifts)
-        figure = (
-            f"this explains {100.0 * least:.0f} % of the squared residual or more, at least "
-            f"{100.0 * LEAST_DRIFT_SHARE:.0f} % required"
-        )
-        says = "the effort scale drifts during the log, as with a gain or sensor warming up"
-        fix = Fix("Log once the drives are warm, or cut the log into parts: LOG@START:STOP")
-        yield Finding.doubtful(f"{says}: {words}", figure, names, fix, log=log)
-    elif warm and not steps:
-        says = f"friction drifts during the log, as with gears warming up: {words}"
-        fix = Fix("Log once the gears are warm")
-        yield Finding.ok(says, "", names, fix, headline=True, log=log)
+    slow = 2.0 * drifts[0].within >= SHORTEST_WARMING and all(
+        _is_steady(run, drift.row, friction) for drift in drifts
+    )
+    what, cause = ("friction", "gears") if friction else ("the effort scale", "a gain or sensor")
+    way = f"drifts during the log, as with {cause} warming up"
+    says = f"{what} {way if slow else 'differs between the parts of the log'}: {words}"
+    cut = "the log into parts and compare them: LOG@START:STOP"
+    if friction:
+        fix = Fix("Log once the gears are warm" if slow else f"Cut {cut}")
+        yield Finding.ok(says, "", names, fix, headline=True, log=run.runs)
+        return
+    least = min(drift.explained for drift in drifts)
+    figure = (
+        f"this explains {100.0 * least:.0f} % of the squared residual or more, at least "
+        f"{100.0 * LEAST_DRIFT_SHARE:.0f} % required"
+    )
+    fix = Fix(f"Log once the drives are warm, or cut {cut}" if slow else f"Cut {cut}")
+    yield Finding.doubtful(says, figure, names, fix, log=run.runs)
 
 
 def _runs(case: FittedCase) -> Iterator[tuple[Information, Run]]:

@@ -126,14 +126,29 @@ REPEATED_STAMP_SHARE, BACKWARD_SHARE = 0.01, 0.05
 def clock_check(case: Case) -> Iterable[Finding]:
     """Rate, jitter, gaps, repeats, steps backward, and the unit of time.
 
-    One finding per log; one more if a fit shows that the clock runs fast or slow.
+    One finding per log; one more if a fit shows that the clock runs fast or slow. A declared rate
+    that neither velocities nor a fit confirm is open.
     """
     found = [replace(_clock_found(case, log), log=log.name) for log in case.logs]
     if any(finding.severity for finding in found):
         return found
     found = [time_scale_by_velocities(case, e) or f for e, f in zip(case.logs, found, strict=True)]
-    scale = time_scale(case)
-    return found if scale is None else [scale, *found]
+    scale, fits = time_scale(case)
+    if scale is not None:
+        return [scale, *found]
+    if fits or case.loaded.signals is None or case.loaded.signals.time != ROW:
+        return found
+    unsure = [
+        not f.severity and _by_velocities(case, e) is None
+        for e, f in zip(case.logs, found, strict=True)
+    ]
+    return [_undecided(f) if un else f for un, f in zip(unsure, found, strict=True)]
+
+
+def _undecided(found: Finding) -> Finding:
+    """The finding on a rate that is known by the robot file's word alone."""
+    says = f"{found.says}, and neither velocities nor a fit tell its rate: it is undecided"
+    return replace(found, says=says, answered=False)
 
 
 def _clock_found(case: Case, evidence: Evidence) -> Finding:
@@ -341,20 +356,24 @@ def _by_scale(regressor: Regressor, run: Run) -> Callable[[float], tuple[float, 
     return variance
 
 
-def time_scale(case: Case) -> Finding | None:
-    """The scale of the clock that the longest log without velocities suggests, if it is not 1."""
+def time_scale(case: Case) -> tuple[Finding | None, bool]:
+    """The scale of the clock that the longest log without velocities suggests, if it is not 1.
+
+    And whether a fit confirms that it is: on both sides of 1 the residual variance rises.
+    """
     signals = case.loaded.signals
     if signals is None or signals.velocity is not None:
-        return None
+        return None, False
     try:
         found = longest_run(case, lambda log: driven_joints(case, log).sum() >= FEWEST_RATE_JOINTS)
         if found is None:
-            return None
+            return None, False
         evidence, run = found
         variance = _by_scale(base_regressor(customary_model(case)), run)
         now, samples = variance(0.0)
-        if min(variance(x)[0] for x in (TRIED_SCALE, -TRIED_SCALE)) > now - VARIANCE_FALL:
-            return None
+        rise = min(variance(x)[0] for x in (TRIED_SCALE, -TRIED_SCALE)) - now
+        if rise > -VARIANCE_FALL:
+            return None, rise > VARIANCE_FALL
         x, std = likeliest(
             lambda grid: np.array([-0.5 * samples * variance(x)[0] for x in grid.tolist()]),
             TRIED_SCALES,
@@ -362,17 +381,17 @@ def time_scale(case: Case) -> Finding | None:
         )
         gone = 1.0 - float(np.exp(variance(x)[0] - now))
     except (SteelyardError, TypeError):
-        return None
+        return None, False
     if (
         gone < DOUBTFUL_SCALE_SHARE
         or std > SHARP_SCALE_STD
         or abs(x) < max(LEAST_SCALE_ERROR, 4.0 * std)
     ):
-        return None
+        return None, False
     scale, half = float(np.exp(x)), 2.0 * std * float(np.exp(x))
     sure, way = gone >= WRONG_SCALE_SHARE, "slow" if scale < 1.0 else "fast"
     other = "" if sure else ", or a length in the model file is wrong"
-    return Finding.of(
+    finding = Finding.of(
         Severity.WRONG if sure else Severity.DOUBTFUL,
         f"the clock runs {way}{other}: by a fit of {evidence.name} time stamps are {scale:.4g} ± "
         f"{half:.1g} times the true time, as only then accelerations and gravity give the same "
@@ -384,6 +403,7 @@ def time_scale(case: Case) -> Finding | None:
             "right, check gravity and lengths in the model file"
         ),
     )
+    return finding, False
 
 
 def _other_step(
@@ -407,20 +427,27 @@ def _other_step(
     )
 
 
-def time_scale_by_velocities(case: Case, evidence: Evidence) -> Finding | None:
-    """The scale of the clock that logged velocities ask for, if all joints agree on one but 1."""
+def _by_velocities(case: Case, evidence: Evidence) -> Array | None:
+    """Velocities over derivatives of the reliable joints, if these are so even that a clock is."""
     units = unit_reading(case, evidence)
     if units.agreement is None:
         return None
-    reliable = np.flatnonzero(units.agreement.reliable_joints)
-    if len(reliable) < FEWEST_RATE_JOINTS:
+    ratio = units.relative[np.flatnonzero(units.agreement.reliable_joints)]
+    if len(ratio) < FEWEST_RATE_JOINTS or np.ptp(ratio) > UNEVEN_RATE * np.mean(ratio):
         return None
-    ratio = units.relative[reliable]
+    return ratio
+
+
+def time_scale_by_velocities(case: Case, evidence: Evidence) -> Finding | None:
+    """The scale of the clock that logged velocities ask for, if all joints agree on one but 1."""
+    ratio = _by_velocities(case, evidence)
+    if ratio is None:
+        return None
     scale, spread = float(np.mean(ratio)), float(np.ptp(ratio))
-    if spread > UNEVEN_RATE * scale or abs(scale - 1.0) <= RATE_TOLERANCE:
+    if abs(scale - 1.0) <= RATE_TOLERANCE:
         return None
     if abs(scale - 1.0) > MOST_OFF:
-        step = units.second * signal_overview(case, evidence).step
+        step = unit_reading(case, evidence).second * signal_overview(case, evidence).step
         return _other_step(evidence, len(ratio), scale, spread, step)
     way = "slow" if scale < 1.0 else "fast"
     return Finding.doubtful(
