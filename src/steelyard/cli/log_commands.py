@@ -238,7 +238,7 @@ def convert(
     typer.echo(f"wrote {output}: {rows} rows of {len(wanted)} columns")
     if isinstance(opened, SideBySide):
         same = f"; equal in them: {', '.join(opened.shared)}" if opened.shared else ""
-        typer.echo(f"note  row k of every file is taken as one sample: they are equally long{same}")
+        typer.echo(f"note  row k of every file is taken as one sample{same}")
 
 
 def chosen(known: tuple[str, ...], patterns: list[str]) -> tuple[str, ...]:
