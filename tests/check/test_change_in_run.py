@@ -10,7 +10,11 @@ import pytest
 from check.conftest import Arm
 from steelyard.base.arrays import Array
 from steelyard.check.finding import Finding, Severity
-from steelyard.check.fitted.changes_within_run import change_in_run_check, scale_drifts
+from steelyard.check.fitted.changes_within_run import (
+    change_in_run_check,
+    force_of_run,
+    scale_drifts,
+)
 from steelyard.check.fitted.fitted_case_and_causes import FittedCase
 from steelyard.estimate.information.regressor import base_regressor
 from steelyard.estimate.nonlinear.nonlinear_parameters import information_from
@@ -70,6 +74,18 @@ def test_a_force_that_passes_is_found_with_its_time_and_joints(arm: Arm, fitted:
     start, stop = (float(x) for x in re.findall(r"from ([\d.]+) to ([\d.]+) s", finding.says)[0])
     assert start == pytest.approx(9.0, abs=0.7) and stop == pytest.approx(11.0, abs=0.7)
     assert finding.fix is not None and f"LOG@{stop:.3g}:" in finding.fix.says
+
+
+def test_nothing_is_left_of_a_force_whose_time_is_left_out(arm: Arm) -> None:
+    table, columns = arm.table.copy(), arm.at("tau{}_Nm")[:2]
+    table[1800:2200, columns] += 0.8 * table[:, columns].std(axis=0)
+    recording = Recording(LogInMemory(Path("log"), arm.columns, table), arm.reference.signals)
+    run, regressor = prepare(recording, Processing()), base_regressor(arm.reference.model)
+    force = force_of_run(arm.reference, information_from([run])(regressor), run)
+    assert force is not None and force.start <= 9.0 and force.stop >= 11.0
+    assert 0.5 * (force.start + force.stop) == pytest.approx(10.0, abs=0.15)
+    rest = run.leaving_out([force.stretch])
+    assert force_of_run(arm.reference, information_from([rest])(regressor), rest) is None
 
 
 def test_an_offset_that_jumps_is_found_with_its_joint(arm: Arm) -> None:

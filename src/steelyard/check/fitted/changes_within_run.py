@@ -11,7 +11,7 @@ the relative change of the scale.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -26,6 +26,7 @@ from steelyard.estimate.friction.friction_mixes import has_memory
 from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.estimate.information.base_parameters import BaseMap
 from steelyard.estimate.information.information import Information
+from steelyard.estimate.information.parallel_filter import ParallelFilter
 from steelyard.estimate.information.regressor import base_regressor
 from steelyard.estimate.nonlinear.nonlinear_parameters import information_from
 from steelyard.estimate.payload.runs_with_payload import carrier, payload_lift
@@ -267,7 +268,10 @@ BETTER_THAN_LOAD = 0.25  # residual that a passing force leaves over that a load
 
 
 def force_of_run(identified: IdentifiedModel, run: Information, logged: Run) -> PassingForce | None:
-    """A force that passes within a run and explains it far better than a load that stays."""
+    """A force that passes within a run and explains it far better than a load that stays.
+
+    A window's filtered samples are those half the filter's length after its times.
+    """
     model, known = identified.model, identified.estimate.parameters.as_dict()
     force = passing_force(
         run,
@@ -280,7 +284,9 @@ def force_of_run(identified: IdentifiedModel, run: Information, logged: Run) -> 
     sure = load and load.certain(LEAST_LOAD_SHARE, LEAST_CHANGE_RISE["load"])
     if load and sure and 1.0 - force.explained > BETTER_THAN_LOAD * (1.0 - load.explained):
         return None
-    return force
+    taps = ParallelFilter.design(logged.matched_cutoff, logged.rate).taps
+    late = 0.5 * (len(taps) - 1) / logged.rate
+    return replace(force, start=force.start + late, stop=force.stop + late)
 
 
 def force_words(force: PassingForce, coordinates: Sequence[Coordinate]) -> str:
