@@ -264,7 +264,8 @@ def supported(likelihood: Likelihood, winners: Sequence[Judged]) -> tuple[Judged
     if whole:
         kept = [*(kept if whole[0][0].cause == "mounting" else ()), *whole]
         reading = whole[-1][0].reading
-    kept = [(with_mirror(r), severity) for r, severity in _unrivalled(kept)]
+    kept = [_with_other_sign(*one) for one in _unrivalled(kept)]
+    kept = [(with_mirror(r), severity) for r, severity in kept]
     scale = _scale(reading, rescaled)
     return (*kept, scale) if scale is not None else tuple(kept)
 
@@ -402,6 +403,35 @@ def _unrivalled(kept: list[Judged]) -> list[Judged]:
             kept[number] = replace(hypothesis, says=says), Severity.DOUBTFUL
             return [(replace(r, fixed=False), Severity.DOUBTFUL) for r, _ in kept]
     return kept
+
+
+def _with_other_sign(hypothesis: Hypothesis, severity: Severity) -> Judged:
+    """Nothing is written where the sign of a joint's effort does as well as that of its position.
+
+    Or the reverse: signs of several joints are found together, of one kind.
+    """
+    before, after = hypothesis.reading.likelihood.declared, hypothesis.reading
+    if not hypothesis.cause.endswith(" sign") or len(hypothesis.joints) < 2 or not hypothesis.fixed:
+        return hypothesis, severity
+    positions = hypothesis.cause == "position sign"
+    turned = np.sign(before.position_scale) != np.sign(after.position_scale)
+    turned ^= np.sign(before.effort_scale) != np.sign(after.effort_scale)
+    rivals = {}
+    for joint in np.flatnonzero(turned).tolist():
+        signs = np.where(np.arange(len(turned)) == joint, -1.0, 1.0)
+        other = after.with_turned([joint]).with_factors(signs)
+        if other.log_likelihood > after.log_likelihood - CLOSE_HYPOTHESES:
+            rivals[joint] = other
+    if not rivals or len(rivals) == len(hypothesis.joints) == len(turned):
+        return hypothesis, severity  # all joints at once: `with_mirror`
+    who = ", ".join(f"'{after.likelihood.names[j]}'" for j in rivals)
+    words = ("efforts", "positions") if positions else ("positions", "efforts")
+    best = max(rivals.values(), key=lambda rival: rival.log_likelihood)
+    says = (
+        f"{hypothesis.says}; but with the {words[0]} of {who} turned in place of the {words[1]} "
+        f"the misfit is {best.percent:.1f} % at best: compare each with the robot"
+    )
+    return replace(hypothesis, says=says, fixed=False), Severity.DOUBTFUL
 
 
 def _mirror(before: Reading, after: Reading) -> Reading:
