@@ -27,7 +27,7 @@ def _check() -> float:
     command = [sys.executable, "-m", "steelyard", "check", str(EXAMPLES / "rokae_ar5.toml")]
     start = time.perf_counter()
     done = subprocess.run([*command, *windows], capture_output=True, text=True)
-    if done.returncode not in (0, 1):
+    if not done.stdout:  # its exit code says what was found
         raise RuntimeError(done.stderr)
     return time.perf_counter() - start
 
