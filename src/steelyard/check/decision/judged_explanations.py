@@ -138,7 +138,8 @@ def _judged(before: Hypothesis, winner: Hypothesis, hypotheses: Sequence[Hypothe
     if winner.cause == "payload":
         knowledge, ten = winner.reading.knowledge, winner.reading.payload
         least = max(least_mass(knowledge), SURE_MASS * winner.spread)
-        heavy = ten is not None and abs(ten[0]) > least
+        # less than a model file says is a lighter link
+        heavy = ten is not None and (abs(ten[0]) if knowledge.identified else ten[0]) > least
         return _when(sure) if heavy and (sure or has_bad_joint(before)) else Severity.OK
     if winner.cause == "effort delay":
         return Severity.WRONG if _late(before, winner) else Severity.OK

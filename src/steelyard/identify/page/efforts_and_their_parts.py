@@ -126,7 +126,7 @@ def basis_of(scores: Sequence[RunScore], identified: IdentifiedModel) -> str:
         x.unit == unit and ok and abs(gain) != 1.0
         for score in scores
         for x, unit, ok, gain in zip(
-            score.joints, units, known_efforts(identified), gains, strict=True
+            score.joints, units, known_efforts(identified), gains, strict=False
         )
     )
     lines, errors = (
