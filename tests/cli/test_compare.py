@@ -179,7 +179,7 @@ def test_the_advice_has_its_line(command) -> None:
 
 
 COMPARE = ("compare", ROBOT, LOG, "--estimators", "WLS", "OLS", "--no-check")
-SECOND = "least_squares.OrdinaryLeastSquares.__call__"
+SECOND = "weighted_and_recursive.OrdinaryLeastSquares.__call__"
 
 
 @pytest.mark.slow
