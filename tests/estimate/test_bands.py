@@ -41,7 +41,8 @@ def identified(seed: int = 0) -> tuple[IdentifiedModel, Truth]:
 
 def whole(run: Run) -> Run:
     """With its rests: no samples around it."""
-    return replace(run, span=(-np.inf, np.inf))
+    everywhere = (-np.inf, np.inf)
+    return replace(run, span=everywhere, judged=replace(run.judged, span=everywhere))
 
 
 def scored(model: IdentifiedModel, run: Run, cutoff: float | None = None) -> RunScore:
