@@ -98,9 +98,8 @@ def _target_rows(evidence: Evidence) -> tuple[tuple[str, str], list[Array]] | No
         return None
     columns = [tuple(column.name for column in group[0]) for group in groups]
     read = [replace(signals, effort=names, effort_scale=np.ones(signals.n)) for names in columns]
-    torque, current = (
-        excerpt_of(replace(recording, signals=one), evidence.processing) for one in read
-    )
+    same_rows = replace(evidence.processing, leave_out_saturated=False)  # all rows of both
+    torque, current = (excerpt_of(replace(recording, signals=one), same_rows) for one in read)
     if torque is None or current is None:
         return None
     dq, ddq = (signals.position_scale[:, None] * x for x in (torque.dz, torque.ddz))
