@@ -1,12 +1,12 @@
 """The folder of a C export: header, source, CMakeLists, README, and a self-test of states."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from steelyard.base.arrays import Array
 from steelyard.estimate.external.momentum_observer import GAP, PER_PERIOD
-from steelyard.export.code.c_header_and_source import CCode, comment, commented, filled, joint_lines
+from steelyard.export.code.c_header_and_source import CCode, filled
 from steelyard.export.code.controller_functions import Controller, Function
 from steelyard.model.equations.passive_joints import passive_positions, random_positions
 from steelyard.symbolic.program_and_softening import run
@@ -103,158 +103,45 @@ TOLERANCE = {"double": 1e-10, "float": 1e-4}  # passes, relative to one plus the
 
 def self_test(code: CCode) -> str:
     """A program that ends with 0 if the code computes what Python computes."""
-    name, real, controller = code.name, code.precision, code.controller
-    states = _random_states(controller, STATES)
-    public = [(call, function) for call, (function, _) in code.functions.items() if function.public]
-    read = {x.name for _, function in public for x in function.program.inputs}
-    tables = {x: _table(code, x, array) for x, array in states.items() if x in read}
-    checks: list[str] = []
-    for call, function in public:
-        names = [x.name for x in function.program.inputs]
-        results = run(function.program, [states[x] for x in names])
-        parts = np.split(results, np.cumsum([size for _, size in function.sizes])[:-1])
-        found = {
-            f"{x}_found": len(part) for (x, _), part in zip(function.sizes, parts, strict=True)
-        }
-        expected = [f"{call}_{x}" for x, _ in function.sizes]
-        tables |= {x: _table(code, x, part) for x, part in zip(expected, parts, strict=True)}
-        declared = "".join(f"        {real} {x}[{size}];\n" for x, size in found.items())
-        compared = "".join(
-            f"        compare({x}, {table}[k], {size});\n"
-            for (x, size), table in zip(found.items(), expected, strict=True)
-        )
-        given = ", ".join([*(f"{x}[k]" for x in names), *found])
-        checks.append(
-            f"    for (k = 0; k < {STATES}; ++k) {{\n{declared}"
-            f"        {name}_{call}({given});\n{compared}    }}\n"
-        )
-    if code.passive:
-        checks.append(_closing_check(code))
+    controller, states = code.controller, _random_states(code.controller, STATES)
+    tables: dict[str, Array] = {}
+    results: dict[str, Array] = {}
+    calls: list[tuple[str, Sequence[tuple[str, int]], list[str]]] = []
+    for call, (function, _) in code.functions.items():
+        if function.public:
+            names = [x.name for x in function.program.inputs]
+            tables |= {name: states[name] for name in names}
+            found = run(function.program, [states[name] for name in names])
+            parts = np.split(found, np.cumsum([size for _, size in function.sizes])[:-1])
+            outputs = [name for name, _ in function.sizes]
+            results |= {f"{call}_{x}": part for x, part in zip(outputs, parts, strict=True)}
+            given = [*(f"{x}[k]" for x in names), *(f"{x}_found" for x in outputs)]
+            calls.append((call, function.sizes, given))
+    tables = {name: x for name, x in states.items() if name in tables} | results
+    seen_t: list[float] = []
     if controller.n_memory:
         path = _path(controller, SAMPLES)
-        for x in ("q", "dq", "ddq", "tau"):
-            tables[f"path_{x}"] = _table(code, f"path_{x}", path[x])
-        checks.append(_path_check(code))
+        tables |= {f"path_{x}": path[x] for x in ("q", "dq", "ddq", "tau")}
     if controller.observer is not None:
         rate, longest = 2.0 * np.pi * TESTED_BANDWIDTH, GAP / (PER_PERIOD * TESTED_BANDWIDTH)
         seen = _observed(controller, SAMPLES, rate, longest)
-        for x in ("q", "dq", "tau", "external"):
-            tables[f"seen_{x}"] = _table(code, f"seen_{x}", seen[x])
-        times = ", ".join(c_literal(float(x)) for x in seen["t"])
-        tables["seen_t"] = f"static const double seen_t[{SAMPLES}] = {{{times}}};\n\n"
-        checks.append(_observer_check(code))
-    end = "" if real == "double" else "f"
-    return f"""\
-{comment([f"Compares {name}.c with values that Python computed; ends with 0 if they agree."])}
-#include "{name}.h"
-
-#include <math.h>
-#include <stdio.h>
-
-{"".join(tables.values())}
-static const {real} allowed = {c_literal(TOLERANCE[real], real)};
-static {real} worst = {c_literal(0.0, real)};
-static int wrong = 0;
-
-static void compare(const {real} *found, const {real} *expected, int count)
-{{
-    int i;
-    for (i = 0; i < count; ++i) {{
-        const {real} size = {c_literal(1.0, real)} + fabs{end}(expected[i]);
-        const {real} error = fabs{end}(found[i] - expected[i]) / size;
-        /* an error that is no number is not within what is allowed */
-        if (!(error <= allowed)) {{
-            ++wrong;
-        }}
-        if (error > worst) {{
-            worst = error;
-        }}
-    }}
-}}
-
-int main(void)
-{{
-    int k;
-{"".join(checks)}    printf("{name}: %d values beyond %.3g, largest error %.3g\\n",
-           wrong, (double)allowed, (double)worst);
-    return wrong == 0 ? 0 : 1;
-}}
-"""
-
-
-def _closing_check(code: CCode) -> str:
-    """Newton's method comes back from a start nearby."""
-    real, p = code.precision, code.passive
-    near = c_literal(0.01, real)
-    return f"""\
-    for (k = 0; k < {STATES}; ++k) {{
-        {real} found[{p}], none[1] = {{{c_literal(0.0, real)}}}, gap[1];
-        int i;
-        for (i = 0; i < {p}; ++i) {{
-            found[i] = passive[k][i] + {near};
-        }}
-        gap[0] = {code.name}_close(q[k], found);
-        compare(found, passive[k], {p});
-        compare(gap, none, 1);
-    }}
-"""
-
-
-def _path_check(code: CCode) -> str:
-    n, real = code.controller.model.robot.n, code.precision
-    return f"""\
-    {{
-        {code.name}_state state;
-        {code.name}_start(&state, path_q[0], path_dq[0]);
-        for (k = 0; k < {SAMPLES}; ++k) {{
-            {real} found[{n}];
-            {code.name}_step(&state, path_q[k], path_dq[k], path_ddq[k], found);
-            compare(found, path_tau[k], {n});
-        }}
-    }}
-"""
-
-
-def _observer_check(code: CCode) -> str:
-    n, real = code.controller.model.robot.n, code.precision
-    return f"""\
-    {{
-        {code.name}_observer observer;
-        {code.name}_observer_start(&observer, {c_literal(TESTED_BANDWIDTH)});
-        for (k = 0; k < {SAMPLES}; ++k) {{
-            {real} found[{n}];
-            {code.name}_observer_step(&observer, seen_t[k], seen_q[k], seen_dq[k], seen_tau[k],
-                found);
-            compare(found, seen_external[k], {n});
-        }}
-    }}
-"""
-
-
-def _table(code: CCode, name: str, array: Array) -> str:
-    """Rows of samples of an array of shape `(entries, N)`."""
-    rows = [", ".join(c_literal(float(x), code.precision) for x in row) for row in array.T]
-    body = ",\n".join(f"    {{{row}}}" for row in rows)
-    head = f"static const {code.precision} {name}[{array.shape[1]}][{len(array)}]"
-    return f"{head} = {{\n{body}\n}};\n\n"
+        tables |= {f"seen_{x}": seen[x] for x in ("q", "dq", "tau", "external")}
+        seen_t = seen["t"].tolist()
+    values = {
+        "tables": tables,
+        "seen_t": ", ".join(map(c_literal, seen_t)),
+        "calls": calls,
+        "states": STATES,
+        "samples": SAMPLES,
+        "tolerance": TOLERANCE[code.precision],
+        "tested_bandwidth": TESTED_BANDWIDTH,
+    }
+    return filled("c/test.c", code.values | values)
 
 
 def c_files(code: CCode) -> dict[str, str]:
     """Contents by the names of the files."""
-    controller, robot = code.controller, code.controller.model.robot
-    lines = [commented(line.strip()) for line in joint_lines(robot.coordinates)]
-    public = ((call, f, c) for call, (f, c) in code.functions.items() if f.public)
-    values = {
-        "name": code.name,
-        "real": code.precision,
-        "robot": commented(robot.name),
-        "tolerance": TOLERANCE[code.precision],
-        "joints": list(zip(lines, code.joints, strict=True)),
-        "functions": [(call, commented(f.meaning), c) for call, f, c in public],
-        "passive": code.passive,
-        "memory": controller.n_memory,
-        "observer": controller.observer,
-    }
+    values = {**code.values, "tolerance": TOLERANCE[code.precision]}
     return {
         f"{code.name}.h": code.header(),
         f"{code.name}.c": code.source(),

@@ -4,14 +4,19 @@ import re
 import unicodedata
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache, cached_property
+from functools import cache, cached_property, partial
 from pathlib import Path
 from textwrap import wrap
 from typing import Any
 
-from steelyard.export.code.c_functions_with_state import closing_code, memory_code, observer_code
+import numpy as np
+
+from steelyard.estimate.external.contact_thresholds import HOLD, SETTLED
+from steelyard.estimate.external.momentum_observer import GAP, PER_PERIOD
 from steelyard.export.code.controller_functions import Controller, Function
+from steelyard.model.equations.passive_joints import ITERATIONS
 from steelyard.report.page import templates_of
+from steelyard.robot.loop_closures import loop_equations
 from steelyard.robot.robot import Coordinate
 from steelyard.symbolic.source_code import CFunction, Precision, c_function, c_literal
 
@@ -77,6 +82,12 @@ def _templates() -> Any:
 
 
 COMMENT_WIDTH = 94  # columns of text in comments
+CLOSING_STEPS = 64  # steps from the reference configuration of closed chains to other positions
+
+CLOSING_TOLERANCE = {"double": 1e-8, "float": 1e-4}
+"""A last Newton step [rad; m]: the error after it is of the order of its square."""
+
+NO_THRESHOLD = 1e30  # threshold of a joint that has none [Nm; N]
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,68 +121,61 @@ class CCode:
         """Number of passive joints."""
         return len(self.controller.model.robot.passive)
 
-    @cached_property
-    def _of_samples(self) -> list[tuple[str, str]]:
-        """Declarations and definitions of functions that go from sample to sample."""
-        name, real, robot = self.name, self.precision, self.controller.model.robot
-        texts = (
-            self._parameters(),
-            closing_code(name, real, robot),
-            memory_code(name, real, robot, self.controller.n_memory),
-            observer_code(name, real, self.controller),
-        )
-        return [text for text in texts if any(text)]
-
     @property
     def stack(self) -> int:
         """Bytes of local variables of the function with most of them."""
         return max(c.stack for _, c in self.functions.values())
 
+    @cached_property
+    def values(self) -> dict[str, Any]:
+        """What templates of C are filled with."""
+        controller, real = self.controller, self.precision
+        robot, known = controller.model.robot, controller.observer
+        lines = [commented(line.strip()) for line in joint_lines(robot.coordinates)]
+        public = ((call, f, c) for call, (f, c) in self.functions.items() if f.public)
+        limits = None if known is None or known.thresholds is None else known.thresholds.limits
+        return {
+            "name": self.name,
+            "real": real,
+            "end": "" if real == "double" else "f",
+            "literal": partial(c_literal, precision=real),
+            "in_double": c_literal,
+            "listed": lambda row: ", ".join(c_literal(x, real) for x in row),
+            "comment": comment,
+            "n": robot.n,
+            "robot": commented(robot.name),
+            "joints": list(zip(lines, self.joints, strict=True)),
+            "functions": [(call, commented(f.meaning), c) for call, f, c in public],
+            "parameters": controller.parameters if "regressor" in self.functions else None,
+            "passive": self.passive,
+            "loops": len(robot.loops),
+            "assembly": loop_equations(robot).assembly if self.passive else (),
+            "iterations": ITERATIONS,
+            "closing_steps": CLOSING_STEPS,
+            "closing_tolerance": CLOSING_TOLERANCE[real],
+            "memory": controller.n_memory,
+            "observer": known,
+            "observed": ("momentum", "drive", "slow", "external"),
+            "limits": None if limits is None else np.where(np.isnan(limits), NO_THRESHOLD, limits),
+            "no_threshold": NO_THRESHOLD,
+            "hold": HOLD,
+            "settled": SETTLED,
+            "longest": (GAP, PER_PERIOD),
+        }
+
     def header(self) -> str:
         """The header file."""
-        guard = f"{self.name.upper()}_H"
-        declared = []
-        for function, c in self.functions.values():
-            if function.public:
-                meaning = function.meaning[0].upper() + function.meaning[1:]
-                note = f"{meaning}; {c.operations} operations, {c.stack} bytes of stack."
-                declared += [comment([note]), f"{c.signature};", ""]
-        parts = (
-            comment(self._head()),
-            f"#ifndef {guard}",
-            f"#define {guard}",
-            "",
-            "#ifdef __cplusplus",
-            'extern "C" {',
-            "#endif",
-            "",
-            *self._joint_numbers(),
-            *declared,
-            *(declared for declared, _ in self._of_samples),
-            "#ifdef __cplusplus",
-            "}",
-            "#endif",
-            "",
-            f"#endif /* {guard} */",
-        )
-        return "\n".join(parts) + "\n"
+        known = self.values["parameters"]
+        rows = () if known is None else zip(known.names, known.units, known.values, strict=True)
+        columns = [f"  {k} {name} = {x:.9g} {unit}" for k, (name, unit, x) in enumerate(rows)]
+        words = ["Base parameters in the order of the regressor's columns:", *columns]
+        return filled("c/code.h", {**self.values, "head": comment(self._head()), "columns": words})
 
     def source(self) -> str:
         """The source file."""
-        functions = [
-            c.text if function.public else f"static {c.text}"
-            for function, c in self.functions.values()
-        ]
-        parts = (
-            comment([f"See {self.name}.h."]),
-            f'#include "{self.name}.h"',
-            "",
-            "#include <math.h>",
-            "",
-            *functions,
-            *(defined for _, defined in self._of_samples),
-        )
-        return "\n".join(parts).rstrip("\n") + "\n"
+        functions = self.functions.values()
+        bodies = [c.text if f.public else f"static {c.text}" for f, c in functions]
+        return filled("c/code.c", {**self.values, "bodies": bodies}).rstrip("\n") + "\n"
 
     def _head(self) -> list[str]:
         robot = self.controller.model.robot
@@ -189,44 +193,10 @@ class CCode:
             f"Needs <math.h> only; at most {self.stack} bytes of local variables a function.",
         ]
 
-    def _joint_numbers(self) -> list[str]:
-        upper = self.name.upper()
-        numbers = [
-            f"    {upper}_JOINT_{joint.upper()} = {k}" for k, joint in enumerate(self.joints)
-        ]
-        return [
-            f"#define {upper}_JOINTS {len(self.joints)}",
-            "",
-            f"enum {self.name}_joint {{",
-            ",\n".join(numbers),
-            "};",
-            "",
-        ]
-
-    def _parameters(self) -> tuple[str, str]:
-        """The function of base parameters: its declaration and definition."""
-        if "regressor" not in self.functions:
-            return "", ""
-        known, real = self.controller.parameters, self.precision
-        head = f"void {self.name}_parameters({real} values[{len(known)}])"
-        rows = zip(known.names, known.units, known.values, strict=True)
-        lines = [f"  {k} {name} = {x:.9g} {unit}" for k, (name, unit, x) in enumerate(rows)]
-        words = ["Base parameters in the order of the regressor's columns:", *lines]
-        declared = (
-            f"#define {self.name.upper()}_PARAMETERS {len(known)}\n\n{comment(words)}\n{head};\n"
-        )
-        values = (f"    values[{k}] = {c_literal(x, real)};\n" for k, x in enumerate(known.values))
-        return declared, f"{head}\n{{\n{''.join(values)}}}\n"
-
 
 def joint_lines(coordinates: Sequence[Coordinate]) -> list[str]:
     """Number, name and units of every joint."""
     return [f"  {k} {c.name} [{c.unit}, {c.effort_unit}]" for k, c in enumerate(coordinates)]
-
-
-def joint_list(coordinates: Sequence[Coordinate]) -> str:
-    """The same as a list of Markdown."""
-    return "\n".join(f"- {commented(line.strip())}" for line in joint_lines(coordinates))
 
 
 def comment(lines: Sequence[str]) -> str:

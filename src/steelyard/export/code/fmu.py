@@ -44,6 +44,11 @@ class Variable(NamedTuple):
     start: float | None
     meaning: str
 
+    @property
+    def causality(self) -> str:
+        """Whether it is an input or an output."""
+        return "output" if self.start is None else "input"
+
 
 def variables_of(code: CCode) -> list[Variable]:
     """Positions, velocities and accelerations, then efforts; with loops the closure error."""
@@ -71,50 +76,15 @@ def variables_of(code: CCode) -> list[Variable]:
 
 def model_description(code: CCode, guid: str) -> str:
     """The content of `modelDescription.xml`."""
-    variables = variables_of(code)
-    rows = []
-    for k, v in enumerate(variables):
-        causality = "output" if v.start is None else "input"
-        start = "" if v.start is None else f' start="{v.start!r}"'
-        rows.append(
-            f'    <ScalarVariable name={quoteattr(v.name)} valueReference="{k}" '
-            f'causality="{causality}" variability="continuous" '
-            f"description={quoteattr(v.meaning)}>"
-            f'<Real unit="{v.unit}"{start}/></ScalarVariable>'
-        )
-    outputs = [k + 1 for k, v in enumerate(variables) if v.start is None]
-    unknowns = "\n".join(f'      <Unknown index="{k}"/>' for k in outputs)
-    units = "\n".join(
-        f'    <Unit name="{unit}">{base}</Unit>'
-        for unit, base in FMI_UNITS.items()
-        if any(v.unit == unit for v in variables)
-    )
-    name = code.controller.model.robot.name
-    files = "".join(f'<File name="{x}"/>' for x in (f"{code.name}.c", f"{code.name}_fmi2.c"))
-    return f"""\
-<?xml version="1.0" encoding="UTF-8"?>
-<fmiModelDescription fmiVersion="2.0" modelName={quoteattr(name)} guid="{guid}"
-    description="Joint efforts of an identified robot" generationTool="steelyard"
-    variableNamingConvention="flat" numberOfEventIndicators="0">
-  <CoSimulation modelIdentifier="{code.name}" canHandleVariableCommunicationStepSize="true">
-    <SourceFiles>{files}</SourceFiles>
-  </CoSimulation>
-  <UnitDefinitions>
-{units}
-  </UnitDefinitions>
-  <ModelVariables>
-{chr(10).join(rows)}
-  </ModelVariables>
-  <ModelStructure>
-    <Outputs>
-{unknowns}
-    </Outputs>
-    <InitialUnknowns>
-{unknowns}
-    </InitialUnknowns>
-  </ModelStructure>
-</fmiModelDescription>
-"""
+    values = {
+        "name": code.name,
+        "robot": code.controller.model.robot.name,
+        "guid": guid,
+        "units": FMI_UNITS,
+        "variables": variables_of(code),
+        "quoted": quoteattr,
+    }
+    return filled("fmu/modelDescription.xml", values)
 
 
 def write_fmu(code: CCode, path: Path) -> tuple[str, ...]:
@@ -167,37 +137,5 @@ def _binary(name: str, sources: dict[str, str]) -> dict[str, bytes]:
 
 def fmi2_code(code: CCode, guid: str, starts: Sequence[float]) -> str:
     """The source file beside that of a model with a torque or a state; `starts` of all inputs."""
-    values = {
-        "name": code.name,
-        "guid": guid,
-        "starts": [repr(start) for start in starts],
-        "joints": code.controller.model.robot.n,
-        "closed": bool(code.passive),
-        "fields": fields(code),
-        "evaluation": evaluation(code),
-    }
-    return filled("fmu/fmi2.c", values)
-
-
-def fields(code: CCode) -> str:
-    """Fields of a struct for what `evaluation` keeps from sample to sample, beside `begun`."""
-    if code.controller.n_memory:
-        return f"    {code.name}_state state;\n"
-    return f"    double passive[{code.passive}];\n" if code.passive else ""
-
-
-def evaluation(code: CCode) -> str:
-    """Efforts `tau` at `q`, `dq` and `ddq`, then the closure error; a first call starts `me`."""
-    name, n = code.name, code.controller.model.robot.n
-    gap = f"tau[{n}] = " if code.passive else ""
-    if code.controller.n_memory:
-        return f"""\
-    if (!me->begun) {{
-        {gap}{name}_start(&me->state, q, dq);
-    }}
-    {gap}{name}_step(&me->state, q, dq, ddq, tau);"""
-    if code.passive:
-        return f"""\
-    {gap}me->begun ? {name}_close(q, me->passive) : {name}_follow(q, me->passive);
-    {name}_torque(q, me->passive, dq, ddq, tau);"""
-    return f"    {name}_torque(q, dq, ddq, tau);"
+    values = {"guid": guid, "starts": [repr(start) for start in starts]}
+    return filled("fmu/fmi2.c", code.values | values)

@@ -9,7 +9,7 @@ from xml.sax.saxutils import escape
 
 from steelyard.base.errors import ModelError
 from steelyard.export.code.c_folder_and_self_test import self_test
-from steelyard.export.code.c_header_and_source import CCode, commented, filled, joint_list
+from steelyard.export.code.c_header_and_source import CCode, commented, filled
 from steelyard.export.code.controller_functions import Function
 
 ROS2_FUNCTIONS = ("torque", "gravity", "bias", "friction", "mass")  # that the package calls
@@ -25,14 +25,10 @@ def ros2_files(code: CCode) -> dict[str, str]:
             fix='identify with friction = "auto_memoryless", or export with --to c',
         )
     package, robot = f"{code.name}_inverse_dynamics_solver", code.controller.model.robot
-    values = {
-        "name": code.name,
+    values = code.values | {
         "package": package,
-        "robot": commented(robot.name),
         "escaped": escape(commented(robot.name)),
-        "joints": [text_literal(name) for name in robot.joint_names],
-        "joint_list": joint_list(robot.coordinates),
-        "passive": code.passive,
+        "literals": [text_literal(name) for name in robot.joint_names],
         "largest_gap": LARGEST_CLOSURE_ERROR,
         "positional": _needs_position(code.functions["friction"][0]),
         "zeros": max(robot.n, code.passive),

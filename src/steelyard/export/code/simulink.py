@@ -1,8 +1,7 @@
 """A model as an S-function for Simulink (level 2, C MEX), around the C code."""
 
 from steelyard.export.code.c_folder_and_self_test import self_test
-from steelyard.export.code.c_header_and_source import CCode, commented, filled, joint_list
-from steelyard.export.code.fmu import evaluation, fields
+from steelyard.export.code.c_header_and_source import CCode, filled
 
 LONGEST_NAME = 63  # characters of names in MATLAB
 
@@ -10,20 +9,7 @@ LONGEST_NAME = 63  # characters of names in MATLAB
 def simulink_files(code: CCode) -> dict[str, str]:
     """Contents by the names of the files, of a model in double precision."""
     block = f"{code.name[: LONGEST_NAME - len('make__sfun')]}_sfun"
-    controller, closed = code.controller, bool(code.passive)
-    robot = controller.model.robot
-    values = {
-        "name": code.name,
-        "block": block,
-        "robot": commented(robot.name),
-        "joints": robot.n,
-        "joint_list": joint_list(robot.coordinates),
-        "closed": closed,
-        "memory": controller.n_memory,
-        "stateful": closed or bool(controller.n_memory),
-        "fields": fields(code),
-        "evaluation": evaluation(code),
-    }
+    values = code.values | {"block": block}
     return {
         f"{code.name}.h": code.header(),
         f"{code.name}.c": code.source(),

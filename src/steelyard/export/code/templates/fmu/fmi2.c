@@ -36,14 +36,19 @@ typedef struct {
     fmi2ComponentEnvironment componentEnvironment;
 } fmi2CallbackFunctions;
 
-#define INPUTS [[ 3 * joints ]]
-#define VALUES [[ 4 * joints + closed ]]
+#define INPUTS [[ 3 * n ]]
+#define VALUES [[ 4 * n + (passive > 0) ]]
 
 typedef struct {
     double values[VALUES];
     int begun;
     fmi2CallbackFunctions call;
-[[ fields ]]} Instance;
+[% if memory %]
+    [[ name ]]_state state;
+[% elif passive %]
+    double passive[[[ passive ]]];
+[% endif %]
+} Instance;
 
 static void set_starts(Instance *me)
 {
@@ -55,9 +60,9 @@ static void set_starts(Instance *me)
 
 static fmi2Status evaluate(Instance *me)
 {
-    const double *q = me->values, *dq = q + [[ joints ]], *ddq = dq + [[ joints ]];
+    const double *q = me->values, *dq = q + [[ n ]], *ddq = dq + [[ n ]];
     double *tau = me->values + INPUTS;
-[[ evaluation ]]
+[% include "efforts_of_sample.c" %]
     me->begun = 1;
     return fmi2OK;
 }

@@ -14,7 +14,7 @@
 namespace [[ package ]]
 {
 
-constexpr std::size_t JOINTS = [[ joints | length ]];
+constexpr std::size_t JOINTS = [[ n ]];
 
 [% if passive %]
 /* Positions of the passive joints at q. */
@@ -33,7 +33,7 @@ struct Chains {
 inline const std::array<std::string, JOINTS> & joint_names()
 {
     static const std::array<std::string, JOINTS> names{{
-        [[ joints | join(",\n        ") ]]
+        [[ literals | join(",\n        ") ]]
     }};
     return names;
 }

@@ -1,4 +1,4 @@
-/* S-function of [[ name ]].c: inputs q, dq and ddq, output tau[% if closed %], then the closure error[% endif %]. */
+/* S-function of [[ name ]].c: inputs q, dq and ddq, output tau[% if passive %], then the closure error[% endif %]. */
 #define S_FUNCTION_NAME [[ block ]]
 #define S_FUNCTION_LEVEL 2
 
@@ -8,24 +8,29 @@
 
 #include "[[ name ]].h"
 
-#define JOINTS [[ joints ]]
-#define OUTPUTS [[ joints + closed ]]
-[% if stateful %]
+#define JOINTS [[ n ]]
+#define OUTPUTS [[ n + (passive > 0) ]]
+[% if passive or memory %]
 
 /* What is remembered between samples, in the work vector of the block. */
 typedef struct {
     int begun;
-[[ fields ]]} Instance;
+[% if memory %]
+    [[ name ]]_state state;
+[% elif passive %]
+    double passive[[[ passive ]]];
+[% endif %]
+} Instance;
 
 #define WORK ((int_T)((sizeof(Instance) + sizeof(real_T) - 1) / sizeof(real_T)))
 [% endif %]
 
-static void evaluate(SimStruct *S[[ ", Instance *me" * stateful ]], double tau[OUTPUTS])
+static void evaluate(SimStruct *S[% if passive or memory %], Instance *me[% endif %], double tau[OUTPUTS])
 {
     const double *q = (const double *)ssGetInputPortSignal(S, 0);
     const double *dq = (const double *)ssGetInputPortSignal(S, 1);
     const double *ddq = (const double *)ssGetInputPortSignal(S, 2);
-[[ evaluation ]]
+[% include "efforts_of_sample.c" %]
 }
 
 static void mdlInitializeSizes(SimStruct *S)
@@ -37,7 +42,7 @@ static void mdlInitializeSizes(SimStruct *S)
     }
     ssSetNumContStates(S, 0);
     ssSetNumDiscStates(S, 0);
-    if (!ssSetNumInputPorts(S, 3) || !ssSetNumOutputPorts(S, [[ 1 + closed ]])) {
+    if (!ssSetNumInputPorts(S, 3) || !ssSetNumOutputPorts(S, [[ 1 + (passive > 0) ]])) {
         return;
     }
     for (port = 0; port < 3; ++port) {
@@ -46,10 +51,10 @@ static void mdlInitializeSizes(SimStruct *S)
         ssSetInputPortDirectFeedThrough(S, port, 1);
     }
     ssSetOutputPortWidth(S, 0, JOINTS);
-[% if closed %]
+[% if passive %]
     ssSetOutputPortWidth(S, 1, 1);
 [% endif %]
-    ssSetNumRWork(S, [[ "WORK" if stateful else 0 ]]);
+    ssSetNumRWork(S, [[ "WORK" if passive or memory else 0 ]]);
     ssSetNumSampleTimes(S, 1);
     ssSetOptions(S, SS_OPTION_EXCEPTION_FREE_CODE);
 }
@@ -60,7 +65,7 @@ static void mdlInitializeSampleTimes(SimStruct *S)
     ssSetOffsetTime(S, 0, 0.0);
 }
 
-[% if stateful %]
+[% if passive or memory %]
 #define MDL_INITIALIZE_CONDITIONS
 static void mdlInitializeConditions(SimStruct *S)
 {
@@ -71,19 +76,19 @@ static void mdlInitializeConditions(SimStruct *S)
 static void mdlOutputs(SimStruct *S, int_T tid)
 {
     double tau[OUTPUTS];
-[% if stateful %]
+[% if passive or memory %]
     Instance me;
     memcpy(&me, ssGetRWork(S), sizeof me);
 [% endif %]
     (void)tid;
-    evaluate(S[[ ", &me" * stateful ]], tau);
+    evaluate(S[% if passive or memory %], &me[% endif %], tau);
     memcpy(ssGetOutputPortSignal(S, 0), tau, JOINTS * sizeof *tau);
-[% if closed %]
+[% if passive %]
     memcpy(ssGetOutputPortSignal(S, 1), tau + JOINTS, sizeof *tau);
 [% endif %]
 }
 
-[% if stateful %]
+[% if passive or memory %]
 /* Outputs may be computed several times a step: the state changes here only. */
 #define MDL_UPDATE
 static void mdlUpdate(SimStruct *S, int_T tid)
