@@ -57,6 +57,7 @@ def test_efforts_in_millinewton_metres_are_absurd(arm):
     assert "--no-check" in error.value.fix
 
 
+@pytest.mark.slow
 def test_reversed_efforts_give_an_estimate_and_their_reason(arm):
     model = identified(arm, -1.0)
     (finding,) = absurd_bodies_check(FittedCase(model, fitted=(None,)))

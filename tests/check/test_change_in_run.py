@@ -142,6 +142,7 @@ def repeated(arm: Arm) -> tuple[Array, Array]:
     return table, np.linspace(0.0, 1.0, len(table))
 
 
+@pytest.mark.slow
 def test_a_scale_that_drifts_through_a_long_log_is_like_one_that_gets_warm(arm: Arm) -> None:
     table, over = repeated(arm)
     table[:, arm.at("tau{}_Nm")] *= 1.0 + 0.3 * over[:, None]
@@ -150,6 +151,7 @@ def test_a_scale_that_drifts_through_a_long_log_is_like_one_that_gets_warm(arm: 
     assert "the effort scale drifts during the log, as with a gain or sensor warm" in finding.says
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("steady", [True, False])
 def test_friction_that_steps_in_a_long_log_is_not_getting_warm(arm: Arm, steady: bool) -> None:
     table, over = repeated(arm)

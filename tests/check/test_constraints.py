@@ -57,6 +57,7 @@ def test_constraints_that_hold_are_not_at_fault() -> None:
     assert found_in({"viscous.left_joint": 0.0, "coulomb.tip_joint": 0.0}) is None
 
 
+@pytest.mark.slow
 def test_friction_that_drives_is_named_with_its_joint() -> None:
     found = found_in({"viscous.left_joint": -20.0})
     assert found is not None and not found.of_unseen
@@ -67,6 +68,7 @@ def test_friction_that_drives_is_named_with_its_joint() -> None:
     assert found.rise > 10.0 * found.rank
 
 
+@pytest.mark.slow
 def test_a_value_that_the_user_states_wrongly_is_named_as_stated() -> None:
     row = Row("'viscous.tip_joint' is 0", {"viscous.tip_joint": 1.0}, 0.0, 0.0)
     found = found_in({"viscous.tip_joint": 20.0}, rows=(row,))
@@ -75,6 +77,7 @@ def test_a_value_that_the_user_states_wrongly_is_named_as_stated() -> None:
     assert found.negative == ()
 
 
+@pytest.mark.slow
 def test_links_that_cannot_exist_are_named_where_no_bound_is_at_fault() -> None:
     bodies = {
         name: -TRUTH[name] for name, of in zip(KNOWN.names, KNOWN.of_bodies, strict=True) if of
@@ -84,6 +87,7 @@ def test_links_that_cannot_exist_are_named_where_no_bound_is_at_fault() -> None:
     assert found.bounds == found.joints == ()
 
 
+@pytest.mark.slow
 def test_efforts_of_the_opposite_sign_are_named_as_such() -> None:
     found = found_in({name: -value for name, value in TRUTH.items()})
     assert found is not None and found.turned is not None

@@ -57,6 +57,7 @@ def test_gains_are_those_of_the_targets_within_their_intervals(arm):
     assert gains.entries[2] == "identify"
 
 
+@pytest.mark.slow
 def test_gains_of_one_are_refused_with_the_controllers(arm):
     text = edited(in_amperes(arm), [Edit(("signals", "effort", "gain"), [1.0] * 3)])
     found = examine(case_with_targets(arm, text), checks=MODEL_BASED)
@@ -65,6 +66,7 @@ def test_gains_of_one_are_refused_with_the_controllers(arm):
     assert gain[2] == "identify"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("weight", [1.0, 0.6])
 @pytest.mark.parametrize(("declared", "unit", "size"), [("mA", "A", 1.0), ("A", "mA", 1e-3)])
 def test_the_unit_of_currents_is_corrected_before_gains(arm, declared, unit, size, weight):
@@ -78,6 +80,7 @@ def test_the_unit_of_currents_is_corrected_before_gains(arm, declared, unit, siz
     assert [edit.value for edit in one.fix.edits] == [unit]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("weight", [1.0, 3.0])
 def test_efforts_of_other_links_are_doubtful_where_gains_are_confirmed(arm, weight):
     case = case_with_targets(arm, in_amperes(arm), weight=weight)

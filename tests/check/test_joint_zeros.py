@@ -36,6 +36,7 @@ def case(folder: Path, offset: tuple[float, ...], line: str = "") -> Case:
     return case_of(subject, log_files([str(path)]), None, silent)[0]
 
 
+@pytest.mark.slow
 def test_an_offset_is_doubtful_with_the_line_that_corrects_it(tmp_path: Path) -> None:
     (finding,) = joint_zeros_check(case(tmp_path, (0.0, 0.2, 0.0, 0.0, 0.0, 0.0)))
     assert finding.severity == Severity.DOUBTFUL and finding.joints == ("shoulder_lift",)
@@ -87,6 +88,7 @@ def test_nominal_masses_are_silent_where_no_joint_is_turned(tmp_path: Path) -> N
     assert JOINT_ZEROS(turned_case(tmp_path, 0, 0.0)) == ()
 
 
+@pytest.mark.slow
 def test_with_that_line_no_offset_stands_out(tmp_path: Path) -> None:
     line = "position_offset = [0.0, 0.2, 0.0, 0.0, 0.0, 0.0]"
     (finding,) = joint_zeros_check(case(tmp_path, (0.0, 0.2, 0.0, 0.0, 0.0, 0.0), line))
@@ -127,6 +129,7 @@ def test_the_interval_of_an_offset_holds_it(arm) -> None:
     assert zero.words.startswith("shoulder_lift -0.1")
 
 
+@pytest.mark.slow
 def test_joints_that_cannot_be_told_apart_are_named_together(
     arm, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -167,6 +170,7 @@ def test_a_small_offset_leaves_the_zeros_open(arm) -> None:
     assert finding.says.endswith("; compare the zeros with the robot")
 
 
+@pytest.mark.slow
 def test_quick_checks_with_a_reference_include_the_zeros_once(arm) -> None:
     table = arm.table.copy()
     table[:, arm.at("q{}_rad")[1]] += 0.15
@@ -213,6 +217,7 @@ def test_an_offset_that_other_errors_explain_as_well_is_open(
     assert "undecided" in finding.says
 
 
+@pytest.mark.slow
 def test_where_no_offset_is_identifiable_the_question_is_open(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -227,6 +232,7 @@ def test_where_no_offset_is_identifiable_the_question_is_open(
     assert finding.says.startswith("not identifiable")
 
 
+@pytest.mark.slow
 def test_an_inner_joint_that_is_not_identifiable_leaves_the_question_open(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -18,6 +18,7 @@ def turned(arm: Arm, *patterns: str) -> Array:
     return table
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("patterns", "cause", "other"),
     [

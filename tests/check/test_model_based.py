@@ -72,6 +72,7 @@ def test_positions_alone_in_another_order_leave_velocities(arm):
     assert edits(found) == {"signals.position": names(Q, [0, 2, 1])}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("swap", [True, False])
 def test_velocities_are_not_blamed_for_positions(arm, swap):
     table = arm.table.copy()
@@ -84,6 +85,7 @@ def test_velocities_are_not_blamed_for_positions(arm, swap):
     assert len(found.edits) == 1
 
 
+@pytest.mark.slow
 def test_velocities_alone_are_blamed_for_themselves(arm):
     table = arm.table.copy()
     table[:, arm.at(DQ)] = arm.table[:, np.array(arm.at(DQ))[[0, 2, 1]]]
@@ -205,6 +207,7 @@ def test_efforts_that_are_late(arm):
     assert edits(found)["signals.effort.delay"] == pytest.approx(0.02, abs=0.001)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("gravity", [[9.81, 0.0, 0.0], [0.0, 0.0, 9.81]])
 def test_gravity_declared_elsewhere(arm, gravity):
     text = edited(arm.text, [Edit(("robot", "gravity"), gravity)])
@@ -274,6 +277,7 @@ def test_without_masses_nothing_is_reported(arm):
     assert len(found.findings) == 9
 
 
+@pytest.mark.slow
 def test_friction_of_another_day(arm):
     tables = []
     for factor in (1.0, 3.5):

@@ -51,6 +51,7 @@ def test_the_report_has_a_section_for_it(drawn: Drawn, identified: Path) -> None
     assert "Bootstrap over time windows" not in (identified / "report.html").read_text()
 
 
+@pytest.mark.slow
 def test_the_terminal_shows_it(drawn: Drawn) -> None:
     shown = drawn[1]
     assert f"bootstrap: {DRAWS} draws of " in shown and "of the stated standard deviation" in shown

@@ -47,6 +47,7 @@ def values_of(printed: dict[str, object]) -> dict[str, tuple[float, float]]:
     return {p["name"]: (p["value"], p["std"]) for p in printed["parameters"]}  # type: ignore
 
 
+@pytest.mark.slow
 def test_every_run_gets_its_own_offsets(given: Path, edit: Edit, command: Command) -> None:
     table = pl.read_csv(given / "validation.csv")
     robot = edit(('"offset"', '{law = "offset", per_run = true}'))
@@ -71,6 +72,7 @@ def test_every_run_gets_its_own_offsets(given: Path, edit: Edit, command: Comman
     assert again.exit_code == 0, again.output
 
 
+@pytest.mark.slow
 def test_logs_that_are_called_alike_stay_apart(given: Path, edit: Edit, command: Command) -> None:
     robot = edit(('"offset"', '{law = "offset", per_run = true}'))
     logs = [robot.parent / folder / "log.csv" for folder in ("monday", "tuesday")]
@@ -98,6 +100,7 @@ MOTORS = (
 )  # fmt: skip
 
 
+@pytest.mark.slow
 def test_a_log_of_coupled_motors_identifies_the_same(
     given: Path, edit: Edit, identified: Path, command: Command
 ) -> None:

@@ -390,6 +390,7 @@ def test_help_has_an_example(command: Command) -> None:
     assert "Example: steelyard check" in command("check", "--help").stdout
 
 
+@pytest.mark.slow
 def test_identify_stops_at_what_is_wrong(
     slow: Slow, degrees: Path, command: Command, tmp_path: Path
 ) -> None:
@@ -402,6 +403,7 @@ def test_identify_stops_at_what_is_wrong(
     assert slow.seen == []
 
 
+@pytest.mark.slow
 def test_identify_notes_what_is_doubtful_and_reports_it(
     command: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -76,6 +76,7 @@ def test_efforts_are_not_judged_by_a_wrong_clock_or_positions_in_another_unit(
     assert not {f["check"] for f in printed["findings"]} & {check.name for check in OF_MOTION}
 
 
+@pytest.mark.slow
 def test_a_corrected_clock_is_that_of_the_proposed_cut(
     simulated: tuple[Path, Path], given: Path, command: Command, tmp_path: Path
 ) -> None:
@@ -99,6 +100,7 @@ def test_currents_beside_a_model_file_need_a_robot_file(
     assert command("init", *last.split()[-2:], "-o", tmp_path / "new.toml").exit_code == 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("measured", [True, False])
 def test_set_points_beside_measured_efforts_get_no_gains(
     measured: bool,

@@ -44,6 +44,7 @@ def longer(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     return folder / "identification.csv", folder / "validation.csv"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("selection", ["auto", "auto_memoryless"])
 def test_memory_is_among_what_is_chosen_from_unless_excluded(
     selection: str, given: Path, tmp_path: Path, command: Command, monkeypatch: pytest.MonkeyPatch
@@ -168,6 +169,7 @@ def test_twins_are_refused_where_fields_are_found_too(
     assert not Path("out").exists()
 
 
+@pytest.mark.slow
 def test_a_poor_prediction_is_called_poor(given: Path, tmp_path: Path, command: Command) -> None:
     columns = ", ".join(f'"q{k}_rad"' for k in (3, 2, 1))
     velocities = columns.replace("q", "dq").replace("_rad", "_rad_s")

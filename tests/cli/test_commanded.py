@@ -86,6 +86,7 @@ def test_the_terminal_and_the_report_say_so(following: Path, given: Path, comman
     assert log["predicted_from"] == "commanded" and log["limitations"] == []
 
 
+@pytest.mark.slow
 def test_identify_scores_validation_logs_from_commanded_motion(
     given: Path, command: Command
 ) -> None:

@@ -56,6 +56,7 @@ def test_help_names_the_default_folder(command: Command) -> None:
     assert "If unset steelyard-ROBOT, or steelyard-ROBOT-2 and so on if that exists." in words
 
 
+@pytest.mark.slow
 def test_no_word_of_a_help_text_is_cut_at_80_columns(
     command: Command, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -169,6 +170,7 @@ def test_validate_json_has_its_schema(identified: Path, command: Command) -> Non
             assert joint["relative_percent"] == pytest.approx(percent)
 
 
+@pytest.mark.slow
 def test_a_log_that_was_fitted_is_no_test(
     identified: Path, command: Command, tmp_path: Path
 ) -> None:
@@ -184,6 +186,7 @@ def test_a_log_that_was_fitted_is_no_test(
     assert [run["fitted"] for run in runs] == [False, True]
 
 
+@pytest.mark.slow
 def test_validate_says_what_identify_says(identified: Path, command: Command) -> None:
     printed = strict((identified.parent / "printed.json").read_text())
     again = strict(command("validate", identified / "model.json", OTHER, "--json").stdout)
@@ -202,6 +205,7 @@ def test_validate_writes_a_report_only_if_requested(
     assert (tmp_path / "seen" / "report.html").stat().st_size > 10_000
 
 
+@pytest.mark.slow
 def test_several_logs_to_validate(command: Command, tmp_path: Path) -> None:
     options = ("--validate", OTHER, f"{LOG}@4.1:7")
     arguments = (ROBOT, f"{LOG}#0:1000", "--no-check", *options, "-o", tmp_path / "o", "--json")
@@ -232,6 +236,7 @@ def test_an_effort_that_is_always_zero_has_no_percentage(
     assert command(*words, "--no-check").exit_code == 1
 
 
+@pytest.mark.slow
 def test_init_alone_and_with_a_log(command: Command, tmp_path: Path) -> None:
     alone, guessed = tmp_path / "alone.toml", tmp_path / "guessed.toml"
     shown = command("init", URDF, "-o", alone)
@@ -304,6 +309,7 @@ def test_init_says_what_it_did_not_find(command: Command, tmp_path: Path) -> Non
     )
 
 
+@pytest.mark.slow
 def test_a_urdf_alone_works_too(command: Command, tmp_path: Path) -> None:
     done = command("identify", URDF, LOG, "--no-check", "-o", tmp_path / "o", "--json")
     result = strict(done.stdout)
@@ -311,6 +317,7 @@ def test_a_urdf_alone_works_too(command: Command, tmp_path: Path) -> None:
     assert any("effort" in note or "tau" in note for note in result["notes"])
 
 
+@pytest.mark.slow
 def test_simulate_follows_a_motion(command: Command, tmp_path: Path) -> None:
     first, again = tmp_path / "first", tmp_path / "again"
     files = strict(
@@ -328,6 +335,7 @@ def test_simulate_follows_a_motion(command: Command, tmp_path: Path) -> None:
     np.testing.assert_allclose(logs[0], logs[1], rtol=1e-9, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_simulate_draws_by_its_seed(command: Command, tmp_path: Path) -> None:
     for name, seed in (("a", 1), ("b", 1), ("c", 2)):
         command("simulate", ROBOT, "--period", "1", "--seed", seed, "-o", tmp_path / name)

@@ -26,6 +26,7 @@ def words(text: str) -> str:
     return " ".join(text.replace("\u00a0", " ").split())
 
 
+@pytest.mark.slow
 def test_runs_are_left_out_in_turn(command, tmp_path: Path) -> None:
     out = tmp_path / "out"
     done = command("compare", ROBOT, LOG, OTHER, "--estimators", "wls,OLS", "-o", out)

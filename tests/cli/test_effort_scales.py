@@ -156,6 +156,7 @@ def test_scales_are_of_motors_behind_coupled_gears(given: Path, tmp_path: Path) 
         assert why.startswith(words) and bool(why) == bool(words)
 
 
+@pytest.mark.slow
 def test_a_clean_log_gets_none(identified: Path) -> None:
     printed = json.loads((identified.parent / "printed.json").read_text())
     assert printed["effort_scales"] is None

@@ -31,6 +31,7 @@ SOILED = "../given/soiled.csv"
 OTHER = "../given/validation.csv"
 
 
+@pytest.mark.slow
 def test_broken_rows_are_dropped_counted_and_hardly_change_the_fit(
     identified: Path, command: Command, tmp_path: Path
 ) -> None:

@@ -39,6 +39,7 @@ def known(given: Path, command: Command) -> Path:
     return Path("arm.toml")
 
 
+@pytest.mark.slow
 def test_known_values_are_met_and_named(known: Path, given: Path, command: Command) -> None:
     log = given / "identification.csv"
     done = command("identify", known, log, "--method", "WLS", "--no-check", "-v", "-o", "out")
@@ -67,6 +68,7 @@ def test_known_values_are_met_and_named(known: Path, given: Path, command: Comma
         steelyard.reduce(model, log)
 
 
+@pytest.mark.slow
 def test_without_them_nothing_changes(given: Path, command: Command) -> None:
     log = f"{given / 'identification.csv'}@0:6"
     found = steelyard.identify(given / "demo_arm.toml", log, check=False, method="OLS")

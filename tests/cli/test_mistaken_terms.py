@@ -102,6 +102,7 @@ def test_fields_are_not_found_for_friction_that_is_not_chosen_yet(
     assert "'stribeck'" in done.stderr and '"auto"' in done.stderr
 
 
+@pytest.mark.slow
 def test_a_virtual_robot_whose_friction_is_open_has_some(robot: Robot, command: Command) -> None:
     path = robot('terms = ["rigid_body", "rotor_inertia"]\nfriction = "auto"')
     out = path.parent / "run"
@@ -111,6 +112,7 @@ def test_a_virtual_robot_whose_friction_is_open_has_some(robot: Robot, command: 
     assert names["coulomb.elbow"]["value"] > 0.0 and names["viscous.elbow"]["value"] > 0.0
 
 
+@pytest.mark.slow
 def test_a_payload_needs_bodies_to_add_to(robot: Robot, given: Path, command: Command) -> None:
     path, log = robot('terms = ["viscous", "offset"]'), given / "identification.csv"
     out = path.parent / "out"

@@ -250,6 +250,7 @@ def test_when_a_load_is_picked_up_and_put_down(
     assert "false events per hour" in words
 
 
+@pytest.mark.slow
 def test_what_is_carried_all_along_is_no_event(
     picking: Path, identified: Path, command: Command
 ) -> None:

@@ -52,6 +52,7 @@ def other(work: Path) -> Path:
     return work.parent / "given" / "validation.csv"
 
 
+@pytest.mark.slow
 def test_what_is_kept_and_removed(
     identified: Path, log: Path, other: Path, command: Command, work: Path
 ) -> None:
@@ -76,6 +77,7 @@ def test_what_is_kept_and_removed(
     assert f"{gone}," in (work / "small" / "parameters.csv").read_text()
 
 
+@pytest.mark.slow
 def test_a_removed_parameter_is_zero_and_not_unknown(
     identified: Path, robot: Path, log: Path, command: Command, work: Path
 ) -> None:
@@ -88,6 +90,7 @@ def test_a_removed_parameter_is_zero_and_not_unknown(
     assert abs(weight.mass) < 2.0 * weight.half_width[0]
 
 
+@pytest.mark.slow
 def test_bodies_that_can_exist(
     identified: Path, robot: Path, log: Path, command: Command, work: Path
 ) -> None:
@@ -209,6 +212,7 @@ def test_a_model_of_one_parameter_is_small_enough(
     assert done.exit_code == 2 and "it has one parameter" in done.output
 
 
+@pytest.mark.slow
 def test_the_terminal_counts_what_is_left(identified: Path, log: Path, command: Command) -> None:
     names = load_model(identified).estimate.parameters.names
     command("reduce", identified, log, "--stop", f"count={len(names) - 2}", "-o", "a")

@@ -37,6 +37,7 @@ def repeated(given: Path, tmp_path: Path) -> Path:
     return path
 
 
+@pytest.mark.slow
 def test_rows_of_a_fitted_log_do_not_test_it(
     command: Command, copied: Path, tmp_path: Path
 ) -> None:

@@ -19,9 +19,9 @@ def test_only_fitted_logs_are_averaged(command: Callable[..., Any], tmp_path: Pa
     robot = without_wrist(tmp_path).robot
     truth = random_truth(robot, 3)
     rig = VirtualRobot(robot, truth, customary_sensors(robot, truth))
-    run(rig, random_fourier(robot, seed=1, period=3.0, periods=4), tmp_path / "many.parquet")
-    run(rig, random_fourier(robot, seed=2, period=4.0), tmp_path / "once.parquet")
-    chosen = "\n[processing]\nrepetitions = {period = 3.0, drop_last = 0}\n"
+    run(rig, random_fourier(robot, seed=1, period=2.0, periods=3), tmp_path / "many.parquet")
+    run(rig, random_fourier(robot, seed=2, period=2.0), tmp_path / "once.parquet")
+    chosen = "\n[processing]\nrepetitions = {period = 2.0, drop_last = 0}\n"
     text = (tmp_path / "demo_arm.toml").read_text(encoding="utf-8")
     (tmp_path / "robot.toml").write_text(text + chosen, encoding="utf-8")
     many, once = tmp_path / "many.parquet", tmp_path / "once.parquet"
@@ -30,8 +30,8 @@ def test_only_fitted_logs_are_averaged(command: Callable[..., Any], tmp_path: Pa
     assert done.exit_code == 0, done.stderr
     result = json.loads(done.stdout)
     assert result["validation"][0]["mean_percent_moving"] < 15.0
-    assert "mean of 3 repetitions of 3 s" in done.stdout + done.stderr
+    assert "mean of 2 repetitions of 2 s" in done.stdout + done.stderr
     again = command("validate", tmp_path / "out", once, "--json")
     assert again.exit_code == 0, again.stderr
     kept = json.loads((tmp_path / "out" / "model.json").read_text())["processing"]
-    assert kept["repetitions"] == {"period": 3.0, "drop_first": 1, "drop_last": 0}
+    assert kept["repetitions"] == {"period": 2.0, "drop_first": 1, "drop_last": 0}

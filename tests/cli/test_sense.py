@@ -30,6 +30,7 @@ def test_no_stretch_counts_twice(
     assert not (tmp_path / "o").exists()
 
 
+@pytest.mark.slow
 def test_an_effort_that_never_changes_is_no_effort(
     given: Path, command: Command, tmp_path: Path
 ) -> None:

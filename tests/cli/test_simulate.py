@@ -141,6 +141,7 @@ def test_periods_repeat_the_motion(
     assert np.ptp(q[250 + rows : 250 + 2 * rows], axis=0).min() > 0.05
 
 
+@pytest.mark.slow
 def test_a_motion_that_does_not_return_has_no_periods(
     given: Path, command: Command, tmp_path: Path
 ) -> None:

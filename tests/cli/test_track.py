@@ -252,6 +252,7 @@ def test_friction_with_memory_is_noted(identified: Path) -> None:
     assert "is zero at first from rest" in note
 
 
+@pytest.mark.slow
 def test_a_random_true_robot_is_stated(command: Command, motion: Path, tmp_path: Path) -> None:
     out = tmp_path / "tracked"
     done = command("track", ROBOT, motion, "-o", out)
@@ -298,6 +299,7 @@ def test_a_model_of_other_joints_is_refused(
     assert done.exit_code == 2 and "the model has the joints hip" in done.stderr
 
 
+@pytest.mark.slow
 def test_simulate_has_controllers_a_truth_a_rate_and_a_wrench(
     command: Command, given: Path, identified: Path, motion: Path, tmp_path: Path
 ) -> None:
@@ -325,6 +327,7 @@ def test_simulate_has_controllers_a_truth_a_rate_and_a_wrench(
     assert np.abs(log.select([f"q{k}_rad" for k in range(1, 4)]).to_numpy() - goal.q).max() < 0.02
 
 
+@pytest.mark.slow
 def test_a_log_with_commands_is_read_as_any_other(command: Command, tmp_path: Path) -> None:
     done = command(*SHORT, "--control", "pd", "-o", tmp_path / "commanded")
     assert done.exit_code == 0, done.stderr
@@ -357,6 +360,7 @@ def test_unusable_options_of_simulate(
     assert not (tmp_path / "o").exists()
 
 
+@pytest.mark.slow
 def test_a_truth_keeps_its_drive_gains(given: Path, command: Command, tmp_path: Path) -> None:
     joint = 'kind = "joint_torque"\nunit = "Nm"\n'
     current = 'kind = "motor_current"\nunit = "A"\ngain = "identify"\n'
@@ -382,6 +386,7 @@ def test_a_rate_that_the_robot_file_contradicts_is_refused(
     assert done.exit_code == 0, done.stderr
 
 
+@pytest.mark.slow
 def test_friction_drift_is_in_the_truth(command: Command, tmp_path: Path) -> None:
     found = {}
     for factor in ("1", "1.5"):

@@ -7,6 +7,7 @@ from shutil import copy
 
 import numpy as np
 import polars as pl
+import pytest
 
 import steelyard
 from cli.conftest import Command
@@ -24,6 +25,7 @@ def scaled(path: Path, factor: float) -> pl.DataFrame:
     return table.with_columns(pl.col(name) * factor for name in efforts)
 
 
+@pytest.mark.slow
 def test_the_limit_decides_the_exit_code(identified: Path, command: Command) -> None:
     error = json.loads(command("validate", identified, OTHER, "--json").stdout)[0]
     (pooled,) = error["headline"]["pooled"]
@@ -65,6 +67,7 @@ def test_a_repeated_motion_is_below_no_limit(
     assert command("validate", identified, tmp_path / "again.csv").exit_code == 0
 
 
+@pytest.mark.slow
 def test_an_error_has_a_reason_and_the_command_that_shows_it(
     identified: Path, given: Path, command: Command
 ) -> None:
@@ -79,6 +82,7 @@ def test_an_error_has_a_reason_and_the_command_that_shows_it(
     assert f"next steelyard check demo_arm.toml milli.csv --model {identified}" in words
 
 
+@pytest.mark.slow
 def test_a_log_without_motion_validates_gravity(
     identified: Path, given: Path, command: Command
 ) -> None:
@@ -120,6 +124,7 @@ def test_validate_does_not_report_on_the_fit(
     assert 'id="verdict"' in page and 'id="parameters"' not in page
 
 
+@pytest.mark.slow
 def test_identify_prints_a_good_result_in_25_lines(
     identified: Path, given: Path, command: Command
 ) -> None:

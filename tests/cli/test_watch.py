@@ -125,6 +125,7 @@ def test_broken_rows_are_said_once_and_counted(
     assert summary["gaps"] == 2
 
 
+@pytest.mark.slow
 def test_other_efforts_are_noted_once_and_in_the_summary(
     given: Path, pushed: Path, identified: Path, command: Command, tmp_path: Path
 ) -> None:
@@ -161,6 +162,7 @@ def test_a_stream_without_usable_rows_is_an_error(
     assert words in done.stderr and "with a time stamp before the previous one" in done.stderr
 
 
+@pytest.mark.slow
 def test_calibration_on_logs_of_the_stream(
     given: Path, pushed: Path, identified: Path, command: Command
 ) -> None:

@@ -68,6 +68,7 @@ def test_a_push_is_found_within_its_interval(pushed: Path, identified: Path) -> 
     assert np.sqrt(np.mean(np.square(error[far, :3]))) < 3.0
 
 
+@pytest.mark.slow
 def test_the_command_prints_and_writes_the_same(
     pushed: Path, identified: Path, command: Command, tmp_path: Path
 ) -> None:
@@ -103,6 +104,7 @@ def test_the_command_prints_and_writes_the_same(
     assert taken.exit_code == 2 and "exists already" in taken.stderr
 
 
+@pytest.mark.slow
 def test_torque_and_momentum_leave_the_same_over(pushed: Path, identified: Path) -> None:
     model = steelyard.load_model(identified)
     one, other = (
@@ -115,6 +117,7 @@ def test_torque_and_momentum_leave_the_same_over(pushed: Path, identified: Path)
     assert not np.array_equal(one, other)
 
 
+@pytest.mark.slow
 def test_options_are_used(pushed: Path, identified: Path) -> None:
     model = steelyard.load_model(identified)
     found = {
@@ -142,6 +145,7 @@ def test_options_are_used(pushed: Path, identified: Path) -> None:
     assert np.allclose(*length, atol=2.5)
 
 
+@pytest.mark.slow
 def test_a_frame_near_the_base_is_observable_in_part(
     pushed: Path, identified: Path, command: Command
 ) -> None:
@@ -171,6 +175,7 @@ def test_a_long_log_is_estimated_stretch_by_stretch(
     assert sum(event.phase == "estimating the wrench" for event in events) > 1
 
 
+@pytest.mark.slow
 def test_logs_that_cannot_be_used_are_refused(
     given: Path, identified: Path, pushed: Path, tmp_path: Path
 ) -> None:
@@ -209,6 +214,7 @@ def test_logs_that_cannot_be_used_are_refused(
         steelyard.external_wrench(model, pushed, bandwidth=30.0)
 
 
+@pytest.mark.slow
 def test_rows_that_are_left_out_are_stated(given: Path, identified: Path, tmp_path: Path) -> None:
     log = given / "validation.csv"
     t, names = columns(log)

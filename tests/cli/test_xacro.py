@@ -37,7 +37,7 @@ def test_arguments_belong_to_the_file() -> None:
 @pytest.mark.slow
 def test_from_a_xacro_file_to_a_model(command: Command, arm: Path, tmp_path: Path) -> None:
     given = (arm, "name:=left", "mass:=3")
-    done = command("simulate", *given, "--seed", 1, "--period", 5, "-o", tmp_path / "sim")
+    done = command("simulate", *given, "--seed", 1, "--period", 2, "-o", tmp_path / "sim")
     assert done.exit_code == 0, done.output
     log, file = tmp_path / "sim/log.csv", tmp_path / "left.toml"
     done = command("init", *given, log, "-o", file)

@@ -15,6 +15,7 @@ TO_IDENTIFY = ('position = "q{}_rad"', 'position = "q{}_rad"\nposition_offset = 
 OFFSET = 0.2
 
 
+@pytest.mark.slow
 def test_offsets_are_identified_and_used_for_other_logs(command: Command, tmp_path: Path) -> None:
     loaded, robot = without_wrist(tmp_path), tmp_path / "demo_arm.toml"
     line = '[signals]\nposition_offset = "identify"\n'

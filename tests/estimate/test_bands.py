@@ -125,6 +125,7 @@ def test_what_the_low_pass_takes_out_is_not_in_the_band() -> None:
     assert np.allclose(std[1][:, inner], std[0][:, inner], rtol=1e-3)
 
 
+@pytest.mark.slow
 def test_parts_of_any_size_give_the_same_band() -> None:
     model, truth = identified()
     block = Block.joined(list(blocks_with_channels(run_of(truth, 300).blocks(), model.model)))

@@ -76,6 +76,7 @@ def coverage(model: IdentifiedModel, run: Run, slower: np.ndarray | None = None)
     return 100.0 * float(inside[(traces.speed < slower) & traces.moving].mean())
 
 
+@pytest.mark.slow
 def test_friction_outside_the_model_widens_the_bands():
     terms = (*DEFAULT_TERMS, Stribeck(0.2))
     *fitted, unseen = runs_of(11, 12, 13, 14, terms=terms)
@@ -107,6 +108,7 @@ def test_the_same_motion_again_is_left_out_with_it():
     assert names == [{"2: 32"}, {"2: 32"}, {"0: 31", "1: 31"}]
 
 
+@pytest.mark.slow
 def test_runs_of_one_motion_alone_are_calibrated_on_stretches_of_it():
     runs = runs_of(41, 41)
     assert runs_left_out(runs, information_of(runs)) == ()

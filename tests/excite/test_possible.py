@@ -95,6 +95,7 @@ def test_less_margin_lets_a_posture_be(tmp_path: Path) -> None:
 CELL = urdf(link("wall", '<box size="0.1 2 2"/>', xyz="0.6 0 0.5"), name="cell")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("walls", "start", "words"),
     [

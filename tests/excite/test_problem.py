@@ -119,6 +119,7 @@ def test_a_robot_that_stands_shows_nothing() -> None:
     assert design.criterion_value(design.basis.still(MIDDLE)) == np.inf
 
 
+@pytest.mark.slow
 def test_searches_are_repeatable_and_end_inside() -> None:
     design = problem(FAMILIES["rest"], [box(0.7)])
     margins: list[float] = []

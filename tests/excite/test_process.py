@@ -63,6 +63,7 @@ def off_segments(motion: ProcessMotion, tooled: Arm, count: int = 60) -> float:
     return worst
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["ur10", "panda"])
 @pytest.mark.parametrize("attitude", [Attitude(), DOWN])
 def test_picks_and_places_on_straight_lines(name: str, attitude: Attitude) -> None:
@@ -105,6 +106,7 @@ def test_points_lie_in_their_boxes_and_are_lifted(path: str) -> None:
     check_keeps(motion, arm("ur10").limits)
 
 
+@pytest.mark.slow
 def test_seeds_decide_the_points() -> None:
     task = carried(*boxes("ur10"), cycles=2)
     one, again, other = (plan("ur10", task, seed=seed) for seed in (3, 3, 4))

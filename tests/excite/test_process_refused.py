@@ -26,6 +26,7 @@ def test_a_box_out_of_reach_names_the_least_move_that_works() -> None:
         plan("ur10", carried(pick, box(centre + 0.97 * shift, size), cycles=1), JOINT)
 
 
+@pytest.mark.slow
 def test_a_waypoint_out_of_reach_is_named() -> None:
     with pytest.raises(DataError, match=r"waypoint 2 is out of reach: of \(1.600, 0.300") as error:
         plan("ur10", waypoints([[0.6, 0.2, 0.4], [1.6, 0.3, 0.4]]))
@@ -36,6 +37,7 @@ def test_a_waypoint_out_of_reach_is_named() -> None:
     assert "move the square by (-0." in error.value.fix
 
 
+@pytest.mark.slow
 def test_lines_through_what_no_posture_can_do_are_refused() -> None:
     """Straight through the base, and from one elbow side to the other."""
     through = waypoints([[0.6, 0.1, 0.3], [-0.6, 0.1, 0.3]])

@@ -323,6 +323,7 @@ def test_the_elbow_of_a_ur10_stays_above_its_table(tmp_path: Path) -> None:
     assert any("'forearm_link' clear of 'floor'" in line for line in certificate.failures)
 
 
+@pytest.mark.slow
 def test_the_demo_arm_stays_above_its_table(tmp_path: Path) -> None:
     loaded = write_demo_arm(tmp_path)
     problem = build(loaded, model_with_open_friction(loaded))
@@ -346,6 +347,7 @@ def _lowest(found: Clearance, motion: ExactTrajectory) -> float:
     return min(distances(found.robot, found.scene.shapes, way, q).min() for way in ways)
 
 
+@pytest.mark.slow
 def test_a_motion_that_is_proven_keeps_every_link_off_its_walls(tmp_path: Path) -> None:
     tables = ANY + WALLS + "radius = 0.03\n[excitation.motion]\nperiod = 4.0\nharmonics = 2\n"
     trajectory = some_motion(tmp_path, tables).trajectory

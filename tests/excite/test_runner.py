@@ -62,6 +62,7 @@ def _nobody_stays() -> Iterator[None]:
     assert workers() == []
 
 
+@pytest.mark.slow
 def test_the_seed_alone_decides(tmp_path: Path) -> None:
     one, two = (harvest(tmp_path, SearchBudget(60.0, 2, processes)) for processes in (1, 2))
     with patch.object(parallel_search, "_workers", searching_here):
@@ -75,6 +76,7 @@ def test_the_seed_alone_decides(tmp_path: Path) -> None:
     assert figures == sorted(figures, reverse=True) and figures[-1] == two.best[0].criterion_value
 
 
+@pytest.mark.slow
 def test_no_more_processes_than_searches(tmp_path: Path) -> None:
     seen = []
 
@@ -86,6 +88,7 @@ def test_no_more_processes_than_searches(tmp_path: Path) -> None:
     assert found.searches == 1 and max(seen) == 1
 
 
+@pytest.mark.slow
 def test_progress_counts_searches_as_well_as_seconds(tmp_path: Path) -> None:
     seen = list[Event]()
     harvest(tmp_path, SearchBudget(600.0, searches=2), lambda event: seen.append(event) or True)
@@ -106,6 +109,7 @@ def stopping(ready: Callable[[Event], bool]) -> Progress:
     return lambda event: not ready(event)
 
 
+@pytest.mark.slow
 def test_a_requested_stop_gives_the_best_so_far(tmp_path: Path) -> None:
     found = harvest(tmp_path, SearchBudget(60.0), stopping(lambda e: "best" in e.note))
     assert found.stopped and found.best
@@ -130,6 +134,7 @@ def killing(most: int, every: bool) -> Progress:
     return watch
 
 
+@pytest.mark.slow
 def test_the_others_go_on_when_one_is_killed(tmp_path: Path) -> None:
     found = harvest(tmp_path, SearchBudget(60.0, searches=2, processes=2), killing(1, every=False))
     assert found.killed == 1 and found.best
@@ -142,6 +147,7 @@ def test_all_of_them_killed_is_reported(tmp_path: Path) -> None:
     assert "--processes" in caught.value.fix
 
 
+@pytest.mark.slow
 def test_an_error_in_a_worker_is_reported(tmp_path: Path) -> None:
     loaded = arm(tmp_path, TABLES.replace("bodies = false", "bodies = true"))
     model = model_with_open_friction(loaded)

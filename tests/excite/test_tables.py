@@ -281,6 +281,7 @@ def test_a_law_with_memory_is_left_out_and_named(tmp_path: Path) -> None:
     assert not any("dahl" in name for name in case.shows.base.base_names)
 
 
+@pytest.mark.slow
 def test_every_method_is_by_name(tmp_path: Path) -> None:
     assert set(METHODS) == {"gradient", "genetic", "cma_es"}
     seen = {}

@@ -215,6 +215,7 @@ def places_behind_loops(robot: Robot, frame: Frame, q: Array) -> Array:
     return np.array(places)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", CLOSED)
 def test_closed_chains_follow_paths(name: str) -> None:
     build, frame, path = CLOSED[name]
@@ -241,6 +242,7 @@ def planar(reach: float = 2.0) -> tuple[Robot, MotionLimits]:
     return robot, motion_limits(robot)
 
 
+@pytest.mark.slow
 def test_a_path_that_leaves_the_plane_or_the_reach_says_where() -> None:
     robot, limits = planar()
     with pytest.raises(
