@@ -73,7 +73,7 @@ def imports(path: Path, *, types: bool = False) -> tuple[str, ...]:
 
 
 def _imported(path: Path, types: bool) -> Iterator[str]:
-    nodes = _nodes(path)
+    nodes = _read(path)[1]
     typing_only = {
         id(inner)
         for node in nodes
@@ -95,11 +95,11 @@ def _imported(path: Path, types: bool) -> Iterator[str]:
 
 
 @cache
-def _nodes(path: Path) -> tuple[ast.AST, ...]:
-    """The imports of a file, wherever they stand, and its branches."""
+def _read(path: Path) -> tuple[str | None, tuple[ast.AST, ...]]:
+    """The docstring of a file; its imports, wherever they stand, and its branches."""
     tree = ast.parse(path.read_text(encoding="utf-8"))
     kinds = (ast.If, ast.Import, ast.ImportFrom)
-    return tuple(node for node in ast.walk(tree) if isinstance(node, kinds))
+    return ast.get_docstring(tree), tuple(n for n in ast.walk(tree) if isinstance(n, kinds))
 
 
 FILES = sorted(p for p in PACKAGE.rglob("*.py") if p != PACKAGE / "__init__.py")
@@ -146,7 +146,7 @@ def test_the_map_lists_every_room_in_the_order_of_imports() -> None:
 def test_rooms_are_two_folders_deep_and_say_what_they_hold() -> None:
     for path in PACKAGE.rglob("*.py"):
         assert len(path.relative_to(PACKAGE).parts) <= 3, path
-        assert ast.get_docstring(ast.parse(path.read_text("utf-8"))), f"{path}: no docstring"
+        assert _read(path)[0], f"{path}: no docstring"
 
 
 @pytest.mark.parametrize("package", list(ONE_FILE))
@@ -198,7 +198,7 @@ def _normal(distribution: str) -> str:
 
 
 def _imported_roots(path: Path) -> Iterator[str]:
-    for node in ast.walk(ast.parse(path.read_text())):
+    for node in _read(path)[1]:
         if isinstance(node, ast.Import):
             yield from (alias.name.split(".")[0] for alias in node.names)
         elif isinstance(node, ast.ImportFrom) and node.module and not node.level:
