@@ -31,7 +31,7 @@ from steelyard.excite.constraints.tool_workspace import HalfSpaces
 from steelyard.excite.design_problem import Problem
 from steelyard.excite.problem_from_tables import build
 from steelyard.excite.search.feasibility import random_starts
-from steelyard.excite.search.inequality_constraints import InequalityConstraints
+from steelyard.excite.search.margins_barrier_and_newton import InequalityConstraints
 from steelyard.excite.search.repair_until_proven import scaled
 from steelyard.excite.search.search_methods import (
     Method,

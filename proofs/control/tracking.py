@@ -29,7 +29,7 @@ from steelyard.identify.identify import identify
 from steelyard.identify.reduce import reduce
 from steelyard.model.equations.frame_kinematics import frame_of, last_frame
 from steelyard.model.robot_file_model import model_of
-from steelyard.simulate.encoders_and_drives import customary_drives
+from steelyard.simulate.sensors_and_drives import customary_drives
 from steelyard.simulate.track import TrackedRun, Tracking, tracking
 from steelyard.simulate.truth import Truth
 from steelyard.simulate.virtual_robot import VirtualRobot, customary_sensors

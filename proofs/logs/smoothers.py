@@ -30,7 +30,7 @@ from steelyard.runs.smoothing.fourier import Fourier
 from steelyard.runs.smoothing.kalman_smoother import Kalman
 from steelyard.runs.smoothing.method_and_butterworth import Butterworth, Method
 from steelyard.runs.smoothing.smoothing_spline import SmoothingSpline
-from steelyard.simulate.sensors import Sensors, TrueRun
+from steelyard.simulate.sensors_and_drives import Sensors, TrueRun
 from steelyard.simulate.truth import random_truth
 from steelyard.simulate.virtual_robot import VirtualRobot, customary_sensors
 

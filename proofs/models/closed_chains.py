@@ -32,7 +32,7 @@ from steelyard.robot.robot import Limits, Robot
 from steelyard.runs.prepare import prepare
 from steelyard.runs.recording import LogInMemory, Recording
 from steelyard.simulate.mujoco_model import build
-from steelyard.simulate.sensors import Reading, Sensors
+from steelyard.simulate.sensors_and_drives import Reading, Sensors
 from steelyard.simulate.torque_and_mass_scales import typical_torque
 from steelyard.simulate.truth import random_truth
 from steelyard.simulate.virtual_robot import VirtualRobot

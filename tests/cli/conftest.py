@@ -13,7 +13,7 @@ from typer.testing import CliRunner, Result
 from cli.mistakes import workshop
 from short_arm import short_logs
 from steelyard.cli import command as commands
-from steelyard.cli import identify_commands
+from steelyard.cli import identify_and_use_commands
 from steelyard.cli.app import app, expanded
 from steelyard.cli.command import CommandResult, computed
 from steelyard.estimate.scores.cross_validation import stretches_left_out
@@ -69,7 +69,7 @@ def results() -> Iterator[list[dict[str, Any]]]:
         return result
 
     with pytest.MonkeyPatch.context() as patch:
-        for module in (commands, identify_commands):
+        for module in (commands, identify_and_use_commands):
             patch.setattr(module, "computed", kept)
         yield found
 

@@ -11,7 +11,7 @@ import pytest
 
 from oracles import body_positions, pinocchio_model
 from steelyard.base.arrays import Array
-from steelyard.excite.collision.convex_solids import (
+from steelyard.excite.collision.convex_solids_and_mesh_files import (
     Ball,
     Box,
     Capsule,

@@ -9,7 +9,10 @@ import pytest
 from designing import FAMILIES, box, problem, torques
 from steelyard.base.arrays import Array
 from steelyard.excite.constraints.constraint import Constraint, Margins
-from steelyard.excite.search.inequality_constraints import CONSTRAINT_STEP, InequalityConstraints
+from steelyard.excite.search.margins_barrier_and_newton import (
+    CONSTRAINT_STEP,
+    InequalityConstraints,
+)
 from steelyard.excite.trajectories.trajectory import ExactTrajectory
 
 MIDDLE = np.array([-0.1, 0.1, 0.3])

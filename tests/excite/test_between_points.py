@@ -10,7 +10,7 @@ from excite.exportable import arm as plain_arm
 from excite.exportable import motions
 from excite.tabled import problem_of
 from steelyard.excite.motion_export_and_error import error_between
-from steelyard.excite.sampled_motion_files import even_times
+from steelyard.excite.motion_file_formats import even_times
 
 WALLS = """
 [excitation.limits]

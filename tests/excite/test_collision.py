@@ -22,7 +22,14 @@ from excite.colliding import (
 )
 from steelyard.base.errors import ModelError
 from steelyard.excite.collision.clearance import Clearance, self_clearance
-from steelyard.excite.collision.convex_solids import Ball, Box, Capsule, Cylinder, Ellipsoid, Hull
+from steelyard.excite.collision.convex_solids_and_mesh_files import (
+    Ball,
+    Box,
+    Capsule,
+    Cylinder,
+    Ellipsoid,
+    Hull,
+)
 from steelyard.excite.collision.model_file_shapes import world_shapes
 from steelyard.excite.collision.shape_kinematics import Shape, obstacle, placed, rates, wall
 from steelyard.robot.file.robot_file import LoadedRobot, load_robot

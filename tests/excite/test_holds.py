@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from steelyard.excite.constraints.certificate import holds, holds_note
 from steelyard.excite.trajectories.piecewise_polynomials import through_postures
 from steelyard.excite.trajectories.trajectory import SlowedMotion
-from steelyard.excite.trajectories.velocity_jumps_and_standstills import holds, holds_note
 
 POSTURES = [[0.0, 1.0], [1.0, -1.0], [0.5, 0.0]]
 

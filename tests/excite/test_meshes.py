@@ -8,8 +8,12 @@ import pytest
 
 from excite.colliding import joint, link, urdf, written
 from steelyard.base.errors import ModelError
-from steelyard.excite.collision.convex_solids import Hull, height
-from steelyard.excite.collision.mesh_files import find_mesh, mesh_points
+from steelyard.excite.collision.convex_solids_and_mesh_files import (
+    Hull,
+    find_mesh,
+    height,
+    mesh_points,
+)
 from steelyard.excite.collision.model_file_shapes import robot_shapes
 from steelyard.robot.file.robot_file import load_robot
 

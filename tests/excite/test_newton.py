@@ -10,8 +10,11 @@ from designing import FAMILIES, box, problem, torques
 from steelyard.base.arrays import Array
 from steelyard.base.progress import Stopped
 from steelyard.excite.search.feasibility import random_starts
-from steelyard.excite.search.inequality_constraints import InequalityConstraints
-from steelyard.excite.search.newton_with_barrier import STAGES, minimised
+from steelyard.excite.search.margins_barrier_and_newton import (
+    STAGES,
+    InequalityConstraints,
+    minimised,
+)
 from steelyard.excite.trajectories.motion_families import reaching
 
 MIDDLE = np.array([-0.1, 0.1, 0.3])

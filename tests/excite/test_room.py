@@ -10,7 +10,7 @@ from excite.colliding import ARM_WITHOUT, distances, link, postures, ur10, urdf,
 from excite.tabled import OPEN, arm, model_with_open_friction, problem_of, some_motion
 from steelyard.base.errors import ModelError
 from steelyard.excite.collision.clearance import Clearance
-from steelyard.excite.collision.convex_solids import Ball, Box, Capsule
+from steelyard.excite.collision.convex_solids_and_mesh_files import Ball, Box, Capsule
 from steelyard.excite.collision.workspace_from_tables import WALL_RESERVE, WALLS_NAME, up_of
 from steelyard.excite.constraints.certificate import certify
 from steelyard.excite.constraints.constraint import Declined, Gap

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from steelyard.excite.collision.convex_solids import (
+from steelyard.excite.collision.convex_solids_and_mesh_files import (
     FLAT_HULL_THICKNESS,
     Ball,
     Box,

@@ -19,7 +19,7 @@ from steelyard.base.errors import ModelError
 from steelyard.base.motion import Motion
 from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.export.code.export_code import write_code
-from steelyard.export.code.ros2 import text_literal
+from steelyard.export.code.ros2_and_simulink import text_literal
 from steelyard.model.equations.inverse_dynamics import JointState
 from steelyard.model.laws.presliding import Dahl
 from steelyard.model.laws.register import DEFAULT_TERMS

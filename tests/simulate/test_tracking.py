@@ -8,7 +8,7 @@ from steelyard.excite.trajectories.fourier import random_fourier
 from steelyard.excite.trajectories.piecewise_polynomials import SampledMotion
 from steelyard.model.equations.frame_kinematics import frame_kinematics, frame_of, last_frame
 from steelyard.robot.robot import Robot
-from steelyard.simulate.encoders_and_drives import customary_drives
+from steelyard.simulate.sensors_and_drives import customary_drives
 from steelyard.simulate.track import Tracking, controllers_of, tracking
 from steelyard.simulate.truth import Truth, random_truth
 from steelyard.uses.control.joint_controllers import control_of

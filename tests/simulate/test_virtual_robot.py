@@ -12,7 +12,7 @@ from steelyard.estimate.closed_loop.feedback_and_forward_dynamics import tuned_p
 from steelyard.excite.trajectories.fourier import FourierMotion, random_fourier
 from steelyard.robot.robot import Robot
 from steelyard.simulate.mujoco_model import build, inverse_dynamics
-from steelyard.simulate.sensors import Sensors, TrueRun
+from steelyard.simulate.sensors_and_drives import Sensors, TrueRun
 from steelyard.simulate.truth import Truth, random_truth
 from steelyard.simulate.virtual_robot import VirtualRobot
 

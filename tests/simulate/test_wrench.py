@@ -18,7 +18,7 @@ from steelyard.simulate.payloads_and_wrenches import (
     Payload,
     read_wrench,
 )
-from steelyard.simulate.sensors import Sensors
+from steelyard.simulate.sensors_and_drives import Sensors
 from steelyard.simulate.truth import Truth, random_truth
 from steelyard.simulate.virtual_robot import VirtualRobot
 

@@ -8,13 +8,21 @@ import typer
 
 from steelyard.cli.derived_command import DerivedCommand
 from steelyard.cli.doctor_command import doctor
-from steelyard.cli.identify_commands import compare, compare_models, identify, validate
+from steelyard.cli.identify_and_use_commands import (
+    compare,
+    compare_models,
+    contact,
+    feedforward,
+    health,
+    identify,
+    payload,
+    validate,
+    wrench,
+)
 from steelyard.cli.init_command import init
 from steelyard.cli.log_commands import check, log
 from steelyard.cli.model_commands import export, reduce
-from steelyard.cli.motion_commands import excite, replay
-from steelyard.cli.simulation_commands import demo, simulate, track
-from steelyard.cli.use_commands import contact, feedforward, health, payload, wrench
+from steelyard.cli.motion_and_simulation_commands import demo, excite, replay, simulate, track
 from steelyard.cli.watch_command import watch
 
 app = typer.Typer(

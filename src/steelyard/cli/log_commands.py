@@ -215,8 +215,7 @@ def convert(
     from steelyard.base.files import whole_file
     from steelyard.logs.contents import windowed, with_progress
     from steelyard.logs.formats import open_log, writer_for
-    from steelyard.logs.log import parse_log_argument, require_columns
-    from steelyard.logs.side_by_side import SideBySide
+    from steelyard.logs.log import SideBySide, parse_log_argument, require_columns
 
     path, cut = parse_log_argument(source)
     opened = open_log(path)

@@ -11,7 +11,7 @@ from steelyard.base.errors import DataError
 from steelyard.base.progress import Progress, silent
 from steelyard.estimate.information.base_parameters import base_parameters, clear_map
 from steelyard.excite.collision.workspace_from_tables import tool_of
-from steelyard.excite.constraints.certificate import Certificate, certify
+from steelyard.excite.constraints.certificate import Certificate, certify, holds_note
 from steelyard.excite.constraints.constraint import Constraint, Gap
 from steelyard.excite.constraints.constraints_from_tables import constraints_of
 from steelyard.excite.constraints.motion_limits import MotionLimits
@@ -40,7 +40,6 @@ from steelyard.excite.search.search_methods import method_of
 from steelyard.excite.search.why_no_motion import explained_no_motion, refuse_impossible
 from steelyard.excite.trajectories.motion_families import FAMILIES, coefficients_of
 from steelyard.excite.trajectories.trajectory import ExactTrajectory
-from steelyard.excite.trajectories.velocity_jumps_and_standstills import holds_note
 from steelyard.model.equations.frame_kinematics import positions_of
 from steelyard.model.model import Model
 from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot

@@ -21,7 +21,7 @@ from steelyard.estimate.information.motion_information import (
 from steelyard.excite.constraints.constraint import Constraint
 from steelyard.excite.constraints.motion_limits import MotionLimits
 from steelyard.excite.optimality_criteria import Criterion, DOptimal, Measure, worst, worst_value
-from steelyard.excite.search.inequality_constraints import InequalityConstraints
+from steelyard.excite.search.margins_barrier_and_newton import InequalityConstraints
 from steelyard.excite.trajectories.motion_families import Basis
 from steelyard.robot.robot import Robot
 

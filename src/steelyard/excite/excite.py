@@ -18,9 +18,9 @@ from steelyard.excite.constraints.certificate import COVERS
 from steelyard.excite.design_from_tables import Designed, design
 from steelyard.excite.earlier_model import Earlier, earlier_of, identified_before
 from steelyard.excite.motion_export_and_error import EXPORTS, exported, gaps_of_files, write_export
+from steelyard.excite.motion_file_formats import grid_times
 from steelyard.excite.page.design_page import render_design
 from steelyard.excite.page.design_text import DesignContent, design_headline, print_design, scopes
-from steelyard.excite.sampled_motion_files import grid_times
 from steelyard.excite.search.parallel_search import SearchBudget
 from steelyard.excite.trajectories.motion_families import FAMILIES, basis_of
 from steelyard.excite.trajectories.piecewise_polynomials import through_postures

@@ -19,12 +19,14 @@ from steelyard.base.files import whole_file
 from steelyard.excite.collision.workspace_from_tables import WALL_RESERVE
 from steelyard.excite.constraints.constraint import Gap
 from steelyard.excite.design_from_tables import Designed
-from steelyard.excite.robot_programs import krl_of, rapid_of, urscript_of
-from steelyard.excite.sampled_motion_files import (
+from steelyard.excite.motion_file_formats import (
     csv_of,
     even_times,
     joint_trajectory_of,
     keyframes_of,
+    krl_of,
+    rapid_of,
+    urscript_of,
 )
 from steelyard.excite.trajectories.trajectory import ExactTrajectory
 from steelyard.robot.robot import Robot

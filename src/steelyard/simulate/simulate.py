@@ -19,9 +19,8 @@ from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
 from steelyard.robot.file.robot_file import load_robot
 from steelyard.robot.file.signals import ROW
 from steelyard.robot.robot import Robot
-from steelyard.simulate.encoders_and_drives import customary_drives
 from steelyard.simulate.payloads_and_wrenches import AppliedWrench, Axes, Payload, read_wrench
-from steelyard.simulate.sensors import Sensors
+from steelyard.simulate.sensors_and_drives import Sensors, customary_drives
 from steelyard.simulate.truth import Truth, random_truth, read_truth
 from steelyard.simulate.virtual_robot import (
     SimulatedFiles,

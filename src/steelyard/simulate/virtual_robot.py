@@ -22,11 +22,17 @@ from steelyard.model.laws.rigid_body import RigidBody
 from steelyard.model.model import Model
 from steelyard.robot.file.signals import Signals
 from steelyard.robot.robot import Robot
-from steelyard.simulate.encoders_and_drives import Drives, DrivesInUse
 from steelyard.simulate.mujoco_model import build
 from steelyard.simulate.mujoco_plant import MujocoPlant
 from steelyard.simulate.payloads_and_wrenches import AppliedWrench, Payload
-from steelyard.simulate.sensors import CONTROL_RATE, Sensors, TrueRun, as_declared
+from steelyard.simulate.sensors_and_drives import (
+    CONTROL_RATE,
+    Drives,
+    DrivesInUse,
+    Sensors,
+    TrueRun,
+    as_declared,
+)
 from steelyard.simulate.torque_and_mass_scales import closed, typical_masses, typical_torque
 from steelyard.simulate.truth import Truth
 from steelyard.uses.control.joint_controllers import PD, Control, ControlTask

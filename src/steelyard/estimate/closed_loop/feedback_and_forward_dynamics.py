@@ -9,18 +9,18 @@ chatter.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, reduce
 from typing import Any
 
 import numpy as np
 
 from steelyard.base.arrays import Array, frozen
 from steelyard.base.errors import DataError
-from steelyard.model.equations import forward_dynamics as forward
-from steelyard.model.equations.inverse_dynamics import JointState, Scalar
+from steelyard.model.equations.forward_dynamics import Efforts, accelerations
+from steelyard.model.equations.inverse_dynamics import JointState, Scalar, Scalars
 from steelyard.model.model import Model
 from steelyard.symbolic.native.compiled_programs import Code, compiled
-from steelyard.symbolic.program_and_softening import Program, softened
+from steelyard.symbolic.program_and_softening import InputArray, Program, softened
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,6 +59,7 @@ def joint_inertia(masses: Array, rate: float = 1000.0) -> tuple[Array, float]:
     return own, rate / (4.0 * coupling)
 
 
+VELOCITY, WIDTHS = 1, 4  # numbers of input arrays
 LONGEST_STEP = 5e-4  # longest step of the integration [s]
 STIFFEST = 4000.0  # friction's fastest braking: 2 over the longest step, of the method's 2.78 [1/s]
 LEAST_WIDTH = {"revolute": 0.005, "prismatic": 0.001}  # least turning speed [rad/s; m/s]
@@ -125,18 +126,18 @@ class Forward:
         """One step of integration; see `runge_kutta`."""
 
         def build() -> tuple[Program, dict[str, Any]]:
-            def outputs(effort: forward.Efforts, applied: Sequence[Scalar]) -> list[Scalar]:
-                accelerations, pivots = forward.accelerations(effort, applied)
-                return [*accelerations, *pivots]
+            def outputs(effort: Efforts, applied: Sequence[Scalar]) -> list[Scalar]:
+                found, pivots = accelerations(effort, applied)
+                return [*found, *pivots]
 
-            return forward.runge_kutta(self._traced(outputs), self.n), {}
+            return runge_kutta(self._traced(outputs), self.n), {}
 
         return compiled(["forward", self.model.program_key, list(self.columns)], build)
 
     @cached_property
     def _mass(self) -> Code:
         def build() -> tuple[Program, dict[str, Any]]:
-            def outputs(effort: forward.Efforts, _: Sequence[Scalar]) -> list[Scalar]:
+            def outputs(effort: Efforts, _: Sequence[Scalar]) -> list[Scalar]:
                 from steelyard.symbolic.symbols_and_tracing import affine
 
                 mass, bias = affine(effort, self.n)
@@ -147,7 +148,10 @@ class Forward:
         return compiled(["mass and bias", self.model.program_key, list(self.columns)], build)
 
     def _traced(self, outputs: Any) -> Program:
-        """A program over state, applied efforts, parameters and widths, its jumps softened."""
+        """A program over state, applied efforts, parameters and widths, its jumps softened.
+
+        Parameters come sample by sample: many sets of them move side by side.
+        """
         from steelyard.symbolic.symbols_and_tracing import symbolic
 
         def build(q: Any, dq: Any, applied: Any, parameters: Any, _: Any) -> list[Scalar]:
@@ -158,8 +162,41 @@ class Forward:
                 outputs(lambda ddq: self.model.torque_of(JointState(q, dq, ddq), values), applied)
             )
 
-        program = symbolic(build, forward.inputs(self.n, len(self.columns)))
-        return softened(program, forward.DQ, forward.WIDTHS)
+        sizes = {"q": self.n, "dq": self.n, "effort": self.n, "parameters": len(self.columns)}
+        inputs = [InputArray(name, size) for name, size in sizes.items()]
+        inputs.append(InputArray("widths", self.n, shared=True))
+        return softened(symbolic(build, inputs), VELOCITY, WIDTHS)
+
+
+def runge_kutta(program: Program, n: int) -> Program:
+    """One step of the classical fourth-order method, efforts held.
+
+    Of a program over state, efforts, parameters and widths, whose outputs are `n` accelerations,
+    then pivots. It has the same inputs, and the step [s]; outputs are the new `q` and `dq`, then
+    the least pivot of all stages.
+    """
+    from steelyard.symbolic.symbols_and_tracing import replayed, symbolic
+
+    def build(q: Any, dq: Any, *rest: Any) -> list[Scalar]:
+        *held, (step,) = rest
+        half = 0.5 * step
+        at, speed, pivots = q, dq, list[Scalar]()
+        stages: list[tuple[Scalars, Scalars]] = []
+        for ahead in (half, half, step, None):
+            found = replayed(program, [at, speed, *held])
+            stages.append((speed, found[:n]))
+            pivots += found[n:]
+            if ahead is not None:
+                at = [x + ahead * v for x, v in zip(q, speed, strict=True)]
+                speed = [x + ahead * a for x, a in zip(dq, found[:n], strict=True)]
+        ends = []
+        for start, slopes in zip((q, dq), zip(*stages, strict=True), strict=True):
+            for x, first, second, third, fourth in zip(start, *slopes, strict=True):
+                mean = (first + fourth + 2.0 * (second + third)) * (1.0 / 6.0)
+                ends.append(x + step * mean)
+        return [*ends, *([reduce(np.minimum, pivots)] if pivots else [])]
+
+    return symbolic(build, (*program.inputs, InputArray("step", 1, shared=True)))
 
 
 class Integration:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from steelyard.base.arrays import Array, frozen
 from steelyard.base.errors import ModelError
-from steelyard.excite.collision.convex_solids import height
+from steelyard.excite.collision.convex_solids_and_mesh_files import height
 from steelyard.excite.collision.model_file_shapes import robot_shapes
 from steelyard.excite.collision.pairs_to_keep_apart import (
     Pair,

@@ -9,8 +9,17 @@ from typing import Literal
 import numpy as np
 
 from steelyard.base.errors import ModelError, advice, listing
-from steelyard.excite.collision.convex_solids import Ball, Box, Capsule, Cylinder, Hull, Solid
-from steelyard.excite.collision.mesh_files import WITHOUT_MESH_ADVICE, find_mesh, mesh_points
+from steelyard.excite.collision.convex_solids_and_mesh_files import (
+    WITHOUT_MESH_ADVICE,
+    Ball,
+    Box,
+    Capsule,
+    Cylinder,
+    Hull,
+    Solid,
+    find_mesh,
+    mesh_points,
+)
 from steelyard.excite.collision.shape_kinematics import Geometry, Shape, placed
 from steelyard.excite.constraints.constraint import Declined, Gap
 from steelyard.robot.file.model_reading_and_loaded_robot import read_mechanism

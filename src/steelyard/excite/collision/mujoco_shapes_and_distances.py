@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from steelyard.base.arrays import Array
 from steelyard.base.errors import ModelError
-from steelyard.excite.collision.convex_solids import (
+from steelyard.excite.collision.convex_solids_and_mesh_files import (
+    WITHOUT_MESH_ADVICE,
     Ball,
     Box,
     Capsule,
@@ -20,7 +21,6 @@ from steelyard.excite.collision.convex_solids import (
     Hull,
     Solid,
 )
-from steelyard.excite.collision.mesh_files import WITHOUT_MESH_ADVICE
 from steelyard.excite.collision.shape_kinematics import Shape, obstacle, placed
 from steelyard.robot.models.mjcf import Compiled, compiled
 from steelyard.robot.robot import Frame

@@ -8,7 +8,7 @@ import numpy as np
 
 from steelyard.base.arrays import Array
 from steelyard.base.errors import ModelError, advice
-from steelyard.excite.collision.convex_solids import Hull
+from steelyard.excite.collision.convex_solids_and_mesh_files import Hull
 from steelyard.excite.collision.shape_kinematics import Geometry, Shape
 from steelyard.report.words import count
 from steelyard.robot.models.xml_reader import Element, read_xml

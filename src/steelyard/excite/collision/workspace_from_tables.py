@@ -8,7 +8,7 @@ import numpy as np
 from steelyard.base.arrays import Array
 from steelyard.base.errors import ModelError
 from steelyard.excite.collision.clearance import CLEARANCE_ROOM, Clearance
-from steelyard.excite.collision.convex_solids import Box
+from steelyard.excite.collision.convex_solids_and_mesh_files import Box
 from steelyard.excite.collision.model_file_shapes import world_shapes
 from steelyard.excite.collision.pairs_to_keep_apart import Pair, random_postures
 from steelyard.excite.collision.shape_kinematics import Shape, obstacle, wall

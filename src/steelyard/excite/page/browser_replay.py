@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from steelyard.base.arrays import Array
 from steelyard.base.errors import ModelError, OutputError
-from steelyard.excite.collision.convex_solids import (
+from steelyard.excite.collision.convex_solids_and_mesh_files import (
     Ball,
     Cylinder,
     Ellipsoid,

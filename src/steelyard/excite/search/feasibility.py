@@ -10,7 +10,7 @@ from steelyard.base.arrays import Array
 from steelyard.base.errors import DataError
 from steelyard.excite.constraints.constraint import Constraint
 from steelyard.excite.constraints.motion_limits import MotionLimits
-from steelyard.excite.search.inequality_constraints import InequalityConstraints
+from steelyard.excite.search.margins_barrier_and_newton import InequalityConstraints
 
 POSTURE_ATTEMPTS = 60  # random postures among which a free one is sought before none is reported
 

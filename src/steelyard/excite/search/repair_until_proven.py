@@ -11,8 +11,11 @@ from steelyard.base.arrays import Array
 from steelyard.base.errors import DataError
 from steelyard.excite.design_problem import Problem
 from steelyard.excite.search.feasibility import NoMotion
-from steelyard.excite.search.inequality_constraints import InequalityConstraints
-from steelyard.excite.search.newton_with_barrier import BACK_STAGES, minimised_by
+from steelyard.excite.search.margins_barrier_and_newton import (
+    BACK_STAGES,
+    InequalityConstraints,
+    minimised_by,
+)
 from steelyard.excite.trajectories.trajectory import ExactTrajectory
 
 _SHRINK_ROUNDS = 12

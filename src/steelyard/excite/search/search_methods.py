@@ -17,7 +17,7 @@ from steelyard.base.errors import DataError, advice
 from steelyard.base.progress import Event, Progress, report_progress, silent
 from steelyard.excite.design_problem import Problem, composed_motions
 from steelyard.excite.search.feasibility import each_start, random_starts
-from steelyard.excite.search.newton_with_barrier import STAGES, minimised
+from steelyard.excite.search.margins_barrier_and_newton import STAGES, minimised
 
 Watch = Callable[[Array], None]  # told of coefficients in the feasible set; may raise `Stopped`
 

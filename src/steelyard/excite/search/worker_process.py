@@ -54,7 +54,7 @@ def _answers(
     tables: "Tables", method: str, seed: int, deadline: float, searches: Iterable[int]
 ) -> Iterator[dict[str, Any]]:
     from steelyard.excite.problem_from_tables import build
-    from steelyard.excite.search.newton_with_barrier import Deadline
+    from steelyard.excite.search.margins_barrier_and_newton import Deadline
     from steelyard.excite.search.search_methods import method_of, seeded
 
     problem, watch = build(*tables), Deadline(deadline)

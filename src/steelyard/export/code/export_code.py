@@ -28,9 +28,8 @@ from steelyard.export.code.controller_functions import (
 )
 from steelyard.export.code.fmu import write_fmu
 from steelyard.export.code.python_code import python_code
-from steelyard.export.code.ros2 import ROS2_FUNCTIONS as OF_ROS2
-from steelyard.export.code.ros2 import ros2_files
-from steelyard.export.code.simulink import simulink_files
+from steelyard.export.code.ros2_and_simulink import ROS2_FUNCTIONS as OF_ROS2
+from steelyard.export.code.ros2_and_simulink import ros2_files, simulink_files
 from steelyard.model.equations.frame_kinematics import frame_of
 from steelyard.robot.robot import Robot
 from steelyard.symbolic.source_code import Precision

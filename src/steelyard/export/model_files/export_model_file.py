@@ -12,7 +12,6 @@ from steelyard.base.errors import ModelError, OutputError
 from steelyard.base.files import whole_file
 from steelyard.check.fitted.implausible_estimates import light_links
 from steelyard.estimate.identified_model import IdentifiedModel, load_model
-from steelyard.export.model_files.mjcf import mjcf_of
 from steelyard.export.model_files.original_urdf import urdf_behind, urdf_with
 from steelyard.export.model_files.representable_content import (
     FORMAT_NAMES,
@@ -21,7 +20,7 @@ from steelyard.export.model_files.representable_content import (
     base_of,
     content_of,
 )
-from steelyard.export.model_files.urdf_and_xml_numbers import document, head_of, urdf_of
+from steelyard.export.model_files.urdf_and_mjcf import document, head_of, mjcf_of, urdf_of
 from steelyard.robot.file.model_reading_and_loaded_robot import read_mechanism
 from steelyard.robot.inertia_and_placement import INERTIAL_NAMES
 from steelyard.robot.mechanism import Mechanism

@@ -16,7 +16,7 @@ from xml.parsers.expat import ParserCreate
 
 from steelyard.base.errors import ModelError, advice
 from steelyard.export.model_files.representable_content import Content, carriers_of
-from steelyard.export.model_files.urdf_and_xml_numbers import (
+from steelyard.export.model_files.urdf_and_mjcf import (
     comment,
     dynamics_of,
     inertial_of,

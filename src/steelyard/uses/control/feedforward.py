@@ -14,7 +14,7 @@ from steelyard.base.errors import DataError
 from steelyard.base.files import write_table
 from steelyard.base.motion import Motion
 from steelyard.estimate.identified_model import IdentifiedModel, far_beyond_limits, load_model
-from steelyard.excite.sampled_motion_files import grid_times
+from steelyard.excite.motion_file_formats import grid_times
 from steelyard.excite.trajectories.trajectory_files import read_named, read_table
 from steelyard.robot.robot import Coordinate, Robot
 from steelyard.uses.control.torques_along_motion import (

@@ -1,7 +1,8 @@
-"""A model as a ROS 2 package: a plugin of `inverse_dynamics_solver`, and a node that fills efforts.
+"""A model as a ROS 2 package and as an S-function for Simulink, around the C code.
 
-The interface is that of the package `inverse_dynamics_solver` (University of Salerno), of the
-releases for Humble and Jazzy: https://docs.ros.org/en/jazzy/p/inverse_dynamics_solver
+The package is a plugin of `inverse_dynamics_solver` (University of Salerno), of the releases for
+Humble and Jazzy, and a node that fills efforts:
+https://docs.ros.org/en/jazzy/p/inverse_dynamics_solver
 """
 
 from functools import partial
@@ -74,3 +75,20 @@ def _needs_position(function: Function) -> bool:
         step.operation == "input" and step.arguments[0] < place
         for step in function.program.pruned().steps
     )
+
+
+LONGEST_NAME = 63  # characters of names in MATLAB
+
+
+def simulink_files(code: CCode) -> dict[str, str]:
+    """Contents by the names of the files, of a model in double precision."""
+    block = f"{code.name[: LONGEST_NAME - len('make__sfun')]}_sfun"
+    values = code.values | {"block": block}
+    return {
+        f"{code.name}.h": code.header(),
+        f"{code.name}.c": code.source(),
+        f"{code.name}_test.c": self_test(code),
+        f"{block}.c": filled("simulink/s_function.c", values),
+        f"make_{block}.m": f"% Compile the S-function {block}.\nmex {block}.c {code.name}.c\n",
+        "README.md": filled("simulink/README.md", values),
+    }
