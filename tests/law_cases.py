@@ -4,7 +4,7 @@ Fields name places of any robot: `@joint 1` is the name of its second joint, `@m
 `@link 0` likewise.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
@@ -286,9 +286,22 @@ def simulated(robot: Robot, recovered: bool = False) -> list[LawCase]:
     return [case for case in CASES if case.simulated in wanted and case.fits(robot)]
 
 
-def memoryless(robot: Robot) -> list[Term]:
+def spanning(cases: Iterable[LawCase] = CASES) -> list[LawCase]:
+    """The first cases that together have every law and every name of a field.
+
+    For what laws inherit or have from their programs, such as slopes.
+    """
+    kept, seen = [], set[str]()
+    for case in cases:
+        new = {case.law, *case.fields} - seen
+        kept += [case] if new else []
+        seen |= new
+    return kept
+
+
+def memoryless(robot: Robot, cases: Iterable[LawCase] = CASES) -> list[Term]:
     """The laws whose columns a single sample tells."""
-    return [x for case in CASES if not isinstance(x := case.on(robot), StatefulTerm)]
+    return [x for case in cases if not isinstance(x := case.on(robot), StatefulTerm)]
 
 
 def name_of(of: Any) -> str:

@@ -143,6 +143,7 @@ def test_joints_that_cannot_be_told_apart_are_named_together(
     assert "(or of elbow " in finding.says
 
 
+@pytest.mark.slow
 def test_with_a_reference_zeros_that_are_not_identifiable_leave_the_question_open(
     arm, monkeypatch: pytest.MonkeyPatch
 ) -> None:

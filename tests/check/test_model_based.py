@@ -363,6 +363,7 @@ def at_motors(arm, ratios) -> tuple[np.ndarray, str]:
     return table, edited(arm.text, [Edit(path, value) for path, value in changes.items()])
 
 
+@pytest.mark.slow
 def test_a_gear_ratio_that_is_off(arm):
     ratios = np.array([50.0, 80.0, -30.0])
     table, text = at_motors(arm, ratios)
@@ -374,6 +375,7 @@ def test_a_gear_ratio_that_is_off(arm):
     assert edits(found) == {"robot.transmission.ratios": ratios.tolist()}
 
 
+@pytest.mark.slow
 def test_the_gain_behind_a_motor_is_the_motors(arm):
     table, text = at_motors(arm, np.array([50.0, 80.0, -30.0]))
     table[:, arm.at(TAU)[2]] *= -1.0
@@ -408,6 +410,7 @@ def test_one_joint_a_thousand_times_too_large(arm):
     assert gain[1] == pytest.approx(1e-3, rel=0.1) and set(np.delete(gain, 1)) == {1.0}
 
 
+@pytest.mark.slow
 def test_what_nothing_explains_is_doubtful_once(arm):
     table = arm.table.copy()
     t = table[:, arm.columns.index("time_s")]
@@ -448,6 +451,7 @@ def test_the_work_that_questions_share_is_named(arm):
     assert events == [(COMPARING_PHASE, 0, 1, "log"), (COMPARING_PHASE, 1, 1, "log")]
 
 
+@pytest.mark.slow
 def test_scales_that_the_reference_found_of_the_sensors_are_no_gains_that_are_wrong(arm):
     scales = np.array([1.0, 1.0, 1.25])
     table = arm.table.copy()

@@ -100,6 +100,7 @@ def test_degrees_are_distinguished_by_the_name(tmp_path: Path) -> None:
     assert not finding.severity
 
 
+@pytest.mark.slow
 def test_the_good_verdict_says_that_a_question_is_open(tmp_path: Path) -> None:
     model, log = logged(tmp_path, "<freejoint/>")
     shown = CliRunner().invoke(app, ["check", str(model), str(log), "--quick"])

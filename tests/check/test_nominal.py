@@ -173,6 +173,7 @@ def test_efforts_that_are_off_leave_unit_gain_and_payload_open(arm):
     assert {"effort unit", "gain", "payload"} <= set(open_ones(found))
 
 
+@pytest.mark.slow
 def test_an_order_that_rests_the_joint_in_motion_is_no_explanation(arm):
     table = arm.table.copy()
     still = [j for j in range(3) if j != 1]
@@ -190,6 +191,7 @@ def test_an_order_that_rests_the_joint_in_motion_is_no_explanation(arm):
     assert not {"signals.position", "signals.effort.columns"} & set(edits(found))
 
 
+@pytest.mark.slow
 def test_gains_that_no_log_fixes_are_doubtful(arm):
     text = edited(in_amperes(arm), [Edit(("signals", "effort", "gain"), "identify")])
     found = arm.examined(arm.table, text, known=False)
@@ -239,6 +241,7 @@ def test_the_mirror_of_an_order_pairs_the_same_columns(arm):
         assert mirror.position != after.position and mirror.effort != after.effort
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("gravity", "factor"), [("[0.0, 0.0, 9.81]", 2.0), ("[3.355, 0.0, -9.218]", 0.5)]
 )
@@ -259,6 +262,7 @@ def with_one_unknown_gain(arm, gains=GAINS):
     return table, edited(in_amperes(arm), [Edit(("signals", "effort", "gain"), gain)])
 
 
+@pytest.mark.slow
 def test_reversed_gravity_is_found_beside_an_unknown_gain(arm):
     table, text = with_one_unknown_gain(arm)
     text = text.replace("[robot]", "[robot]\ngravity = [0.0, 0.0, 9.81]", 1)
@@ -267,6 +271,7 @@ def test_reversed_gravity_is_found_beside_an_unknown_gain(arm):
     assert edits(found)["robot.gravity"] == [0.0, 0.0, -9.81]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("turned", [(0,), (1,), (0, 1)])
 def test_a_wrong_sign_is_found_beside_an_unknown_gain(arm, turned):
     gains = np.where(np.isin(np.arange(3), turned), -GAINS, GAINS)
@@ -276,6 +281,7 @@ def test_a_wrong_sign_is_found_beside_an_unknown_gain(arm, turned):
     assert edits(found)["signals.effort.gain"] == [*GAINS[:-1].tolist(), "identify"]
 
 
+@pytest.mark.slow
 def test_exchanged_efforts_are_found_beside_an_unknown_gain(arm):
     table, text = with_one_unknown_gain(arm)
     first, second, _ = arm.at(TAU)
@@ -289,6 +295,7 @@ def test_a_right_file_with_an_unknown_gain_is_ok(arm):
     assert not wrong(found)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("factor", "mounted"), [(0.7, ""), (1.5, "\ngravity = [9.81, 0.0, 0.0]")])
 def test_efforts_in_kilonewtonmetres_are_a_unit_not_a_gain(arm, factor, mounted):
     nominal_times(arm, factor)

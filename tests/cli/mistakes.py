@@ -15,6 +15,8 @@ from short_arm import short_logs
 GIVEN = "../given"
 ROBOT, LOG = f"{GIVEN}/demo_arm.toml", f"{GIVEN}/identification.csv"
 IDENTIFY = ("identify", ROBOT, LOG)
+PLAIN = ("--no-check", "--method", "OLS")
+"""Options with which `identify` takes least time: of tests of what is beside the estimate."""
 
 
 @dataclass(frozen=True)

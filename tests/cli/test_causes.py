@@ -81,7 +81,7 @@ def test_logs_that_are_called_alike_stay_apart(given: Path, edit: Edit, command:
         (path.parent / path.name).write_bytes((given / f"{name}.csv").read_bytes())
     cut = f"{logs[0]}@1:4", f"{logs[0]}@4.5:6", f"{logs[1]}"
     assert [run.name for run in load_runs(robot, cut)] == ["log@1:4", "log@4.5:6", "log"]
-    printed = identify(command, robot, *logs)
+    printed = identify(command, robot, *logs, "--method", "OLS")
     names = [run["run"] for run in printed["per_run"]]  # type: ignore[attr-defined]
     assert names == ["monday/log", "tuesday/log"]
 

@@ -14,7 +14,7 @@ import typer
 
 import steelyard
 from cli.conftest import Command
-from cli.mistakes import LOG, ROBOT
+from cli.mistakes import LOG, PLAIN, ROBOT
 from short_arm import without_wrist
 from steelyard.cli.app import app, expanded
 from steelyard.robot.file.robot_file import LoadedRobot, load_robot
@@ -181,7 +181,7 @@ def test_a_log_that_was_fitted_is_no_test(
     assert "Not validated on unseen motion" in shown and ", fitted (RMS below 5 Hz" in shown
     assert "identification@1.5:4 was fitted: its score does not validate the model" in shown
     out = tmp_path / "part"
-    assert command("identify", ROBOT, f"{LOG}@0:3.5", "--no-check", "-o", out).exit_code == 0
+    assert command("identify", ROBOT, f"{LOG}@0:3.5", *PLAIN, "-o", out).exit_code == 0
     runs = strict(command("validate", out, f"{LOG}@3.5:6", f"{LOG}@3:6", "--json").stdout)
     assert [run["fitted"] for run in runs] == [False, True]
 
@@ -208,7 +208,7 @@ def test_validate_writes_a_report_only_if_requested(
 @pytest.mark.slow
 def test_several_logs_to_validate(command: Command, tmp_path: Path) -> None:
     options = ("--validate", OTHER, f"{LOG}@4.1:7")
-    arguments = (ROBOT, f"{LOG}#0:1000", "--no-check", *options, "-o", tmp_path / "o", "--json")
+    arguments = (ROBOT, f"{LOG}#0:1000", *PLAIN, *options, "-o", tmp_path / "o", "--json")
     done = command("identify", *arguments)
     result = strict(done.stdout)
     assert result["output"] == str(tmp_path / "o") and result["check"] is None
@@ -233,7 +233,7 @@ def test_an_effort_that_is_always_zero_has_no_percentage(
     words = "identify", ROBOT, LOG, "--validate", tmp_path / "dead.csv", "-o", tmp_path / "o"
     refused = command(*words)
     assert refused.exit_code == 2 and "never changes: it is not measured" in refused.stderr
-    assert command(*words, "--no-check").exit_code == 1
+    assert command(*words, *PLAIN).exit_code == 1
 
 
 @pytest.mark.slow
@@ -249,7 +249,7 @@ def test_init_alone_and_with_a_log(command: Command, tmp_path: Path) -> None:
     assert facts["columns_found"] and facts["complete"]
     assert not facts["without_columns"] and not facts["missing"]
     assert any("the side of the gears" in reason for reason in facts["guesses"])
-    done = command("identify", guessed, LOG, "--no-check", "-o", tmp_path / "o")
+    done = command("identify", guessed, LOG, *PLAIN, "-o", tmp_path / "o")
     assert done.exit_code == 0, done.output
 
 
@@ -377,5 +377,4 @@ def test_demo(command: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     assert motion == ["certificate.json", "report.html", "trajectory.csv", "trajectory.json"]
     again = tmp_path / "demo" / "robot" / "demo_arm.toml"
     log = tmp_path / "demo" / "robot" / "validation.csv"
-    quick = ("--no-check", "-o", tmp_path / "o")
-    assert command("identify", again, f"{log}@0:6", *quick).exit_code == 0
+    assert command("identify", again, f"{log}@0:6", *PLAIN, "-o", tmp_path / "o").exit_code == 0

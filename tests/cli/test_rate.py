@@ -9,6 +9,7 @@ import pytest
 
 import steelyard
 from cli.conftest import Command
+from cli.mistakes import PLAIN
 from cli.river_files import edited
 from steelyard.robot.file.signals import ROW
 from steelyard.robot.file.toml_schema import tomllib
@@ -42,9 +43,9 @@ def test_init_takes_a_rate_and_the_estimate_is_that_of_the_timed_log(
     assert signals["rate"] == RATE and "time" not in signals
     checked = " ".join(command("check", robot, timeless, "--quick", "-v").stdout.split())
     assert "250 Hz, steps of 4 ms, uniform, as declared: the log has no column of time" in checked
-    done = command("identify", robot, timeless, "--no-check", "-o", tmp_path / "a")
+    done = command("identify", robot, timeless, *PLAIN, "-o", tmp_path / "a")
     assert done.exit_code == 0, done.output
-    assert command("identify", urdf, timed, "--no-check", "-o", tmp_path / "b").exit_code == 0
+    assert command("identify", urdf, timed, *PLAIN, "-o", tmp_path / "b").exit_code == 0
     mine, other = base(tmp_path / "a"), base(tmp_path / "b")
     assert mine.keys() == other.keys()
     for name, value in mine.items():

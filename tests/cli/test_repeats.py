@@ -8,7 +8,7 @@ import polars as pl
 import pytest
 
 from cli.conftest import Command
-from cli.mistakes import LOG, ROBOT
+from cli.mistakes import LOG, PLAIN, ROBOT
 
 
 @pytest.fixture
@@ -62,7 +62,7 @@ def test_validate_knows_rows_that_were_fitted(
 def test_a_repeated_motion_is_not_called_unseen(
     command: Command, identified: Path, repeated: Path, tmp_path: Path
 ) -> None:
-    options = ("--no-check", "-o", tmp_path / "o", "--json")
+    options = (*PLAIN, "-o", tmp_path / "o", "--json")
     done = command("identify", ROBOT, LOG, "--validate", repeated, *options)
     (run,) = json.loads(done.stdout)["validation"]
     assert (run["motion"], run["repeats"]) == ("repeated", "identification")

@@ -63,7 +63,7 @@ gain = [10.0, -12.0, 8.0]
 """
     )
     robot = tmp_path / "arm.toml"
-    simulated = command("simulate", robot, "--period", "5", "-o", tmp_path / "sim", "--json")
+    simulated = command("simulate", robot, "--period", "3", "-o", tmp_path / "sim", "--json")
     assert simulated.exit_code == 0, simulated.stderr
     columns = pl.read_csv(tmp_path / "sim" / "log.csv").columns
     assert columns[:2] == ["ms", "angle_1"] and len(columns) == 7

@@ -11,7 +11,7 @@ import pytest
 
 import steelyard
 from cli.conftest import Command
-from cli.mistakes import LOG
+from cli.mistakes import LOG, PLAIN
 from steelyard.check.finding import Finding, Fix
 from steelyard.check.fitted.post_fit_checks import doubts_of_fit
 from steelyard.estimate.identified_model import IdentifiedModel
@@ -133,7 +133,7 @@ def test_identify_prints_a_good_result_in_25_lines(
     assert lines[0].startswith("GOOD: ") and len(lines) <= 25
     assert f"steelyard export {identified} --to urdf" in text
     robot = given / "demo_arm.toml"
-    options = ("--no-check", "-o", "out", "--verbose")
+    options = (*PLAIN, "-o", "out", "--verbose")
     done = command("identify", robot, f"{LOG}@0:4", "--validate", OTHER, *options)
     assert "normalised condition number" in done.stdout and "note: cut-offs" in done.stdout
     assert "normalised condition number" not in text and "note: cut-offs" not in text

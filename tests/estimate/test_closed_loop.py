@@ -247,6 +247,7 @@ def test_a_loop_that_is_not_the_logs_runs_away(offer: Offer) -> None:
     assert "controller" in caught.value.fix
 
 
+@pytest.mark.slow
 def test_the_kalman_filter_says_where_it_diverged() -> None:
     (run,) = exact().runs
     jumped = np.where(np.arange(len(run.q))[:, None] < 2000, run.q, run.q + 2.0)
@@ -254,6 +255,7 @@ def test_the_kalman_filter_says_where_it_diverged() -> None:
         KalmanParameters()(replace(exact(), runs=(replace(run, q=jumped),)))
 
 
+@pytest.mark.slow
 def test_given_noises_are_used() -> None:
     data = experiment(1e-5, 0.01)
     loud = KalmanParameters(position_noise=1e-5, torque_noise=(5.0, 5.0, 5.0))(data)
@@ -274,6 +276,7 @@ def test_simulated_lanes_are_what_single_ones_are() -> None:
     assert np.allclose(together.motion[0], run.q, rtol=0.0, atol=1e-11)
 
 
+@pytest.mark.slow
 def test_where_least_squares_cannot_move_the_model_file_begins() -> None:
     data = exact()
     broken = data.information.scaled(np.full(3, -1.0), ("Nm",) * 3)
@@ -332,6 +335,7 @@ def recording(torques: Array, gains: tuple[bool, ...] = ()) -> Recording:
     return Recording(LogInMemory(Path("run"), ("t", *names), table), signals)
 
 
+@pytest.mark.slow
 def test_a_log_without_controller_gets_one_that_stands_in() -> None:
     (run,) = exact().runs
     rng = np.random.default_rng(3)

@@ -363,6 +363,7 @@ def test_what_is_worse_than_predicting_zero_is_not_recommended() -> None:
     assert enough is not None and enough.name == "WLS" and "parts are few" not in enough.why
 
 
+@pytest.mark.slow
 def test_equal_weights_reach_the_consistent_estimates() -> None:
     data, by_name = parts_of().information, {o.name: o for o in ESTIMATORS}
     for name in ("consistent", "pullback", "SDP", "log-Cholesky"):

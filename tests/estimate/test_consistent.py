@@ -257,6 +257,7 @@ def test_intervals_are_no_wider_than_those_of_least_squares() -> None:
     assert np.all((ours.learned >= 0.0) & (ours.learned <= 1.0))
 
 
+@pytest.mark.slow
 def test_prior_constraints_hold() -> None:
     rows = (
         Row("mass of tip", {"m.tip": 1.0}, lower=2.5, upper=2.5),
@@ -343,6 +344,7 @@ def test_active_bounds_of_friction_are_named_with_what_they_cost() -> None:
     assert next(iter(some)) in note and "coulomb.*" not in note
 
 
+@pytest.mark.slow
 def test_bodies_that_cannot_be_are_named_with_what_they_cost() -> None:
     body = MODEL.robot.bodies[-1].name
     light = {f"Ixx.{body}": -1.0, f"Iyy.{body}": -1.0, f"Izz.{body}": -1.0}

@@ -48,6 +48,7 @@ def information_of(seed: int) -> Information:
     return first + second
 
 
+@pytest.mark.slow
 def test_intervals_hold_where_bodies_are_at_the_edge(monkeypatch: pytest.MonkeyPatch) -> None:
     estimator, edge = Consistent(REGRESSOR.base, KNOWN), list[bool]()
     for seed in range(4):

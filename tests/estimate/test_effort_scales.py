@@ -116,6 +116,7 @@ def test_the_estimate_is_that_of_efforts_in_the_right_scale_but_less_sure() -> N
     assert estimate.std[heavy] > 1.5 * plain.std[heavy]
 
 
+@pytest.mark.slow
 def test_efforts_that_agree_are_not_scaled() -> None:
     assert all(
         effort_scales(consistent(), information_of(np.ones(len(ROWS)), k)) is None for k in range(8)
@@ -141,6 +142,7 @@ def test_scales_that_scatter_are_not_known_better_than_they_scatter() -> None:
     assert alike.prior_std[2] > 10.0 * alike.prior_std[0]
 
 
+@pytest.mark.slow
 def test_efforts_that_are_off_are_scaled_and_predicted_better() -> None:
     found = effort_scales(consistent(), information_of(OFF, 4))
     assert found is not None and found.error < 0.9 * found.without

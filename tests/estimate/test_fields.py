@@ -128,6 +128,7 @@ def test_every_field_that_can_be_found_is_found_here() -> None:
     assert {(case.law, field) for case, field in FOUND} == wanted - {("coupled", "smoothing")}
 
 
+@pytest.mark.slow
 def test_two_fields_of_one_term_are_found_together() -> None:
     truth = LuGre(length=1e-2, speed=0.2, breakaway=1.6)
     wanted = LuGre(length=Find(1e-3, 0.1), speed=Find(1e-3, 1.0), breakaway=1.6)
@@ -138,6 +139,7 @@ def test_two_fields_of_one_term_are_found_together() -> None:
         assert values[name].interval[0] < true < values[name].interval[1]
 
 
+@pytest.mark.slow
 def test_speed_and_arctan_smoothing_of_stribeck_are_found_together() -> None:
     """As in p3, with the Coulomb friction beside turning within a speed of its own to be found."""
     coulomb = Coulomb(smoothing=0.03, shape="arctan")
@@ -153,6 +155,7 @@ def test_speed_and_arctan_smoothing_of_stribeck_are_found_together() -> None:
         assert values[name].interval[0] < true < values[name].interval[1]
 
 
+@pytest.mark.slow
 def test_intervals_hold_the_truth() -> None:
     values, inside, total = (0.03, 0.06, 0.1), 0, 0
     for seed in range(20):
@@ -262,6 +265,7 @@ def test_dictionary_columns_are_the_terms_columns(law: type[Any], field: str) ->
     assert np.array_equal(scans[0].warm, scans[1].warm)
 
 
+@pytest.mark.slow
 def test_too_many_columns_are_searched_one_after_another(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("steelyard.estimate.nonlinear.nonlinear_parameters.WIDEST", 40)
     monkeypatch.setattr("steelyard.estimate.nonlinear.grid_search.WIDEST", 40)

@@ -211,6 +211,7 @@ def fresh_error(laws: tuple[Term, ...], runs: list[Run], fresh: Run) -> float:
     return float(np.sqrt(tested.residual_squares(values)[0] / tested.effort_squares()[0]))
 
 
+@pytest.mark.slow
 def test_plain_friction_gets_the_plain_mix() -> None:
     found = choose(COULOMB, 5)
     assert found.left_out == "run" and found.table[0].name == BASE
@@ -218,6 +219,7 @@ def test_plain_friction_gets_the_plain_mix() -> None:
     assert all(mix.error > 0.995 * found.table[0].error for mix in found.table)
 
 
+@pytest.mark.slow
 def test_the_choice_is_not_worse_than_the_plain_mix_on_a_fresh_run() -> None:
     for valued in (COULOMB, SPRUNG):
         runs, fresh = [logged(valued, seed) for seed in range(2)], logged(valued, 10)
@@ -242,6 +244,7 @@ def test_laws_with_a_state_are_left_out_on_request() -> None:
     assert found.without_memory is None
 
 
+@pytest.mark.slow
 def test_only_motors_have_friction_that_grows_with_the_load() -> None:
     assert not any("load" in mix.name for mix in choose(COULOMB, 2).table)
     runs = [with_kind(logged(COULOMB, seed), "motor_torque") for seed in range(2)]

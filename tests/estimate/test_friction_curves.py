@@ -96,6 +96,7 @@ def energy(forces: dict[str, float], path: np.ndarray) -> float:
     return total
 
 
+@pytest.mark.slow
 def test_elements_that_slip_give_no_energy_in_any_closed_cycle() -> None:
     """Some of them negative; random nested cycles, walked through until they repeat."""
     rows = rows_of(Coulomb(), MaxwellSlip(lengths=LENGTHS))

@@ -110,6 +110,7 @@ def test_every_joint_gets_its_length_whatever_the_order_of_the_logs() -> None:
     assert all(0.0 <= event.done <= event.total for event in fits)
 
 
+@pytest.mark.slow
 def test_no_length_per_joint_where_one_is_best_for_all() -> None:
     found = choose([logged((1e-2, 1e-2), seed) for seed in range(3)], [])
     lengths = [t.length for mix in found.table for t in mix.terms if isinstance(t, Dahl)]

@@ -76,6 +76,7 @@ def noisy(draw: int, noise: float) -> tuple[list[Information], list[Information]
     return [first], [second]
 
 
+@pytest.mark.slow
 def test_intervals_hold_the_truth() -> None:
     draws, inside, masses = 15, np.zeros(4), 0
     for draw in range(draws):
@@ -88,6 +89,7 @@ def test_intervals_hold_the_truth() -> None:
     assert 0.84 <= masses / draws
 
 
+@pytest.mark.slow
 def test_intervals_hold_the_truth_where_residuals_are_alike_for_long() -> None:
     """Runs of eight windows in which every sample is there thirty times: with its error, too."""
     draws, inside = 12, np.zeros(4)
@@ -107,6 +109,7 @@ def repeated(parts: Sequence[Information], number: int) -> Information:
     return replace(reduce(add, parts).with_effective_samples(1.0 / 30.0), windows=windows)
 
 
+@pytest.mark.slow
 def test_a_gain_that_is_hardly_seen_is_assumed() -> None:
     """An interval of half of the gain and more is not that of its inverse, which is linear."""
     for draw in range(6):
@@ -122,6 +125,7 @@ def start(unloaded: Sequence[Information], loaded: Sequence[Information]) -> np.
     return 1.0 / Bilinear.of(case, LOAD.mass, np.full(4, np.nan), True).first()
 
 
+@pytest.mark.slow
 def test_noise_does_not_bias_gains_as_it_does_with_efforts_among_the_columns() -> None:
     found, biased = [], []
     for draw in range(12):
@@ -143,6 +147,7 @@ def problem(runs: Sequence[Information], laws: frozenset[str]) -> Bilinear:
 FRICTION = frozenset(f"{law}.{name}" for law in ("coulomb", "viscous") for name in JOINTS)
 
 
+@pytest.mark.slow
 def test_friction_tells_the_sign_of_a_gain_where_bodies_hardly_do() -> None:
     """A last joint that hardly couples: its gain is poorly seen, but friction takes energy."""
     for draw in range(6):

@@ -10,7 +10,7 @@ import pytest
 
 from closed_chains import CHAINS, independent_path, parallelogram
 from invented import ball, mimic, tree
-from law_cases import memoryless, name_of
+from law_cases import memoryless, name_of, spanning
 from moving import geared
 from steelyard.base.arrays import Array
 from steelyard.estimate.information.motion_information import InformationEvaluator
@@ -34,7 +34,7 @@ WRIST = (("wrist", (("left_joint", 1.0), ("tip_joint", -2.0))),)
 PULL = (("from", "trunk_joint"), ("to", "slider_joint"))
 PUSH = (("from", "motor4"), ("to", "left_joint"))
 ENDS = ((0.3, -0.4, 1.2), (0.1, 0.2, 0.0))
-CASES = memoryless(geared())
+CASES = memoryless(geared(), spanning())
 WEIGHTS = np.array([0.7, 3.0, 0.2, 1.6])
 SHARP = 1e-9
 State = tuple[Array, Array, Array]

@@ -171,6 +171,7 @@ def test_the_order_of_runs_does_not_matter(offer: Offer) -> None:
     assert np.allclose(one.std, other.std, rtol=1e-3)
 
 
+@pytest.mark.slow
 @every
 def test_standard_deviations_grow_with_the_noise(offer: Offer) -> None:
     name = "single" if offer.slow else "arm"
@@ -184,6 +185,7 @@ def test_standard_deviations_grow_with_the_noise(offer: Offer) -> None:
         assert np.isclose(np.median(ratios), 3.0, rtol=0.1)
 
 
+@pytest.mark.slow
 @every
 def test_more_samples_tell_more(offer: Offer) -> None:
     name = "single" if offer.slow else "arm"

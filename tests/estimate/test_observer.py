@@ -68,6 +68,7 @@ def pushed(force: Array, moving: bool) -> tuple[Array, Array, Array, Array]:
     return t, q, dq, tau
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("moving", [False, True])
 def test_a_force_in_mujoco_is_found(moving: bool) -> None:
     force = np.array([12.0, -20.0, 15.0])

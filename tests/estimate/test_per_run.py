@@ -148,6 +148,7 @@ ESTIMATORS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", list(ESTIMATORS))
 def test_it_is_the_dense_fit_with_a_copy_per_run(kind: str) -> None:
     runs = [one_run(k) for k in range(3)]

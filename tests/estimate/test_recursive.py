@@ -100,6 +100,7 @@ def test_drift_is_followed() -> None:
         assert (error.max() < 0.3) == near
 
 
+@pytest.mark.slow
 def test_intervals_hold_the_truth_where_nothing_drifts() -> None:
     inside = total = 0
     for seed in range(30):

@@ -62,6 +62,7 @@ def test_nothing_is_compared_across_motion_or_gaps() -> None:
     assert change[:, tested] == pytest.approx(0.0, abs=1e-9)
 
 
+@pytest.mark.slow
 def test_the_threshold_is_far_below_the_dead_zone_and_keeps_its_rate() -> None:
     rate, found, hours, draws = 30.0, 0, 0.5, 16
     for seed in range(draws):

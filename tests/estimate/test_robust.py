@@ -72,6 +72,7 @@ def test_one_row_equals_scipy_s_with_the_same_scale(loss: Huber | Tukey) -> None
     assert scale == pytest.approx(np.median(residuals) / 0.6744897501960817)
 
 
+@pytest.mark.slow
 @ids
 def test_scores_of_all_rows_add_up_to_nothing(loss: Huber | Tukey) -> None:
     samples, _ = drawn(TREE)
@@ -94,6 +95,7 @@ def test_curvature_is_the_slope_of_the_score(loss: Huber | Tukey, u: float) -> N
     assert (score[1] - score[0]) / 2e-6 == pytest.approx(loss.curvature(np.array([u])), abs=1e-5)
 
 
+@pytest.mark.slow
 @ids
 def test_outliers_hardly_matter(loss: Huber | Tukey) -> None:
     errors = []
@@ -130,6 +132,7 @@ def test_what_did_not_converge_says_so() -> None:
     assert any(n.startswith("converged after") for n in Reweighted()(samples).notes)
 
 
+@pytest.mark.slow
 def test_each_run_keeps_its_own_parameters() -> None:
     name = TREE.layout.columns[-1]
     inner = WeightedLeastSquares(per_run=(name,))

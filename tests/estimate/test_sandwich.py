@@ -101,6 +101,7 @@ def test_factors_are_those_of_dense_matrices() -> None:
         assert found[row] == pytest.approx(max(squares / expected, 1.0), rel=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("estimator", [WeightedLeastSquares(), OrdinaryLeastSquares()])
 @pytest.mark.parametrize("lag", [0.0, 8.0])
 def test_intervals_hold_whatever_the_noise(
@@ -133,6 +134,7 @@ def test_chance_never_narrows_an_interval() -> None:
         assert scatter(fit).min() > 0.6
 
 
+@pytest.mark.slow
 def test_noise_above_the_motion_narrows_intervals_that_still_hold() -> None:
     inside, ratios = [], []
     for seed in range(25):
@@ -226,6 +228,7 @@ def runs_apart(seed: int, apart: float, count: int = 4) -> tuple[Information, np
     return sum(parts[1:], parts[0]), truth
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("apart", [0.0, 0.3])
 def test_intervals_hold_where_runs_disagree(apart: float) -> None:
     inside: list[bool] = []

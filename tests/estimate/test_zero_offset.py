@@ -107,6 +107,7 @@ def test_what_is_not_wanted_stays() -> None:
     assert "left as given" not in found.note
 
 
+@pytest.mark.slow
 def test_intervals_hold() -> None:
     true, inside = np.array([0.0, 0.2, -0.15, 0.0]), 0
     for seed in range(20):

@@ -44,7 +44,7 @@ PAGES = (
 )
 PRINTED = PAGES[:-1]
 """Names without a blank cannot be divided between lines of a narrow table."""
-VIEWS = ((420, False), (420, True), (1400, True), (1400, False))
+VIEWS = ((420, True), (1400, True), (1400, False))
 """Widths of the window and whether it is dark; each next one differs in one of both."""
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from law_cases import CASES, LawCase, name_of
+from law_cases import LawCase, name_of, spanning
 from moving import geared
 from steelyard.base.arrays import Parameters
 from steelyard.base.errors import DataError
@@ -26,7 +26,7 @@ def slow(speed: float, n: int) -> Motion:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("case", CASES, ids=name_of)
+@pytest.mark.parametrize("case", spanning(), ids=name_of)
 def test_it_is_the_torque_of_every_law_where_joints_move(case: LawCase) -> None:
     law = case.on(ROBOT)
     model = Model(ROBOT, (law,))
