@@ -342,6 +342,7 @@ def test_a_placeholder_for_speed_makes_no_degrees(arm, declared):
     }
 
 
+@pytest.mark.slow
 def test_a_constant_pull_is_not_called_a_mounting(arm):
     case = arm.case(arm.table, known=False)
     likelihood = ranking(case, case.logs[0]).likelihood

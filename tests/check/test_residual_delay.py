@@ -47,6 +47,7 @@ def test_efforts_in_time_and_lags_that_differ_are_no_delay(arm: Arm) -> None:
     assert residual_delay(arm.case(late(arm, lags), known=False)) is None
 
 
+@pytest.mark.slow
 def test_presliding_friction_explains_its_own_lag_and_no_delay(arm: Arm) -> None:
     presliding = arm.table.copy()
     for q, tau in zip(arm.at("q{}_rad"), arm.at("tau{}_Nm"), strict=True):
@@ -73,6 +74,7 @@ def test_a_declared_delay_is_counted_in(arm: Arm) -> None:
     assert finding.fix.edits[0].value == pytest.approx(0.014, abs=3e-4)
 
 
+@pytest.mark.slow
 def test_a_log_with_a_gap_is_not_used(arm: Arm) -> None:
     table = late(arm, np.full(3, 0.012))
     t = table[:, 0]

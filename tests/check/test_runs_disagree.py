@@ -47,6 +47,7 @@ def test_runs_of_one_robot_agree_whatever_its_friction(loaded: LoadedRobot, tmp_
     assert found(loaded, tmp_path, truth, truth.changed(**warm)) == ()
 
 
+@pytest.mark.slow
 def test_runs_of_two_robots_disagree(loaded: LoadedRobot, tmp_path: Path) -> None:
     truths = random_truth(loaded.robot, 1), random_truth(loaded.robot, 2)
     (finding,) = found(loaded, tmp_path, *truths)
@@ -54,6 +55,7 @@ def test_runs_of_two_robots_disagree(loaded: LoadedRobot, tmp_path: Path) -> Non
     assert "two robots" in finding.says and "run1 and run2 differ" in finding.says
 
 
+@pytest.mark.slow
 def test_of_three_runs_the_odd_one_is_named(loaded: LoadedRobot, tmp_path: Path) -> None:
     one, other = random_truth(loaded.robot, 1), random_truth(loaded.robot, 2)
     (finding,) = found(loaded, tmp_path, one, other, one)

@@ -403,6 +403,7 @@ def test_a_velocity_that_is_declared_as_position_is_named_and_corrected(
     assert not any(f.check == "velocity" for f in found.findings)
 
 
+@pytest.mark.slow
 def test_positions_of_one_frequency_are_no_velocities(tmp_path: Path) -> None:
     table, turn = sound(), 2.0 * np.pi * np.array([0.25, 0.3125, 0.1875])
     phase = turn * table[:, :1]
@@ -539,6 +540,7 @@ def test_every_order_of_the_velocities_is_found(tmp_path: Path) -> None:
         assert proposed == wanted
 
 
+@pytest.mark.slow
 def test_slow_stamps_are_distinguished_from_a_slow_log(tmp_path: Path) -> None:
     fast = sound(rate=5000.0, duration=6.0)
     fast[:, 0] *= 1e3

@@ -86,6 +86,7 @@ def test_a_wrong_sign_is_found_as_one_of_positions_and_efforts(folder: Path) -> 
     assert doubted == {"position sign", "effort sign"}
 
 
+@pytest.mark.slow
 def test_a_missing_coupling_is_found(folder: Path) -> None:
     (finding,) = transmission_check(case_with(folder, RATIOS, ""))
     assert finding.severity == Severity.DOUBTFUL, finding
@@ -125,6 +126,7 @@ def test_a_coupling_that_may_be_missing_is_a_remark_unless_couplings_are_stated(
         assert case_with(folder, RATIOS, coupling).loaded.couplings_stated == stated
 
 
+@pytest.mark.slow
 def test_the_declared_gears_have_the_misfit_of_the_other_checks(folder: Path) -> None:
     case = case_with(folder, RATIOS, "")
     decision = judge_log(case, case.logs[0])

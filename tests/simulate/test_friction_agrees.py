@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from steelyard.base.motion import Motion
 from steelyard.excite.trajectories.fourier import random_fourier
@@ -29,6 +30,7 @@ def test_a_joint_sticks_until_friction_is_overcome(arm: Robot) -> None:
     assert np.abs(dq).max() > 1e-3
 
 
+@pytest.mark.slow
 def test_the_torque_is_that_of_the_model_with_the_plain_sign(arm: Robot) -> None:
     """Slow joints too: where they move, the fitted law explains the torque of the run."""
     truth = random_truth(arm, 2)

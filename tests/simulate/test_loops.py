@@ -41,6 +41,7 @@ def test_placing_closes_the_loop_and_motion_keeps_it_closed(
     assert q.shape == (1,) and abs(q[0] - 0.9) > 0.05
 
 
+@pytest.mark.slow
 def test_a_free_linkage_keeps_its_energy(four_bar: Robot, make_truth: Callable) -> None:
     truth = make_truth(four_bar)
     plant = MujocoPlant(four_bar, truth)
@@ -87,6 +88,7 @@ def _left(x: np.ndarray) -> np.ndarray:
     return np.array([-x[1], x[0]])
 
 
+@pytest.mark.slow
 def test_torque_is_that_of_the_closed_model(four_bar: Robot) -> None:
     terms = (RigidBody(), RotorInertia(), Viscous(joints=("crank_joint", "rocker_joint")))
     truth = random_truth(four_bar, 0, terms=terms)

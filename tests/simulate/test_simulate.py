@@ -11,7 +11,7 @@ from steelyard.excite.trajectories.fourier import random_fourier
 from steelyard.excite.trajectories.trajectory_files import read_motion
 from steelyard.robot.file.robot_file import load_robot
 from steelyard.robot.robot import Robot
-from steelyard.simulate.demo import demo_runs
+from steelyard.simulate.demo import DemoFiles, demo_runs
 from steelyard.simulate.truth import Truth, random_truth
 from steelyard.simulate.virtual_robot import VirtualRobot, customary_sensors, write_run
 
@@ -81,9 +81,13 @@ def test_a_folder_with_something_in_it_is_refused_before_any_work(
     assert [p.name for p in tmp_path.iterdir()] == ["precious"]
 
 
-def test_demo_writes_what_identification_needs(tmp_path: Path) -> None:
-    (tmp_path / "demo").mkdir()
-    files = demo_runs(tmp_path / "demo", seed=3, period=2.0)
+@pytest.fixture(scope="module")
+def files(tmp_path_factory: pytest.TempPathFactory) -> DemoFiles:
+    """Those of a demonstration."""
+    return demo_runs(tmp_path_factory.mktemp("demo"), seed=3, period=2.0)
+
+
+def test_demo_writes_what_identification_needs(files: DemoFiles) -> None:
     loaded = load_robot(files.robot)
     assert loaded.robot.n == 6 and loaded.signals is not None
     assert [term.description for term in loaded.terms or ()][1:3] == ["rotor_inertia", "coulomb"]
@@ -95,8 +99,7 @@ def test_demo_writes_what_identification_needs(tmp_path: Path) -> None:
     assert np.abs(truth.inertial[:, 0] / loaded.robot.nominal[:, 0] - 1.0).max() > 0.1
 
 
-def test_demo_keeps_its_truth_out_of_the_robot_file(tmp_path: Path) -> None:
-    files = demo_runs(tmp_path / "demo", period=1.0)
+def test_demo_keeps_its_truth_out_of_the_robot_file(files: DemoFiles) -> None:
     nominal = load_robot(files.robot).robot.nominal
     text = files.robot.read_text() + files.robot.with_suffix(".urdf").read_text()
     parameters = json.loads(files.truth.read_text())["parameters"]
@@ -107,8 +110,7 @@ def test_demo_keeps_its_truth_out_of_the_robot_file(tmp_path: Path) -> None:
         assert not np.any(np.isclose(nominal[:, 0], mass, rtol=1e-9))
 
 
-def test_demo_motions_stay_clear_of_the_limits(tmp_path: Path) -> None:
-    files = demo_runs(tmp_path / "demo", seed=1, period=3.0)
+def test_demo_motions_stay_clear_of_the_limits(files: DemoFiles) -> None:
     robot = load_robot(files.robot).robot
     for log in (files.identification, files.validation):
         table = pl.read_csv(log)

@@ -23,6 +23,7 @@ def run(robot: Robot, truth: Truth, control: str, *models: tuple[str, Truth]) ->
     return tracking(robot, truth, motion, named, frame, customary_drives(robot))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("control", ["pid", "cascade"])
 def test_the_true_model_reduces_errors_and_a_drifted_one_less(leg: Robot, control: str) -> None:
     truth = random_truth(leg, 0)
@@ -36,6 +37,7 @@ def test_the_true_model_reduces_errors_and_a_drifted_one_less(leg: Robot, contro
     assert np.all(bare.largest >= bare.rms) and bare.tool_largest >= bare.tool_rms > 0.0
 
 
+@pytest.mark.slow
 def test_computed_torque_is_compared_with_pd_control_of_the_same_gains(leg: Robot) -> None:
     truth = random_truth(leg, 0)
     found = run(leg, truth, "computed_torque,kp=200,kv=20", ("m", truth))
@@ -60,6 +62,7 @@ def test_the_tool_is_where_the_joints_put_it(leg: Robot) -> None:
     assert found.t[0] == pytest.approx(0.0) and found.t[-1] == pytest.approx(1.2)
 
 
+@pytest.mark.slow
 def test_a_tool_behind_passive_joints_is_followed(four_bar: Robot) -> None:
     truth = random_truth(four_bar, 0).drifted(0.0)
     motion = SampledMotion([0.0, 0.5, 1.0], [[1.2], [0.9], [1.2]])

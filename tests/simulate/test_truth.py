@@ -30,6 +30,7 @@ def test_same_seed_same_truth(arm: Robot) -> None:
     assert np.abs(one.inertial / other.inertial - 1.0).max() > 0.05
 
 
+@pytest.mark.slow
 def test_bodies_exist_and_are_off_by_twenty_to_thirty_percent(arm: Robot) -> None:
     ratios = []
     for seed in range(30):

@@ -34,6 +34,7 @@ def oracle_torque(robot: Robot, truth: Truth, run: TrueRun, shift: float = 0.0) 
     return inverse_dynamics(model, q, dq, ddq) + friction + value["offset"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["arm", "tree"])
 def test_torque_and_motion_are_of_one_moment(name: str, request: pytest.FixtureRequest) -> None:
     robot: Robot = request.getfixturevalue(name)
@@ -50,6 +51,7 @@ def test_torque_and_motion_are_of_one_moment(name: str, request: pytest.FixtureR
     assert abs(delay) < 1e-4
 
 
+@pytest.mark.slow
 def test_follows_the_motion_and_rests(arm: Robot) -> None:
     motion = motion_of(arm)
     run = VirtualRobot(arm, random_truth(arm, 0), rest=0.8).follow(motion)
@@ -74,6 +76,7 @@ def test_gains_are_critically_damped_and_lowered_where_coupled() -> None:
     assert rates.max() / 1000.0 == pytest.approx(0.5)
 
 
+@pytest.mark.slow
 def test_same_seed_same_log_and_runs_differ(arm: Robot, tmp_path: Path) -> None:
     truth, motion = random_truth(arm, 0), motion_of(arm, 0.5)
     sensors = Sensors(torque_noise=0.1, clock_jitter=1e-4)

@@ -72,6 +72,7 @@ def test_a_row_of_the_table_holds_until_the_next_one(tmp_path: Path) -> None:
     )
 
 
+@pytest.mark.slow
 def test_the_log_has_what_a_sensor_says_of_it(arm: Robot, tmp_path: Path) -> None:
     truth, wrench = frictionless(arm), AppliedWrench("tool", [0.0], [PUSH], "frame")
     sensors = Sensors(rate=1000.0, wrench_noise=0.1)
