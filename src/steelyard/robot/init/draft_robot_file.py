@@ -5,24 +5,25 @@ from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from steelyard.base.errors import LogError
 from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
 from steelyard.robot.file.sections import Side
-from steelyard.robot.file.toml_edits import comment, toml_key, toml_text
+from steelyard.robot.file.toml_edits import toml_key, toml_text
 from steelyard.robot.init.base_and_locked_joints import Proposal
 from steelyard.robot.init.column_names import Column, by_name, finite, like_finger
 from steelyard.robot.init.draft_tables import (
-    SETTINGS,
     Effort,
     Known,
-    excitation_part,
-    gears_part,
-    model_part,
-    signals_part,
-    signals_template,
+    columns_table,
+    excitation_table,
+    gears_table,
+    model_table,
+    robot_file_text,
+    signals_table,
     with_effort,
 )
 from steelyard.robot.init.guess_columns import Guess, Sample, guess_columns
@@ -137,24 +138,22 @@ def drafted(
     guess = None if assignment.guess is None else with_effort(assignment.guess, known.effort)
     resting = [c for c in robot.coordinates if c not in moving]
     gears = known.gears or (gears_of(proposal, moving, guess) if guess else None)
-    parts = [
-        _robot_part(proposal, moving, output_path, known),
-        *([gears_part(gears, moving)] if guess and guess.motor_side else []),
-        _locked_part(resting, proposal),
-        _limits_part(moving),
-        model_part(
-            {c.name: springs[c.name] for c in moving if c.name in springs}, guess, known, gears
-        ),
-        signals_part(guess, moving, known, output_path.name)
+    text = robot_file_text(
+        **_robot_table(proposal, moving, resting, output_path),
+        **gears_table(gears, moving),
+        **model_table({c.name: springs[c.name] for c in moving if c.name in springs}, guess, known),
+        **signals_table(guess, moving, known)
         if guess
-        else signals_template(assignment.columns, assignment.problem, moving),
-        SETTINGS,
-        excitation_part(moving),
-    ]
+        else columns_table(assignment.columns, assignment.problem, moving),
+        **excitation_table(moving),
+        guess=guess,
+        known=known,
+        motor_side=guess is not None and guess.motor_side,
+    )
     without = [c.name for c in free if c not in moving]
     near = _near(robot, {c.name for c in moving})
     return Draft(
-        "\n\n".join(parts) + "\n",
+        text,
         tuple(c.name for c in moving),
         tuple(c.name for c in robot.coordinates if c not in free),
         tuple(name for name in without if name in near),
@@ -261,73 +260,32 @@ def path_from(folder: Path, path: Path) -> str:
     return min(relative, absolute, key=len)
 
 
-def _robot_part(
-    proposal: Proposal, moving: Sequence[Coordinate], output_path: Path, known: Known
-) -> str:
-    robot, model_path = proposal.loaded.robot, proposal.loaded.sources[0].path
-    gravity = known.gravity or tuple(robot.gravity.tolist())
-    mark = "Gravity, as answered," if known.gravity else "CHECK: gravity"
-    kind = "mjcf" if read_xml(model_path).tag == "mujoco" else "urdf"
-    names = "".join(f"  {toml_text(c.name)},\n" for c in moving)
-    xacro = ""
-    if len(proposal.loaded.sources) > 1:
-        arguments = proposal.loaded.arguments.items()
-        given = ", ".join(f"{toml_key(name)} = {toml_text(value)}" for name, value in arguments)
-        xacro = f"""
-# Arguments of the xacro file, and folders of ROS packages, in addition to those above the file.
-{"" if given else "# "}xacro.arguments = {{{given}}}
-# xacro.packages = ["../src"]"""
-    base = """\
-# The link taken as fixed base, and the last link of the chain, if not the model's.
-# base = "base_link\""""
-    if proposal.base is not None:
-        why = f"CHECK: the link fixed to the world, {proposal.why_base or 'as asked'}. "
-        why = comment(f"{why}It must be at rest in every log.")
-        base = f"{why}\nbase = {toml_text(proposal.base)}\n# The last link of the chain."
-    return f"""\
-# Robot file for steelyard, written by `steelyard init`. Check the lines marked CHECK.
-
-[robot]
-name = {toml_text(robot.name)}
-# Where the model and the logs come from, for the report.
-# source = "https://..."
-# Path, absolute or relative to this file; ${{NAME}} is an environment variable.
-{kind} = {toml_text(path_from(output_path.parent, model_path))}{xacro}
-# Joints to identify, in the order of the columns below. All others are locked.
-joints = [
-{names}]
-{base}
-# tip = "tool0"
-# {mark} [m/s²] in the frame of the base. Change it for wall or ceiling mounting;
-# instead, mounting = {{roll = 0.0, pitch = 90.0, yaw = 0.0}} gives the base's rotation [deg].
-gravity = {toml_text(gravity)}"""
-
-
-def _locked_part(resting: Sequence[Coordinate], proposal: Proposal) -> str:
-    lines = ["# Positions of joints that are not identified [rad; m]; zero, or the nearest limit."]
-    lines.append("[robot.locked]")
-    for c in resting:
-        lines.append(
-            f"{toml_key(c.name)} = {toml_text(np.clip(0.0, c.limits.lower, c.limits.upper))}"
-        )
-    reasons = proposal.reasons
-    for why in dict.fromkeys(reasons.values()):
-        lines.append(comment(f"Locked: {why}."))
-        names = [name for name in reasons if reasons[name] == why]
-        lines += [f"{toml_key(name)} = {toml_text(proposal.locked[name])}" for name in names]
-    return "\n".join(lines)
-
-
-def _limits_part(moving: Sequence[Coordinate]) -> str:
-    lines = [
-        "# Limits from the model: position [rad; m], speed [rad/s; m/s], effort [Nm; N].",
-        "# What is left out is unlimited or unknown.",
-    ]
-    for c in moving:
-        given = [
-            f"{name} = {toml_text(value)}"
-            for name in ("lower", "upper", "velocity", "effort")
-            if np.isfinite(value := getattr(c.limits, name))
-        ]
-        lines.append("\n".join([f"[robot.limits.{toml_key(c.name)}]", *given]))
-    return "\n".join(lines)
+def _robot_table(
+    proposal: Proposal,
+    moving: Sequence[Coordinate],
+    resting: Sequence[Coordinate],
+    output_path: Path,
+) -> dict[str, Any]:
+    """The robot and its model file, and joints that are not identified with their positions."""
+    loaded, reasons = proposal.loaded, proposal.reasons
+    model, arguments = loaded.sources[0].path, None
+    if len(loaded.sources) > 1:
+        pairs = loaded.arguments.items()
+        arguments = ", ".join(f"{toml_key(name)} = {toml_text(value)}" for name, value in pairs)
+    places = [(c.name, np.clip(0.0, c.limits.lower, c.limits.upper)) for c in resting]
+    return {
+        "robot": loaded.robot,
+        "kind": "mjcf" if read_xml(model).tag == "mujoco" else "urdf",
+        "model": path_from(output_path.parent, model),
+        "file": output_path.name,
+        "arguments": arguments,
+        "moving": moving,
+        "base": proposal.base,
+        "why_base": proposal.why_base or "as asked",
+        "resting": places,
+        "locked": {
+            why: [(name, proposal.locked[name]) for name in reasons if reasons[name] == why]
+            for why in dict.fromkeys(reasons.values())
+        },
+        "isfinite": np.isfinite,
+    }
