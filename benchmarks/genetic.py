@@ -22,9 +22,7 @@ from steelyard.estimate.least_squares.weighted_and_recursive import WeightedLeas
 from steelyard.estimate.nonlinear.nonlinear_parameters import FoundFields, find_fields
 from steelyard.excite.search.search_methods import minimised_by_genes
 from steelyard.model.equations.inverse_dynamics import JointState
-from steelyard.model.laws.coulomb import Coulomb
-from steelyard.model.laws.stribeck import Stribeck
-from steelyard.model.laws.viscous import Viscous
+from steelyard.model.laws.friction_over_speed import Coulomb, Stribeck, Viscous
 from steelyard.model.model import Model
 from steelyard.model.terms.axes import Find
 from steelyard.model.terms.term import Cause, Columns, Dissipation, Term

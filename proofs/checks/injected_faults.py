@@ -28,7 +28,7 @@ from steelyard.identify.fit import fit
 from steelyard.identify.gains_zeros_and_friction import FitTask
 from steelyard.logs.formats import open_log
 from steelyard.logs.log import parse_log_argument
-from steelyard.model.robot_file_model import model_with_open_friction, with_friction
+from steelyard.model.model import model_with_open_friction, with_friction
 from steelyard.robot.file.robot_file import LoadedRobot, load_robot
 from steelyard.runs.processing_choices import Processing
 from steelyard.runs.recording import LogInMemory, Recording

@@ -28,7 +28,7 @@ from steelyard.estimate.scores.bands_and_traces import Bands
 from steelyard.estimate.scores.score import score
 from steelyard.identify.fit import Fit, calibrated, fit
 from steelyard.identify.gains_zeros_and_friction import FitTask
-from steelyard.model.robot_file_model import model_with_open_friction
+from steelyard.model.model import model_with_open_friction
 
 DRAWS = 30
 

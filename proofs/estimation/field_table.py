@@ -37,7 +37,7 @@ from steelyard.estimate.information.filtered_samples import gather_samples
 from steelyard.estimate.information.regressor import base_regressor
 from steelyard.estimate.prior.body_priors import default_knowledge
 from steelyard.excite.trajectories.fourier import random_fourier
-from steelyard.model.laws.coulomb import Coulomb
+from steelyard.model.laws.friction_over_speed import Coulomb
 from steelyard.model.laws.register import DEFAULT_TERMS
 from steelyard.model.model import Model
 from steelyard.robot.file.robot_file import load_robot

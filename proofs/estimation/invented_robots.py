@@ -28,16 +28,11 @@ from steelyard.base.errors import SteelyardError
 from steelyard.base.motion import Motion
 from steelyard.excite.trajectories.fourier import random_fourier
 from steelyard.identify.identify import identify
-from steelyard.model.laws.coulomb import Coulomb
-from steelyard.model.laws.load_dependent_friction import LoadDependent
-from steelyard.model.laws.offset import Offset
-from steelyard.model.laws.powers_of_speed import Quadratic, Root
-from steelyard.model.laws.presliding import Dahl
+from steelyard.model.laws.friction_over_speed import Coulomb, Quadratic, Root, Stribeck, Viscous
+from steelyard.model.laws.friction_with_memory import Dahl, LoadDependent
 from steelyard.model.laws.register import description_of
-from steelyard.model.laws.rigid_body import RigidBody
-from steelyard.model.laws.rotor_inertia import RotorInertia
-from steelyard.model.laws.stribeck import Stribeck
-from steelyard.model.laws.viscous import Viscous
+from steelyard.model.laws.rigid_body import RigidBody, RotorInertia
+from steelyard.model.laws.springs_and_offset import Offset
 from steelyard.model.terms.term import Term
 from steelyard.robot.file.robot_file import load_robot
 from steelyard.simulate.truth import random_truth

@@ -37,7 +37,7 @@ from steelyard.excite.search.repair_until_proven import finished
 from steelyard.excite.search.search_methods import search_by_gradient, seeded
 from steelyard.excite.search.why_no_motion import refuse_impossible
 from steelyard.excite.trajectories.trajectory import ExactTrajectory
-from steelyard.model.robot_file_model import model_with_open_friction
+from steelyard.model.model import model_with_open_friction
 from steelyard.robot.file.robot_file import load_robot
 
 CELLS = 200

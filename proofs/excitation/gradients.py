@@ -128,7 +128,7 @@ def composed(problem: Problem, x: np.ndarray) -> float:
 
 def panda_problem() -> Problem:
     """The Panda's problem."""
-    from steelyard.model.robot_file_model import model_with_open_friction
+    from steelyard.model.model import model_with_open_friction
 
     loaded = load_robot(PROBLEMS / "panda.toml")
     return build(loaded, model_with_open_friction(loaded))

@@ -27,7 +27,7 @@ from steelyard.excite.search.parallel_search import SearchBudget
 from steelyard.excite.trajectories.fourier import random_fourier
 from steelyard.excite.trajectories.trajectory import ExactTrajectory
 from steelyard.logs.formats import open_log
-from steelyard.model.robot_file_model import model_with_open_friction
+from steelyard.model.model import model_with_open_friction
 from steelyard.robot.file.robot_file import LoadedRobot
 from steelyard.runs.prepare import prepare
 from steelyard.runs.recording import Recording

@@ -217,7 +217,7 @@ def of_information() -> list[Claim]:
     from steelyard.estimate.information.gram_accumulator import Accumulator, Stretch
     from steelyard.estimate.information.information import Information, Signature, Window
     from steelyard.estimate.information.regressor import base_regressor
-    from steelyard.model.laws.presliding import Dahl
+    from steelyard.model.laws.friction_with_memory import Dahl
     from steelyard.model.laws.register import DEFAULT_TERMS
     from steelyard.model.model import Model
 

@@ -17,7 +17,7 @@ from steelyard.estimate.information.gather import gather
 from steelyard.estimate.information.regressor import Regressor, base_regressor
 from steelyard.estimate.least_squares.weighted_and_recursive import WeightedLeastSquares
 from steelyard.excite.trajectories.fourier import random_fourier
-from steelyard.model.laws.coulomb import Coulomb
+from steelyard.model.laws.friction_over_speed import Coulomb
 from steelyard.model.model import DEFAULT_TERMS
 from steelyard.robot.file.signals import Signals
 from steelyard.runs.mean_over_repetitions import mean_of_periods

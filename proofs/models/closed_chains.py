@@ -20,11 +20,9 @@ from steelyard.estimate.information.regressor import base_regressor, standard_re
 from steelyard.estimate.least_squares.weighted_and_recursive import WeightedLeastSquares
 from steelyard.excite.trajectories.fourier import random_fourier
 from steelyard.model.equations.passive_joints import Follower
-from steelyard.model.laws.coulomb import Coulomb
-from steelyard.model.laws.offset import Offset
-from steelyard.model.laws.rigid_body import RigidBody
-from steelyard.model.laws.rotor_inertia import RotorInertia
-from steelyard.model.laws.viscous import Viscous
+from steelyard.model.laws.friction_over_speed import Coulomb, Viscous
+from steelyard.model.laws.rigid_body import RigidBody, RotorInertia
+from steelyard.model.laws.springs_and_offset import Offset
 from steelyard.model.model import Model
 from steelyard.robot.file.signals import Signals
 from steelyard.robot.inertia_and_placement import Inertia

@@ -20,8 +20,10 @@ from steelyard.estimate.information.base_parameters import (
     full_regressor,  # noqa: E402
     independent_columns,  # noqa: E402
 )
-from steelyard.model.laws.rigid_body import RigidBody  # noqa: E402
-from steelyard.model.laws.rotor_inertia import RotorInertia  # noqa: E402
+from steelyard.model.laws.rigid_body import (
+    RigidBody,  # noqa: E402
+    RotorInertia,  # noqa: E402
+)
 from steelyard.model.model import Model  # noqa: E402
 from tilted import drawn, rank_by_gap, singular_values  # noqa: E402
 

@@ -27,7 +27,7 @@ from steelyard.excite.trajectories.motion_families import blended_fourier
 from steelyard.excite.trajectories.trajectory import ExactTrajectory
 from steelyard.excite.trajectories.trajectory_files import read_motion
 from steelyard.logs.formats import open_log
-from steelyard.model.robot_file_model import model_with_open_friction
+from steelyard.model.model import model_with_open_friction
 from steelyard.robot.file.robot_file import LoadedRobot, load_robot
 from steelyard.runs.prepare import prepare
 from steelyard.runs.recording import Recording

@@ -33,7 +33,7 @@ from steelyard.estimate.least_squares.weighted_and_recursive import OrdinaryLeas
 from steelyard.estimate.reduction.reduction import reduce
 from steelyard.excite.excite_and_reduce_loop import Round, reduction_loop
 from steelyard.excite.trajectories.trajectory_files import read_trajectory
-from steelyard.model.robot_file_model import model_of
+from steelyard.model.model import model_of
 from steelyard.robot.file.robot_file import load_robot
 from steelyard.simulate.truth import random_truth
 from steelyard.simulate.virtual_robot import VirtualRobot, customary_sensors

@@ -30,7 +30,7 @@ from steelyard.estimate.reduction.reduction import Reduction, criterion_of, redu
 from steelyard.excite.planned.plans_from_tables import planned
 from steelyard.excite.problem_from_tables import limits_of
 from steelyard.excite.trajectories.trajectory import ExactTrajectory
-from steelyard.model.robot_file_model import model_of
+from steelyard.model.model import model_of
 from steelyard.robot.file.robot_file import load_robot
 from steelyard.robot.inertia_and_placement import INERTIAL_NAMES, Inertia
 from steelyard.robot.robot import Robot

@@ -12,10 +12,9 @@ import numpy as np
 from steelyard.base.arrays import Array
 from steelyard.base.motion import Motion
 from steelyard.excite.trajectories.fourier import random_fourier
-from steelyard.model.laws.coulomb import Coulomb
-from steelyard.model.laws.load_dependent_friction import LoadDependent
+from steelyard.model.laws.friction_over_speed import Coulomb, Stribeck
+from steelyard.model.laws.friction_with_memory import LoadDependent
 from steelyard.model.laws.register import DEFAULT_TERMS
-from steelyard.model.laws.stribeck import Stribeck
 from steelyard.model.terms.term import Term
 from steelyard.robot.file.robot_file import LoadedRobot, load_robot
 from steelyard.robot.file.signals import Signals

@@ -21,7 +21,7 @@ from steelyard.estimate.information.parallel_filter import noise_bandwidth
 from steelyard.excite.trajectories.fourier import random_fourier
 from steelyard.identify.scores_and_residuals import processing_of
 from steelyard.model.equations.frame_kinematics import last_frame
-from steelyard.model.robot_file_model import model_with_open_friction
+from steelyard.model.model import model_with_open_friction
 from steelyard.robot.file.robot_file import load_robot
 from steelyard.robot.file.signals import Signals
 from steelyard.runs.run import Run

@@ -21,7 +21,7 @@ from steelyard.excite.design_problem import Problem
 from steelyard.excite.problem_from_tables import build
 from steelyard.excite.search.repair_until_proven import finished
 from steelyard.excite.search.search_methods import search_by_gradient, seeded
-from steelyard.model.robot_file_model import model_with_open_friction
+from steelyard.model.model import model_with_open_friction
 from steelyard.robot.file.robot_file import load_robot
 
 MARGIN = 0.02

@@ -20,7 +20,7 @@ from steelyard.estimate.information.information import Information, Signature, W
 from steelyard.estimate.information.regressor import Regressor, base_regressor
 from steelyard.estimate.payload.drive_gains import GainEstimate, identified_gains
 from steelyard.excite.trajectories.fourier import random_fourier
-from steelyard.model.robot_file_model import model_with_open_friction
+from steelyard.model.model import model_with_open_friction
 from steelyard.robot.inertia_and_placement import INERTIAL_NAMES, Inertia
 from steelyard.simulate.mujoco_model import build
 from steelyard.simulate.truth import Truth, random_truth

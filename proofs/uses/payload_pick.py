@@ -20,7 +20,7 @@ from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.excite.trajectories.fourier import random_fourier
 from steelyard.identify.identify import identify
 from steelyard.model.equations.frame_kinematics import frame_kinematics
-from steelyard.model.robot_file_model import model_with_open_friction
+from steelyard.model.model import model_with_open_friction
 from steelyard.robot.file.robot_file import load_robot
 from steelyard.robot.inertia_and_placement import Inertia
 from steelyard.simulate.payloads_and_wrenches import Payload

@@ -15,7 +15,7 @@ from steelyard.estimate.information.base_parameters import base_parameters
 from steelyard.estimate.information.regressor import base_regressor
 from steelyard.estimate.least_squares.weighted_and_recursive import WeightedLeastSquares
 from steelyard.estimate.nonlinear.nonlinear_parameters import information_from
-from steelyard.model.robot_file_model import model_with_open_friction
+from steelyard.model.model import model_with_open_friction
 from steelyard.robot.file.robot_file import LoadedRobot, load_robot
 from steelyard.robot.robot import Robot
 from steelyard.runs.run import Run

@@ -12,8 +12,8 @@ import steelyard
 from cli.conftest import Command
 from cli.river_files import edited
 from steelyard.base.errors import ModelError
-from steelyard.model.laws.rotor_inertia import RotorInertia
-from steelyard.model.robot_file_model import model_with_open_friction
+from steelyard.model.laws.rigid_body import RotorInertia
+from steelyard.model.model import model_with_open_friction
 from steelyard.robot.file.robot_file import load_robot
 from steelyard.runs.runs_of_named_logs import load_runs
 

@@ -20,7 +20,7 @@ from steelyard.estimate.information.base_parameters import base_parameters
 from steelyard.estimate.prior.body_priors import default_knowledge
 from steelyard.identify import fit as fitting
 from steelyard.identify.fit import _unscaled_because
-from steelyard.model.robot_file_model import model_with_open_friction
+from steelyard.model.model import model_with_open_friction
 from steelyard.robot.file.robot_file import load_robot
 
 OFF = {2: 1.25}

@@ -10,11 +10,9 @@ from steelyard.base.arrays import Parameters
 from steelyard.base.errors import ModelError
 from steelyard.base.motion import Motion
 from steelyard.estimate.information.base_parameters import BaseMap, base_parameters, refuse_twins
-from steelyard.model.laws.coulomb import Coulomb
-from steelyard.model.laws.offset import Offset
-from steelyard.model.laws.rigid_body import RigidBody
-from steelyard.model.laws.rotor_inertia import RotorInertia
-from steelyard.model.laws.viscous import Viscous
+from steelyard.model.laws.friction_over_speed import Coulomb, Viscous
+from steelyard.model.laws.rigid_body import RigidBody, RotorInertia
+from steelyard.model.laws.springs_and_offset import Offset
 from steelyard.model.model import Model
 from steelyard.model.terms.term import Term
 from steelyard.robot.robot import Body, Coordinate, Robot

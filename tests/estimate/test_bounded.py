@@ -19,10 +19,9 @@ from steelyard.estimate.least_squares.known_bounded_and_ridge import (
 )
 from steelyard.estimate.least_squares.weighted_and_recursive import WeightedLeastSquares
 from steelyard.estimate.prior.body_priors import default_knowledge
-from steelyard.model.laws.coulomb import Coulomb
-from steelyard.model.laws.offset import Offset
+from steelyard.model.laws.friction_over_speed import Coulomb, Viscous
 from steelyard.model.laws.rigid_body import RigidBody
-from steelyard.model.laws.viscous import Viscous
+from steelyard.model.laws.springs_and_offset import Offset
 from steelyard.model.model import Model
 
 MODEL = Model(single(), (RigidBody(), Coulomb(), Viscous(), Offset()))

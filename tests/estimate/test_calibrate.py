@@ -19,8 +19,8 @@ from steelyard.estimate.scores.bands_and_traces import Bands
 from steelyard.estimate.scores.cross_validation import runs_left_out, stretches_left_out
 from steelyard.estimate.scores.residual_trace import residual_trace
 from steelyard.estimate.scores.score import score
+from steelyard.model.laws.friction_over_speed import Stribeck
 from steelyard.model.laws.register import DEFAULT_TERMS
-from steelyard.model.laws.stribeck import Stribeck
 from steelyard.model.model import Model
 from steelyard.runs.processing_choices import Processing
 from steelyard.runs.run import Run

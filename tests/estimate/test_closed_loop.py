@@ -42,11 +42,9 @@ from steelyard.estimate.information.information import Information, Signature, W
 from steelyard.estimate.information.regressor import Regressor, base_regressor
 from steelyard.estimate.prior.body_priors import default_knowledge
 from steelyard.excite.trajectories.fourier import random_fourier
-from steelyard.model.laws.coulomb import Coulomb
-from steelyard.model.laws.presliding import Dahl
-from steelyard.model.laws.rigid_body import RigidBody
-from steelyard.model.laws.rotor_inertia import RotorInertia
-from steelyard.model.laws.viscous import Viscous
+from steelyard.model.laws.friction_over_speed import Coulomb, Viscous
+from steelyard.model.laws.friction_with_memory import Dahl
+from steelyard.model.laws.rigid_body import RigidBody, RotorInertia
 from steelyard.model.model import Model
 from steelyard.robot.file.signals import Signals
 from steelyard.runs.prepare import prepare

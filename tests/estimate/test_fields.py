@@ -18,12 +18,10 @@ from steelyard.estimate.information.information import Information, Signature, W
 from steelyard.estimate.information.regressor import Regressor, base_regressor, chosen_regressor
 from steelyard.estimate.nonlinear.grid_search import unknowns_of
 from steelyard.estimate.nonlinear.nonlinear_parameters import FoundFields, find_fields
-from steelyard.model.laws.coulomb import Coulomb
 from steelyard.model.laws.coupled_friction import Coupled
-from steelyard.model.laws.presliding import Dahl, LuGre
+from steelyard.model.laws.friction_over_speed import Coulomb, Stribeck, Viscous
+from steelyard.model.laws.friction_with_memory import Dahl, LuGre
 from steelyard.model.laws.register import DEFAULT_TERMS, TERMS, description_of, term_of
-from steelyard.model.laws.stribeck import Stribeck
-from steelyard.model.laws.viscous import Viscous
 from steelyard.model.model import Model
 from steelyard.model.terms.axes import Find
 from steelyard.model.terms.term import CandidateTerms, Term

@@ -17,11 +17,9 @@ from steelyard.estimate.closed_loop.feedback_and_forward_dynamics import (
     Integration,
 )
 from steelyard.estimate.information.base_parameters import base_parameters
-from steelyard.model.laws.coulomb import Coulomb
-from steelyard.model.laws.presliding import Dahl
-from steelyard.model.laws.rigid_body import RigidBody
-from steelyard.model.laws.rotor_inertia import RotorInertia
-from steelyard.model.laws.viscous import Viscous
+from steelyard.model.laws.friction_over_speed import Coulomb, Viscous
+from steelyard.model.laws.friction_with_memory import Dahl
+from steelyard.model.laws.rigid_body import RigidBody, RotorInertia
 from steelyard.model.model import Model
 from steelyard.robot.robot import Robot
 from steelyard.simulate.mujoco_model import Rotor, build, mass_matrices

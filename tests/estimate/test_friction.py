@@ -18,13 +18,9 @@ from steelyard.estimate.information.regressor import base_regressor
 from steelyard.estimate.least_squares.weighted_and_recursive import WeightedLeastSquares
 from steelyard.estimate.nonlinear.nonlinear_parameters import information_from
 from steelyard.estimate.scores.cross_validation import logarithms
-from steelyard.model.laws.coulomb import Coulomb
-from steelyard.model.laws.load_dependent_friction import LoadDependent
-from steelyard.model.laws.powers_of_speed import Cubic, Root
-from steelyard.model.laws.presliding import Dahl, MaxwellSlip
+from steelyard.model.laws.friction_over_speed import Coulomb, Cubic, Root, Stribeck, Viscous
+from steelyard.model.laws.friction_with_memory import Dahl, LoadDependent, MaxwellSlip
 from steelyard.model.laws.rigid_body import RigidBody
-from steelyard.model.laws.stribeck import Stribeck
-from steelyard.model.laws.viscous import Viscous
 from steelyard.model.model import Model, ValuedModel
 from steelyard.model.terms.term import Term
 from steelyard.robot.file.sections import EffortKind

@@ -13,10 +13,9 @@ from steelyard.estimate.estimate import Z95
 from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.estimate.information.base_parameters import base_parameters
 from steelyard.estimate.parameter_status_and_friction import friction_curves
-from steelyard.model.laws.coulomb import Coulomb
-from steelyard.model.laws.presliding import Dahl
+from steelyard.model.laws.friction_over_speed import Coulomb, Viscous
+from steelyard.model.laws.friction_with_memory import Dahl
 from steelyard.model.laws.rigid_body import RigidBody
-from steelyard.model.laws.viscous import Viscous
 from steelyard.model.model import Model
 from steelyard.model.terms.term import Term
 from steelyard.robot.loop_closures import loop_equations

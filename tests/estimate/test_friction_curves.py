@@ -16,14 +16,19 @@ from steelyard.estimate.information.information import Information, Signature, W
 from steelyard.estimate.information.regressor import base_regressor
 from steelyard.estimate.prior.body_priors import Knowledge, Row, default_knowledge
 from steelyard.estimate.prior.dissipative_friction import REACH, friction_curves, shaped
-from steelyard.model.laws.coulomb import Coulomb
-from steelyard.model.laws.directional_friction import DirectionalCoulomb, DirectionalViscous
-from steelyard.model.laws.offset import Offset
-from steelyard.model.laws.powers_of_speed import Cubic, Quadratic, Root
-from steelyard.model.laws.presliding import Dahl, LuGre, MaxwellSlip
+from steelyard.model.laws.friction_over_speed import (
+    Coulomb,
+    Cubic,
+    DirectionalCoulomb,
+    DirectionalViscous,
+    Quadratic,
+    Root,
+    Stribeck,
+    Viscous,
+)
+from steelyard.model.laws.friction_with_memory import Dahl, LuGre, MaxwellSlip
 from steelyard.model.laws.rigid_body import RigidBody
-from steelyard.model.laws.stribeck import Stribeck
-from steelyard.model.laws.viscous import Viscous
+from steelyard.model.laws.springs_and_offset import Offset
 from steelyard.model.model import Model
 from steelyard.model.terms.term import Term
 from steelyard.robot.robot import Coordinate, Limits

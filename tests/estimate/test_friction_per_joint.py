@@ -15,11 +15,9 @@ from steelyard.estimate.friction.friction_choice import FrictionChoice, choose_f
 from steelyard.estimate.information.base_parameters import BaseMap
 from steelyard.estimate.least_squares.weighted_and_recursive import WeightedLeastSquares
 from steelyard.estimate.prior.body_priors import default_knowledge
-from steelyard.model.laws.coulomb import Coulomb
-from steelyard.model.laws.load_dependent_friction import PLAUSIBLE, LoadDependent
-from steelyard.model.laws.presliding import Dahl
+from steelyard.model.laws.friction_over_speed import Coulomb, Viscous
+from steelyard.model.laws.friction_with_memory import PLAUSIBLE, Dahl, LoadDependent
 from steelyard.model.laws.rigid_body import RigidBody
-from steelyard.model.laws.viscous import Viscous
 from steelyard.model.model import Model
 from steelyard.model.terms.term import Term
 from steelyard.robot.file.sections import EffortKind

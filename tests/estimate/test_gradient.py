@@ -18,13 +18,11 @@ from steelyard.estimate.information.regressor import Regressor, base_regressor
 from steelyard.excite.design_problem import Case, Objective
 from steelyard.excite.optimality_criteria import CRITERIA, Measure, worst
 from steelyard.excite.trajectories.motion_families import Basis, rest_fourier, splines
-from steelyard.model.laws.coulomb import Coulomb
 from steelyard.model.laws.coupled_friction import Coupled
-from steelyard.model.laws.offset import Offset
-from steelyard.model.laws.powers_of_speed import Cubic, Root
+from steelyard.model.laws.friction_over_speed import Coulomb, Cubic, Root, Viscous
 from steelyard.model.laws.register import DEFAULT_TERMS
 from steelyard.model.laws.rigid_body import RigidBody
-from steelyard.model.laws.viscous import Viscous
+from steelyard.model.laws.springs_and_offset import Offset
 from steelyard.model.model import Model
 from steelyard.model.terms.term import Term
 from steelyard.robot.robot import Robot

@@ -21,9 +21,8 @@ from steelyard.estimate.information.regressor import Regressor, base_regressor, 
 from steelyard.estimate.least_squares.weighted_and_recursive import whitened
 from steelyard.estimate.prior.body_priors import Knowledge, Row, default_knowledge
 from steelyard.identify.comparison.compare import comparison_inputs
-from steelyard.model.laws.coulomb import Coulomb
+from steelyard.model.laws.friction_over_speed import Coulomb, Viscous
 from steelyard.model.laws.rigid_body import RigidBody
-from steelyard.model.laws.viscous import Viscous
 from steelyard.model.model import Model
 from steelyard.robot.file.robot_file import load_robot
 from steelyard.robot.inertia_and_placement import Inertia

@@ -19,8 +19,8 @@ from steelyard.estimate.consistent.contradictions_and_costs import (
 from steelyard.estimate.prior.body_priors import Knowledge, Row, default_knowledge
 from steelyard.estimate.prior.constraint_kinds import CONSTRAINTS, constraint_of, knowledge_of
 from steelyard.estimate.prior.constraint_protocol import ConstraintContext
+from steelyard.model.laws.friction_over_speed import Viscous
 from steelyard.model.laws.register import DEFAULT_TERMS, term_of
-from steelyard.model.laws.viscous import Viscous
 from steelyard.model.model import Model
 from steelyard.robot.file.robot_file import LoadedRobot, load_robot
 from steelyard.robot.inertia_and_placement import Inertia

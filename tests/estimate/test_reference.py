@@ -18,8 +18,8 @@ from steelyard.estimate.nonlinear.nonlinear_parameters import (
     reference_of,
     with_references,
 )
-from steelyard.model.laws.coulomb import Coulomb
-from steelyard.model.laws.load_dependent_friction import LoadDependent
+from steelyard.model.laws.friction_over_speed import Coulomb
+from steelyard.model.laws.friction_with_memory import LoadDependent
 from steelyard.model.laws.rigid_body import RigidBody
 from steelyard.model.model import Model
 

@@ -12,14 +12,10 @@ from steelyard.base.motion import Motion
 from steelyard.estimate.scores.residual_trace import MOST_KEPT
 from steelyard.estimate.scores.score import score
 from steelyard.estimate.scores.torque_parts import PARTS, TorqueSplit
-from steelyard.model.laws.coulomb import Coulomb
-from steelyard.model.laws.load_dependent_friction import LoadDependent
-from steelyard.model.laws.offset import Offset
-from steelyard.model.laws.presliding import Dahl
-from steelyard.model.laws.rigid_body import RigidBody
-from steelyard.model.laws.rotor_inertia import RotorInertia
-from steelyard.model.laws.spring import Spring
-from steelyard.model.laws.viscous import Viscous
+from steelyard.model.laws.friction_over_speed import Coulomb, Viscous
+from steelyard.model.laws.friction_with_memory import Dahl, LoadDependent
+from steelyard.model.laws.rigid_body import RigidBody, RotorInertia
+from steelyard.model.laws.springs_and_offset import Offset, Spring
 from steelyard.model.model import Model, ValuedModel
 from steelyard.model.terms.term import Term
 from steelyard.runs.run import Block

@@ -25,9 +25,8 @@ from steelyard.excite.search.parallel_search import SearchBudget
 from steelyard.excite.search.repair_until_proven import Kept, finished
 from steelyard.excite.search.why_no_motion import explained_no_motion, refuse_impossible
 from steelyard.excite.trajectories.trajectory import ExactTrajectory
-from steelyard.model.model import Model
-from steelyard.model.robot_file_model import model_with_open_friction as model_with_rigid_bodies
-from steelyard.model.robot_file_model import with_friction
+from steelyard.model.model import Model, with_friction
+from steelyard.model.model import model_with_open_friction as model_with_rigid_bodies
 from steelyard.robot.file.robot_file import LoadedRobot, load_robot
 
 ARM = urdf(

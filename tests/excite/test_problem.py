@@ -16,7 +16,7 @@ from steelyard.excite.design_problem import KEPT_PER_WAVE, SHOWN_PER_WAVE, Case,
 from steelyard.excite.optimality_criteria import CRITERIA, Measure
 from steelyard.excite.search.feasibility import random_starts
 from steelyard.excite.search.search_methods import METHODS, method_of, search_by_gradient, seeded
-from steelyard.model.laws.coulomb import Coulomb
+from steelyard.model.laws.friction_over_speed import Coulomb
 
 ALL = pytest.mark.parametrize("name", FAMILIES)
 

@@ -214,7 +214,7 @@ def test_a_worker_that_is_done_says_nothing_else(tmp_path: Path) -> None:
 
 SCRIPT = """
 import sys
-from steelyard.model.robot_file_model import model_with_open_friction
+from steelyard.model.model import model_with_open_friction
 from steelyard.excite.design_from_tables import design
 from steelyard.excite.search.parallel_search import SearchBudget
 from steelyard.robot.file.robot_file import load_robot

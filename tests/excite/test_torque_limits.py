@@ -19,16 +19,19 @@ from steelyard.excite.constraints.effort_and_power import (
     torque_limit,
 )
 from steelyard.excite.trajectories.fourier import FourierMotion
-from steelyard.model.laws.coulomb import Coulomb
 from steelyard.model.laws.coupled_friction import Coupled
-from steelyard.model.laws.directional_friction import DirectionalCoulomb, DirectionalViscous
-from steelyard.model.laws.offset import Offset
-from steelyard.model.laws.powers_of_speed import Cubic, Quadratic, Root
-from steelyard.model.laws.rigid_body import RigidBody
-from steelyard.model.laws.rotor_inertia import RotorInertia
-from steelyard.model.laws.spring import Spring
-from steelyard.model.laws.stribeck import Stribeck
-from steelyard.model.laws.viscous import Viscous
+from steelyard.model.laws.friction_over_speed import (
+    Coulomb,
+    Cubic,
+    DirectionalCoulomb,
+    DirectionalViscous,
+    Quadratic,
+    Root,
+    Stribeck,
+    Viscous,
+)
+from steelyard.model.laws.rigid_body import RigidBody, RotorInertia
+from steelyard.model.laws.springs_and_offset import Offset, Spring
 from steelyard.model.model import Model, ValuedModel
 from steelyard.model.terms.term import Term
 from steelyard.robot.inertia_and_placement import Inertia

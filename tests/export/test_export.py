@@ -22,15 +22,18 @@ from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.estimate.information.base_parameters import base_parameters
 from steelyard.export.model_files.export_model_file import exported, refuse_changed
 from steelyard.export.model_files.representable_content import FIT_HEADING, Format, content_of
-from steelyard.model.laws.coulomb import Coulomb
-from steelyard.model.laws.powers_of_speed import Cubic, Quadratic, Root
-from steelyard.model.laws.presliding import MaxwellSlip
+from steelyard.model.laws.friction_over_speed import (
+    Coulomb,
+    Cubic,
+    Quadratic,
+    Root,
+    Stribeck,
+    Viscous,
+)
+from steelyard.model.laws.friction_with_memory import MaxwellSlip
 from steelyard.model.laws.register import DEFAULT_TERMS, TERMS
-from steelyard.model.laws.rigid_body import RigidBody
-from steelyard.model.laws.rotor_inertia import RotorInertia
-from steelyard.model.laws.spring import Spring
-from steelyard.model.laws.stribeck import Stribeck
-from steelyard.model.laws.viscous import Viscous
+from steelyard.model.laws.rigid_body import RigidBody, RotorInertia
+from steelyard.model.laws.springs_and_offset import Spring
 from steelyard.model.model import Model
 from steelyard.model.terms.term import ActsOnAxes, Term
 from steelyard.robot.file.robot_file import load_robot

@@ -9,14 +9,20 @@ from invented import tree
 from moving import geared, torque
 from steelyard.base.errors import ModelError
 from steelyard.model.equations.inverse_dynamics import JointState
-from steelyard.model.laws.coulomb import Coulomb
 from steelyard.model.laws.coupled_friction import Coupled
-from steelyard.model.laws.directional_friction import DirectionalCoulomb, DirectionalViscous
-from steelyard.model.laws.powers_of_speed import Cubic, Quadratic, Root
-from steelyard.model.laws.presliding import Dahl, LuGre, MaxwellSlip
+from steelyard.model.laws.friction_over_speed import (
+    Coulomb,
+    Cubic,
+    DirectionalCoulomb,
+    DirectionalStribeck,
+    DirectionalViscous,
+    Quadratic,
+    Root,
+    Stribeck,
+    Viscous,
+)
+from steelyard.model.laws.friction_with_memory import Dahl, LuGre, MaxwellSlip
 from steelyard.model.laws.register import term_of
-from steelyard.model.laws.stribeck import DirectionalStribeck, Stribeck
-from steelyard.model.laws.viscous import Viscous
 from steelyard.model.model import Model
 from steelyard.model.terms.term import Term
 from steelyard.symbolic.program_and_softening import InputArray, run

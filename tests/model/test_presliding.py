@@ -11,8 +11,7 @@ from moving import channels, cycles
 from steelyard.base.arrays import Parameters
 from steelyard.base.motion import Motion
 from steelyard.model.equations.inverse_dynamics import JointState
-from steelyard.model.laws.load_dependent_friction import LoadDependent
-from steelyard.model.laws.presliding import Dahl, LuGre, MaxwellSlip
+from steelyard.model.laws.friction_with_memory import Dahl, LoadDependent, LuGre, MaxwellSlip
 from steelyard.model.model import Model
 from steelyard.model.terms.friction_memory import Presliding
 from steelyard.model.terms.term import Term

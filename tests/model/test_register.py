@@ -9,8 +9,8 @@ import pytest
 
 from law_cases import CASES, LawCase, name_of
 from moving import geared
+from steelyard.model.laws.friction_over_speed import Viscous
 from steelyard.model.laws.register import REQUIRED, TERMS, complete, law_of
-from steelyard.model.laws.viscous import Viscous
 from steelyard.model.terms.friction_memory import Presliding
 from steelyard.model.terms.term import ActsOnAxes, StatefulTerm, Term
 

@@ -40,8 +40,7 @@ from steelyard.estimate.scores.torque_parts import TorqueParts
 from steelyard.identify.comparison.estimators_page import ComparisonContent
 from steelyard.identify.page.report_content import ReportContent
 from steelyard.identify.page.section_register import render, sections_of
-from steelyard.model.laws.coulomb import Coulomb
-from steelyard.model.laws.viscous import Viscous
+from steelyard.model.laws.friction_over_speed import Coulomb, Viscous
 from steelyard.model.model import Model
 from steelyard.report.page import Section
 from steelyard.robot.file.signals import Signals

@@ -7,7 +7,7 @@ import pytest
 
 from steelyard.base.errors import ModelError
 from steelyard.estimate.identified_model import BAND
-from steelyard.model.robot_file_model import model_with_open_friction
+from steelyard.model.model import model_with_open_friction
 from steelyard.robot.file.robot_file import LoadedRobot, load_robot
 from steelyard.robot.file.sections import PriorSection, ProcessingSection
 from steelyard.robot.init.base_and_locked_joints import proposed

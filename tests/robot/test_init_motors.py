@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from steelyard.base.errors import LogError, ModelError
-from steelyard.model.robot_file_model import model_with_open_friction
+from steelyard.model.model import model_with_open_friction
 from steelyard.robot.file.robot_file import LoadedRobot, load_robot
 from steelyard.robot.init.base_and_locked_joints import proposed
 from steelyard.robot.init.draft_robot_file import Draft, assigned, drafted

@@ -7,7 +7,7 @@ import pytest
 
 from steelyard.base.motion import Motion
 from steelyard.excite.trajectories.fourier import random_fourier
-from steelyard.model.laws.coulomb import Coulomb
+from steelyard.model.laws.friction_over_speed import Coulomb
 from steelyard.model.laws.register import DEFAULT_TERMS
 from steelyard.robot.robot import Robot
 from steelyard.simulate.mujoco_plant import MujocoPlant

@@ -13,15 +13,11 @@ from law_cases import CASES, LawCase, name_of
 from steelyard.base.motion import Motion
 from steelyard.excite.trajectories.fourier import random_fourier
 from steelyard.model.equations.passive_joints import all_joints
-from steelyard.model.laws.coulomb import Coulomb
 from steelyard.model.laws.coupled_friction import Coupled
-from steelyard.model.laws.directional_friction import DirectionalCoulomb
-from steelyard.model.laws.load_dependent_friction import LoadDependent
-from steelyard.model.laws.powers_of_speed import Root
-from steelyard.model.laws.presliding import Dahl, LuGre, MaxwellSlip
+from steelyard.model.laws.friction_over_speed import Coulomb, DirectionalCoulomb, Root
+from steelyard.model.laws.friction_with_memory import Dahl, LoadDependent, LuGre, MaxwellSlip
 from steelyard.model.laws.register import term_of
-from steelyard.model.laws.rigid_body import RigidBody
-from steelyard.model.laws.rotor_inertia import RotorInertia
+from steelyard.model.laws.rigid_body import RigidBody, RotorInertia
 from steelyard.model.model import Model
 from steelyard.model.terms.term import StatefulTerm, Term, TermSamples
 from steelyard.robot.robot import Robot

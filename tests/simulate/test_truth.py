@@ -6,14 +6,10 @@ import pytest
 
 from law_cases import CASES, LawCase, name_of
 from steelyard.base.errors import ModelError
-from steelyard.model.laws.coulomb import Coulomb
-from steelyard.model.laws.load_dependent_friction import LoadDependent
-from steelyard.model.laws.presliding import Dahl, LuGre
-from steelyard.model.laws.rigid_body import RigidBody
-from steelyard.model.laws.rotor_inertia import RotorInertia
-from steelyard.model.laws.spring import Spring
-from steelyard.model.laws.stribeck import Stribeck
-from steelyard.model.laws.viscous import Viscous
+from steelyard.model.laws.friction_over_speed import Coulomb, Stribeck, Viscous
+from steelyard.model.laws.friction_with_memory import Dahl, LoadDependent, LuGre
+from steelyard.model.laws.rigid_body import RigidBody, RotorInertia
+from steelyard.model.laws.springs_and_offset import Spring
 from steelyard.model.model import Model
 from steelyard.model.terms.axes import Find
 from steelyard.robot.inertia_and_placement import Inertia

@@ -8,17 +8,16 @@ from steelyard.base.errors import DataError
 from steelyard.base.motion import Motion
 from steelyard.estimate.information.base_parameters import base_parameters, full_regressor
 from steelyard.estimate.information.regressor import standard_regressor
-from steelyard.model.equations import closed_chains as small_systems
-from steelyard.model.equations.closed_chains import completed
-from steelyard.model.equations.inverse_dynamics import JointState
+from steelyard.model.equations import inverse_dynamics as small_systems
+from steelyard.model.equations.inverse_dynamics import JointState, completed
 from steelyard.model.equations.passive_joints import (
     Follower,
     all_joints,
     newton_code,
     random_positions,
 )
+from steelyard.model.laws.friction_over_speed import Viscous
 from steelyard.model.laws.rigid_body import RigidBody
-from steelyard.model.laws.viscous import Viscous
 from steelyard.model.model import Model
 from steelyard.robot.loop_closures import gaps, loop_equations
 from steelyard.robot.robot import Coordinate, Limits, LoopClosure, Robot

@@ -8,7 +8,7 @@ from moving import geared
 from steelyard.base.arrays import Parameters
 from steelyard.base.errors import DataError
 from steelyard.base.motion import Motion
-from steelyard.model.laws.coulomb import Coulomb
+from steelyard.model.laws.friction_over_speed import Coulomb
 from steelyard.model.model import Model, ValuedModel
 from steelyard.uses.control.torques_along_motion import (
     feedforward_torque,

@@ -12,9 +12,8 @@ from steelyard.estimate.estimate import Unidentifiable
 from steelyard.estimate.information.gather import gather
 from steelyard.estimate.information.regressor import base_regressor
 from steelyard.estimate.least_squares.weighted_and_recursive import WeightedLeastSquares
-from steelyard.model.laws.coulomb import Coulomb
+from steelyard.model.laws.friction_over_speed import Coulomb, Viscous
 from steelyard.model.laws.register import DEFAULT_TERMS, law_of, term_of
-from steelyard.model.laws.viscous import Viscous
 from steelyard.model.model import Model
 from steelyard.model.terms.axes import finds_of
 from steelyard.runs.prepare import prepare

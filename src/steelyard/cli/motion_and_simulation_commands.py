@@ -295,7 +295,7 @@ def demo(
     from steelyard.excite.excite import DesignedMotion, DesignTask
     from steelyard.excite.search.parallel_search import SearchBudget
     from steelyard.identify.identify import identify
-    from steelyard.model.robot_file_model import model_with_open_friction
+    from steelyard.model.model import model_with_open_friction
     from steelyard.report.terminal import terminal
     from steelyard.simulate.demo import demo_runs, true_parameters
 

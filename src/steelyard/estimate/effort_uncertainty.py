@@ -24,7 +24,7 @@ from steelyard.base.arrays import Array, frozen, set_fields
 from steelyard.estimate.estimate import Z95
 from steelyard.estimate.external.contact_thresholds import ResidualPeaks
 from steelyard.model.model import ValuedModel
-from steelyard.model.quantity_programs import FRICTION
+from steelyard.model.torque_and_quantities import FRICTION
 from steelyard.robot.loop_closures import loop_equations
 
 Kind = Literal["runs", "stretches"]

@@ -40,7 +40,7 @@ from steelyard.estimate.information.parallel_filter import noise_bandwidth
 from steelyard.model.compiled_evaluation import Stepper
 from steelyard.model.dynamics import Dynamics
 from steelyard.model.model import Model, ValuedModel
-from steelyard.model.quantity_programs import TORQUE, Quantity
+from steelyard.model.torque_and_quantities import TORQUE, Quantity
 from steelyard.robot.file.signals import Signals, signals_from_dict
 from steelyard.robot.robot import Robot
 from steelyard.runs.moving_samples_and_open_loops import MotionSamples

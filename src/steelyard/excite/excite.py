@@ -26,8 +26,7 @@ from steelyard.excite.trajectories.motion_families import FAMILIES, basis_of
 from steelyard.excite.trajectories.piecewise_polynomials import through_postures
 from steelyard.excite.trajectories.trajectory import ExactTrajectory
 from steelyard.excite.trajectories.trajectory_files import read_motion, write_motion
-from steelyard.model.model import Model
-from steelyard.model.robot_file_model import model_with_open_friction, with_friction
+from steelyard.model.model import Model, model_with_open_friction, with_friction
 from steelyard.report.result import Result
 from steelyard.robot.file.excitation_sections import changed_excitation
 from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot

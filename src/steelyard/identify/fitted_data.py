@@ -8,8 +8,7 @@ from steelyard.check.fitted.changes_within_run import force_of_run, force_words
 from steelyard.estimate.scores.cutoff_choice import choose_cutoff
 from steelyard.identify.fit import Fit
 from steelyard.identify.gains_zeros_and_friction import FitTask
-from steelyard.model.model import Model
-from steelyard.model.robot_file_model import with_friction
+from steelyard.model.model import Model, with_friction
 from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
 from steelyard.robot.file.signals import Signals
 from steelyard.runs.run import Run

@@ -33,8 +33,7 @@ from steelyard.estimate.nonlinear.nonlinear_parameters import (
 from steelyard.estimate.payload.drive_gains import GainEstimate, identified_gains
 from steelyard.estimate.prior.constraint_kinds import knowledge_of
 from steelyard.estimate.scores.cross_validation import TooShortError
-from steelyard.model.model import Model
-from steelyard.model.robot_file_model import with_friction
+from steelyard.model.model import Model, with_friction
 from steelyard.model.terms.axes import finds_of
 from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
 from steelyard.robot.file.signals import Signals

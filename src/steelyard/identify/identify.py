@@ -49,7 +49,7 @@ from steelyard.identify.scores_and_residuals import (
     scored,
     scored_from_commanded,
 )
-from steelyard.model.robot_file_model import model_with_open_friction
+from steelyard.model.model import model_with_open_friction
 from steelyard.report.result import DataFrame
 from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
 from steelyard.robot.file.robot_file import load_robot

@@ -13,9 +13,8 @@ from steelyard.base.errors import DataError
 from steelyard.base.motion import check_finite, shaped
 from steelyard.model.dynamics import Dynamics
 from steelyard.model.equations.inverse_dynamics import JointState
-from steelyard.model.quantity_programs import TORQUE, Quantity
 from steelyard.model.terms.friction_memory import Scan
-from steelyard.model.torque_equations import Equations
+from steelyard.model.torque_and_quantities import TORQUE, Equations, Quantity
 from steelyard.robot.robot import Robot
 from steelyard.symbolic.native.compiled_programs import Code, SampleCall
 from steelyard.symbolic.native.llvm_vector_code import MAX_ANGLE

@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 from steelyard.base.arrays import Array
 from steelyard.base.errors import DataError
 from steelyard.base.motion import Motion
-from steelyard.model.quantity_programs import (
+from steelyard.model.torque_and_quantities import (
     BIAS,
     FORWARD_DYNAMICS,
     FRICTION,

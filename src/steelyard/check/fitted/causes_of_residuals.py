@@ -35,12 +35,9 @@ from steelyard.estimate.scores.cross_validation import (
     logarithms,
     per_fold,
 )
-from steelyard.model.laws.cogging import Cogging
-from steelyard.model.laws.load_dependent_friction import LoadDependent
-from steelyard.model.laws.powers_of_speed import Quadratic
-from steelyard.model.laws.presliding import Dahl
-from steelyard.model.laws.spring import Spring
-from steelyard.model.laws.stribeck import Stribeck
+from steelyard.model.laws.friction_over_speed import Quadratic, Stribeck
+from steelyard.model.laws.friction_with_memory import Dahl, LoadDependent
+from steelyard.model.laws.springs_and_offset import Cogging, Spring
 from steelyard.model.model import Model
 from steelyard.model.terms.geometry_and_effort_errors import EffortReadingErrors, GeometryErrors
 from steelyard.model.terms.term import StatefulTerm, Term

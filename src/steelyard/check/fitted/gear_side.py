@@ -19,7 +19,7 @@ from steelyard.estimate.information.gather import gather
 from steelyard.estimate.information.regressor import base_regressor
 from steelyard.estimate.least_squares.weighted_and_recursive import WeightedLeastSquares
 from steelyard.model.laws.register import law_of
-from steelyard.model.laws.rotor_inertia import RotorInertia
+from steelyard.model.laws.rigid_body import RotorInertia
 
 SIGNIFICANT_ROTOR = 4.0  # rotor inertia over its standard deviation from which on it is significant
 SIGNIFICANT_ROTOR_SHARE = 0.5  # from which on torques contain those of the rotors

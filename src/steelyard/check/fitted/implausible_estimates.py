@@ -19,9 +19,8 @@ from steelyard.check.finding import Finding, Fix, Severity
 from steelyard.check.fitted.fitted_case_and_causes import FittedCase, post_fit_check
 from steelyard.estimate.estimate import Z95
 from steelyard.estimate.identified_model import IdentifiedModel
-from steelyard.model.laws.coulomb import Coulomb
-from steelyard.model.laws.load_dependent_friction import PLAUSIBLE, LoadDependent
-from steelyard.model.laws.viscous import Viscous
+from steelyard.model.laws.friction_over_speed import Coulomb, Viscous
+from steelyard.model.laws.friction_with_memory import PLAUSIBLE, LoadDependent
 from steelyard.model.model import Model
 from steelyard.model.terms.term import ActsOnAxes
 from steelyard.robot.robot import Robot

@@ -24,10 +24,10 @@ from steelyard.check.fitted.runs_and_last_link_disagree import last_link_check, 
 from steelyard.estimate.estimate import Z95
 from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.estimate.scores.effort_errors import PROMISED
-from steelyard.model.laws.load_dependent_friction import LoadDependent
+from steelyard.model.laws.friction_with_memory import LoadDependent
 from steelyard.model.laws.register import law_of
-from steelyard.model.laws.rotor_inertia import RotorInertia
-from steelyard.model.laws.spring import Spring
+from steelyard.model.laws.rigid_body import RotorInertia
+from steelyard.model.laws.springs_and_offset import Spring
 from steelyard.report.words import first_names
 
 

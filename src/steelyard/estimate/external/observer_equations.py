@@ -16,19 +16,24 @@ import numpy as np
 
 from steelyard.base.arrays import Array
 from steelyard.base.errors import ModelError
-from steelyard.model.equations.closed_chains import along, solved_by_factors
 from steelyard.model.equations.frame_kinematics import frame_of, frame_outputs, last_frame
-from steelyard.model.equations.inverse_dynamics import JointState, Matrix, Scalar
-from steelyard.model.quantity_programs import (
+from steelyard.model.equations.inverse_dynamics import (
+    JointState,
+    Matrix,
+    Scalar,
+    along,
+    solved_by_factors,
+)
+from steelyard.model.terms.term import Term, channels_of
+from steelyard.model.torque_and_quantities import (
     MOMENTUM,
     MOMENTUM_RATE,
     MOTION,
     TORQUE,
+    Equations,
     Given,
     Quantity,
 )
-from steelyard.model.terms.term import Term, channels_of
-from steelyard.model.torque_equations import Equations
 from steelyard.robot.robot import Frame, Robot
 from steelyard.symbolic.native.compiled_programs import Code, compiled
 from steelyard.symbolic.program_and_softening import InputArray as Input

@@ -45,8 +45,7 @@ from steelyard.estimate.scores.cross_validation import (
     too_short,
     values_by,
 )
-from steelyard.model.laws.load_dependent_friction import PLAUSIBLE, LoadDependent
-from steelyard.model.laws.presliding import Dahl
+from steelyard.model.laws.friction_with_memory import PLAUSIBLE, Dahl, LoadDependent
 from steelyard.model.model import Model
 from steelyard.model.terms.term import CandidateTerms, StatefulTerm, Term
 from steelyard.runs.run import Run

@@ -17,14 +17,16 @@ from numpy.typing import NDArray
 
 from steelyard.base.arrays import Array
 from steelyard.estimate.scores.cross_validation import FOLDS
-from steelyard.model.laws.coulomb import Coulomb
-from steelyard.model.laws.load_dependent_friction import LoadDependent
-from steelyard.model.laws.offset import Offset
-from steelyard.model.laws.powers_of_speed import Cubic, Quadratic, Root
-from steelyard.model.laws.presliding import Dahl, LuGre, MaxwellSlip
-from steelyard.model.laws.spring import Spring
-from steelyard.model.laws.stribeck import Stribeck
-from steelyard.model.laws.viscous import Viscous
+from steelyard.model.laws.friction_over_speed import (
+    Coulomb,
+    Cubic,
+    Quadratic,
+    Root,
+    Stribeck,
+    Viscous,
+)
+from steelyard.model.laws.friction_with_memory import Dahl, LoadDependent, LuGre, MaxwellSlip
+from steelyard.model.laws.springs_and_offset import Offset, Spring
 from steelyard.model.model import Model
 from steelyard.model.terms.term import StatefulTerm, Term
 from steelyard.robot.file.sections import EffortKind

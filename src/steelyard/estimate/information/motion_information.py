@@ -14,8 +14,7 @@ import numpy as np
 
 from steelyard.base.arrays import Array
 from steelyard.estimate.information.base_parameters import BaseMap, clear_map
-from steelyard.model.equations.closed_chains import completed
-from steelyard.model.equations.inverse_dynamics import JointState
+from steelyard.model.equations.inverse_dynamics import JointState, completed
 from steelyard.model.model import Model
 from steelyard.symbolic.native.compiled_programs import Code, compiled
 from steelyard.symbolic.program_and_softening import InputArray as Input

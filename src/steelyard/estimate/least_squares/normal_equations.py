@@ -16,7 +16,7 @@ from steelyard.base.errors import DataError
 from steelyard.estimate.estimate import Estimate, RunParameters, Unidentifiable
 from steelyard.estimate.information.information import Information
 from steelyard.model.model import Model
-from steelyard.model.torque_equations import names_of
+from steelyard.model.torque_and_quantities import names_of
 
 SEEN = 1e-10
 """Squared sine of the angle to earlier columns below which the data do not see a column; eigenvalue

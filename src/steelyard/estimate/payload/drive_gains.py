@@ -27,7 +27,7 @@ from steelyard.estimate.payload.runs_with_payload import (
     refuse_foreign,
 )
 from steelyard.model.model import Model
-from steelyard.model.torque_equations import names_of
+from steelyard.model.torque_and_quantities import names_of
 from steelyard.robot.robot import Frame, Robot
 
 LARGEST = 0.25

@@ -22,7 +22,7 @@ from steelyard.estimate.information.base_parameters import BaseMap
 from steelyard.estimate.information.information import Information
 from steelyard.estimate.information.regressor import Layout
 from steelyard.model.model import Model
-from steelyard.model.torque_equations import names_of
+from steelyard.model.torque_and_quantities import names_of
 from steelyard.robot.inertia_and_placement import INERTIAL_NAMES, INERTIAL_UNITS, Inertia
 from steelyard.robot.robot import Frame, Robot
 

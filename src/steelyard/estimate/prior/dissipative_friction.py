@@ -21,7 +21,7 @@ from steelyard.model.model import Model
 from steelyard.model.terms.axes import Axis
 from steelyard.model.terms.friction_memory import LENGTHS_TO_FORGET, Presliding
 from steelyard.model.terms.term import ActsOnAxes, StatefulTerm, TermSamples
-from steelyard.model.torque_equations import names_of
+from steelyard.model.torque_and_quantities import names_of
 from steelyard.robot.robot import Robot
 
 REACH = 1.5  # speed up to which friction takes energy, over the greatest of the data

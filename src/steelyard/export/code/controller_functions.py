@@ -18,10 +18,9 @@ from steelyard.base.arrays import Array, Parameters
 from steelyard.estimate.external.contact_thresholds import ContactThresholds
 from steelyard.estimate.external.observer_equations import observed_torque, slow_velocities
 from steelyard.estimate.information.base_parameters import base_parameters
-from steelyard.model.equations.closed_chains import corrected
-from steelyard.model.equations.inverse_dynamics import JointState, Scalar
+from steelyard.model.equations.inverse_dynamics import JointState, Scalar, corrected
 from steelyard.model.model import Model
-from steelyard.model.quantity_programs import (
+from steelyard.model.torque_and_quantities import (
     BIAS,
     FORWARD_DYNAMICS,
     FRICTION,
@@ -30,10 +29,10 @@ from steelyard.model.quantity_programs import (
     MOMENTUM,
     MOMENTUM_RATE,
     TORQUE,
+    Equations,
     Quantity,
     frame_quantity,
 )
-from steelyard.model.torque_equations import Equations
 from steelyard.robot.inertia_and_placement import INERTIAL_NAMES, Inertia
 from steelyard.robot.robot import Body, Robot
 from steelyard.symbolic.program_and_softening import InputArray as Input

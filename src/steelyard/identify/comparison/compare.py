@@ -35,7 +35,7 @@ from steelyard.identify.comparison.estimators_page import (
 )
 from steelyard.identify.gains_zeros_and_friction import FitTask, PreparedFit, prepare_fit
 from steelyard.identify.notes_and_provenance import dropped, dropped_rows, notes_of
-from steelyard.model.robot_file_model import model_with_open_friction
+from steelyard.model.model import model_with_open_friction
 from steelyard.report.page import render_sections
 from steelyard.report.result import DataFrame, Result, frame
 from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot

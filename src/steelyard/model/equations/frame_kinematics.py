@@ -19,7 +19,6 @@ from numpy.typing import ArrayLike
 
 from steelyard.base.arrays import Array, frozen
 from steelyard.base.errors import ModelError, named
-from steelyard.model.equations.closed_chains import completed, projected
 from steelyard.model.equations.inverse_dynamics import (
     JointState,
     Matrix,
@@ -30,6 +29,8 @@ from steelyard.model.equations.inverse_dynamics import (
     _placement,
     _times,
     carried_point,
+    completed,
+    projected,
 )
 from steelyard.model.equations.passive_joints import passive_positions
 from steelyard.robot.robot import Frame, Robot, body_frames, robot_to_dict

@@ -5,8 +5,7 @@ from numpy.typing import NDArray
 
 from steelyard.base.arrays import Array
 from steelyard.base.errors import DataError
-from steelyard.model.equations.closed_chains import completed, corrected
-from steelyard.model.equations.inverse_dynamics import JointState
+from steelyard.model.equations.inverse_dynamics import JointState, completed, corrected
 from steelyard.robot.loop_closures import CLOSED, closest, gaps, loop_equations, residual
 from steelyard.robot.robot import Robot, robot_to_dict
 from steelyard.symbolic.native.compiled_programs import Code, SampleCall, compiled_equations

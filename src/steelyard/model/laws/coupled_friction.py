@@ -18,8 +18,7 @@ from steelyard.model.terms.axes import (
     spread,
     unfit,
 )
-from steelyard.model.terms.term import Cause, Columns, Dissipation, Term
-from steelyard.model.terms.terms_in_model_files import Place, left_out
+from steelyard.model.terms.term import Cause, Columns, Dissipation, Place, Term, left_out
 from steelyard.robot.robot import Robot
 
 Pair = tuple[tuple[str, str], tuple[str, str]]  # `(("from", name), ("to", name))`

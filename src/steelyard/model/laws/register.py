@@ -5,20 +5,27 @@ from collections.abc import Mapping
 from typing import Any, cast
 
 from steelyard.base.errors import ModelError
-from steelyard.model.laws.cogging import Cogging
-from steelyard.model.laws.coulomb import Coulomb
 from steelyard.model.laws.coupled_friction import Coupled
-from steelyard.model.laws.directional_friction import DirectionalCoulomb, DirectionalViscous
-from steelyard.model.laws.gravity_compensator import GravityCompensator
-from steelyard.model.laws.load_dependent_friction import LoadDependent
-from steelyard.model.laws.offset import Offset
-from steelyard.model.laws.powers_of_speed import Cubic, Quadratic, Root
-from steelyard.model.laws.presliding import Dahl, LuGre, MaxwellSlip
-from steelyard.model.laws.rigid_body import RigidBody
-from steelyard.model.laws.rotor_inertia import RotorInertia
-from steelyard.model.laws.spring import PolynomialSpring, Spring
-from steelyard.model.laws.stribeck import DirectionalStribeck, Stribeck
-from steelyard.model.laws.viscous import Viscous
+from steelyard.model.laws.friction_over_speed import (
+    Coulomb,
+    Cubic,
+    DirectionalCoulomb,
+    DirectionalStribeck,
+    DirectionalViscous,
+    Quadratic,
+    Root,
+    Stribeck,
+    Viscous,
+)
+from steelyard.model.laws.friction_with_memory import Dahl, LoadDependent, LuGre, MaxwellSlip
+from steelyard.model.laws.rigid_body import RigidBody, RotorInertia
+from steelyard.model.laws.springs_and_offset import (
+    Cogging,
+    GravityCompensator,
+    Offset,
+    PolynomialSpring,
+    Spring,
+)
 from steelyard.model.terms.axes import Find, finds_of, is_search, search_of
 from steelyard.model.terms.friction_memory import Presliding
 from steelyard.model.terms.term import ActsOnAxes, StatefulTerm, Term, columns_at_rest

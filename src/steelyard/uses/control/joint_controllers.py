@@ -11,7 +11,7 @@ from steelyard.base.arrays import Array, frozen
 from steelyard.base.errors import ModelError, advice, named
 from steelyard.base.motion import Motion
 from steelyard.model.model import ValuedModel
-from steelyard.model.quantity_programs import TORQUE
+from steelyard.model.torque_and_quantities import TORQUE
 from steelyard.uses.control.torques_along_motion import (
     SIGN_SMOOTHING,
     feedforward_torque,

@@ -17,8 +17,7 @@ from steelyard.base.motion import Motion
 from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.estimate.scores.effort_errors import known_efforts
 from steelyard.model.model import ValuedModel
-from steelyard.model.quantity_programs import FRICTION, TORQUE, Quantity
-from steelyard.model.torque_equations import Equations
+from steelyard.model.torque_and_quantities import FRICTION, TORQUE, Equations, Quantity
 from steelyard.robot.robot import Robot
 from steelyard.symbolic.program_and_softening import Program, softened
 

@@ -43,7 +43,7 @@ from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.estimate.information.gather import blocks_with_channels
 from steelyard.estimate.scores.residual_trace import FORGOTTEN, FRICTION, residual_trace
 from steelyard.estimate.scores.torque_parts import TorqueSplit
-from steelyard.model.quantity_programs import Quantity
+from steelyard.model.torque_and_quantities import Quantity
 from steelyard.runs.run import Block, Run
 from steelyard.runs.smoothing.zero_phase_filters import noise_bandwidth, zero_phase
 from steelyard.uses.efforts_unlike_the_model import refuse_other_efforts
