@@ -15,10 +15,10 @@ import numpy as np
 
 from steelyard.base.arrays import Parameter
 from steelyard.estimate.estimate import Estimate
-from steelyard.estimate.information.gram_accumulator import Accumulator, Stretch
+from steelyard.estimate.information.base_regressor import Regressor, base_regressor
+from steelyard.estimate.information.filter_and_gram import Accumulator, Stretch
 from steelyard.estimate.information.information import Information, Signature, Window
-from steelyard.estimate.information.regressor import Regressor, base_regressor
-from steelyard.estimate.least_squares.weighted_and_recursive import WeightedLeastSquares
+from steelyard.estimate.least_squares.weighted_and_robust import WeightedLeastSquares
 from steelyard.estimate.nonlinear.nonlinear_parameters import FoundFields, find_fields
 from steelyard.excite.search.search_methods import minimised_by_genes
 from steelyard.model.equations.inverse_dynamics import JointState

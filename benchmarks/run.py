@@ -26,12 +26,15 @@ from genetic import comparison  # noqa: E402
 from linear_searches import comparison as searches  # noqa: E402
 
 from steelyard.estimate.consistent.convex_estimator import Consistent  # noqa: E402
+from steelyard.estimate.information.base_regressor import Regressor, base_regressor  # noqa: E402
+from steelyard.estimate.information.filter_and_gram import (  # noqa: E402
+    Accumulator,
+    ParallelFilter,  # noqa: E402
+    Stretch,
+)
 from steelyard.estimate.information.gather import accumulate, cut_pieces  # noqa: E402
-from steelyard.estimate.information.gram_accumulator import Accumulator, Stretch  # noqa: E402
 from steelyard.estimate.information.information import Information, Signature, Window  # noqa: E402
-from steelyard.estimate.information.parallel_filter import ParallelFilter  # noqa: E402
-from steelyard.estimate.information.regressor import Regressor, base_regressor  # noqa: E402
-from steelyard.estimate.least_squares.weighted_and_recursive import (  # noqa: E402
+from steelyard.estimate.least_squares.weighted_and_robust import (  # noqa: E402
     OrdinaryLeastSquares,
     WeightedLeastSquares,
     whitened,

@@ -6,9 +6,9 @@ Run it with a folder for the simulated logs: python examples/01_identify_in_pyth
 import sys
 from pathlib import Path
 
+from steelyard.estimate.information.base_regressor import base_regressor
 from steelyard.estimate.information.gather import gather
-from steelyard.estimate.information.regressor import base_regressor
-from steelyard.estimate.least_squares.weighted_and_recursive import WeightedLeastSquares
+from steelyard.estimate.least_squares.weighted_and_robust import WeightedLeastSquares
 from steelyard.estimate.scores.score import score
 from steelyard.logs.formats import open_log
 from steelyard.model.model import Model

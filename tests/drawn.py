@@ -5,10 +5,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from steelyard.base.arrays import frozen
+from steelyard.estimate.information.base_regressor import Regressor
 from steelyard.estimate.information.filtered_samples import FilteredSamples, SampledRun
 from steelyard.estimate.information.information import Signature
-from steelyard.estimate.information.regressor import Regressor
-from steelyard.runs.noise_propagation import MotionError
+from steelyard.runs.noise_and_cutoffs import MotionError
 
 
 def motion_of(n: int, count: int, seed: int, still: Sequence[int] = ()) -> np.ndarray:

@@ -7,9 +7,9 @@ import numpy as np
 from invented import ball, tree, turned
 from steelyard.base.arrays import Array, Parameters
 from steelyard.base.motion import Motion
-from steelyard.estimate.information.gram_accumulator import Accumulator, Stretch
+from steelyard.estimate.information.base_regressor import base_regressor
+from steelyard.estimate.information.filter_and_gram import Accumulator, Stretch
 from steelyard.estimate.information.information import Information, Signature, Window
-from steelyard.estimate.information.regressor import base_regressor
 from steelyard.model.model import Model
 from steelyard.robot.inertia_and_placement import Inertia
 from steelyard.robot.robot import Frame, Robot

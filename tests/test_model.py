@@ -124,7 +124,7 @@ import sys
 from invented import tree
 from steelyard.symbolic.native import machine
 from steelyard.model.model import Model
-from steelyard.estimate.information.regressor import base_regressor
+from steelyard.estimate.information.base_regressor import base_regressor
 from steelyard.symbolic.native.compiled_programs import loops
 compiled = []
 compile_code = machine.compile_code

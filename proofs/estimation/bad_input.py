@@ -248,9 +248,8 @@ def of_solver(given: Path) -> list[Claim]:
     from steelyard.base.errors import SteelyardError
     from steelyard.estimate.consistent.conic_solver import Unsolved
     from steelyard.estimate.consistent.convex_estimator import Consistent
-    from steelyard.estimate.information.base_parameters import base_parameters
+    from steelyard.estimate.information.base_regressor import base_parameters, base_regressor
     from steelyard.estimate.information.gather import gather
-    from steelyard.estimate.information.regressor import base_regressor
     from steelyard.estimate.prior.body_priors import default_knowledge
     from steelyard.logs.formats import open_log
     from steelyard.model.laws.register import DEFAULT_TERMS

@@ -33,8 +33,8 @@ from steelyard.base.errors import DataError
 from steelyard.estimate.closed_loop.simulated_experiment import Experiment, RunController
 from steelyard.estimate.estimate import Estimate
 from steelyard.estimate.estimator_register import ESTIMATORS, Context
+from steelyard.estimate.information.base_regressor import base_regressor
 from steelyard.estimate.information.filtered_samples import gather_samples
-from steelyard.estimate.information.regressor import base_regressor
 from steelyard.estimate.prior.body_priors import default_knowledge
 from steelyard.excite.trajectories.fourier import random_fourier
 from steelyard.model.laws.friction_over_speed import Coulomb
@@ -46,7 +46,7 @@ from steelyard.runs.prepare import prepare
 from steelyard.runs.processing_choices import Processing
 from steelyard.runs.recording import LogInMemory, Recording
 from steelyard.runs.run import Run
-from steelyard.runs.smoothing.finite_window_methods import SavitzkyGolay
+from steelyard.runs.smoothing.spline_and_finite_windows import SavitzkyGolay
 from steelyard.simulate.mujoco_model import build
 from steelyard.simulate.torque_and_mass_scales import typical_torque
 from steelyard.simulate.truth import Truth, random_truth

@@ -18,10 +18,10 @@ from proofs.support.claims import Claim, main_of
 from steelyard.base.arrays import Array
 from steelyard.estimate.consistent.convex_estimator import Consistent
 from steelyard.estimate.estimate import Z95, Estimate
+from steelyard.estimate.information.base_regressor import base_regressor
 from steelyard.estimate.information.gather import gather
-from steelyard.estimate.information.regressor import base_regressor
 from steelyard.estimate.least_squares.covariance_from_residuals import sandwich
-from steelyard.estimate.least_squares.weighted_and_recursive import WeightedLeastSquares
+from steelyard.estimate.least_squares.weighted_and_robust import WeightedLeastSquares
 from steelyard.estimate.prior.body_priors import default_knowledge
 from steelyard.model.model import Model
 from steelyard.robot.robot import Robot

@@ -22,14 +22,18 @@ from proofs.support.claims import Claim, main_of
 
 from steelyard.base.arrays import Array
 from steelyard.estimate.estimate import Estimate, Estimator
-from steelyard.estimate.information.gram_accumulator import Accumulator, Stretch
+from steelyard.estimate.information.base_regressor import (
+    Regressor,
+    base_regressor,
+    standard_regressor,
+)
+from steelyard.estimate.information.filter_and_gram import Accumulator, Stretch
 from steelyard.estimate.information.information import Information, Signature, Window
-from steelyard.estimate.information.regressor import Regressor, base_regressor, standard_regressor
 from steelyard.estimate.least_squares.known_bounded_and_ridge import (
     BoundedLeastSquares,
     base_bounds,
 )
-from steelyard.estimate.least_squares.weighted_and_recursive import OrdinaryLeastSquares
+from steelyard.estimate.least_squares.weighted_and_robust import OrdinaryLeastSquares
 from steelyard.estimate.prior.body_priors import default_knowledge
 from steelyard.excite.constraints.motion_limits import MotionLimits
 from steelyard.excite.planned.joints_along_path import along_path

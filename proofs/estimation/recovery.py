@@ -12,9 +12,9 @@ from proofs.support.claims import Claim, main_of
 
 from steelyard.base.arrays import Array
 from steelyard.base.motion import Trajectory
+from steelyard.estimate.information.base_regressor import base_regressor
 from steelyard.estimate.information.gather import gather
-from steelyard.estimate.information.regressor import base_regressor
-from steelyard.estimate.least_squares.weighted_and_recursive import WeightedLeastSquares
+from steelyard.estimate.least_squares.weighted_and_robust import WeightedLeastSquares
 from steelyard.excite.trajectories.fourier import random_fourier
 from steelyard.model.model import Model
 from steelyard.robot.file.model_reading_and_loaded_robot import dh_mechanism

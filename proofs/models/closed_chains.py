@@ -14,10 +14,13 @@ import numpy as np
 from proofs.support.claims import Claim, main_of
 
 from steelyard.base.arrays import Array
-from steelyard.estimate.information.base_parameters import full_regressor
+from steelyard.estimate.information.base_regressor import (
+    base_regressor,
+    full_regressor,
+    standard_regressor,
+)
 from steelyard.estimate.information.gather import gather
-from steelyard.estimate.information.regressor import base_regressor, standard_regressor
-from steelyard.estimate.least_squares.weighted_and_recursive import WeightedLeastSquares
+from steelyard.estimate.least_squares.weighted_and_robust import WeightedLeastSquares
 from steelyard.excite.trajectories.fourier import random_fourier
 from steelyard.model.equations.passive_joints import Follower
 from steelyard.model.laws.friction_over_speed import Coulomb, Viscous

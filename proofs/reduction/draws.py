@@ -18,9 +18,9 @@ from drawn import motion_of, samples_of
 from invented import dh_arm
 from steelyard.base.arrays import Array
 from steelyard.estimate.estimate import Z95
+from steelyard.estimate.information.base_regressor import base_regressor
 from steelyard.estimate.information.information import Information
-from steelyard.estimate.information.regressor import base_regressor
-from steelyard.estimate.least_squares.weighted_and_recursive import WeightedLeastSquares
+from steelyard.estimate.least_squares.weighted_and_robust import WeightedLeastSquares
 from steelyard.estimate.reduction.reduction import reduce
 from steelyard.model.model import Model
 

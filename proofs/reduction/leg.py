@@ -27,9 +27,9 @@ from studies.support.robots import ROBOTS
 from drawn import samples_of
 from steelyard.base.arrays import Array
 from steelyard.base.motion import Trajectory
+from steelyard.estimate.information.base_regressor import base_regressor
 from steelyard.estimate.information.information import Information
-from steelyard.estimate.information.regressor import base_regressor
-from steelyard.estimate.least_squares.weighted_and_recursive import OrdinaryLeastSquares
+from steelyard.estimate.least_squares.weighted_and_robust import OrdinaryLeastSquares
 from steelyard.estimate.reduction.reduction import reduce
 from steelyard.excite.excite_and_reduce_loop import Round, reduction_loop
 from steelyard.excite.trajectories.trajectory_files import read_trajectory

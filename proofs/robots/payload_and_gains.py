@@ -17,10 +17,9 @@ from proofs.support.claims import Claim, data_folder, main_of
 
 from steelyard.base.progress import silent
 from steelyard.estimate.friction.friction_mixes import with_any_speed
-from steelyard.estimate.information.base_parameters import base_parameters
+from steelyard.estimate.information.base_regressor import base_parameters, base_regressor
 from steelyard.estimate.information.gather import gather
 from steelyard.estimate.information.information import Information
-from steelyard.estimate.information.regressor import base_regressor
 from steelyard.estimate.payload.bilinear_least_squares import Bilinear
 from steelyard.estimate.payload.drive_gains import GainEstimate, identified_gains
 from steelyard.estimate.payload.runs_with_payload import carrier, load_case

@@ -15,9 +15,9 @@ from proofs.support.coverage_cases import NOISE, ROWS, Row, noise, robot_file
 
 from steelyard.base.arrays import Array
 from steelyard.estimate.friction.friction_mixes import with_any_speed
-from steelyard.estimate.information.gram_accumulator import Accumulator, Stretch
+from steelyard.estimate.information.base_regressor import Regressor, base_regressor
+from steelyard.estimate.information.filter_and_gram import Accumulator, Stretch
 from steelyard.estimate.information.information import Information, Signature, Window
-from steelyard.estimate.information.regressor import Regressor, base_regressor
 from steelyard.estimate.payload.drive_gains import GainEstimate, identified_gains
 from steelyard.excite.trajectories.fourier import random_fourier
 from steelyard.model.model import model_with_open_friction

@@ -24,9 +24,9 @@ from steelyard.check.decision.hypothesis_checks import (
     POSITION_SIGN,
 )
 from steelyard.estimate.identified_model import Cutoffs, IdentifiedModel, Provenance
+from steelyard.estimate.information.base_regressor import base_regressor
 from steelyard.estimate.information.gather import gather
-from steelyard.estimate.information.regressor import base_regressor
-from steelyard.estimate.least_squares.weighted_and_recursive import WeightedLeastSquares
+from steelyard.estimate.least_squares.weighted_and_robust import WeightedLeastSquares
 from steelyard.excite.trajectories.fourier import random_fourier
 from steelyard.model.model import Model
 from steelyard.robot.file.robot_file import LoadedRobot, load_robot

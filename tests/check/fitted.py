@@ -11,9 +11,8 @@ import polars as pl
 from steelyard.base.motion import Motion
 from steelyard.check.fitted.fitted_case_and_causes import FittedCase
 from steelyard.estimate.identified_model import Cutoffs, IdentifiedModel, Provenance
-from steelyard.estimate.information.base_parameters import base_parameters
-from steelyard.estimate.information.regressor import base_regressor
-from steelyard.estimate.least_squares.weighted_and_recursive import WeightedLeastSquares
+from steelyard.estimate.information.base_regressor import base_parameters, base_regressor
+from steelyard.estimate.least_squares.weighted_and_robust import WeightedLeastSquares
 from steelyard.estimate.nonlinear.nonlinear_parameters import information_from
 from steelyard.model.model import model_with_open_friction
 from steelyard.robot.file.robot_file import LoadedRobot, load_robot

@@ -20,9 +20,9 @@ from steelyard.check.fitted.binding_constraints import BindingConstraints, bindi
 from steelyard.check.fitted.fitted_case_and_causes import FittedCase
 from steelyard.check.fitted.post_fit_checks import constraints_check
 from steelyard.estimate.consistent.convex_estimator import Consistent
-from steelyard.estimate.information.gram_accumulator import Accumulator, Stretch
+from steelyard.estimate.information.base_regressor import base_regressor
+from steelyard.estimate.information.filter_and_gram import Accumulator, Stretch
 from steelyard.estimate.information.information import Information, Signature, Window
-from steelyard.estimate.information.regressor import base_regressor
 from steelyard.estimate.prior.body_priors import Row, default_knowledge
 from steelyard.model.model import Model
 

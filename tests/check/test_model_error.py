@@ -17,8 +17,8 @@ from steelyard.check.fitted import incomplete_model
 from steelyard.check.fitted.causes_of_residuals import Cause, LeftOutGain
 from steelyard.check.fitted.incomplete_model import model_error_check
 from steelyard.check.fitted.periodic_residuals import NO_PERIOD, strongest_period
+from steelyard.estimate.information.base_regressor import base_regressor
 from steelyard.estimate.information.information import Information
-from steelyard.estimate.information.regressor import base_regressor
 from steelyard.estimate.nonlinear.nonlinear_parameters import information_from
 from steelyard.model.laws.friction_over_speed import Stribeck
 from steelyard.model.laws.friction_with_memory import LoadDependent

@@ -16,7 +16,7 @@ from steelyard.check.hypotheses.friction_signs_and_delay import (
     residual_delay,
 )
 from steelyard.check.identifiability_and_clean_runs import clean_runs, customary_model
-from steelyard.estimate.information.regressor import base_regressor
+from steelyard.estimate.information.base_regressor import base_regressor
 
 
 def late(arm: Arm, seconds: Array) -> Array:

@@ -7,17 +7,17 @@ import numpy as np
 import pytest
 
 from invented import ROBOTS, single
-from steelyard.estimate.information.gather import MOST_WINDOWS, accumulate, cut_pieces
-from steelyard.estimate.information.gram_accumulator import (
+from steelyard.estimate.information.base_regressor import Regressor, base_regressor
+from steelyard.estimate.information.filter_and_gram import (
     MOVING,
     RESTING,
     Accumulator,
+    ParallelFilter,
     Stretch,
     Sums,
 )
+from steelyard.estimate.information.gather import MOST_WINDOWS, accumulate, cut_pieces
 from steelyard.estimate.information.information import Information, Signature
-from steelyard.estimate.information.parallel_filter import ParallelFilter
-from steelyard.estimate.information.regressor import Regressor, base_regressor
 from steelyard.model.model import Model
 from steelyard.runs.run import Block
 

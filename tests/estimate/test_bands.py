@@ -12,10 +12,10 @@ from steelyard.base.arrays import Parameters
 from steelyard.estimate.effort_uncertainty import Calibration
 from steelyard.estimate.estimate import StandardEstimate
 from steelyard.estimate.identified_model import Cutoffs, IdentifiedModel, Provenance
+from steelyard.estimate.information.base_regressor import base_regressor
+from steelyard.estimate.information.filter_and_gram import ParallelFilter
 from steelyard.estimate.information.gather import blocks_with_channels, gather
-from steelyard.estimate.information.parallel_filter import ParallelFilter
-from steelyard.estimate.information.regressor import base_regressor
-from steelyard.estimate.least_squares.weighted_and_recursive import WeightedLeastSquares
+from steelyard.estimate.least_squares.weighted_and_robust import WeightedLeastSquares
 from steelyard.estimate.scores.bands_and_traces import Bands
 from steelyard.estimate.scores.score import RunScore, score
 from steelyard.model.model import Model

@@ -8,9 +8,9 @@ import pytest
 from invented import tree
 from steelyard.estimate.consistent.convex_estimator import Consistent
 from steelyard.estimate.estimate import Estimator
-from steelyard.estimate.information.gram_accumulator import Accumulator, Stretch
+from steelyard.estimate.information.base_regressor import base_regressor
+from steelyard.estimate.information.filter_and_gram import Accumulator, Stretch
 from steelyard.estimate.information.information import Information, Signature, Window
-from steelyard.estimate.information.regressor import base_regressor
 from steelyard.estimate.least_squares.covariance_from_residuals import (
     away,
     inflations,
@@ -18,7 +18,7 @@ from steelyard.estimate.least_squares.covariance_from_residuals import (
     scatter,
 )
 from steelyard.estimate.least_squares.known_bounded_and_ridge import Ridge
-from steelyard.estimate.least_squares.weighted_and_recursive import (
+from steelyard.estimate.least_squares.weighted_and_robust import (
     OrdinaryLeastSquares,
     WeightedLeastSquares,
 )

@@ -11,9 +11,9 @@ from steelyard.base.errors import DataError
 from steelyard.base.progress import Event, Stopped
 from steelyard.estimate.bootstrap_and_sensitivity import bootstrap
 from steelyard.estimate.estimate import Estimate
+from steelyard.estimate.information.base_regressor import Layout
 from steelyard.estimate.information.information import Information, Signature, Window
-from steelyard.estimate.information.regressor import Layout
-from steelyard.estimate.least_squares.weighted_and_recursive import (
+from steelyard.estimate.least_squares.weighted_and_robust import (
     OrdinaryLeastSquares,
     WeightedLeastSquares,
 )

@@ -10,14 +10,14 @@ from invented import single
 from steelyard.base.errors import DataError
 from steelyard.estimate.estimate import Estimate
 from steelyard.estimate.estimator_register import ESTIMATORS, Context
-from steelyard.estimate.information.gram_accumulator import Accumulator, Stretch
+from steelyard.estimate.information.base_regressor import base_regressor
+from steelyard.estimate.information.filter_and_gram import Accumulator, Stretch
 from steelyard.estimate.information.information import Information, Signature, Window
-from steelyard.estimate.information.regressor import base_regressor
 from steelyard.estimate.least_squares.known_bounded_and_ridge import (
     BoundedLeastSquares,
     base_bounds,
 )
-from steelyard.estimate.least_squares.weighted_and_recursive import WeightedLeastSquares
+from steelyard.estimate.least_squares.weighted_and_robust import WeightedLeastSquares
 from steelyard.estimate.prior.body_priors import default_knowledge
 from steelyard.model.laws.friction_over_speed import Coulomb, Viscous
 from steelyard.model.laws.rigid_body import RigidBody

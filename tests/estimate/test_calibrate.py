@@ -10,14 +10,14 @@ from in_amperes import GAINS, ROBOT, run_of
 from steelyard.base.errors import DataError, LogError, ModelError, SteelyardError
 from steelyard.estimate.effort_uncertainty import Calibration, bins
 from steelyard.estimate.identified_model import Cutoffs, IdentifiedModel, Provenance, load_model
+from steelyard.estimate.information.base_regressor import base_regressor
 from steelyard.estimate.information.gather import gather
 from steelyard.estimate.information.information import Information
-from steelyard.estimate.information.regressor import base_regressor
-from steelyard.estimate.least_squares.weighted_and_recursive import WeightedLeastSquares
+from steelyard.estimate.least_squares.weighted_and_robust import WeightedLeastSquares
 from steelyard.estimate.scores.band_calibration import calibrate, correlation_of, quantile
 from steelyard.estimate.scores.bands_and_traces import Bands
 from steelyard.estimate.scores.cross_validation import runs_left_out, stretches_left_out
-from steelyard.estimate.scores.residual_trace import residual_trace
+from steelyard.estimate.scores.residuals import residual_trace
 from steelyard.estimate.scores.score import score
 from steelyard.model.laws.friction_over_speed import Stribeck
 from steelyard.model.laws.register import DEFAULT_TERMS

@@ -37,9 +37,9 @@ from steelyard.estimate.closed_loop.simulating_estimators import (
 )
 from steelyard.estimate.estimate import Estimate
 from steelyard.estimate.estimator_register import ESTIMATORS, Context, Offer
-from steelyard.estimate.information.gram_accumulator import Accumulator, Stretch
+from steelyard.estimate.information.base_regressor import Regressor, base_regressor
+from steelyard.estimate.information.filter_and_gram import Accumulator, Stretch
 from steelyard.estimate.information.information import Information, Signature, Window
-from steelyard.estimate.information.regressor import Regressor, base_regressor
 from steelyard.estimate.prior.body_priors import default_knowledge
 from steelyard.excite.trajectories.fourier import random_fourier
 from steelyard.model.laws.friction_over_speed import Coulomb, Viscous
@@ -190,7 +190,7 @@ def test_noise_of_positions_does_not_bias_as_it_biases_least_squares(offer: Offe
 @cache
 def differenced(position: float, torque: float) -> Experiment:
     """An experiment whose motion is from noisy positions behind a generous low-pass."""
-    from steelyard.runs.smoothing.method_and_butterworth import Butterworth
+    from steelyard.runs.smoothing.zero_phase_filters import Butterworth
 
     data = experiment(position, torque)
     (run,) = data.runs

@@ -15,11 +15,11 @@ from steelyard.base.progress import Event, Stopped, report_progress
 from steelyard.estimate.consistent.convex_estimator import Consistent
 from steelyard.estimate.estimate import Estimate, StandardEstimate
 from steelyard.estimate.estimator_register import ESTIMATORS, Context, Offer
+from steelyard.estimate.information.base_regressor import base_regressor
+from steelyard.estimate.information.filter_and_gram import Accumulator, Stretch
 from steelyard.estimate.information.gather import gather
-from steelyard.estimate.information.gram_accumulator import Accumulator, Stretch
 from steelyard.estimate.information.information import Information, Signature, Window
-from steelyard.estimate.information.regressor import base_regressor
-from steelyard.estimate.least_squares.weighted_and_recursive import (
+from steelyard.estimate.least_squares.weighted_and_robust import (
     OrdinaryLeastSquares,
     WeightedLeastSquares,
 )

@@ -12,10 +12,10 @@ from steelyard.base.errors import DataError
 from steelyard.estimate.consistent.convex_estimator import Consistent
 from steelyard.estimate.consistent.unknowns_and_penalties import Entropic, Form, Free, Pullback
 from steelyard.estimate.estimate import Estimate
-from steelyard.estimate.information.gram_accumulator import Accumulator, Stretch
+from steelyard.estimate.information.base_regressor import base_regressor
+from steelyard.estimate.information.filter_and_gram import Accumulator, Stretch
 from steelyard.estimate.information.information import Information, Signature, Window
-from steelyard.estimate.information.regressor import base_regressor
-from steelyard.estimate.least_squares.weighted_and_recursive import (
+from steelyard.estimate.least_squares.weighted_and_robust import (
     OrdinaryLeastSquares,
     WeightedLeastSquares,
     whitened,

@@ -9,10 +9,10 @@ from steelyard.estimate.consistent.convex_estimator import Consistent
 from steelyard.estimate.consistent.convex_program import Program, conic_constraints
 from steelyard.estimate.consistent.unknowns_and_penalties import Entropic, Pullback, unknowns
 from steelyard.estimate.estimate import Z95
+from steelyard.estimate.information.base_regressor import base_regressor
 from steelyard.estimate.information.gather import gather
 from steelyard.estimate.information.information import Information
-from steelyard.estimate.information.regressor import base_regressor
-from steelyard.estimate.least_squares.weighted_and_recursive import whitened
+from steelyard.estimate.least_squares.weighted_and_robust import whitened
 from steelyard.estimate.prior.body_priors import default_knowledge
 from steelyard.model.model import Model
 from steelyard.robot.inertia_and_placement import INERTIAL_NAMES, Inertia

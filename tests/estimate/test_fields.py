@@ -12,10 +12,14 @@ from invented import dh_arm
 from law_cases import CASES, LawCase, name_of
 from steelyard.base.errors import ModelError
 from steelyard.base.progress import Event, Stopped
-from steelyard.estimate.information.base_parameters import base_parameters
-from steelyard.estimate.information.gram_accumulator import Accumulator, Stretch
+from steelyard.estimate.information.base_regressor import (
+    Regressor,
+    base_parameters,
+    base_regressor,
+    chosen_regressor,
+)
+from steelyard.estimate.information.filter_and_gram import Accumulator, Stretch
 from steelyard.estimate.information.information import Information, Signature, Window
-from steelyard.estimate.information.regressor import Regressor, base_regressor, chosen_regressor
 from steelyard.estimate.nonlinear.grid_search import unknowns_of
 from steelyard.estimate.nonlinear.nonlinear_parameters import FoundFields, find_fields
 from steelyard.model.laws.coupled_friction import Coupled

@@ -13,16 +13,16 @@ from steelyard.base.arrays import Parameters
 from steelyard.base.errors import DataError
 from steelyard.base.motion import Motion
 from steelyard.estimate.friction.friction_choice import FrictionChoice, _staged, choose_friction
-from steelyard.estimate.friction.friction_mixes import has_memory, mix_name
-from steelyard.estimate.information.regressor import base_regressor
-from steelyard.estimate.least_squares.weighted_and_recursive import WeightedLeastSquares
+from steelyard.estimate.friction.friction_mixes import mix_name
+from steelyard.estimate.information.base_regressor import base_regressor
+from steelyard.estimate.least_squares.weighted_and_robust import WeightedLeastSquares
 from steelyard.estimate.nonlinear.nonlinear_parameters import information_from
 from steelyard.estimate.scores.cross_validation import logarithms
 from steelyard.model.laws.friction_over_speed import Coulomb, Cubic, Root, Stribeck, Viscous
 from steelyard.model.laws.friction_with_memory import Dahl, LoadDependent, MaxwellSlip
 from steelyard.model.laws.rigid_body import RigidBody
 from steelyard.model.model import Model, ValuedModel
-from steelyard.model.terms.term import Term
+from steelyard.model.terms.term import Term, has_memory
 from steelyard.robot.file.sections import EffortKind
 from steelyard.robot.file.signals import Signals
 from steelyard.runs.prepare import prepare

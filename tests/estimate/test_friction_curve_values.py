@@ -11,7 +11,7 @@ from steelyard.base.arrays import Parameters
 from steelyard.base.motion import Motion
 from steelyard.estimate.estimate import Z95
 from steelyard.estimate.identified_model import IdentifiedModel
-from steelyard.estimate.information.base_parameters import base_parameters
+from steelyard.estimate.information.base_regressor import base_parameters
 from steelyard.estimate.parameter_status_and_friction import friction_curves
 from steelyard.model.laws.friction_over_speed import Coulomb, Viscous
 from steelyard.model.laws.friction_with_memory import Dahl

@@ -10,12 +10,11 @@ from moving import geared
 from steelyard.base.arrays import Parameters
 from steelyard.base.motion import Motion
 from steelyard.estimate.consistent.convex_estimator import Consistent
-from steelyard.estimate.information.base_parameters import base_parameters
-from steelyard.estimate.information.gram_accumulator import Accumulator, Stretch
+from steelyard.estimate.information.base_regressor import base_parameters, base_regressor
+from steelyard.estimate.information.filter_and_gram import Accumulator, Stretch
 from steelyard.estimate.information.information import Information, Signature, Window
-from steelyard.estimate.information.regressor import base_regressor
 from steelyard.estimate.prior.body_priors import Knowledge, Row, default_knowledge
-from steelyard.estimate.prior.dissipative_friction import REACH, friction_curves, shaped
+from steelyard.estimate.prior.constraints_and_friction import REACH, friction_curves, shaped
 from steelyard.model.laws.friction_over_speed import (
     Coulomb,
     Cubic,

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from invented import single
+from steelyard.estimate.information.base_regressor import base_regressor
 from steelyard.estimate.information.gather import MOST_WINDOWS, gather
 from steelyard.estimate.information.information import Window
-from steelyard.estimate.information.regressor import base_regressor
 from steelyard.model.laws.friction_over_speed import Coulomb
 from steelyard.model.laws.friction_with_memory import Dahl
 from steelyard.model.laws.rigid_body import RigidBody

@@ -13,8 +13,8 @@ from invented import ball, mimic, tree
 from law_cases import memoryless, name_of, spanning
 from moving import geared
 from steelyard.base.arrays import Array
+from steelyard.estimate.information.base_regressor import Regressor, base_regressor
 from steelyard.estimate.information.motion_information import InformationEvaluator
-from steelyard.estimate.information.regressor import Regressor, base_regressor
 from steelyard.excite.design_problem import Case, Objective
 from steelyard.excite.optimality_criteria import CRITERIA, Measure, worst
 from steelyard.excite.trajectories.motion_families import Basis, rest_fourier, splines

@@ -15,7 +15,7 @@ from steelyard.base.motion import Motion
 from steelyard.estimate.effort_uncertainty import KnownScales
 from steelyard.estimate.estimate import Estimate, Unidentifiable
 from steelyard.estimate.identified_model import Cutoffs, IdentifiedModel, Provenance, load_model
-from steelyard.estimate.information.base_parameters import base_parameters
+from steelyard.estimate.information.base_regressor import base_parameters
 from steelyard.model.laws.friction_over_speed import Coulomb
 from steelyard.model.laws.rigid_body import RigidBody
 from steelyard.model.model import Model

@@ -15,10 +15,14 @@ from steelyard.estimate.consistent.convex_estimator import Consistent
 from steelyard.estimate.consistent.log_cholesky_estimator import Criterion, LogCholesky, entries
 from steelyard.estimate.consistent.unknowns_and_penalties import BASIS, Pullback
 from steelyard.estimate.estimate import Estimate, StandardEstimate
-from steelyard.estimate.information.gram_accumulator import Accumulator, Stretch
+from steelyard.estimate.information.base_regressor import (
+    Regressor,
+    base_regressor,
+    standard_regressor,
+)
+from steelyard.estimate.information.filter_and_gram import Accumulator, Stretch
 from steelyard.estimate.information.information import Information, Signature, Window
-from steelyard.estimate.information.regressor import Regressor, base_regressor, standard_regressor
-from steelyard.estimate.least_squares.weighted_and_recursive import whitened
+from steelyard.estimate.least_squares.weighted_and_robust import whitened
 from steelyard.estimate.prior.body_priors import Knowledge, Row, default_knowledge
 from steelyard.identify.comparison.compare import comparison_inputs
 from steelyard.model.laws.friction_over_speed import Coulomb, Viscous

@@ -8,10 +8,10 @@ import pytest
 from drawn import motion_of, samples_of
 from invented import dh_arm, single
 from steelyard.base.errors import DataError
+from steelyard.estimate.information.base_regressor import Regressor, base_regressor
 from steelyard.estimate.information.filtered_samples import FilteredSamples
-from steelyard.estimate.information.regressor import Regressor, base_regressor
 from steelyard.estimate.least_squares.errors_in_variables import MotionNoise, motion_roots, slopes
-from steelyard.estimate.least_squares.weighted_and_recursive import WeightedLeastSquares
+from steelyard.estimate.least_squares.weighted_and_robust import WeightedLeastSquares
 from steelyard.model.laws.friction_over_speed import Viscous
 from steelyard.model.laws.rigid_body import RigidBody
 from steelyard.model.model import Model

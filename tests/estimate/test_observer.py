@@ -16,8 +16,7 @@ from steelyard.estimate.effort_uncertainty import Calibration
 from steelyard.estimate.estimate import Z95
 from steelyard.estimate.external.contact_thresholds import ContactThresholds
 from steelyard.estimate.identified_model import IdentifiedModel
-from steelyard.estimate.information.base_parameters import base_parameters
-from steelyard.estimate.information.regressor import base_regressor
+from steelyard.estimate.information.base_regressor import base_parameters, base_regressor
 from steelyard.model.equations.frame_kinematics import last_frame
 from steelyard.simulate.mujoco_model import build
 from weighed import identified_of

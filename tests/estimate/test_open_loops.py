@@ -8,8 +8,8 @@ from closed_chains import five_bar
 from steelyard.base.arrays import Array, Parameters
 from steelyard.base.errors import DataError
 from steelyard.base.motion import Motion
+from steelyard.estimate.information.base_regressor import base_regressor
 from steelyard.estimate.information.gather import gather
-from steelyard.estimate.information.regressor import base_regressor
 from steelyard.estimate.scores.score import score
 from steelyard.identify.notes_and_provenance import dropped, first_dropped
 from steelyard.model.laws.friction_with_memory import Dahl
@@ -17,11 +17,10 @@ from steelyard.model.laws.rigid_body import RigidBody
 from steelyard.model.model import Model
 from steelyard.robot.file.signals import Signals
 from steelyard.robot.robot import LoopClosure, Robot
-from steelyard.runs.moving_samples_and_open_loops import open_stretches
 from steelyard.runs.prepare import prepare
 from steelyard.runs.processing_choices import Processing
 from steelyard.runs.recording import LogInMemory, Recording
-from steelyard.runs.run import Run
+from steelyard.runs.run import Run, open_stretches
 
 RATE = 200.0
 

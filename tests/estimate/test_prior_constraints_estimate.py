@@ -10,13 +10,12 @@ import pytest
 from invented import tree
 from steelyard.estimate.consistent.convex_estimator import Consistent
 from steelyard.estimate.estimate import StandardEstimate
-from steelyard.estimate.information.base_parameters import base_parameters
-from steelyard.estimate.information.gram_accumulator import Accumulator, Stretch
+from steelyard.estimate.information.base_regressor import base_parameters, base_regressor
+from steelyard.estimate.information.filter_and_gram import Accumulator, Stretch
 from steelyard.estimate.information.information import Information, Signature, Window
-from steelyard.estimate.information.regressor import base_regressor
 from steelyard.estimate.prior.body_priors import Knowledge, default_knowledge
 from steelyard.estimate.prior.constraint_kinds import constraint_of
-from steelyard.estimate.prior.constraint_protocol import ConstraintContext
+from steelyard.estimate.prior.constraints_and_friction import ConstraintContext
 from steelyard.model.model import Model
 from steelyard.robot.inertia_and_placement import Inertia
 

@@ -6,9 +6,9 @@ import pytest
 from drawn import motion_of, samples_of
 from invented import single, tree
 from steelyard.base.errors import DataError
+from steelyard.estimate.information.base_regressor import base_regressor
 from steelyard.estimate.information.information import Information
-from steelyard.estimate.information.regressor import base_regressor
-from steelyard.estimate.least_squares.weighted_and_recursive import (
+from steelyard.estimate.least_squares.weighted_and_robust import (
     MOST_WINDOWS_APART,
     Online,
     OrdinaryLeastSquares,

@@ -13,9 +13,9 @@ from invented import dh_arm
 from steelyard.base.arrays import Array
 from steelyard.base.errors import DataError, ModelError, SteelyardError
 from steelyard.estimate.estimate import Estimate
+from steelyard.estimate.information.base_regressor import base_regressor
 from steelyard.estimate.information.filtered_samples import FilteredSamples
-from steelyard.estimate.information.regressor import base_regressor
-from steelyard.estimate.least_squares.weighted_and_recursive import WeightedLeastSquares
+from steelyard.estimate.least_squares.weighted_and_robust import WeightedLeastSquares
 from steelyard.estimate.reduction.backward_elimination import CRITERIA, FullModel, State, backward
 from steelyard.estimate.reduction.left_out_errors_and_rules import (
     RULES,
@@ -143,8 +143,8 @@ def test_algorithm_1_on_a_case_by_hand() -> None:
 
 
 def _by_hand(columns: Array, effort: Array) -> FullModel:
+    from steelyard.estimate.information.base_regressor import Layout
     from steelyard.estimate.information.information import Information, Signature, Window
-    from steelyard.estimate.information.regressor import Layout
 
     joined_columns = np.column_stack([columns, effort])
     gram = joined_columns.T @ joined_columns

@@ -9,16 +9,16 @@ from steelyard.base.arrays import Array
 from steelyard.estimate.scores.repeated_motion import repeat_of, repeat_within
 from steelyard.excite.trajectories.fourier import random_fourier
 from steelyard.robot.file.robot_file import LoadedRobot
-from steelyard.runs.moving_samples_and_open_loops import (
-    LEAST_MOTION_SAMPLES,
-    MOST_MOTION_SAMPLES,
-    MotionSamples,
-    motion_samples,
-)
 from steelyard.runs.prepare import prepare
 from steelyard.runs.processing_choices import Processing
 from steelyard.runs.recording import LogInMemory, Recording
-from steelyard.runs.run import Run
+from steelyard.runs.run import (
+    LEAST_MOTION_SAMPLES,
+    MOST_MOTION_SAMPLES,
+    MotionSamples,
+    Run,
+    motion_samples,
+)
 from steelyard.simulate.demo import write_demo_arm
 
 STEP = 2.0 * np.pi / 2**17

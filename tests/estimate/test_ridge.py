@@ -7,10 +7,10 @@ import pytest
 
 from drawn import motion_of, samples_of
 from invented import tree
+from steelyard.estimate.information.base_regressor import base_regressor
 from steelyard.estimate.information.information import Information
-from steelyard.estimate.information.regressor import base_regressor
 from steelyard.estimate.least_squares.known_bounded_and_ridge import Ridge
-from steelyard.estimate.least_squares.weighted_and_recursive import WeightedLeastSquares
+from steelyard.estimate.least_squares.weighted_and_robust import WeightedLeastSquares
 from steelyard.estimate.prior.body_priors import default_knowledge
 from steelyard.model.model import Model
 

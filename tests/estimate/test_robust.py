@@ -8,17 +8,15 @@ from scipy.optimize import least_squares
 
 from drawn import motion_of, samples_of
 from invented import single, tree
+from steelyard.estimate.information.base_regressor import Regressor, base_regressor
 from steelyard.estimate.information.filtered_samples import FilteredSamples
-from steelyard.estimate.information.regressor import Regressor, base_regressor
-from steelyard.estimate.least_squares.robust_regression import (
+from steelyard.estimate.least_squares.weighted_and_robust import (
     Huber,
+    OrdinaryLeastSquares,
     Reweighted,
     Tukey,
-    residuals_of,
-)
-from steelyard.estimate.least_squares.weighted_and_recursive import (
-    OrdinaryLeastSquares,
     WeightedLeastSquares,
+    residuals_of,
 )
 from steelyard.model.model import Model
 

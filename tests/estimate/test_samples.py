@@ -8,14 +8,14 @@ import pytest
 
 from invented import single
 from steelyard.base.errors import DataError, LogError
+from steelyard.estimate.information.base_regressor import base_regressor
+from steelyard.estimate.information.filter_and_gram import ParallelFilter
 from steelyard.estimate.information.filtered_samples import gather_samples
 from steelyard.estimate.information.gather import gather
 from steelyard.estimate.information.information import Information, Window
-from steelyard.estimate.information.parallel_filter import ParallelFilter
-from steelyard.estimate.information.regressor import base_regressor
 from steelyard.model.model import Model
 from steelyard.robot.file.signals import Signals
-from steelyard.runs.noise_propagation import motion_error
+from steelyard.runs.noise_and_cutoffs import motion_error
 from steelyard.runs.prepare import prepare
 from steelyard.runs.processing_choices import Processing
 from steelyard.runs.recording import LogInMemory, Recording

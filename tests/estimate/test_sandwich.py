@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from invented import tree
-from steelyard.estimate.information.gram_accumulator import Accumulator, Stretch
+from steelyard.estimate.information.base_regressor import base_regressor
+from steelyard.estimate.information.filter_and_gram import Accumulator, Stretch
 from steelyard.estimate.information.information import Information, Signature, Window
-from steelyard.estimate.information.regressor import base_regressor
 from steelyard.estimate.least_squares.covariance_from_residuals import (
     honest_covariance,
     inflations,
@@ -16,7 +16,7 @@ from steelyard.estimate.least_squares.covariance_from_residuals import (
     sandwich,
     scatter,
 )
-from steelyard.estimate.least_squares.weighted_and_recursive import (
+from steelyard.estimate.least_squares.weighted_and_robust import (
     OrdinaryLeastSquares,
     WeightedLeastSquares,
 )

@@ -9,7 +9,7 @@ from invented import tree
 from steelyard.base.arrays import Parameters
 from steelyard.estimate.estimate import Z95, Estimate, Removed, Unidentifiable
 from steelyard.estimate.identified_model import IdentifiedModel
-from steelyard.estimate.information.base_parameters import base_parameters
+from steelyard.estimate.information.base_regressor import base_parameters
 from steelyard.estimate.parameter_status_and_friction import SMALL, effort_shares, statuses
 from steelyard.model.laws.friction_over_speed import Viscous
 from steelyard.model.laws.rigid_body import RigidBody

@@ -8,8 +8,8 @@ import pytest
 from drawn import motion_of, samples_of
 from invented import single, tree
 from steelyard.base.errors import DataError
+from steelyard.estimate.information.base_regressor import base_regressor
 from steelyard.estimate.information.information import Information
-from steelyard.estimate.information.regressor import base_regressor
 from steelyard.estimate.least_squares.errors_in_variables import TotalLeastSquares
 from steelyard.model.model import Model
 

@@ -5,15 +5,15 @@ import pytest
 
 from steelyard.base.arrays import Array
 from steelyard.base.errors import DataError
-from steelyard.estimate.external.effort_to_wrench import (
+from steelyard.estimate.external.observer_and_wrench import (
     Expected,
     ExternalEfforts,
     InverseJacobian,
     Weighted,
     condition_numbers,
     learned_of,
+    momentum_residual,
 )
-from steelyard.estimate.external.momentum_observer import momentum_residual
 from steelyard.uses.wrench import wrench_kalman_smoother as smoothing
 from steelyard.uses.wrench.wrench_along_run import name_of, unobservable_directions
 from steelyard.uses.wrench.wrench_kalman_smoother import RESIDUAL_CORRELATION_TIME, Smoothed

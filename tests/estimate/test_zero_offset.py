@@ -6,11 +6,11 @@ import pytest
 from invented import ball, turned
 from steelyard.base.arrays import Parameters
 from steelyard.base.errors import DataError
-from steelyard.estimate.information.gram_accumulator import Accumulator, Stretch
+from steelyard.estimate.information.base_regressor import Regressor
+from steelyard.estimate.information.filter_and_gram import Accumulator, Stretch
 from steelyard.estimate.information.information import Information, Signature, Window
-from steelyard.estimate.information.regressor import Regressor
 from steelyard.estimate.nonlinear.grid_search import InformationOf
-from steelyard.estimate.nonlinear.joint_zero_offsets import find_offsets
+from steelyard.estimate.nonlinear.nonlinear_parameters import find_offsets
 from steelyard.model.model import Model
 from steelyard.robot.robot import Body, Coordinate, Robot
 

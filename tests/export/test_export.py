@@ -19,7 +19,7 @@ from steelyard.base.motion import Motion
 from steelyard.estimate.effort_uncertainty import EDGES, Calibration, KnownScales
 from steelyard.estimate.estimate import Unidentifiable
 from steelyard.estimate.identified_model import IdentifiedModel
-from steelyard.estimate.information.base_parameters import base_parameters
+from steelyard.estimate.information.base_regressor import base_parameters
 from steelyard.export.model_files.export_model_file import exported, refuse_changed
 from steelyard.export.model_files.representable_content import FIT_HEADING, Format, content_of
 from steelyard.model.laws.friction_over_speed import (
@@ -39,7 +39,7 @@ from steelyard.model.terms.term import ActsOnAxes, Term
 from steelyard.robot.file.robot_file import load_robot
 from steelyard.robot.inertia_and_placement import INERTIAL_NAMES, Inertia
 from steelyard.robot.robot import Limits, Robot
-from steelyard.runs.moving_samples_and_open_loops import MotionSamples
+from steelyard.runs.run import MotionSamples
 from weighed import identified_of
 
 LAWS = [case for case in CASES if case.law != "rigid_body"]

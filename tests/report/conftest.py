@@ -23,12 +23,12 @@ from steelyard.estimate.consistent.convex_estimator import Consistent
 from steelyard.estimate.estimate import Estimate, RunParameters, StandardEstimate, Unidentifiable
 from steelyard.estimate.friction.friction_choice import FrictionChoice, MixScore
 from steelyard.estimate.identified_model import Cutoffs, IdentifiedModel, Provenance
-from steelyard.estimate.information.base_parameters import BaseMap, base_parameters
+from steelyard.estimate.information.base_regressor import BaseMap, base_parameters
 from steelyard.estimate.nonlinear.effort_scales import EffortScales, Scaled, Scales
-from steelyard.estimate.nonlinear.joint_zero_offsets import ZeroOffsets
-from steelyard.estimate.nonlinear.nonlinear_parameters import Finding
+from steelyard.estimate.nonlinear.nonlinear_parameters import Finding, ZeroOffsets
 from steelyard.estimate.payload.drive_gains import GainEstimate
 from steelyard.estimate.prior.body_priors import Knowledge
+from steelyard.estimate.scores.bands_and_traces import TorqueParts
 from steelyard.estimate.scores.effort_errors import BandErrors, JointError
 from steelyard.estimate.scores.estimator_scores_and_advice import (
     Comparison,
@@ -36,7 +36,6 @@ from steelyard.estimate.scores.estimator_scores_and_advice import (
     Failure,
 )
 from steelyard.estimate.scores.score import JointScore, RunScore, Traces
-from steelyard.estimate.scores.torque_parts import TorqueParts
 from steelyard.identify.comparison.estimators_page import ComparisonContent
 from steelyard.identify.page.report_content import ReportContent
 from steelyard.identify.page.section_register import render, sections_of

@@ -11,7 +11,7 @@ from invented import ball
 from report.conftest import rendered_only
 from steelyard.base.arrays import Parameters
 from steelyard.estimate.estimate import Z95
-from steelyard.estimate.scores.torque_parts import PARTS
+from steelyard.estimate.scores.bands_and_traces import PARTS
 from steelyard.identify.page import efforts_and_their_parts
 from steelyard.identify.page.conditioning_and_unseen import CorrelationsSection, correlations
 from steelyard.identify.page.efforts_and_their_parts import (

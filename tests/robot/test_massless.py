@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from steelyard.base.errors import ModelError
-from steelyard.estimate.information.base_parameters import base_parameters, full_regressor
+from steelyard.estimate.information.base_regressor import base_parameters, full_regressor
 from steelyard.estimate.payload.runs_with_payload import carrier
 from steelyard.estimate.prior.body_priors import default_knowledge
-from steelyard.estimate.prior.constraint_protocol import body_index
+from steelyard.estimate.prior.constraints_and_friction import body_index
 from steelyard.model.laws.rigid_body import RigidBody
 from steelyard.model.model import Model
 from steelyard.robot.models.mjcf import read_mjcf

@@ -6,8 +6,7 @@ import pytest
 from steelyard.base.errors import LogError
 from steelyard.runs.smoothing.auto_method import Auto, LowPasses, likeliest_cutoffs
 from steelyard.runs.smoothing.kalman_smoother import kalman_smoothed
-from steelyard.runs.smoothing.method_and_butterworth import Butterworth, Choosing
-from steelyard.runs.smoothing.zero_phase_filters import continued_at_ends
+from steelyard.runs.smoothing.zero_phase_filters import Butterworth, Choosing, continued_at_ends
 
 RATE = 250.0
 

@@ -20,9 +20,9 @@ from steelyard.runs.rows.resampling import (
     interpolated,
     sample_count,
 )
-from steelyard.runs.smoothing.finite_window_methods import MovingAverage
 from steelyard.runs.smoothing.kalman_smoother import CausalKalman, KalmanSmoother
-from steelyard.runs.smoothing.method_and_butterworth import Butterworth
+from steelyard.runs.smoothing.spline_and_finite_windows import MovingAverage
+from steelyard.runs.smoothing.zero_phase_filters import Butterworth
 
 WHOLE = [n for n, method in METHODS.items() if method().designed(8.0, 100.0).halo is None]
 CHAINS = {
@@ -71,7 +71,7 @@ def test_any_split_gives_the_same(recording, sines, monkeypatch, name: str, velo
     data = whole.whole()
     raw = Recording.raw
     monkeypatch.setattr(Recording, "raw", lambda self, rows, size=0: raw(self, rows, 331))
-    monkeypatch.setattr("steelyard.runs.partition.SAMPLES_OF_PART", 500)
+    monkeypatch.setattr("steelyard.runs.processing_chain.SAMPLES_OF_PART", 500)
     again = prepare(made, CHAINS[name])
     parts = again.whole()
     assert again.quality.marked == whole.quality.marked

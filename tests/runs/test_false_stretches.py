@@ -4,10 +4,10 @@ from collections.abc import Callable
 
 import numpy as np
 
-from steelyard.runs.left_out import LeftOut
 from steelyard.runs.prepare import prepare
 from steelyard.runs.processing_choices import Processing
-from steelyard.runs.rows.false_stretches import dead_efforts, frozen_positions
+from steelyard.runs.recording import LeftOut
+from steelyard.runs.rows.marked_and_false_rows import dead_efforts, frozen_positions
 
 RATE = 200.0
 Parts = tuple[np.ndarray, np.ndarray, np.ndarray]

@@ -13,14 +13,13 @@ from steelyard.runs.processing_choices import (
     method_of,
     smoother_of,
 )
-from steelyard.runs.smoothing.finite_window_methods import (
+from steelyard.runs.smoothing.kalman_smoother import CausalKalman
+from steelyard.runs.smoothing.spline_and_finite_windows import (
     FIR,
     MovingAverage,
     SavitzkyGolay,
 )
-from steelyard.runs.smoothing.kalman_smoother import CausalKalman
-from steelyard.runs.smoothing.method_and_butterworth import Butterworth, Method, Smoother
-from steelyard.runs.smoothing.zero_phase_filters import apply
+from steelyard.runs.smoothing.zero_phase_filters import Butterworth, Method, Smoother, apply
 
 RATE, CUTOFF = 200.0, 10.0
 

@@ -5,7 +5,7 @@ import pytest
 from scipy import signal
 
 from steelyard.base.errors import LogError
-from steelyard.runs.cutoffs_and_rest_speed import (
+from steelyard.runs.noise_and_cutoffs import (
     MATCHED_FACTOR,
     Processing,
     SpeedHistogram,

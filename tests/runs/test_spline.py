@@ -5,7 +5,7 @@ import pytest
 from scipy.interpolate import make_smoothing_spline
 
 from steelyard.base.errors import LogError
-from steelyard.runs.smoothing.smoothing_spline import (
+from steelyard.runs.smoothing.spline_and_finite_windows import (
     SmoothingSpline,
     cross_validated,
     smoothing_spline,

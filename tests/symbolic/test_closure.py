@@ -6,8 +6,11 @@ from invented import ball
 from steelyard.base.arrays import Array, Parameters
 from steelyard.base.errors import DataError
 from steelyard.base.motion import Motion
-from steelyard.estimate.information.base_parameters import base_parameters, full_regressor
-from steelyard.estimate.information.regressor import standard_regressor
+from steelyard.estimate.information.base_regressor import (
+    base_parameters,
+    full_regressor,
+    standard_regressor,
+)
 from steelyard.model.equations import inverse_dynamics as small_systems
 from steelyard.model.equations.inverse_dynamics import JointState, completed
 from steelyard.model.equations.passive_joints import (

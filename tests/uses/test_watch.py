@@ -6,7 +6,7 @@ import pytest
 from steelyard.base.arrays import Array
 from steelyard.base.errors import DataError
 from steelyard.estimate.external.contact_thresholds import ONSET, ContactThresholds
-from steelyard.estimate.scores.residual_trace import ResidualTrace
+from steelyard.estimate.scores.residuals import ResidualTrace
 from steelyard.uses.contact.contact_events import (
     ContactEvent,
     ContactStart,

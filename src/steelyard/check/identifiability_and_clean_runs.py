@@ -9,9 +9,9 @@ from steelyard.base.errors import SteelyardError
 from steelyard.check.case_and_evidence import Case, Evidence, case_check
 from steelyard.check.finding import Finding, Fix
 from steelyard.estimate.estimate import Unidentifiable
+from steelyard.estimate.information.base_regressor import base_regressor
 from steelyard.estimate.information.gather import gather
-from steelyard.estimate.information.regressor import base_regressor
-from steelyard.estimate.least_squares.weighted_and_recursive import WeightedLeastSquares
+from steelyard.estimate.least_squares.weighted_and_robust import WeightedLeastSquares
 from steelyard.model.laws.friction_over_speed import Coulomb, Viscous
 from steelyard.model.laws.register import DEFAULT_TERMS, law_of, term_of
 from steelyard.model.model import Model

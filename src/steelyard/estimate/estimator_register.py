@@ -21,11 +21,10 @@ from steelyard.estimate.consistent.convex_estimator import Consistent
 from steelyard.estimate.consistent.log_cholesky_estimator import LogCholesky
 from steelyard.estimate.consistent.unknowns_and_penalties import Free, Pullback
 from steelyard.estimate.estimate import Estimate, Estimator
-from steelyard.estimate.friction.friction_mixes import has_memory
+from steelyard.estimate.information.base_regressor import Layout, Regressor
+from steelyard.estimate.information.filter_and_gram import ParallelFilter
 from steelyard.estimate.information.filtered_samples import FilteredSamples, gather_samples
 from steelyard.estimate.information.information import Information, Window
-from steelyard.estimate.information.parallel_filter import ParallelFilter
-from steelyard.estimate.information.regressor import Layout, Regressor
 from steelyard.estimate.least_squares.errors_in_variables import MotionNoise, TotalLeastSquares
 from steelyard.estimate.least_squares.known_bounded_and_ridge import (
     BoundedLeastSquares,
@@ -35,16 +34,20 @@ from steelyard.estimate.least_squares.known_bounded_and_ridge import (
     fixed_values,
 )
 from steelyard.estimate.least_squares.normal_equations import own_columns
-from steelyard.estimate.least_squares.robust_regression import Huber, Reweighted, Tukey, Weigh
-from steelyard.estimate.least_squares.weighted_and_recursive import (
+from steelyard.estimate.least_squares.weighted_and_robust import (
+    Huber,
     OrdinaryLeastSquares,
     Recursive,
+    Reweighted,
+    Tukey,
+    Weigh,
     WeightedLeastSquares,
 )
 from steelyard.estimate.prior.body_priors import Knowledge
 from steelyard.estimate.prior.constraint_kinds import knowledge_of
 from steelyard.estimate.reduction.reduction import Reduced
 from steelyard.model.model import Model
+from steelyard.model.terms.term import has_memory
 from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
 from steelyard.runs.run import Run, fastest_of
 

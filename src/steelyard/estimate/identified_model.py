@@ -27,24 +27,30 @@ from steelyard.estimate.effort_uncertainty import (
 )
 from steelyard.estimate.estimate import Estimate
 from steelyard.estimate.external.contact_thresholds import ContactThresholds
-from steelyard.estimate.external.effort_to_wrench import FORCE, LEVER, Expected
-from steelyard.estimate.external.momentum_observer import NOISE, Observer, check_bandwidth
+from steelyard.estimate.external.observer_and_wrench import (
+    FORCE,
+    LEVER,
+    NOISE,
+    Expected,
+    Observer,
+    check_bandwidth,
+)
 from steelyard.estimate.external.observer_equations import (
     Axes,
     StepProgram,
     columns_quantity,
     moved_frame,
 )
-from steelyard.estimate.information.base_parameters import BaseMap
-from steelyard.estimate.information.parallel_filter import noise_bandwidth
+from steelyard.estimate.information.base_regressor import BaseMap
+from steelyard.estimate.information.filter_and_gram import noise_bandwidth
 from steelyard.model.compiled_evaluation import Stepper
 from steelyard.model.dynamics import Dynamics
 from steelyard.model.model import Model, ValuedModel
 from steelyard.model.torque_and_quantities import TORQUE, Quantity
 from steelyard.robot.file.signals import Signals, signals_from_dict
 from steelyard.robot.robot import Robot
-from steelyard.runs.moving_samples_and_open_loops import MotionSamples
 from steelyard.runs.processing_choices import Processing
+from steelyard.runs.run import MotionSamples
 
 SCHEMA = "steelyard.model"
 SCHEMA_VERSION = 4

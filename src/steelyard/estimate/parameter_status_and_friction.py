@@ -26,7 +26,7 @@ import numpy as np
 from steelyard.base.arrays import Array, Parameters, frozen
 from steelyard.estimate.estimate import Z95
 from steelyard.estimate.identified_model import IdentifiedModel
-from steelyard.estimate.information.base_parameters import full_regressor
+from steelyard.estimate.information.base_regressor import full_regressor
 from steelyard.model.model import Model, ValuedModel
 from steelyard.model.terms.friction_memory import Presliding
 

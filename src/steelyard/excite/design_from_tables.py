@@ -9,7 +9,7 @@ import numpy as np
 from steelyard.base.arrays import Array, frozen
 from steelyard.base.errors import DataError
 from steelyard.base.progress import Progress, silent
-from steelyard.estimate.information.base_parameters import base_parameters, clear_map
+from steelyard.estimate.information.base_regressor import base_parameters, clear_map
 from steelyard.excite.collision.workspace_from_tables import tool_of
 from steelyard.excite.constraints.certificate import Certificate, certify, holds_note
 from steelyard.excite.constraints.constraint import Constraint, Gap

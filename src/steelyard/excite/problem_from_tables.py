@@ -6,7 +6,7 @@ import numpy as np
 
 from steelyard.base.arrays import Array, frozen
 from steelyard.base.errors import DataError, advice
-from steelyard.estimate.information.base_parameters import (
+from steelyard.estimate.information.base_regressor import (
     FAINT,
     BaseMap,
     base_parameters,

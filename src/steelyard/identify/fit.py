@@ -1,4 +1,4 @@
-"""From clean runs to an identified model: what a robot file leaves open is found on the way."""
+"""From clean runs to an identified model: which data are fitted, what is found on the way."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 
 from steelyard.base.progress import Progress
 from steelyard.check.fitted.binding_constraints import contradicted_rows
+from steelyard.check.fitted.changes_within_run import force_of_run, force_words
 from steelyard.check.fitted.gear_side import LINK_SIDE_INSTEAD, rotors_at_zero
 from steelyard.estimate.consistent.convex_estimator import Consistent
 from steelyard.estimate.estimate import Estimate, Estimator
@@ -25,11 +26,10 @@ from steelyard.estimate.estimator_register import (
     per_run_columns,
 )
 from steelyard.estimate.identified_model import BAND, Cutoffs, IdentifiedModel, Provenance
-from steelyard.estimate.information.base_parameters import BaseMap, base_parameters
+from steelyard.estimate.information.base_regressor import BaseMap, base_parameters, base_regressor
 from steelyard.estimate.information.information import Information
-from steelyard.estimate.information.regressor import base_regressor
 from steelyard.estimate.least_squares.known_bounded_and_ridge import fixed_values
-from steelyard.estimate.least_squares.weighted_and_recursive import (
+from steelyard.estimate.least_squares.weighted_and_robust import (
     OrdinaryLeastSquares,
     WeightedLeastSquares,
 )
@@ -37,6 +37,7 @@ from steelyard.estimate.nonlinear.effort_scales import EffortScales, effort_scal
 from steelyard.estimate.payload.drive_gains import GainEstimate
 from steelyard.estimate.prior.body_priors import Knowledge
 from steelyard.estimate.scores.band_calibration import calibrate
+from steelyard.estimate.scores.cross_validation import choose_cutoff
 from steelyard.identify.gains_zeros_and_friction import (
     TOO_SHORT,
     FitTask,
@@ -44,11 +45,11 @@ from steelyard.identify.gains_zeros_and_friction import (
     prepare_fit,
     with_signals,
 )
-from steelyard.model.model import Model
+from steelyard.model.model import Model, with_friction
 from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
 from steelyard.robot.file.sections import EstimationSection, PriorSection
-from steelyard.runs.moving_samples_and_open_loops import motion_samples
-from steelyard.runs.run import Run
+from steelyard.robot.file.signals import Signals
+from steelyard.runs.run import Run, motion_samples
 from steelyard.runs.runs_of_named_logs import processing_of_robot
 
 EstimatorOf = Callable[[Sequence[Run], Information], Estimator[Information]]
@@ -320,3 +321,61 @@ def _notes_beyond_physical_bounds(
         f"least squares estimates below the physical bound: {labels}; "
         "these terms fit the data, but represent another effect",
     )
+
+
+MOST_FORCES = 3  # rounds in which a force is found in each run
+
+
+def below_described_band(
+    loaded: LoadedRobot,
+    signals: Signals,
+    model: Model,
+    runs: Sequence[Run],
+    threads: int,
+    progress: Progress,
+) -> tuple[LoadedRobot, tuple[str, ...]]:
+    """The robot with the cut-off of regression at which its model predicts best, and why.
+
+    As it is where the robot file states one, gains or zeros are unknown, or none is better.
+    """
+    stated = loaded.processing.matched_cutoff is not None
+    if stated or any(signals.unknown_gains) or any(signals.unknown_offsets):
+        return loaded, ()
+    choice = choose_cutoff(with_friction(model, loaded), runs, threads, progress)
+    if choice is None or choice.chosen == choice.cutoffs[0]:
+        return loaded, ()
+    cutoff = {"matched_cutoff": choice.chosen}
+    return replace(loaded, processing=loaded.processing.model_copy(update=cutoff)), (choice.note,)
+
+
+def without_forces(
+    found: Fit, refit: Callable[[FitTask, tuple[str, ...]], Fit]
+) -> tuple[Fit, tuple[str, ...]]:
+    """The fit to what is left of the runs without forces that pass, and what is left out.
+
+    A round leaves out one force of each run; `refit` fits anew, with notes on what is left out.
+    """
+    notes: tuple[str, ...] = ()
+    for _ in range(MOST_FORCES):
+        identified, information = found.identified, found.information
+        groups = information.windows_of_runs
+        forces = {
+            run.name: force
+            for run in found.runs
+            if run.name in groups
+            and (force := force_of_run(identified, information.of(groups[run.name]), run))
+        }
+        if not forces:
+            break
+        coordinates = identified.model.robot.coordinates
+        notes += tuple(
+            f"{name}: efforts {force.when} are left out of the fit: a force acts that the other "
+            f"motion does not have, as by a contact (rms {force_words(force, coordinates)})"
+            for name, force in forces.items()
+        )
+        runs = tuple(
+            run.leaving_out([forces[run.name].stretch]) if run.name in forces else run
+            for run in found.task.runs
+        )
+        found = refit(replace(found.task, runs=runs), notes)
+    return found, notes

@@ -15,26 +15,33 @@ from steelyard.estimate.friction.friction_choice import (
     choose_friction,
     refuse_listed,
 )
-from steelyard.estimate.friction.friction_mixes import PLAIN, has_memory, with_any_speed
-from steelyard.estimate.information.base_parameters import BaseMap, base_parameters, refuse_twins
+from steelyard.estimate.friction.friction_mixes import PLAIN, with_any_speed
+from steelyard.estimate.information.base_regressor import (
+    BaseMap,
+    base_parameters,
+    base_regressor,
+    refuse_twins,
+)
 from steelyard.estimate.information.gather import gather
 from steelyard.estimate.information.information import Information
-from steelyard.estimate.information.regressor import base_regressor
 from steelyard.estimate.least_squares.normal_equations import own_columns
 from steelyard.estimate.nonlinear.grid_search import InformationOf
-from steelyard.estimate.nonlinear.joint_zero_offsets import ZeroOffsets, find_offsets, with_offsets
 from steelyard.estimate.nonlinear.nonlinear_parameters import (
     Finding,
+    ZeroOffsets,
     converged_reference,
     find_fields,
+    find_offsets,
     information_from,
     needs_reference,
+    with_offsets,
 )
 from steelyard.estimate.payload.drive_gains import GainEstimate, identified_gains
 from steelyard.estimate.prior.constraint_kinds import knowledge_of
 from steelyard.estimate.scores.cross_validation import TooShortError
 from steelyard.model.model import Model, with_friction
 from steelyard.model.terms.axes import finds_of
+from steelyard.model.terms.term import has_memory
 from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
 from steelyard.robot.file.signals import Signals
 from steelyard.runs.run import Run, fastest_of

@@ -23,8 +23,7 @@ from steelyard.check.signals.movement_rests_and_base import of_base
 from steelyard.estimate.estimator_register import method_of
 from steelyard.estimate.scores.score import RunScore
 from steelyard.identify.cut_and_repeated_logs import marked_repeats, refuse_same_rows
-from steelyard.identify.fit import Fit, calibrated, fit
-from steelyard.identify.fitted_data import below_described_band, without_forces
+from steelyard.identify.fit import Fit, below_described_band, calibrated, fit, without_forces
 from steelyard.identify.gains_zeros_and_friction import FitTask, with_signals
 from steelyard.identify.notes_and_provenance import (
     commanded_note,

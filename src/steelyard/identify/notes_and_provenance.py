@@ -7,8 +7,7 @@ from steelyard.estimate.identified_model import IdentifiedModel, Provenance
 from steelyard.estimate.scores.score import RunScore
 from steelyard.model.model import Model
 from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
-from steelyard.runs.moving_samples_and_open_loops import open_stretches
-from steelyard.runs.run import Run
+from steelyard.runs.run import Run, open_stretches
 from steelyard.runs.runs_of_named_logs import LogArgument, sha256
 
 LISTED_TIMES = 5  # times that are listed, at most

@@ -12,19 +12,17 @@ from steelyard.base.arguments import checked
 from steelyard.base.arrays import frozen
 from steelyard.base.errors import DataError, ModelError, advice
 from steelyard.base.progress import Progress, silent
-from steelyard.estimate.consistent.contradictions_and_costs import (
+from steelyard.estimate.consistent.contradictions_and_prior_weight import (
     contradictions,
     refuse_contradictions,
 )
 from steelyard.estimate.consistent.convex_estimator import Consistent
 from steelyard.estimate.estimate import Estimate, StandardEstimate
-from steelyard.estimate.friction.friction_mixes import has_memory
 from steelyard.estimate.identified_model import IdentifiedModel, load_model
-from steelyard.estimate.information.base_parameters import base_parameters
+from steelyard.estimate.information.base_regressor import base_parameters, base_regressor
 from steelyard.estimate.information.information import Information
-from steelyard.estimate.information.regressor import base_regressor
 from steelyard.estimate.least_squares.normal_equations import own_columns
-from steelyard.estimate.least_squares.weighted_and_recursive import WeightedLeastSquares
+from steelyard.estimate.least_squares.weighted_and_robust import WeightedLeastSquares
 from steelyard.estimate.nonlinear.nonlinear_parameters import information_from
 from steelyard.estimate.prior.body_priors import Row
 from steelyard.estimate.prior.constraint_kinds import knowledge_of
@@ -37,12 +35,11 @@ from steelyard.identify.notes_and_provenance import dropped, dropped_rows, notes
 from steelyard.identify.page.report_content import ReportContent
 from steelyard.identify.scores_and_residuals import ModelReport, runs_for, scored
 from steelyard.model.model import Model
-from steelyard.model.terms.term import Term
+from steelyard.model.terms.term import Term, has_memory
 from steelyard.report.result import Result
 from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
 from steelyard.robot.file.robot_file import load_robot
-from steelyard.runs.moving_samples_and_open_loops import motion_samples
-from steelyard.runs.run import Run, fastest_of
+from steelyard.runs.run import Run, fastest_of, motion_samples
 from steelyard.runs.runs_of_named_logs import log_files, paths_of, refuse_overlaps, sha256
 
 STILL_SPEED_SHARE = 0.05  # speed over that of the fastest joint of its kind: hardly moves

@@ -20,7 +20,7 @@ from steelyard.estimate.bootstrap_and_sensitivity import (
 )
 from steelyard.estimate.estimate import Estimate
 from steelyard.estimate.identified_model import IdentifiedModel, load_model
-from steelyard.estimate.information.regressor import base_regressor
+from steelyard.estimate.information.base_regressor import base_regressor
 from steelyard.estimate.scores.score import RunScore
 from steelyard.identify.fit import Fit
 from steelyard.identify.page.errors_in_words import relative_errors
@@ -30,7 +30,7 @@ from steelyard.report.result import DataFrame, frame
 from steelyard.report.tables import text_table
 from steelyard.report.terminal import terminal
 from steelyard.robot.file.signals import Signals
-from steelyard.runs.cutoffs_and_rest_speed import MATCHED_HIGHEST, NYQUIST_SHARE, rounded
+from steelyard.runs.noise_and_cutoffs import MATCHED_HIGHEST, NYQUIST_SHARE, rounded
 from steelyard.runs.prepare import prepare
 from steelyard.runs.processing_choices import Processing
 from steelyard.runs.run import Run

@@ -16,7 +16,7 @@ from steelyard.base.errors import DataError, advice
 from steelyard.base.progress import Progress, report_progress, silent
 from steelyard.estimate.identified_model import IdentifiedModel, load_model
 from steelyard.estimate.information.gather import Mask
-from steelyard.estimate.scores.bands_and_traces import Bands
+from steelyard.estimate.scores.bands_and_traces import Bands, TorqueSplit
 from steelyard.estimate.scores.effort_errors import (
     band_of,
     effort_reference,
@@ -24,7 +24,6 @@ from steelyard.estimate.scores.effort_errors import (
     known_efforts,
 )
 from steelyard.estimate.scores.score import RunScore, low_passed, no_closed_sample, score
-from steelyard.estimate.scores.torque_parts import TorqueSplit
 from steelyard.identify.page.errors_in_words import both_words
 from steelyard.identify.page.parameters_and_truth import parameter_rows
 from steelyard.identify.page.report_content import ReportContent

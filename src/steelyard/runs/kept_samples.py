@@ -12,10 +12,9 @@ from weakref import WeakSet, finalize
 import numpy as np
 
 from steelyard.base.arrays import Array
-from steelyard.runs.left_out import LeftOut
 from steelyard.runs.processing_chain import Chain, MotionPart
-from steelyard.runs.recording import Recording
-from steelyard.runs.rows.marked_rows_and_quality import Segment
+from steelyard.runs.recording import LeftOut, Recording
+from steelyard.runs.rows.marked_and_false_rows import Segment
 
 BLOCK_SAMPLES = 4096  # samples that are kept, and handed out, at a time
 KEPT = 2**20

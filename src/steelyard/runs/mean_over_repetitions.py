@@ -13,7 +13,7 @@ import numpy as np
 from steelyard.base.arrays import Array, frozen
 from steelyard.base.errors import LogError
 from steelyard.logs.log import Cut
-from steelyard.runs.partition import evenly_sampled
+from steelyard.runs.processing_chain import evenly_sampled
 from steelyard.runs.recording import LogInMemory, Recording
 from steelyard.runs.rows.clock_and_row_scan import RowScan
 from steelyard.runs.spectrum_and_period import Repetitions, find_period, moving_span

@@ -8,7 +8,9 @@ import numpy as np
 from steelyard.base.arrays import Array, frozen
 from steelyard.base.errors import LogError
 from steelyard.logs.log import Cut
-from steelyard.runs.cutoffs_and_rest_speed import (
+from steelyard.runs.kept_samples import KeptSamples, Source
+from steelyard.runs.mean_over_repetitions import MeanMotion, mean_of_periods
+from steelyard.runs.noise_and_cutoffs import (
     MOVING_OVER_REST,
     SHORTEST_SEGMENT,
     Cutoffs,
@@ -16,18 +18,17 @@ from steelyard.runs.cutoffs_and_rest_speed import (
     cutoffs,
     default_rest_speed,
     given_rest_speed,
+    motion_responses,
+    noise_gain,
 )
-from steelyard.runs.kept_samples import KeptSamples, Source
-from steelyard.runs.mean_over_repetitions import MeanMotion, mean_of_periods
-from steelyard.runs.noise_propagation import motion_responses, noise_gain
 from steelyard.runs.processing_chain import Chain
 from steelyard.runs.processing_choices import Processing
 from steelyard.runs.recording import Recording
 from steelyard.runs.rows.faulty_row_detectors import RowVerdict
-from steelyard.runs.rows.marked_rows_and_quality import COUNTS_OF_MARKS, Marked, Quality, Segment
+from steelyard.runs.rows.marked_and_false_rows import COUNTS_OF_MARKS, Marked, Quality, Segment
 from steelyard.runs.rows.resampling import sample_count
 from steelyard.runs.run import Moves, Run, lost_ends
-from steelyard.runs.smoothing.method_and_butterworth import Butterworth, Choosing, Method
+from steelyard.runs.smoothing.zero_phase_filters import Butterworth, Choosing, Method
 from steelyard.runs.survey_of_recording import Survey, survey
 
 SAME_RATE = 1e-6  # relative difference up to which two rates are one

@@ -9,11 +9,15 @@ from steelyard.robot.file.sections import ProcessingSection
 from steelyard.robot.file.values_by_kind import Kinds
 from steelyard.runs.rows.resampling import INTERPOLATIONS
 from steelyard.runs.smoothing.auto_method import Auto
-from steelyard.runs.smoothing.finite_window_methods import FIR, MovingAverage, SavitzkyGolay
 from steelyard.runs.smoothing.fourier import Fourier
 from steelyard.runs.smoothing.kalman_smoother import CausalKalman, Kalman, KalmanSmoother
-from steelyard.runs.smoothing.method_and_butterworth import Butterworth, Method, Smoother
-from steelyard.runs.smoothing.smoothing_spline import SmoothingSpline
+from steelyard.runs.smoothing.spline_and_finite_windows import (
+    FIR,
+    MovingAverage,
+    SavitzkyGolay,
+    SmoothingSpline,
+)
+from steelyard.runs.smoothing.zero_phase_filters import Butterworth, Method, Smoother
 from steelyard.runs.spectrum_and_period import Repetitions
 
 METHODS: dict[str, type[Any]] = {

@@ -1,4 +1,4 @@
-r"""A recording: a log, what its columns hold, its window; positions logged modulo a turn.
+r"""A recording: a log, what its columns hold, its window, what is left out; unwrapped positions.
 
 A joint that leaves $[a, a + 2\pi)$ comes in again at the other end. The jump is a turn, less what
 the joint moves from row to row, from one end of all positions to the other; a joint that moves as
@@ -16,7 +16,6 @@ from steelyard.base.arrays import Array, frozen
 from steelyard.base.errors import LogError
 from steelyard.logs.log import ROWS_OF_PART, Cut, Log, RowRange, require_columns
 from steelyard.robot.file.signals import Signals
-from steelyard.runs.left_out import LeftOut
 from steelyard.runs.rows.resampling import put_together
 
 TURN = 2.0 * np.pi  # of a joint [rad]
@@ -66,6 +65,62 @@ def continuous(q: Array, near: float) -> tuple[Array, float]:
     found = q.copy()
     found[usable] -= TURN * np.cumsum(np.round(np.diff(q[usable], prepend=near) / TURN))
     return found, float(found[usable[-1]])
+
+
+FROZEN = "an encoder is frozen: its position stops within one row while others move"
+DEAD = "they keep one value while the joint moves: they are not measured there"
+
+
+@dataclass(frozen=True)
+class LeftOut:
+    """A stretch of a recording that does not count.
+
+    Attributes:
+        start: Its first time, from the log's start [s].
+        stop: Its last time [s].
+        reason: What is wrong there, in a few words.
+        joints: Numbers of the joints whose efforts do not count; empty if positions are wrong, so
+            that no row of the stretch is used.
+    """
+
+    start: float
+    stop: float
+    reason: str
+    joints: tuple[int, ...] = ()
+
+    def words(self, names: Sequence[str]) -> str:
+        """What is left out and why, by the names of all joints."""
+        when = f"{self.start:.4g} to {self.stop:.4g} s"
+        if not self.joints:
+            return f"{when} left out: {self.reason}"
+        every = len(self.joints) == len(names) > 1
+        whose = "all joints" if every else ", ".join(names[j] for j in self.joints)
+        return f"efforts of {whose} from {when} left out: {self.reason}"
+
+
+def rows_left_out(t: Array, stretches: Iterable[LeftOut]) -> NDArray[np.bool_]:
+    """Whether no joint of a row at each time `(N,)` counts."""
+    whole = [s for s in stretches if not s.joints]
+    return np.asarray(sum((t >= s.start) & (t <= s.stop) for s in whole) > np.zeros(len(t)))
+
+
+def efforts_left_out(
+    t: Array, joints: int, stretches: Iterable[LeftOut], spread: float
+) -> NDArray[np.bool_] | None:
+    """Whether the effort of each joint does not count at times `(N,)`, shape `(n, N)`.
+
+    The `spread` around a stretch, which filters mix with it, does not count either [s]. `None`
+    where all count.
+    """
+    found = [
+        s for s in stretches if s.joints and t[0] <= s.stop + spread and t[-1] >= s.start - spread
+    ]
+    if not found:
+        return None
+    marks = np.zeros((joints, len(t)), dtype=np.bool_)
+    for s in found:
+        marks[list(s.joints)] |= (t >= s.start - spread) & (t <= s.stop + spread)
+    return marks
 
 
 @dataclass(frozen=True)

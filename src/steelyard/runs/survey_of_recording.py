@@ -8,10 +8,9 @@ from numpy.typing import NDArray
 
 from steelyard.base.arrays import Array, frozen
 from steelyard.base.errors import LogError
-from steelyard.runs.left_out import LeftOut
-from steelyard.runs.partition import evenly_sampled
+from steelyard.runs.processing_chain import evenly_sampled
 from steelyard.runs.processing_choices import Processing
-from steelyard.runs.recording import Recording
+from steelyard.runs.recording import LeftOut, Recording
 from steelyard.runs.rows.clock_and_row_scan import (
     SHORTEST_CHAIN,
     Clock,
@@ -22,9 +21,8 @@ from steelyard.runs.rows.clock_and_row_scan import (
     not_followed,
     nothing_left,
 )
-from steelyard.runs.rows.false_stretches import FalseStretches
 from steelyard.runs.rows.faulty_row_detectors import Extremes, RowVerdict
-from steelyard.runs.rows.marked_rows_and_quality import RowChecks, Segment
+from steelyard.runs.rows.marked_and_false_rows import FalseStretches, RowChecks, Segment
 from steelyard.runs.rows.resampling import sample_count
 from steelyard.runs.spectrum_and_period import Band, motion_band
 

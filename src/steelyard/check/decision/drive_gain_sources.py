@@ -26,8 +26,8 @@ from steelyard.check.hypotheses.readings_and_likelihood import Hypothesis
 from steelyard.check.identifiability_and_clean_runs import clean_runs, customary_model
 from steelyard.check.signals.good_rows_and_derivatives import remembered
 from steelyard.estimate.friction.friction_mixes import with_any_speed
+from steelyard.estimate.information.base_regressor import base_regressor
 from steelyard.estimate.information.gather import gather
-from steelyard.estimate.information.regressor import base_regressor
 from steelyard.estimate.payload.drive_gains import identified_gains
 from steelyard.robot.file.sections import Gain
 from steelyard.robot.init.column_names import Column, by_number

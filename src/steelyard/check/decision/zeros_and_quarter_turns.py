@@ -44,14 +44,17 @@ from steelyard.check.hypotheses.position_hypotheses import (
 from steelyard.check.hypotheses.readings_and_likelihood import Reading
 from steelyard.check.identifiability_and_clean_runs import clean_runs, customary_model
 from steelyard.estimate.estimate import Z95
-from steelyard.estimate.friction.friction_mixes import has_memory
-from steelyard.estimate.information.base_parameters import base_parameters
-from steelyard.estimate.information.regressor import Regressor, base_regressor
+from steelyard.estimate.information.base_regressor import Regressor, base_parameters, base_regressor
 from steelyard.estimate.least_squares.normal_equations import own_columns
-from steelyard.estimate.least_squares.weighted_and_recursive import WeightedLeastSquares
-from steelyard.estimate.nonlinear.joint_zero_offsets import ZeroOffsets, find_offsets, with_offsets
-from steelyard.estimate.nonlinear.nonlinear_parameters import information_from
+from steelyard.estimate.least_squares.weighted_and_robust import WeightedLeastSquares
+from steelyard.estimate.nonlinear.nonlinear_parameters import (
+    ZeroOffsets,
+    find_offsets,
+    information_from,
+    with_offsets,
+)
 from steelyard.model.model import Model
+from steelyard.model.terms.term import has_memory
 from steelyard.robot.file.signals import Signals
 from steelyard.robot.robot import Robot
 from steelyard.runs.run import Run

@@ -19,16 +19,15 @@ import numpy as np
 from steelyard.base.errors import DataError
 from steelyard.estimate.consistent.convex_estimator import Consistent
 from steelyard.estimate.estimate import Z95, Estimate, Estimator
-from steelyard.estimate.friction.friction_mixes import has_memory
-from steelyard.estimate.information.base_parameters import BaseMap
+from steelyard.estimate.information.base_regressor import BaseMap, base_regressor
 from steelyard.estimate.information.information import Information
-from steelyard.estimate.information.regressor import base_regressor
-from steelyard.estimate.least_squares.weighted_and_recursive import WeightedLeastSquares, whitened
+from steelyard.estimate.least_squares.weighted_and_robust import WeightedLeastSquares, whitened
 from steelyard.estimate.nonlinear.effort_scales import EffortScales
 from steelyard.estimate.nonlinear.nonlinear_parameters import information_from
 from steelyard.estimate.prior.body_priors import Knowledge, Row
 from steelyard.estimate.scores.cross_validation import FOLDS, logarithms, values_by
 from steelyard.model.model import Model
+from steelyard.model.terms.term import has_memory
 from steelyard.report.words import with_interval
 from steelyard.runs.run import Run
 

@@ -24,9 +24,8 @@ from steelyard.base.errors import DataError
 from steelyard.check.fitted.periodic_residuals import ResidualShape
 from steelyard.estimate.estimate import Estimate
 from steelyard.estimate.friction.friction_choice import DIRECTION_LOSS_PROBABILITY, worse
-from steelyard.estimate.information.base_parameters import base_parameters
+from steelyard.estimate.information.base_regressor import Regressor, base_parameters
 from steelyard.estimate.information.information import Information
-from steelyard.estimate.information.regressor import Regressor
 from steelyard.estimate.least_squares.normal_equations import Runs, lengths_of, own_columns, solve
 from steelyard.estimate.nonlinear.nonlinear_parameters import bodies_of, information_from
 from steelyard.estimate.scores.cross_validation import (

@@ -22,15 +22,14 @@ from steelyard.check.fitted.fitted_case_and_causes import FittedCase, post_fit_c
 from steelyard.check.fitted.passing_force import FINE_WINDOW, PassingForce, passing_force
 from steelyard.check.hypotheses.friction_signs_and_delay import whitened_columns
 from steelyard.estimate.estimate import Z95
-from steelyard.estimate.friction.friction_mixes import has_memory
 from steelyard.estimate.identified_model import IdentifiedModel
-from steelyard.estimate.information.base_parameters import BaseMap
+from steelyard.estimate.information.base_regressor import BaseMap, base_regressor
+from steelyard.estimate.information.filter_and_gram import ParallelFilter
 from steelyard.estimate.information.information import Information
-from steelyard.estimate.information.parallel_filter import ParallelFilter
-from steelyard.estimate.information.regressor import base_regressor
 from steelyard.estimate.nonlinear.nonlinear_parameters import information_from
 from steelyard.estimate.payload.runs_with_payload import carrier, payload_lift
 from steelyard.model.laws.register import law_of
+from steelyard.model.terms.term import has_memory
 from steelyard.robot.robot import Coordinate, Robot
 from steelyard.runs.run import Run
 

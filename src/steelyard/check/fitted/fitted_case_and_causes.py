@@ -21,19 +21,18 @@ from steelyard.check.fitted.causes_of_residuals import (
 from steelyard.check.fitted.periodic_residuals import residual_shape
 from steelyard.estimate.consistent.convex_estimator import Consistent
 from steelyard.estimate.estimate import Estimate
-from steelyard.estimate.friction.friction_mixes import has_memory
 from steelyard.estimate.identified_model import IdentifiedModel
-from steelyard.estimate.information.base_parameters import base_parameters
+from steelyard.estimate.information.base_regressor import Regressor, base_parameters, base_regressor
 from steelyard.estimate.information.information import Information
-from steelyard.estimate.information.regressor import Regressor, base_regressor
 from steelyard.estimate.least_squares.covariance_from_residuals import inflations
 from steelyard.estimate.least_squares.normal_equations import own_columns
-from steelyard.estimate.least_squares.weighted_and_recursive import WeightedLeastSquares
+from steelyard.estimate.least_squares.weighted_and_robust import WeightedLeastSquares
 from steelyard.estimate.nonlinear.effort_scales import EffortScales
 from steelyard.estimate.nonlinear.nonlinear_parameters import information_from
-from steelyard.estimate.scores.residual_noise import ResidualNoise, residual_noise
+from steelyard.estimate.scores.residuals import ResidualNoise, residual_noise
 from steelyard.estimate.scores.score import RunScore
 from steelyard.model.model import Model
+from steelyard.model.terms.term import has_memory
 from steelyard.runs.run import Run
 
 JOINT_ABOVE_NOISE = 1.5  # residual over noise from which on a joint is counted as above it

@@ -15,9 +15,9 @@ from steelyard.check.finding import Finding, Fix
 from steelyard.check.fitted.fitted_case_and_causes import FittedCase, post_fit_check
 from steelyard.check.identifiability_and_clean_runs import customary_model, longest_run
 from steelyard.estimate.estimate import Estimate
+from steelyard.estimate.information.base_regressor import base_regressor
 from steelyard.estimate.information.gather import gather
-from steelyard.estimate.information.regressor import base_regressor
-from steelyard.estimate.least_squares.weighted_and_recursive import WeightedLeastSquares
+from steelyard.estimate.least_squares.weighted_and_robust import WeightedLeastSquares
 from steelyard.model.laws.register import law_of
 from steelyard.model.laws.rigid_body import RotorInertia
 

@@ -19,7 +19,7 @@ from steelyard.check.fitted.fitted_case_and_causes import (
     post_fit_check,
     worst_residual_words,
 )
-from steelyard.estimate.scores.residual_noise import ResidualNoise
+from steelyard.estimate.scores.residuals import ResidualNoise
 from steelyard.model.laws.springs_and_offset import Cogging
 
 INCOMPLETE_RESIDUAL = 2.0  # over the noise's upper bound, of an incomplete model

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from steelyard.base.arrays import Array
 from steelyard.check.hypotheses.friction_signs_and_delay import whitened_columns
 from steelyard.estimate.information.information import Information
-from steelyard.runs.left_out import LeftOut
+from steelyard.runs.recording import LeftOut
 
 FEWEST_WINDOWS = 6  # windows of a run in which a stretch is looked for
 LONGEST_SHARE = 0.4  # share of a run's windows that it takes at most

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from steelyard.base.arrays import Array
-from steelyard.estimate.scores.residual_noise import residual_blocks
+from steelyard.estimate.scores.residuals import residual_blocks
 from steelyard.model.model import ValuedModel
 from steelyard.robot.robot import Robot
 from steelyard.runs.run import Run

@@ -23,7 +23,7 @@ from steelyard.check.fitted.fitted_case_and_causes import FittedCase, post_fit_c
 from steelyard.estimate.estimate import Z95
 from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.estimate.information.information import Information
-from steelyard.estimate.least_squares.weighted_and_recursive import WeightedLeastSquares
+from steelyard.estimate.least_squares.weighted_and_robust import WeightedLeastSquares
 from steelyard.estimate.payload.runs_with_payload import carrier, drifting, load_case
 
 DISAGREEING_RESIDUAL = 2.0

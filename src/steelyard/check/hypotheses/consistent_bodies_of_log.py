@@ -44,8 +44,11 @@ from steelyard.check.signals.good_rows_and_derivatives import remembered
 from steelyard.estimate.consistent.conic_solver import solved
 from steelyard.estimate.consistent.convex_program import ConicConstraints, Program, polished
 from steelyard.estimate.consistent.unknowns_and_penalties import Entropic, Unknowns, ten_map
-from steelyard.estimate.information.base_parameters import base_parameters
-from steelyard.estimate.information.regressor import Regressor, chosen_regressor
+from steelyard.estimate.information.base_regressor import (
+    Regressor,
+    base_parameters,
+    chosen_regressor,
+)
 from steelyard.estimate.payload.runs_with_payload import carrier
 from steelyard.estimate.prior.body_priors import model_prior
 from steelyard.model.compiled_evaluation import check_angles

@@ -27,9 +27,9 @@ from steelyard.check.finding import Edit, Finding, Fix
 from steelyard.check.hypotheses.nuisance_fit_and_score import LikelihoodScore
 from steelyard.check.hypotheses.readings_and_likelihood import Reading
 from steelyard.check.identifiability_and_clean_runs import clean_runs, customary_model, longest_run
+from steelyard.estimate.information.base_regressor import Regressor, base_regressor
 from steelyard.estimate.information.gather import gather
 from steelyard.estimate.information.information import Information
-from steelyard.estimate.information.regressor import Regressor, base_regressor
 from steelyard.model.laws.friction_over_speed import Coulomb, Viscous
 from steelyard.model.laws.friction_with_memory import MaxwellSlip
 from steelyard.model.model import Model

@@ -24,7 +24,7 @@ from steelyard.check.hypotheses.readings_and_likelihood import (
     scored,
 )
 from steelyard.estimate.estimate import Z95
-from steelyard.estimate.nonlinear.joint_zero_offsets import LOOSEST
+from steelyard.estimate.nonlinear.nonlinear_parameters import LOOSEST
 from steelyard.robot.robot import Robot
 
 OTHER_POSITION_UNITS = {"revolute": {"degrees": pi / 180.0}, "prismatic": {"millimetres": 1e-3}}

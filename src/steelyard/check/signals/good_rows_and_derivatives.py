@@ -17,13 +17,13 @@ from steelyard.base.arrays import Array
 from steelyard.check.case_and_evidence import Case, Evidence
 from steelyard.runs.recording import Channels
 from steelyard.runs.rows.clock_and_row_scan import GAP_STEPS
-from steelyard.runs.rows.false_stretches import (
+from steelyard.runs.rows.faulty_row_detectors import LARGEST_VALUE
+from steelyard.runs.rows.marked_and_false_rows import (
     FASTEST_FACTOR,
     FASTEST_SHARE,
     MOVED,
     frozen_positions,
 )
-from steelyard.runs.rows.faulty_row_detectors import LARGEST_VALUE
 from steelyard.runs.rows.resampling import uniform
 
 P = ParamSpec("P")

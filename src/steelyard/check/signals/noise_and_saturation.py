@@ -27,12 +27,12 @@ from steelyard.check.signals.good_rows_and_derivatives import (
     with_rows,
 )
 from steelyard.check.signals.motion_units import driven_joints, unit_reading
+from steelyard.estimate.information.base_regressor import base_regressor
 from steelyard.estimate.information.gather import gather
-from steelyard.estimate.information.regressor import base_regressor
-from steelyard.estimate.least_squares.weighted_and_recursive import WeightedLeastSquares
+from steelyard.estimate.least_squares.weighted_and_robust import WeightedLeastSquares
 from steelyard.robot.init.column_names import Column, Quantity, by_number
-from steelyard.runs.rows.false_stretches import MOVED
 from steelyard.runs.rows.faulty_row_detectors import stretches
+from steelyard.runs.rows.marked_and_false_rows import MOVED
 from steelyard.runs.run import Run
 
 DIFFERENCE_ORDER = 6

@@ -26,15 +26,15 @@ from steelyard.estimate.closed_loop.feedback_and_forward_dynamics import (
     tuned_pd,
 )
 from steelyard.estimate.estimate import Estimate
+from steelyard.estimate.information.base_regressor import Regressor
+from steelyard.estimate.information.filter_and_gram import ParallelFilter
 from steelyard.estimate.information.information import Information
-from steelyard.estimate.information.parallel_filter import ParallelFilter
-from steelyard.estimate.information.regressor import Regressor
-from steelyard.estimate.least_squares.weighted_and_recursive import WeightedLeastSquares
+from steelyard.estimate.least_squares.weighted_and_robust import WeightedLeastSquares
 from steelyard.estimate.nonlinear.nonlinear_parameters import information_from
 from steelyard.model.laws.rigid_body import RigidBody
 from steelyard.model.terms.term import ActsOnAxes
 from steelyard.runs.run import Run
-from steelyard.runs.smoothing.finite_window_methods import SavitzkyGolay
+from steelyard.runs.smoothing.spline_and_finite_windows import SavitzkyGolay
 from steelyard.runs.smoothing.zero_phase_filters import zero_phase
 
 CONTROL_RATE = 1000.0  # least rate of simulated controllers [1/s]

@@ -36,8 +36,7 @@ from steelyard.estimate.closed_loop.simulated_experiment import (
     simulate,
 )
 from steelyard.estimate.estimate import Estimate
-from steelyard.estimate.information.gram_accumulator import MOVING
-from steelyard.estimate.information.parallel_filter import ParallelFilter
+from steelyard.estimate.information.filter_and_gram import MOVING, ParallelFilter
 
 _STEP = 1e-4  # change of the torque, over the torque, by which a parameter is moved
 

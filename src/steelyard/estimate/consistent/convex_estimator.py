@@ -22,20 +22,22 @@ from steelyard.estimate.consistent.conic_solver import (
     Unsolved,
     solved,
 )
-from steelyard.estimate.consistent.contradictions_and_costs import (
+from steelyard.estimate.consistent.contradictions_and_prior_weight import (
+    Tried,
+    Weighed,
     active_bounds,
     cost_notes,
     far_constraints,
     refuse_contradictions,
+    weighed,
 )
 from steelyard.estimate.consistent.convex_program import Program, conic_constraints, polished
-from steelyard.estimate.consistent.prior_weight import Tried, Weighed, weighed
 from steelyard.estimate.consistent.unknowns_and_penalties import Entropic, Form, unknowns
 from steelyard.estimate.estimate import Estimate, StandardEstimate
-from steelyard.estimate.information.base_parameters import BaseMap
+from steelyard.estimate.information.base_regressor import BaseMap
 from steelyard.estimate.information.information import Information
 from steelyard.estimate.least_squares.normal_equations import Solution, Spread, described
-from steelyard.estimate.least_squares.weighted_and_recursive import Whitened, whitened
+from steelyard.estimate.least_squares.weighted_and_robust import Whitened, whitened
 from steelyard.estimate.prior.body_priors import Knowledge
 
 ROUGH = 1e-8  # gap and infeasibility required of the solver where Newton's method does the rest

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from steelyard.base.arrays import Array, Parameters
 from steelyard.base.errors import DataError
-from steelyard.estimate.consistent.contradictions_and_costs import refuse_contradictions
+from steelyard.estimate.consistent.contradictions_and_prior_weight import refuse_contradictions
 from steelyard.estimate.consistent.convex_estimator import Consistent
 from steelyard.estimate.consistent.convex_program import Program
 from steelyard.estimate.consistent.unknowns_and_penalties import (

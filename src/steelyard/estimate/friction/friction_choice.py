@@ -27,13 +27,16 @@ from steelyard.estimate.friction.friction_mixes import (
     PLAIN,
     SPEED,
     Mix,
-    has_memory,
     mix_name,
     stages_of,
 )
-from steelyard.estimate.information.base_parameters import BaseMap, base_parameters
+from steelyard.estimate.information.base_regressor import (
+    BaseMap,
+    Regressor,
+    base_parameters,
+    chosen_regressor,
+)
 from steelyard.estimate.information.information import Information
-from steelyard.estimate.information.regressor import Regressor, chosen_regressor
 from steelyard.estimate.nonlinear.nonlinear_parameters import information_from, reference_of
 from steelyard.estimate.scores.cross_validation import (
     LEAST_GAIN_PER_PARAMETER,
@@ -47,7 +50,7 @@ from steelyard.estimate.scores.cross_validation import (
 )
 from steelyard.model.laws.friction_with_memory import PLAUSIBLE, Dahl, LoadDependent
 from steelyard.model.model import Model
-from steelyard.model.terms.term import CandidateTerms, StatefulTerm, Term
+from steelyard.model.terms.term import CandidateTerms, StatefulTerm, Term, has_memory
 from steelyard.runs.run import Run
 
 LOSS_PROBABILITY, DIRECTION_LOSS_PROBABILITY = 0.9, 0.95

@@ -28,7 +28,7 @@ from steelyard.model.laws.friction_over_speed import (
 from steelyard.model.laws.friction_with_memory import Dahl, LoadDependent, LuGre, MaxwellSlip
 from steelyard.model.laws.springs_and_offset import Offset, Spring
 from steelyard.model.model import Model
-from steelyard.model.terms.term import StatefulTerm, Term
+from steelyard.model.terms.term import Term
 from steelyard.robot.file.sections import EffortKind
 from steelyard.robot.robot import Coordinate, Robot
 
@@ -130,11 +130,6 @@ def _sized(stage: Sequence[Mix], robot: Robot) -> Stage:
         return cast(Term, replace(cast(Any, term), **wanted)) if wanted else term
 
     return tuple(tuple(map(sized, mix)) for mix in stage)
-
-
-def has_memory(terms: Sequence[Term]) -> bool:
-    """Whether friction at rest is known: some law has a memory of where the joint came from."""
-    return any(isinstance(term, StatefulTerm) for term in terms)
 
 
 def mix_name(terms: Sequence[Term]) -> str:

@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 
 from steelyard.base.arrays import Array, frozen
 from steelyard.base.progress import Progress, report_progress, silent
+from steelyard.estimate.information.base_regressor import Layout, Regressor
+from steelyard.estimate.information.filter_and_gram import Accumulator
 from steelyard.estimate.information.gather import Piece, in_order, start_pass
-from steelyard.estimate.information.gram_accumulator import Accumulator
 from steelyard.estimate.information.information import Information, Signature, Window, packed
-from steelyard.estimate.information.regressor import Layout, Regressor
-from steelyard.runs.noise_propagation import MotionError, motion_error
+from steelyard.runs.noise_and_cutoffs import MotionError, motion_error
 from steelyard.runs.run import Run
 
 Index = NDArray[np.intp]

@@ -11,13 +11,16 @@ from numpy.typing import NDArray
 
 from steelyard.base.errors import LogError
 from steelyard.base.progress import Progress, report_progress, silent
-from steelyard.estimate.information.gram_accumulator import Accumulator, Stretch, Sums
+from steelyard.estimate.information.base_regressor import Regressor
+from steelyard.estimate.information.filter_and_gram import (
+    Accumulator,
+    ParallelFilter,
+    Stretch,
+    Sums,
+)
 from steelyard.estimate.information.information import Information, Signature, Window
-from steelyard.estimate.information.parallel_filter import ParallelFilter
-from steelyard.estimate.information.regressor import Regressor
 from steelyard.model.model import Model
-from steelyard.runs.moving_samples_and_open_loops import closed_parts
-from steelyard.runs.run import Block, Run
+from steelyard.runs.run import Block, Run, closed_parts
 
 MOST_WINDOWS = 128  # windows kept per run; beyond that neighbours are merged
 

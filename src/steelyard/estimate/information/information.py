@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from steelyard.base.arrays import Array, frozen
 from steelyard.base.errors import DataError
-from steelyard.estimate.information.regressor import Layout
+from steelyard.estimate.information.base_regressor import Layout
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from steelyard.base.arrays import Array
-from steelyard.estimate.information.base_parameters import BaseMap, clear_map
+from steelyard.estimate.information.base_regressor import BaseMap, clear_map
 from steelyard.model.equations.inverse_dynamics import JointState, completed
 from steelyard.model.model import Model
 from steelyard.symbolic.native.compiled_programs import Code, compiled

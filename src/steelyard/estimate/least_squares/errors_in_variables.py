@@ -25,9 +25,9 @@ from numpy.typing import ArrayLike
 from steelyard.base.arrays import Array, frozen
 from steelyard.base.errors import DataError
 from steelyard.estimate.estimate import Estimate
+from steelyard.estimate.information.base_regressor import Regressor
 from steelyard.estimate.information.filtered_samples import FilteredSamples, Index
 from steelyard.estimate.information.information import Information
-from steelyard.estimate.information.regressor import Regressor
 from steelyard.estimate.least_squares.covariance_from_residuals import honest_covariance
 from steelyard.estimate.least_squares.normal_equations import (
     Spread,
@@ -36,8 +36,11 @@ from steelyard.estimate.least_squares.normal_equations import (
     refuse_few,
     unit_length,
 )
-from steelyard.estimate.least_squares.robust_regression import FREEDOM, residuals_of
-from steelyard.estimate.least_squares.weighted_and_recursive import WeightedLeastSquares
+from steelyard.estimate.least_squares.weighted_and_robust import (
+    FREEDOM,
+    WeightedLeastSquares,
+    residuals_of,
+)
 
 BLOCK = 256  # instants evaluated at once, each with every joint moved six ways
 

@@ -21,9 +21,8 @@ import numpy as np
 from steelyard.base.arrays import Array, Parameters, frozen
 from steelyard.base.errors import DataError
 from steelyard.estimate.estimate import Estimate, Estimator
-from steelyard.estimate.information.base_parameters import BaseMap
+from steelyard.estimate.information.base_regressor import BaseMap, Layout
 from steelyard.estimate.information.information import Information
-from steelyard.estimate.information.regressor import Layout
 from steelyard.estimate.least_squares.covariance_from_residuals import (
     honest_covariance,
     scatter,
@@ -36,7 +35,7 @@ from steelyard.estimate.least_squares.normal_equations import (
     inverse_of_gram,
     unit_length,
 )
-from steelyard.estimate.least_squares.weighted_and_recursive import (
+from steelyard.estimate.least_squares.weighted_and_robust import (
     WeightedLeastSquares,
     Whitened,
     whitened,

@@ -33,11 +33,10 @@ from steelyard.base.progress import Progress, report_progress, silent
 from steelyard.estimate.consistent.convex_estimator import Consistent, inverse_of
 from steelyard.estimate.effort_uncertainty import KnownScales
 from steelyard.estimate.estimate import Z95, Estimate, StandardEstimate
-from steelyard.estimate.information.base_parameters import BaseMap
+from steelyard.estimate.information.base_regressor import BaseMap, Layout
 from steelyard.estimate.information.information import Information
-from steelyard.estimate.information.regressor import Layout
 from steelyard.estimate.least_squares.normal_equations import condition_of, unit_length
-from steelyard.estimate.least_squares.weighted_and_recursive import whitened
+from steelyard.estimate.least_squares.weighted_and_robust import whitened
 from steelyard.estimate.scores.cross_validation import (
     FEWEST,
     FOLDS,

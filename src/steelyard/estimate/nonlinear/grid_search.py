@@ -17,9 +17,13 @@ from numpy.typing import NDArray
 
 from steelyard.base.arrays import Array
 from steelyard.base.progress import Progress, report_progress
-from steelyard.estimate.information.base_parameters import BaseMap, base_parameters
+from steelyard.estimate.information.base_regressor import (
+    BaseMap,
+    Regressor,
+    base_parameters,
+    chosen_regressor,
+)
 from steelyard.estimate.information.information import Information
-from steelyard.estimate.information.regressor import Regressor, chosen_regressor
 from steelyard.estimate.least_squares.normal_equations import lengths_of
 from steelyard.model.model import Model
 from steelyard.model.terms.axes import Find, finds_of

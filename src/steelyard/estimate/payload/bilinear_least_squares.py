@@ -11,8 +11,8 @@ from functools import cached_property
 import numpy as np
 
 from steelyard.base.arrays import Array
+from steelyard.estimate.information.base_regressor import Layout
 from steelyard.estimate.information.information import Information
-from steelyard.estimate.information.regressor import Layout
 from steelyard.estimate.payload.runs_with_payload import LoadCase, covariance_of, inverse, scatter
 
 ROUNDS = 50  # most rounds of the weights

@@ -16,7 +16,7 @@ import numpy as np
 from steelyard.base.arrays import Array, frozen
 from steelyard.base.errors import DataError, ModelError, advice
 from steelyard.estimate.estimate import Z95
-from steelyard.estimate.information.base_parameters import base_parameters
+from steelyard.estimate.information.base_regressor import base_parameters
 from steelyard.estimate.information.information import Information
 from steelyard.estimate.payload.bilinear_least_squares import Bilinear, Solution, solved
 from steelyard.estimate.payload.payload_estimate import PayloadEstimate, payload_of

@@ -18,9 +18,8 @@ import numpy as np
 from steelyard.base.arrays import Array
 from steelyard.base.errors import DataError, ModelError, named
 from steelyard.estimate.estimate import Z95
-from steelyard.estimate.information.base_parameters import BaseMap
+from steelyard.estimate.information.base_regressor import BaseMap, Layout
 from steelyard.estimate.information.information import Information
-from steelyard.estimate.information.regressor import Layout
 from steelyard.model.model import Model
 from steelyard.model.torque_and_quantities import names_of
 from steelyard.robot.inertia_and_placement import INERTIAL_NAMES, INERTIAL_UNITS, Inertia

@@ -8,17 +8,18 @@ import numpy as np
 
 from steelyard.base.arrays import Array
 from steelyard.base.errors import ModelError
-from steelyard.estimate.consistent.contradictions_and_costs import refuse_contradictions
+from steelyard.estimate.consistent.contradictions_and_prior_weight import refuse_contradictions
 from steelyard.estimate.least_squares.normal_equations import own_columns
 from steelyard.estimate.prior.body_priors import Knowledge, Row
-from steelyard.estimate.prior.constraint_protocol import (
+from steelyard.estimate.prior.constraints_and_friction import (
     Bounded,
     ConstraintContext,
     PriorConstraint,
+    friction_curves,
     given_knowledge,
     in_words,
+    shaped,
 )
-from steelyard.estimate.prior.dissipative_friction import friction_curves, shaped
 from steelyard.model.laws.register import TERMS
 from steelyard.model.model import Model
 from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot

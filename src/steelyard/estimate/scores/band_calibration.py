@@ -27,10 +27,9 @@ from steelyard.estimate.effort_uncertainty import (
     rest_speed_of_runs,
 )
 from steelyard.estimate.estimate import Z95, Estimator
-from steelyard.estimate.friction.friction_mixes import has_memory
 from steelyard.estimate.identified_model import IdentifiedModel
+from steelyard.estimate.information.base_regressor import base_regressor
 from steelyard.estimate.information.information import Information
-from steelyard.estimate.information.regressor import base_regressor
 from steelyard.estimate.nonlinear.nonlinear_parameters import information_from
 from steelyard.estimate.scores.bands_and_traces import Bands
 from steelyard.estimate.scores.cross_validation import (
@@ -39,8 +38,9 @@ from steelyard.estimate.scores.cross_validation import (
     runs_left_out,
     stretches_left_out,
 )
-from steelyard.estimate.scores.residual_trace import ResidualTrace, residual_cutoff, residual_trace
+from steelyard.estimate.scores.residuals import ResidualTrace, residual_cutoff, residual_trace
 from steelyard.estimate.scores.score import score
+from steelyard.model.terms.term import has_memory
 from steelyard.runs.run import Run
 
 LEVEL = 0.95  # share of new measurements that a band holds

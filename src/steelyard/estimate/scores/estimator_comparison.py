@@ -16,9 +16,9 @@ from steelyard.base.errors import DataError, SteelyardError
 from steelyard.base.progress import Progress, Stopped, report_progress, silent
 from steelyard.estimate.estimate import Estimate, Estimator
 from steelyard.estimate.estimator_register import Context, Needs, Offer
-from steelyard.estimate.information.base_parameters import BaseMap
+from steelyard.estimate.information.base_regressor import BaseMap
 from steelyard.estimate.information.information import Information
-from steelyard.estimate.least_squares.weighted_and_recursive import WeightedLeastSquares
+from steelyard.estimate.least_squares.weighted_and_robust import WeightedLeastSquares
 from steelyard.estimate.prior.body_priors import Knowledge
 from steelyard.estimate.scores.cross_validation import folds_of, stretches_of
 from steelyard.estimate.scores.estimator_scores_and_advice import (

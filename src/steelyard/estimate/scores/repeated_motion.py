@@ -14,13 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.base.arrays import Array
-from steelyard.runs.moving_samples_and_open_loops import (
+from steelyard.runs.run import (
     MotionRows,
     MotionSamples,
+    Run,
     motion_rows,
     samples_of_rows,
 )
-from steelyard.runs.run import Run
 
 RATE, MOST_INSTANTS = 200.0, 60_000  # of shifts that are tried [Hz]; of the run
 NEAR, CLOSE, LEAST_NEAR = 0.03, 0.01, 1e-3

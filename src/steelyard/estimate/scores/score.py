@@ -16,7 +16,15 @@ import numpy as np
 from steelyard.base.arrays import Array, finite_json
 from steelyard.base.errors import DataError
 from steelyard.estimate.information.gather import Mask, blocks_with_channels
-from steelyard.estimate.scores.bands_and_traces import MOST_DRAWN, Bands, Thinned, Traces
+from steelyard.estimate.scores.bands_and_traces import (
+    MOST_DRAWN,
+    PARTS,
+    Bands,
+    Thinned,
+    TorqueParts,
+    TorqueSplit,
+    Traces,
+)
 from steelyard.estimate.scores.effort_errors import (
     BandErrors,
     EffortReference,
@@ -25,8 +33,7 @@ from steelyard.estimate.scores.effort_errors import (
     band_of,
     relative_percent,
 )
-from steelyard.estimate.scores.residual_trace import MOST_KEPT
-from steelyard.estimate.scores.torque_parts import PARTS, TorqueParts, TorqueSplit
+from steelyard.estimate.scores.residuals import MOST_KEPT
 from steelyard.model.model import ValuedModel
 from steelyard.runs.run import Block, Run
 from steelyard.runs.smoothing.zero_phase_filters import (

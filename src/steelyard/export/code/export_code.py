@@ -10,7 +10,7 @@ from steelyard.base.errors import DataError, ModelError, OutputError, advice
 from steelyard.base.files import refuse_existing, whole_file, whole_folder
 from steelyard.estimate.external.contact_thresholds import FEWEST
 from steelyard.estimate.identified_model import IdentifiedModel, load_model
-from steelyard.estimate.scores.residual_trace import thresholds_of
+from steelyard.estimate.scores.residuals import thresholds_of
 from steelyard.export.code.c_folder_and_self_test import c_files
 from steelyard.export.code.c_header_and_source import (
     CCode,

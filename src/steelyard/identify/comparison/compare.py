@@ -21,9 +21,9 @@ from steelyard.estimate.estimator_register import (
     method_of,
     offer_of,
 )
+from steelyard.estimate.information.base_regressor import base_regressor
 from steelyard.estimate.information.information import Information
-from steelyard.estimate.information.regressor import base_regressor
-from steelyard.estimate.least_squares.weighted_and_recursive import WeightedLeastSquares
+from steelyard.estimate.least_squares.weighted_and_robust import WeightedLeastSquares
 from steelyard.estimate.scores.cross_validation import longest_window
 from steelyard.estimate.scores.estimator_comparison import Parts
 from steelyard.estimate.scores.estimator_comparison import compare as compare_estimators

@@ -15,7 +15,7 @@ from steelyard.estimate.bootstrap_and_sensitivity import (
     Variation,
 )
 from steelyard.estimate.nonlinear.effort_scales import EffortScales
-from steelyard.estimate.nonlinear.joint_zero_offsets import ZeroOffsets
+from steelyard.estimate.nonlinear.nonlinear_parameters import ZeroOffsets
 from steelyard.estimate.payload.drive_gains import DriveGain, GainEstimate
 from steelyard.identify.page.report_content import ReportContent
 from steelyard.report.page import PageContent, TableSection, ValueSection

@@ -12,7 +12,7 @@ from rich.text import Text
 from steelyard.base.arrays import records
 from steelyard.estimate.estimate import Z95
 from steelyard.estimate.identified_model import IdentifiedModel
-from steelyard.estimate.information.base_parameters import symbols
+from steelyard.estimate.information.base_regressor import symbols
 from steelyard.estimate.parameter_status_and_friction import (
     FROM_DATA,
     SMALL,

@@ -13,12 +13,12 @@ from steelyard.estimate.bootstrap_and_sensitivity import Bootstrap, RepeatedEsti
 from steelyard.estimate.friction.friction_choice import FrictionChoice
 from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.estimate.nonlinear.effort_scales import EffortScales
-from steelyard.estimate.nonlinear.joint_zero_offsets import ZeroOffsets
 from steelyard.estimate.nonlinear.nonlinear_parameters import Finding as FieldFinding
+from steelyard.estimate.nonlinear.nonlinear_parameters import ZeroOffsets
 from steelyard.estimate.payload.drive_gains import GainEstimate
 from steelyard.estimate.reduction.reduction import Reduction
+from steelyard.estimate.scores.bands_and_traces import TorqueParts
 from steelyard.estimate.scores.score import RunScore
-from steelyard.estimate.scores.torque_parts import TorqueParts
 from steelyard.report.page import Numbers, PageContent, Section
 from steelyard.report.words import count
 

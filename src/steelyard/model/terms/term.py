@@ -288,6 +288,11 @@ class StatefulTerm(Term):
         """
 
 
+def has_memory(terms: Sequence[Term]) -> bool:
+    """Whether friction at rest is known: some law has a memory of where the joint came from."""
+    return any(isinstance(term, StatefulTerm) for term in terms)
+
+
 def channels_of(term: Term, robot: Robot) -> int:
     """Number of channels of any term."""
     return term.n_channels(robot) if isinstance(term, StatefulTerm) else 0

@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 from steelyard.base.arrays import Array
 from steelyard.base.errors import LogError
 from steelyard.logs.log import Cut, RowRange
-from steelyard.runs.left_out import rows_left_out
-from steelyard.runs.recording import Recording
+from steelyard.runs.recording import Recording, rows_left_out
 from steelyard.runs.rows.faulty_row_detectors import (
     FASTEST_LOGGED_SPEED,
     FASTEST_STEADY_SPEED,

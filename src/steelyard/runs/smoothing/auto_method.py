@@ -26,9 +26,10 @@ from steelyard.runs.smoothing.kalman_smoother import (
     likeliest_ratio,
     likeliest_variance,
 )
-from steelyard.runs.smoothing.method_and_butterworth import Butterworth, Designed
 from steelyard.runs.smoothing.zero_phase_filters import (
     Bank,
+    Butterworth,
+    Designed,
     butterworth,
     continued_at_ends,
     settling,

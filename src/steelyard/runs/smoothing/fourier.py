@@ -13,8 +13,7 @@ import numpy as np
 
 from steelyard.base.arrays import Array, frozen
 from steelyard.base.errors import LogError, ModelError
-from steelyard.runs.smoothing.method_and_butterworth import Butterworth, Designed
-from steelyard.runs.smoothing.zero_phase_filters import continued_at_ends
+from steelyard.runs.smoothing.zero_phase_filters import Butterworth, Designed, continued_at_ends
 from steelyard.runs.spectrum_and_period import find_period, moving_span
 
 HARMONIC_SAMPLES = 8192  # samples whose harmonics are in memory at a time

@@ -12,12 +12,11 @@ from steelyard.base.errors import DataError, LogError
 from steelyard.base.progress import Progress, silent
 from steelyard.estimate.effort_uncertainty import EDGES, rest_speed_of, rest_speed_of_runs
 from steelyard.estimate.external.contact_thresholds import ResidualPeaks
-from steelyard.estimate.friction.friction_mixes import has_memory
 from steelyard.estimate.identified_model import IdentifiedModel, load_model
+from steelyard.estimate.information.base_regressor import base_regressor
 from steelyard.estimate.information.gather import gather
-from steelyard.estimate.information.regressor import base_regressor
 from steelyard.estimate.scores.effort_errors import effort_reference
-from steelyard.estimate.scores.residual_trace import (
+from steelyard.estimate.scores.residuals import (
     ResidualTrace,
     residual_cutoff,
     residual_trace,
@@ -26,6 +25,7 @@ from steelyard.estimate.scores.residual_trace import (
 from steelyard.identify.cut_and_repeated_logs import holds_fitted_rows
 from steelyard.identify.notes_and_provenance import left_out, notes_of
 from steelyard.identify.scores_and_residuals import fitted_before, runs_for
+from steelyard.model.terms.term import has_memory
 from steelyard.runs.run import Run
 from steelyard.runs.runs_of_named_logs import log_files, paths_of, refuse_overlaps
 from steelyard.uses.contact.contact_events import SuspectedContact, contacts_in, without_contact

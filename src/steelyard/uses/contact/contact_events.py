@@ -15,7 +15,7 @@ import numpy as np
 
 from steelyard.base.arrays import Array
 from steelyard.estimate.external.contact_thresholds import ONSET, ContactThresholds, ResidualPeaks
-from steelyard.estimate.scores.residual_trace import ResidualTrace
+from steelyard.estimate.scores.residuals import ResidualTrace
 from steelyard.robot.robot import Robot
 
 RELEASE = 0.5  # a contact ends below that share of the threshold that was exceeded

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
     from steelyard.base.arrays import Array
     from steelyard.estimate.external.contact_thresholds import ContactThresholds
-    from steelyard.estimate.scores.residual_trace import ResidualTrace
+    from steelyard.estimate.scores.residuals import ResidualTrace
     from steelyard.uses.contact.contact_events import ContactEvent, SuspectedContact
 
 

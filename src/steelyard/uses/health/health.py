@@ -14,13 +14,13 @@ from steelyard.base.arguments import checked
 from steelyard.base.errors import LogError
 from steelyard.base.progress import Progress, silent
 from steelyard.estimate.estimate import Z95
-from steelyard.estimate.friction.friction_mixes import has_memory
 from steelyard.estimate.identified_model import IdentifiedModel, load_model
+from steelyard.estimate.information.base_regressor import base_regressor
 from steelyard.estimate.information.gather import gather
-from steelyard.estimate.information.regressor import base_regressor
-from steelyard.estimate.scores.residual_trace import residual_cutoff, residual_trace
+from steelyard.estimate.scores.residuals import residual_cutoff, residual_trace
 from steelyard.identify.notes_and_provenance import notes_of
 from steelyard.identify.scores_and_residuals import runs_for
+from steelyard.model.terms.term import has_memory
 from steelyard.report.figures import Figure, Group, Key, area, line
 from steelyard.report.page import figures, inspected_page, notes
 from steelyard.report.result import Result, print_verdict

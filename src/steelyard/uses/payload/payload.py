@@ -10,16 +10,16 @@ import numpy as np
 from steelyard.base.arguments import checked
 from steelyard.base.errors import DataError
 from steelyard.base.progress import Progress, silent
-from steelyard.estimate.friction.friction_mixes import has_memory
 from steelyard.estimate.identified_model import IdentifiedModel, load_model
+from steelyard.estimate.information.base_regressor import base_regressor
 from steelyard.estimate.information.filtered_samples import gather_samples
 from steelyard.estimate.information.gather import gather
-from steelyard.estimate.information.regressor import base_regressor
 from steelyard.estimate.payload.payload_estimate import PayloadEstimate
 from steelyard.estimate.payload.runs_with_payload import carrier
-from steelyard.estimate.scores.residual_trace import residual_cutoff, residual_trace
+from steelyard.estimate.scores.residuals import residual_cutoff, residual_trace
 from steelyard.identify.notes_and_provenance import dropped
 from steelyard.identify.scores_and_residuals import fitted_before, runs_for
+from steelyard.model.terms.term import has_memory
 from steelyard.runs.run import Run
 from steelyard.runs.runs_of_named_logs import LogArgument, log_files, paths_of, refuse_overlaps
 from steelyard.uses.efforts_unlike_the_model import refuse_without

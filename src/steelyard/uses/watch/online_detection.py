@@ -16,9 +16,9 @@ from steelyard.base.arrays import Array
 from steelyard.base.errors import LogError, SteelyardError
 from steelyard.estimate.effort_uncertainty import rest_speed_of
 from steelyard.estimate.external.contact_thresholds import ChangeStepper, ContactThresholds
-from steelyard.estimate.external.momentum_observer import Observer
-from steelyard.estimate.friction.friction_mixes import has_memory
+from steelyard.estimate.external.observer_and_wrench import Observer
 from steelyard.estimate.identified_model import IdentifiedModel
+from steelyard.model.terms.term import has_memory
 from steelyard.runs.sample_stream import SampleStream, StreamSample
 from steelyard.uses.contact.contact_events import ContactEvent, ContactStart, ContactStream
 from steelyard.uses.efforts_unlike_the_model import LARGE_RESIDUAL, LEAST_EXPLAINED

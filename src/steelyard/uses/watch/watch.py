@@ -11,13 +11,12 @@ from steelyard.base.arrays import Array
 from steelyard.base.errors import DataError, LogError
 from steelyard.base.progress import Progress, report_progress, silent
 from steelyard.estimate.external.contact_thresholds import HOLD, SETTLED, ContactThresholds
-from steelyard.estimate.external.momentum_observer import PER_PERIOD
-from steelyard.estimate.friction.friction_mixes import has_memory
+from steelyard.estimate.external.observer_and_wrench import PER_PERIOD
 from steelyard.estimate.identified_model import IdentifiedModel, load_model
+from steelyard.estimate.information.base_regressor import base_regressor
 from steelyard.estimate.information.filtered_samples import gather_samples
-from steelyard.estimate.information.regressor import base_regressor
 from steelyard.estimate.payload.runs_with_payload import carrier
-from steelyard.estimate.scores.residual_trace import (
+from steelyard.estimate.scores.residuals import (
     FORGOTTEN,
     ResidualTrace,
     greatest,
@@ -27,6 +26,7 @@ from steelyard.identify.scores_and_residuals import fitted_before, processing_of
 from steelyard.logs.contents import windowed
 from steelyard.logs.formats import open_log
 from steelyard.logs.log import parse_log_argument
+from steelyard.model.terms.term import has_memory
 from steelyard.runs.prepare import prepare
 from steelyard.runs.recording import LogInMemory, Recording
 from steelyard.runs.runs_of_named_logs import LogArgument, log_files, paths_of

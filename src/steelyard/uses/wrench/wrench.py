@@ -11,7 +11,7 @@ from steelyard.base.arguments import checked
 from steelyard.base.arrays import Array
 from steelyard.base.files import write_table
 from steelyard.base.progress import Progress, silent
-from steelyard.estimate.external.effort_to_wrench import (
+from steelyard.estimate.external.observer_and_wrench import (
     FORCE,
     LEVER,
     Expected,

@@ -19,17 +19,15 @@ from steelyard.base.arrays import Array
 from steelyard.base.errors import DataError
 from steelyard.base.progress import Progress, report_progress, silent
 from steelyard.estimate.estimate import Z95
-from steelyard.estimate.external.effort_to_wrench import (
+from steelyard.estimate.external.observer_and_wrench import (
+    PER_PERIOD,
     Expected,
     ExternalEfforts,
     InverseJacobian,
     Wrenches,
     WrenchMethod,
-    condition_numbers,
-)
-from steelyard.estimate.external.momentum_observer import (
-    PER_PERIOD,
     check_bandwidth,
+    condition_numbers,
     momentum_residual,
 )
 from steelyard.estimate.external.observer_equations import (
@@ -38,11 +36,11 @@ from steelyard.estimate.external.observer_equations import (
     moved_frame,
     observed_quantity,
 )
-from steelyard.estimate.friction.friction_mixes import has_memory
 from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.estimate.information.gather import blocks_with_channels
-from steelyard.estimate.scores.residual_trace import FORGOTTEN, FRICTION, residual_trace
-from steelyard.estimate.scores.torque_parts import TorqueSplit
+from steelyard.estimate.scores.bands_and_traces import TorqueSplit
+from steelyard.estimate.scores.residuals import FORGOTTEN, FRICTION, residual_trace
+from steelyard.model.terms.term import has_memory
 from steelyard.model.torque_and_quantities import Quantity
 from steelyard.runs.run import Block, Run
 from steelyard.runs.smoothing.zero_phase_filters import noise_bandwidth, zero_phase

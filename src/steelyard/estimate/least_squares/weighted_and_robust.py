@@ -1,4 +1,4 @@
-r"""Ordinary, weighted and recursive least squares, and information as a whitened problem.
+r"""Ordinary, weighted, recursive and robust least squares; information as a whitened problem.
 
 Weights are one per effort row, $1/\sigma_j^2$, found by iteration: fit, take each row's residuals,
 fit again [Gautier1997]. Information counts filtered samples for what they are worth, as many as
@@ -13,6 +13,11 @@ is left is compressed to as many rows as the data have rank.
 What was learned fades as $\lambda^{\Delta t}$ with the time of the windows after it, so parameters
 that drift are followed [Ljung1999]. Kept are the faded sums of products, not an inverse: nothing
 has to be guessed before the first window.
+
+Minimises $\sum_i \rho(r_i / s_j)$, with $s_j$ the scale of row $j$'s residuals, by weighting each
+sample by $w(u) = \psi(u) / u$, $u = r / s$, $\psi = \rho'$, and fitting again [Huber1981]. The
+scale is the median of $|r|$ over 0.6745 [Hampel1974], right for normal residuals and untouched by
+outliers.
 """
 
 from collections.abc import Sequence
@@ -22,7 +27,8 @@ import numpy as np
 
 from steelyard.base.arrays import Array, frozen
 from steelyard.base.errors import DataError
-from steelyard.estimate.estimate import Estimate
+from steelyard.estimate.estimate import Estimate, Estimator
+from steelyard.estimate.information.filtered_samples import FilteredSamples
 from steelyard.estimate.information.information import Information
 from steelyard.estimate.least_squares.covariance_from_residuals import (
     inflations,
@@ -271,3 +277,160 @@ def _after(before: Information | None, keep: float, new: Information) -> Informa
     if count <= MOST_WINDOWS_APART:
         return both
     return both.grouped([range(k, min(k + 2, count)) for k in range(0, count, 2)])
+
+
+NORMAL = 0.6744897501960817  # median of |x| of a standard normal x
+FLOOR = 1e-12  # scale of residuals over the effort's root mean square that is rounding
+
+
+@dataclass(frozen=True)
+class Huber:
+    """Squares up to $k$ scales, straight lines beyond [Huber1981]."""
+
+    # beyond which a residual counts less; 1.345 keeps 95 % of the efficiency of least squares on
+    # normal residuals
+    k: float = 1.345
+    convex = True
+
+    def weight(self, u: Array) -> Array:
+        r"""$\min(1, k / |u|)$."""
+        return np.asarray(self.k / np.maximum(np.abs(u), self.k))
+
+    def curvature(self, u: Array) -> Array:
+        """1 within, 0 beyond."""
+        return (np.abs(u) <= self.k).astype(np.float64)
+
+
+@dataclass(frozen=True)
+class Tukey:
+    """The biweight: residuals beyond $c$ scales do not count at all [Beaton1974]."""
+
+    # beyond which nothing counts; 4.685 keeps 95 % of the efficiency of least squares
+    c: float = 4.685
+    convex = False
+
+    def weight(self, u: Array) -> Array:
+        r"""$(1 - (u / c)^2)^2$ within, 0 beyond."""
+        return np.square(np.maximum(1.0 - np.square(u / self.c), 0.0))
+
+    def curvature(self, u: Array) -> Array:
+        r"""$(1 - (u/c)^2)(1 - 5 (u/c)^2)$ within, 0 beyond."""
+        v = np.square(u / self.c)
+        return np.where(v < 1.0, (1.0 - v) * (1.0 - 5.0 * v), 0.0)
+
+
+Weigh = Huber | Tukey  # a loss; one that is not convex begins where Huber's ends
+
+
+@dataclass(frozen=True)
+class Reweighted:
+    r"""Iteratively reweighted fits, each by an inner estimator.
+
+    The covariance is that of M-estimation, $H^{-1} M H^{-1}$ with
+    $H = \sum \omega \psi'(u)\, a a^T$ and $M = \sum \omega^2 s^2 \psi(u)^2\, a a^T$, $\omega$ a
+    row's weight, every sample counted as the independent ones that it is worth. The curvature is
+    averaged over each row, and $M$ allows for residuals alike over windows as `sandwich` does.
+    Inner estimators other than least squares keep their own covariance.
+    """
+
+    weigh: Weigh = field(default_factory=Huber)
+    inner: Estimator[Information] = field(default_factory=WeightedLeastSquares)
+    rounds: int = 100  # most iterations
+    # change of the parameters, in standard deviations, at which they have converged
+    tolerance: float = 1e-6
+
+    def __call__(self, samples: FilteredSamples) -> Estimate:
+        """Estimate all columns that the data see."""
+        estimate = self.inner(samples.information())
+        refuse_few(samples.information(), len(estimate.parameters), FREEDOM)
+        for loss in (self.weigh,) if self.weigh.convex else (Huber(), self.weigh):
+            estimate, scales, convergence = self._converged(samples, estimate, loss)
+        u = _standardised(samples, estimate, scales)
+        taken = 1.0 - np.mean(self.weigh.weight(np.concatenate(u)))
+        found = replace(
+            estimate,
+            estimator=f"{type(self.weigh).__name__} weights, {estimate.estimator}",
+            sigma=frozen(scales),
+            n_samples=frozen(samples.information().n_samples),
+            notes=(
+                *estimate.notes,
+                convergence,
+                f"{100.0 * taken:.3g} % of the samples' weight removed",
+            ),
+        )
+        if not isinstance(self.inner, WeightedLeastSquares | OrdinaryLeastSquares):
+            return found
+        return replace(found, covariance=self._covariance(samples, estimate, scales, u))
+
+    def _converged(
+        self, samples: FilteredSamples, estimate: Estimate, loss: Weigh
+    ) -> tuple[Estimate, Array, str]:
+        """Fit until convergence; the estimate, the rows' scales, and whether they converged."""
+        scales, exact = _scales(samples, estimate)
+        for count in range(1, self.rounds + 1):
+            u = _standardised(samples, estimate, scales)
+            new = self.inner(samples.information([loss.weight(x) for x in u]))
+            change, before = np.inf, scales
+            if new.parameters.names == estimate.parameters.names:
+                moved = np.abs(new.parameters.values - estimate.parameters.values)
+                change = float(np.max(moved / np.maximum(new.std, 1e-300)))
+            estimate, (scales, exact) = new, _scales(samples, new)
+            still = np.allclose(scales, before, rtol=self.tolerance, atol=0.0)
+            if exact or (change < self.tolerance and still):
+                return estimate, scales, f"converged after {count} rounds"
+        return estimate, scales, f"not converged after {self.rounds} rounds"
+
+    def _covariance(
+        self, samples: FilteredSamples, estimate: Estimate, scales: Array, u: Sequence[Array]
+    ) -> Array:
+        """Covariance of the parameters; of those of single runs as the inner estimator says."""
+        own = {name for one in estimate.per_run for name in one.parameters.names}
+        names = [name for name in estimate.parameters.names if name not in own]
+        place = [estimate.parameters.names.index(name) for name in names]
+        weighted = samples.information([self.weigh.weight(x) for x in u])
+        plain = WeightedLeastSquares(per_run=tuple(sorted(own)))
+        omega, factors = 1.0 / np.square(estimate.sigma), inflations(plain.fit(weighted))
+        if isinstance(self.inner, OrdinaryLeastSquares):
+            omega = np.ones(len(omega))
+        curvatures = [self.weigh.curvature(x) for x in u]
+        # kept away from zero, where the loss says nothing any more
+        bent = [np.full(len(x), max(float(x.mean()), 0.05) if len(x) else 1.0) for x in curvatures]
+        scores = [np.square(self.weigh.weight(x) * x) for x in u]
+        h = samples.information(bent).select(names).normal(omega)[0]
+        m = samples.information(scores).select(names).normal(factors * np.square(omega * scales))[0]
+        inverse = inverse_of_gram(h)
+        worth = float(samples.information().n_samples.sum())
+        covariance = estimate.covariance.copy()
+        covariance[np.ix_(place, place)] = inverse @ m @ inverse
+        covariance *= worth / max(worth - len(names), 1.0)
+        return frozen(0.5 * (covariance + covariance.T))
+
+
+def residuals_of(samples: FilteredSamples, estimate: Estimate) -> tuple[Array, ...]:
+    """Residuals with each run's own parameters, times the root of their weight, `(N_j,)`."""
+    known = estimate.parameters.as_dict()
+    own = {one.run: one.parameters.as_dict() for one in estimate.per_run}
+    result = tuple(np.zeros(len(at)) for at in samples.at)
+    for number, source in enumerate(samples.sources):
+        mine = {**known, **own.get(source.run, {})}
+        values = np.array([mine.get(name, 0.0) for name in samples.layout.columns])
+        for row, found in enumerate(samples.residuals(values)):
+            here = samples.source[samples.at[row]] == number
+            result[row][here] = found[here]
+    return tuple(r * np.sqrt(w) for r, w in zip(result, samples.weights, strict=True))
+
+
+def _standardised(samples: FilteredSamples, estimate: Estimate, scales: Array) -> list[Array]:
+    """Residuals in units of their row's scale, `(N_j,)` each."""
+    return [r / s for r, s in zip(residuals_of(samples, estimate), scales, strict=True)]
+
+
+def _scales(samples: FilteredSamples, estimate: Estimate) -> tuple[Array, bool]:
+    """Scale of each row's residuals, shape `(rows,)`, and whether all of them are rounding."""
+    scales, floors = [], []
+    for found, row in zip(residuals_of(samples, estimate), samples.rows, strict=True):
+        size = float(np.sqrt(np.mean(np.square(row[:, -1])))) if len(row) else 0.0
+        floors.append(FLOOR * size or 1.0)
+        scales.append(float(np.median(np.abs(found))) / NORMAL if len(found) else 0.0)
+    least = np.array(floors)
+    return np.maximum(scales, least), bool((np.array(scales) <= least).all())
