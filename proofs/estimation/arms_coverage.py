@@ -23,8 +23,8 @@ from proofs.checks.two_faults import run
 from proofs.support.claims import Claim, main_of
 from proofs.support.model_files import folders
 
+from steelyard.base.arrays import Z95
 from steelyard.base.errors import SteelyardError
-from steelyard.estimate.estimate import Z95
 from steelyard.estimate.identified_model import load_model
 from steelyard.identify.identify import identify
 

@@ -17,12 +17,11 @@ from proofs.robots.scores import identified
 from proofs.support.claims import Claim, data_folder, main_of
 from proofs.support.coverage_cases import ROWS, Case, Row, case_of, robot_file
 
-from steelyard.base.arrays import Array
+from steelyard.base.arrays import Z95, Array
 from steelyard.check.fitted.fitted_case_and_causes import FittedCase
 from steelyard.check.fitted.incomplete_model import model_error_check
 from steelyard.check.signals.velocity_against_derivative import one_sided_differences
 from steelyard.estimate.consistent.convex_program import Program
-from steelyard.estimate.estimate import Z95
 from steelyard.estimate.identified_model import Provenance
 from steelyard.estimate.scores.bands_and_traces import Bands
 from steelyard.estimate.scores.score import score

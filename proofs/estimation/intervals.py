@@ -15,12 +15,13 @@ from numpy.typing import NDArray
 from proofs.estimation.recovery import RATE, log_of, robots
 from proofs.support.claims import Claim, main_of
 
-from steelyard.base.arrays import Array
+from steelyard.base.arrays import Z95, Array
 from steelyard.estimate.consistent.convex_estimator import Consistent
-from steelyard.estimate.estimate import Z95, Estimate
+from steelyard.estimate.estimate import Estimate
 from steelyard.estimate.information.base_regressor import base_regressor
 from steelyard.estimate.information.gather import gather
-from steelyard.estimate.least_squares.covariance_from_residuals import sandwich
+from steelyard.estimate.least_squares.covariance_from_residuals import scores_of_windows
+from steelyard.estimate.least_squares.normal_equations import Fit, shared_map
 from steelyard.estimate.least_squares.weighted_and_robust import WeightedLeastSquares
 from steelyard.estimate.prior.body_priors import default_knowledge
 from steelyard.model.model import Model
@@ -102,6 +103,22 @@ def add_coverage(robot: Robot, found: Coverage) -> None:
         }
         for kind, some in inside.items():
             found[kind, noise.name] += some.tolist()
+
+
+def sandwich(fit: Fit) -> Array:
+    r"""The full sandwich by windows, $\frac{W}{W-1} K (\sum_w g_w g_w^T) K$.
+
+    Its rank is $W - 1$ at most: of use only with several times more windows than parameters.
+    """
+    kept, inverse = fit.solution.kept, fit.solution.inverse
+    found: dict[str, Array] = {}
+    for own, _, columns, _, scores in scores_of_windows(fit, len(fit.data.whole.windows)):
+        found.setdefault(own.run, np.zeros((len(scores), len(kept))))
+        found[own.run] += scores @ shared_map(own, kept)[columns]
+    stacked = np.concatenate(list(found.values()))
+    middle = stacked.T @ stacked * (len(stacked) / max(len(stacked) - 1, 1))
+    covariance = inverse @ middle @ inverse
+    return np.asarray(0.5 * (covariance + covariance.T))
 
 
 def _inside(estimate: Estimate, std: Array, true: dict[str, float]) -> NDArray[np.bool_]:

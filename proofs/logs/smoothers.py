@@ -26,7 +26,7 @@ from steelyard.robot.robot import Robot
 from steelyard.runs.prepare import prepare
 from steelyard.runs.processing_choices import Processing
 from steelyard.runs.recording import LogInMemory, Recording
-from steelyard.runs.smoothing.fourier import Fourier
+from steelyard.runs.smoothing.auto_and_fourier import Fourier
 from steelyard.runs.smoothing.kalman_smoother import Kalman
 from steelyard.runs.smoothing.method_and_butterworth import Butterworth, Method
 from steelyard.runs.smoothing.smoothing_spline import SmoothingSpline

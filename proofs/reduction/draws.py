@@ -16,8 +16,7 @@ from proofs.support.claims import Claim, main_of
 sys.path.append(str(Path(__file__).parents[2] / "tests"))
 from drawn import motion_of, samples_of
 from invented import dh_arm
-from steelyard.base.arrays import Array
-from steelyard.estimate.estimate import Z95
+from steelyard.base.arrays import Z95, Array
 from steelyard.estimate.information.base_regressor import base_regressor
 from steelyard.estimate.information.information import Information
 from steelyard.estimate.least_squares.weighted_and_robust import WeightedLeastSquares

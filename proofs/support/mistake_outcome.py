@@ -18,7 +18,7 @@ from steelyard.check.check import correct_robot_file
 from steelyard.check.check_register_and_diagnosis import Diagnosis
 from steelyard.check.named_logs_and_precheck import diagnosed, subject_of
 from steelyard.identify.identify import identify
-from steelyard.identify.page.report_content import ReportContent
+from steelyard.identify.page.content_and_error_words import ReportContent
 from steelyard.identify.page.verdict_and_next_steps import verdict
 from steelyard.identify.validate import validate
 from steelyard.robot.file.robot_file import load_robot

@@ -18,7 +18,7 @@ from steelyard.excite.trajectories.trajectory_files import read_trajectory as re
 from steelyard.export.code.export_code import export_code as export_code
 from steelyard.export.model_files.export_model_file import export as export
 from steelyard.identify.comparison.compare import compare as compare
-from steelyard.identify.comparison.compare_models import compare_models as compare_models
+from steelyard.identify.comparison.compare import compare_models as compare_models
 from steelyard.identify.identify import Identification as Identification
 from steelyard.identify.identify import identify as identify
 from steelyard.identify.reduce import reduce as reduce

@@ -26,13 +26,11 @@ from steelyard.estimate.least_squares.weighted_and_robust import (
 from steelyard.estimate.prior.body_priors import default_knowledge
 from steelyard.estimate.scores.cross_validation import longest_window
 from steelyard.estimate.scores.estimator_comparison import (
+    Comparison,
+    EstimatorScore,
     Parts,
     compare,
     impossible_bodies,
-)
-from steelyard.estimate.scores.estimator_scores_and_advice import (
-    Comparison,
-    EstimatorScore,
     recommended,
 )
 from steelyard.model.model import Model

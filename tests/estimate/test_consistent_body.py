@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
-from steelyard.base.arrays import Array
+from steelyard.base.arrays import Z95, Array
 from steelyard.base.errors import DataError
-from steelyard.estimate.estimate import Z95
 from steelyard.robot.inertia_and_placement import Inertia
 from steelyard.uses.payload.consistent_payload_body import (
     ConsistentBody,

@@ -4,11 +4,10 @@ import numpy as np
 import pytest
 
 from in_amperes import GAINS, ROBOT, run_of
-from steelyard.base.arrays import Parameters
+from steelyard.base.arrays import Z95, Parameters
 from steelyard.estimate.consistent.convex_estimator import Consistent
 from steelyard.estimate.consistent.convex_program import Program, conic_constraints
 from steelyard.estimate.consistent.unknowns_and_penalties import Entropic, Pullback, unknowns
-from steelyard.estimate.estimate import Z95
 from steelyard.estimate.information.base_regressor import base_regressor
 from steelyard.estimate.information.gather import gather
 from steelyard.estimate.information.information import Information

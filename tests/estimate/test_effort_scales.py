@@ -17,7 +17,6 @@ from steelyard.estimate.nonlinear.effort_scales import (
     Scaled,
     Scales,
     effort_scales,
-    with_predicted,
 )
 from steelyard.estimate.prior.body_priors import default_knowledge
 from steelyard.model.model import Model
@@ -74,7 +73,7 @@ def test_the_predicted_effort_is_a_column() -> None:
     information, rng = information_of(OFF, 0), np.random.default_rng(1)
     values = rng.normal(size=len(information.layout.columns))
     names, added = [f"s.{row}" for row in ROWS], rng.normal(size=len(ROWS))
-    wide = with_predicted(information, values, names, added)
+    wide = information.with_predicted(values, names, added)
     assert wide.layout.columns == (*information.layout.columns, *names)
     p = len(values)
     other = rng.normal(size=p)

@@ -7,9 +7,8 @@ import pytest
 
 from closed_chains import five_bar
 from report.conftest import identified, robot
-from steelyard.base.arrays import Parameters
+from steelyard.base.arrays import Z95, Parameters
 from steelyard.base.motion import Motion
-from steelyard.estimate.estimate import Z95
 from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.estimate.information.base_regressor import base_parameters
 from steelyard.estimate.parameter_status_and_friction import friction_curves

@@ -18,8 +18,7 @@ from steelyard.estimate.information.motion_information import InformationEvaluat
 from steelyard.excite.design_problem import Case, Objective
 from steelyard.excite.optimality_criteria import CRITERIA, Measure, worst
 from steelyard.excite.trajectories.motion_families import Basis, rest_fourier, splines
-from steelyard.model.laws.coupled_friction import Coupled
-from steelyard.model.laws.friction_over_speed import Coulomb, Cubic, Root, Viscous
+from steelyard.model.laws.friction_over_speed import Coulomb, Coupled, Cubic, Root, Viscous
 from steelyard.model.laws.register import DEFAULT_TERMS
 from steelyard.model.laws.rigid_body import RigidBody
 from steelyard.model.laws.springs_and_offset import Offset

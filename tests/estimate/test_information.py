@@ -11,7 +11,6 @@ from steelyard.estimate.information.base_regressor import base_regressor
 from steelyard.estimate.information.filter_and_gram import Accumulator, Stretch
 from steelyard.estimate.information.information import Information, Signature, Window
 from steelyard.estimate.least_squares.weighted_and_robust import WeightedLeastSquares
-from steelyard.estimate.nonlinear.effort_scales import with_predicted
 from steelyard.model.model import Model
 
 REGRESSOR = base_regressor(Model(tree()))
@@ -150,7 +149,7 @@ def test_what_is_beside_rests_goes_with_the_sums() -> None:
         first.map(transform, names, units),
         first.with_effective_samples(2.0),
         first.scaled(np.array([2.0, -1.0, 3.0, 1.0]), ("Nm",) * 4),
-        with_predicted(first, np.ones(P), ("a", "b", "c", "d"), np.zeros(4)),
+        first.with_predicted(np.ones(P), ("a", "b", "c", "d"), np.zeros(4)),
     ):
         assert changed.beside is not None
         assert np.allclose(changed.beside, 0.3 * changed.grams, rtol=1e-9, atol=1e-9)

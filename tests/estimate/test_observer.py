@@ -10,14 +10,13 @@ import pytest
 
 from in_amperes import ROBOT
 from oracles import pinocchio_model
-from steelyard.base.arrays import Array
+from steelyard.base.arrays import Z95, Array
 from steelyard.base.errors import DataError, ModelError
 from steelyard.estimate.effort_uncertainty import Calibration
-from steelyard.estimate.estimate import Z95
 from steelyard.estimate.external.contact_thresholds import ContactThresholds
 from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.estimate.information.base_regressor import base_parameters, base_regressor
-from steelyard.model.equations.frame_kinematics import last_frame
+from steelyard.model.equations.frames_and_effort_bounds import last_frame
 from steelyard.simulate.mujoco_model import build
 from weighed import identified_of
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from invented import tree
-from steelyard.base.arrays import Parameters
-from steelyard.estimate.estimate import Z95, Estimate, Removed, Unidentifiable
+from steelyard.base.arrays import Z95, Parameters
+from steelyard.estimate.estimate import Estimate, Removed, Unidentifiable
 from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.estimate.information.base_regressor import base_parameters
 from steelyard.estimate.parameter_status_and_friction import SMALL, effort_shares, statuses

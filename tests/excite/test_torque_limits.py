@@ -19,9 +19,9 @@ from steelyard.excite.constraints.effort_and_power import (
     torque_limit,
 )
 from steelyard.excite.trajectories.fourier import FourierMotion
-from steelyard.model.laws.coupled_friction import Coupled
 from steelyard.model.laws.friction_over_speed import (
     Coulomb,
+    Coupled,
     Cubic,
     DirectionalCoulomb,
     DirectionalViscous,

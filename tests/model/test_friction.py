@@ -9,9 +9,9 @@ from invented import tree
 from moving import geared, torque
 from steelyard.base.errors import ModelError
 from steelyard.model.equations.inverse_dynamics import JointState
-from steelyard.model.laws.coupled_friction import Coupled
 from steelyard.model.laws.friction_over_speed import (
     Coulomb,
+    Coupled,
     Cubic,
     DirectionalCoulomb,
     DirectionalStribeck,

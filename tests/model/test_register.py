@@ -9,7 +9,7 @@ import pytest
 
 from law_cases import CASES, LawCase, name_of
 from moving import geared
-from steelyard.model.laws.friction_over_speed import Viscous
+from steelyard.model.laws.friction_over_speed import DirectionalViscous, Viscous
 from steelyard.model.laws.register import REQUIRED, TERMS, complete, law_of
 from steelyard.model.terms.friction_memory import Presliding
 from steelyard.model.terms.term import ActsOnAxes, StatefulTerm, Term
@@ -42,10 +42,10 @@ def test_the_table_of_the_docs_names_every_law_and_its_fields() -> None:
 
 @pytest.mark.parametrize("name", ["law", *REQUIRED])
 def test_a_law_that_lacks_something_is_refused(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    assert complete(Viscous) is Viscous
-    monkeypatch.delattr(Viscous, name)
-    with pytest.raises(TypeError, match=f"law Viscous: lacks '{name}'"):
-        complete(Viscous)
+    assert complete(DirectionalViscous) is DirectionalViscous
+    monkeypatch.delattr(DirectionalViscous, name)
+    with pytest.raises(TypeError, match=f"law DirectionalViscous: lacks '{name}'"):
+        complete(DirectionalViscous)
 
 
 @dataclass(frozen=True)

@@ -30,14 +30,14 @@ from steelyard.estimate.payload.drive_gains import GainEstimate
 from steelyard.estimate.prior.body_priors import Knowledge
 from steelyard.estimate.scores.bands_and_traces import TorqueParts
 from steelyard.estimate.scores.effort_errors import BandErrors, JointError
-from steelyard.estimate.scores.estimator_scores_and_advice import (
+from steelyard.estimate.scores.estimator_comparison import (
     Comparison,
     EstimatorScore,
     Failure,
 )
 from steelyard.estimate.scores.score import JointScore, RunScore, Traces
 from steelyard.identify.comparison.estimators_page import ComparisonContent
-from steelyard.identify.page.report_content import ReportContent
+from steelyard.identify.page.content_and_error_words import ReportContent
 from steelyard.identify.page.section_register import render, sections_of
 from steelyard.model.laws.friction_over_speed import Coulomb, Viscous
 from steelyard.model.model import Model

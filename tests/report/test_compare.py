@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from steelyard.estimate.scores.estimator_scores_and_advice import Comparison
+from steelyard.estimate.scores.estimator_comparison import Comparison
 from steelyard.identify.comparison.estimators_page import (
     COMPARE_SECTIONS,
     CompareSection,

@@ -9,11 +9,15 @@ import pytest
 
 from invented import ball
 from report.conftest import rendered_only
-from steelyard.base.arrays import Parameters
-from steelyard.estimate.estimate import Z95
+from steelyard.base.arrays import Z95, Parameters
 from steelyard.estimate.scores.bands_and_traces import PARTS
 from steelyard.identify.page import efforts_and_their_parts
 from steelyard.identify.page.conditioning_and_unseen import CorrelationsSection, correlations
+from steelyard.identify.page.content_and_error_words import (
+    ReportContent,
+    fitted_samples,
+    unseen_samples,
+)
 from steelyard.identify.page.efforts_and_their_parts import (
     MOST_POINTS_OF_TORQUE_PART,
     TORQUE_PART_NAMES,
@@ -28,7 +32,6 @@ from steelyard.identify.page.friction_and_residuals import (
 from steelyard.identify.page.inertia_ellipsoids import EllipsoidsSection, semi_axes
 from steelyard.identify.page.link_inertias import MassesSection
 from steelyard.identify.page.parameters_and_truth import TruthSection
-from steelyard.identify.page.report_content import ReportContent, fitted_samples, unseen_samples
 from steelyard.identify.page.section_register import render
 from steelyard.report.figures import Figure
 from steelyard.robot.inertia_and_placement import Inertia

@@ -20,7 +20,7 @@ from steelyard.check.findings_text import (
     tally,
 )
 from steelyard.check.named_logs_and_precheck import refusal
-from steelyard.identify.page.report_content import CheckSection
+from steelyard.identify.page.content_and_error_words import CheckSection
 
 
 def content(name: str = "arm", most: float = 1.0) -> CheckContent:

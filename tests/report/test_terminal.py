@@ -11,8 +11,7 @@ from report.inspected import contact_content, payload_events
 from steelyard.check.finding import Finding, Severity
 from steelyard.estimate.effort_uncertainty import KnownScales
 from steelyard.estimate.scores.effort_errors import pooled
-from steelyard.identify.page.errors_in_words import coverage_words
-from steelyard.identify.page.report_content import ReportContent
+from steelyard.identify.page.content_and_error_words import ReportContent, coverage_words
 from steelyard.identify.page.section_register import (
     CSV_COLUMNS,
     parameters_csv,

@@ -7,11 +7,13 @@ import numpy as np
 import pytest
 
 from steelyard.base.errors import LogError
+from steelyard.base.progress import silent
 from steelyard.logs.formats import open_log
 from steelyard.runs.prepare import prepare
 from steelyard.runs.processing_choices import Processing
 from steelyard.runs.recording import LoggedSamples, Recording
 from steelyard.runs.run import Block
+from steelyard.runs.runs_of_named_logs import prepared
 
 
 def jittered(n: int, seed: int = 0) -> np.ndarray:
@@ -191,6 +193,18 @@ def test_the_filter_looks_beyond_the_cut(recording, sines) -> None:
         same = np.round((data.t - whole.t[0]) * 100.0).astype(int)
         np.testing.assert_allclose(data.motion.ddq, whole.motion.ddq[same], atol=1e-6)
         assert cut.quality.rows == 2000
+
+
+def test_runs_made_before_spare_the_survey(recording, sines, monkeypatch) -> None:
+    t = np.arange(4000) * 0.005
+    made = recording(t, sines(t)["q"], sines(t)["effort"])
+    lower = Processing(matched_cutoff=2.0)
+    (first,), (alone,) = (prepared([made], x, silent) for x in (Processing(), lower))
+    monkeypatch.setattr("steelyard.runs.prepare.survey", None)
+    (again,) = prepared([made], lower, silent, before=[first])
+    assert again.matched_cutoff == alone.matched_cutoff != first.matched_cutoff
+    for mine, others in zip(again.blocks(), alone.blocks(), strict=True):
+        np.testing.assert_array_equal(mine.ddq, others.ddq)
 
 
 def test_a_gap_beside_the_cut(recording, sines) -> None:

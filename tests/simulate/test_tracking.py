@@ -6,7 +6,11 @@ import pytest
 from steelyard.base.errors import ModelError
 from steelyard.excite.trajectories.fourier import random_fourier
 from steelyard.excite.trajectories.piecewise_polynomials import SampledMotion
-from steelyard.model.equations.frame_kinematics import frame_kinematics, frame_of, last_frame
+from steelyard.model.equations.frames_and_effort_bounds import (
+    frame_kinematics,
+    frame_of,
+    last_frame,
+)
 from steelyard.robot.robot import Robot
 from steelyard.simulate.sensors_and_drives import customary_drives
 from steelyard.simulate.track import Tracking, controllers_of, tracking

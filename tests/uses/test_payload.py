@@ -9,9 +9,9 @@ import pytest
 
 from invented import ball
 from loaded import GAINS, LOAD, MODEL, REGRESSOR, TOOL, UNITS, run
+from steelyard.base.arrays import Z95
 from steelyard.base.errors import DataError, ModelError, SteelyardError
 from steelyard.estimate.effort_uncertainty import KnownScales
-from steelyard.estimate.estimate import Z95
 from steelyard.estimate.identified_model import Cutoffs, IdentifiedModel, Provenance
 from steelyard.estimate.information.information import Information, Signature
 from steelyard.estimate.least_squares.weighted_and_robust import WeightedLeastSquares

@@ -10,6 +10,8 @@ from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
 
+Z95 = 1.959963984540054  # half-width of a 95 % interval in standard deviations
+
 
 def frozen(values: ArrayLike, shape: Sequence[int | None] | None = None) -> Array:
     """A read-only float64 copy; a `ValueError` if the shape is another, `None` entries free."""

@@ -20,8 +20,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from steelyard.base.arrays import Array, frozen, set_fields
-from steelyard.estimate.estimate import Z95
+from steelyard.base.arrays import Z95, Array, frozen, set_fields
 from steelyard.estimate.external.contact_thresholds import ResidualPeaks
 from steelyard.model.model import ValuedModel
 from steelyard.model.torque_and_quantities import FRICTION

@@ -6,7 +6,7 @@ from typing import Any, Protocol, TypeVar
 
 import numpy as np
 
-from steelyard.base.arrays import Array, Parameters, frozen, json_values
+from steelyard.base.arrays import Z95, Array, Parameters, frozen, json_values
 
 Data = TypeVar("Data", contravariant=True)
 
@@ -22,9 +22,6 @@ class Estimator(Protocol[Data]):
     def __call__(self, data: Data, /) -> "Estimate":
         """Estimate the parameters; a `DataError` says why the data cannot give an estimate."""
         ...
-
-
-Z95 = 1.959963984540054  # half-width of a 95 % interval in standard deviations
 
 
 @dataclass(frozen=True)

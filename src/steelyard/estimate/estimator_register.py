@@ -33,7 +33,6 @@ from steelyard.estimate.least_squares.known_bounded_and_ridge import (
     base_bounds,
     fixed_values,
 )
-from steelyard.estimate.least_squares.normal_equations import own_columns
 from steelyard.estimate.least_squares.weighted_and_robust import (
     Huber,
     OrdinaryLeastSquares,
@@ -47,7 +46,6 @@ from steelyard.estimate.prior.body_priors import Knowledge
 from steelyard.estimate.prior.constraint_kinds import knowledge_of
 from steelyard.estimate.reduction.reduction import Reduced
 from steelyard.model.model import Model
-from steelyard.model.terms.term import has_memory
 from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
 from steelyard.runs.run import Run, fastest_of
 
@@ -275,7 +273,7 @@ def context_of(
 
 def per_run_columns(model: Model, layout: Layout) -> tuple[str, ...]:
     """Columns whose parameters every run of a model has for itself."""
-    own = set(own_columns(model))
+    own = set(model.per_run_names)
     return tuple(name for name in layout.columns if name in own)
 
 
@@ -330,7 +328,7 @@ class Sources:
             run.name: gather_samples(
                 self.regressor,
                 run,
-                rests=has_memory(model.terms),
+                rests=model.has_memory,
                 threads=self.threads,
                 progress=self.progress,
             ).scaled(run.recording.signals.gains, model.robot.effort_units)

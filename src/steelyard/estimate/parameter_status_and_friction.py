@@ -23,8 +23,7 @@ from typing import Literal
 
 import numpy as np
 
-from steelyard.base.arrays import Array, Parameters, frozen
-from steelyard.estimate.estimate import Z95
+from steelyard.base.arrays import Z95, Array, Parameters, frozen
 from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.estimate.information.base_regressor import full_regressor
 from steelyard.model.model import Model, ValuedModel

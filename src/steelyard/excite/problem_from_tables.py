@@ -25,7 +25,7 @@ from steelyard.excite.design_problem import Case, Problem
 from steelyard.excite.earlier_model import Earlier
 from steelyard.excite.optimality_criteria import CRITERIA, Measure
 from steelyard.excite.trajectories.motion_families import basis_of, per_joint
-from steelyard.model.equations.frame_kinematics import last_frame
+from steelyard.model.equations.frames_and_effort_bounds import last_frame
 from steelyard.model.model import Model
 from steelyard.model.terms.term import StatefulTerm
 from steelyard.robot.file.excitation_sections import (

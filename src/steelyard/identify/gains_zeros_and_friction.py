@@ -24,7 +24,6 @@ from steelyard.estimate.information.base_regressor import (
 )
 from steelyard.estimate.information.gather import gather
 from steelyard.estimate.information.information import Information
-from steelyard.estimate.least_squares.normal_equations import own_columns
 from steelyard.estimate.nonlinear.grid_search import InformationOf
 from steelyard.estimate.nonlinear.nonlinear_parameters import (
     Finding,
@@ -41,7 +40,6 @@ from steelyard.estimate.prior.constraint_kinds import knowledge_of
 from steelyard.estimate.scores.cross_validation import TooShortError
 from steelyard.model.model import Model, with_friction
 from steelyard.model.terms.axes import finds_of
-from steelyard.model.terms.term import has_memory
 from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
 from steelyard.robot.file.signals import Signals
 from steelyard.runs.run import Run, fastest_of
@@ -90,7 +88,7 @@ class FitTask:
         """What runs say about regressors of a model's laws; every call is a pass over the runs."""
         return information_from(
             runs,
-            rests=has_memory(model.terms),
+            rests=model.has_memory,
             longest=longest,
             threads=self.threads,
             progress=self.progress,
@@ -165,7 +163,7 @@ def _friction_choice(
         equal = loaded.estimation.weights == "equal"
         return Consistent(base, knowledge_of(model, loaded, fastest), equal=equal)
 
-    known = method_of(loaded).uses and not unscaled and not own_columns(task.model)
+    known = method_of(loaded).uses and not unscaled and not task.model.per_run_names
     try:
         return choose_friction(
             task.model,
@@ -205,7 +203,7 @@ def _gains(task: FitTask) -> GainEstimate | None:
     gather_all = partial(
         gather,
         base_regressor(model),
-        rests=has_memory(model.terms),
+        rests=model.has_memory,
         threads=task.threads,
         progress=task.progress,
     )

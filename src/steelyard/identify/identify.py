@@ -35,7 +35,7 @@ from steelyard.identify.notes_and_provenance import (
     provenance,
     settings,
 )
-from steelyard.identify.page.report_content import ReportContent
+from steelyard.identify.page.content_and_error_words import ReportContent
 from steelyard.identify.refits import (
     Repeated,
     bootstrap_of,
@@ -179,7 +179,8 @@ def identify(
     cores = threads or os.cpu_count() or 1
     file, band = below_described_band(file, signals, model, clean[: len(known)], cores, progress)
     if band:
-        clean, unseen = runs_of(file, signals, [*known, *carrying], unknown, progress)
+        read = (*clean, *unseen)
+        clean, unseen = runs_of(file, signals, [*known, *carrying], unknown, progress, before=read)
     if diagnosis is not None:
         unresolved = notes_of_precheck(diagnosis, file.reference)
     every = (*clean, *unseen)
@@ -210,29 +211,10 @@ def identify(
     identified, prepared = found.identified, found.prepared
     unseen = tuple(with_signals(run, identified.signals) for run in unseen)
     fitted, fresh, unscaled = _scores(found, unseen, unknown if commanded else ())
-    before = () if diagnosis is None else diagnosis.findings
-    case = FittedCase(
-        identified,
-        found.runs,
-        () if commanded else unseen,
-        fitted,
-        () if commanded else fresh,
-        found.information,
-        _doubtful(before, task.runs),
-        found.scales,
-        found.consistent,
-    )
-    after = (*turned_joints(before), *examine_fit(case, progress))
-    bases = (*of_base(file, before), *missing_coupling(before, file.couplings_stated))
-    limitations = (
-        *_open_questions(diagnosis),
-        *_doubts(diagnosis, (*after, *bases)),
-        *after,
-        *bases,
-    )
+    tested = ((), ()) if commanded else (unseen, fresh)
+    limitations = _limitations(found, file, diagnosis, fitted, *tested)
     doubts = tuple(doubts_of_fit(limitations, [run.name for run in unseen]))
-    origin = replace(identified.provenance, doubts=doubts)
-    identified = replace(identified, provenance=origin)
+    identified = replace(identified, provenance=replace(identified.provenance, doubts=doubts))
     varied = None
     if sensitivity:
         columns = identified.signals.of_commanded() if commanded else identified.signals
@@ -299,6 +281,40 @@ def _scores(
         scores += scored_from_commanded(identified, commanded, names, progress)
     count = len(found.runs)
     return scores[:count], marked_repeats(identified, unseen, scores[count:]), plain
+
+
+def _limitations(
+    found: Fit,
+    file: LoadedRobot,
+    diagnosis: Diagnosis | None,
+    fitted: tuple[RunScore, ...],
+    unseen: tuple[Run, ...],
+    fresh: tuple[RunScore, ...],
+) -> tuple[Finding, ...]:
+    """What limits the verdict: open questions and doubts about the logs, findings after the fit.
+
+    Checks of the fit look at the scores of its runs, and at unseen runs with theirs, predicted from
+    the measured motion.
+    """
+    before = () if diagnosis is None else diagnosis.findings
+    case = FittedCase(
+        found.identified,
+        found.runs,
+        unseen,
+        fitted,
+        fresh,
+        found.information,
+        _doubtful(before, found.runs),
+        found.scales,
+        found.consistent,
+    )
+    after = (
+        *turned_joints(before),
+        *examine_fit(case, found.task.progress),
+        *of_base(file, before),
+        *missing_coupling(before, file.couplings_stated),
+    )
+    return (*_open_questions(diagnosis), *_doubts(diagnosis, after), *after)
 
 
 def _doubtful(before: Sequence[Finding], runs: Sequence[Run]) -> tuple[Finding, ...]:

@@ -21,7 +21,6 @@ from steelyard.estimate.estimate import Estimate, StandardEstimate
 from steelyard.estimate.identified_model import IdentifiedModel, load_model
 from steelyard.estimate.information.base_regressor import base_parameters, base_regressor
 from steelyard.estimate.information.information import Information
-from steelyard.estimate.least_squares.normal_equations import own_columns
 from steelyard.estimate.least_squares.weighted_and_robust import WeightedLeastSquares
 from steelyard.estimate.nonlinear.nonlinear_parameters import information_from
 from steelyard.estimate.prior.body_priors import Row
@@ -32,10 +31,10 @@ from steelyard.estimate.reduction.reduction import reduce as reduced_by
 from steelyard.estimate.scores.band_calibration import calibrate
 from steelyard.identify.cut_and_repeated_logs import marked_repeats
 from steelyard.identify.notes_and_provenance import dropped, dropped_rows, notes_of, settings
-from steelyard.identify.page.report_content import ReportContent
+from steelyard.identify.page.content_and_error_words import ReportContent
 from steelyard.identify.scores_and_residuals import ModelReport, runs_for, scored
 from steelyard.model.model import Model
-from steelyard.model.terms.term import Term, has_memory
+from steelyard.model.terms.term import Term
 from steelyard.report.result import Result
 from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
 from steelyard.robot.file.robot_file import load_robot
@@ -121,7 +120,7 @@ def reduce(
     regressor = base_regressor(identified.model)
 
     def information_of(some: Sequence[Run]) -> Information:
-        rests = has_memory(identified.model.terms)
+        rests = identified.model.has_memory
         return information_from(some, rests=rests, threads=cores, progress=progress)(regressor)
 
     before = identified.estimate.removed
@@ -189,7 +188,7 @@ def reduce(
 
 def _refuse_unreducible(identified: IdentifiedModel) -> None:
     """Refuse a model with parameters of single runs, or with some that were not estimated."""
-    if own := own_columns(identified.model):
+    if own := identified.model.per_run_names:
         raise ModelError(
             f"every run has a '{own[0]}' of its own, which cannot be removed",
             where=identified.model.robot.name,

@@ -23,7 +23,7 @@ from steelyard.estimate.identified_model import IdentifiedModel, load_model
 from steelyard.estimate.information.base_regressor import base_regressor
 from steelyard.estimate.scores.score import RunScore
 from steelyard.identify.fit import Fit
-from steelyard.identify.page.errors_in_words import relative_errors
+from steelyard.identify.page.content_and_error_words import relative_errors
 from steelyard.identify.page.gains_offsets_and_scatter import repeated_table
 from steelyard.identify.scores_and_residuals import processing_of, scored
 from steelyard.report.result import DataFrame, frame

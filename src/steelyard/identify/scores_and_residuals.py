@@ -24,9 +24,8 @@ from steelyard.estimate.scores.effort_errors import (
     known_efforts,
 )
 from steelyard.estimate.scores.score import RunScore, low_passed, no_closed_sample, score
-from steelyard.identify.page.errors_in_words import both_words
+from steelyard.identify.page.content_and_error_words import ReportContent, both_words
 from steelyard.identify.page.parameters_and_truth import parameter_rows
-from steelyard.identify.page.report_content import ReportContent
 from steelyard.identify.page.section_register import SECTIONS, parameters_csv, print_report, render
 from steelyard.identify.page.verdict_and_next_steps import Verdict, verdict
 from steelyard.identify.page.verdict_section import joints_table

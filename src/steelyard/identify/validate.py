@@ -22,7 +22,7 @@ from steelyard.identify.notes_and_provenance import (
     notes_of,
     settings,
 )
-from steelyard.identify.page.report_content import ReportContent
+from steelyard.identify.page.content_and_error_words import ReportContent
 from steelyard.identify.page.verdict_and_next_steps import verdict
 from steelyard.identify.scores_and_residuals import (
     ModelReport,

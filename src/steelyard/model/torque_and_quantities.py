@@ -16,7 +16,7 @@ import numpy as np
 from steelyard.base.arrays import Array, Parameter
 from steelyard.base.errors import DataError, ModelError
 from steelyard.model.equations.forward_dynamics import accelerations
-from steelyard.model.equations.frame_kinematics import frame_of, frame_outputs
+from steelyard.model.equations.frames_and_effort_bounds import frame_of, frame_outputs
 from steelyard.model.equations.inverse_dynamics import (
     JointState,
     Scalar,
@@ -27,7 +27,7 @@ from steelyard.model.equations.inverse_dynamics import (
 from steelyard.model.laws.register import description_of
 from steelyard.model.laws.rigid_body import RigidBody, body_efforts
 from steelyard.model.terms.friction_memory import Presliding, Scan
-from steelyard.model.terms.term import Columns, StatefulTerm, Term, channels_of
+from steelyard.model.terms.term import Columns, StatefulTerm, Term, channels_of, has_memory
 from steelyard.robot.robot import Frame, Robot, robot_to_dict
 from steelyard.symbolic.native.compiled_programs import Code, compiled, compiled_equations
 from steelyard.symbolic.program_and_softening import InputArray as Input
@@ -58,7 +58,21 @@ class Equations:
     @cached_property
     def friction_names(self) -> tuple[str, ...]:
         """Names of the parameters of friction."""
-        return names_of(self, lambda term: term.cause == "friction")
+        return self.names_where(lambda term: term.cause == "friction")
+
+    @cached_property
+    def per_run_names(self) -> tuple[str, ...]:
+        """Names of the parameters that every run has for itself."""
+        return self.names_where(lambda term: term.per_run)
+
+    def names_where(self, chosen: Callable[[Term], bool]) -> tuple[str, ...]:
+        """Names of the parameters of some terms."""
+        return tuple(p.name for t in self.terms if chosen(t) for p in t.parameters(self.robot))
+
+    @property
+    def has_memory(self) -> bool:
+        """Whether friction at rest is known: some law has a memory of where the joint came from."""
+        return has_memory(self.terms)
 
     @cached_property
     def units(self) -> tuple[str, ...]:
@@ -198,12 +212,6 @@ class Equations:
     def rigid_torque(self, q: Array, dq: Array, ddq: Array, tens: Array) -> Array:
         """Torques of the bodies as a tree, shape `(n_joints, N)`."""
         return self.bodies_only.torque_code([q, dq, ddq, np.empty((0, q.shape[1])), tens])
-
-
-def names_of(equations: Equations, chosen: Callable[[Term], bool]) -> tuple[str, ...]:
-    """Names of the parameters of some terms."""
-    terms = (term for term in equations.terms if chosen(term))
-    return tuple(p.name for term in terms for p in term.parameters(equations.robot))
 
 
 Given = Mapping[str, Scalars]

@@ -91,7 +91,7 @@ class KeptSamples:
         for part in made:
             for block in _blocks(part) if keeps else ():
                 try:
-                    get = partial(_same, block) if file is None else file.written(block)
+                    get = partial(replace, block) if file is None else file.written(block)
                 except OSError:
                     keeps = False
                     break
@@ -119,10 +119,6 @@ class KeptSamples:
         found.source = source
         found._parts = [kept._replace(get=partial(moved, kept.get)) for kept in self._parts]
         return found
-
-
-def _same(part: MotionPart) -> MotionPart:
-    return part
 
 
 def _blocks(part: MotionPart) -> Iterator[MotionPart]:

@@ -26,7 +26,7 @@ from steelyard.runs.rows.resampling import (
     interpolated,
     sample_count,
 )
-from steelyard.runs.smoothing.auto_method import Auto
+from steelyard.runs.smoothing.auto_and_fourier import Auto
 from steelyard.runs.smoothing.kalman_smoother import CausalKalman
 from steelyard.runs.smoothing.zero_phase_filters import continued_at_ends
 

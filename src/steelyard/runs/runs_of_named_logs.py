@@ -4,6 +4,7 @@ import hashlib
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import zip_longest
 from pathlib import Path
 from types import MappingProxyType
 
@@ -131,17 +132,19 @@ def prepared(
     *,
     at_rest: bool = False,
     known: Mapping[str, Run] = MappingProxyType({}),
+    before: Sequence[Run] = (),
 ) -> tuple[Run, ...]:
     """Clean runs with common cut-offs: those wanted, or the widest that a run's motion needs.
 
     Logs in which no joint moves are refused, unless they may be `at_rest`. Of `known` runs by the
-    place of their log, made as wanted, the log is not surveyed again.
+    place of their log, made as wanted, and of runs made `before` with other cut-offs, one for each
+    recording or none, the log is not surveyed again.
     """
-    runs = []
-    for number, recording in enumerate(recordings):
-        report_progress(progress, "reading logs", number, len(recordings))
-        run = known.get(recording.where)
-        runs.append(prepare(recording, wanted, at_rest=at_rest) if run is None else run)
+    runs: list[Run] = []
+    for recording, old in zip_longest(recordings, before):
+        report_progress(progress, "reading logs", len(runs), len(recordings))
+        run = None if before else known.get(recording.where)
+        runs.append(prepare(recording, wanted, at_rest=at_rest, before=old) if run is None else run)
     if not runs:
         return ()
     common = processing_used(wanted, runs)
@@ -163,17 +166,20 @@ def runs_of(
     unseen: Sequence[LogArgument],
     progress: Progress,
     made: Mapping[str, Run] = MappingProxyType({}),
+    before: Sequence[Run] = (),
 ) -> tuple[tuple[Run, ...], tuple[Run, ...]]:
     """Clean runs, to be fitted and to be predicted, with the cut-offs that the former come to.
 
-    Runs that were `made` of single motions before, by the place of their log, are taken over.
+    Runs that were `made` of single motions, by the place of their log, are taken over; runs that
+    were made of all these logs `before`, with other cut-offs, spare their survey.
     """
     wanted = processing_of_robot(loaded)
-    known = made if wanted.repetitions is None else {}
-    clean = prepared([recording_of(log, signals) for log in fitted], wanted, progress, known=known)
-    fresh = [recording_of(log, signals) for log in unseen]
+    known, count = made if wanted.repetitions is None else {}, len(fitted)
+    first, later = ([recording_of(log, signals) for log in logs] for logs in (fitted, unseen))
+    clean = prepared(first, wanted, progress, known=known, before=before[:count])
     once = replace(processing_used(wanted, clean), repetitions=None)
-    runs = distinct([*clean, *prepared(fresh, once, progress, at_rest=True)])
+    fresh = prepared(later, once, progress, at_rest=True, before=before[count:])
+    runs = distinct([*clean, *fresh])
     return runs[: len(clean)], runs[len(clean) :]
 
 

@@ -14,8 +14,8 @@ from steelyard.base.motion import Trajectory
 from steelyard.base.progress import Progress, silent
 from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.excite.trajectories.trajectory_files import read_motion
-from steelyard.identify.comparison.compare_models import named_models
-from steelyard.model.equations.frame_kinematics import frame_of, last_frame
+from steelyard.identify.comparison.compare import named_models
+from steelyard.model.equations.frames_and_effort_bounds import frame_of, last_frame
 from steelyard.model.model import Model, ValuedModel
 from steelyard.report.page import render_sections
 from steelyard.report.result import Result

@@ -15,7 +15,7 @@ from itertools import combinations
 
 import numpy as np
 
-from steelyard.base.arrays import Array
+from steelyard.base.arrays import Z95, Array
 from steelyard.check.decision.drive_gain_sources import CAUSES_THAT_SCALE
 from steelyard.check.decision.judged_explanations import (
     CLEAN,
@@ -35,7 +35,6 @@ from steelyard.check.hypotheses.position_hypotheses import (
     zeros_without_effect,
 )
 from steelyard.check.hypotheses.readings_and_likelihood import Hypothesis, Reading, scored
-from steelyard.estimate.estimate import Z95
 
 SHOWN_ALTERNATIVES = 3  # alternatives that are named
 NOTICED_ZERO_RISE = 8.0

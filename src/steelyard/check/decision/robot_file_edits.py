@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from steelyard.base.arrays import Array
+from steelyard.base.arrays import Z95, Array
 from steelyard.base.errors import SteelyardError
 from steelyard.check.case_and_evidence import Case, Evidence
 from steelyard.check.decision.ranked_readings import LogVerdict
@@ -22,7 +22,6 @@ from steelyard.check.hypotheses.gravity_payload_and_delay import refined_gravity
 from steelyard.check.hypotheses.log_excerpt import excerpt_of
 from steelyard.check.hypotheses.position_hypotheses import ZERO_CAUSE
 from steelyard.check.hypotheses.readings_and_likelihood import Likelihood, Reading, likelihood_of
-from steelyard.estimate.estimate import Z95
 from steelyard.robot.file.effort_units_and_gears import MOTOR_KINDS
 from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
 from steelyard.robot.file.sections import Gain

@@ -20,7 +20,7 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from steelyard.base.arrays import Array
+from steelyard.base.arrays import Z95, Array
 from steelyard.base.errors import DataError, SteelyardError
 from steelyard.check.case_and_evidence import Case, Evidence, case_check
 from steelyard.check.decision.decidable_questions import UNKNOWN_GAINS
@@ -43,9 +43,7 @@ from steelyard.check.hypotheses.position_hypotheses import (
 )
 from steelyard.check.hypotheses.readings_and_likelihood import Reading
 from steelyard.check.identifiability_and_clean_runs import clean_runs, customary_model
-from steelyard.estimate.estimate import Z95
 from steelyard.estimate.information.base_regressor import Regressor, base_parameters, base_regressor
-from steelyard.estimate.least_squares.normal_equations import own_columns
 from steelyard.estimate.least_squares.weighted_and_robust import WeightedLeastSquares
 from steelyard.estimate.nonlinear.nonlinear_parameters import (
     ZeroOffsets,
@@ -54,7 +52,6 @@ from steelyard.estimate.nonlinear.nonlinear_parameters import (
     with_offsets,
 )
 from steelyard.model.model import Model
-from steelyard.model.terms.term import has_memory
 from steelyard.robot.file.signals import Signals
 from steelyard.robot.robot import Robot
 from steelyard.runs.run import Run
@@ -66,7 +63,7 @@ def estimated_offsets(
     model: Model, runs: Sequence[Run], start: Array | None = None
 ) -> ZeroOffsets | None:
     """Zero offsets of an open chain near a start, or those given; `None` of too few data."""
-    rests = has_memory(model.terms)
+    rests = model.has_memory
     try:
         return find_offsets(
             model,
@@ -201,9 +198,9 @@ def _turned_by(offsets: Array, turned: TurnedJoints) -> Array:
 def _turn_misfit(regressor: Regressor, runs: Sequence[Run], offsets: Array) -> float:
     r"""$-2 \log L$ of weighted least squares, but for a constant."""
     model = regressor.model
-    read = information_from(with_offsets(runs, offsets), rests=has_memory(model.terms))
+    read = information_from(with_offsets(runs, offsets), rests=model.has_memory)
     information = read(regressor)
-    fit = WeightedLeastSquares(per_run=own_columns(model)).fit(information)
+    fit = WeightedLeastSquares(per_run=model.per_run_names).fit(information)
     return float(information.n_samples @ np.log(fit.variances))
 
 
@@ -223,8 +220,8 @@ def joint_zeros_check(case: Case) -> Iterable[Finding]:
         if any(signals.unknown_gains):
             return (Finding.ok(UNKNOWN_GAINS[ZERO_CAUSE], answered=False),)
         some = first_parts_of_runs(runs)
-        information = information_from(some, rests=has_memory(model.terms))(base_regressor(model))
-        estimate = WeightedLeastSquares(per_run=own_columns(model))(information)
+        information = information_from(some, rests=model.has_memory)(base_regressor(model))
+        estimate = WeightedLeastSquares(per_run=model.per_run_names)(information)
         ranked = ranked_causes(model, estimate, some)
         found = _zeros_by_derivatives(model.robot, ranked, estimated_offsets(model, some))
         if not found.severity and ranked.of_geometry:

@@ -16,9 +16,10 @@ from functools import partial
 
 import numpy as np
 
+from steelyard.base.arrays import Z95
 from steelyard.base.errors import DataError
 from steelyard.estimate.consistent.convex_estimator import Consistent
-from steelyard.estimate.estimate import Z95, Estimate, Estimator
+from steelyard.estimate.estimate import Estimate, Estimator
 from steelyard.estimate.information.base_regressor import BaseMap, base_regressor
 from steelyard.estimate.information.information import Information
 from steelyard.estimate.least_squares.weighted_and_robust import WeightedLeastSquares, whitened
@@ -27,7 +28,6 @@ from steelyard.estimate.nonlinear.nonlinear_parameters import information_from
 from steelyard.estimate.prior.body_priors import Knowledge, Row
 from steelyard.estimate.scores.cross_validation import FOLDS, logarithms, values_by
 from steelyard.model.model import Model
-from steelyard.model.terms.term import has_memory
 from steelyard.report.words import with_interval
 from steelyard.runs.run import Run
 
@@ -152,7 +152,7 @@ def _parts(
 ) -> Iterator[tuple[Information, Information]]:
     """What is fitted, and what is predicted from it."""
     if unseen:
-        gathered = information_from(unseen, rests=has_memory(model.terms))
+        gathered = information_from(unseen, rests=model.has_memory)
         yield information, gathered(base_regressor(model))
         return
     several = len(information.windows_of_runs) > 1

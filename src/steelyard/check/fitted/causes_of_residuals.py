@@ -26,7 +26,7 @@ from steelyard.estimate.estimate import Estimate
 from steelyard.estimate.friction.friction_choice import DIRECTION_LOSS_PROBABILITY, worse
 from steelyard.estimate.information.base_regressor import Regressor, base_parameters
 from steelyard.estimate.information.information import Information
-from steelyard.estimate.least_squares.normal_equations import Runs, lengths_of, own_columns, solve
+from steelyard.estimate.least_squares.normal_equations import Runs, lengths_of, solve
 from steelyard.estimate.nonlinear.nonlinear_parameters import bodies_of, information_from
 from steelyard.estimate.scores.cross_validation import (
     folding,
@@ -151,7 +151,7 @@ def _scores(
 ) -> tuple[Array, Array, Array, list[str]]:
     """Score and information of the added columns, of unit length each; lengths and names."""
     own, names = set(model.names), information.layout.columns
-    per_run = tuple(c for c in names if c in set(own_columns(model)))
+    per_run = tuple(c for c in names if c in set(model.per_run_names))
     matrix, vector, _, squares = Runs.of(information, per_run).normal(weights)
     scale = lengths_of(squares)
     matrix, vector = matrix / scale[:, None] / scale, vector / scale
@@ -265,7 +265,7 @@ def left_out_logs(
     """
     divided = folding(runs)
     gathered = information_from(runs, longest=divided.longest)(regressor)
-    found, per_run = per_fold(gathered, divided.parts(gathered)), own_columns(model)
+    found, per_run = per_fold(gathered, divided.parts(gathered)), model.per_run_names
 
     def values_of(information: Information) -> Array:
         # parameters of single runs have their mean over runs, as a new run is expected to have

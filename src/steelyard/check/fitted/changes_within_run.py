@@ -15,13 +15,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from steelyard.base.arrays import Array
+from steelyard.base.arrays import Z95, Array
 from steelyard.base.errors import ModelError, SteelyardError
 from steelyard.check.finding import Finding, Fix
 from steelyard.check.fitted.fitted_case_and_causes import FittedCase, post_fit_check
 from steelyard.check.fitted.passing_force import FINE_WINDOW, PassingForce, passing_force
 from steelyard.check.hypotheses.friction_signs_and_delay import whitened_columns
-from steelyard.estimate.estimate import Z95
 from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.estimate.information.base_regressor import BaseMap, base_regressor
 from steelyard.estimate.information.filter_and_gram import ParallelFilter
@@ -29,7 +28,6 @@ from steelyard.estimate.information.information import Information
 from steelyard.estimate.nonlinear.nonlinear_parameters import information_from
 from steelyard.estimate.payload.runs_with_payload import carrier, payload_lift
 from steelyard.model.laws.register import law_of
-from steelyard.model.terms.term import has_memory
 from steelyard.robot.robot import Coordinate, Robot
 from steelyard.runs.run import Run
 
@@ -394,7 +392,7 @@ def _runs(case: FittedCase) -> Iterator[tuple[Information, Run]]:
 
 
 def _gathered(identified: IdentifiedModel, run: Run, longest: float = np.inf) -> Information:
-    rests = has_memory(identified.model.terms)
+    rests = identified.model.has_memory
     gathered = information_from([run], rests=rests, longest=longest)
     return gathered(base_regressor(identified.model))
 

@@ -25,14 +25,12 @@ from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.estimate.information.base_regressor import Regressor, base_parameters, base_regressor
 from steelyard.estimate.information.information import Information
 from steelyard.estimate.least_squares.covariance_from_residuals import inflations
-from steelyard.estimate.least_squares.normal_equations import own_columns
 from steelyard.estimate.least_squares.weighted_and_robust import WeightedLeastSquares
 from steelyard.estimate.nonlinear.effort_scales import EffortScales
 from steelyard.estimate.nonlinear.nonlinear_parameters import information_from
 from steelyard.estimate.scores.residuals import ResidualNoise, residual_noise
 from steelyard.estimate.scores.score import RunScore
 from steelyard.model.model import Model
-from steelyard.model.terms.term import has_memory
 from steelyard.runs.run import Run
 
 JOINT_ABOVE_NOISE = 1.5  # residual over noise from which on a joint is counted as above it
@@ -95,7 +93,7 @@ def ranked_causes(model: Model, estimate: Estimate, runs: Sequence[Run]) -> Rank
     beside = residual_noise(valued, runs, estimate.sigma, gains)
     shape = residual_shape(valued, runs, gains)
     wide = base_regressor(wide_model(model, estimate, shape))
-    information = information_from(runs, rests=has_memory(model.terms))(wide)
+    information = information_from(runs, rests=model.has_memory)(wide)
     found = tuple(
         cause
         for cause in causes(model, information, estimate.sigma, beside.ratios, shape)
@@ -103,7 +101,7 @@ def ranked_causes(model: Model, estimate: Estimate, runs: Sequence[Run]) -> Rank
         or cause.joint not in {model.robot.joint_names[j] for j in free}
     )
     own = information.select(base_parameters(model).base_names)
-    fit = WeightedLeastSquares(per_run=own_columns(model)).fit(own)
+    fit = WeightedLeastSquares(per_run=model.per_run_names).fit(own)
     terms = max((cause.rank for cause in found if cause.of_friction), default=0.0)
     others = [cause for cause in found if not cause.of_friction]
     blamed: list[Cause] = []

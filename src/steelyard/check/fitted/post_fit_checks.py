@@ -8,6 +8,7 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
+from steelyard.base.arrays import Z95
 from steelyard.base.progress import Progress, report_progress, silent
 from steelyard.check.finding import Finding, Fix, Severity, percent_of
 from steelyard.check.fitted.changes_within_run import change_in_run_check
@@ -21,7 +22,6 @@ from steelyard.check.fitted.implausible_estimates import (
 from steelyard.check.fitted.incomplete_model import model_error_check
 from steelyard.check.fitted.reason_of_unseen_error import unseen_reason_check
 from steelyard.check.fitted.runs_and_last_link_disagree import last_link_check, runs_disagree_check
-from steelyard.estimate.estimate import Z95
 from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.estimate.scores.effort_errors import PROMISED
 from steelyard.model.laws.friction_with_memory import LoadDependent

@@ -16,11 +16,10 @@ from operator import add
 
 import numpy as np
 
-from steelyard.base.arrays import Array
+from steelyard.base.arrays import Z95, Array
 from steelyard.base.errors import DataError
 from steelyard.check.finding import Finding, Fix
 from steelyard.check.fitted.fitted_case_and_causes import FittedCase, post_fit_check
-from steelyard.estimate.estimate import Z95
 from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.estimate.information.information import Information
 from steelyard.estimate.least_squares.weighted_and_robust import WeightedLeastSquares

@@ -12,7 +12,7 @@ from math import pi
 
 import numpy as np
 
-from steelyard.base.arrays import Array
+from steelyard.base.arrays import Z95, Array
 from steelyard.check.hypotheses.readings_and_likelihood import (
     CLOSE_HYPOTHESES,
     FITTED_NUMBER_COST,
@@ -23,7 +23,6 @@ from steelyard.check.hypotheses.readings_and_likelihood import (
     likeliest,
     scored,
 )
-from steelyard.estimate.estimate import Z95
 from steelyard.estimate.nonlinear.nonlinear_parameters import LOOSEST
 from steelyard.robot.robot import Robot
 

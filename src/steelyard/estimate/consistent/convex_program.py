@@ -96,20 +96,16 @@ class Program:
     constraints: ConicConstraints
     form: Form  # penalty of bodies that have a prior
 
-    def conic(self, gamma: float, *, data: bool = True, unit: float = 1.0) -> Conic:
+    def conic(self, gamma: float, *, unit: float = 1.0) -> Conic:
         """The program with a weight of the prior.
 
         The optimum does not depend on the unit of the squares, which is in that of the noise.
-        Without the data the constraints' feasibility is tested.
         """
         known = self.unknowns
-        m, rank = len(known.weak), len(known.vector) if data else 0
+        m, rank = len(known.weak), len(known.vector)
         square, linear = [known.weak.copy(), np.ones(rank)], [np.zeros(m), np.zeros(rank)]
-        blocks = []
-        if data:
-            matrix = np.hstack([known.matrix, -np.eye(rank)])
-            matrix[:, :m] /= np.sqrt(unit)
-            blocks.append(Block("zero", np.arange(m + rank), matrix, known.vector / np.sqrt(unit)))
+        matrix = np.hstack([known.matrix / np.sqrt(unit), -np.eye(rank)])
+        blocks = [Block("zero", np.arange(m + rank), matrix, known.vector / np.sqrt(unit))]
         rows, ends, equal = self.constraints.planes
         sides = (
             Block("zero", np.arange(m), rows[equal], ends[equal]),

@@ -23,11 +23,10 @@ from typing import ClassVar, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from steelyard.base.arrays import Array, frozen
+from steelyard.base.arrays import Z95, Array, frozen
 from steelyard.base.errors import DataError
 from steelyard.base.motion import numbers
 from steelyard.estimate.effort_uncertainty import EffortUncertainty
-from steelyard.estimate.estimate import Z95
 from steelyard.estimate.external.contact_thresholds import ChangeStepper, ContactThresholds
 from steelyard.estimate.external.observer_equations import STATES, StepProgram
 from steelyard.model.compiled_evaluation import check_angles

@@ -269,6 +269,28 @@ class Information:
             beside=None if self.beside is None else of(self.beside),
         )
 
+    def with_predicted(
+        self, values: Array, names: Sequence[str], added: Array, factors: Array | None = None
+    ) -> "Information":
+        """The same data with one column per row, in that row alone: its effort as predicted.
+
+        Values `(p,)` of the data's columns make the predicted efforts, of which `added` is the
+        share that is added to each row's effort, `(rows,)`; other columns of a row are multiplied
+        by its factor, `(rows,)`. Sums of |column| are not a number in the result.
+        """
+        old, p = self.layout, len(self.layout.columns)
+        sees = tuple((*seen, p + row) for row, seen in enumerate(old.sees))
+        columns, units = (*old.columns, *names), (*old.units, *["1"] * len(names))
+        parts = []
+        for row, seen in enumerate(old.sees):
+            k, mine = len(seen), values[list(seen)]
+            part = np.zeros((k + 1, k + 2))
+            part[:k, :k] = (1.0 if factors is None else factors[row]) * np.eye(k)
+            part[:k, k], part[:k, k + 1] = mine, added[row] * mine
+            part[k, k + 1] = 1.0
+            parts.append(part)
+        return self.mapped(Layout(columns, units, old.rows, sees), parts)
+
     def with_effective_samples(self, factor: float) -> "Information":
         """The same data counted as so many times fewer samples: all sums divided by `factor`."""
         return self._changed(lambda sums: sums / factor, self.windows)

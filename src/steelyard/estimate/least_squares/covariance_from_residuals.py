@@ -138,7 +138,7 @@ def _over_runs(fit: Fit) -> Array:
 def _scatter(fit: Fit, most: int) -> Array:
     r"""$\varphi_j$ of scores in at most so many windows per run, shape `(rows,)`."""
     found, expected, squares = np.zeros((3, len(fit.variances)))
-    for own, row, columns, grams, scores in _scores_of_windows(fit, most):
+    for own, row, columns, grams, scores in scores_of_windows(fit, most):
         known, inverse = own.joined(fit.solution.kept, fit.solution.inverse)
         place = {column: k for k, column in enumerate(known)}
         mine = [place[column] for column in columns]
@@ -197,23 +197,6 @@ def score_covariance(fit: Fit, factors: Array) -> Array:
     return np.asarray(middle + np.outer(shift, shift))
 
 
-def sandwich(fit: Fit) -> Array:
-    r"""The full sandwich by windows, $\frac{W}{W-1} K (\sum_w g_w g_w^T) K$.
-
-    Its rank is $W - 1$ at most: of use only with several times more windows than parameters.
-    Estimates do not use it; `proofs/estimation/intervals.py` holds its intervals against theirs.
-    """
-    kept, inverse = fit.solution.kept, fit.solution.inverse
-    found: dict[str, Array] = {}
-    for own, _, columns, _, scores in _scores_of_windows(fit, len(fit.data.whole.windows)):
-        found.setdefault(own.run, np.zeros((len(scores), len(kept))))
-        found[own.run] += scores @ shared_map(own, kept)[columns]
-    stacked = np.concatenate(list(found.values()))
-    middle = stacked.T @ stacked * (len(stacked) / max(len(stacked) - 1, 1))
-    covariance = inverse @ middle @ inverse
-    return np.asarray(0.5 * (covariance + covariance.T))
-
-
 def note_of(rows: Sequence[str], factors: Array) -> tuple[str, ...]:
     """For people to read: where intervals became much wider."""
     wide = [
@@ -229,7 +212,7 @@ def note_of(rows: Sequence[str], factors: Array) -> tuple[str, ...]:
     )
 
 
-def _scores_of_windows(
+def scores_of_windows(
     fit: Fit, most: int
 ) -> Iterator[tuple[Eliminated, int, list[int], Array, Array]]:
     """Per run and row, in at most so many windows of the run: the columns that have a value there.

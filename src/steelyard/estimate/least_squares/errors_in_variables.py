@@ -302,7 +302,7 @@ class TotalLeastSquares:
     r"""Rows are weighted as weighted least squares has them.
 
     The covariance is $H^{-1} (\sum_j \varphi_j G_j) H^{-1}$ with $H = A^T A - \sigma^2 I$, $G_j$
-    what row $j$ adds to $A^T A$ and $\varphi_j$ as in `sandwich`, times the residual variance: a
+    what row $j$ adds to $A^T A$ and $\varphi_j$ as in `scatter`, times the residual variance: a
     little wider than to first order, and right if all columns are as noisy as they are taken to be.
     """
 

@@ -15,19 +15,12 @@ from steelyard.base.arrays import Array, Parameters, frozen
 from steelyard.base.errors import DataError
 from steelyard.estimate.estimate import Estimate, RunParameters, Unidentifiable
 from steelyard.estimate.information.information import Information
-from steelyard.model.model import Model
-from steelyard.model.torque_and_quantities import names_of
 
 SEEN = 1e-10
 """Squared sine of the angle to earlier columns below which the data do not see a column; eigenvalue
 of a run's own normal matrix, columns of unit length, below which it is not seen."""
 
 TIED = 1e-3  # share of a column's length that another must have in it to be named as its twin
-
-
-def own_columns(model: Model) -> tuple[str, ...]:
-    """Parameters that every run of a model has for itself."""
-    return names_of(model, lambda term: term.per_run)
 
 
 @dataclass(frozen=True, eq=False)

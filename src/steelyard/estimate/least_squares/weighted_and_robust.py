@@ -3,8 +3,8 @@ r"""Ordinary, weighted, recursive and robust least squares; information as a whi
 Weights are one per effort row, $1/\sigma_j^2$, found by iteration: fit, take each row's residuals,
 fit again [Gautier1997]. Information counts filtered samples for what they are worth, as many as
 there are independent ones, so the covariance is right for white residuals behind a low-pass; where
-windows of time show that they are alike for longer or for less, it follows (see `sandwich`), and
-what samples beside rests move is added (see `beside_rests`).
+windows of time show that they are alike for longer or for less, it follows (see
+`covariance_from_residuals`), and what samples beside rests move is added.
 
 Rows are weighted by the variance of their residuals in weighted least squares, widened where
 residuals are alike for longer than the filter; parameters of single runs are eliminated, and what
@@ -329,7 +329,7 @@ class Reweighted:
     The covariance is that of M-estimation, $H^{-1} M H^{-1}$ with
     $H = \sum \omega \psi'(u)\, a a^T$ and $M = \sum \omega^2 s^2 \psi(u)^2\, a a^T$, $\omega$ a
     row's weight, every sample counted as the independent ones that it is worth. The curvature is
-    averaged over each row, and $M$ allows for residuals alike over windows as `sandwich` does.
+    averaged over each row, and $M$ allows for residuals alike over windows by `inflations`.
     Inner estimators other than least squares keep their own covariance.
     """
 

@@ -20,20 +20,19 @@ run: scales are found without it, and its efforts predicted, in both cases with 
 prior that all data give. Found anew for each part, that weight scatters more than the gain.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 
-from steelyard.base.arrays import Array, frozen
+from steelyard.base.arrays import Z95, Array, frozen
 from steelyard.base.errors import DataError
 from steelyard.base.progress import Progress, report_progress, silent
 from steelyard.estimate.consistent.convex_estimator import Consistent, inverse_of
 from steelyard.estimate.effort_uncertainty import KnownScales
-from steelyard.estimate.estimate import Z95, Estimate, StandardEstimate
-from steelyard.estimate.information.base_regressor import BaseMap, Layout
+from steelyard.estimate.estimate import Estimate, StandardEstimate
+from steelyard.estimate.information.base_regressor import BaseMap
 from steelyard.estimate.information.information import Information
 from steelyard.estimate.least_squares.normal_equations import condition_of, unit_length
 from steelyard.estimate.least_squares.weighted_and_robust import whitened
@@ -43,30 +42,6 @@ from steelyard.estimate.scores.cross_validation import (
     LEAST_GAIN_PER_PARAMETER,
     logarithms,
 )
-
-
-def with_predicted(
-    information: Information, values: Array, names: Sequence[str], added: Array
-) -> Information:
-    """The same data with one column per row, in that row alone: its effort as predicted.
-
-    Values `(p,)` of the data's columns make the predicted efforts, of which `added` is the share
-    that is added to each row's effort. Sums of |column| are not a number in the result.
-    """
-    old, p = information.layout, len(information.layout.columns)
-    sees = tuple((*seen, p + row) for row, seen in enumerate(old.sees))
-    columns = (*old.columns, *names)
-    layout = Layout(columns, (*old.units, *["1"] * len(names)), old.rows, sees)
-    parts = []
-    for row, seen in enumerate(old.sees):
-        k, mine = len(seen), values[list(seen)]
-        part = np.zeros((k + 1, k + 2))
-        part[:k, :k] = np.eye(k)
-        part[:k, k], part[:k, k + 1] = mine, added[row] * mine
-        part[k, k + 1] = 1.0
-        parts.append(part)
-    return information.mapped(layout, parts)
-
 
 DEVIATION = (0.02, 0.1)  # least and greatest $d$, the greatest where no scale is known
 NORMAL_MEDIAN = 0.6745  # median size of a standard normal variable
@@ -195,7 +170,7 @@ class Scaled:
 
     def _extended(self, information: Information, at: Scales) -> Information:
         scaled = information.scaled(1.0 / at.values, information.signature.effort)
-        return with_predicted(scaled, at.parameters, self._names, np.log(at.values))
+        return scaled.with_predicted(at.parameters, self._names, np.log(at.values))
 
     @property
     def _names(self) -> tuple[str, ...]:

@@ -29,14 +29,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.base.arguments import checked
-from steelyard.base.arrays import Array, finite_json, frozen, json_values
+from steelyard.base.arrays import Z95, Array, finite_json, frozen, json_values
 from steelyard.base.errors import DataError
 from steelyard.base.progress import Progress, silent
-from steelyard.estimate.estimate import Z95, Estimate, Estimator
+from steelyard.estimate.estimate import Estimate, Estimator
 from steelyard.estimate.information.base_regressor import Regressor, base_regressor
 from steelyard.estimate.information.gather import gather
 from steelyard.estimate.information.information import Information
-from steelyard.estimate.least_squares.normal_equations import own_columns
 from steelyard.estimate.least_squares.weighted_and_robust import WeightedLeastSquares
 from steelyard.estimate.nonlinear.grid_search import (
     WIDEST,
@@ -52,7 +51,7 @@ from steelyard.estimate.nonlinear.grid_search import (
 from steelyard.model.model import Model
 from steelyard.model.terms.axes import finds_of
 from steelyard.model.terms.geometry_and_effort_errors import GeometryErrors
-from steelyard.model.terms.term import Term, has_memory
+from steelyard.model.terms.term import Term
 from steelyard.robot.inertia_and_placement import INERTIAL_NAMES
 from steelyard.runs.run import Run
 
@@ -235,7 +234,7 @@ def information(
         )
     cores = threads or os.cpu_count() or 1
     information_of = information_from(
-        runs, rests=has_memory(model.terms), threads=cores, progress=progress
+        runs, rests=model.has_memory, threads=cores, progress=progress
     )
     return information_of(base_regressor(model))
 
@@ -366,7 +365,7 @@ def find_offsets(
             where=f"robot '{model.robot.name}'",
             fix="give position_offset = [...] in [signals]",
         )
-    fit = WeightedLeastSquares(per_run=own_columns(model))
+    fit = WeightedLeastSquares(per_run=model.per_run_names)
     values, spread, converged = start.copy(), np.full(len(start), np.nan), False
     bodies = bodies_of(fit(information_at(values.copy())(base_regressor(model))))
     for _ in range(ROUNDS):

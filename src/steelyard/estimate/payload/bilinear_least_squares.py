@@ -11,7 +11,6 @@ from functools import cached_property
 import numpy as np
 
 from steelyard.base.arrays import Array
-from steelyard.estimate.information.base_regressor import Layout
 from steelyard.estimate.information.information import Information
 from steelyard.estimate.payload.runs_with_payload import LoadCase, covariance_of, inverse, scatter
 
@@ -150,18 +149,9 @@ class Bilinear:
 
     def _linearised(self, solution: Solution) -> Information:
         """What residuals say about changes of all parameters and of every row's `rho`."""
-        old, size = self.information.layout, len(self.start)
-        parts, sees = [], []
-        for row, seen in enumerate(old.sees):
-            values, part = solution.theta[list(seen)], np.zeros((len(seen) + 1, len(seen) + 2))
-            part[:-1, :-2] = solution.rho[row] * np.eye(len(seen))
-            part[:-1, -2], part[:-1, -1] = values, -solution.rho[row] * values
-            part[-1, -1] = 1.0
-            parts.append(part)
-            sees.append((*seen, size + row))
-        names = (*old.columns, *(f"1/gain.{name}" for name in old.rows))
-        layout = Layout(names, (*old.units, *("" for _ in old.rows)), old.rows, tuple(sees))
-        return self.information.mapped(layout, parts)
+        names = [f"1/gain.{name}" for name in self.information.layout.rows]
+        rho = solution.rho
+        return self.information.with_predicted(solution.theta, names, -rho, rho)
 
     @cached_property
     def signs(self) -> Array:

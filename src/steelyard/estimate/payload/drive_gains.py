@@ -13,9 +13,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from steelyard.base.arrays import Array, frozen
+from steelyard.base.arrays import Z95, Array, frozen
 from steelyard.base.errors import DataError, ModelError, advice
-from steelyard.estimate.estimate import Z95
 from steelyard.estimate.information.base_regressor import base_parameters
 from steelyard.estimate.information.information import Information
 from steelyard.estimate.payload.bilinear_least_squares import Bilinear, Solution, solved
@@ -27,7 +26,6 @@ from steelyard.estimate.payload.runs_with_payload import (
     refuse_foreign,
 )
 from steelyard.model.model import Model
-from steelyard.model.torque_and_quantities import names_of
 from steelyard.robot.robot import Frame, Robot
 
 LARGEST = 0.25
@@ -120,7 +118,7 @@ def identified_gains(
     refuse_foreign(model, (*unloaded, *loaded))
     carries = carrier(model.robot, frame)
     case = load_case(model, base_parameters(model), carries, unloaded, loaded, first_deviates=False)
-    dissipative = frozenset(names_of(model, lambda term: term.dissipation == "each"))
+    dissipative = frozenset(model.names_where(lambda term: term.dissipation == "each"))
     problem = Bilinear.of(case, mass, given, bool(loaded), dissipative)
     solution = solved(problem)
     pairs = zip(model.robot.effort_units, case.information.signature.effort, strict=True)

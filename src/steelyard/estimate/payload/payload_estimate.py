@@ -5,9 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from steelyard.base.arrays import Array, finite_json, frozen
+from steelyard.base.arrays import Z95, Array, finite_json, frozen
 from steelyard.base.errors import DataError
-from steelyard.estimate.estimate import Z95
 from steelyard.robot.inertia_and_placement import INERTIAL_NAMES, INERTIAL_UNITS, Inertia, skew
 from steelyard.robot.robot import Frame, Robot
 

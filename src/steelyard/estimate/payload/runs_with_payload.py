@@ -15,13 +15,11 @@ from operator import add
 
 import numpy as np
 
-from steelyard.base.arrays import Array
+from steelyard.base.arrays import Z95, Array
 from steelyard.base.errors import DataError, ModelError, named
-from steelyard.estimate.estimate import Z95
 from steelyard.estimate.information.base_regressor import BaseMap, Layout
 from steelyard.estimate.information.information import Information
 from steelyard.model.model import Model
-from steelyard.model.torque_and_quantities import names_of
 from steelyard.robot.inertia_and_placement import INERTIAL_NAMES, INERTIAL_UNITS, Inertia
 from steelyard.robot.robot import Frame, Robot
 
@@ -193,7 +191,7 @@ def payload_lift(robot: Robot, base: BaseMap, frame: Frame) -> Array:
 
 def drifting(model: Model, columns: Sequence[str]) -> tuple[int, ...]:
     """Numbers of the columns that differ from day to day: friction, offset, what is per run."""
-    steady = names_of(model, lambda term: not (term.drifts() or term.per_run))
+    steady = model.names_where(lambda term: not (term.drifts() or term.per_run))
     return tuple(k for k, name in enumerate(columns) if name not in steady)
 
 

@@ -9,7 +9,6 @@ import numpy as np
 from steelyard.base.arrays import Array
 from steelyard.base.errors import ModelError
 from steelyard.estimate.consistent.contradictions_and_prior_weight import refuse_contradictions
-from steelyard.estimate.least_squares.normal_equations import own_columns
 from steelyard.estimate.prior.body_priors import Knowledge, Row
 from steelyard.estimate.prior.constraints_and_friction import (
     Bounded,
@@ -332,7 +331,7 @@ def knowledge_of(model: Model, loaded: LoadedRobot, fastest: Array | None = None
             notes.append(f"the model has no '{absent}': prior constraints on it are ignored")
             continue
         mine = constraint.rows(ConstraintContext(model, where))
-        for name in own_columns(model):
+        for name in model.per_run_names:
             if any(name in row.coefficients for row in mine):
                 raise ModelError(
                     f"every run has a '{name}' of its own, which no prior constraint can act on",

@@ -36,7 +36,6 @@ from steelyard.model.model import Model
 from steelyard.model.terms.axes import Axis
 from steelyard.model.terms.friction_memory import LENGTHS_TO_FORGET, Presliding
 from steelyard.model.terms.term import ActsOnAxes, StatefulTerm, TermSamples
-from steelyard.model.torque_and_quantities import names_of
 from steelyard.robot.file.effort_units_and_gears import Locate
 from steelyard.robot.file.sections import LinkPriorSection, PriorSection
 from steelyard.robot.inertia_and_placement import Inertia, symmetric
@@ -312,7 +311,7 @@ def _groups(found: Sequence[Coordinate]) -> list[list[Coordinate]]:
 def shaped(model: Model, rows: Sequence[Row]) -> frozenset[str]:
     """Names of coefficients in rows that may be negative, as their curve is bounded."""
     bounded = {name for row in rows for name in row.coefficients}
-    names = names_of(model, lambda term: term.dissipation == "together")
+    names = model.names_where(lambda term: term.dissipation == "together")
     return frozenset(bounded.intersection(names))
 
 

@@ -14,7 +14,7 @@ from operator import add
 import numpy as np
 from numpy.typing import NDArray
 
-from steelyard.base.arrays import Array
+from steelyard.base.arrays import Z95, Array
 from steelyard.base.errors import DataError, LogError
 from steelyard.base.progress import Progress, report_progress, silent
 from steelyard.estimate.effort_uncertainty import (
@@ -26,7 +26,7 @@ from steelyard.estimate.effort_uncertainty import (
     rest_speed_of,
     rest_speed_of_runs,
 )
-from steelyard.estimate.estimate import Z95, Estimator
+from steelyard.estimate.estimate import Estimator
 from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.estimate.information.base_regressor import base_regressor
 from steelyard.estimate.information.information import Information
@@ -40,7 +40,6 @@ from steelyard.estimate.scores.cross_validation import (
 )
 from steelyard.estimate.scores.residuals import ResidualTrace, residual_cutoff, residual_trace
 from steelyard.estimate.scores.score import score
-from steelyard.model.terms.term import has_memory
 from steelyard.runs.run import Run
 
 LEVEL = 0.95  # share of new measurements that a band holds
@@ -67,7 +66,7 @@ def calibrate(
         kind, model = "stretches", identified.model
         longest = max(run.duration for run in runs) / (PER_STRETCH * FOLDS)
         if any(window.stop - window.start > longest for window in information.windows):
-            rests, regressor = has_memory(model.terms), base_regressor(model)
+            rests, regressor = model.has_memory, base_regressor(model)
             information = information_from(
                 runs, rests=rests, longest=longest, threads=threads, progress=progress
             )(regressor)

@@ -28,7 +28,6 @@ from steelyard.estimate.least_squares.weighted_and_robust import WeightedLeastSq
 from steelyard.estimate.nonlinear.nonlinear_parameters import information_from
 from steelyard.model.model import Model
 from steelyard.model.terms.axes import finds_of
-from steelyard.model.terms.term import has_memory
 from steelyard.runs.noise_and_cutoffs import rounded
 from steelyard.runs.run import Run
 
@@ -359,7 +358,7 @@ def choose_cutoff(
             report_progress(progress, "choosing the cut-off", number, len(tried) + 1)
             information_of = information_from(
                 [behind(run, cutoff) for run in runs],
-                rests=has_memory(model.terms),
+                rests=model.has_memory,
                 longest=divided.longest,
                 threads=threads,
             )

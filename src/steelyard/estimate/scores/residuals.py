@@ -39,7 +39,6 @@ from steelyard.estimate.information.filter_and_gram import ParallelFilter
 from steelyard.estimate.information.gather import blocks_with_channels
 from steelyard.estimate.scores.bands_and_traces import PARTS, TorqueSplit
 from steelyard.model.model import ValuedModel
-from steelyard.model.terms.term import has_memory
 from steelyard.runs.run import Block, Run
 from steelyard.runs.spectrum_and_period import welch
 
@@ -200,7 +199,7 @@ def residual_trace(
         parts = []
         for block in blocks:
             predicted = split.block(block)
-            predicted[FRICTION] *= block.moving | has_memory(identified.model.terms)
+            predicted[FRICTION] *= block.moving | identified.model.has_memory
             measured = gains * block.effort
             residual = measured - predicted.sum(axis=0)
             sliding = predicted[FRICTION] * block.moving

@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from steelyard.base.arrays import Array
-from steelyard.estimate.external.momentum_observer import GAP, PER_PERIOD
+from steelyard.estimate.external.observer_and_wrench import GAP, PER_PERIOD
 from steelyard.export.code.c_header_and_source import CCode, filled
 from steelyard.export.code.controller_functions import Controller, Function
 from steelyard.model.equations.passive_joints import passive_positions, random_positions

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from steelyard.estimate.external.contact_thresholds import HOLD, SETTLED
-from steelyard.estimate.external.momentum_observer import GAP, PER_PERIOD
+from steelyard.estimate.external.observer_and_wrench import GAP, PER_PERIOD
 from steelyard.export.code.controller_functions import Controller, Function
 from steelyard.model.equations.passive_joints import ITERATIONS
 from steelyard.report.page import templates_of

@@ -1,7 +1,7 @@
 """A model as one Python file that needs NumPy alone."""
 
 from steelyard.estimate.external.contact_thresholds import HOLD, SETTLED
-from steelyard.estimate.external.momentum_observer import GAP, PER_PERIOD
+from steelyard.estimate.external.observer_and_wrench import GAP, PER_PERIOD
 from steelyard.export.code.c_header_and_source import (
     CLOSING_STEPS,
     CLOSING_TOLERANCE,

@@ -1,7 +1,8 @@
-"""Estimators, each judged by runs it was not fitted to: what `steelyard compare` does."""
+"""Estimators, or identified models, side by side on logs: `steelyard compare`, `compare-models`."""
 
+import json
 import os
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple, NoReturn
@@ -9,8 +10,9 @@ from typing import Any, NamedTuple, NoReturn
 from rich.console import Console
 
 from steelyard.base.arguments import checked
+from steelyard.base.arrays import json_values, records
 from steelyard.base.errors import DataError, ModelError
-from steelyard.base.progress import Progress, silent
+from steelyard.base.progress import Progress, report_progress, silent
 from steelyard.check.named_logs_and_precheck import notes_of_precheck, prechecked
 from steelyard.estimate.estimator_register import (
     ESTIMATORS,
@@ -21,20 +23,31 @@ from steelyard.estimate.estimator_register import (
     method_of,
     offer_of,
 )
+from steelyard.estimate.identified_model import IdentifiedModel, load_model
 from steelyard.estimate.information.base_regressor import base_regressor
 from steelyard.estimate.information.information import Information
 from steelyard.estimate.least_squares.weighted_and_robust import WeightedLeastSquares
 from steelyard.estimate.scores.cross_validation import longest_window
-from steelyard.estimate.scores.estimator_comparison import Parts
+from steelyard.estimate.scores.estimator_comparison import Comparison, Parts
 from steelyard.estimate.scores.estimator_comparison import compare as compare_estimators
-from steelyard.estimate.scores.estimator_scores_and_advice import Comparison
+from steelyard.estimate.scores.model_comparison import (
+    ComparedModel,
+    ModelComparison,
+    model_errors,
+    refuse_different,
+    same_efforts,
+)
+from steelyard.identify.comparison.errors_and_efforts import ModelsContent
 from steelyard.identify.comparison.estimators_page import (
     COMPARE_SECTIONS,
     ComparisonContent,
     comparison_lines,
 )
+from steelyard.identify.comparison.models_page import COMPARE_MODELS_SECTIONS
+from steelyard.identify.cut_and_repeated_logs import holds_fitted_rows
 from steelyard.identify.gains_zeros_and_friction import FitTask, PreparedFit, prepare_fit
 from steelyard.identify.notes_and_provenance import dropped, dropped_rows, notes_of
+from steelyard.identify.scores_and_residuals import fitted_before, runs_for
 from steelyard.model.model import model_with_open_friction
 from steelyard.report.page import render_sections
 from steelyard.report.result import DataFrame, Result, frame
@@ -42,6 +55,7 @@ from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
 from steelyard.robot.file.robot_file import load_robot
 from steelyard.runs.run import Run
 from steelyard.runs.runs_of_named_logs import (
+    LogArgument,
     log_files,
     paths_of,
     refuse_overlaps,
@@ -209,3 +223,205 @@ def compare(
             comparison=replace(found, current=method_of(file).name),
         )
     )
+
+
+GivenModel = str | Path | IdentifiedModel  # also a `model.json`, or its folder
+
+
+def named_models(
+    models: Sequence[GivenModel] | Mapping[str, GivenModel],
+) -> dict[str, IdentifiedModel]:
+    """Models by distinct names: those given, of their files or folders, or `model 1`."""
+    if isinstance(models, Mapping):
+        return {str(name): load_model(model) for name, model in models.items()}
+    names = [_name(model, number) for number, model in enumerate(models, start=1)]
+    if len(set(names)) < len(names):
+        names = [f"{name} ({k})" for k, name in enumerate(names, 1)]
+    return {name: load_model(each) for name, each in zip(names, models, strict=True)}
+
+
+def _name(model: GivenModel, number: int) -> str:
+    if isinstance(model, IdentifiedModel):
+        return f"model {number}"
+    path = Path(model).absolute()
+    if path.name == "model.json":
+        return path.parent.name
+    return path.stem if path.suffix == ".json" else path.name
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ComparedModels(Result):
+    """Models side by side."""
+
+    content: ModelsContent  # what the page shows
+    page_name, json_name = "models.html", "models.json"
+
+    @property
+    def comparison(self) -> ModelComparison:
+        """Errors, efforts over time and parameters."""
+        return self.content.models
+
+    @property
+    def errors(self) -> DataFrame:
+        """Errors of predicted efforts, one row per model, log and joint."""
+        return frame(self.to_dict()["errors"], "errors")
+
+    @property
+    def parameters(self) -> DataFrame:
+        """One row per base parameter and model."""
+        return frame(self.to_dict()["parameters"], "parameters")
+
+    @property
+    def bodies(self) -> DataFrame:
+        """Masses and centres, one row per link and model; none of models without link inertias."""
+        return frame(self.to_dict()["bodies"], "bodies")
+
+    @property
+    def efforts(self) -> DataFrame:
+        """Low-passed efforts over time, one row per model, log, joint and sample."""
+        return frame(
+            [
+                {"run": run.run, "model": model.name, "joint": joint, **sample}
+                for model in self.comparison.models
+                for run in model.runs
+                for j, joint in enumerate(self.comparison.joints)
+                for sample in records(
+                    t=run.t, measured=run.measured[:, j], predicted=run.predicted[:, j]
+                )
+            ],
+            "efforts",
+        )
+
+    def report(self) -> str:
+        """The report as one self-contained HTML page."""
+        return render_sections(COMPARE_MODELS_SECTIONS, self.content, "compared")
+
+    def to_dict(self) -> dict[str, Any]:
+        """The numbers as JSON values, as `steelyard compare-models --json` prints them."""
+        found: dict[str, Any] = {"robot": self.content.robot}
+        for section in COMPARE_MODELS_SECTIONS:
+            found |= section.to_dict(self.content)
+        return {**found, "notes": [*self.content.notes, *self.content.details]}
+
+    def show(self, console: Console, verbose: bool = False) -> None:
+        """Print the errors and the models; with `verbose` every log, parameters and notes."""
+        for section in COMPARE_MODELS_SECTIONS:
+            parts = [*section.printed(self.content)]
+            parts += section.detailed(self.content) if verbose else ()
+            for part in parts:
+                console.print(part)
+            if parts:
+                console.print()
+        for note in (*self.content.notes, *(self.content.details if verbose else ())):
+            console.print(f"note: {note}", markup=False)
+
+
+@checked()
+def compare_models(
+    models: Sequence[str | Path | IdentifiedModel] | Mapping[str, str | Path | IdentifiedModel],
+    logs: str | Path | Iterable[str | Path],
+    *,
+    progress: Progress = silent,
+) -> ComparedModels:
+    """Compare identified models of one robot on logs that they were not identified from.
+
+    Every log is processed as for the first model, so that all models predict the same effort;
+    columns, delays and zero offsets are read as each model was identified.
+
+    Args:
+        models: At least two models, their `model.json`, or the folders that contain them; a
+            mapping gives them names.
+        logs: The logs; `run.csv@5:20` is a window in seconds.
+        progress: Receives events of progress; an exception from it stops the work.
+
+    Raises:
+        SteelyardError: A file cannot be used, or the models are of different robots.
+
+    Example:
+        >>> full = identify("arm.toml", "fit.csv")
+        >>> small = reduce(full.model, "fit.csv")
+        >>> found = compare_models({"full": full.model, "reduced": small.model}, "other.csv")
+        >>> sorted(set(found.errors["model"]))
+        ['full', 'reduced']
+    """
+    named = named_models(models)
+    if len(named) < 2:
+        raise ModelError(
+            f"{len(named)} model is given" if named else "no model is given",
+            where="models to compare",
+            fix="give at least two; `steelyard validate` scores a single one",
+        )
+    (first_name, first), *others = named.items()
+    for name, other in others:
+        refuse_different(first, other, (f"'{first_name}'", f"'{name}'"))
+    files = log_files(paths_of(logs, least=1))
+    runs = _runs(named, files, progress)
+    found = []
+    for number, (name, identified) in enumerate(named.items()):
+        report_progress(progress, "comparing models", number, len(named))
+        scored = tuple(
+            model_errors(
+                identified,
+                run,
+                first,
+                fitted_before(identified, log) or holds_fitted_rows(identified, run),
+            )
+            for log, run in zip(files, runs[name], strict=True)
+        )
+        found.append(ComparedModel(name, identified, scored))
+    comparison = ModelComparison(tuple(found))
+    content = ModelsContent(
+        title=f"{first.robot.name}: models compared",
+        robot=first.robot.name,
+        qualities=tuple((run.name, run.quality.rows_of_text) for run in runs[first_name]),
+        models=comparison,
+        notes=_notes(named, comparison, runs[first_name]),
+        details=notes_of(runs[first_name]),
+        settings=(
+            ("models", ", ".join(named)),
+            ("logs", ", ".join(file.text for file in files)),
+        ),
+    )
+    return ComparedModels(content)
+
+
+def _runs(
+    named: Mapping[str, IdentifiedModel], files: Sequence[LogArgument], progress: Progress
+) -> dict[str, tuple[Run, ...]]:
+    """The logs as each model reads them, in the processing of the first; read once if alike."""
+    first = next(iter(named.values()))
+    known: dict[str, tuple[Run, ...]] = {}
+    found = {}
+    for name, identified in named.items():
+        values = json_values(identified.signals)
+        key = json.dumps({k: v for k, v in values.items() if k not in ("gains", "unknown_gains")})
+        if key not in known:
+            known[key] = runs_for(first, files, progress, signals=identified.signals)
+        found[name] = known[key]
+    return found
+
+
+def _notes(
+    named: Mapping[str, IdentifiedModel], comparison: ModelComparison, runs: Sequence[Run]
+) -> tuple[str, ...]:
+    """What limits the comparison."""
+    (first_name, first), *others = named.items()
+    notes = []
+    for k, run in enumerate(comparison.runs):
+        used = [model.name for model in comparison.models if model.runs[k].fitted]
+        if used:
+            notes.append(f"{run} was used to identify {', '.join(used)}: no validation")
+    own = first.processing.to_dict()
+    if processed := [name for name, other in others if other.processing.to_dict() != own]:
+        notes.append(
+            f"logs are processed as for {first_name}; {', '.join(processed)}: identified with "
+            "other [processing]"
+        )
+    kind = first.signals.effort_kind
+    if efforts := [
+        name
+        for name, other in others
+        if not same_efforts(other, first) or other.signals.effort_kind != kind
+    ]:
+        notes.append(f"{', '.join(efforts)}: other effort columns than {first_name}")
+    return (*notes, *dropped_rows(runs))

@@ -6,7 +6,7 @@ from typing import Any
 from rich.console import RenderableType
 from rich.text import Text
 
-from steelyard.estimate.estimate import Z95
+from steelyard.base.arrays import Z95
 from steelyard.estimate.friction.friction_mixes import mix_name
 from steelyard.estimate.scores.model_comparison import (
     ComparedModel,
@@ -20,8 +20,8 @@ from steelyard.identify.comparison.errors_and_efforts import (
     legend,
     model_dots,
 )
+from steelyard.identify.page.content_and_error_words import QualitySection, SettingsSection
 from steelyard.identify.page.link_inertias import IdentifiedLink, identified_links, link_dict
-from steelyard.identify.page.report_content import QualitySection, SettingsSection
 from steelyard.model.laws.register import description_of
 from steelyard.report.figures import Group, figure_of_rows
 from steelyard.report.page import (

@@ -7,7 +7,7 @@ import numpy as np
 
 from steelyard.base.arrays import Array
 from steelyard.estimate.estimate import Estimate
-from steelyard.identify.page.report_content import ReportContent
+from steelyard.identify.page.content_and_error_words import ReportContent
 from steelyard.report.figures import Figure, Group, row_height
 from steelyard.report.page import FigureSection, Numbers, Section, packed
 from steelyard.robot.inertia_and_placement import INERTIAL_NAMES

@@ -5,15 +5,13 @@ from typing import Any
 
 import numpy as np
 
-from steelyard.base.arrays import Array
-from steelyard.estimate.estimate import Z95
+from steelyard.base.arrays import Z95, Array
 from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.estimate.information.gather import Mask
 from steelyard.estimate.scores.bands_and_traces import PARTS, TorqueParts, Traces
 from steelyard.estimate.scores.effort_errors import known_efforts
 from steelyard.estimate.scores.score import RunScore
-from steelyard.identify.page.errors_in_words import below
-from steelyard.identify.page.report_content import ReportContent
+from steelyard.identify.page.content_and_error_words import ReportContent, below
 from steelyard.report.figures import Figure, Group, drawn, from_origin, gaps, line, outline
 from steelyard.report.page import (
     FigureSection,

@@ -6,8 +6,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from steelyard.base.arrays import Array
+from steelyard.identify.page.content_and_error_words import ReportContent, fitted_samples
 from steelyard.identify.page.link_inertias import identified_links
-from steelyard.identify.page.report_content import ReportContent, fitted_samples
 from steelyard.report.figures import Figure, Group, Traced
 from steelyard.report.page import FigureSection, Numbers, packed
 from steelyard.report.words import significant

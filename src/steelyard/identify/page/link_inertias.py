@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from steelyard.base.arrays import Array, Parameters
-from steelyard.estimate.estimate import Z95, StandardEstimate
+from steelyard.base.arrays import Z95, Array, Parameters
+from steelyard.estimate.estimate import StandardEstimate
 from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.estimate.prior.body_priors import model_prior, rigid_bodies
-from steelyard.identify.page.report_content import ReportContent
+from steelyard.identify.page.content_and_error_words import ReportContent
 from steelyard.report.figures import Figure, Group, Key, Traced, dots, figure_of_rows
 from steelyard.report.page import FigureSection, Numbers, TableSection, rounded
 from steelyard.report.tables import PlainTable, Row, table_of

@@ -9,8 +9,7 @@ import numpy as np
 from rich.console import RenderableType
 from rich.text import Text
 
-from steelyard.base.arrays import records
-from steelyard.estimate.estimate import Z95
+from steelyard.base.arrays import Z95, records
 from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.estimate.information.base_regressor import symbols
 from steelyard.estimate.parameter_status_and_friction import (
@@ -20,7 +19,7 @@ from steelyard.estimate.parameter_status_and_friction import (
     ParameterStatus,
     statuses,
 )
-from steelyard.identify.page.report_content import ReportContent
+from steelyard.identify.page.content_and_error_words import ReportContent
 from steelyard.model.laws.register import description_of
 from steelyard.report.figures import Figure, Group, Key, dots, figure_of_rows
 from steelyard.report.page import FigureSection, Numbers, Section

@@ -10,8 +10,7 @@ from rich.text import Text
 from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.estimate.reduction.reduction import Reduction
 from steelyard.estimate.scores.effort_errors import pooled
-from steelyard.identify.page.errors_in_words import MOVING, WHOLE
-from steelyard.identify.page.report_content import ReportContent
+from steelyard.identify.page.content_and_error_words import MOVING, WHOLE, ReportContent
 from steelyard.model.laws.register import law_of
 from steelyard.model.terms.term import StatefulTerm
 from steelyard.report.figures import Figure, Group, Key, area, line, points

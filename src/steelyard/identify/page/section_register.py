@@ -22,13 +22,13 @@ from steelyard.identify.page import (
     reduction_sections,
     verdict_section,
 )
-from steelyard.identify.page.parameters_and_truth import ParameterRow, parameter_rows
-from steelyard.identify.page.report_content import (
+from steelyard.identify.page.content_and_error_words import (
     CheckSection,
     QualitySection,
     ReportContent,
     SettingsSection,
 )
+from steelyard.identify.page.parameters_and_truth import ParameterRow, parameter_rows
 from steelyard.report.page import Section, render_sections
 
 SECTIONS: tuple[Section, ...] = (

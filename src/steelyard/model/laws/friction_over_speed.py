@@ -1,44 +1,77 @@
-"""Friction over speed: Coulomb, viscous, powers of speed, Stribeck; also one per direction."""
+"""Friction over speed: Coulomb, viscous, powers of speed, Stribeck; per direction, and coupled."""
 
 from abc import abstractmethod
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
+from steelyard.base.arrays import Parameter
+from steelyard.base.errors import ModelError
 from steelyard.model.equations.inverse_dynamics import JointState, Scalar, Scalars
 from steelyard.model.terms.axes import (
     DEFAULT_SHAPE,
     Axes,
+    Axis,
     Field,
     directional,
     directions,
     is_zero,
+    named_axis,
     per_axis,
     refuse_negative,
     refuse_not_positive,
     refuse_shape,
     refuse_unknown,
+    spread,
     unfit,
 )
 from steelyard.model.terms.term import (
     ActsOnAxes,
     Cause,
+    Columns,
     Dissipation,
     Place,
     Placed,
     Role,
+    Term,
     Values,
     as_one,
     curve_over_speed,
+    left_out,
     under,
 )
 from steelyard.robot.robot import Robot
 
 
+@dataclass(frozen=True, kw_only=True)
+class _Directed(ActsOnAxes):
+    """Friction that turns round with the direction of motion; of two units, one per direction."""
+
+    cause: ClassVar[Cause] = "friction"
+    bounds: ClassVar[Mapping[str, tuple[float, float]]] = {"smoothing": (1e-3, 1.0)}
+    # speed $w$ of the smooth law, one for all or one per coordinate [rad/s; m/s]; zero for the sign
+    smoothing: Field = 0.0
+    shape: str = DEFAULT_SHAPE  # which smooth law: `tanh`, `arctan` (p3, eq 6) or `logistic`
+
+    def __post_init__(self) -> None:
+        refuse_negative(self.law, smoothing=self.smoothing)
+        refuse_shape(self.law, self.shape, self.smoothing)
+
+    def efforts(self, axes: Axes, state: JointState) -> Scalars:
+        """The direction of motion, or its positive and its negative part, times `sizes`."""
+        sense = directions(axes, state.dq, self.smoothing, self.law, self.shape)
+        each, sizes = sense if len(self.units) == 1 else directional(sense), self.sizes(axes, state)
+        return each if sizes is None else [s * sizes[k % len(axes)] for k, s in enumerate(each)]
+
+    def sizes(self, axes: Axes, state: JointState) -> Scalars | None:
+        """Size of the friction along every coordinate, over that of sliding; one if `None`."""
+        return None
+
+
 @dataclass(frozen=True)
-class Coulomb(ActsOnAxes):
+class Coulomb(_Directed):
     r"""Coulomb friction, $f = f_c\,s(v)$ [Nm; N if prismatic].
 
     $s$ is the sign of the velocity, zero up to `threshold`, or with `smoothing` $w$ the smooth
@@ -47,18 +80,14 @@ class Coulomb(ActsOnAxes):
 
     law: ClassVar[str] = "coulomb"
     dissipation: ClassVar[Dissipation] = "each"
-    cause: ClassVar[Cause] = "friction"
     shown_by: ClassVar[str] = "motion in both directions of"
     symbol: ClassVar[str] = "FC"
-    bounds: ClassVar[Mapping[str, tuple[float, float]]] = {"smoothing": (1e-3, 1.0)}
     # speed up to which the friction is zero, one for all or one per coordinate [rad/s; m/s]
     threshold: Field = 0.0
-    smoothing: Field = 0.0  # speed $w$ of the smooth law, likewise; zero for the sign
-    shape: str = DEFAULT_SHAPE  # which smooth law: `tanh`, `arctan` or `logistic`
 
     def __post_init__(self) -> None:
-        refuse_negative(self.law, threshold=self.threshold, smoothing=self.smoothing)
-        refuse_shape(self.law, self.shape, self.smoothing)
+        refuse_negative(self.law, threshold=self.threshold)
+        super().__post_init__()
         if not is_zero(self.threshold) and not is_zero(self.smoothing):
             raise unfit(
                 f"Coulomb friction with threshold {self.threshold} and smoothing {self.smoothing}",
@@ -70,13 +99,12 @@ class Coulomb(ActsOnAxes):
         """By the plain sign it sticks and slips: at rest it holds up to its size."""
         return "brake" if is_zero(self.threshold) and is_zero(self.smoothing) else "effort"
 
-    def efforts(self, axes: Axes, state: JointState) -> Scalars:
-        """Direction of motion."""
-        sense = directions(axes, state.dq, self.smoothing, self.law, self.shape)
+    def sizes(self, axes: Axes, state: JointState) -> Scalars | None:
+        """Nothing up to the threshold."""
         if is_zero(self.threshold):
-            return sense
-        parts = zip(sense, axes, per_axis(self.threshold, axes, self.law), strict=True)
-        return [s * (np.abs(axis.of(state.dq)) > rest) for s, axis, rest in parts]
+            return None
+        pairs = zip(axes, per_axis(self.threshold, axes, self.law), strict=True)
+        return [np.abs(axis.of(state.dq)) > rest for axis, rest in pairs]
 
     def in_model_files(self, robot: Robot, values: Values) -> Placed:
         """Dry friction by the plain sign."""
@@ -93,24 +121,7 @@ class Coulomb(ActsOnAxes):
 
 
 @dataclass(frozen=True)
-class Viscous(ActsOnAxes):
-    r"""Viscous friction, $f = f_v\,v$ [N m s/rad; N s/m if prismatic]."""
-
-    law: ClassVar[str] = "viscous"
-    dissipation: ClassVar[Dissipation] = "each"
-    cause: ClassVar[Cause] = "friction"
-    shown_by: ClassVar[str] = "motion at several speeds of"
-    in_model_files: ClassVar[Place] = as_one("viscous")
-    units: ClassVar[Mapping[str, str]] = {"": "{rate}"}
-    symbol: ClassVar[str] = "FV"
-
-    def efforts(self, axes: Axes, state: JointState) -> Scalars:
-        """The coordinate's velocity."""
-        return [axis.of(state.dq) for axis in axes]
-
-
-@dataclass(frozen=True)
-class DirectionalCoulomb(ActsOnAxes):
+class DirectionalCoulomb(_Directed):
     r"""Coulomb friction of its own in each direction, $f = f_+ s_+(v) + f_- s_-(v)$.
 
     $s_\pm = (s \pm |s|)/2$ with the sign $s$ of the velocity, or a smooth $s$ as of `Coulomb`.
@@ -119,39 +130,9 @@ class DirectionalCoulomb(ActsOnAxes):
 
     law: ClassVar[str] = "directional_coulomb"
     dissipation: ClassVar[Dissipation] = "each"
-    cause: ClassVar[Cause] = "friction"
     shown_by: ClassVar[str] = "motion in both directions of"
     in_model_files: ClassVar[Place] = as_one("dry")
     units: ClassVar[Mapping[str, str]] = {"_forward": "{effort}", "_backward": "{effort}"}
-    bounds: ClassVar[Mapping[str, tuple[float, float]]] = {"smoothing": (1e-3, 1.0)}
-    # speed $w$ of the smooth law, one for all or one per coordinate [rad/s; m/s]; zero for the sign
-    smoothing: Field = 0.0
-    shape: str = DEFAULT_SHAPE  # which smooth law: `tanh`, `arctan` or `logistic`
-
-    def __post_init__(self) -> None:
-        refuse_negative(self.law, smoothing=self.smoothing)
-        refuse_shape(self.law, self.shape, self.smoothing)
-
-    def efforts(self, axes: Axes, state: JointState) -> Scalars:
-        """The direction of motion, its positive and its negative part."""
-        return directional(directions(axes, state.dq, self.smoothing, self.law, self.shape))
-
-
-@dataclass(frozen=True)
-class DirectionalViscous(ActsOnAxes):
-    r"""Viscous friction of its own in each direction, $f = f_+ \max(v, 0) + f_- \min(v, 0)$."""
-
-    law: ClassVar[str] = "directional_viscous"
-    dissipation: ClassVar[Dissipation] = "each"
-    cause: ClassVar[Cause] = "friction"
-    shown_by: ClassVar[str] = "motion at several speeds in both directions of"
-    in_model_files: ClassVar[Place] = as_one("viscous")
-    units: ClassVar[Mapping[str, str]] = {"_forward": "{rate}", "_backward": "{rate}"}
-
-    def efforts(self, axes: Axes, state: JointState) -> Scalars:
-        """The velocity, its positive and its negative part."""
-        speeds = [axis.of(state.dq) for axis in axes]
-        return [bound(x, 0.0) for bound in (np.maximum, np.minimum) for x in speeds]
 
 
 CREEP = 1e-12
@@ -171,6 +152,38 @@ class _OfSpeed(ActsOnAxes):
     @abstractmethod
     def curve(self, speed: Scalar) -> Scalar:
         """Friction per unit of the parameter; odd."""
+
+
+@dataclass(frozen=True)
+class Viscous(_OfSpeed):
+    r"""Viscous friction, $f = f_v\,v$ [N m s/rad; N s/m if prismatic]."""
+
+    law: ClassVar[str] = "viscous"
+    dissipation: ClassVar[Dissipation] = "each"
+    in_model_files: ClassVar[Place] = as_one("viscous")
+    units: ClassVar[Mapping[str, str]] = {"": "{rate}"}
+    symbol: ClassVar[str] = "FV"
+
+    def curve(self, speed: Scalar) -> Scalar:
+        """The velocity."""
+        return speed
+
+
+@dataclass(frozen=True)
+class DirectionalViscous(ActsOnAxes):
+    r"""Viscous friction of its own in each direction, $f = f_+ \max(v, 0) + f_- \min(v, 0)$."""
+
+    law: ClassVar[str] = "directional_viscous"
+    dissipation: ClassVar[Dissipation] = "each"
+    cause: ClassVar[Cause] = "friction"
+    shown_by: ClassVar[str] = "motion at several speeds in both directions of"
+    in_model_files: ClassVar[Place] = as_one("viscous")
+    units: ClassVar[Mapping[str, str]] = {"_forward": "{rate}", "_backward": "{rate}"}
+
+    def efforts(self, axes: Axes, state: JointState) -> Scalars:
+        """The velocity, its positive and its negative part."""
+        speeds = [axis.of(state.dq) for axis in axes]
+        return [bound(x, 0.0) for bound in (np.maximum, np.minimum) for x in speeds]
 
 
 @dataclass(frozen=True)
@@ -213,7 +226,7 @@ class Root(_OfSpeed):
 
 
 @dataclass(frozen=True)
-class Stribeck(ActsOnAxes):
+class Stribeck(_Directed):
     r"""Stribeck friction, the excess of breakaway over Coulomb friction.
 
     $$ f = (f_s - f_c)\,e^{-|v/v_s|^\beta}\,s(v) $$
@@ -223,7 +236,6 @@ class Stribeck(ActsOnAxes):
 
     law: ClassVar[str] = "stribeck"
     dissipation: ClassVar[Dissipation] = "together"
-    cause: ClassVar[Cause] = "friction"
     shown_by: ClassVar[str] = "slow motion in both directions of"
     in_model_files: ClassVar[Place] = curve_over_speed("excess of friction at breakaway")
     bounds: ClassVar[Mapping[str, tuple[float, float]]] = {
@@ -232,26 +244,16 @@ class Stribeck(ActsOnAxes):
     }
     speed: Field = 0.1  # stribeck speed $v_s$, one for all or one per coordinate [rad/s; m/s]
     exponent: int = 1  # $\beta$, 1 or 2
-    # speed $w$ of a smooth $s$ as of `Coulomb`, one for all or one per coordinate [rad/s; m/s];
-    # zero for the sign
-    smoothing: Field = 0.0
-    shape: str = DEFAULT_SHAPE  # which smooth $s$: `tanh`, `arctan` (p3, eq 6) or `logistic`
 
     def __post_init__(self) -> None:
         refuse_unknown(self.law, "exponent", self.exponent, (1, 2))
         refuse_not_positive(self.law, speed=self.speed)
-        refuse_negative(self.law, smoothing=self.smoothing)
-        refuse_shape(self.law, self.shape, self.smoothing)
+        super().__post_init__()
 
-    def efforts(self, axes: Axes, state: JointState) -> Scalars:
-        """The direction of motion, fading with speed."""
-        sense = directions(axes, state.dq, self.smoothing, self.law, self.shape)
-        return [s * x for s, x in zip(sense, self.fading(axes, state.dq), strict=True)]
-
-    def fading(self, axes: Axes, dq: Scalars) -> list[Scalar]:
+    def sizes(self, axes: Axes, state: JointState) -> Scalars | None:
         r"""$e^{-|v/v_s|^\beta}$ along every coordinate."""
         scales = per_axis(self.speed, axes, self.law)
-        relative = [axis.of(dq) / scale for axis, scale in zip(axes, scales, strict=True)]
+        relative = [axis.of(state.dq) / scale for axis, scale in zip(axes, scales, strict=True)]
         return [np.exp(-(np.abs(x) if self.exponent == 1 else x * x)) for x in relative]
 
 
@@ -268,8 +270,103 @@ class DirectionalStribeck(Stribeck):
     law: ClassVar[str] = "directional_stribeck"
     units: ClassVar[Mapping[str, str]] = {"_forward": "{effort}", "_backward": "{effort}"}
 
-    def efforts(self, axes: Axes, state: JointState) -> Scalars:
-        """The direction of motion, its positive and its negative part, fading with speed."""
-        sense = directions(axes, state.dq, self.smoothing, self.law, self.shape)
-        fading = self.fading(axes, state.dq)
-        return [s * x for s, x in zip(directional(sense), fading * 2, strict=True)]
+
+Pair = tuple[tuple[str, str], tuple[str, str]]  # `(("from", name), ("to", name))`
+
+
+@dataclass(frozen=True)
+class Coupled(Term):
+    r"""Coupled friction, $f_b = f_{ab}\,v_a$ or $f_{ab}\,s(v_a)$: belts, cables, shared bearings.
+
+    A coupling alone may give energy; only with the joints' own friction is the whole dissipative.
+    """
+
+    law: ClassVar[str] = "coupled"
+    dissipation: ClassVar[Dissipation] = "none"
+    cause: ClassVar[Cause] = "friction"
+    shown_by: ClassVar[str] = "separate motion of the joints"
+    in_model_files: ClassVar[Place] = left_out("friction of one joint that loads another")
+    bounds: ClassVar[Mapping[str, tuple[float, float]]] = {"smoothing": (1e-3, 1.0)}
+    # joints or motors, `{"from": a, "to": b}`: `b` is loaded when `a` moves
+    pairs: tuple[Pair, ...] = ()
+    kind: str = "viscous"  # `viscous` or `coulomb`
+    # speed $w$ of $s = \tanh(v/w)$, one for all or one per pair [rad/s; m/s]; zero for the sign. Of
+    # Coulomb couplings only
+    smoothing: Field = 0.0
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "pairs", _pairs(self.pairs))
+        refuse_unknown(self.law, "kind", self.kind, ("viscous", "coulomb"))
+        refuse_negative(self.law, smoothing=self.smoothing)
+        if not self.pairs:
+            raise _no_pair("no pairs")
+        if self.kind == "viscous" and not is_zero(self.smoothing):
+            raise unfit(
+                "viscous coupled friction has no smoothing",
+                'leave out `smoothing`, or give kind = "coulomb"',
+            )
+
+    def parameters(self, robot: Robot) -> tuple[Parameter, ...]:
+        """One per pair, of either sign."""
+        return tuple(
+            Parameter(
+                f"{self.law}_{self.kind}.{mover.name}>{loaded.name}",
+                loaded.effort_unit
+                if self.kind == "coulomb"
+                else loaded.unit(f"{{force}}/({mover.speed_unit})"),
+            )
+            for mover, loaded in self._axes(robot)
+        )
+
+    def columns(self, robot: Robot, state: JointState) -> Columns:
+        """The moving joint's velocity or direction, along the loaded joint."""
+        pairs = self._axes(robot)
+        movers = [mover for mover, _ in pairs]
+        speeds: list[Scalar] = (
+            directions(movers, state.dq, self.smoothing, self.law)
+            if self.kind == "coulomb"
+            else [mover.of(state.dq) for mover in movers]
+        )
+        return spread([loaded for _, loaded in pairs], speeds)
+
+    def _axes(self, robot: Robot) -> list[tuple[Axis, Axis]]:
+        return [
+            (named_axis(robot, mover), named_axis(robot, loaded))
+            for (_, mover), (_, loaded) in self.pairs
+        ]
+
+
+def _pairs(given: Any) -> tuple[Pair, ...]:
+    """All pairs; one alone may come without a list."""
+    table = dict(given) if isinstance(given, Mapping) else None
+    if isinstance(given, tuple) and all(isinstance(x, tuple) and len(x) == 2 for x in given):
+        table = {key: value for key, value in given if isinstance(key, str)}
+    if table is not None and set(table) == {"from", "to"}:
+        return (_pair(table),)
+    if not isinstance(given, tuple | list):
+        raise _no_pair(f"pairs = {given!r}")
+    return tuple(_pair(pair) for pair in given)
+
+
+def _pair(given: Mapping[str, str] | Sequence[Any]) -> Pair:
+    """A pair in its one form, from a table, named pairs, or two names."""
+    try:
+        if isinstance(given, Sequence) and all(isinstance(name, str) for name in given):
+            mover, loaded = given
+        else:
+            table = dict(given)
+            mover, loaded = table.pop("from"), table.pop("to")
+            if table:
+                raise ValueError
+    except (TypeError, ValueError, KeyError):
+        raise _no_pair(f"the pair {given!r}") from None
+    if isinstance(given, str) or mover == loaded or not isinstance(mover, str):
+        raise _no_pair(f"the pair {given!r}")
+    return ("from", mover), ("to", loaded)
+
+
+def _no_pair(what: str) -> ModelError:
+    return unfit(
+        f"coupled friction with {what}",
+        'name two joints or motors per pair: pairs = [{from = "hip", to = "knee"}]',
+    )

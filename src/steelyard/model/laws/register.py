@@ -5,9 +5,9 @@ from collections.abc import Mapping
 from typing import Any, cast
 
 from steelyard.base.errors import ModelError
-from steelyard.model.laws.coupled_friction import Coupled
 from steelyard.model.laws.friction_over_speed import (
     Coulomb,
+    Coupled,
     Cubic,
     DirectionalCoulomb,
     DirectionalStribeck,

@@ -25,7 +25,6 @@ from steelyard.estimate.scores.residuals import (
 from steelyard.identify.cut_and_repeated_logs import holds_fitted_rows
 from steelyard.identify.notes_and_provenance import left_out, notes_of
 from steelyard.identify.scores_and_residuals import fitted_before, runs_for
-from steelyard.model.terms.term import has_memory
 from steelyard.runs.run import Run
 from steelyard.runs.runs_of_named_logs import log_files, paths_of, refuse_overlaps
 from steelyard.uses.contact.contact_events import SuspectedContact, contacts_in, without_contact
@@ -132,7 +131,7 @@ def contact(
 
 def _carried(identified: IdentifiedModel, run: Run) -> str | None:
     """A payload that a run has beyond doubt, for people to read; `None` if it is too short."""
-    rests = has_memory(identified.model.terms)
+    rests = identified.model.has_memory
     try:
         whole = gather(base_regressor(identified.model), run, rests=rests)
     except LogError:

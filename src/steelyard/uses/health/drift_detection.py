@@ -23,8 +23,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from steelyard.base.arrays import Array
-from steelyard.estimate.estimate import Z95
+from steelyard.base.arrays import Z95, Array
 from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.estimate.information.information import Information
 

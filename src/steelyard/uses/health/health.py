@@ -11,16 +11,15 @@ from rich.console import Console
 from rich.text import Text
 
 from steelyard.base.arguments import checked
+from steelyard.base.arrays import Z95
 from steelyard.base.errors import LogError
 from steelyard.base.progress import Progress, silent
-from steelyard.estimate.estimate import Z95
 from steelyard.estimate.identified_model import IdentifiedModel, load_model
 from steelyard.estimate.information.base_regressor import base_regressor
 from steelyard.estimate.information.gather import gather
 from steelyard.estimate.scores.residuals import residual_cutoff, residual_trace
 from steelyard.identify.notes_and_provenance import notes_of
 from steelyard.identify.scores_and_residuals import runs_for
-from steelyard.model.terms.term import has_memory
 from steelyard.report.figures import Figure, Group, Key, area, line
 from steelyard.report.page import figures, inspected_page, notes
 from steelyard.report.result import Result, print_verdict
@@ -264,7 +263,7 @@ def health(
     runs = runs_for(identified, files, progress, at_rest=False)
     cutoff = residual_cutoff(identified, runs)
     sigma = np.asarray(identified.estimate.sigma)
-    regressor, rests = base_regressor(identified.model), has_memory(identified.model.terms)
+    regressor, rests = base_regressor(identified.model), identified.model.has_memory
     threads, found, carried = os.cpu_count() or 1, [], []
     for run in runs:
         refuse_other_efforts(residual_trace(identified, run, cutoff), sigma, identified.joints)

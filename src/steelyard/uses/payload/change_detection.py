@@ -19,8 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from steelyard.base.arrays import Array
-from steelyard.estimate.estimate import Z95
+from steelyard.base.arrays import Z95, Array
 
 CHANGE_STEP = 0.1  # length of the windows that are added up [s]
 CHANGE_SPAN = 3.0  # length of the sliding window on each side [s], of samples that count

@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from steelyard.base.arrays import Array
+from steelyard.base.arrays import Z95, Array
 from steelyard.base.errors import DataError
 from steelyard.estimate.consistent.conic_solver import Block, Conic, solved
 from steelyard.estimate.consistent.unknowns_and_penalties import (
@@ -25,7 +25,6 @@ from steelyard.estimate.consistent.unknowns_and_penalties import (
     Entropic,
     ten_map,
 )
-from steelyard.estimate.estimate import Z95
 from steelyard.estimate.payload.runs_with_payload import SEEN, covariance_of
 from steelyard.estimate.prior.body_priors import of_spread
 from steelyard.robot.inertia_and_placement import Inertia

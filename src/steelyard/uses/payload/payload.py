@@ -19,7 +19,6 @@ from steelyard.estimate.payload.runs_with_payload import carrier
 from steelyard.estimate.scores.residuals import residual_cutoff, residual_trace
 from steelyard.identify.notes_and_provenance import dropped
 from steelyard.identify.scores_and_residuals import fitted_before, runs_for
-from steelyard.model.terms.term import has_memory
 from steelyard.runs.run import Run
 from steelyard.runs.runs_of_named_logs import LogArgument, log_files, paths_of, refuse_overlaps
 from steelyard.uses.efforts_unlike_the_model import refuse_without
@@ -67,7 +66,7 @@ def events_of_logs(
     identified, found = load_model(model), []
     files, _ = _logs(identified, paths_of(logs, least=1), [], frame)
     regressor, threads = base_regressor(identified.model), os.cpu_count() or 1
-    rests = has_memory(identified.model.terms)
+    rests = identified.model.has_memory
     for run in _runs(identified, files, progress):
         samples = gather_samples(regressor, run, rests=rests, threads=threads, progress=progress)
         found.append(find_payload_events(identified, samples, frame, gain=gain_uncertainty))
@@ -147,7 +146,7 @@ def identify_payload(
     loaded, without = _logs(identified, paths_of(logs, least=1), paths_of(unloaded), frame)
     runs = _runs(identified, [*loaded, *without], progress)
     regressor, threads = base_regressor(identified.model), os.cpu_count() or 1
-    rests = has_memory(identified.model.terms)
+    rests = identified.model.has_memory
     of_runs = [
         gather(regressor, run, rests=rests, threads=threads, progress=progress) for run in runs
     ]

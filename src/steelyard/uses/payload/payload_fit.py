@@ -8,13 +8,13 @@ $$ \min \sum_j \frac{\|r_j\|^2}{\sigma_j^2} + \|\phi - \hat\phi\|^2_{\Sigma^{-1}
 
 so the payload's intervals hold the model's uncertainty and that of friction. What the model lacks
 shows as residuals that are alike within windows of time and runs: they widen the covariance as they
-do a model's (see `sandwich`). Where efforts are currents, an error $\epsilon_j$ of the gain of a
-joint scales what the payload adds to its effort, $\epsilon_j B_j \phi_L$; fitted, it moves the
-payload by $\epsilon_j v_j$, and the covariance grows by $\sum_j s^2 v_j v_j^T$ with the gains'
-relative deviation $s$. The arm's own part was identified with the same gains. Scales of the efforts
-that were identified with the model are of any unit, and correlated: with the covariance $C$ of
-their logarithms it grows by $\sum_{jk} C_{jk} v_j v_k^T$ instead. Where the arm is found from the
-runs alone, its part of the efforts scales too.
+do a model's (see `covariance_from_residuals`). Where efforts are currents, an error $\epsilon_j$ of
+the gain of a joint scales what the payload adds to its effort, $\epsilon_j B_j \phi_L$; fitted, it
+moves the payload by $\epsilon_j v_j$, and the covariance grows by $\sum_j s^2 v_j v_j^T$ with the
+gains' relative deviation $s$. The arm's own part was identified with the same gains. Scales of the
+efforts that were identified with the model are of any unit, and correlated: with the covariance $C$
+of their logarithms it grows by $\sum_{jk} C_{jk} v_j v_k^T$ instead. Where the arm is found from
+the runs alone, its part of the efforts scales too.
 """
 
 from collections.abc import Sequence
@@ -22,9 +22,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from steelyard.base.arrays import Array, frozen
+from steelyard.base.arrays import Z95, Array, frozen
 from steelyard.base.errors import DataError, SteelyardError
-from steelyard.estimate.estimate import Z95
 from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.estimate.information.information import Information
 from steelyard.estimate.payload.payload_estimate import (

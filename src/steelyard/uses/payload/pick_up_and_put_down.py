@@ -7,8 +7,8 @@ from typing import Any, Literal
 
 import numpy as np
 
+from steelyard.base.arrays import Z95
 from steelyard.base.errors import DataError
-from steelyard.estimate.estimate import Z95
 from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.estimate.information.filtered_samples import FilteredSamples
 from steelyard.estimate.information.information import Window

@@ -18,7 +18,6 @@ from steelyard.estimate.effort_uncertainty import rest_speed_of
 from steelyard.estimate.external.contact_thresholds import ChangeStepper, ContactThresholds
 from steelyard.estimate.external.observer_and_wrench import Observer
 from steelyard.estimate.identified_model import IdentifiedModel
-from steelyard.model.terms.term import has_memory
 from steelyard.runs.sample_stream import SampleStream, StreamSample
 from steelyard.uses.contact.contact_events import ContactEvent, ContactStart, ContactStream
 from steelyard.uses.efforts_unlike_the_model import LARGE_RESIDUAL, LEAST_EXPLAINED
@@ -192,7 +191,7 @@ def rests_of(identified: IdentifiedModel) -> Array:
     Friction with memory predicts where, so that it is zero.
     """
     n = identified.robot.n
-    if has_memory(identified.model.terms):
+    if identified.model.has_memory:
         return np.zeros(n)
     return rest_speed_of(n, identified.calibration, identified.processing.rest_speed)
 

@@ -26,7 +26,6 @@ from steelyard.identify.scores_and_residuals import fitted_before, processing_of
 from steelyard.logs.contents import windowed
 from steelyard.logs.formats import open_log
 from steelyard.logs.log import parse_log_argument
-from steelyard.model.terms.term import has_memory
 from steelyard.runs.prepare import prepare
 from steelyard.runs.recording import LogInMemory, Recording
 from steelyard.runs.runs_of_named_logs import LogArgument, log_files, paths_of
@@ -142,7 +141,7 @@ def payload_stream(identified: IdentifiedModel, frame: str | None) -> PayloadStr
     """What finds changes of a payload in consecutive rows of a stream."""
     carrier(identified.model.robot, frame)
     signals, processing = identified.signals, processing_of(identified)
-    rests, regressor = has_memory(identified.model.terms), base_regressor(identified.model)
+    rests, regressor = identified.model.has_memory, base_regressor(identified.model)
 
     def detect(rows: Array) -> PayloadEvents:
         log = LogInMemory(Path("stream"), signals.columns, rows)

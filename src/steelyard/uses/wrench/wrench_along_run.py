@@ -15,10 +15,9 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from steelyard.base.arrays import Array
+from steelyard.base.arrays import Z95, Array
 from steelyard.base.errors import DataError
 from steelyard.base.progress import Progress, report_progress, silent
-from steelyard.estimate.estimate import Z95
 from steelyard.estimate.external.observer_and_wrench import (
     PER_PERIOD,
     Expected,
@@ -40,7 +39,6 @@ from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.estimate.information.gather import blocks_with_channels
 from steelyard.estimate.scores.bands_and_traces import TorqueSplit
 from steelyard.estimate.scores.residuals import FORGOTTEN, FRICTION, residual_trace
-from steelyard.model.terms.term import has_memory
 from steelyard.model.torque_and_quantities import Quantity
 from steelyard.runs.run import Block, Run
 from steelyard.runs.smoothing.zero_phase_filters import noise_bandwidth, zero_phase
@@ -234,7 +232,7 @@ def _driven(
 ) -> tuple[Array, Array]:
     """Predicted and measured efforts, or the momentum and what changes it, `(N, n)` each."""
     predicted = split.block(block)
-    at_rest = predicted[FRICTION] * ~(block.moving | has_memory(identified.model.terms))
+    at_rest = predicted[FRICTION] * ~(block.moving | identified.model.has_memory)
     effort = (block.effort * identified.signals.gains[:, None] + at_rest).T
     if residual == "torque":
         return predicted.sum(axis=0).T, effort
