@@ -24,8 +24,7 @@ from steelyard.cli.derived_command import from_function
 
 if TYPE_CHECKING:
     from steelyard.estimate.payload.payload_estimate import PayloadEstimate
-    from steelyard.identify.comparison.compare import EstimatorComparison
-    from steelyard.identify.comparison.compare_models import ComparedModels
+    from steelyard.identify.comparison.compare import ComparedModels, EstimatorComparison
     from steelyard.identify.identify import Identification
     from steelyard.identify.validate import Validation
     from steelyard.uses.contact.contact_page import Contacts

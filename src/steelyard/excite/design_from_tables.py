@@ -40,7 +40,7 @@ from steelyard.excite.search.search_methods import method_of
 from steelyard.excite.search.why_no_motion import explained_no_motion, refuse_impossible
 from steelyard.excite.trajectories.motion_families import FAMILIES, coefficients_of
 from steelyard.excite.trajectories.trajectory import ExactTrajectory
-from steelyard.model.equations.frame_kinematics import positions_of
+from steelyard.model.equations.frames_and_effort_bounds import positions_of
 from steelyard.model.model import Model
 from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
 from steelyard.robot.robot import Robot

@@ -34,7 +34,6 @@ from steelyard.estimate.least_squares.weighted_and_robust import (
     WeightedLeastSquares,
 )
 from steelyard.estimate.nonlinear.effort_scales import EffortScales, effort_scales
-from steelyard.estimate.payload.drive_gains import GainEstimate
 from steelyard.estimate.prior.body_priors import Knowledge
 from steelyard.estimate.scores.band_calibration import calibrate
 from steelyard.estimate.scores.cross_validation import choose_cutoff
@@ -106,20 +105,15 @@ def fit(task: FitTask, origin: Provenance) -> Fit:
     What is decided is added to the notes of the `origin`.
     """
     loaded = task.loaded
-    plain = method_of(loaded).name
+    method = method_of(loaded)
+    usual, plain = method.name == EstimationSection().method, method.name
     if plain not in PLAIN_LEAST_SQUARES:
         plain = LEAST_SQUARES[loaded.estimation.weights]
     least_squares = _of_runs(PLAIN_LEAST_SQUARES[plain], task.model)
     prepared = prepare_fit(task, least_squares)
     regressor = base_regressor(prepared.model)
     information = prepared.information_of(regressor)
-    method, why = _method(loaded, plain, prepared.gains)
     context = context_of(loaded, regressor, prepared.runs, task.progress)
-    if prepared.gains is not None and prepared.gains.relative:
-        # of the prior constraints what holds in any scale: parameters that are zero
-        known = context.knowledge
-        rows = tuple(row for row in known.rows if row.lower == row.upper == 0.0)
-        context = replace(context, knowledge=replace(known, rows=rows))
 
     def estimating(runs: Sequence[Run], pooled: Information) -> Estimator[Information]:
         sources = Sources(regressor, runs, pooled, task.threads, task.progress)
@@ -134,12 +128,12 @@ def fit(task: FitTask, origin: Provenance) -> Fit:
     other = next(name for name in PLAIN_LEAST_SQUARES if name != plain)
     beside = offer_of(other, "").make(context) if method.name == plain else least_squares
     reference = beside(found.information)
-    ignored = _ignored(loaded, prepared, method, why, why_unscaled, context)
+    ignored = _ignored(loaded, prepared, method, usual, why_unscaled, context)
     bodies = ": inertias may be invalid" if found.estimate.standard is None else ""
     free = found.estimate if method.name == plain else reference
     notes = (
         *prepared.notes,
-        *([f"estimated by {method.name} ({method.about}), {why}{bodies}"] if why else []),
+        *([] if usual else [f"estimated by {method.name} ({method.about}), as requested{bodies}"]),
         *([] if scales is None else [scales.note]),
         *([refused] if refused else []),
         *found.estimate.notes,
@@ -246,15 +240,6 @@ PLAIN_LEAST_SQUARES: dict[str, LeastSquares] = {
 }
 
 
-def _method(loaded: LoadedRobot, plain: str, gains: GainEstimate | None) -> tuple[Offer, str]:
-    """The estimator, and why it is not the default one; nothing if it is."""
-    requested = method_of(loaded)
-    if requested.uses and gains is not None and gains.relative:
-        return offer_of(plain, ""), "because a prior of the links needs efforts in a known scale"
-    usual = EstimationSection().method
-    return requested, "" if requested.name == usual else "as requested"
-
-
 def _unscaled_because(loaded: LoadedRobot, prepared: PreparedFit, estimator: Estimator[Any]) -> str:
     """Why scales cannot be estimated; empty where they can."""
     if prepared.gains is not None:
@@ -272,13 +257,13 @@ def _ignored(
     loaded: LoadedRobot,
     prepared: PreparedFit,
     method: Offer,
-    why: str,
+    usual: bool,
     why_unscaled: str,
     context: Context,
 ) -> tuple[str, ...]:
     """What the robot file requests without effect."""
     estimation, notes = loaded.estimation, []
-    if why:  # not the default estimator
+    if not usual:
         unused: tuple[str, ...] = ()
         least_squares = method.name in PLAIN_LEAST_SQUARES
         if least_squares and loaded.knowledge:

@@ -127,7 +127,7 @@ def prepare_fit(task: FitTask, estimator: Estimator[Information]) -> PreparedFit
         runs = tuple(with_offsets(runs, offsets.values))
     choice = None
     if loaded.friction:
-        choice = _friction_choice(task, runs, gains, estimator)
+        choice = _friction_choice(task, runs, estimator)
         laws = PLAIN if choice is None else choice.terms
         model = replace(model, terms=(*model.terms, *laws))
     information_of = task.information_of(model, runs)
@@ -146,10 +146,7 @@ def prepare_fit(task: FitTask, estimator: Estimator[Information]) -> PreparedFit
 
 
 def _friction_choice(
-    task: FitTask,
-    runs: Sequence[Run],
-    gains: GainEstimate | None,
-    estimator: Estimator[Information],
+    task: FitTask, runs: Sequence[Run], estimator: Estimator[Information]
 ) -> FrictionChoice | None:
     """The friction laws; `None` where runs are too short, which a note says.
 
@@ -157,13 +154,12 @@ def _friction_choice(
     by the consistent estimate, in which the runs' speeds bound friction.
     """
     loaded, fastest = task.loaded, fastest_of(runs)
-    unscaled = gains is not None and gains.relative
 
     def consistent(model: Model, base: BaseMap) -> Consistent:
         equal = loaded.estimation.weights == "equal"
         return Consistent(base, knowledge_of(model, loaded, fastest), equal=equal)
 
-    known = method_of(loaded).uses and not unscaled and not task.model.per_run_names
+    known = method_of(loaded).uses and not task.model.per_run_names
     try:
         return choose_friction(
             task.model,

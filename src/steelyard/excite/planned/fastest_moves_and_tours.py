@@ -29,7 +29,11 @@ from steelyard.excite.planned.straight_lines_and_reach import (
 )
 from steelyard.excite.trajectories.piecewise_polynomials import SMOOTH, PiecewiseMotion, from_scipy
 from steelyard.excite.trajectories.trajectory import ORDERS, ExactTrajectory
-from steelyard.model.equations.frame_kinematics import FrameKinematics, frame_kinematics, points_on
+from steelyard.model.equations.frames_and_effort_bounds import (
+    FrameKinematics,
+    frame_kinematics,
+    points_on,
+)
 from steelyard.robot.robot import Frame, Robot
 
 _FIRST_STRETCHES = 64  # stretches of time that a proof begins with

@@ -17,7 +17,7 @@ from steelyard.base.errors import ModelError
 from steelyard.estimate.effort_uncertainty import EDGES
 from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.model.terms.axes import Axis
-from steelyard.model.terms.terms_in_model_files import (
+from steelyard.model.terms.term import (
     AxisPartKind,
     Curve,
     Placed,

@@ -6,8 +6,7 @@ is their derivative and the rest is what is left at $\ddot q = 0$.
 
 from collections.abc import Callable
 
-from steelyard.model.equations.closed_chains import solved_by_factors
-from steelyard.model.equations.inverse_dynamics import Scalar, Scalars
+from steelyard.model.equations.inverse_dynamics import Scalar, Scalars, solved_by_factors
 
 Efforts = Callable[[Scalars], Scalars]  # accelerations to efforts
 
