@@ -221,36 +221,31 @@ def find_mesh(name: str, model: Path) -> Path | None:
 def mesh_points(path: Path, where: str) -> Array:
     """All corners of the faces of an STL or OBJ file, shape `(V, 3)`, each once."""
     if path.suffix.lower() not in READABLE_MESHES:
-        raise _refused_mesh(
+        raise ModelError(
             f"the mesh '{path}' is of an unsupported format ('{path.suffix}')",
-            where,
-            f"convert it to .stl or .obj and name that file, or {WITHOUT_MESH_ADVICE}",
+            where=where,
+            fix=f"convert it to .stl or .obj and name that file, or {WITHOUT_MESH_ADVICE}",
         )
     try:
         data = path.read_bytes()
     except OSError as error:
-        raise _refused_mesh(
-            f"the mesh '{path}' cannot be read: {error.strerror}", where, "check its permissions"
-        ) from None
+        wrong = f"the mesh '{path}' cannot be read: {error.strerror}"
+        raise ModelError(wrong, where=where, fix="check its permissions") from None
     try:
         points = _stl(data) if path.suffix.lower() == ".stl" else _numbers_of_obj(data, b"v")
         what = "a vertex is not finite" if len(points) else "it has no vertices"
     except (ValueError, IndexError) as error:
         points, what = np.empty((0, 3)), str(error)
     if not len(points) or not np.isfinite(points).all():
-        raise _refused_mesh(
+        raise ModelError(
             f"the mesh '{path}' is not an {path.suffix[1:].upper()} file: {what}",
-            where,
-            f"export it anew from a program that opens it, or {WITHOUT_MESH_ADVICE}",
+            where=where,
+            fix=f"export it anew from a program that opens it, or {WITHOUT_MESH_ADVICE}",
         )
     return np.unique(points, axis=0)
 
 
 WITHOUT_MESH_ADVICE = "name the link under `without` to ignore its shapes"
-
-
-def _refused_mesh(wrong: str, where: str, fix: str) -> ModelError:
-    return ModelError(wrong, where=where, fix=fix)
 
 
 def _stl(data: bytes) -> Array:

@@ -181,10 +181,10 @@ def _shapes(
 def _solid(collision: Element, link: str, model: Path) -> Solid:
     found = [child for geometry in collision.all("geometry") for child in geometry.children]
     if len(found) != 1:
-        raise _refused(
+        raise ModelError(
             f"a collision of link '{link}' has {len(found)} shapes",
-            collision,
-            "write one <geometry> with one shape into each <collision>",
+            where=collision.where,
+            fix="write one <geometry> with one shape into each <collision>",
         )
     element = found[0]
     try:
@@ -199,12 +199,12 @@ def _solid(collision: Element, link: str, model: Path) -> Solid:
             kind = Cylinder if element.tag == "cylinder" else Capsule
             return kind(number_of(element, "radius"), number_of(element, "length"))
     except ValueError as error:
-        raise _refused(str(error), element, "give lengths above zero") from None
+        raise ModelError(str(error), where=element.where, fix="give lengths above zero") from None
     known = ["box", "sphere", "cylinder", "capsule", "mesh"]
-    raise _refused(
+    raise ModelError(
         f"link '{link}' has a collision shape <{element.tag}>, which is unknown",
-        element,
-        listing(known, "shapes") + f"; or {WITHOUT_MESH_ADVICE}",
+        where=element.where,
+        fix=listing(known, "shapes") + f"; or {WITHOUT_MESH_ADVICE}",
     )
 
 
@@ -212,10 +212,10 @@ def _mesh(element: Element, link: str, model: Path) -> Hull:
     name = element.attributes.get("filename", "").strip()
     path = find_mesh(name, model) if name else None
     if path is None:
-        raise _refused(
+        raise ModelError(
             f"the collision mesh '{name}' of link '{link}' does not exist",
-            element,
-            "put the file where the model names it (a package:// path is looked for in the "
+            where=element.where,
+            fix="put the file where the model names it (a package:// path is looked for in the "
             f"model's folder and those above it), or {WITHOUT_MESH_ADVICE}",
         )
     x, y, z = numbers_of(element, "scale", 3) if "scale" in element.attributes else [1.0] * 3
@@ -226,7 +226,3 @@ def _mesh(element: Element, link: str, model: Path) -> Hull:
 def _hull(path: Path, changed: int, scale: tuple[float, float, float], where: str) -> Hull:
     """The hull of a mesh's file as it was when it changed last."""
     return Hull(mesh_points(path, where) * scale)
-
-
-def _refused(wrong: str, element: Element, fix: str) -> ModelError:
-    return ModelError(wrong, where=element.where, fix=fix)

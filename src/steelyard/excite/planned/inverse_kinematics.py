@@ -43,26 +43,21 @@ class Attitude:
 
 @dataclass(frozen=True, eq=False)
 class Pointing(Attitude):
-    """An `axis` of the tool, in its frame, points in a direction of the base frame, `(3,)` each.
-
-    The turn about it is free.
-    """
+    """The z axis of the tool points in a direction of the base; the turn about it is free."""
 
     rows: ClassVar[int] = 2
     direction: Array
-    axis: Array
 
-    def __init__(self, direction: ArrayLike, axis: ArrayLike = (0.0, 0.0, 1.0)) -> None:
-        for name, values in (("direction", direction), ("axis", axis)):
-            vector = frozen(values, (3,))
-            length = float(np.linalg.norm(vector))
-            if not 1e-9 < length < np.inf:
-                raise ValueError(f"the {name} of a tool has no direction: {vector}")
-            object.__setattr__(self, name, frozen(vector / length))
+    def __init__(self, direction: ArrayLike) -> None:
+        vector = frozen(direction, (3,))
+        length = float(np.linalg.norm(vector))
+        if not 1e-9 < length < np.inf:
+            raise ValueError(f"the direction of a tool has no direction: {vector}")
+        object.__setattr__(self, "direction", frozen(vector / length))
 
     def turns(self, rotation: Array) -> Array:
         """See `Attitude`; from the tool's axis to the direction along the two cross axes."""
-        axis = rotation @ self.axis
+        axis = rotation[:, :, 2]
         normal = np.cross(axis, self.direction)
         sine = np.linalg.norm(normal, axis=1)
         angle = np.arctan2(sine, axis @ self.direction)

@@ -81,6 +81,24 @@ def _templates() -> Any:
     )
 
 
+def values_of(controller: Controller) -> dict[str, Any]:
+    """What templates of all languages are filled with."""
+    robot, regressor = controller.model.robot, "regressor" in named_functions(controller)
+    return {
+        "n": robot.n,
+        "parameters": controller.parameters if regressor else None,
+        "passive": len(robot.passive),
+        "assembly": loop_equations(robot).assembly.tolist() if robot.passive else (),
+        "iterations": ITERATIONS,
+        "closing_steps": CLOSING_STEPS,
+        "memory": controller.n_memory,
+        "observer": controller.observer,
+        "hold": HOLD,
+        "settled": SETTLED,
+        "longest": (GAP, PER_PERIOD),
+    }
+
+
 COMMENT_WIDTH = 94  # columns of text in comments
 CLOSING_STEPS = 64  # steps from the reference configuration of closed chains to other positions
 
@@ -142,25 +160,15 @@ class CCode:
             "in_double": c_literal,
             "listed": lambda row: ", ".join(c_literal(x, real) for x in row),
             "comment": comment,
-            "n": robot.n,
             "robot": commented(robot.name),
             "joints": list(zip(lines, self.joints, strict=True)),
             "functions": [(call, commented(f.meaning), c) for call, f, c in public],
-            "parameters": controller.parameters if "regressor" in self.functions else None,
-            "passive": self.passive,
             "loops": len(robot.loops),
-            "assembly": loop_equations(robot).assembly if self.passive else (),
-            "iterations": ITERATIONS,
-            "closing_steps": CLOSING_STEPS,
             "closing_tolerance": CLOSING_TOLERANCE[real],
-            "memory": controller.n_memory,
-            "observer": known,
             "observed": ("momentum", "drive", "slow", "external"),
             "limits": None if limits is None else np.where(np.isnan(limits), NO_THRESHOLD, limits),
             "no_threshold": NO_THRESHOLD,
-            "hold": HOLD,
-            "settled": SETTLED,
-            "longest": (GAP, PER_PERIOD),
+            **values_of(controller),
         }
 
     def header(self) -> str:

@@ -5,7 +5,6 @@ import platform
 import shutil
 import subprocess
 import tempfile
-from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 from xml.sax.saxutils import quoteattr
@@ -91,11 +90,12 @@ def write_fmu(code: CCode, path: Path) -> tuple[str, ...]:
     """Write the FMU, with a binary if there is a compiler; the names of its files."""
     source = code.source()
     guid = "{" + hashlib.sha256(source.encode()).hexdigest()[:32] + "}"
-    starts = [v.start for v in variables_of(code) if v.start is not None]
+    starts = [repr(v.start) for v in variables_of(code) if v.start is not None]
+    values = code.values | {"guid": guid, "starts": starts}
     sources = {
         f"{code.name}.h": code.header(),
         f"{code.name}.c": source,
-        f"{code.name}_fmi2.c": fmi2_code(code, guid, starts),
+        f"{code.name}_fmi2.c": filled("fmu/fmi2.c", values),
     }
     files = {f"sources/{name}": text.encode() for name, text in sources.items()}
     files["modelDescription.xml"] = model_description(code, guid).encode()
@@ -133,9 +133,3 @@ def _binary(name: str, sources: dict[str, str]) -> dict[str, bytes]:
                 "the sources alone",
             )
         return {f"binaries/{folder}/{target}": (Path(place) / target).read_bytes()}
-
-
-def fmi2_code(code: CCode, guid: str, starts: Sequence[float]) -> str:
-    """The source file beside that of a model with a torque or a state; `starts` of all inputs."""
-    values = {"guid": guid, "starts": [repr(start) for start in starts]}
-    return filled("fmu/fmi2.c", code.values | values)

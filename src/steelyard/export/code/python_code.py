@@ -1,18 +1,14 @@
 """A model as one Python file that needs NumPy alone."""
 
-from steelyard.estimate.external.contact_thresholds import HOLD, SETTLED
-from steelyard.estimate.external.observer_and_wrench import GAP, PER_PERIOD
 from steelyard.export.code.c_header_and_source import (
-    CLOSING_STEPS,
     CLOSING_TOLERANCE,
     commented,
     filled,
     joint_lines,
     named_functions,
+    values_of,
 )
 from steelyard.export.code.controller_functions import Controller, Function
-from steelyard.model.equations.passive_joints import ITERATIONS
-from steelyard.robot.loop_closures import loop_equations
 from steelyard.symbolic.source_code import Syntax, source_of
 
 SYNTAX = Syntax(
@@ -52,25 +48,17 @@ def python_code(controller: Controller, origin: tuple[str, ...]) -> str:
     ]
     limits = [] if known is None or known.thresholds is None else known.thresholds.limits.tolist()
     values = {
-        "head": "\n".join(_spaced(line) for line in head).strip(),
-        "n": robot.n,
+        "head": "\n".join(
+            " " * (len(line) - len(line.lstrip())) + commented(line) for line in head
+        ).strip(),
+        **values_of(controller),
         "joints": robot.joint_names,
         "functions": [(name, f, _lines(f)) for name, f in functions.items()],
         "results": _results,
         "commented": commented,
         "quoted": repr,
-        "parameters": controller.parameters if "regressor" in functions else None,
-        "passive": robot.passive,
-        "assembly": loop_equations(robot).assembly.tolist() if robot.passive else (),
-        "iterations": ITERATIONS,
-        "closing_steps": CLOSING_STEPS,
         "closing_tolerance": CLOSING_TOLERANCE["double"],
-        "memory": controller.n_memory,
-        "observer": known,
         "limits": [[None if x != x else x for x in row] for row in limits],
-        "hold": HOLD,
-        "settled": SETTLED,
-        "longest": (GAP, PER_PERIOD),
     }
     return filled("python/dynamics.txt", values)
 
@@ -95,7 +83,3 @@ def _results(function: Function) -> str:
         results.append(part)
         first += size
     return ", ".join(results)
-
-
-def _spaced(line: str) -> str:
-    return " " * (len(line) - len(line.lstrip())) + commented(line)
