@@ -81,6 +81,20 @@ def small_arm(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
+def few_stretches(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Bands are calibrated on two stretches that are left out instead of five.
+
+    That takes half of the time of an identification.
+    """
+    from steelyard.estimate.scores.cross_validation import stretches_left_out
+
+    monkeypatch.setattr(
+        "steelyard.estimate.scores.band_calibration.stretches_left_out",
+        lambda runs, information: stretches_left_out(runs, information)[:2],
+    )
+
+
+@pytest.fixture
 def searches_here(monkeypatch: pytest.MonkeyPatch) -> None:
     """Motions are searched in this process: one of its own loads all packages, in 0.8 s."""
     from excite.tabled import searching_here

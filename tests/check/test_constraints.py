@@ -144,6 +144,7 @@ gain = [0.034768, 0.034768, -0.034768, 0.013562, 0.013562, 0.013562]
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("few_stretches")
 def test_a_measured_robot_with_efforts_that_fall_with_speed_is_poor(tmp_path: Path) -> None:
     folder = Path(DATA or "") / "naruton6"
     if not DATA or not folder.is_dir():

@@ -384,6 +384,7 @@ def test_the_gain_behind_a_motor_is_the_motors(arm):
     assert edits(found) == {"signals.effort.gain": [1.0, 1.0, -1.0]}
 
 
+@pytest.mark.slow
 def test_a_sign_of_one_joint_is_reported_without_a_reference(arm):
     table = arm.table.copy()
     table[:, arm.at(TAU)[1]] *= -1.0

@@ -362,6 +362,7 @@ def test_efforts_of_no_size_end_in_a_finding(arm, size):
     assert not found.edits and found.severity
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("lean", [0.0, 1.5])
 def test_a_mounting_that_leans_is_proposed_as_it_is(arm, lean):
     tilt = np.deg2rad(lean)

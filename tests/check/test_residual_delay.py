@@ -67,6 +67,7 @@ def test_presliding_friction_explains_its_own_lag_and_no_delay(arm: Arm) -> None
     assert shares[1][0] < shares[1][1]
 
 
+@pytest.mark.slow
 def test_a_declared_delay_is_counted_in(arm: Arm) -> None:
     text = arm.text.replace('unit = "Nm"', 'unit = "Nm"\ndelay = 0.01')
     finding = residual_delay(arm.case(late(arm, np.full(3, 0.014)), text, known=False))

@@ -41,6 +41,7 @@ def found(loaded: LoadedRobot, folder: Path, *truths: Truth) -> tuple[Finding, .
     return runs_disagree_check(case(loaded, paths))
 
 
+@pytest.mark.slow
 def test_runs_of_one_robot_agree_whatever_its_friction(loaded: LoadedRobot, tmp_path: Path) -> None:
     truth = random_truth(loaded.robot, 1)
     warm = {n: 0.6 * v for n, v in truth.values.as_dict().items() if n.startswith("viscous")}

@@ -24,6 +24,7 @@ def found(arm: Arm, scale: float, *, velocities: bool = False) -> list[Finding]:
     return [f for f in clock_check(arm.case(table, text, known=False)) if f.severity]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scale", [0.5, 0.93, 1.06, 2.0])
 def test_a_clock_that_runs_fast_or_slow_is_found_with_its_scale(arm: Arm, scale: float) -> None:
     (finding,) = found(arm, scale)

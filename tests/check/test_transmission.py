@@ -139,6 +139,7 @@ def test_the_declared_gears_have_the_misfit_of_the_other_checks(folder: Path) ->
     np.testing.assert_allclose(misfits, declared.misfits, rtol=1e-3)
 
 
+@pytest.mark.slow
 def test_gains_of_motors_are_stated_alike_in_a_robot_file_that_is_not_written_yet(
     folder: Path,
 ) -> None:

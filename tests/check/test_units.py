@@ -128,6 +128,7 @@ def test_joints_that_rest_have_the_units_of_the_one_that_moves(
     assert units_found(tmp_path, in_degrees(alone(sound(), rest)), text) == (WRONG, wanted)
 
 
+@pytest.mark.slow
 def test_units_are_the_same_for_all_joints_where_two_readings_fit_alike(tmp_path: Path) -> None:
     text = LEFT_OUT.replace('position = "q{}"', 'position = "q{}"\nposition_unit = "deg"')
     case = case_of(tmp_path, sound(), text, guesses=True)
@@ -150,6 +151,7 @@ def test_millimetres_are_recognised(tmp_path: Path, limits: str) -> None:
     assert units_found(tmp_path, table, text) == (WRONG, edits)
 
 
+@pytest.mark.slow
 def test_positions_called_motors_are_not_taken_for_degrees(tmp_path: Path) -> None:
     text = LEFT_OUT.replace('"q{}"', '"q_motor{}"')
     columns = tuple(c.replace("q", "q_motor") if c[0] == "q" else c for c in COLUMNS)

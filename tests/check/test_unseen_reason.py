@@ -177,6 +177,7 @@ def test_an_open_finding_about_a_fitted_log_comes_before_a_reason(arm):
     assert found.severity is Severity.DOUBTFUL
 
 
+@pytest.mark.slow
 def test_efforts_at_a_limit_are_named_where_the_error_counts_them(arm):
     table = arm.table.copy()
     for k in arm.at("tau{}_Nm"):

@@ -16,7 +16,6 @@ from steelyard.cli import command as commands
 from steelyard.cli import identify_and_use_commands
 from steelyard.cli.app import app, expanded
 from steelyard.cli.command import CommandResult, computed
-from steelyard.estimate.scores.cross_validation import stretches_left_out
 from steelyard.identify import cut_and_repeated_logs
 from steelyard.simulate.demo import write_demo_arm
 
@@ -39,18 +38,13 @@ def work(given: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def command(work: Path, monkeypatch: pytest.MonkeyPatch) -> Command:
-    """Run a command in the folder `work` of the workshop.
+def command(work: Path, few_stretches: None, monkeypatch: pytest.MonkeyPatch) -> Command:
+    """Run a command in the folder `work` of the workshop, `identify` with `few_stretches`.
 
-    Bands are calibrated on two stretches that are left out instead of five, which takes half of
-    the time of an identification; `identified` calibrates on all. Logs of 2 s are cut.
+    `identified` calibrates on all. Logs of 2 s are cut.
     """
     monkeypatch.chdir(work)
     monkeypatch.setattr(cut_and_repeated_logs, "SHORTEST_CUT_LOG", 2.0)
-    monkeypatch.setattr(
-        "steelyard.estimate.scores.band_calibration.stretches_left_out",
-        lambda runs, information: stretches_left_out(runs, information)[:2],
-    )
 
     def run(*arguments: object) -> Result:
         return CliRunner().invoke(app, expanded([str(a) for a in arguments]))

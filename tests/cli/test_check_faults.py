@@ -42,6 +42,7 @@ def simulated(given: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Pa
     return robot, folder / "sim" / "log.csv"
 
 
+@pytest.mark.slow
 def test_a_good_log_is_ok(simulated: tuple[Path, Path], command: Command) -> None:
     done = command("check", *simulated, "--json")
     printed = json.loads(done.stdout)

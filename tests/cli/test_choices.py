@@ -115,6 +115,7 @@ def test_joints_weigh_by_noise_or_alike(identified: Identified, tmp_path: Path) 
     assert [e.estimator for e in model.reference] == ["ordinary least squares"]
 
 
+@pytest.mark.slow
 def test_plain_least_squares_can_be_had(identified: Identified) -> None:
     plain, out = identified(
         ("[signals]\n", '[estimation]\nmethod = "least_squares"\n\n[signals]\n')
@@ -159,6 +160,7 @@ def test_friction_that_drives_is_named(given: Path, tmp_path: Path, command: Com
     assert "viscous.elbow" in note and "coulomb.elbow" in note
 
 
+@pytest.mark.slow
 def test_twins_are_refused_where_fields_are_found_too(
     given: Path, tmp_path: Path, command: Command
 ) -> None:

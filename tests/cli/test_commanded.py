@@ -42,6 +42,7 @@ def with_commands(given: Path, lead_s: float) -> pl.DataFrame:
     return table.with_columns(*ahead)
 
 
+@pytest.mark.slow
 def test_scores_are_those_of_the_commanded_columns(
     following: Path, given: Path, command: Command
 ) -> None:
@@ -74,6 +75,7 @@ def test_velocities_are_differentiated_where_none_are_commanded(
     np.testing.assert_allclose(scores["rmse"], other["rmse"], rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_the_terminal_and_the_report_say_so(following: Path, given: Path, command: Command) -> None:
     with_commands(given, 0.02).write_csv("ahead.csv")
     done = command("validate", following, "ahead.csv", "--commanded", "-o", "out")

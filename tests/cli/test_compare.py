@@ -58,6 +58,7 @@ def test_errors_are_those_of_a_validation(command, identified: Path) -> None:
     assert 0.5 < compared / score["mean_percent_moving"] < 2.0
 
 
+@pytest.mark.slow
 def test_a_single_log_is_divided(command) -> None:
     done = command("compare", ROBOT, LOG, "--json", "--estimators", *SOME)
     assert done.exit_code == 0, done.output

@@ -79,6 +79,7 @@ def test_bounds_and_help_are_those_of_the_function(run: Callable[..., Result]) -
     assert "--check" not in text and "--no-fast" not in text and "--progress" not in text
 
 
+@pytest.mark.slow
 def test_help_has_no_words_of_python() -> None:
     commands = typer.main.get_command(app).commands  # type: ignore[attr-defined]
     derived = [one for one in commands.values() if isinstance(one, DerivedCommand)]

@@ -60,6 +60,7 @@ def arm(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.slow
 def test_wear_is_named_and_nothing_else(arm: Path, command: Command, tmp_path: Path) -> None:
     logs = [arm / "before.npz", arm / "after.npz"]
     done = command("health", arm / "model", *logs, "--json", "-o", tmp_path / "out")
@@ -76,6 +77,7 @@ def test_wear_is_named_and_nothing_else(arm: Path, command: Command, tmp_path: P
     assert "1 of 3 joints drifted in 2 logs" in page and "between before and after" in page
 
 
+@pytest.mark.slow
 def test_a_log_beside_its_copy_has_not_drifted(arm: Path, command: Command, tmp_path: Path) -> None:
     copy = shutil.copy(arm / "before.npz", tmp_path / "copy.npz")
     done = command("health", arm / "model", arm / "before.npz", copy, "--json")
@@ -84,6 +86,7 @@ def test_a_log_beside_its_copy_has_not_drifted(arm: Path, command: Command, tmp_
     assert printed["drifts"] == []
 
 
+@pytest.mark.slow
 def test_gains_and_offsets_are_named(arm: Path) -> None:
     found = steelyard.health(arm / "model", [arm / "before.npz", arm / "repaired.npz"])
     joints = steelyard.load_model(arm / "model").joints

@@ -92,6 +92,7 @@ def test_behind_the_gears_no_motor_couples(robot: Robot, given: Path, command: C
     assert done.exit_code == 2 and "the motors' side" in done.stderr, done.output
 
 
+@pytest.mark.slow
 def test_fields_are_not_found_for_friction_that_is_not_chosen_yet(
     robot: Robot, given: Path, command: Command
 ) -> None:

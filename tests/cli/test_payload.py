@@ -163,6 +163,7 @@ def test_help_shows_an_example(command: Command) -> None:
     assert "Example: steelyard payload" in command("payload", "--help").stdout
 
 
+@pytest.mark.slow
 def test_what_is_known_of_the_load_counts(loaded: Path, identified: Path, command: Command) -> None:
     options = ["--mass", LOAD.mass, "--com", *LOAD.com, "--sphere", 0.2309]
     free, known = (

@@ -109,6 +109,7 @@ def test_bodies_that_can_exist(
     assert exported(small, "urdf").text
 
 
+@pytest.mark.slow
 def test_friction_of_moving_joints_stays_with_a_tolerance(
     identified: Path, log: Path, command: Command
 ) -> None:
@@ -120,6 +121,7 @@ def test_friction_of_moving_joints_stays_with_a_tolerance(
     assert friction and friction <= kept
 
 
+@pytest.mark.slow
 def test_keep_and_drop_by_pattern(identified: Path, log: Path, command: Command) -> None:
     names = load_model(identified).estimate.parameters.names
     offsets = [name for name in names if name.startswith("offset")]

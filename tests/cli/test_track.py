@@ -375,6 +375,7 @@ def test_a_truth_keeps_its_drive_gains(given: Path, command: Command, tmp_path: 
     assert told[0]["drive_gains"] and told[0] == told[1]
 
 
+@pytest.mark.slow
 def test_a_rate_that_the_robot_file_contradicts_is_refused(
     given: Path, command: Command, tmp_path: Path
 ) -> None:

@@ -111,6 +111,7 @@ def test_a_log_without_motion_validates_gravity(
     assert fitted.exit_code == 0 and "Predicts unseen postures" in fitted.stdout
 
 
+@pytest.mark.slow
 def test_validate_does_not_report_on_the_fit(
     identified: Path, command: Command, tmp_path: Path
 ) -> None:

@@ -78,6 +78,7 @@ def test_a_push_is_printed_as_it_comes_and_written(
     assert float(estimates[inside[0]]["half_width.fx_N"]) > 0.0
 
 
+@pytest.mark.slow
 def test_standard_input_gives_the_same_as_the_file(
     pushed: Path, identified: Path, command: Command
 ) -> None:
@@ -97,6 +98,7 @@ def test_standard_input_gives_the_same_as_the_file(
     assert "calibrate with logs that were recorded like the stream" in wanted
 
 
+@pytest.mark.slow
 def test_estimates_are_printed_on_request(pushed: Path, identified: Path, command: Command) -> None:
     done = command("watch", identified, "--from", pushed, "--every", "0.5", "--json", *AT_ONCE)
     found = printed(done.stdout, "estimate")

@@ -162,6 +162,7 @@ def test_a_frame_near_the_base_is_observable_in_part(
     assert "an interval of 1.4 to 2 times the expected size on either side" in words
 
 
+@pytest.mark.slow
 def test_a_long_log_is_estimated_stretch_by_stretch(
     pushed: Path, identified: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -94,6 +94,7 @@ def width(y: np.ndarray, covariance: np.ndarray) -> np.ndarray:
     return np.sqrt(np.einsum("jtp,pq,jtq->tj", y, covariance, y))
 
 
+@pytest.mark.slow
 def test_its_width_is_that_of_the_filtered_columns() -> None:
     model, truth = identified()
     run = whole(run_of(truth, 300))

@@ -90,6 +90,7 @@ def test_friction_outside_the_model_widens_the_bands():
     assert 92.5 <= coverage(model, unseen) <= 98.5
 
 
+@pytest.mark.slow
 def test_where_the_model_is_right_the_bands_stay_as_wide_as_noise():
     *fitted, unseen = runs_of(21, 22, 23)
     model = calibrated(tuple(fitted))
@@ -99,6 +100,7 @@ def test_where_the_model_is_right_the_bands_stay_as_wide_as_noise():
     assert 1.96 * 0.8 <= np.median(model.calibration.factors) <= 1.96 * 1.35
 
 
+@pytest.mark.slow
 def test_the_same_motion_again_is_left_out_with_it():
     runs = runs_of(31, 31, 32)
     information = information_of(runs)

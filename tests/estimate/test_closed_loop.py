@@ -262,6 +262,7 @@ def test_given_noises_are_used() -> None:
     assert np.allclose(loud.sigma, 5.0)
 
 
+@pytest.mark.slow
 def test_simulated_lanes_are_what_single_ones_are() -> None:
     lanes = truth()[:, None] * [1.0, 1.1, -1.0]
     (together,) = simulate(exact(), lanes)

@@ -93,6 +93,7 @@ def test_every_body_can_exist_and_base_parameters_are_its_own(form: Form) -> Non
     assert min(friction) > -1e-9
 
 
+@pytest.mark.slow
 def test_a_true_prior_and_clean_data_give_the_truth() -> None:
     estimate = Consistent(REGRESSOR.base, known())(information_of(1e-9))
     assert estimate.standard is not None

@@ -52,6 +52,7 @@ def test_an_inertia_that_the_data_leave_anywhere_is_no_obstacle(size: float) -> 
     assert np.all(np.abs(body.ten - free)[:4] < STD[:4])
 
 
+@pytest.mark.slow
 def test_an_impossible_estimate_becomes_a_body_near_it() -> None:
     impossible, inside = 0, np.zeros(10)
     for seed in range(40):

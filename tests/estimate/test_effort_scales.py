@@ -121,6 +121,7 @@ def test_efforts_that_agree_are_not_scaled() -> None:
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("factor", [0.5, 1.8])
 @pytest.mark.parametrize("heavier", [0.85, 1.2])
 def test_one_joint_that_is_far_off_does_not_change_the_others(

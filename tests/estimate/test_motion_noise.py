@@ -81,6 +81,7 @@ def test_without_noise_of_the_motion_it_is_weighted_least_squares() -> None:
     assert np.allclose(found.sigma, wanted.sigma, rtol=0.02)
 
 
+@pytest.mark.slow
 def test_it_beats_least_squares_where_positions_are_noisy() -> None:
     plain, likely, inside, total = [], [], 0, 0
     for seed in range(10):

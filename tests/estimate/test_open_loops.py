@@ -114,6 +114,7 @@ def test_dropped_samples_leave_no_trace() -> None:
     assert 0.5 < first.counts.sum() / whole.counts.sum() < 0.98
 
 
+@pytest.mark.slow
 def test_open_loops_stop_by_default() -> None:
     model = Model(robot("stop"), (RigidBody(),))
     run = run_of()

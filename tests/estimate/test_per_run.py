@@ -170,6 +170,7 @@ def test_it_is_the_dense_fit_with_a_copy_per_run(kind: str) -> None:
         np.testing.assert_allclose(own.std, deviation, rtol=1e-8)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", list(ESTIMATORS))
 def test_a_new_run_is_expected_to_have_their_mean(kind: str) -> None:
     estimate = ESTIMATORS[kind](together([one_run(k) for k in range(4)]))
@@ -204,6 +205,7 @@ def test_intervals_of_single_runs_hold_their_truth(kind: str) -> None:
     assert 0.91 < inside / total < 0.98
 
 
+@pytest.mark.slow
 def test_exact_data_give_every_run_its_own() -> None:
     runs = [one_run(k, np.zeros(4)) for k in range(3)]
     estimate = ESTIMATORS["weighted"](together(runs))

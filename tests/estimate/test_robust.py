@@ -118,6 +118,7 @@ def test_intervals_hold_the_truth(loss: Huber | Tukey, outliers: float) -> None:
     assert 0.90 < inside / total < 0.99
 
 
+@pytest.mark.slow
 def test_samples_alike_count_for_what_they_are_worth() -> None:
     whole, half = (Reweighted()(drawn(TREE, share=share)[0]) for share in (1.0, 0.5))
     assert np.allclose(half.std / whole.std, np.sqrt(2.0), rtol=0.1)

@@ -200,6 +200,7 @@ class Slab(Constraint):
         return np.array([max(low - self.at, self.at - high) - self.half])
 
 
+@pytest.mark.slow
 def test_what_samples_step_over_is_optimised_again_at_closer_ones() -> None:
     plain, x = swinging(())
     places = np.sort(plain.inequalities.state(x)[0][:, 0])

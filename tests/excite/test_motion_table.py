@@ -145,6 +145,7 @@ def test_an_end_posture(tmp_path: Path, kind: str) -> None:
     np.testing.assert_allclose(end, [0.1, 0.2, 0.3], atol=1e-12)
 
 
+@pytest.mark.slow
 def test_a_ramped_design(tmp_path: Path) -> None:
     keys = {"period": 4.0, "harmonics": 3, "ramp": 1.5}
     found = designed(tmp_path, ANY + table("ramped_fourier", **keys))
@@ -245,6 +246,7 @@ PICK = {
 }
 
 
+@pytest.mark.slow
 def test_pick_and_place(tmp_path: Path) -> None:
     motion = plan(tmp_path, OPEN + table("pick_and_place", **PICK, lift=0.08))
     places = path_of(tmp_path, motion)

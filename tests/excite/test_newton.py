@@ -204,6 +204,7 @@ def test_outside_or_without_information_nothing_is_done() -> None:
     )
 
 
+@pytest.mark.slow
 def test_room_is_kept_for_what_margins_dip_between_samples() -> None:
     """On a grid much finer than the samples nothing is lacking, which without it there is."""
     design = problem(FAMILIES["rest"], [box(0.7), torques()])

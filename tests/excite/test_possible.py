@@ -143,6 +143,7 @@ def test_a_box_out_of_reach(tmp_path: Path, tables: str, at: float, words: str) 
     refused(tmp_path, tables.replace("{}", str(at - 0.99 * missed)))
 
 
+@pytest.mark.slow
 def test_power_that_allows_no_motion(tmp_path: Path) -> None:
     limits = 'share = 1.0\neffort = "any"\npower = '
     tables = f"{OPEN}[excitation.limits]\n{limits}{{}}\n"

@@ -162,6 +162,7 @@ def test_horizontal_is_across_gravity() -> None:
     np.testing.assert_array_equal(up_of(robot.changed(gravity=np.zeros(3))), [0.0, 0.0, 1.0])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("path", ["line", "joint"])
 def test_the_tool_keeps_its_own_limits(path: str) -> None:
     tooled, task = arm("ur10"), square((0.7, 0.0, 0.4), 0.4)

@@ -74,6 +74,7 @@ def test_the_tool_alone_if_that_is_requested(tmp_path: Path) -> None:
     assert others == {"planes": "tool point only", "forbidden boxes": "tool point only"}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(2))
 def test_proofs_hold_and_are_near(tmp_path: Path, seed: int) -> None:
     found = room(tmp_path, WALLS + "radius = 0.04\npoint = [0.1, 0.0, 0.05]\n")

@@ -157,6 +157,7 @@ def test_an_error_in_a_worker_is_reported(tmp_path: Path) -> None:
         search_in_parallel((loaded, model, None), problem, "gradient", SearchBudget(60.0))
 
 
+@pytest.mark.slow
 def test_a_flaw_in_a_worker_is_reported_with_its_traceback(tmp_path: Path) -> None:
     loaded = arm(tmp_path, TABLES)
     model = model_with_open_friction(loaded)

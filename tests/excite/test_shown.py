@@ -65,6 +65,7 @@ def test_advice_adds_information(tmp_path: Path) -> None:
             assert share == pytest.approx(names[name])
 
 
+@pytest.mark.slow
 def test_other_motions_of_many_joints_are_looked_at_in_few_samples(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

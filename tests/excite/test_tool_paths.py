@@ -259,6 +259,7 @@ def test_a_path_that_leaves_the_plane_or_the_reach_says_where() -> None:
         along_path(robot, limits, "tip", tilted)
 
 
+@pytest.mark.slow
 def test_a_path_through_a_singular_posture_is_refused_there() -> None:
     """Through the base: the first joint would have to turn at once."""
     robot, limits = planar(np.pi)

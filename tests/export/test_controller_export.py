@@ -97,6 +97,7 @@ def test_no_target_of_cmake_has_a_reserved_name(tmp_path: Path) -> None:
     assert "add_library(test_dynamics STATIC test.c)" in text
 
 
+@pytest.mark.slow
 def test_an_open_chain_shows_in_the_closure_error(tmp_path: Path) -> None:
     short = LoopClosure("tip", (1, 3), [[0.3, 0.0, 0.0], [0.32, 0.0, 0.0]])
     robot = five_bar().changed(loops=(short,), assembly=(2.0, 1.1, -1.0, 1.0))

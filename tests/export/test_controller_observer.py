@@ -116,6 +116,7 @@ def in_c(
     return found.astype(np.float64), joints.astype(bool), results
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", CASES)
 def test_c_observes_what_python_observes(name: str, tmp_path: Path) -> None:
     model, given, efforts, contact = observed(name)
@@ -131,6 +132,7 @@ def test_c_observes_what_python_observes(name: str, tmp_path: Path) -> None:
     ]
 
 
+@pytest.mark.slow
 def test_single_precision_is_close(tmp_path: Path) -> None:
     model = model_of("tree")
     given = tuple(x.astype(np.float32).astype(np.float64) for x in samples(model.robot, 500))
@@ -169,6 +171,7 @@ def test_the_self_test_passes_strictly_in_c_and_cpp(
     assert "observer" in (tmp_path / f"{code.name}_test.c").read_text()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", CASES)
 def test_python_files_observe_too(name: str) -> None:
     model, given, efforts, contact = observed(name)

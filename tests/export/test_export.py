@@ -304,6 +304,7 @@ def test_mujoco_simulates_without_a_warning(name: str, form: Format, tmp_path: P
         assert np.abs(data.efc_pos[: data.ne]).max() < 5e-3
 
 
+@pytest.mark.slow
 def test_motors_limits_and_home_are_those_of_the_robot(tmp_path: Path) -> None:
     robot = mimic(tmp_path)
     limits = Limits(0.5, np.inf, 3.0, 50.0)

@@ -73,6 +73,7 @@ def run(path: Path, given: Sequence[object]) -> tuple[Array, str]:
     return np.array(done.stdout.split(), dtype=float), done.stderr
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("make", [five_bar, odd_tree])
 def test_the_plugin_computes_the_same(make: object, tmp_path: Path) -> None:
     robot: Robot = make()  # type: ignore[operator]
@@ -94,6 +95,7 @@ def test_the_plugin_computes_the_same(make: object, tmp_path: Path) -> None:
     assert error == f"{robot.n + 1} values of {robot.n} joints"
 
 
+@pytest.mark.slow
 def test_chains_that_cannot_close_are_refused(tmp_path: Path) -> None:
     short = LoopClosure("tip", (1, 3), [[0.3, 0.0, 0.0], [0.32, 0.0, 0.0]])
     robot = five_bar().changed(loops=(short,), assembly=(2.0, 1.1, -1.0, 1.0))
@@ -160,6 +162,7 @@ class Positional(Viscous):
         return spread(self.axes(robot), [a.of(state.dq) * a.of(state.q) for a in self.axes(robot)])
 
 
+@pytest.mark.slow
 def test_friction_of_positions_is_part_of_the_torque_only(tmp_path: Path) -> None:
     robot, motion = tree(), wander(tree())
     model = identified_of(robot, (RigidBody(), Positional()))

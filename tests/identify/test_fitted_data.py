@@ -14,7 +14,7 @@ from steelyard.identify.validate import validate
 from steelyard.simulate.truth import random_truth
 from steelyard.uses.payload.payload import identify_payload
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("few_stretches")]
 
 
 @pytest.fixture

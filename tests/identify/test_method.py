@@ -18,6 +18,8 @@ from steelyard.excite.trajectories.trajectory_files import write_motion
 from steelyard.identify.fit import _method
 from steelyard.identify.identify import Identification
 
+pytestmark = pytest.mark.usefixtures("few_stretches")
+
 BODIES = {"consistent", "pullback", "SDP", "log-Cholesky"}
 """Estimators that give values of all standard parameters."""
 
@@ -67,6 +69,7 @@ def test_a_model_comes_of_every_estimator(folder: Path, offer, tmp_path: Path) -
     assert estimate.estimator in result.report()
 
 
+@pytest.mark.slow
 def test_whole_runs_calibrate_what_simulates(folder: Path) -> None:
     robot = folder / "arm.toml"
     arm, motion = steelyard.load_robot(robot).robot, folder / "drawn.json"
@@ -77,6 +80,7 @@ def test_whole_runs_calibrate_what_simulates(folder: Path) -> None:
     assert result.model.calibration is not None and result.model.calibration.kind == "runs"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("written", "same"), [("Bounded_LS", "bounded LS"), ("wls", "WLS")])
 def test_the_robot_file_and_the_option_take_the_same_names(
     folder: Path, written: str, same: str
@@ -88,6 +92,7 @@ def test_the_robot_file_and_the_option_take_the_same_names(
     assert one.parameters.values.tolist() == other.parameters.values.tolist()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("weights", "name"), [("noise", "WLS"), ("equal", "OLS")])
 def test_least_squares_weighs_as_the_robot_file_says(folder: Path, weights: str, name: str) -> None:
     robot = f'[estimation]\nmethod = "least_squares"\nweights = "{weights}"\n'
@@ -121,6 +126,7 @@ def test_what_cannot_be_had_is_refused_with_a_way_out(folder: Path) -> None:
     assert "use another estimator, or leave per_run = true out" in caught.value.fix
 
 
+@pytest.mark.slow
 def test_a_bootstrap_of_other_data_is_declined(folder: Path) -> None:
     result = found(folder, method="huber", bootstrap=20)
     assert result.content.bootstrap is None
@@ -128,6 +134,7 @@ def test_a_bootstrap_of_other_data_is_declined(folder: Path) -> None:
     assert found(folder, method="ridge", bootstrap=20).content.bootstrap is not None
 
 
+@pytest.mark.slow
 def test_other_cutoffs_are_fitted_with_the_same_estimator(folder: Path) -> None:
     result = found(folder, method="Huber", sensitivity=True)
     fits = result.content.sensitivity
@@ -158,6 +165,7 @@ def test_without_a_scale_no_prior_is_compared(folder: Path, method: str, fitted:
     assert why.startswith("because a prior") == bool(fitted)
 
 
+@pytest.mark.slow
 def test_runs_too_short_for_a_choice_have_coulomb_and_viscous_friction(folder: Path) -> None:
     robot = '[model]\nterms = ["rigid_body", "rotor_inertia", "offset"]\nfriction = "auto"\n'
     path = folder / "short.toml"

@@ -48,6 +48,7 @@ def test_a_log_whose_motion_repeats_early_is_left_whole(tmp_path: Path) -> None:
     assert propose_cut(robot, [str(log)]) == ProposedCut((str(log),))
 
 
+@pytest.mark.slow
 def test_a_long_rest_before_the_motion_counts_for_neither_part(tmp_path: Path) -> None:
     robot = without_wrist(tmp_path)
     log = recorded(robot.robot, 9.0, 1, tmp_path)

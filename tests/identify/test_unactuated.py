@@ -14,6 +14,8 @@ from steelyard.robot.init.base_and_locked_joints import proposed
 from steelyard.robot.init.draft_robot_file import assigned, drafted
 from steelyard.runs.runs_of_named_logs import load_runs, sample_of
 
+pytestmark = pytest.mark.usefixtures("few_stretches")
+
 MASS, LENGTH, INERTIA, DAMPING, GRAVITY = 0.8, 0.35, 0.03, 0.02, 9.81
 CART, DRAG = 1.5, 2.0
 

@@ -397,6 +397,7 @@ def test_a_damaged_array_leaves_the_others_of_an_archive_readable(tmp_path: Path
         list(log.parts(("q",)))
 
 
+@pytest.mark.slow
 def test_bombs_are_read_in_constant_memory(tmp_path: Path, peak: Callable[[], float]) -> None:
     """Many megabytes of zeros in little: rows are handed out, nobody holds them all."""
     rows = 1 << 25

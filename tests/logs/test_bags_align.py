@@ -58,6 +58,7 @@ def test_log_times_align_if_they_are_requested(tmp_path: Path) -> None:
     assert np.isnan(part[:, 2]).all()
 
 
+@pytest.mark.slow
 def test_windows_and_parts_do_not_show(tmp_path: Path) -> None:
     joints = [joint_state(k * 4 * MS, ["a"], [k / 3], [], []) for k in range(3000)]
     command = [floats(k * 7 * MS, [k, -k]) for k in range(1800)]

@@ -100,6 +100,7 @@ def level(v: float) -> float:
     return 1.0 + (RATIO - 1.0) * float(np.exp(-((v / SPEED) ** 2)))
 
 
+@pytest.mark.slow
 def test_lugre_approaches_its_equation() -> None:
     """A velocity held for each step: the error shrinks with the step."""
     t, _ = motion(250)

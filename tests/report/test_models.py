@@ -167,6 +167,7 @@ def test_numbers_as_json() -> None:
     assert told["models"][1]["removed"] == [removed[0]["parameter"]]
 
 
+@pytest.mark.slow
 def test_the_page_draws_every_model() -> None:
     page = render_models(models_content("a", "b", "c", runs=("points",)))
     for words in ("Efforts over time", "Masses and centres", "Parameters", "a note"):

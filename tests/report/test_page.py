@@ -79,6 +79,7 @@ def test_plotly_is_embedded_once_and_left_out_without_plots(usual):
     assert "Not validated on unseen motion" in bare
 
 
+@pytest.mark.slow
 def test_names_of_strangers_stay_text(nasty):
     page = own_html(render(nasty))
     assert "<script>document.body" not in page

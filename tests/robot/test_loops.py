@@ -91,6 +91,7 @@ ERRORS: dict[str, tuple[Callable[[], Robot], str, str]] = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", ERRORS)
 def test_loops_that_cannot_be_used(case: str) -> None:
     spoilt, wrong, fix = ERRORS[case]

@@ -95,6 +95,7 @@ class Small:
         return self.log.parts(columns, rows, self.size)
 
 
+@pytest.mark.slow
 def test_a_log_too_large_to_hold_is_read_in_parts(recording, sines) -> None:
     t = np.arange(120_000) * 0.001
     motion = sines(t)

@@ -68,6 +68,7 @@ def test_a_robot_at_rest(real, posture: int) -> None:
         prepare(real(f"ur10e/validation/ur-20_01_17-p{posture}.parquet"))
 
 
+@pytest.mark.slow
 def test_panda_jitter_and_lost_packets(real) -> None:
     run = prepare(real("panda/panda_gaz2019_trajectory1.parquet@0.6:9.5"))
     assert run.rate == 1000.0 and len(run.segments) == 1 and not run.quality.dropped

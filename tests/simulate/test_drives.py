@@ -84,6 +84,7 @@ def test_impossible_drives_are_refused(wrong: dict[str, float]) -> None:
         Drives(**wrong)  # type: ignore[arg-type]
 
 
+@pytest.mark.slow
 def test_commands_are_recorded_and_limited(leg: Robot) -> None:
     truth, motion = random_truth(leg, 0), random_fourier(leg, seed=1, period=1.5)
     drives = customary_drives(leg)

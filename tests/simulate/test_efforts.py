@@ -157,6 +157,7 @@ def test_a_declared_log_is_read_back_as_it_happened(
     np.testing.assert_allclose(channels[:, 4:] * declared.gains, wanted, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_unknown_gains_are_those_of_the_sensors_and_stated_in_the_truth(
     leg: Robot, tmp_path: Path
 ) -> None:

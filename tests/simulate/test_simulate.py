@@ -87,6 +87,7 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> DemoFiles:
     return demo_runs(tmp_path_factory.mktemp("demo"), seed=3, period=2.0)
 
 
+@pytest.mark.slow
 def test_demo_writes_what_identification_needs(files: DemoFiles) -> None:
     loaded = load_robot(files.robot)
     assert loaded.robot.n == 6 and loaded.signals is not None
@@ -99,6 +100,7 @@ def test_demo_writes_what_identification_needs(files: DemoFiles) -> None:
     assert np.abs(truth.inertial[:, 0] / loaded.robot.nominal[:, 0] - 1.0).max() > 0.1
 
 
+@pytest.mark.slow
 def test_demo_keeps_its_truth_out_of_the_robot_file(files: DemoFiles) -> None:
     nominal = load_robot(files.robot).robot.nominal
     text = files.robot.read_text() + files.robot.with_suffix(".urdf").read_text()
@@ -110,6 +112,7 @@ def test_demo_keeps_its_truth_out_of_the_robot_file(files: DemoFiles) -> None:
         assert not np.any(np.isclose(nominal[:, 0], mass, rtol=1e-9))
 
 
+@pytest.mark.slow
 def test_demo_motions_stay_clear_of_the_limits(files: DemoFiles) -> None:
     robot = load_robot(files.robot).robot
     for log in (files.identification, files.validation):

@@ -129,6 +129,7 @@ def test_progress_advances_and_stops(arm: Robot, tmp_path: Path) -> None:
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.slow
 def test_a_recording_holds_the_motion_that_was_sent(arm: Robot, tmp_path: Path) -> None:
     truth, motion = random_truth(arm, 0), motion_of(arm, 1.0)
     watched, plain = (VirtualRobot(arm, truth, seed=4, rest=0.1) for _ in range(2))

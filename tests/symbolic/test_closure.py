@@ -218,6 +218,7 @@ def test_random_positions_close_within_the_limits(name: str) -> None:
     assert np.ptp(q, axis=1).min() > 0.1
 
 
+@pytest.mark.slow
 def test_a_random_walk_of_a_parallelogram_stays_one() -> None:
     """Its ranges hold postures with all bars in one line, beyond which it could be crossed."""
     robot = parallelogram(tuple(ball(k) for k in range(4)), 0.3, 0.4)  # type: ignore[arg-type]
@@ -232,6 +233,7 @@ def test_a_random_walk_of_a_parallelogram_stays_one() -> None:
     assert len(base_parameters(Model(robot, (RigidBody(),)))) == 4
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", CHAINS)
 def test_base_parameters_hold_the_whole_torque(name: str) -> None:
     robot = CHAINS[name]()
@@ -243,6 +245,7 @@ def test_base_parameters_hold_the_whole_torque(name: str) -> None:
     assert np.allclose(lifted, other @ values, atol=1e-7 * np.abs(other @ values).max())
 
 
+@pytest.mark.slow
 def test_a_parallelogram_has_four_base_parameters_and_three_when_bars_are_straight() -> None:
     bars = tuple(ball(k) for k in range(4))
     model = Model(parallelogram(bars, 0.2, 0.3), (RigidBody(),))  # type: ignore[arg-type]

@@ -99,6 +99,7 @@ def test_small_changes_are_no_drift_however_certain() -> None:
     assert not named(found) and min(change.p for change in found) < 1e-3
 
 
+@pytest.mark.slow
 def test_levels_that_differ_from_motion_to_motion_are_no_drift() -> None:
     false = 0
     for seed in range(20):

@@ -96,6 +96,7 @@ def test_an_empty_hand_weighs_nothing() -> None:
     assert found.to_dict()["centre"] is None
 
 
+@pytest.mark.slow
 def test_intervals_hold_the_truth() -> None:
     """Noise in the model's runs and in the loaded one; the model is as uncertain as the run."""
     inside = np.zeros(10 + 3 + 9)
@@ -144,6 +145,7 @@ def test_an_arm_never_seen_moving_without_its_payload_hides_it() -> None:
         identify_payload(EXACT, [run(2, LOAD)], "left", unloaded=[run(3, still=posture)])
 
 
+@pytest.mark.slow
 def test_intervals_hold_the_error_of_the_gains() -> None:
     inside, exact = [], []
     for seed in range(30):
@@ -161,6 +163,7 @@ SPREAD = 0.05**2 * np.ones((4, 4)) + 0.01**2 * np.eye(4)
 """Scales that have an error in common."""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("together", [False, True])
 def test_intervals_hold_the_error_of_scales_of_any_unit(together: bool) -> None:
     inside, exact = [], []
