@@ -107,7 +107,6 @@ def test_components_sum_up_the_log() -> None:
     assert (z.peak, z.data_share, z.nonzero_share) == (0.0, 0.0, 0.0)
 
 
-@pytest.mark.slow
 def test_the_page_is_safe() -> None:
     page = wrench_content("<b>tool</b>").report()
     assert "<b>tool</b>" not in page and "&lt;b&gt;tool" in page
