@@ -6,9 +6,8 @@ import pytest
 
 from check.conftest import Arm
 from steelyard.base.arrays import Array
-from steelyard.check.decision.ranked_readings import ranking
+from steelyard.check.decision.ranked_readings import efforts_first, mirrors, ranking
 from steelyard.check.finding import Severity
-from steelyard.check.hypotheses.consistent_bodies_of_log import efforts_first, mirrors
 
 
 def turned(arm: Arm, *patterns: str) -> Array:
@@ -43,7 +42,7 @@ def test_the_mirror_of_a_sign_is_named(
 
 
 def test_turned_efforts_come_first_where_turned_positions_fit_as_well(arm: Arm) -> None:
-    case = arm.case(turned(arm, "tau{}_Nm"), known=False)
+    case = arm.case(turned(arm, "tau{}_Nm"))
     found = ranking(case, case.logs[0])
     assert found is not None
     now = found.declared

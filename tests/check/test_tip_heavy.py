@@ -72,12 +72,12 @@ def named(found: Diagnosis, check: str) -> Finding:
     return finding
 
 
-def test_a_lighter_last_link_is_reported_and_not_suspicious(tmp_path: Path, log) -> None:
+def test_lighter_links_are_doubtful_beside_a_factor_on_efforts(tmp_path: Path, log) -> None:
     found = examined(tmp_path / "arm.urdf", 1.25, *log)
-    assert found.severity == Severity.OK and not found.edits
-    finding = named(found, "payload")
-    assert not finding.answered and finding.fix is None
-    assert "'link6'" in finding.says and "lighter" in finding.says
+    assert found.severity == Severity.DOUBTFUL and not found.edits
+    finding = named(found, "effort kind")
+    assert "efforts are off by a factor" in finding.says and "lighter" in finding.says
+    assert not named(found, "payload").answered
 
 
 def test_a_factor_that_the_last_link_explains_as_well_is_open(tmp_path: Path, log) -> None:

@@ -48,12 +48,12 @@ def transmission_check(case: Case, evidence: Evidence) -> Finding | None:
     decision = judge_log(case, evidence)
     if decision is None or decision.of_other_check:
         return None
-    likelihood, last = decision.likelihood, decision.last.reading
+    likelihood, (*_, last) = decision.likelihood, (decision.declared, *decision.written)
     if likelihood.gears is None or likelihood.signals.position_map is None:
         return None
-    now = last.on(with_gears(likelihood, likelihood.gears.matrix))
+    now = last.reading.on(with_gears(likelihood, likelihood.gears.matrix))
     others = list(other_gears(likelihood.gears, (now.score.counts > 0.0).tolist()))
-    readings = [last.on(with_gears(likelihood, other.matrix)) for other in others]
+    readings = [last.reading.on(with_gears(likelihood, other.matrix)) for other in others]
     rises = [reading.log_likelihood - now.log_likelihood for reading in readings]
     best = max(rises, default=-np.inf)
     near = [o for o, rise in zip(others, rises, strict=True) if rise > -DECISIVE_GAIN]

@@ -13,26 +13,23 @@ from steelyard.check.decision.drive_gain_sources import (
     gains_of_controller,
     unwritten_number_advice,
 )
+from steelyard.check.decision.explanations import least_mass
 from steelyard.check.decision.judged_explanations import (
     CLEAN,
-    ROUGH_MISFIT,
-    bodies_that_explain,
     friction_alone_explains,
     judge_log,
-    least_mass,
 )
 from steelyard.check.decision.ranked_readings import HOPELESS_MISFIT, Judged, LogVerdict
 from steelyard.check.decision.robot_file_edits import confirmed, edits_of, velocity_edits
 from steelyard.check.decision.zeros_and_quarter_turns import quarter_turns
 from steelyard.check.finding import ComparedHypothesis, Edit, Finding, Fix, Picture, Severity, Trace
-from steelyard.check.hypotheses.consistent_bodies_of_log import consistent_bodies
 from steelyard.check.hypotheses.friction_signs_and_delay import (
     friction_alone,
     friction_signs,
     residual_delay,
 )
 from steelyard.check.hypotheses.position_hypotheses import ZERO_CAUSE
-from steelyard.check.hypotheses.readings_and_likelihood import Hypothesis, Reading
+from steelyard.check.hypotheses.readings_and_likelihood import Hypothesis
 from steelyard.check.signals.good_rows_and_derivatives import remembered
 
 EMPTY_MISFIT = 0.5  # typical misfit of a reading that predicts next to nothing
@@ -202,8 +199,7 @@ def _known(decision: LogVerdict) -> str:
 
 def has_finding(decision: LogVerdict) -> bool:
     """Whether there is a finding about a log."""
-    close = decision.likelihood.knowledge.identified or decision.declared.percent <= ROUGH_MISFIT
-    return bool(decision.winners) or (decision.explained and close)
+    return bool(decision.winners) or decision.explained
 
 
 def nothing_explains(decision: LogVerdict) -> bool:
@@ -211,9 +207,7 @@ def nothing_explains(decision: LogVerdict) -> bool:
     declared = decision.declared
     worst = float(np.max(declared.misfits[declared.score.counts > 0.0], initial=0.0))
     bad = worst > HOPELESS_MISFIT or declared.percent > 100.0 * EMPTY_MISFIT
-    return (bad and not has_finding(decision)) and (
-        declared.reading.knowledge.identified or bodies_that_explain(declared.reading) is None
-    )
+    return bad and not has_finding(decision)
 
 
 def agreement_sentence(decision: LogVerdict, what: str) -> str:
@@ -222,7 +216,7 @@ def agreement_sentence(decision: LogVerdict, what: str) -> str:
     if not has_finding(decision):
         much = _percent(decision.declared.percent)
         clear = "no hypothesis is clearly better"
-        why = clear if identified else f"{_unclear(decision.declared.reading, clear)}; give --model"
+        why = clear if identified else f"{_unclear(decision, clear)}; give --model"
         return f"undecided: {_known(decision)} has a misfit of {much} and {why}"
     once = ""
     if decision.winners:
@@ -232,18 +226,16 @@ def agreement_sentence(decision: LogVerdict, what: str) -> str:
     return f"{what} ({high}misfit of {_known(decision)}: {percent:.1f} %{once})"
 
 
-def _unclear(reading: Reading, clear: str) -> str:
-    bodies = bodies_that_explain(reading)
-    if bodies is not None:
-        much = _percent(bodies.percent)
-        return f"with other link inertias than the model file's the misfit is {much}"
-    bodies = consistent_bodies(reading)
-    if bodies is None or not friction_alone_explains(reading, bodies):
+def _unclear(decision: LogVerdict, clear: str) -> str:
+    if decision.search is None:
+        return clear
+    reading, found = decision.search.best.reading, decision.search.best.evidence
+    if not friction_alone_explains(reading, found.score):
         return clear
     alone = float(friction_alone(reading).percent)
     return (
         f"the efforts contain hardly any rigid-body torque: the misfit is {_percent(alone)} with "
-        f"friction alone, {_percent(bodies.percent)} with free link inertias"
+        f"friction alone, {_percent(found.percent)} with free link inertias"
     )
 
 

@@ -1,15 +1,15 @@
 """Readings of a log, ranked: all explanations at once, so that one fault raises one alarm."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from steelyard.base.arrays import Array
 from steelyard.base.progress import report_progress
 from steelyard.check.case_and_evidence import Case, Evidence
+from steelyard.check.decision.explanations import Search
 from steelyard.check.finding import Severity
-from steelyard.check.hypotheses.consistent_bodies_of_log import efforts_first, link_hypotheses
 from steelyard.check.hypotheses.effort_hypotheses import (
     PERCENT,
     OtherEfforts,
@@ -26,6 +26,7 @@ from steelyard.check.hypotheses.position_hypotheses import (
 )
 from steelyard.check.hypotheses.readings_and_likelihood import (
     AS_DECLARED,
+    CLOSE_HYPOTHESES,
     Hypothesis,
     Likelihood,
     Reading,
@@ -35,14 +36,10 @@ from steelyard.check.signals.good_rows_and_derivatives import remembered
 from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.robot.file.signals import Signals
 
-BAD_JOINT_MISFIT = {True: 0.12, False: 0.5}  # of a joint, with a reference and without
+BAD_JOINT_MISFIT = 0.12  # misfit of a joint from which on a reading is bad, with a reference
 EXPECTED_MISFIT_FACTOR = 3.0  # the same over what the reference's own residuals come to
 HOPELESS_MISFIT = 0.9
-LOOSE_MISFIT = 15.0  # typical misfit [%] from which on efforts are read in other ways anyway
 DECISIVE_GAIN = 20.0  # log-likelihood that a winner must gain for what it leaves to be looked at
-FITTING_MISFIT = 8.0  # typical misfit [%] up to which free gains leave no doubt
-READINGS = ("joint order", "position sign", "effort sign", "effort unit", "mounting")
-"""Causes that free gains hide."""
 SUSPECT_GAIN = 10.0  # gain for which others are looked at where the reading is fine
 CAUSES_OF_OTHER_CHECKS = ("position unit", "clock")  # reported there; what they leave is for later
 COMPARING_PHASE = "comparing explanations: order, signs, units, gains, mounting"
@@ -65,6 +62,7 @@ class LogVerdict:
     # file alone is wrong, which leaves a question open
     winners: tuple[Judged, ...] = ()
     explained: bool = False  # whether the last winner agrees with what is known
+    search: Search | None = None  # explanations by their evidence, where bodies are not known
 
     @property
     def likelihood(self) -> Likelihood:
@@ -99,12 +97,23 @@ def ranking(case: Case, evidence: Evidence) -> LogVerdict | None:
         return None
     gains, scales = _gains(case, signals), _scales(case, signals)
     likelihood = likelihood_of(excerpt, signals, knowledge, case.loaded.robot, gains, scales)
-    if any(signals.unknown_gains) and not knowledge.identified:
-        likelihood = _with_free_gains(likelihood, _others(likelihood, case.reference))
+    unknown = np.array(signals.unknown_gains or (False,) * signals.n)
+    if unknown.any() and not knowledge.identified:
+        factors = np.where(unknown, best_factors(likelihood.declared), 1.0)
+        likelihood = replace(likelihood, gains=likelihood.gains * factors)
     number, of = case.logs.index(evidence), len(case.logs)
     report_progress(case.progress, COMPARING_PHASE, number, of, evidence.name)
     others = _others(likelihood, case.reference)
     first = now = _as_declared(likelihood)
+    if not np.any(first.score.counts > 0.0):
+        return None
+    if not knowledge.identified:
+        found = Search(likelihood, others, unknown)
+        report_progress(case.progress, COMPARING_PHASE, number + 1, of, evidence.name)
+        if not found.found:
+            return None
+        shown = [x.as_hypothesis() if x.changes else first for x in found.ordered()]
+        return LogVerdict(first, (tuple(shown),), search=found)
     rounds = []
     for _ in range(FAULT_ROUNDS):
         rounds.append(_rivals(now, others))
@@ -114,7 +123,7 @@ def ranking(case: Case, evidence: Evidence) -> LogVerdict | None:
             break
         now = best
     report_progress(case.progress, COMPARING_PHASE, number + 1, of, evidence.name)
-    return LogVerdict(first, tuple(rounds)) if np.any(first.score.counts > 0.0) else None
+    return LogVerdict(first, tuple(rounds))
 
 
 def _gains(case: Case, signals: Signals) -> Array:
@@ -141,42 +150,9 @@ def _scales(case: Case, signals: Signals) -> Array | float:
     return np.where(signals.unknown_gains or False, 1.0, values)
 
 
-def _with_free_gains(likelihood: Likelihood, others: OtherEfforts) -> Likelihood:
-    """The log with the gains at which the nominal bodies agree best.
-
-    All of them: where some are to be identified, those that are given may be up to one scale. Free
-    gains hide wrong orders, signs and directions of gravity, though: if one of these agrees better
-    with the gains that are given, only those that are to be identified are free.
-    """
-    declared = likelihood.declared
-    size, unknown = np.linalg.norm(declared.gravity), np.asarray(likelihood.signals.unknown_gains)
-    free = _with_best_gains(declared, np.ones_like(unknown))
-    now = _as_declared(free)
-    if not has_bad_joint(now) and now.percent <= FITTING_MISFIT:
-        return free
-    least = now.log_likelihood + DECISIVE_GAIN
-    given = _with_best_gains(declared, unknown)
-    hypotheses = _rivals(_as_declared(given), others)
-    best = max((h.log_likelihood for h in hypotheses if h.cause in READINGS), default=-np.inf)
-    if best > least:
-        free, least = given, best
-    for axis in (*np.eye(3), *-np.eye(3)):
-        turned = declared.changed(gravity=size * axis)
-        other = _with_best_gains(turned, unknown)
-        agreement = turned.on(other).log_likelihood
-        if agreement > least and not np.allclose(turned.gravity, declared.gravity):
-            free, least = other, agreement
-    return free
-
-
 def _as_declared(likelihood: Likelihood) -> Hypothesis:
     declared = likelihood.declared
     return Hypothesis("", AS_DECLARED, declared, 0.0, (), declared.score)
-
-
-def _with_best_gains(reading: Reading, which: NDArray[np.bool_]) -> Likelihood:
-    log = reading.likelihood
-    return replace(log, gains=log.gains * np.where(which, best_factors(reading), 1.0))
 
 
 def _others(likelihood: Likelihood, reference: IdentifiedModel | None) -> OtherEfforts:
@@ -199,17 +175,11 @@ def _others(likelihood: Likelihood, reference: IdentifiedModel | None) -> OtherE
 
 def _rivals(now: Hypothesis, others: OtherEfforts) -> tuple[Hypothesis, ...]:
     """Everything that one change of a reading can explain, the likeliest first."""
-    reading, identified, bad = now.reading, now.reading.knowledge.identified, has_bad_joint(now)
-    found = [now]
-    if bad or identified or now.percent > LOOSE_MISFIT:
-        found += effort_hypotheses(reading, others)
-    found += world_hypotheses(reading)
-    if identified:
-        found += zero_hypotheses(reading)
-    elif bad:
-        found += link_hypotheses(reading)
+    reading = now.reading
+    found = [now, *effort_hypotheses(reading, others), *world_hypotheses(reading)]
+    found += zero_hypotheses(reading)
     found.sort(key=_unlikely)
-    if bad or (identified and found[0].log_likelihood - now.log_likelihood > SUSPECT_GAIN):
+    if has_bad_joint(now) or found[0].log_likelihood - now.log_likelihood > SUSPECT_GAIN:
         found += position_hypotheses(reading)
         found += ratio_hypotheses(reading)
         found.sort(key=_unlikely)
@@ -219,13 +189,45 @@ def _rivals(now: Hypothesis, others: OtherEfforts) -> tuple[Hypothesis, ...]:
     return efforts_first(reading, found)
 
 
+def efforts_first(now: Reading, hypotheses: Sequence[Hypothesis]) -> tuple[Hypothesis, ...]:
+    """Hypotheses, the likeliest first, turned efforts before turned positions that fit as well."""
+    if not hypotheses or not opposite(now.position_scale, hypotheses[0].reading.position_scale):
+        return tuple(hypotheses)
+    least = hypotheses[0].log_likelihood - CLOSE_HYPOTHESES
+    for hypothesis in hypotheses[1:]:
+        if hypothesis.log_likelihood > least and of_efforts(now, hypothesis):
+            return (hypothesis, *(r for r in hypotheses if r is not hypothesis))
+    return tuple(hypotheses)
+
+
+def of_efforts(now: Reading, hypothesis: Hypothesis) -> bool:
+    """Whether a hypothesis does nothing but turn the signs of all efforts."""
+    after = hypothesis.reading
+    return (
+        hypothesis.cause == "effort sign"
+        and len(after.effort) > 1
+        and opposite(now.effort_scale, after.effort_scale)
+        and np.array_equal(now.position_scale, after.position_scale)
+    )
+
+
+def mirrors(now: Reading, one: Hypothesis, other: Hypothesis) -> bool:
+    """Whether one hypothesis turns all efforts and the other one all positions."""
+    return of_efforts(now, one) and opposite(now.position_scale, other.reading.position_scale)
+
+
+def opposite(before: Array, after: Array) -> bool:
+    """Whether all signs are turned."""
+    return bool(np.all(np.sign(before) == -np.sign(after)))
+
+
 def _unlikely(hypothesis: Hypothesis) -> float:
     return -hypothesis.log_likelihood
 
 
 def _misfit_limits(log: Likelihood) -> Array:
     """Misfit of each joint from which on a reading is bad, shape `(n,)`."""
-    least = np.full(log.signals.n, BAD_JOINT_MISFIT[log.knowledge.identified])
+    least = np.full(log.signals.n, BAD_JOINT_MISFIT)
     if log.knowledge.sigma is None:
         return least
     logged = np.abs(log.declared.into_logged()) @ log.knowledge.sigma

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from steelyard.base.arrays import Array
 from steelyard.check.hypotheses.friction_signs_and_delay import whitened_columns
+from steelyard.check.hypotheses.nuisance_fit_and_score import MISFIT_FLOOR
 from steelyard.estimate.information.information import Information
 from steelyard.runs.recording import LeftOut
 
@@ -91,12 +92,13 @@ def passing_force(
     best, part = min(found, key=lambda one: one[0].cost)
     fall = whole.outside / best.outside
     judged = np.isfinite(best.leverage) & (best.leverage <= MOST_LEVERAGE)
-    pushed = judged & (fall >= LEAST_FALL) & (best.inside >= LEAST_EXCESS * best.outside)
+    expected = np.maximum(best.outside, MISFIT_FLOOR**2 * _mean_squares(run, grams))
+    pushed = judged & (fall >= LEAST_FALL) & (best.inside >= LEAST_EXCESS * expected)
     if not pushed.any():
         return None
     fine = finely()
     squares = np.array([_residuals(fine, row, best.coefficients[row]) for row in rows])
-    ratio = squares / np.maximum(best.outside, 1e-300)[:, None]
+    ratio = squares / np.maximum(expected, 1e-300)[:, None]
     about = run.windows[part.start].start, run.windows[part.stop - 1].stop
     hit = _hull(np.asarray((ratio[pushed] > PUSHED).any(axis=0)), fine, about)
     if hit is None:
@@ -113,6 +115,12 @@ def passing_force(
         tuple(float(sizes[row]) for row in bears),
         share,
     )
+
+
+def _mean_squares(run: Information, grams: list[Array]) -> Array:
+    """Mean squared effort of each row, shape `(rows,)`."""
+    squares = np.array([gram[:, -1, -1].sum() for gram in grams])
+    return np.asarray(squares / np.maximum(run.counts.sum(axis=0), 1.0))
 
 
 def _uneven(run: Information, values: Array) -> bool:

@@ -1,8 +1,8 @@
 """Hypotheses that read the efforts in another way: sign, unit, gains, kind, order.
 
 Every order of joints and every set of position signs is tried with gains that are free per joint,
-against the nominal bodies; the likeliest few are then compared with bodies of the log's own. So a
-wrong order is found although the unit is wrong too.
+against the nominal bodies, and the likeliest few are proposed. So a wrong order is found although
+the unit is wrong too.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.base.arrays import Array
-from steelyard.check.hypotheses.consistent_bodies_of_log import ConsistentBodies, consistent_bodies
 from steelyard.check.hypotheses.nuisance_fit_and_score import LEAST_SAMPLE_COUNT
 from steelyard.check.hypotheses.position_hypotheses import COARSE_SAMPLES, MOST_PERMUTED_JOINTS
 from steelyard.check.hypotheses.readings_and_likelihood import (
@@ -167,13 +166,6 @@ def holds_factors(reading: Reading, factors: Array) -> bool:
     return bool(within.all() and np.any((low > 0.0) & np.isfinite(high)))
 
 
-def poorly_identified(reading: Reading) -> tuple[str, ...]:
-    """Joints whose effort agrees about as well with quite another gain than the declared one."""
-    names = reading.likelihood.names
-    known, seen = _identifiable(reading, np.ones(len(names)))[0], reading.sums.count[0] > 0.0
-    return tuple(names[j] for j in np.flatnonzero(seen & ~known))
-
-
 def _effort_orders(reading: Reading) -> Iterator[Hypothesis]:
     """The order of effort columns that agrees best, found as an assignment."""
     from scipy.optimize import linear_sum_assignment
@@ -194,16 +186,13 @@ def _effort_orders(reading: Reading) -> Iterator[Hypothesis]:
     yield Hypothesis("joint order", says, changed, cost, moved, found.one(0))
 
 
-FEW_COMBINATIONS = 8  # readings that are compared with bodies of the log's own
+FEW_COMBINATIONS = 8  # readings that are proposed
 SMALL_FREE_MISFIT = 0.02  # misfit below which fits with free gains count as equally good
 UNLOADED_SHARE = 0.05  # share of an effort that bodies must make for its sign to be judged
 
 
-def combined_hypotheses(likelihood: Likelihood) -> list[tuple[Hypothesis, ConsistentBodies]]:
-    """Readings that differ in order and signs at once, the likeliest first.
-
-    Every one comes with its bodies, which its misfits are those of.
-    """
+def best_combinations(likelihood: Likelihood) -> list[Hypothesis]:
+    """Readings that differ in order and signs at once, by nominal bodies with free gains."""
     if not 2 <= likelihood.signals.n <= MOST_PERMUTED_JOINTS:
         return []
     coarse = likelihood.thinned(COARSE_SAMPLES)
@@ -211,22 +200,19 @@ def combined_hypotheses(likelihood: Likelihood) -> list[tuple[Hypothesis, Consis
     signs = [np.array(signs) for signs in product((1.0, -1.0), repeat=likelihood.signals.n)]
     tried = [r.changed(position_scale=s * r.position_scale) for r in best for s in signs]
     best = _best_combinations(coarse, tried)
-    found = []
-    for reading in (*best, *filter(None, map(_all_turned, best))):
-        bodies = consistent_bodies(reading)
-        if bodies is not None:
-            found.append((_combined_hypothesis(reading, bodies), bodies))
-    return sorted(found, key=lambda pair: -pair[0].log_likelihood)
+    return [
+        _combined_of(reading.on(likelihood))
+        for reading in (*best, *filter(None, map(_all_turned, best)))
+    ]
 
 
-def _combined_hypothesis(reading: Reading, bodies: ConsistentBodies) -> Hypothesis:
+def _combined_of(reading: Reading) -> Hypothesis:
     declared, n = reading.likelihood.declared, len(reading.effort)
     turned = np.sign(declared.position_scale) != np.sign(reading.position_scale)
     efforts = int(np.sum(np.sign(declared.effort_scale) != np.sign(reading.effort_scale)))
     signs = int(np.sum(turned)) + (1 if efforts == n else efforts)
     moved = [j for j in range(n) if (reading.position[j], reading.effort[j]) != (j, j)]
-    cost = choice_cost(n) * (len(moved) + signs)
-    return Hypothesis("", "", reading, cost, tuple(moved), bodies.score)
+    return Hypothesis("", "", reading, choice_cost(n) * (len(moved) + signs), tuple(moved))
 
 
 def _all_turned(reading: Reading) -> Reading | None:

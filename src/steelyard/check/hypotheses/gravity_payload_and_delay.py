@@ -2,8 +2,7 @@ r"""Hypotheses about what is around the arm: direction of gravity, a payload, de
 
 Efforts are linear in bodies and in gravity, $e = (Y_0 + \sum_a g_a Y_a) \phi$. With the bodies
 eliminated by least squares (variable projection), what is left depends on the direction of $g$
-alone, and is minimised from every axis. The likeliest directions are then compared with physically
-consistent bodies.
+alone, and is minimised from every axis.
 """
 
 from collections.abc import Iterator
@@ -12,12 +11,7 @@ from copy import copy
 import numpy as np
 
 from steelyard.base.arrays import Array
-from steelyard.check.hypotheses.consistent_bodies_of_log import (
-    BODY_SAMPLES,
-    ConsistentBodies,
-    consistent_bodies,
-    rows_of,
-)
+from steelyard.check.hypotheses.consistent_bodies_of_log import rows_of
 from steelyard.check.hypotheses.nuisance_fit_and_score import (
     MISFIT_FLOOR,
     SHARP_DELAY_FLOOR,
@@ -180,7 +174,19 @@ def axis_near(direction: Array) -> Array | None:
     return axis if direction @ axis > np.cos(NEAR_AXIS_ANGLE) else None
 
 
-FEW_DIRECTIONS = 3  # directions that are compared with physically consistent bodies
+def gravity_directions(reading: Reading, *, search: bool) -> Iterator[Hypothesis]:
+    """Gravity along every axis, not scored; and, if asked, directions that fit any bodies."""
+    size = float(np.linalg.norm(reading.gravity)) or 9.81
+    axes = [*np.eye(3), *-np.eye(3)]
+    fits = _directions(reading)[:FEW_DIRECTIONS] if search and reading.gravity.any() else []
+    for fitted in (*axes, *fits):
+        says, direction, cost = _direction(fitted)
+        if not np.allclose(size * direction, reading.gravity):
+            yield Hypothesis("mounting", says, reading.changed(gravity=size * direction), cost, ())
+
+
+FEW_DIRECTIONS = 3  # directions that are proposed
+DIRECTION_SAMPLES = 600  # samples that they are fitted to
 DIRECTION_RIDGE = 1e-4
 """What keeps columns that a motion does not excite at zero, relative to their length."""
 DIRECTION_RESIDUAL_FLOOR = 1e-4
@@ -192,26 +198,11 @@ INDEPENDENT_DIRECTION_SAMPLES, SIGNIFICANT_DIRECTION = 100.0, 20.0
 """Independent samples of a joint at most, and the rise of the log-likelihood that a tilt needs."""
 
 
-def mounting_hypotheses(now: Reading) -> list[tuple[Hypothesis, ConsistentBodies]]:
-    """Readings that differ in gravity alone, the likeliest first, with the bodies of each."""
-    size = float(np.linalg.norm(now.gravity))
-    if size == 0.0:
-        return []
-    found = []
-    for fitted in _directions(now)[:FEW_DIRECTIONS]:
-        says, direction, cost = _direction(fitted)
-        reading = now.changed(gravity=size * direction)
-        bodies = consistent_bodies(reading)
-        if bodies is not None:
-            found.append((Hypothesis("mounting", says, reading, cost, (), bodies.score), bodies))
-    return sorted(found, key=lambda pair: -pair[0].log_likelihood)
-
-
 def _directions(now: Reading) -> list[Array]:
     """Unit vectors that fit, the best first, none near another or the reading's own."""
     from scipy.optimize import least_squares
 
-    left = _DirectionResidual(now.on(now.likelihood.thinned(BODY_SAMPLES)))
+    left = _DirectionResidual(now.on(now.likelihood.thinned(DIRECTION_SAMPLES)))
     axes = np.concatenate((np.eye(3), -np.eye(3)))
     fits = [least_squares(left, start + 0.05, left.slopes, max_nfev=30) for start in axes]
     known = now.gravity / np.linalg.norm(now.gravity)
@@ -232,7 +223,7 @@ def refined_gravity(found: Reading) -> Array:
     from scipy.optimize import least_squares
 
     start = found.gravity / max(float(np.linalg.norm(found.gravity)), 1e-12)
-    left = _DirectionResidual(found.on(found.likelihood.thinned(BODY_SAMPLES)))
+    left = _DirectionResidual(found.on(found.likelihood.thinned(DIRECTION_SAMPLES)))
     direction, known = start, left.sigma(start)
     for _ in range(DIRECTION_REWEIGHTINGS):
         weighted = left.weighted(left.sigma(direction))

@@ -33,9 +33,14 @@ COARSE_SAMPLES, COARSE_SWEEPS = 120, 6  # samples, and sweeps of the friction's 
 REFINED_HYPOTHESES = 12  # how many of the best of them are looked at again
 
 
+def position_changes(reading: Reading) -> list[Hypothesis]:
+    """One change each, not scored: a sign, two joints exchanged, a unit."""
+    return [*_signs(reading), *_swaps(reading), *_units(reading)]
+
+
 def position_hypotheses(reading: Reading) -> Iterator[Hypothesis]:
     """One change each: a sign, two joints exchanged, a unit."""
-    yield from scored([*_signs(reading), *_swaps(reading), *_units(reading)])
+    yield from scored(position_changes(reading))
 
 
 def deep_hypotheses(reading: Reading) -> Iterator[Hypothesis]:

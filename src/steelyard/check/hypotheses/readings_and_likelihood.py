@@ -380,11 +380,13 @@ class Hypothesis:
     # what the misfits are of, and the misfit before [%]; the nominal model or the reference,
     # and that of the explanation before, if `None`
     compared: tuple[str, float] | None = None
+    evidence: float | None = None  # log evidence, where bodies are not known, instead of the score
 
     @property
     def log_likelihood(self) -> float:
         """With what its freedom costs."""
-        return float(self.score.log_likelihood) - self.cost
+        own = self.score.log_likelihood if self.evidence is None else self.evidence
+        return float(own) - self.cost
 
     @property
     def misfits(self) -> Array:

@@ -1,0 +1,347 @@
+"""Combinations of readings of a log, searched by their evidence where bodies are not known.
+
+One change after another, from the declared reading and from the best combinations of orders and
+signs: all single changes are screened, the best few are compared by their evidence, and what is
+best is changed again. Each change costs what its choice among its kind and its numbers take.
+"""
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from steelyard.base.arrays import Array
+from steelyard.check.case_and_evidence import Knowledge
+from steelyard.check.decision.thresholds import LEAST_MASS, LEAST_SHARE, LIKELY
+from steelyard.check.hypotheses.effort_hypotheses import (
+    OtherEfforts,
+    best_combinations,
+    effort_hypotheses,
+    holds_factors,
+)
+from steelyard.check.hypotheses.evidence import (
+    Evidence,
+    EvidenceOfLog,
+    Key,
+    body_map,
+    key_of,
+    payload_map,
+)
+from steelyard.check.hypotheses.gravity_payload_and_delay import (
+    gravity_directions,
+    gravity_hypotheses,
+)
+from steelyard.check.hypotheses.position_hypotheses import position_changes, ratio_hypotheses
+from steelyard.check.hypotheses.readings_and_likelihood import (
+    CLOSE_HYPOTHESES,
+    FITTED_NUMBER_COST,
+    Hypothesis,
+    Likelihood,
+    Reading,
+    choice_cost,
+    keeps_evidence,
+)
+from steelyard.estimate.payload.runs_with_payload import carrier
+from steelyard.estimate.prior.body_priors import model_prior
+
+COMPARED = 6  # changes of a reading that are compared by their evidence after screening
+ROUNDS = 4  # changes at most, one after another
+TRIED_DELAYS = (-0.08, -0.04, 0.04, 0.08, 0.14, 0.22, 0.3)  # delays of efforts that are tried [s]
+DELAY_STEPS = (0.02, 0.01, 0.005)  # steps to either side by which the best of them is refined [s]
+WORSE_TO_EXPAND = 40.0  # evidence below the best one up to which a reading is changed further
+POOR = 0.1  # misfit of a joint from which combinations are searched too
+COMPARED_ANYWAY = ("effort unit", "effort kind")  # screening does not tell sizes of all efforts
+LARGEST_FACTOR = 1000.0  # on one joint's effort: friction fits what is off by more
+SAME_FACTOR = 1.25  # factors on efforts up to which they are one
+SAME_UNIT = 10.0  # typical factors up to which they are of one unit
+SAME_DIRECTION = np.cos(np.deg2rad(8.0))  # of gravity
+
+
+@dataclass(frozen=True, eq=False)
+class Explanation:
+    """A reading of a log, as changes of the declared one."""
+
+    reading: Reading
+    changes: tuple[Hypothesis, ...]
+    evidence: Evidence
+
+    @property
+    def cost(self) -> float:
+        """What its changes cost."""
+        return sum(change.cost for change in self.changes)
+
+    @property
+    def log(self) -> float:
+        """Log evidence with what its changes cost."""
+        return self.evidence.log - self.cost
+
+    @property
+    def poor(self) -> bool:
+        """Whether a joint disagrees, whatever bodies weigh."""
+        return bool(np.any(self.evidence.misfits[self.evidence.counts > 0.0] > POOR))
+
+    @property
+    def carried(self) -> Array:
+        """Ten numbers by which the last link differs from the model file's, payload included."""
+        return _carried(self.reading, self.evidence)
+
+    def as_hypothesis(self, **named: object) -> Hypothesis:
+        """The same as one hypothesis."""
+        says = ", and ".join(change.says for change in self.changes)
+        cause = self.changes[-1].cause if self.changes else ""
+        joints = self.changes[-1].joints if self.changes else ()
+        one = Hypothesis(
+            cause,
+            says,
+            self.reading,
+            self.cost,
+            joints,
+            self.evidence.score,
+            evidence=self.evidence.log,
+        )
+        return replace(one, **named)  # type: ignore[arg-type]
+
+
+def least_mass(knowledge: Knowledge) -> float:
+    """Payload from which on one matters [kg]."""
+    arm = sum(body.inertia.mass for body in knowledge.robot.bodies)
+    return max(LEAST_MASS, LEAST_SHARE * arm)
+
+
+def _carried(reading: Reading, evidence: Evidence) -> Array:
+    robot = reading.knowledge.robot
+    part = slice(10 * (last := carrier(robot).body), 10 * last + 10)
+    arm, load = np.split(evidence.bodies, [10 * len(robot.bodies)])
+    found = (body_map(robot) @ arm)[part] - evidence.size * model_prior(robot, last).inertia.ten
+    return np.asarray(found + payload_map(robot) @ load if len(load) else found)
+
+
+Tried = tuple[Reading, tuple[Hypothesis, ...]]
+
+
+class Search:
+    """Explanations of a log that were compared."""
+
+    def __init__(
+        self, likelihood: Likelihood, others: OtherEfforts, unknown: NDArray[np.bool_]
+    ) -> None:
+        self.of = EvidenceOfLog(likelihood, unknown)
+        self._others = others
+        self.found: dict[Key, Explanation] = {}
+        self._alternatives: dict[Key, list[Hypothesis]] = {}
+        self.compare([(likelihood.declared, ())])
+        if self.found:
+            self._search(likelihood)
+
+    def _search(self, likelihood: Likelihood) -> None:
+        for number in range(ROUNDS):
+            best = self.best
+            most = 1 + best.poor * (number > 0)
+            near = [x for x in self.ordered() if x.log > best.log - WORSE_TO_EXPAND][:most]
+            starts = [x for x in near if key_of(x.reading) not in self._alternatives]
+            for start in starts:
+                self._expand(start)
+            if number == 0 and self.best.poor:
+                self._compare_best([(h.reading, (h,)) for h in best_combinations(likelihood)])
+            if not starts:
+                break
+        if any(change.cause == "effort delay" for change in self.best.changes):
+            self._refine_delay()
+
+    @property
+    def declared(self) -> Explanation:
+        """The declared reading."""
+        return next(iter(self.found.values()))
+
+    @property
+    def best(self) -> Explanation:
+        """The likeliest one; of those that hardly differ from it, that with the fewest changes."""
+        least = max(x.log for x in self.found.values()) - LIKELY
+        near = [x for x in self.found.values() if x.log > least]
+        return min(near, key=lambda x: (len(x.changes), -x.log))
+
+    def ordered(self) -> list[Explanation]:
+        """The best first."""
+        return sorted(self.found.values(), key=lambda x: -x.log)
+
+    def alternatives(self, cause: str) -> Iterator[tuple[Hypothesis, float]]:
+        """Single changes of the best explanation with one cause, each with its log odds."""
+        best = self.best
+        own = self._rough(best.reading)
+        for one in self._alternatives.get(key_of(best.reading), ()):
+            key = key_of(one.reading)
+            if one.cause != cause or alike(cause, one.reading, best.reading):
+                continue
+            if cause in FACTOR_CAUSES and one.cost >= FITTED_NUMBER_COST:
+                continue  # `odds_of_factors` tell more than the factor that fits best
+            rough = self.of.screened([one.reading])[0]
+            least = least_mass(best.reading.knowledge)
+            if cause == "payload" and rough and _carried(one.reading, rough)[0] < least:
+                continue
+            if key in self.found:
+                yield one, self.found[key].log - best.log
+            else:
+                yield one, self._rough(one.reading) - one.cost - own
+
+    def without(self, cause: str) -> float:
+        """Log odds of the best explanation to the best that says something else of a cause."""
+        best, declared = self.best, self.declared.reading
+        alone = undone(best.reading, declared, cause)
+        self.compare([(alone, tuple(c for c in best.changes if c.cause != cause))])
+        others = [
+            x.log
+            for x in self.found.values()
+            if not any(alike(cause, y, best.reading) for y in (x.reading, mirror(x.reading)))
+        ]
+        return best.log - max(others, default=-np.inf)
+
+    def odds_of_factors(self, factors: Sequence[Array]) -> list[float]:
+        """Log odds to the best explanation of factors on efforts beside it, each `(n,)`."""
+        best = self.best
+        cost = FITTED_NUMBER_COST + choice_cost(len(best.reading.effort))
+        found = self.of.of([best.reading.with_factors(one) for one in factors])
+        return [-np.inf if x is None else x.log - best.evidence.log - cost for x in found]
+
+    def compare(self, tried: Iterable[Tried]) -> None:
+        """Compare readings by their evidence."""
+        pairs = [pair for pair in tried if key_of(pair[0]) not in self.found]
+        for (reading, changes), one in zip(pairs, self.of.of([r for r, _ in pairs]), strict=True):
+            if one is not None:
+                self.found[key_of(reading)] = Explanation(reading, changes, one)
+
+    def _expand(self, start: Explanation) -> None:
+        single = list(_changes(start, self._others))
+        self._alternatives[key_of(start.reading)] = single
+        forced = [h for h in single if h.cause in COMPARED_ANYWAY]
+        self._compare_best([(h.reading, (*start.changes, h)) for h in single if h not in forced])
+        self.compare([(h.reading, (*start.changes, h)) for h in forced])
+
+    def _rough(self, reading: Reading) -> float:
+        found = self.of.screened([reading])[0]
+        return -np.inf if found is None else found.log
+
+    def _compare_best(self, tried: Sequence[Tried]) -> None:
+        self.of.screened([reading for reading, _ in tried])
+
+        def likely(one: Tried) -> float:
+            return self._rough(one[0]) - sum(h.cost for h in one[1])
+
+        self.compare(sorted(tried, key=likely, reverse=True)[:COMPARED])
+
+    def _refine_delay(self) -> None:
+        for step in DELAY_STEPS:
+            best = self.best
+            last = next((c for c in best.changes if c.cause == "effort delay"), None)
+            if last is None:
+                return
+            rest = tuple(c for c in best.changes if c is not last)
+            for more in (-step, step):
+                reading = best.reading.changed(delay=best.reading.delay + more)
+                one = _late(reading, reading.delay - self.declared.reading.delay)
+                self.compare([(reading, (*rest, one))])
+
+
+def _changes(start: Explanation, others: OtherEfforts) -> Iterator[Hypothesis]:
+    """Everything that one change of a reading can explain."""
+    reading, declared = start.reading, start.reading.likelihood.declared
+    for h in effort_hypotheses(reading, others):
+        factors = h.reading.effort_scale / reading.effort_scale
+        # a fitted factor on all efforts is no other reading than bodies of another size
+        if h.cause == "effort kind" and np.any(factors != 1.0) and h.cost < FITTED_NUMBER_COST:
+            if holds_factors(reading, np.abs(factors)):
+                yield h
+            continue
+        sizes = np.abs(np.log(np.abs(factors)))
+        if h.cause != "gain" or (np.ptp(factors) > 0.0 and sizes.max() < np.log(LARGEST_FACTOR)):
+            yield h
+    yield from gravity_hypotheses(reading)
+    yield from gravity_directions(reading, search=start.poor)
+    for h in position_changes(reading):
+        # units of positions and time are found by other checks, without a model
+        if h.cause in ("position sign", "joint order") and keeps_evidence(h.reading):
+            every = h.cause == "position sign" and len(h.joints) == len(reading.position) > 1
+            yield replace(h, cost=h.cost + CLOSE_HYPOTHESES * every)  # efforts are likelier
+    yield from ratio_hypotheses(reading)
+    if reading.payload is None:
+        loaded = reading.changed(payload=np.zeros(10))
+        says = "the last link carries something"
+        yield Hypothesis("payload", says, loaded, FITTED_NUMBER_COST, ())
+    if reading.delay == declared.delay:
+        for delay in TRIED_DELAYS:
+            yield _late(reading.changed(delay=reading.delay + delay), delay)
+
+
+def _late(reading: Reading, delay: float) -> Hypothesis:
+    says = f"efforts are {1e3 * abs(delay):.3g} ms {'late' if delay > 0 else 'early'}"
+    return Hypothesis("effort delay", says, reading, FITTED_NUMBER_COST, ())
+
+
+FACTOR_CAUSES = ("gain", "effort kind", "effort unit")
+COPIED: dict[str, Callable[[Reading, Reading], Reading]] = {
+    "joint order": lambda a, b: a.changed(position=b.position, effort=b.effort),
+    "position sign": lambda a, b: a.changed(
+        position_scale=np.copysign(a.position_scale, b.position_scale)
+    ),
+    "effort sign": lambda a, b: a.changed(effort_scale=np.copysign(a.effort_scale, b.effort_scale)),
+    "mounting": lambda a, b: a.changed(gravity=b.gravity),
+    "effort delay": lambda a, b: a.changed(delay=b.delay),
+    "payload": lambda a, b: a.changed(payload=b.payload),
+} | dict.fromkeys(
+    FACTOR_CAUSES,
+    lambda a, b: a.changed(
+        effort_scale=np.copysign(b.effort_scale, a.effort_scale),
+        ratios=b.ratios,
+        kind=b.kind,
+        gravity=b.gravity if a.kind == "gravity_compensated_torque" else a.gravity,
+    ),
+)
+"""What a reading becomes if what it says of a cause is replaced by what another one says."""
+
+
+def undone(reading: Reading, declared: Reading, cause: str) -> Reading:
+    """A reading that says of a cause what is declared."""
+    return COPIED[cause](reading, declared) if cause in COPIED else declared
+
+
+def alike(cause: str, a: Reading, b: Reading) -> bool:
+    """Whether two readings say the same of a cause."""
+    if cause == "joint order":
+        return (a.position, a.effort) == (b.position, b.effort)
+    if cause == "position sign":
+        return np.array_equal(np.sign(a.position_scale), np.sign(b.position_scale))
+    if cause == "effort sign":
+        # by column, as an order moves them
+        return np.array_equal(_signs_of_columns(a), _signs_of_columns(b))
+    if cause == "mounting":
+        return _one_direction(a.gravity, b.gravity)
+    if cause == "effort delay":
+        return abs(a.delay - b.delay) < DELAY_STEPS[0]
+    if cause == "payload":
+        return (a.payload is None) == (b.payload is None)
+    if cause in FACTOR_CAUSES:
+        far = np.log(np.abs(a.effort_scale * a.ratios / b.effort_scale / b.ratios))
+        typical = float(np.median(far))
+        if cause == "effort unit":
+            return bool(abs(typical) < np.log(SAME_UNIT))
+        same = cause == "gain" or a.kind == b.kind
+        return bool(same and np.all(np.abs(far - typical) < np.log(SAME_FACTOR)))
+    return key_of(a) == key_of(b)
+
+
+def mirror(reading: Reading) -> Reading:
+    """All positions and all efforts of the other sign: mirrored bodies have the same effect."""
+    return reading.changed(
+        position_scale=-reading.position_scale, effort_scale=-reading.effort_scale
+    )
+
+
+def _signs_of_columns(reading: Reading) -> Array:
+    signs = np.zeros(len(reading.effort))
+    signs[list(reading.effort)] = np.sign(reading.effort_scale)
+    return signs
+
+
+def _one_direction(a: Array, b: Array) -> bool:
+    size = float(np.linalg.norm(a) * np.linalg.norm(b))
+    return bool(a @ b > SAME_DIRECTION * size) if size > 0.0 else not (a.any() or b.any())

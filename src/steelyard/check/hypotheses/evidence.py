@@ -1,0 +1,312 @@
+"""Evidence of a reading: the likelihood of a log with bodies and friction that can exist averaged.
+
+Products of a motion's columns are made once; readings of one motion differ by them only. The mean
+over several widths of bodies about the nominal ones is a sum: a nominal model that is accurate
+decides finely, one that is not does not mislead. Joints count for a limited number of samples, as
+errors of a model are not noise.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from steelyard.base.arrays import Array
+from steelyard.base.errors import DataError
+from steelyard.check.hypotheses.averaged_bodies import LENGTHS, averaged, nominal_bodies
+from steelyard.check.hypotheses.consistent_bodies_of_log import dense_regressor
+from steelyard.check.hypotheses.effort_hypotheses import best_factors
+from steelyard.check.hypotheses.nuisance_fit_and_score import (
+    LEAST_SAMPLE_COUNT,
+    NUISANCES,
+    LikelihoodScore,
+)
+from steelyard.check.hypotheses.readings_and_likelihood import Likelihood, Reading
+from steelyard.estimate.consistent.unknowns_and_penalties import ten_map
+from steelyard.estimate.payload.runs_with_payload import carrier
+from steelyard.estimate.prior.body_priors import model_prior
+from steelyard.model.compiled_evaluation import check_angles
+from steelyard.robot.inertia_and_placement import Inertia
+from steelyard.robot.robot import Robot
+
+WIDTHS = (0.05, 0.2, 0.8)  # relative widths of bodies about the nominal ones
+EVIDENCE_SAMPLES = 300  # samples that products are made of
+MOST_EVIDENCE_SAMPLES = 60.0  # most independent samples that a joint counts for
+STEPS, SCREENING_STEPS = 14, 7  # Newton steps
+SCREENED_WIDTHS = (0.8,)
+ABSURD = 1e3  # misfit from which on a reading is none
+CARRIED_WIDTH, CARRIED_MASS, CARRIED_SIZE = 1.4, 0.03, 0.1
+"""Relative width about the likeliest payload, its mass over the arm's, and its size and distance
+from the last link's frame [m]: masses of 0.05 to 0.4 of the arm's are expected."""
+SCALE_WIDTH, SCALE_COST, LEAST_SCALE = 0.9, 4.0, 0.3
+"""Standard deviation of the logarithm of a common factor on all bodies of a model file; what its
+estimate costs; the logarithm from which on bodies of that size are a case of their own."""
+BATCH = 96  # problems that are solved at once
+
+Key = tuple[object, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """Of one reading."""
+
+    log: float  # log-likelihood, averaged, over that of white noise of the effort's size
+    misfits: Array  # root mean square of what is left over the effort's, of each joint, `(n,)`
+    counts: Array  # samples that each joint counts for, shape `(n,)`
+    width: float  # the most likely relative width of bodies about the nominal ones
+    # entries of the most likely `X` of all bodies, then of a payload's if one is read, `(10 m,)`
+    bodies: Array
+    scale: float  # typical effort of these bodies over that of the nominal ones
+    size: float = 1.0  # of the nominal bodies that these are about, over those of the model file
+    sized: float = 0.0  # log evidence of bodies of another size over that of the nominal ones
+
+    @property
+    def score(self) -> LikelihoodScore:
+        """The misfits as a score."""
+        return LikelihoodScore(self.misfits, self.counts, np.zeros((len(self.misfits), NUISANCES)))
+
+    @property
+    def percent(self) -> float:
+        """Typical misfit [%]."""
+        return float(self.score.percent)
+
+
+@dataclass(frozen=True, eq=False)
+class _Products:
+    """Products of samples of one motion under one gravity, in the logged base unit."""
+
+    yy: Array  # columns of bodies and of a joint's own with each other, shape `(n, K, K)`
+    ye: Array  # of these with all effort columns, shape `(n, K, n)`
+    ee: Array  # squares of effort columns where the joint moves, shape `(n, n)`
+    count: Array  # independent samples, shape `(n,)`
+
+    def with_columns(self, combined: Array) -> "_Products":
+        """With combinations of the bodies' columns beside them, `(k, m)`."""
+        k, m = combined.shape
+        of = np.block([[np.eye(k), combined, np.zeros((k, NUISANCES))]])
+        own = np.eye(NUISANCES, k + m + NUISANCES, k + m)
+        of = np.concatenate((of, own))
+        return replace(self, yy=of.T @ self.yy @ of, ye=of.T @ self.ye)
+
+
+class EvidenceOfLog:
+    """Evidence of readings of one log; products of motions are made once."""
+
+    def __init__(self, likelihood: Likelihood, unknown: NDArray[np.bool_]) -> None:
+        """Of a log, some of whose gains are unknown, shape `(n,)`."""
+        self._log, self._unknown = likelihood.thinned(EVIDENCE_SAMPLES), unknown
+        robot = likelihood.knowledge.robot
+        self._map, self._last = body_map(robot), carrier(robot).body
+        part = slice(10 * self._last, 10 * self._last + 10)
+        self._carried = np.zeros((len(self._map), 10))
+        self._carried[part] = np.linalg.solve(self._map[part, part], payload_map(robot))
+        self._products: dict[Key, _Products | None] = {}
+        self._rough: dict[Key, Evidence | None] = {}
+        self._columns: tuple[Key, tuple[Array, Array] | None] | None = None
+        lower, upper = likelihood.bounds
+        self._turned = np.where(upper <= 0.0, -1.0, 1.0) * np.where(lower == upper, 0.0, 1.0)
+        self._positive = np.isfinite(lower) | np.isfinite(upper)
+
+    def screened(self, readings: Sequence[Reading]) -> list[Evidence | None]:
+        """Rough evidence: bodies of one width about nominal ones of the size that efforts have."""
+        new = {key: r for r in readings if (key := key_of(r)) not in self._rough}
+        products = [self._products_of(reading) for reading in new.values()]
+        problems = [
+            None if x is None else self._problem(r, _nominal_scale(r, x))
+            for r, x in zip(new.values(), products, strict=True)
+        ]
+        found = self._solved(problems, SCREENED_WIDTHS, SCREENING_STEPS)
+        self._rough.update(zip(new, found, strict=True))
+        return [self._rough[key_of(reading)] for reading in readings]
+
+    def of(self, readings: Sequence[Reading]) -> list[Evidence | None]:
+        """That of each reading; `None` where states are impossible or nothing moves."""
+        rough = self.screened(readings)
+        scales = [np.exp(0.0 if x is None else np.log(x.scale)) for x in rough]
+        both = []
+        for sized in (False, True):
+            problems = [
+                None
+                if x is None or (sized and abs(np.log(c)) < LEAST_SCALE)
+                else self._problem(r, c if sized else 1.0)
+                for r, x, c in zip(readings, rough, scales, strict=True)
+            ]
+            both.append(self._solved(problems, WIDTHS, STEPS))
+        return [_mixed(*pair) for pair in zip(*both, strict=True)]
+
+    def _solved(
+        self, problems: Sequence["_Problem | None"], widths: Sequence[float], steps: int
+    ) -> list[Evidence | None]:
+        found: list[Evidence | None] = [None] * len(problems)
+        size = max(1, BATCH // len(widths))
+        for body in {p.carrier for p in problems if p is not None}:
+            used = [(k, p) for k, p in enumerate(problems) if p and p.carrier == body]
+            for start in range(0, len(used), size):
+                part = used[start : start + size]
+                solved = _averaged([p for _, p in part], widths, steps)
+                for (k, _), one in zip(part, solved, strict=True):
+                    found[k] = one if np.max(one.misfits) < ABSURD else None
+        return found
+
+    def _problem(self, reading: Reading, scale: float) -> "_Problem | None":
+        products = self._products_of(reading)
+        if products is None:
+            return None
+        if self._unknown.any():
+            reading = self._with_gains(reading)
+        if reading.payload is None:
+            return _normalised(reading, products, self._positive, scale)
+        products = products.with_columns(self._carried)
+        return replace(_normalised(reading, products, self._positive, scale), carrier=self._last)
+
+    def _with_gains(self, reading: Reading) -> Reading:
+        """Unknown gains as nominal bodies of the size that the other efforts have them."""
+        best = best_factors(reading.on(self._log).changed(payload=None))
+        known = best[~self._unknown] if not self._unknown.all() else np.ones(1)
+        common = float(np.exp(np.median(np.log(known))))
+        return reading.with_factors(np.where(self._unknown, best / common, 1.0))
+
+    def _products_of(self, reading: Reading) -> "_Products | None":
+        motion = (*reading.of_motion, np.round(reading.gravity, 6).tobytes())
+        if reading.likelihood.signals.effort_map is not None:
+            motion += (reading.ratios.tobytes(),)
+        key = (*motion, reading.delay)
+        if key not in self._products:
+            if self._columns is None or self._columns[0] != motion:
+                self._columns = motion, self._columns_of(reading.on(self._log))
+            columns = self._columns[1]
+            self._products[key] = None if columns is None else self._made(*columns, reading.delay)
+        return self._products[key]
+
+    def _columns_of(self, reading: Reading) -> tuple[Array, Array] | None:
+        """Columns of bodies and of a joint's own `(n, K, N)`, and where joints move `(n, N)`."""
+        knowledge, motion = reading.knowledge, reading.motion()
+        y, moving = reading.columns()
+        try:
+            check_angles(motion[0])
+            bodies = knowledge.under_any(reading.gravity, dense_regressor, *motion)
+        except (DataError, ValueError):
+            return None
+        bodies = np.einsum("ij,kjb->ikb", reading.into_logged(), bodies) * moving[:, None]
+        if not (np.isfinite(bodies).all() and moving.any()):
+            return None
+        own = y[:, :NUISANCES] * self._turned[..., None]
+        return np.concatenate((self._map.T @ bodies, own), axis=1), moving
+
+    def _made(self, columns: Array, moving: Array, delay: float) -> "_Products":
+        efforts = self._log.excerpt.later([delay])[0]
+        seen = np.maximum(moving.sum(axis=1), 1.0)[:, None, None]
+        yy = columns @ columns.swapaxes(1, 2) / seen
+        ye = columns @ efforts.T / seen
+        ee = moving @ np.square(efforts).T / seen[..., 0]
+        count = moving.sum(axis=1) * self._log.excerpt.worth
+        return _Products(yy, ye, ee, np.where(count >= LEAST_SAMPLE_COUNT, count, 0.0))
+
+
+def key_of(reading: Reading) -> Key:
+    """What makes a reading another one."""
+    arrays = (reading.position_scale, reading.effort_scale, reading.gravity, reading.ratios)
+    return (
+        reading.position,
+        reading.effort,
+        *(tuple(f"{value:.3g}" for value in array) for array in arrays),
+        round(reading.delay, 3),
+        round(float(np.log(reading.time)), 3),
+        reading.payload is None,
+        None if reading.zeros is None else tuple(np.round(reading.zeros, 3)),
+    )
+
+
+def _nominal_scale(reading: Reading, products: "_Products") -> float:
+    """Typical effort of a reading over that of the nominal bodies."""
+    joints, k = np.arange(len(products.ee)), products.yy.shape[1] - NUISANCES
+    one = nominal_bodies(k // 10)
+    nominal = np.sqrt(np.maximum(products.yy[:, :k, :k] @ one @ one, 0.0))
+    logged = np.sqrt(products.ee[joints, list(reading.effort)]) * np.abs(reading.effort_scale)
+    seen = (products.count > 0.0) & (nominal > 1e-6 * nominal.max(initial=0.0)) & (logged > 0.0)
+    return float(np.exp(np.median(np.log(logged[seen] / nominal[seen])))) if seen.any() else 1.0
+
+
+def _mixed(nominal: Evidence | None, sized: Evidence | None) -> Evidence | None:
+    """Bodies about the nominal ones, and about nominal ones of the size that the log shows."""
+    if sized is None:
+        return nominal
+    rarer = 0.5 * (np.log(sized.scale) / SCALE_WIDTH) ** 2 + SCALE_COST
+    if nominal is None:
+        return replace(sized, log=sized.log - rarer, sized=np.inf)
+    better = sized if sized.log - rarer > nominal.log else nominal
+    log = float(np.logaddexp(nominal.log, sized.log - rarer))
+    return replace(better, log=log, sized=sized.log - rarer - nominal.log)
+
+
+def body_map(robot: Robot) -> Array:
+    """Ten numbers of all bodies per unknown: entries of `X` in an orthonormal basis."""
+    found = np.zeros((10 * len(robot.bodies),) * 2)
+    for body in range(len(robot.bodies)):
+        part = slice(10 * body, 10 * body + 10)
+        found[part, part] = ten_map(model_prior(robot, body).inertia) * LENGTHS
+    return found
+
+
+def payload_map(robot: Robot) -> Array:
+    """Ten numbers of a payload per unknown, in the frame of the last link."""
+    mass = CARRIED_MASS * sum(model_prior(robot, b).inertia.mass for b in range(len(robot.bodies)))
+    typical = Inertia.from_pseudo(mass * np.diag([*[CARRIED_SIZE**2] * 3, 1.0]))
+    return np.asarray(ten_map(typical) * LENGTHS)
+
+
+@dataclass(frozen=True, eq=False)
+class _Problem:
+    """A reading, in units of the efforts' root mean squares."""
+
+    yy: Array  # of bodies and a joint's own unknowns, shape `(n, k + 4, k + 4)`
+    ye: Array  # shape `(n, k + 4)`
+    count: Array
+    positive: NDArray[
+        np.bool_
+    ]  # which of the joints' own unknowns are not negative, shape `(n, 4)`
+    scale: float  # of the bodies that unknowns of 1 stand for, over the nominal ones
+    carrier: int = -1  # the body that carries a payload, which is the last of them; -1 for none
+
+
+def _normalised(
+    reading: Reading, products: _Products, positive: NDArray[np.bool_], scale: float
+) -> _Problem:
+    n, k = products.yy.shape[0], products.yy.shape[1] - NUISANCES
+    joints, effort = np.arange(n), np.array(reading.effort)
+    ee = products.ee[joints, effort] * reading.effort_scale**2
+    count = np.where(ee > 0.0, np.minimum(products.count, MOST_EVIDENCE_SAMPLES), 0.0)
+    rms = np.sqrt(np.where(count > 0.0, ee, 1.0))
+    own = np.sqrt(np.einsum("jkk->jk", products.yy[:, k:, k:]))
+    sizes = np.where(own > 1e-12, 1.0 / np.maximum(own, 1e-12), 0.0)  # unit effort of each column
+    factors = np.concatenate((np.full((n, k), scale), sizes * rms[:, None]), axis=1) / rms[:, None]
+    yy = products.yy * factors[:, :, None] * factors[:, None, :]
+    ye = products.ye[joints, :, effort] * factors * (reading.effort_scale / rms)[:, None]
+    return _Problem(yy, ye, count, positive, scale)
+
+
+def _averaged(problems: Sequence[_Problem], widths: Sequence[float], steps: int) -> list[Evidence]:
+    """Evidence of problems of one number of bodies, averaged over the widths."""
+    h, k = len(problems), problems[0].ye.shape[1] - NUISANCES
+    yy, ye, counts = (np.array([getattr(p, x) for p in problems]) for x in ("yy", "ye", "count"))
+    gamma = np.tile(np.array(widths)[:, None] ** -2.0, (h, 1, k // 10))
+    arm = k - 10 * (problems[0].carrier >= 0)
+    if problems[0].carrier >= 0:
+        unknown = [problems[0].carrier, -1]  # the last link may weigh less, too
+        gamma[..., unknown] = np.minimum(gamma[..., unknown], CARRIED_WIDTH**-2)
+    fit = averaged(yy, ye, counts, problems[0].positive, gamma, steps)
+    found = []
+    for i, best in enumerate(np.argmax(fit.logs, axis=1)):
+        top = fit.logs[i, best]
+        log = float(top + np.log(np.mean(np.exp(fit.logs[i] - top))))
+        u, seen, size = fit.bodies[i, best], counts[i] > 0.0, problems[i].scale
+        misfits = np.where(seen, fit.misfits[i, best], 1.0)
+        mine, nominal = (
+            np.sqrt(np.maximum(np.einsum("a,jab,b->j", v, yy[i][:, :arm, :arm], v), 1e-300))
+            for v in (u[:arm], nominal_bodies(arm // 10))
+        )
+        ratio = np.log(mine / nominal)[seen & (nominal > 1e-9 * nominal.max(initial=0.0))]
+        scale = float(np.exp(np.median(ratio))) if len(ratio) else 1.0
+        found.append(Evidence(log, misfits, counts[i], widths[best], size * u, size * scale, size))
+    return found
