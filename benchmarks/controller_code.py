@@ -16,7 +16,7 @@ import numpy as np
 import pinocchio as pin
 
 from steelyard.base.arrays import Parameters
-from steelyard.export.code.c_header_and_source import CCode
+from steelyard.export.code.c_code import CCode
 from steelyard.export.code.controller_functions import Controller
 from steelyard.model.equations.frames_and_effort_bounds import last_frame
 from steelyard.model.model import Model

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from controller_code import CLOCK, OPTIONS, ROUNDS, STATES, Best, Row, states_table, timed
 
-from steelyard.export.code.c_header_and_source import CCode
+from steelyard.export.code.c_code import CCode
 from steelyard.export.code.controller_functions import Controller, ObserverNumbers
 from steelyard.model.equations.frames_and_effort_bounds import last_frame
 from steelyard.model.model import Model

@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 
 from steelyard.base.arrays import Array, Parameters
-from steelyard.export.code.c_folder_and_self_test import self_test
-from steelyard.export.code.c_header_and_source import CCode
+from steelyard.export.code.c_code import CCode, self_test
 from steelyard.export.code.controller_functions import USUAL_FUNCTIONS, Controller
 from steelyard.model.model import Model
 from steelyard.model.terms.term import Term

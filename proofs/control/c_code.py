@@ -21,7 +21,7 @@ from proofs.support.claims import Claim, data_folder, main_of
 import steelyard
 from steelyard.base.arrays import Array, Parameters
 from steelyard.base.motion import Motion
-from steelyard.export.code.c_header_and_source import CCode
+from steelyard.export.code.c_code import CCode
 from steelyard.export.code.controller_functions import FUNCTIONS, Controller, ObserverNumbers
 from steelyard.export.code.export_code import end_frames
 from steelyard.model.equations.passive_joints import passive_positions, random_positions

@@ -18,8 +18,7 @@ from steelyard.excite.trajectories.trajectory_files import read_motion
 from steelyard.export.code.export_code import origin_of
 from steelyard.model.laws.friction_with_memory import Dahl
 from steelyard.robot.file.robot_file import load_robot
-from steelyard.uses.control.feedforward import feedforward
-from steelyard.uses.control.torques_along_motion import remarks_on_torques
+from steelyard.uses.control.feedforward import feedforward, remarks_on_torques
 
 SHORT = ("simulate", ROBOT, "--period", "1.0")
 

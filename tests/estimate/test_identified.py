@@ -21,7 +21,7 @@ from steelyard.model.laws.rigid_body import RigidBody
 from steelyard.model.model import Model
 from steelyard.robot.file.signals import Signals
 from steelyard.robot.robot import Limits
-from steelyard.uses.control.torques_along_motion import refuse_unknown_gains
+from steelyard.uses.control.feedforward import refuse_unknown_gains
 
 
 @pytest.fixture

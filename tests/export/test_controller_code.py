@@ -28,7 +28,7 @@ from law_cases import CASES
 from moving import cycles, geared
 from steelyard.base.arrays import Array, Parameters
 from steelyard.base.motion import Motion
-from steelyard.export.code.c_header_and_source import CCode, commented, identifiers
+from steelyard.export.code.c_code import CCode, commented, identifiers
 from steelyard.export.code.controller_functions import FUNCTIONS, Controller, regrouped
 from steelyard.model.laws.friction_over_speed import Coulomb
 from steelyard.model.laws.friction_with_memory import Dahl

@@ -16,7 +16,7 @@ from moving import geared
 from steelyard.base.arrays import Array
 from steelyard.estimate.external.contact_thresholds import ContactThresholds
 from steelyard.estimate.identified_model import IdentifiedModel
-from steelyard.export.code.c_header_and_source import CCode
+from steelyard.export.code.c_code import CCode
 from steelyard.export.code.controller_functions import Controller, ObserverNumbers
 from steelyard.export.code.export_code import controller_of, write_code
 from steelyard.export.code.python_code import python_code

@@ -14,7 +14,7 @@ import scipy.io
 
 from steelyard.base.errors import LogError
 from steelyard.logs.formats import open_log
-from steelyard.logs.named_arrays import ArraysLog
+from steelyard.logs.named_arrays_and_numpy_files import ArraysLog
 
 N = 40
 T = 0.01 * np.arange(N)

@@ -8,7 +8,7 @@ import pytest
 from bag_writers import floats, in_order, joint_state, write_mcap
 from steelyard.logs.formats import open_log
 from steelyard.robot.init.column_names import Column
-from steelyard.robot.init.guess_clock_and_positions import guess_time
+from steelyard.robot.init.guess_clock_positions_and_velocities import guess_time
 from steelyard.robot.init.guess_columns import guess_columns
 from steelyard.robot.robot import Coordinate
 

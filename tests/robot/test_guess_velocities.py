@@ -5,8 +5,8 @@ import pytest
 
 from robot.test_guess import TWO, numbered
 from steelyard.robot.file.signals import POSITION_UNITS, VELOCITY_UNITS
+from steelyard.robot.init.guess_clock_positions_and_velocities import compared
 from steelyard.robot.init.guess_columns import guess_columns
-from steelyard.robot.init.guess_velocities import compared
 
 T = np.arange(4000) * 0.005
 

@@ -9,6 +9,7 @@ from steelyard.base.motion import Motion
 from steelyard.model.laws.friction_with_memory import Dahl
 from steelyard.model.laws.rigid_body import RotorInertia
 from steelyard.model.model import ValuedModel
+from steelyard.uses.control.feedforward import friction_torque
 from steelyard.uses.control.joint_controllers import (
     CONTROLS,
     PD,
@@ -20,7 +21,6 @@ from steelyard.uses.control.joint_controllers import (
     TorqueFeedforward,
     control_of,
 )
-from steelyard.uses.control.torques_along_motion import friction_torque
 from uses.conftest import TICK, valued_of
 
 

@@ -17,7 +17,7 @@ from steelyard.logs.formats import FORMATS
 from steelyard.logs.log import ROWS_OF_PART, Cut, Log
 from steelyard.robot.file.signals import TIME_UNITS
 from steelyard.robot.init.column_names import Column
-from steelyard.robot.init.guess_clock_and_positions import guess_time
+from steelyard.robot.init.guess_clock_positions_and_velocities import guess_time
 
 SAMPLED_TIMES = 2000  # rows read to find a column of time
 

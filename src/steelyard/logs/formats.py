@@ -21,7 +21,7 @@ from steelyard.logs.hdf5_matlab import open_hdf5, open_mat
 from steelyard.logs.log import Log, WholeClocks, require_file
 from steelyard.logs.messages.bag2 import METADATA
 from steelyard.logs.messages.message_log import MessageLog
-from steelyard.logs.npz import open_npy, open_npz
+from steelyard.logs.named_arrays_and_numpy_files import open_npy, open_npz
 from steelyard.logs.parquet import ParquetLog, require_polars
 from steelyard.logs.text_table import DelimitedLog
 

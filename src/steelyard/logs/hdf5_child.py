@@ -15,7 +15,7 @@ import h5py  # type: ignore[import-untyped]
 import numpy as np
 
 from steelyard.base.arrays import Array
-from steelyard.logs.named_arrays import (
+from steelyard.logs.named_arrays_and_numpy_files import (
     ColumnPlace,
     NamedArray,
     joined,

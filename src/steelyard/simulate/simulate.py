@@ -28,8 +28,8 @@ from steelyard.simulate.virtual_robot import (
     customary_sensors,
     write_run,
 )
+from steelyard.uses.control.feedforward import refuse_other_robot, refuse_unknown_gains
 from steelyard.uses.control.joint_controllers import PD, Control, control_of
-from steelyard.uses.control.torques_along_motion import refuse_other_robot, refuse_unknown_gains
 
 RANDOM_PERIOD = 10.0  # length of a random motion [s], if none is given
 RANDOM_GAINS = (5.0, 15.0)  # least and greatest, of a robot whose truth has none [Nm/A; N/A]

@@ -27,12 +27,12 @@ from steelyard.simulate.simulate import true_robot
 from steelyard.simulate.tracking_sections import TRACK_SECTIONS, TrackingContent
 from steelyard.simulate.truth import Truth
 from steelyard.simulate.virtual_robot import VirtualRobot
-from steelyard.uses.control.joint_controllers import PD, ComputedTorque, Control, control_of
-from steelyard.uses.control.torques_along_motion import (
+from steelyard.uses.control.feedforward import (
     refuse_other_robot,
     refuse_unknown_gains,
     remarks_on_torques,
 )
+from steelyard.uses.control.joint_controllers import PD, ComputedTorque, Control, control_of
 
 SECONDS_AFTER = 0.2  # time behind the end of the motion that counts too [s]
 

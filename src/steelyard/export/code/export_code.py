@@ -11,9 +11,9 @@ from steelyard.base.files import refuse_existing, whole_file, whole_folder
 from steelyard.estimate.external.contact_thresholds import FEWEST
 from steelyard.estimate.identified_model import IdentifiedModel, load_model
 from steelyard.estimate.scores.residuals import thresholds_of
-from steelyard.export.code.c_folder_and_self_test import c_files
-from steelyard.export.code.c_header_and_source import (
+from steelyard.export.code.c_code import (
     CCode,
+    c_files,
     identifier,
     identifiers,
     named_functions,
@@ -33,7 +33,7 @@ from steelyard.export.code.ros2_and_simulink import ros2_files, simulink_files
 from steelyard.model.equations.frames_and_effort_bounds import frame_of
 from steelyard.robot.robot import Robot
 from steelyard.symbolic.source_code import Precision
-from steelyard.uses.control.torques_along_motion import refuse_unknown_gains
+from steelyard.uses.control.feedforward import refuse_unknown_gains
 
 
 def controller_of(

@@ -13,7 +13,7 @@ from zipfile import ZIP_DEFLATED, ZipFile, ZipInfo
 import numpy as np
 
 from steelyard.base.errors import OutputError
-from steelyard.export.code.c_header_and_source import CCode, filled
+from steelyard.export.code.c_code import CCode, filled
 from steelyard.robot.loop_closures import loop_equations
 
 PLATFORMS = {

@@ -1,6 +1,6 @@
 """A model as one Python file that needs NumPy alone."""
 
-from steelyard.export.code.c_header_and_source import (
+from steelyard.export.code.c_code import (
     CLOSING_TOLERANCE,
     commented,
     filled,

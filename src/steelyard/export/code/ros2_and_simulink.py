@@ -9,8 +9,7 @@ from functools import partial
 from xml.sax.saxutils import escape
 
 from steelyard.base.errors import ModelError
-from steelyard.export.code.c_folder_and_self_test import self_test
-from steelyard.export.code.c_header_and_source import CCode, commented, filled
+from steelyard.export.code.c_code import CCode, commented, filled, self_test
 from steelyard.export.code.controller_functions import Function
 
 ROS2_FUNCTIONS = ("torque", "gravity", "bias", "friction", "mass")  # that the package calls

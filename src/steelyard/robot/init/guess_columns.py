@@ -25,7 +25,11 @@ from steelyard.robot.init.column_names import (
     listed,
     partly_by_number,
 )
-from steelyard.robot.init.guess_clock_and_positions import clock_of, guess_positions
+from steelyard.robot.init.guess_clock_positions_and_velocities import (
+    clock_of,
+    guess_positions,
+    judged,
+)
 from steelyard.robot.init.guess_efforts_and_gears import (
     COUNTS,
     Gears,
@@ -36,7 +40,6 @@ from steelyard.robot.init.guess_efforts_and_gears import (
     regressed,
     unactuated,
 )
-from steelyard.robot.init.guess_velocities import judged
 from steelyard.robot.robot import Coordinate, Robot
 
 Sample = Mapping[str, ArrayLike]

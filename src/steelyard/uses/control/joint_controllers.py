@@ -12,7 +12,7 @@ from steelyard.base.errors import ModelError, advice, named
 from steelyard.base.motion import Motion
 from steelyard.model.model import ValuedModel
 from steelyard.model.torque_and_quantities import TORQUE
-from steelyard.uses.control.torques_along_motion import (
+from steelyard.uses.control.feedforward import (
     SIGN_SMOOTHING,
     feedforward_torque,
     friction_torque,

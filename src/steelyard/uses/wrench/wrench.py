@@ -30,7 +30,7 @@ from steelyard.report.result import Result, print_verdict
 from steelyard.report.tables import PlainTable, Row, narrow_table
 from steelyard.report.words import NONE, significant
 from steelyard.runs.runs_of_named_logs import log_files
-from steelyard.uses.control.torques_along_motion import refuse_unknown_gains
+from steelyard.uses.control.feedforward import refuse_unknown_gains
 from steelyard.uses.wrench.wrench_along_run import (
     COMPONENTS,
     ResidualKind,
