@@ -8,8 +8,8 @@ from steelyard.base.arrays import Parameters
 from steelyard.estimate.estimate import Estimate, StandardEstimate
 from steelyard.estimate.identified_model import Cutoffs, IdentifiedModel, Provenance
 from steelyard.estimate.information.base_regressor import BaseMap
+from steelyard.model.laws.bodies_springs_and_offset import RigidBody
 from steelyard.model.laws.register import DEFAULT_TERMS
-from steelyard.model.laws.rigid_body import RigidBody
 from steelyard.model.model import Model
 from steelyard.model.terms.term import Term
 from steelyard.robot.file.signals import Signals

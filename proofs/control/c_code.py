@@ -25,6 +25,7 @@ from steelyard.export.code.c_code import CCode
 from steelyard.export.code.controller_functions import FUNCTIONS, Controller, ObserverNumbers
 from steelyard.export.code.export_code import end_frames
 from steelyard.model.equations.passive_joints import passive_positions, random_positions
+from steelyard.model.laws.bodies_springs_and_offset import RigidBody, Spring
 from steelyard.model.laws.friction_over_speed import (
     DirectionalCoulomb,
     DirectionalViscous,
@@ -33,8 +34,6 @@ from steelyard.model.laws.friction_over_speed import (
 )
 from steelyard.model.laws.friction_with_memory import Dahl
 from steelyard.model.laws.register import DEFAULT_TERMS
-from steelyard.model.laws.rigid_body import RigidBody
-from steelyard.model.laws.springs_and_offset import Spring
 from steelyard.model.model import Model
 from steelyard.model.terms.term import Term
 from steelyard.robot.file.model_reading_and_loaded_robot import dh_mechanism

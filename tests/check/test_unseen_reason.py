@@ -16,7 +16,7 @@ from steelyard.check.fitted.reason_of_unseen_error import (
     unseen_reason_check,
 )
 from steelyard.estimate.scores.score import score
-from steelyard.model.laws.rigid_body import RigidBody
+from steelyard.model.laws.bodies_springs_and_offset import RigidBody
 from steelyard.robot.inertia_and_placement import Inertia
 from steelyard.simulate.truth import Truth, random_truth
 

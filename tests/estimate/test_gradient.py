@@ -18,10 +18,9 @@ from steelyard.estimate.information.motion_information import InformationEvaluat
 from steelyard.excite.design_problem import Case, Objective
 from steelyard.excite.optimality_criteria import CRITERIA, Measure, worst
 from steelyard.excite.trajectories.motion_families import Basis, rest_fourier, splines
+from steelyard.model.laws.bodies_springs_and_offset import Offset, RigidBody
 from steelyard.model.laws.friction_over_speed import Coulomb, Coupled, Cubic, Root, Viscous
 from steelyard.model.laws.register import DEFAULT_TERMS
-from steelyard.model.laws.rigid_body import RigidBody
-from steelyard.model.laws.springs_and_offset import Offset
 from steelyard.model.model import Model
 from steelyard.model.terms.term import Term
 from steelyard.robot.robot import Robot

@@ -19,6 +19,7 @@ from steelyard.excite.constraints.effort_and_power import (
     torque_limit,
 )
 from steelyard.excite.trajectories.fourier import FourierMotion
+from steelyard.model.laws.bodies_springs_and_offset import Offset, RigidBody, RotorInertia, Spring
 from steelyard.model.laws.friction_over_speed import (
     Coulomb,
     Coupled,
@@ -30,8 +31,6 @@ from steelyard.model.laws.friction_over_speed import (
     Stribeck,
     Viscous,
 )
-from steelyard.model.laws.rigid_body import RigidBody, RotorInertia
-from steelyard.model.laws.springs_and_offset import Offset, Spring
 from steelyard.model.model import Model, ValuedModel
 from steelyard.model.terms.term import Term
 from steelyard.robot.inertia_and_placement import Inertia

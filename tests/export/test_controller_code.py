@@ -30,10 +30,10 @@ from steelyard.base.arrays import Array, Parameters
 from steelyard.base.motion import Motion
 from steelyard.export.code.c_code import CCode, commented, identifiers
 from steelyard.export.code.controller_functions import FUNCTIONS, Controller, regrouped
+from steelyard.model.laws.bodies_springs_and_offset import RigidBody
 from steelyard.model.laws.friction_over_speed import Coulomb
 from steelyard.model.laws.friction_with_memory import Dahl
 from steelyard.model.laws.register import DEFAULT_TERMS
-from steelyard.model.laws.rigid_body import RigidBody
 from steelyard.model.model import Model
 from steelyard.robot.robot import Robot
 from steelyard.symbolic.source_code import Precision

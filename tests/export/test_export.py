@@ -22,6 +22,7 @@ from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.estimate.information.base_regressor import base_parameters
 from steelyard.export.model_files.export_model_file import exported, refuse_changed
 from steelyard.export.model_files.representable_content import FIT_HEADING, Format, content_of
+from steelyard.model.laws.bodies_springs_and_offset import RigidBody, RotorInertia, Spring
 from steelyard.model.laws.friction_over_speed import (
     Coulomb,
     Cubic,
@@ -32,8 +33,6 @@ from steelyard.model.laws.friction_over_speed import (
 )
 from steelyard.model.laws.friction_with_memory import MaxwellSlip
 from steelyard.model.laws.register import DEFAULT_TERMS, TERMS
-from steelyard.model.laws.rigid_body import RigidBody, RotorInertia
-from steelyard.model.laws.springs_and_offset import Spring
 from steelyard.model.model import Model
 from steelyard.model.terms.term import ActsOnAxes, Term
 from steelyard.robot.file.robot_file import load_robot

@@ -21,10 +21,10 @@ from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.export.code.export_code import write_code
 from steelyard.export.code.ros2_and_simulink import text_literal
 from steelyard.model.equations.inverse_dynamics import JointState
+from steelyard.model.laws.bodies_springs_and_offset import RigidBody
 from steelyard.model.laws.friction_over_speed import Viscous
 from steelyard.model.laws.friction_with_memory import Dahl
 from steelyard.model.laws.register import DEFAULT_TERMS
-from steelyard.model.laws.rigid_body import RigidBody
 from steelyard.model.terms.axes import spread
 from steelyard.model.terms.term import Columns
 from steelyard.robot.robot import LoopClosure, Robot

@@ -11,8 +11,8 @@ from invented import mimic
 from moving import geared, torque
 from steelyard.base.errors import ModelError
 from steelyard.model.equations.inverse_dynamics import carried_point
+from steelyard.model.laws.bodies_springs_and_offset import GravityCompensator, Spring
 from steelyard.model.laws.register import term_of
-from steelyard.model.laws.springs_and_offset import GravityCompensator, Spring
 from steelyard.model.terms.term import Term
 from steelyard.robot.models.mjcf import read_mjcf
 from steelyard.robot.robot import Robot

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from steelyard.base.arrays import Parameters, frozen
+from steelyard.model.laws.bodies_springs_and_offset import RigidBody
 from steelyard.model.laws.register import DEFAULT_TERMS
-from steelyard.model.laws.rigid_body import RigidBody
 from steelyard.model.model import Model
 from steelyard.model.terms.term import Term
 from steelyard.robot.inertia_and_placement import Inertia, turn

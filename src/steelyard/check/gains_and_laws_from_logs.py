@@ -11,7 +11,7 @@ from steelyard.check.decision.drive_gain_sources import gains_of_logs
 from steelyard.check.hypotheses.log_excerpt import Excerpt, excerpt_of
 from steelyard.estimate.friction.friction_mixes import joint_motions, lacking
 from steelyard.logs.formats import open_log
-from steelyard.model.laws.rigid_body import RigidBody
+from steelyard.model.laws.bodies_springs_and_offset import RigidBody
 from steelyard.model.model import Model
 from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
 from steelyard.robot.file.signals import Signals, build_signals, expanded

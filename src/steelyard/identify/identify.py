@@ -36,7 +36,7 @@ from steelyard.identify.notes_and_provenance import (
     settings,
 )
 from steelyard.identify.page.content_and_error_words import ReportContent
-from steelyard.identify.refits import (
+from steelyard.identify.refits_and_validate import (
     Repeated,
     bootstrap_of,
     fits_with_other_cutoffs,

@@ -8,14 +8,13 @@ terms that enter, and their standard parameters.
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property, lru_cache, reduce
 from typing import Any
 
 import numpy as np
 
 from steelyard.base.arrays import Array, Parameter
 from steelyard.base.errors import DataError, ModelError
-from steelyard.model.equations.forward_dynamics import accelerations
 from steelyard.model.equations.frames_and_effort_bounds import frame_of, frame_outputs
 from steelyard.model.equations.inverse_dynamics import (
     JointState,
@@ -23,9 +22,10 @@ from steelyard.model.equations.inverse_dynamics import (
     Scalars,
     completed,
     projected,
+    solved_by_factors,
 )
+from steelyard.model.laws.bodies_springs_and_offset import RigidBody, body_efforts
 from steelyard.model.laws.register import description_of
-from steelyard.model.laws.rigid_body import RigidBody, body_efforts
 from steelyard.model.terms.friction_memory import Presliding, Scan
 from steelyard.model.terms.term import Columns, StatefulTerm, Term, channels_of, has_memory
 from steelyard.robot.robot import Frame, Robot, robot_to_dict
@@ -346,13 +346,27 @@ def _followed(part: Equations, given: Given, slopes: Scalars) -> list[Scalar]:
     return [rows[j, 0] for j in range(part.robot.n)]
 
 
+Efforts = Callable[[Scalars], Scalars]  # accelerations to efforts
+
+
+def accelerations(efforts: Efforts, applied: Scalars) -> tuple[list[Scalar], list[Scalar]]:
+    r"""Accelerations under applied efforts, by $M = L D L^T$, and the pivots `D`.
+
+    The `efforts` are $M(q)\,\ddot q + h(q, \dot q)$ of the accelerations, so $M$ is their
+    derivative. The pivots are positive if and only if it is positive definite.
+    """
+    from steelyard.symbolic.symbols_and_tracing import affine
+
+    mass, bias = affine(efforts, len(applied))
+    sides = [tau - rest for tau, rest in zip(applied, bias, strict=True)]
+    (found,), pivots = solved_by_factors(mass, [sides])
+    return found, pivots
+
+
 def _forward(part: Equations, given: Given) -> list[Scalar]:
     """Accelerations, and the least pivot of the mass matrix."""
     found, pivots = accelerations(lambda ddq: _efforts(part, {**given, "ddq": ddq}), given["tau"])
-    least = pivots[0]
-    for pivot in pivots[1:]:
-        least = np.minimum(least, pivot)
-    return [*found, least]
+    return [*found, reduce(np.minimum, pivots)]
 
 
 def _regressor(part: Equations, given: Given) -> list[Scalar]:

@@ -34,9 +34,9 @@ from steelyard.estimate.scores.cross_validation import (
     logarithms,
     per_fold,
 )
+from steelyard.model.laws.bodies_springs_and_offset import Cogging, Spring
 from steelyard.model.laws.friction_over_speed import Quadratic, Stribeck
 from steelyard.model.laws.friction_with_memory import Dahl, LoadDependent
-from steelyard.model.laws.springs_and_offset import Cogging, Spring
 from steelyard.model.model import Model
 from steelyard.model.terms.geometry_and_effort_errors import EffortReadingErrors, GeometryErrors
 from steelyard.model.terms.term import StatefulTerm, Term

@@ -18,8 +18,8 @@ from steelyard.estimate.estimate import Estimate
 from steelyard.estimate.information.base_regressor import base_regressor
 from steelyard.estimate.information.gather import gather
 from steelyard.estimate.least_squares.weighted_and_robust import WeightedLeastSquares
+from steelyard.model.laws.bodies_springs_and_offset import RotorInertia
 from steelyard.model.laws.register import law_of
-from steelyard.model.laws.rigid_body import RotorInertia
 
 SIGNIFICANT_ROTOR = 4.0  # rotor inertia over its standard deviation from which on it is significant
 SIGNIFICANT_ROTOR_SHARE = 0.5  # from which on torques contain those of the rotors

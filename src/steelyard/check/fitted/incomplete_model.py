@@ -20,7 +20,7 @@ from steelyard.check.fitted.fitted_case_and_causes import (
     worst_residual_words,
 )
 from steelyard.estimate.scores.residuals import ResidualNoise
-from steelyard.model.laws.springs_and_offset import Cogging
+from steelyard.model.laws.bodies_springs_and_offset import Cogging
 
 INCOMPLETE_RESIDUAL = 2.0  # over the noise's upper bound, of an incomplete model
 LARGE_FIT_ERROR = 10.0  # error of fitted runs [%] from which on unknown noise is reported

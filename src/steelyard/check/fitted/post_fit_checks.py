@@ -24,10 +24,9 @@ from steelyard.check.fitted.reason_of_unseen_error import unseen_reason_check
 from steelyard.check.fitted.runs_and_last_link_disagree import last_link_check, runs_disagree_check
 from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.estimate.scores.effort_errors import PROMISED
+from steelyard.model.laws.bodies_springs_and_offset import RotorInertia, Spring
 from steelyard.model.laws.friction_with_memory import LoadDependent
 from steelyard.model.laws.register import law_of
-from steelyard.model.laws.rigid_body import RotorInertia
-from steelyard.model.laws.springs_and_offset import Spring
 from steelyard.report.words import first_names
 
 

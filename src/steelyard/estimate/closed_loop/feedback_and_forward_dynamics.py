@@ -16,9 +16,9 @@ import numpy as np
 
 from steelyard.base.arrays import Array, frozen
 from steelyard.base.errors import DataError
-from steelyard.model.equations.forward_dynamics import Efforts, accelerations
 from steelyard.model.equations.inverse_dynamics import JointState, Scalar, Scalars
 from steelyard.model.model import Model
+from steelyard.model.torque_and_quantities import Efforts, accelerations
 from steelyard.symbolic.native.compiled_programs import Code, compiled
 from steelyard.symbolic.program_and_softening import InputArray, Program, softened
 

@@ -44,14 +44,13 @@ from steelyard.model.equations.inverse_dynamics import (
 from steelyard.model.equations.passive_joints import passive_positions
 from steelyard.robot.robot import Frame, Robot, body_frames, robot_to_dict
 from steelyard.symbolic.native.compiled_programs import Code, compiled, compiled_equations
+from steelyard.symbolic.program_and_softening import InputArray as Input
 from steelyard.symbolic.program_and_softening import (
-    InputArray,
     Program,
     program_from_json,
     program_to_json,
     run,
 )
-from steelyard.symbolic.program_and_softening import InputArray as Input
 
 
 @dataclass(frozen=True, eq=False)
@@ -303,8 +302,8 @@ def effort_bounds(
     def build() -> tuple[Program, dict[str, Any]]:
         from steelyard.symbolic.symbols_and_tracing import carried_along, slopes_of, symbolic
 
-        state = [InputArray(name, n) for name in ("q", "dq", "ddq")]
-        shared = InputArray("parameters", parameters, shared=True)
+        state = [Input(name, n) for name in ("q", "dq", "ddq")]
+        shared = Input("parameters", parameters, shared=True)
         law = None if rough is None else symbolic(rough, [*state, shared])
 
         def values(*x: Scalars) -> list[Scalar]:
@@ -324,7 +323,7 @@ def effort_bounds(
 
         about = {
             "values": program_to_json(symbolic(values, [*state, shared])),
-            "rates": program_to_json(symbolic(rates, [*state, InputArray("jerk", n), shared])),
+            "rates": program_to_json(symbolic(rates, [*state, Input("jerk", n), shared])),
         }
         return symbolic(slopes, [*state, shared]), about
 

@@ -23,7 +23,7 @@ from steelyard.model.equations.inverse_dynamics import (
     completed,
     projected,
 )
-from steelyard.model.laws.rigid_body import RigidBody
+from steelyard.model.laws.bodies_springs_and_offset import RigidBody
 from steelyard.model.terms.axes import (
     Axes,
     Axis,
