@@ -16,7 +16,7 @@ from steelyard.base.errors import LogError
 from steelyard.runs.processing_choices import Processing
 from steelyard.runs.run import Run
 from steelyard.runs.smoothing.zero_phase_filters import Butterworth, Method
-from steelyard.runs.survey_of_recording import survey
+from steelyard.runs.survey_and_kept_samples import survey
 
 
 def motion_responses(

@@ -8,7 +8,6 @@ import numpy as np
 from steelyard.base.arrays import Array, frozen
 from steelyard.base.errors import LogError
 from steelyard.logs.log import Cut
-from steelyard.runs.kept_samples import KeptSamples, Source
 from steelyard.runs.mean_over_repetitions import MeanMotion, mean_of_periods
 from steelyard.runs.noise_and_cutoffs import (
     MOVING_OVER_REST,
@@ -29,7 +28,7 @@ from steelyard.runs.rows.marked_and_false_rows import COUNTS_OF_MARKS, Marked, Q
 from steelyard.runs.rows.resampling import sample_count
 from steelyard.runs.run import Moves, Run, lost_ends
 from steelyard.runs.smoothing.zero_phase_filters import Butterworth, Choosing, Method
-from steelyard.runs.survey_of_recording import Survey, survey
+from steelyard.runs.survey_and_kept_samples import KeptSamples, Source, Survey, survey
 
 SAME_RATE = 1e-6  # relative difference up to which two rates are one
 WHOLE_SAMPLES = 300_000

@@ -331,13 +331,8 @@ class ZeroOffsets:
 
     def to_dict(self) -> dict[str, Any]:
         """As JSON values; `half_width` is `None` where an offset was not estimated."""
-        return {
-            "joints": list(self.joints),
-            "units": list(self.units),
-            "values": self.values.tolist(),
-            "half_width": finite_json(self.half_width),
-            "converged": self.converged,
-        }
+        names = ("joints", "units", "values", "half_width", "converged")
+        return dict(finite_json({name: getattr(self, name) for name in names}))
 
 
 def with_offsets(runs: Sequence[Run], offsets: Array) -> tuple[Run, ...]:

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from steelyard.base.arrays import Z95, Array, frozen
+from steelyard.base.arrays import Z95, Array, frozen, json_values
 from steelyard.base.errors import DataError, ModelError, advice
 from steelyard.estimate.information.base_regressor import base_parameters
 from steelyard.estimate.information.information import Information
@@ -79,16 +79,9 @@ class GainEstimate:
 
     def to_dict(self) -> dict[str, Any]:
         """As JSON values."""
-        return {
-            "joints": list(self.joints),
-            "gains": self.gains.tolist(),
-            "units": list(self.units),
-            "half_width": self.half_width.tolist(),
-            "known": list(self.known),
-            "assumed": list(self.assumed),
-            "relative": self.relative,
-            "payload": None if self.payload is None else self.payload.to_dict(),
-        }
+        names = ("joints", "gains", "units", "half_width", "known", "assumed", "relative")
+        payload = None if self.payload is None else self.payload.to_dict()
+        return {**json_values({name: getattr(self, name) for name in names}), "payload": payload}
 
 
 def identified_gains(
