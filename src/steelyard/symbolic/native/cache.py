@@ -51,7 +51,8 @@ def _sources() -> str:
     digest = hashlib.sha256()
     for source in SOURCES:
         place = package / source
-        for file in sorted(place.rglob("*.py")) if place.is_dir() else [place]:
+        inside = (x for x in place.rglob("*.*") if x.suffix in (".py", ".ll"))
+        for file in sorted(inside) if place.is_dir() else [place]:
             digest.update(file.relative_to(package).as_posix().encode() + file.read_bytes())
     return digest.hexdigest()
 

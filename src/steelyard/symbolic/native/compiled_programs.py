@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 
 from steelyard.base.arrays import Array
-from steelyard.symbolic.native import cache, gram_and_filter_loops, machine
+from steelyard.symbolic.native import cache, machine
+from steelyard.symbolic.native.gram_and_filter_loops import around_program, loops_code
 from steelyard.symbolic.program_and_softening import InputArray, Program
 
 ENGINE = 4  # raised whenever emitted code changes its meaning: old cache entries are then not used
@@ -136,13 +137,7 @@ def compiled_equations(
 def loops() -> Any:
     """The small loops that do not depend on the program, and their `module`."""
     lanes, arguments = machine.lanes(), {"gram": 6, "absolute": 5, "fir": 9, "recurrence": 7}
-    writers = (
-        gram_and_filter_loops.gram,
-        gram_and_filter_loops.absolute_sums,
-        gram_and_filter_loops.decimating_fir,
-    )
-    pieces = (*(writer(lanes) for writer in writers), gram_and_filter_loops.recurrence())
-    code = machine_code("loops", lambda: (_joined(*pieces), {}))[1]
+    code = machine_code("loops", lambda: (loops_code(lanes), {}))[1]
     module = machine.Library(code, list(arguments))
     functions = {name: module.function(name, count) for name, count in arguments.items()}
     return SimpleNamespace(module=module, **functions)
@@ -151,18 +146,7 @@ def loops() -> Any:
 def _module(program: Program, lanes: int) -> str:
     from steelyard.symbolic.native.llvm_vector_code import emit
 
-    return _joined(
-        emit(program, "program", lanes),
-        gram_and_filter_loops.fused(len(program.inputs)),
-        gram_and_filter_loops.sample(len(program.inputs)),
-    )
-
-
-def _joined(*pieces: str) -> str:
-    """One module; a function of LLVM's that several pieces declare is declared once."""
-    lines = "\n".join(pieces).split("\n")
-    declarations = dict.fromkeys(line for line in lines if line.startswith("declare"))
-    return "\n".join([*declarations, *(x for x in lines if not x.startswith("declare"))])
+    return f"{emit(program, 'program', lanes)}\n{around_program(len(program.inputs))}"
 
 
 def _padded(x: Array, n_samples: int) -> Array:
