@@ -271,8 +271,11 @@ def test_a_term_that_predicts_other_motion_worse_is_not_recommended(
 
 
 @pytest.mark.slow
-def test_zeros_that_are_quarter_turns_away_are_found(loaded: LoadedRobot, tmp_path: Path) -> None:
-    offset = [0.5 * np.pi * turn for turn in (0, 0, 2, 0, -1, 0)]
+@pytest.mark.parametrize("turns", [(0, 1, -1, 0, 0, 0), (0, 0, 2, 0, -1, 0)])
+def test_zeros_that_are_quarter_turns_away_are_found(
+    turns: tuple[int, ...], loaded: LoadedRobot, tmp_path: Path
+) -> None:
+    offset = [0.5 * np.pi * turn for turn in turns]
     (finding,) = found(loaded, tmp_path, offset=offset)
     assert finding.severity == Severity.DOUBTFUL and finding.fix is not None
     assert "joint zeros other than those of the model file: " in finding.brief

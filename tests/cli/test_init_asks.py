@@ -4,14 +4,18 @@ import os
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import polars as pl
 import pytest
+from typer.testing import CliRunner, Result
 
 from cli.conftest import Command
 from cli.mistakes import LOG
 from steelyard.cli import drive_questions as ask
+from steelyard.cli import init_command
+from steelyard.cli.app import app
 from steelyard.robot.file.robot_file import load_robot
 from steelyard.robot.init.draft_tables import Effort, Known, with_effort
 from steelyard.robot.init.guess_columns import guess_columns
@@ -101,18 +105,26 @@ def test_at_a_terminal_answers_go_into_the_file(tmp_path: Path) -> None:
     np.testing.assert_array_equal(loaded.robot.gravity, [0.0, 0.0, 9.81])
 
 
-@pytest.mark.slow
+def answering(patch: pytest.MonkeyPatch, words: Sequence[object], given: Sequence[str]) -> Result:
+    """A command in this process, which takes its input and output for a terminal."""
+    terminal = SimpleNamespace(isatty=lambda: True)
+    patch.setattr(init_command, "sys", SimpleNamespace(stdin=terminal, stdout=terminal))
+    lines = "".join(f"{line}\n" for line in given)
+    return CliRunner().invoke(app, [str(word) for word in words], input=lines)
+
+
 @pytest.mark.usefixtures("command")
-@pytest.mark.skipif(sys.platform == "win32", reason="no pseudo-terminals")
-def test_signals_of_motors_are_asked_for_ratios_coupling_and_zeros(tmp_path: Path) -> None:
+def test_signals_of_motors_are_asked_for_ratios_coupling_and_zeros(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     names = {f"q{k}_rad": f"q_motor{k}_rad" for k in range(1, 4)}
     names |= {f"tau{k}_Nm": f"tau_motor{k}_Nm" for k in range(1, 4)}
     log, robot = tmp_path / "motors.csv", tmp_path / "arm.toml"
     pl.read_csv(LOG).drop("dq1_rad_s", strict=False).rename(names).write_csv(log)
     last, first = (load_robot(Path(URDF)).robot.joint_names[k] for k in (-1, 0))
     given = ["1,1,-1", f"{last},{first},0.5", "0,-90deg,1.5", ""]
-    code, said = at_terminal(["init", str(URDF), str(log), "-o", str(robot)], given)
-    assert code == 0, said
+    done = answering(monkeypatch, ["init", URDF, log, "-o", robot], given)
+    assert done.exit_code == 0, done.output
     loaded = load_robot(robot)
     assert loaded.robot.transmission is not None and loaded.signals is not None
     matrix = np.diag([1.0, 1.0, -1.0])
@@ -121,13 +133,14 @@ def test_signals_of_motors_are_asked_for_ratios_coupling_and_zeros(tmp_path: Pat
     assert loaded.signals.position_offset == pytest.approx([0.0, -np.pi / 2, 1.5])
 
 
-@pytest.mark.slow
 @pytest.mark.usefixtures("command")
-@pytest.mark.skipif(sys.platform == "win32", reason="no pseudo-terminals")
-def test_no_input_asks_nothing_at_a_terminal(tmp_path: Path) -> None:
-    words = ["init", str(URDF), str(LOG), "--no-input", "-o", str(tmp_path / "arm.toml")]
-    code, said = at_terminal(words, [])
-    assert code == 0 and "Enter:" not in said
+def test_no_input_asks_nothing_at_a_terminal(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    words = ["init", URDF, LOG, "-o", tmp_path / "arm.toml"]
+    assert "Enter:" in answering(monkeypatch, words, []).output
+    done = answering(monkeypatch, [*words, "--no-input"], [])
+    assert done.exit_code == 0 and "Enter:" not in done.output
 
 
 def test_currents_without_gains_are_up_to_one_scale(command: Command, tmp_path: Path) -> None:

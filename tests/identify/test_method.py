@@ -1,9 +1,6 @@
 """Every estimator by its name: a model comes of it, or a reason why not."""
 
-from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
-from typing import Any, cast
 
 import pytest
 
@@ -15,7 +12,6 @@ from steelyard.estimate.estimator_register import ESTIMATORS, Sources
 from steelyard.estimate.information.base_regressor import base_regressor
 from steelyard.excite.trajectories.fourier import random_fourier
 from steelyard.excite.trajectories.trajectory_files import write_motion
-from steelyard.identify.fit import _method
 from steelyard.identify.identify import Identification
 
 pytestmark = pytest.mark.usefixtures("few_stretches")
@@ -153,16 +149,6 @@ def test_samples_are_those_summed_up_in_the_windows(folder: Path) -> None:
         part = information.of(chosen)
         counts = [len(row) for row in sources.samples(part).rows]
         assert (part.n_samples / counts).tolist() == pytest.approx(share.tolist())
-
-
-@pytest.mark.parametrize(("method", "fitted"), [("pullback", "WLS"), ("ridge", "WLS"), ("TLS", "")])
-def test_without_a_scale_no_prior_is_compared(folder: Path, method: str, fitted: str) -> None:
-    loaded = steelyard.load_robot(folder / "arm.toml")
-    section = loaded.estimation.model_copy(update={"method": method})
-    gains = SimpleNamespace(relative=True)
-    offer, why = _method(replace(loaded, estimation=section), "WLS", cast(Any, gains))
-    assert offer.name == (fitted or method)
-    assert why.startswith("because a prior") == bool(fitted)
 
 
 @pytest.mark.slow
