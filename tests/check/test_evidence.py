@@ -1,4 +1,4 @@
-"""The evidence of readings: what Laplace's method finds is the integral over bodies and friction."""
+"""The evidence of readings: Laplace's method finds the integral over bodies and friction."""
 
 import numpy as np
 import pytest
