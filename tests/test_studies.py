@@ -98,12 +98,13 @@ def test_a_study_uses_the_public_interface_alone(study: Path) -> None:
     assert not re.findall(r"(?:from|import) steelyard\.\w+", text)
 
 
-@pytest.mark.slow
-def test_an_existing_folder_is_not_overwritten(tmp_path: Path) -> None:
+def test_an_existing_folder_is_not_overwritten(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     (tmp_path / "kept.txt").write_text("mine")
-    run = started(STUDIES[0], "-o", str(tmp_path), "--quick")
-    _, err = run.communicate()
-    assert run.returncode == 1 and "exists already; give a new folder" in err
+    monkeypatch.setattr("sys.argv", [str(STUDIES[0]), "-o", str(tmp_path), "--quick"])
+    with pytest.raises(SystemExit, match="exists already; give a new folder"):
+        runpy.run_path(str(STUDIES[0]), run_name="__main__")
     assert [path.name for path in tmp_path.iterdir()] == ["kept.txt"]
 
 

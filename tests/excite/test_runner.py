@@ -88,7 +88,7 @@ def test_no_more_processes_than_searches(tmp_path: Path) -> None:
     assert found.searches == 1 and max(seen) == 1
 
 
-@pytest.mark.slow
+@pytest.mark.usefixtures("searches_here")
 def test_progress_counts_searches_as_well_as_seconds(tmp_path: Path) -> None:
     seen = list[Event]()
     harvest(tmp_path, SearchBudget(600.0, searches=2), lambda event: seen.append(event) or True)
