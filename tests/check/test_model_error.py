@@ -14,9 +14,13 @@ from check.fitted import case, demo_arm, log
 from steelyard.base.arrays import Array
 from steelyard.check.finding import Finding, Severity
 from steelyard.check.fitted import incomplete_model
-from steelyard.check.fitted.causes_of_residuals import Cause, LeftOutGain
+from steelyard.check.fitted.causes_of_residuals import (
+    NO_PERIOD,
+    Cause,
+    LeftOutGain,
+    strongest_period,
+)
 from steelyard.check.fitted.incomplete_model import model_error_check
-from steelyard.check.fitted.periodic_residuals import NO_PERIOD, strongest_period
 from steelyard.estimate.information.base_regressor import base_regressor
 from steelyard.estimate.information.information import Information
 from steelyard.estimate.nonlinear.nonlinear_parameters import information_from

@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from proofs.estimation.intervals import sandwich
 
 from invented import tree
 from steelyard.estimate.information.base_regressor import base_regressor

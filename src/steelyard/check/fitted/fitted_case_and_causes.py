@@ -16,9 +16,9 @@ from steelyard.check.fitted.causes_of_residuals import (
     LeftOutGain,
     causes,
     left_out_gains,
+    residual_shape,
     wide_model,
 )
-from steelyard.check.fitted.periodic_residuals import residual_shape
 from steelyard.estimate.consistent.convex_estimator import Consistent
 from steelyard.estimate.estimate import Estimate
 from steelyard.estimate.identified_model import IdentifiedModel

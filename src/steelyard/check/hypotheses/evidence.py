@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from steelyard.base.arrays import Array
 from steelyard.base.errors import DataError
 from steelyard.check.hypotheses.averaged_bodies import LENGTHS, averaged, nominal_bodies
-from steelyard.check.hypotheses.consistent_bodies_of_log import dense_regressor
 from steelyard.check.hypotheses.effort_hypotheses import best_factors
 from steelyard.check.hypotheses.nuisance_fit_and_score import (
     LEAST_SAMPLE_COUNT,
@@ -23,10 +22,17 @@ from steelyard.check.hypotheses.nuisance_fit_and_score import (
     LikelihoodScore,
 )
 from steelyard.check.hypotheses.readings_and_likelihood import Likelihood, Reading
+from steelyard.check.signals.good_rows_and_derivatives import remembered
 from steelyard.estimate.consistent.unknowns_and_penalties import ten_map
+from steelyard.estimate.information.base_regressor import (
+    Regressor,
+    base_parameters,
+    chosen_regressor,
+)
 from steelyard.estimate.payload.runs_with_payload import carrier
 from steelyard.estimate.prior.body_priors import model_prior
 from steelyard.model.compiled_evaluation import check_angles
+from steelyard.model.model import Model, ValuedModel
 from steelyard.robot.inertia_and_placement import Inertia
 from steelyard.robot.robot import Robot
 
@@ -310,3 +316,32 @@ def _averaged(problems: Sequence[_Problem], widths: Sequence[float], steps: int)
         scale = float(np.exp(np.median(ratio))) if len(ratio) else 1.0
         found.append(Evidence(log, misfits, counts[i], widths[best], size * u, size * scale, size))
     return found
+
+
+def rows_of(reading: Reading) -> tuple[Array, Array, Array]:
+    """Columns of bodies and nuisances `(n, N, k)`, efforts and where joints move `(n, N)`.
+
+    NaN where the states are impossible.
+    """
+    knowledge, motion, (y, moving) = reading.knowledge, reading.motion(), reading.columns()
+    try:
+        check_angles(motion[0])
+        bodies = knowledge.under_any(reading.gravity, dense_regressor, *motion)
+    except (DataError, ValueError):  # the states are impossible
+        bodies = np.full((10 * len(knowledge.robot.bodies), *moving.shape), np.nan)
+    bodies = np.einsum("ij,kjb->kib", reading.into_logged(), bodies)
+    joints, own = np.arange(len(moving)), np.zeros((*moving.shape, len(moving), NUISANCES))
+    own[joints, :, joints] = y[:, :NUISANCES].swapaxes(1, 2)
+    free = np.moveaxis(bodies, 0, -1) * moving[..., None]
+    columns = np.concatenate((free, own.reshape(*moving.shape, -1)), axis=-1)
+    return columns, reading.efforts() * moving, moving
+
+
+def dense_regressor(valued: ValuedModel, q: Array, dq: Array, ddq: Array) -> Array:
+    """Columns of the bodies of one model, shape `(10 bodies, n, N)`."""
+    return np.moveaxis(_regressor(valued.model).dense(q, dq, ddq), -1, 0).copy()
+
+
+@remembered
+def _regressor(model: Model) -> Regressor:
+    return chosen_regressor(model, base_parameters(model), range(10 * len(model.robot.bodies)))
