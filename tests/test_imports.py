@@ -17,7 +17,9 @@ if sys.version_info >= (3, 11):
 else:
     import tomli as tomllib
 
-PACKAGE = Path(__file__).parent.parent / "src" / "steelyard"
+ROOT = Path(__file__).parent.parent
+PACKAGE = ROOT / "src" / "steelyard"
+SCRIPTS = ("proofs", "benchmarks", "studies", "tools")
 ORDER = (
     "base",
     "report",
@@ -203,3 +205,17 @@ def _imported_roots(path: Path) -> Iterator[str]:
             yield from (alias.name.split(".")[0] for alias in node.names)
         elif isinstance(node, ast.ImportFrom) and node.module and not node.level:
             yield node.module.split(".")[0]
+
+
+def test_scripts_beside_the_package_import_what_there_is() -> None:
+    missing = []
+    for path in (p for folder in SCRIPTS for p in sorted((ROOT / folder).rglob("*.py"))):
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("steelyard."):
+                module = PACKAGE.parent.joinpath(*str(node.module).split("."))
+                names = "" if module.is_dir() else module.with_suffix(".py").read_text()
+                for name in (alias.name for alias in node.names):
+                    beside = (module / f"{name}.py").is_file() or (module / name).is_dir()
+                    if not beside and not re.search(rf"\b{name}\b", names):
+                        missing.append(f"{path.name}: {node.module}.{name}")
+    assert not missing

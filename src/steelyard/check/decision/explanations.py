@@ -248,7 +248,8 @@ def _changes(start: Explanation, others: OtherEfforts) -> Iterator[Hypothesis]:
     for h in effort_hypotheses(reading, others):
         factors = h.reading.effort_scale / reading.effort_scale
         # a fitted factor on all efforts is no other reading than bodies of another size
-        if h.cause == "effort kind" and np.any(factors != 1.0) and h.cost < FITTED_NUMBER_COST:
+        known = h.cause in ("effort unit", "effort kind") and h.cost < FITTED_NUMBER_COST
+        if known and np.any(factors != 1.0):
             if holds_factors(reading, np.abs(factors)):
                 yield h
             continue
