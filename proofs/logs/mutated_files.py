@@ -22,8 +22,8 @@ import polars as pl
 from proofs.logs.fuzzing import Limits, Outcome, mutated, outcomes
 from proofs.support.claims import Claim, main_of
 from proofs.support.log_files import Table, message_columns, write_messages, write_tables
-from steelyard.estimate.identified_model import load_model
 
+from steelyard.estimate.identified_model import load_model
 from steelyard.identify.identify import identify
 from steelyard.logs.formats import open_log
 from steelyard.robot.file.robot_file import load_robot
