@@ -37,7 +37,7 @@ from steelyard.base.arrays import Array
 from steelyard.base.errors import SteelyardError
 from steelyard.check.check import CheckResult, check
 from steelyard.check.finding import Finding, Severity
-from steelyard.check.findings_text import check_headline
+from steelyard.check.findings_text_and_page import check_headline
 from steelyard.identify.identify import identify
 from steelyard.robot.file.robot_file import LoadedRobot, load_robot
 

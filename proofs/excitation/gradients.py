@@ -16,8 +16,12 @@ from proofs.support.designs import PROBLEMS, panda, regressor
 
 sys.path.append(str(Path(__file__).parents[2] / "tests"))
 
-from steelyard.estimate.information.motion_information import InformationEvaluator
-from steelyard.excite.design_problem import Case, Objective, Problem
+from steelyard.excite.design_problem_and_information import (
+    Case,
+    InformationEvaluator,
+    Objective,
+    Problem,
+)
 from steelyard.excite.optimality_criteria import CRITERIA, Measure
 from steelyard.excite.problem_from_tables import build
 from steelyard.excite.search.feasibility import random_starts

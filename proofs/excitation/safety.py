@@ -25,7 +25,7 @@ from proofs.support.safety_panda import panda_claims
 from steelyard.base.errors import SteelyardError
 from steelyard.excite.collision.workspace_from_tables import WALLS_NAME
 from steelyard.excite.constraints.certificate import Certificate, Proof, certify
-from steelyard.excite.design_problem import Problem
+from steelyard.excite.design_problem_and_information import Problem
 from steelyard.excite.earlier_model import Earlier
 from steelyard.excite.problem_from_tables import build
 from steelyard.excite.search.repair_until_proven import finished

@@ -7,7 +7,7 @@ import numpy as np
 from proofs.support.faults import Clean, Faulty, with_keys
 
 from steelyard.check.case_and_evidence import Knowledge, knowledge_of
-from steelyard.check.check_register_and_diagnosis import Diagnosis
+from steelyard.check.diagnosis_and_contradictions import Diagnosis
 from steelyard.check.finding import Edit
 from steelyard.robot.file.toml_edits import edited
 from steelyard.robot.inertia_and_placement import Inertia

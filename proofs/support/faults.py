@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from steelyard.check.case_and_evidence import Case, Evidence
-from steelyard.check.check_register_and_diagnosis import Diagnosis, examine
+from steelyard.check.diagnosis_and_contradictions import Diagnosis, examine
 from steelyard.check.finding import Edit
 from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.robot.file.robot_file import LoadedRobot, load_robot

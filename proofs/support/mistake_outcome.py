@@ -15,7 +15,7 @@ from steelyard.base.arrays import Array
 from steelyard.base.errors import SteelyardError
 from steelyard.base.progress import silent
 from steelyard.check.check import correct_robot_file
-from steelyard.check.check_register_and_diagnosis import Diagnosis
+from steelyard.check.diagnosis_and_contradictions import Diagnosis
 from steelyard.check.named_logs_and_precheck import diagnosed, subject_of
 from steelyard.identify.identify import identify
 from steelyard.identify.page.content_and_error_words import ReportContent

@@ -11,7 +11,6 @@ from short_arm import without_wrist
 from steelyard.base.arrays import Array
 from steelyard.base.motion import Motion
 from steelyard.check.case_and_evidence import Case, Evidence
-from steelyard.check.check_register_and_diagnosis import Check, Diagnosis, examine
 from steelyard.check.decision.hypothesis_checks import (
     EFFORT_DELAY,
     EFFORT_KIND,
@@ -23,6 +22,7 @@ from steelyard.check.decision.hypothesis_checks import (
     PAYLOAD,
     POSITION_SIGN,
 )
+from steelyard.check.diagnosis_and_contradictions import Check, Diagnosis, examine
 from steelyard.estimate.identified_model import Cutoffs, IdentifiedModel, Provenance
 from steelyard.estimate.information.base_regressor import base_regressor
 from steelyard.estimate.information.gather import gather

@@ -9,13 +9,13 @@ import pytest
 from check.conftest import MODEL_BASED
 from check.test_model_based import GAINS, TAU, edits, in_amperes, wrong
 from steelyard.check.case_and_evidence import Case
-from steelyard.check.check_register_and_diagnosis import examine
-from steelyard.check.decision import drive_gain_sources as gains_left
-from steelyard.check.decision.drive_gain_sources import (
+from steelyard.check.decision import gains_and_laws_of_logs as gains_left
+from steelyard.check.decision.gains_and_laws_of_logs import (
     ControllerGains,
     controller_gains,
     gains_of_controller,
 )
+from steelyard.check.diagnosis_and_contradictions import examine
 from steelyard.check.finding import Edit, Severity
 from steelyard.robot.file.toml_edits import edited
 from steelyard.runs.recording import LogInMemory

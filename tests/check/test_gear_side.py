@@ -11,11 +11,11 @@ from steelyard.base.arrays import Parameters
 from steelyard.base.progress import silent
 from steelyard.check.case_and_evidence import Case
 from steelyard.check.check import CheckResult
-from steelyard.check.check_register_and_diagnosis import Diagnosis
+from steelyard.check.diagnosis_and_contradictions import Diagnosis
 from steelyard.check.finding import Severity
-from steelyard.check.findings_page import CheckContent
+from steelyard.check.findings_text_and_page import CheckContent
 from steelyard.check.fitted.fitted_case_and_causes import FittedCase
-from steelyard.check.fitted.gear_side import (
+from steelyard.check.identifiability_and_gear_side import (
     SEPARABLE_ROTORS,
     gear_side_check,
     rotors_at_zero_check,

@@ -11,11 +11,11 @@ from check.conftest import MODEL_BASED
 from check.fitted import demo_arm, log
 from steelyard.base.progress import silent
 from steelyard.check.case_and_evidence import Case
-from steelyard.check.check_register_and_diagnosis import examine
 from steelyard.check.decision import zeros_and_quarter_turns
 from steelyard.check.decision.hypothesis_checks import JOINT_ZEROS
 from steelyard.check.decision.ranked_readings import ranking
 from steelyard.check.decision.zeros_and_quarter_turns import joint_zeros_check, turned_joints
+from steelyard.check.diagnosis_and_contradictions import examine
 from steelyard.check.finding import Severity
 from steelyard.check.hypotheses import position_hypotheses as by_zero
 from steelyard.check.hypotheses.position_hypotheses import zero_offsets, zeros_without_effect

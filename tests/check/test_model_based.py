@@ -10,14 +10,18 @@ import pytest
 from scipy.optimize import lsq_linear
 
 from steelyard.check.case_and_evidence import knowledge_of
-from steelyard.check.check_register_and_diagnosis import Diagnosis, examine
-from steelyard.check.contradictions_of_logs import edits_that_serve_all_logs, friction_drift_check
 from steelyard.check.decision.hypothesis_checks import MOUNTING, PAYLOAD, UNKNOWN_BODIES
 from steelyard.check.decision.judged_explanations import judge_log
 from steelyard.check.decision.ranked_readings import COMPARING_PHASE
+from steelyard.check.diagnosis_and_contradictions import (
+    Diagnosis,
+    edits_that_serve_all_logs,
+    examine,
+    friction_drift_check,
+)
 from steelyard.check.finding import Edit, Finding, Fix, Severity
 from steelyard.check.hypotheses.nuisance_fit_and_score import fit_nuisances, shared_fit
-from steelyard.check.identifiability_and_clean_runs import identifiability_check
+from steelyard.check.identifiability_and_gear_side import identifiability_check
 from steelyard.estimate.effort_uncertainty import KnownScales
 from steelyard.robot.file.toml_edits import edited
 from steelyard.robot.inertia_and_placement import Inertia

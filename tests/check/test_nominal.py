@@ -22,11 +22,11 @@ from check.test_model_based import (
 from steelyard.check.case_and_evidence import knowledge_of
 from steelyard.check.decision import judged_explanations
 from steelyard.check.decision.decidable_questions import misfit_hides
-from steelyard.check.decision.drive_gain_sources import _listed_sources
+from steelyard.check.decision.gains_and_laws_of_logs import _listed_sources
 from steelyard.check.decision.judged_explanations import judge_log
 from steelyard.check.decision.ranked_readings import ranking
 from steelyard.check.finding import Edit, Severity
-from steelyard.check.findings_text import check_headline
+from steelyard.check.findings_text_and_page import check_headline
 from steelyard.check.hypotheses.gravity_payload_and_delay import _DirectionResidual
 from steelyard.check.hypotheses.readings_and_likelihood import keeps_evidence
 from steelyard.model.model import Model

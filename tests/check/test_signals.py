@@ -12,7 +12,7 @@ import pytest
 
 from steelyard.base.arrays import Array
 from steelyard.check.case_and_evidence import Case, Evidence
-from steelyard.check.check_register_and_diagnosis import CHECKS, Diagnosis, examine
+from steelyard.check.diagnosis_and_contradictions import CHECKS, Diagnosis, examine
 from steelyard.check.finding import Finding, Severity, percent_of
 from steelyard.check.signals.corrupt_and_repeated_rows import (
     corrupt_rows_check,

@@ -14,7 +14,6 @@ from steelyard.base.arrays import Array
 from steelyard.base.progress import silent
 from steelyard.check.case_and_evidence import Case
 from steelyard.check.check import CheckResult
-from steelyard.check.check_register_and_diagnosis import Diagnosis, examine
 from steelyard.check.decision.gear_signs_and_couplings import (
     missing_coupling,
     other_gears,
@@ -23,8 +22,9 @@ from steelyard.check.decision.gear_signs_and_couplings import (
 )
 from steelyard.check.decision.judged_explanations import judge_log
 from steelyard.check.decision.robot_file_edits import file_gains
+from steelyard.check.diagnosis_and_contradictions import Diagnosis, examine
 from steelyard.check.finding import Finding, Severity
-from steelyard.check.findings_page import CheckContent
+from steelyard.check.findings_text_and_page import CheckContent
 from steelyard.check.named_logs_and_precheck import case_of, subject_of
 from steelyard.cli.log_commands import WHAT_DECIDES_GAINS, WHAT_TO_COMPARE_OF_GEARS, hints
 from steelyard.robot.file.robot_file import load_robot

@@ -19,7 +19,7 @@ from check.test_signals import (
     sound,
 )
 from steelyard.base.arrays import Array
-from steelyard.check.check_register_and_diagnosis import examine
+from steelyard.check.diagnosis_and_contradictions import examine
 from steelyard.check.finding import Severity
 from steelyard.check.signals.position import position_check
 from steelyard.check.signals.time_stamps import clock_check

@@ -110,7 +110,7 @@ def test_ctrl_c_at_the_start_leaves_nothing(function: str, work: Path) -> None:
         ("command.progress_bar.<locals>.watch", SIMULATE),
         ("files.write_table", SIMULATE),
         ("files._remove", SIMULATE),
-        ("findings_page.render_check", (*CHECK, "-o", "out")),
+        ("findings_text_and_page.render_check", (*CHECK, "-o", "out")),
         ("toml_edits.edited", CHECK),
         ("files.whole_file", ("init", "../given/demo_arm.urdf")),
     ],

@@ -14,8 +14,7 @@ from law_cases import memoryless, name_of, spanning
 from moving import geared
 from steelyard.base.arrays import Array
 from steelyard.estimate.information.base_regressor import Regressor, base_regressor
-from steelyard.estimate.information.motion_information import InformationEvaluator
-from steelyard.excite.design_problem import Case, Objective
+from steelyard.excite.design_problem_and_information import Case, InformationEvaluator, Objective
 from steelyard.excite.optimality_criteria import CRITERIA, Measure, worst
 from steelyard.excite.trajectories.motion_families import Basis, rest_fourier, splines
 from steelyard.model.laws.bodies_springs_and_offset import Offset, RigidBody

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from steelyard.base.arrays import Array
-from steelyard.estimate.scores.repeated_motion import repeat_of, repeat_within
 from steelyard.excite.trajectories.fourier import random_fourier
+from steelyard.identify.cut_and_repeated_logs import repeat_of, repeat_within
 from steelyard.robot.file.robot_file import LoadedRobot
 from steelyard.runs.prepare import prepare
 from steelyard.runs.processing_choices import Processing

@@ -10,7 +10,7 @@ from excite.tabled import OPEN, arm, designed, model_with_open_friction, problem
 from steelyard.base.arrays import Array
 from steelyard.base.errors import DataError
 from steelyard.estimate.information.base_regressor import base_parameters
-from steelyard.excite.design_problem import Problem
+from steelyard.excite.design_problem_and_information import Problem
 from steelyard.excite.earlier_model import Earlier
 
 ANY = f'{OPEN}[excitation.limits]\neffort = "any"\n'

@@ -11,7 +11,7 @@ from designing import FAMILIES, START, box, limits, problem, torques
 from steelyard.base.arrays import Array
 from steelyard.base.errors import DataError
 from steelyard.excite.constraints.constraint import Constraint, Margins
-from steelyard.excite.design_problem import Problem
+from steelyard.excite.design_problem_and_information import Problem
 from steelyard.excite.search import repair_until_proven as finish
 from steelyard.excite.search.feasibility import random_starts
 from steelyard.excite.search.repair_until_proven import LEAST_MOTION_SHARE, finished, scaled

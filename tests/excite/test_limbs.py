@@ -11,11 +11,11 @@ import pytest
 from invented import ball, tree, turned
 from steelyard.base.arrays import Array
 from steelyard.base.progress import Stopped
-from steelyard.estimate.information.motion_information import InformationEvaluator
 from steelyard.excite.constraints.motion_limits import motion_limits
 from steelyard.excite.constraints.tool_workspace import Marker, points_of, tool_box
-from steelyard.excite.design_problem import (
+from steelyard.excite.design_problem_and_information import (
     Case,
+    InformationEvaluator,
     JointGroup,
     Problem,
     composed_motions,

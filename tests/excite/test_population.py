@@ -13,7 +13,7 @@ from steelyard.base.arrays import Array
 from steelyard.base.errors import DataError
 from steelyard.base.progress import Stopped
 from steelyard.excite.constraints.constraint import Constraint
-from steelyard.excite.design_problem import Problem
+from steelyard.excite.design_problem_and_information import Problem
 from steelyard.excite.search.feasibility import random_starts
 from steelyard.excite.search.search_methods import (
     NOTHING_SHOWN_COST,

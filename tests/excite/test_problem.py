@@ -11,8 +11,14 @@ from steelyard.base.arrays import Array
 from steelyard.base.errors import DataError
 from steelyard.base.progress import Stopped
 from steelyard.estimate.information.base_regressor import base_regressor
-from steelyard.estimate.information.motion_information import InformationEvaluator
-from steelyard.excite.design_problem import KEPT_PER_WAVE, SHOWN_PER_WAVE, Case, Problem, jumping
+from steelyard.excite.design_problem_and_information import (
+    KEPT_PER_WAVE,
+    SHOWN_PER_WAVE,
+    Case,
+    InformationEvaluator,
+    Problem,
+    jumping,
+)
 from steelyard.excite.optimality_criteria import CRITERIA, Measure
 from steelyard.excite.search.feasibility import random_starts
 from steelyard.excite.search.search_methods import METHODS, method_of, search_by_gradient, seeded

@@ -11,7 +11,7 @@ from steelyard.base.errors import ModelError, OutputError
 from steelyard.excite.constraints.constraint import Declined
 from steelyard.excite.constraints.effort_and_power import EffortLimit
 from steelyard.excite.design_from_tables import design
-from steelyard.excite.design_problem import Problem
+from steelyard.excite.design_problem_and_information import Problem
 from steelyard.excite.excite import refuse_formats
 from steelyard.excite.problem_from_tables import build
 from steelyard.excite.search.parallel_search import SearchBudget

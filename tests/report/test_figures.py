@@ -12,7 +12,6 @@ from report.conftest import rendered_only
 from steelyard.base.arrays import Z95, Parameters
 from steelyard.estimate.scores.bands_and_traces import PARTS
 from steelyard.identify.page import efforts_and_their_parts
-from steelyard.identify.page.conditioning_and_unseen import CorrelationsSection, correlations
 from steelyard.identify.page.content_and_error_words import (
     ReportContent,
     fitted_samples,
@@ -29,9 +28,13 @@ from steelyard.identify.page.friction_and_residuals import (
     binned,
     curves_of,
 )
-from steelyard.identify.page.inertia_ellipsoids import EllipsoidsSection, semi_axes
-from steelyard.identify.page.link_inertias import MassesSection
+from steelyard.identify.page.link_inertias_and_ellipsoids import (
+    EllipsoidsSection,
+    MassesSection,
+    semi_axes,
+)
 from steelyard.identify.page.parameters_and_truth import TruthSection
+from steelyard.identify.page.reduction_conditioning_unseen import CorrelationsSection, correlations
 from steelyard.identify.page.section_register import render
 from steelyard.report.figures import Figure
 from steelyard.robot.inertia_and_placement import Inertia

@@ -7,16 +7,18 @@ import pytest
 from rich.console import Console
 
 from report.conftest import EVIL, diagnosis
-from steelyard.check.check_register_and_diagnosis import Diagnosis
+from steelyard.check.diagnosis_and_contradictions import Diagnosis
 from steelyard.check.finding import ComparedHypothesis, Edit, Finding, Fix, Severity
-from steelyard.check.findings_page import CheckContent, findings_of, render_check
-from steelyard.check.findings_text import (
+from steelyard.check.findings_text_and_page import (
+    CheckContent,
     by_edits,
     check_headline,
     diagnosis_dict,
+    findings_of,
     groups,
     print_findings,
     print_notes,
+    render_check,
     tally,
 )
 from steelyard.check.named_logs_and_precheck import refusal

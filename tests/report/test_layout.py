@@ -17,7 +17,7 @@ from report.test_findings import content as check_content
 from report.test_models import models_content
 from report.test_page import own_html
 from report.test_tracking import tracking_content
-from steelyard.check.findings_page import render_check
+from steelyard.check.findings_text_and_page import render_check
 from steelyard.excite.page.design_page import render_design
 from steelyard.identify.comparison.estimators_page import COMPARE_SECTIONS, ComparisonContent
 from steelyard.identify.comparison.models_page import COMPARE_MODELS_SECTIONS

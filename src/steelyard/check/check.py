@@ -13,12 +13,18 @@ from steelyard.base.arguments import checked
 from steelyard.base.errors import ModelError, OutputError
 from steelyard.base.files import whole_file
 from steelyard.base.progress import Progress, silent
-from steelyard.check import check_register_and_diagnosis
-from steelyard.check.check_register_and_diagnosis import Diagnosis
+from steelyard.check import diagnosis_and_contradictions
+from steelyard.check.diagnosis_and_contradictions import Diagnosis
 from steelyard.check.finding import Edit, Finding, Severity
-from steelyard.check.findings_page import CheckContent, render_check
-from steelyard.check.findings_text import check_headline, diagnosis_dict, edit_dict, tally
-from steelyard.check.findings_text import print_findings as show_findings
+from steelyard.check.findings_text_and_page import (
+    CheckContent,
+    check_headline,
+    diagnosis_dict,
+    edit_dict,
+    render_check,
+    tally,
+)
+from steelyard.check.findings_text_and_page import print_findings as show_findings
 from steelyard.check.named_logs_and_precheck import Subject, diagnosed, refuse_foreign, subject_of
 from steelyard.estimate.estimator_register import method_of
 from steelyard.estimate.identified_model import IdentifiedModel, load_model
@@ -317,7 +323,7 @@ def check(
         tuple(file.text for file in files),
         named,
         diagnosis,
-        {check.name: check.question for check in check_register_and_diagnosis.CHECKS},
+        {check.name: check.question for check in diagnosis_and_contradictions.CHECKS},
         subject.notes,
     )
     return CheckResult(content, corrected)

@@ -10,9 +10,9 @@ from typing import Any
 from steelyard.base.errors import DataError, LogError, ModelError
 from steelyard.base.progress import Progress, report_progress
 from steelyard.check.case_and_evidence import Case, Evidence
-from steelyard.check.check_register_and_diagnosis import Diagnosis, examine
+from steelyard.check.diagnosis_and_contradictions import Diagnosis, examine
 from steelyard.check.finding import Edit, Finding, Fix, Severity
-from steelyard.check.findings_text import by_edits, print_notes
+from steelyard.check.findings_text_and_page import by_edits, print_notes
 from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.logs.log import parse_log_argument
 from steelyard.model.laws.register import term_of

@@ -16,7 +16,7 @@ from steelyard.excite.constraints.constraint import Constraint, Gap
 from steelyard.excite.constraints.constraints_from_tables import constraints_of
 from steelyard.excite.constraints.motion_limits import MotionLimits
 from steelyard.excite.constraints.tool_workspace import Marker
-from steelyard.excite.design_problem import Case, Problem, composed_motions
+from steelyard.excite.design_problem_and_information import Case, Problem, composed_motions
 from steelyard.excite.earlier_model import Earlier
 from steelyard.excite.planned.plans_from_tables import planned
 from steelyard.excite.predicted_accuracy_and_advice import (

@@ -9,7 +9,7 @@ from steelyard.base.arrays import Array
 from steelyard.base.errors import DataError
 from steelyard.base.motion import Trajectory
 from steelyard.excite.constraints.motion_limits import MotionLimits
-from steelyard.excite.design_problem import Case, jumping
+from steelyard.excite.design_problem_and_information import Case, jumping
 from steelyard.excite.optimality_criteria import CRITERIA, worst_value
 from steelyard.excite.planned.sweeps_and_standstills import friction_sweeps, static_postures
 

@@ -12,7 +12,6 @@ from steelyard.estimate.information.base_regressor import (
     base_parameters,
     clear_map,
 )
-from steelyard.estimate.information.motion_information import InformationEvaluator
 from steelyard.excite.constraints.constraint import Declined
 from steelyard.excite.constraints.constraints_from_tables import constraints_of, without_memory
 from steelyard.excite.constraints.effort_and_power import payload_numbers
@@ -21,7 +20,7 @@ from steelyard.excite.constraints.motion_limits import (
     MotionLimits,
     motion_limits,
 )
-from steelyard.excite.design_problem import Case, Problem
+from steelyard.excite.design_problem_and_information import Case, InformationEvaluator, Problem
 from steelyard.excite.earlier_model import Earlier
 from steelyard.excite.optimality_criteria import CRITERIA, Measure
 from steelyard.excite.trajectories.motion_families import basis_of, per_joint

@@ -10,11 +10,11 @@ from steelyard.base.arguments import checked
 from steelyard.base.arrays import Parameters
 from steelyard.base.errors import LogError
 from steelyard.base.progress import Progress, silent
-from steelyard.check.check_register_and_diagnosis import Diagnosis
 from steelyard.check.decision.gear_signs_and_couplings import missing_coupling
 from steelyard.check.decision.zeros_and_quarter_turns import turned_joints
+from steelyard.check.diagnosis_and_contradictions import Diagnosis
 from steelyard.check.finding import Finding, Severity
-from steelyard.check.findings_text import groups, open_words, print_notes
+from steelyard.check.findings_text_and_page import groups, open_words, print_notes
 from steelyard.check.fitted.fitted_case_and_causes import FittedCase
 from steelyard.check.fitted.implausible_estimates import refuse_absurd
 from steelyard.check.fitted.post_fit_checks import doubts_of_fit, examine_fit

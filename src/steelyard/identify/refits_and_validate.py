@@ -11,7 +11,7 @@ from steelyard.base.arguments import checked
 from steelyard.base.errors import DataError, LogError
 from steelyard.base.progress import Progress, report_progress, silent
 from steelyard.check.finding import Finding
-from steelyard.check.findings_text import finding_dict
+from steelyard.check.findings_text_and_page import finding_dict
 from steelyard.check.fitted.fitted_case_and_causes import FittedCase
 from steelyard.check.fitted.post_fit_checks import examine_fit, kept_doubts
 from steelyard.estimate.bootstrap_and_sensitivity import (

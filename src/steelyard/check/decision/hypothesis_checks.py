@@ -8,12 +8,12 @@ import numpy as np
 
 from steelyard.check.case_and_evidence import Case, Evidence
 from steelyard.check.decision.decidable_questions import misfit_hides, undecided, zero_bounds
-from steelyard.check.decision.drive_gain_sources import (
+from steelyard.check.decision.explanations import least_mass
+from steelyard.check.decision.gains_and_laws_of_logs import (
     gains_left,
     gains_of_controller,
     unwritten_number_advice,
 )
-from steelyard.check.decision.explanations import least_mass
 from steelyard.check.decision.judged_explanations import (
     CLEAN,
     friction_alone_explains,

@@ -13,7 +13,6 @@ from dataclasses import replace
 import numpy as np
 
 from steelyard.check.case_and_evidence import Case, Evidence
-from steelyard.check.decision.drive_gain_sources import LARGEST_GEAR_RATIO, LEAST_GEAR_RATIO
 from steelyard.check.decision.explanations import (
     FACTOR_CAUSES,
     Explanation,
@@ -23,6 +22,7 @@ from steelyard.check.decision.explanations import (
     mirror,
     undone,
 )
+from steelyard.check.decision.gains_and_laws_of_logs import LARGEST_GEAR_RATIO, LEAST_GEAR_RATIO
 from steelyard.check.decision.ranked_readings import (
     Judged,
     LogVerdict,

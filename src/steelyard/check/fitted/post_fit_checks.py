@@ -12,8 +12,11 @@ from steelyard.base.arrays import Z95
 from steelyard.base.progress import Progress, report_progress, silent
 from steelyard.check.finding import Finding, Fix, Severity, percent_of
 from steelyard.check.fitted.changes_within_run import change_in_run_check
+from steelyard.check.fitted.disagreeing_runs_and_passing_force import (
+    last_link_check,
+    runs_disagree_check,
+)
 from steelyard.check.fitted.fitted_case_and_causes import FittedCase, PostFitCheck, post_fit_check
-from steelyard.check.fitted.gear_side import below_nominal_check, rotors_at_zero_check
 from steelyard.check.fitted.implausible_estimates import (
     absurd_bodies_check,
     light_links_check,
@@ -21,7 +24,7 @@ from steelyard.check.fitted.implausible_estimates import (
 )
 from steelyard.check.fitted.incomplete_model import model_error_check
 from steelyard.check.fitted.reason_of_unseen_error import unseen_reason_check
-from steelyard.check.fitted.runs_and_last_link_disagree import last_link_check, runs_disagree_check
+from steelyard.check.identifiability_and_gear_side import below_nominal_check, rotors_at_zero_check
 from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.estimate.scores.effort_errors import PROMISED
 from steelyard.model.laws.bodies_springs_and_offset import RotorInertia, Spring

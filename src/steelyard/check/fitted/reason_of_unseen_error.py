@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 
 from steelyard.base.arrays import Array
 from steelyard.check.case_and_evidence import Case, Evidence
-from steelyard.check.contradictions_of_logs import with_unbounded_friction
 from steelyard.check.decision.judged_explanations import judge_log
 from steelyard.check.decision.ranked_readings import LogVerdict
 from steelyard.check.decision.robot_file_edits import zero_edits
+from steelyard.check.diagnosis_and_contradictions import with_unbounded_friction
 from steelyard.check.finding import Finding, Fix, Severity
 from steelyard.check.fitted.fitted_case_and_causes import FittedCase, post_fit_check
 from steelyard.check.hypotheses.position_hypotheses import ZERO_CAUSE

@@ -19,7 +19,7 @@ from steelyard.base.arrays import Array
 from steelyard.base.errors import SteelyardError
 from steelyard.check.case_and_evidence import Case, Evidence, log_check
 from steelyard.check.finding import Finding, Fix, Picture, Severity, of_joints, percent_of, trace
-from steelyard.check.identifiability_and_clean_runs import clean_runs, customary_model
+from steelyard.check.identifiability_and_gear_side import clean_runs, customary_model
 from steelyard.check.signals.good_rows_and_derivatives import (
     SignalOverview,
     noise_of,

@@ -30,7 +30,7 @@ from steelyard.check.finding import (
     trace,
 )
 from steelyard.check.hypotheses.readings_and_likelihood import likeliest
-from steelyard.check.identifiability_and_clean_runs import customary_model, longest_run
+from steelyard.check.identifiability_and_gear_side import customary_model, longest_run
 from steelyard.check.signals.good_rows_and_derivatives import (
     JITTER_LIMIT,
     LATE_STEP,

@@ -22,7 +22,7 @@ import numpy as np
 from steelyard.base.arrays import Array
 from steelyard.base.errors import DataError
 from steelyard.base.progress import Progress, Stopped, module_command, report_progress, silent
-from steelyard.excite.design_problem import Problem
+from steelyard.excite.design_problem_and_information import Problem
 from steelyard.excite.problem_from_tables import Tables
 from steelyard.excite.search.feasibility import NoMotion
 

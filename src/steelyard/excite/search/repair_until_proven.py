@@ -9,7 +9,7 @@ import numpy as np
 
 from steelyard.base.arrays import Array
 from steelyard.base.errors import DataError
-from steelyard.excite.design_problem import Problem
+from steelyard.excite.design_problem_and_information import Problem
 from steelyard.excite.search.feasibility import NoMotion
 from steelyard.excite.search.margins_barrier_and_newton import (
     BACK_STAGES,

@@ -15,7 +15,7 @@ import numpy as np
 from steelyard.base.arrays import Array
 from steelyard.base.errors import DataError, advice
 from steelyard.base.progress import Event, Progress, report_progress, silent
-from steelyard.excite.design_problem import Problem, composed_motions
+from steelyard.excite.design_problem_and_information import Problem, composed_motions
 from steelyard.excite.search.feasibility import each_start, random_starts
 from steelyard.excite.search.margins_barrier_and_newton import STAGES, minimised
 

@@ -7,10 +7,9 @@ from statistics import fmean
 from typing import Any
 
 from steelyard.base.arrays import Parameters
-from steelyard.check.check_register_and_diagnosis import Diagnosis
+from steelyard.check.diagnosis_and_contradictions import Diagnosis
 from steelyard.check.finding import Finding
-from steelyard.check.findings_page import findings_of
-from steelyard.check.findings_text import diagnosis_dict
+from steelyard.check.findings_text_and_page import diagnosis_dict, findings_of
 from steelyard.estimate.bootstrap_and_sensitivity import Bootstrap, RepeatedEstimates, Sensitivity
 from steelyard.estimate.friction.friction_choice import FrictionChoice
 from steelyard.estimate.identified_model import IdentifiedModel

@@ -12,14 +12,12 @@ from rich.text import Text
 
 from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.identify.page import (
-    conditioning_and_unseen,
     efforts_and_their_parts,
     friction_and_residuals,
     gains_offsets_and_scatter,
-    inertia_ellipsoids,
-    link_inertias,
+    link_inertias_and_ellipsoids,
     parameters_and_truth,
-    reduction_sections,
+    reduction_conditioning_unseen,
     verdict_section,
 )
 from steelyard.identify.page.content_and_error_words import (
@@ -33,7 +31,7 @@ from steelyard.report.page import Section, render_sections
 
 SECTIONS: tuple[Section, ...] = (
     verdict_section.VerdictSection(),
-    reduction_sections.ReductionSection(),
+    reduction_conditioning_unseen.ReductionSection(),
     efforts_and_their_parts.EffortSection(),
     efforts_and_their_parts.TorqueSplitSection(),
     friction_and_residuals.FrictionCurvesSection(),
@@ -43,15 +41,15 @@ SECTIONS: tuple[Section, ...] = (
     gains_offsets_and_scatter.EffortScalesSection(),
     gains_offsets_and_scatter.ZeroOffsetsSection(),
     parameters_and_truth.TruthSection(),
-    reduction_sections.RemovalsSection(),
+    reduction_conditioning_unseen.RemovalsSection(),
     parameters_and_truth.ParametersSection(),
-    link_inertias.MassesSection(),
-    inertia_ellipsoids.EllipsoidsSection(),
-    link_inertias.BodiesSection(),
+    link_inertias_and_ellipsoids.MassesSection(),
+    link_inertias_and_ellipsoids.EllipsoidsSection(),
+    link_inertias_and_ellipsoids.BodiesSection(),
     gains_offsets_and_scatter.PerRunSection(),
-    conditioning_and_unseen.UnseenSection(),
-    conditioning_and_unseen.ConditioningSection(),
-    conditioning_and_unseen.CorrelationsSection(),
+    reduction_conditioning_unseen.UnseenSection(),
+    reduction_conditioning_unseen.ConditioningSection(),
+    reduction_conditioning_unseen.CorrelationsSection(),
     gains_offsets_and_scatter.BootstrapSection(),
     gains_offsets_and_scatter.RepeatedSection(),
     gains_offsets_and_scatter.SensitivitySection(),
