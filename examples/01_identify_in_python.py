@@ -15,7 +15,7 @@ from steelyard.model.model import Model
 from steelyard.robot.file.robot_file import load_robot
 from steelyard.runs.prepare import prepare
 from steelyard.runs.recording import Recording
-from steelyard.simulate.demo import demo_runs
+from steelyard.simulate.simulate import demo_runs
 
 files = demo_runs(Path(sys.argv[1]))
 robot = load_robot(files.robot)

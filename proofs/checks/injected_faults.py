@@ -33,7 +33,7 @@ from steelyard.robot.file.robot_file import LoadedRobot, load_robot
 from steelyard.runs.processing_choices import Processing
 from steelyard.runs.recording import LogInMemory, Recording
 from steelyard.runs.runs_of_named_logs import prepared
-from steelyard.simulate.demo import write_demo_arm
+from steelyard.simulate.simulate import write_demo_arm
 from steelyard.simulate.truth import random_truth
 
 DRAWS = 20

@@ -314,7 +314,7 @@ def of_comparison(given: Path, work: Path) -> Claim:
 
 def main() -> list[Claim]:
     """All of them."""
-    from steelyard.simulate.demo import demo_runs
+    from steelyard.simulate.simulate import demo_runs
 
     with tempfile.TemporaryDirectory() as folder:
         given, work = Path(folder) / "given", Path(folder) / "work"

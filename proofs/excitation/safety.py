@@ -28,9 +28,9 @@ from steelyard.excite.constraints.certificate import Certificate, Proof, certify
 from steelyard.excite.design_problem_and_information import Problem
 from steelyard.excite.earlier_model import Earlier
 from steelyard.excite.problem_from_tables import build
+from steelyard.excite.search.feasibility import refuse_impossible
 from steelyard.excite.search.repair_until_proven import finished
 from steelyard.excite.search.search_methods import search_by_gradient, seeded
-from steelyard.excite.search.why_no_motion import refuse_impossible
 from steelyard.excite.trajectories.trajectory import ExactTrajectory
 from steelyard.model.model import model_with_open_friction
 from steelyard.robot.file.robot_file import load_robot

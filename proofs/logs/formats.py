@@ -18,7 +18,7 @@ from steelyard.robot.file.signals import Signals
 from steelyard.runs.prepare import prepare
 from steelyard.runs.recording import Recording
 from steelyard.runs.run import RunData
-from steelyard.simulate.demo import demo_runs
+from steelyard.simulate.simulate import demo_runs
 
 
 def main() -> list[Claim]:

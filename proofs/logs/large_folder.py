@@ -13,7 +13,7 @@ import numpy as np
 import polars as pl
 from proofs.support.claims import Claim, main_of
 
-from steelyard.simulate.demo import demo_runs
+from steelyard.simulate.simulate import demo_runs
 
 ROWS = 10_000_000
 SMALL = 1_000_000

@@ -31,7 +31,7 @@ from steelyard.robot.file.signals import Signals
 from steelyard.runs.prepare import prepare
 from steelyard.runs.processing_choices import Processing
 from steelyard.runs.recording import Recording
-from steelyard.simulate.demo import demo_runs
+from steelyard.simulate.simulate import demo_runs
 
 FILES = 24_000
 LIMITS = Limits(seconds=20.0, room=2048.0)

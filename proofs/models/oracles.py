@@ -20,9 +20,9 @@ from steelyard.model.laws.bodies_springs_and_offset import RigidBody
 from steelyard.model.model import Model
 from steelyard.robot.robot import Robot
 from steelyard.simulate.mujoco_model import build, inverse_dynamics
-from steelyard.symbolic import program_and_softening as numpy_backend
-from steelyard.symbolic.program_and_softening import InputArray as Input
-from steelyard.symbolic.program_and_softening import Program
+from steelyard.symbolic import program as numpy_backend
+from steelyard.symbolic.program import InputArray as Input
+from steelyard.symbolic.program import Program
 from steelyard.symbolic.symbols_and_tracing import symbolic
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "tests"))

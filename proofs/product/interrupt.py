@@ -10,7 +10,7 @@ from pathlib import Path
 
 from proofs.support.claims import Claim, main_of
 
-from steelyard.simulate.demo import demo_runs
+from steelyard.simulate.simulate import demo_runs
 
 PRESS = Path(__file__).parents[2] / "tests" / "cli" / "interrupted_at.py"
 

@@ -188,7 +188,7 @@ def way() -> tuple[int, int, int]:
     from steelyard.robot.file.robot_file import load_robot
     from steelyard.runs.prepare import prepare
     from steelyard.runs.recording import Recording
-    from steelyard.simulate.demo import demo_runs
+    from steelyard.simulate.simulate import demo_runs
 
     with tempfile.TemporaryDirectory() as folder:
         files = demo_runs(Path(folder))

@@ -19,7 +19,7 @@ from steelyard.excite.trajectories.fourier import random_fourier
 from steelyard.model.laws.bodies_springs_and_offset import RigidBody
 from steelyard.robot.inertia_and_placement import Inertia
 from steelyard.robot.robot import Robot
-from steelyard.simulate.demo import write_demo_arm
+from steelyard.simulate.simulate import write_demo_arm
 from steelyard.simulate.truth import Truth, random_truth
 
 RATE = 200.0

@@ -17,7 +17,7 @@ from steelyard.cli import identify_and_use_commands
 from steelyard.cli.app import app, expanded
 from steelyard.cli.command import CommandResult, computed
 from steelyard.identify import cut_and_repeated_logs
-from steelyard.simulate.demo import write_demo_arm
+from steelyard.simulate.simulate import write_demo_arm
 
 Command = Callable[..., Result]
 

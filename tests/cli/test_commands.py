@@ -18,7 +18,7 @@ from cli.mistakes import LOG, PLAIN, ROBOT
 from short_arm import without_wrist
 from steelyard.cli.app import app, expanded
 from steelyard.robot.file.robot_file import LoadedRobot, load_robot
-from steelyard.simulate import demo as demonstration
+from steelyard.simulate import simulate as demonstration
 
 URDF = "../given/demo_arm.urdf"
 OTHER = "../given/validation.csv"

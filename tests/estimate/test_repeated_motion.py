@@ -19,7 +19,7 @@ from steelyard.runs.run import (
     Run,
     motion_samples,
 )
-from steelyard.simulate.demo import write_demo_arm
+from steelyard.simulate.simulate import write_demo_arm
 
 STEP = 2.0 * np.pi / 2**17
 

@@ -20,10 +20,14 @@ from steelyard.excite.earlier_model import Earlier
 from steelyard.excite.problem_from_tables import Tables, build
 from steelyard.excite.search import parallel_search as parallel_search
 from steelyard.excite.search import worker_process as worker
-from steelyard.excite.search.feasibility import NoMotion, random_starts
+from steelyard.excite.search.feasibility import (
+    NoMotion,
+    explained_no_motion,
+    random_starts,
+    refuse_impossible,
+)
 from steelyard.excite.search.parallel_search import SearchBudget
 from steelyard.excite.search.repair_until_proven import Kept, finished
-from steelyard.excite.search.why_no_motion import explained_no_motion, refuse_impossible
 from steelyard.excite.trajectories.trajectory import ExactTrajectory
 from steelyard.model.model import Model, with_friction
 from steelyard.model.model import model_with_open_friction as model_with_rigid_bodies

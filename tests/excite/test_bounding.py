@@ -5,15 +5,15 @@ import pytest
 
 from exact_motions import MAKERS, piecewise
 from steelyard.base.arrays import Array
-from steelyard.excite.constraints.bounds_at_all_times import (
+from steelyard.excite.constraints.proven_bounds import (
     MOST_STRETCHES,
     Course,
     Stretches,
     proven_minimum,
 )
 from steelyard.excite.trajectories.fourier import FourierMotion
-from steelyard.symbolic.program_and_softening import InputArray as Input
-from steelyard.symbolic.program_and_softening import Program, Step
+from steelyard.symbolic.program import InputArray as Input
+from steelyard.symbolic.program import Program, Step
 
 KIND = pytest.mark.parametrize("make", MAKERS, ids=lambda make: make.__name__)
 

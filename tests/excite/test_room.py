@@ -18,7 +18,7 @@ from steelyard.excite.problem_from_tables import build
 from steelyard.excite.trajectories.fourier import random_fourier
 from steelyard.excite.trajectories.trajectory import ExactTrajectory
 from steelyard.robot.file.robot_file import load_robot
-from steelyard.simulate.demo import _above_table, write_demo_arm
+from steelyard.simulate.simulate import _above_table, write_demo_arm
 
 ANY = f'{OPEN}[excitation.limits]\neffort = "any"\n[excitation.workspace]\n'
 WALLS = """floor = -0.1

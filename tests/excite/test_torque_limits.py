@@ -11,7 +11,7 @@ from oracles import pinocchio_torque
 from steelyard.base.arrays import Array, Parameters
 from steelyard.base.errors import ModelError
 from steelyard.base.motion import Motion
-from steelyard.excite.constraints.effort_and_power import (
+from steelyard.excite.constraints.proven_bounds import (
     TORQUE_TOLERANCE,
     EffortLimit,
     loaded,

@@ -10,8 +10,7 @@ import pytest
 from steelyard.base.errors import ModelError
 from steelyard.identify.identify import identify
 from steelyard.robot.file.robot_file import load_robot
-from steelyard.robot.init.base_and_locked_joints import proposed
-from steelyard.robot.init.draft_robot_file import assigned, drafted
+from steelyard.robot.init.draft_robot_file import assigned, drafted, proposed
 from steelyard.runs.runs_of_named_logs import load_runs, sample_of
 
 pytestmark = pytest.mark.usefixtures("few_stretches")

@@ -25,7 +25,7 @@ from steelyard.identify.page.content_and_error_words import ReportContent
 from steelyard.identify.page.section_register import render
 from steelyard.report.page import TEMPLATES, page_of, render_sections
 from steelyard.simulate.tracking_sections import TRACK_SECTIONS
-from steelyard.uses.payload.payload_page import render_payload_events
+from steelyard.uses.payload.payload import render_payload_events
 
 pytestmark = pytest.mark.slow
 

@@ -19,7 +19,7 @@ from steelyard.identify.page.section_register import (
     render,
 )
 from steelyard.identify.page.verdict_and_next_steps import verdict
-from steelyard.uses.payload.payload_page import event_lines
+from steelyard.uses.payload.payload import event_lines
 from steelyard.uses.watch.stream_output import summary_lines
 
 

@@ -6,8 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from steelyard.robot.init.base_and_locked_joints import proposed
-from steelyard.robot.init.draft_robot_file import Assignment, assigned
+from steelyard.robot.init.draft_robot_file import Assignment, assigned, proposed
 from steelyard.robot.init.guess_columns import Guess
 from steelyard.runs.runs_of_named_logs import sample_of
 

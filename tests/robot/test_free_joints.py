@@ -11,8 +11,7 @@ from steelyard.excite.problem_from_tables import build
 from steelyard.excite.search.parallel_search import SearchBudget, task_of
 from steelyard.model.model import Model
 from steelyard.robot.file.robot_file import load_robot
-from steelyard.robot.init.base_and_locked_joints import proposed
-from steelyard.robot.init.draft_robot_file import assigned, drafted
+from steelyard.robot.init.draft_robot_file import assigned, drafted, proposed
 from steelyard.robot.models.mjcf import read_mjcf
 from steelyard.robot.robot_from_mechanism import reduced
 

@@ -5,8 +5,7 @@ import pytest
 
 from steelyard.base.errors import ModelError, OpenModelError
 from steelyard.robot.file.robot_file import LoadedRobot, load_robot
-from steelyard.robot.init.base_and_locked_joints import proposed
-from steelyard.robot.init.draft_robot_file import assigned, drafted
+from steelyard.robot.init.draft_robot_file import assigned, drafted, proposed
 from steelyard.robot.models.mjcf import read_mjcf
 from steelyard.robot.robot_from_mechanism import reduced
 

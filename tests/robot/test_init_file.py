@@ -10,8 +10,7 @@ from steelyard.estimate.identified_model import BAND
 from steelyard.model.model import model_with_open_friction
 from steelyard.robot.file.robot_file import LoadedRobot, load_robot
 from steelyard.robot.file.sections import PriorSection, ProcessingSection
-from steelyard.robot.init.base_and_locked_joints import proposed
-from steelyard.robot.init.draft_robot_file import assigned, drafted, path_from
+from steelyard.robot.init.draft_robot_file import assigned, drafted, path_from, proposed
 from steelyard.robot.init.guess_efforts_and_gears import link_side
 from steelyard.robot.robot import Limits
 

@@ -8,8 +8,7 @@ import pytest
 from steelyard.base.errors import LogError, ModelError
 from steelyard.model.model import model_with_open_friction
 from steelyard.robot.file.robot_file import LoadedRobot, load_robot
-from steelyard.robot.init.base_and_locked_joints import proposed
-from steelyard.robot.init.draft_robot_file import Draft, assigned, drafted
+from steelyard.robot.init.draft_robot_file import Draft, assigned, drafted, proposed
 from steelyard.robot.init.draft_tables import Known
 from steelyard.robot.init.guess_columns import Guess, guess_columns
 from steelyard.robot.init.guess_efforts_and_gears import Gears, regressed

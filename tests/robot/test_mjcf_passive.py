@@ -10,7 +10,7 @@ from steelyard.model.equations.inverse_dynamics import JointState
 from steelyard.model.laws.bodies_springs_and_offset import Spring
 from steelyard.model.model import model_with_open_friction
 from steelyard.robot.file.robot_file import LoadedRobot, load_robot
-from steelyard.robot.init import base_and_locked_joints as init_proposal
+from steelyard.robot.init import draft_robot_file as init_proposal
 from steelyard.robot.init.draft_robot_file import assigned, drafted, notes_beside
 from steelyard.robot.mechanism import Listed
 

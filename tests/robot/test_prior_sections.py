@@ -8,8 +8,7 @@ import pytest
 from steelyard.base.errors import ModelError
 from steelyard.robot.file.robot_file import LoadedRobot, load_robot
 from steelyard.robot.file.toml_edits import edited
-from steelyard.robot.init.base_and_locked_joints import proposed
-from steelyard.robot.init.draft_robot_file import assigned, drafted
+from steelyard.robot.init.draft_robot_file import assigned, drafted, proposed
 
 URDF = """<robot name="one"><link name="a"/><link name="b"/>
 <joint name="elbow" type="continuous"><parent link="a"/><child link="b"/><axis xyz="0 0 1"/></joint>

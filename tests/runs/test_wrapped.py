@@ -9,7 +9,7 @@ from steelyard.base.arrays import Array
 from steelyard.runs.prepare import prepare
 from steelyard.runs.processing_choices import Processing
 from steelyard.runs.recording import TURN, LogInMemory, Recording, wrapped_middles
-from steelyard.simulate.demo import write_demo_arm
+from steelyard.simulate.simulate import write_demo_arm
 
 
 def motion(duration: float = 20.0) -> tuple[Array, Array]:

@@ -22,8 +22,8 @@ from steelyard.model.laws.friction_over_speed import Viscous
 from steelyard.model.model import Model
 from steelyard.robot.file.signals import Signals
 from steelyard.robot.inertia_and_placement import Inertia
+from steelyard.uses.payload.payload import payload_headline
 from steelyard.uses.payload.payload_fit import identify_payload
-from steelyard.uses.payload.payload_page import payload_headline
 
 NAMES = tuple(f"c{k}" for k in range(9))
 SIGNALS = Signals(

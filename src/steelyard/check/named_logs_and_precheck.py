@@ -21,8 +21,7 @@ from steelyard.robot.file.robot_file import load_robot, robot_text
 from steelyard.robot.file.signals import Signals
 from steelyard.robot.file.toml_edits import edited, lines_of
 from steelyard.robot.file.toml_schema import tomllib
-from steelyard.robot.init.base_and_locked_joints import proposed
-from steelyard.robot.init.draft_robot_file import assigned, drafted, notes_beside
+from steelyard.robot.init.draft_robot_file import assigned, drafted, notes_beside, proposed
 from steelyard.robot.init.guess_columns import guess_columns, refuse_motors, velocities_beside
 from steelyard.runs.rows.clock_and_row_scan import no_row, time_span
 from steelyard.runs.run import Run

@@ -213,9 +213,9 @@ def payload(
     from steelyard.estimate.identified_model import load_model
     from steelyard.estimate.payload.payload_estimate import PayloadEstimate
     from steelyard.report.terminal import terminal
-    from steelyard.uses.payload.payload import events_of_logs
-    from steelyard.uses.payload.payload_page import (
+    from steelyard.uses.payload.payload import (
         event_lines,
+        events_of_logs,
         payload_lines,
         render_payload_events,
     )

@@ -15,8 +15,7 @@ from steelyard.cli.derived_command import from_function
 if TYPE_CHECKING:
     from steelyard.cli.drive_questions import Stated
     from steelyard.identify.cut_and_repeated_logs import ProposedCut
-    from steelyard.robot.init.base_and_locked_joints import Proposal
-    from steelyard.robot.init.draft_robot_file import Assignment, Draft
+    from steelyard.robot.init.draft_robot_file import Assignment, Draft, Proposal
     from steelyard.robot.init.draft_tables import Known
     from steelyard.runs.runs_of_named_logs import LogArgument
 
@@ -89,8 +88,7 @@ def init(
     from steelyard.cli.drive_questions import Stated
     from steelyard.identify.cut_and_repeated_logs import ProposedCut, propose_cut
     from steelyard.robot.file.robot_file import load_robot
-    from steelyard.robot.init.base_and_locked_joints import proposed
-    from steelyard.robot.init.draft_robot_file import drafted, notes_beside
+    from steelyard.robot.init.draft_robot_file import drafted, notes_beside, proposed
     from steelyard.runs.runs_of_named_logs import log_files
 
     proposal = proposed(model, fixed_base)

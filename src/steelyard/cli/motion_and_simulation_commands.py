@@ -297,7 +297,7 @@ def demo(
     from steelyard.identify.identify import identify
     from steelyard.model.model import model_with_open_friction
     from steelyard.report.terminal import terminal
-    from steelyard.simulate.demo import demo_runs, true_parameters
+    from steelyard.simulate.simulate import demo_runs, true_parameters
 
     folder = new_folder(output, "steelyard-demo")
     found: list[DesignedMotion] = []

@@ -27,7 +27,7 @@ from steelyard.excite.predicted_accuracy_and_advice import (
     samples_of,
 )
 from steelyard.excite.problem_from_tables import build, cases_of, limits_of, memoryless
-from steelyard.excite.search.feasibility import NoMotion
+from steelyard.excite.search.feasibility import NoMotion, explained_no_motion, refuse_impossible
 from steelyard.excite.search.parallel_search import (
     ProcessPace,
     SearchBudget,
@@ -37,7 +37,6 @@ from steelyard.excite.search.parallel_search import (
 )
 from steelyard.excite.search.repair_until_proven import finished
 from steelyard.excite.search.search_methods import method_of
-from steelyard.excite.search.why_no_motion import explained_no_motion, refuse_impossible
 from steelyard.excite.trajectories.motion_families import FAMILIES, coefficients_of
 from steelyard.excite.trajectories.trajectory import ExactTrajectory
 from steelyard.model.equations.frames_and_effort_bounds import positions_of

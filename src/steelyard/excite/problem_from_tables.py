@@ -14,12 +14,12 @@ from steelyard.estimate.information.base_regressor import (
 )
 from steelyard.excite.constraints.constraint import Declined
 from steelyard.excite.constraints.constraints_from_tables import constraints_of, without_memory
-from steelyard.excite.constraints.effort_and_power import payload_numbers
 from steelyard.excite.constraints.motion_limits import (
     ACCELERATIONS_ASSUMED,
     MotionLimits,
     motion_limits,
 )
+from steelyard.excite.constraints.proven_bounds import payload_numbers
 from steelyard.excite.design_problem_and_information import Case, InformationEvaluator, Problem
 from steelyard.excite.earlier_model import Earlier
 from steelyard.excite.optimality_criteria import CRITERIA, Measure

@@ -30,8 +30,8 @@ from steelyard.model.terms.friction_memory import Presliding, Scan
 from steelyard.model.terms.term import Columns, StatefulTerm, Term, channels_of, has_memory
 from steelyard.robot.robot import Frame, Robot, robot_to_dict
 from steelyard.symbolic.native.compiled_programs import Code, compiled, compiled_equations
-from steelyard.symbolic.program_and_softening import InputArray as Input
-from steelyard.symbolic.program_and_softening import Program
+from steelyard.symbolic.program import InputArray as Input
+from steelyard.symbolic.program import Program
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,7 +7,7 @@ from typing import Literal
 
 import numpy as np
 
-from steelyard.symbolic.program_and_softening import Program
+from steelyard.symbolic.program import Program
 
 
 @dataclass(frozen=True)

@@ -1,8 +1,8 @@
-"""Feasible postures, and random motions about them to start a search from."""
+"""Feasible postures, random motions about them to start from, and why no motion was found."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -10,7 +10,11 @@ from steelyard.base.arrays import Array
 from steelyard.base.errors import DataError
 from steelyard.excite.constraints.constraint import Constraint
 from steelyard.excite.constraints.motion_limits import MotionLimits
+from steelyard.excite.design_problem_and_information import Problem
 from steelyard.excite.search.margins_barrier_and_newton import InequalityConstraints
+from steelyard.excite.trajectories.motion_families import posture_of
+from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
+from steelyard.robot.robot import Robot
 
 POSTURE_ATTEMPTS = 60  # random postures among which a free one is sought before none is reported
 
@@ -196,3 +200,242 @@ def widened(inequalities: InequalityConstraints, still: Array, change: Array) ->
         if inequalities.smallest_margin(moved) > 0.0:
             return np.asarray(moved)
     return None
+
+
+WORTHY_MOTION_SIZE = 0.1  # size of a small motion, over the largest that the joints' limits allow
+
+_WIDENING_POSTURES = 12
+_WIDENING_TRIES = 4
+_WIDENING_FACTOR = 1.05
+
+
+def lacking(problem: Problem, places: Iterable[Array]) -> tuple[Lack, ...]:
+    """What a small motion about one of `places`, `(n,)` each, lacks that lacks the least.
+
+    A witness: with everything widened by that much, it is a motion that keeps all samples.
+    """
+    room, random = problem.inequalities.room, np.random.default_rng(0)
+    tries = (
+        _lacks(problem, still + WORTHY_MOTION_SIZE * room(still, change)[:, None] * change)
+        for still in map(problem.basis.still, places)
+        for change in (random.standard_normal(still.shape) for _ in range(_WIDENING_TRIES))
+    )
+    return min(tries, key=lambda lacks: sum(map(_share_of_room, lacks)), default=())
+
+
+def explained_no_motion(problem: Problem, error: NoMotion) -> DataError:
+    """An error that no motion was found, with what would have to be widened if that is known."""
+    random = np.random.default_rng(0)
+    drawn = postures(problem.limits, problem.constraints, random, _WIDENING_POSTURES)
+    lacks = lacking(problem, [place.posture for place in drawn])
+    if not lacks:
+        return error
+    return DataError(
+        f"{error.wrong}; a motion of {WORTHY_MOTION_SIZE:.0%} of the joints' ranges violates: "
+        + "; ".join(str(lack) for lack in lacks[:4]),
+        where="[excitation] " + constraint_names(lacks),
+        fix=widening_advice(lacks),
+    )
+
+
+def constraint_names(lacks: Sequence[Lack]) -> str:
+    """Names of the constraints."""
+    return " and ".join(dict.fromkeys(lack.constraint.name for lack in lacks))
+
+
+def widening_advice(lacks: Sequence[Lack]) -> str:
+    """What would be enough."""
+    widened = " and ".join(
+        f"'{x.label}' by {rounded_up(-_WIDENING_FACTOR * x.value)} {x.constraint.unit}"
+        for x in lacks
+    )
+    return f"widen {widened}, or more"
+
+
+def rounded_up(value: float) -> str:
+    """Three digits, rounded upwards."""
+    digits = 10.0 ** (np.floor(np.log10(value)) - 2.0)
+    return f"{np.ceil(value / digits) * digits:.3g}"
+
+
+def _lacks(problem: Problem, x: Array) -> tuple[Lack, ...]:
+    state = problem.inequalities.state(x)
+    found = []
+    for constraint in problem.constraints:
+        least = constraint.margins(*state).values.min(axis=0)
+        short = zip(constraint.labels, least, strict=True)
+        found += [Lack(constraint, label, float(v)) for label, v in short if v < 0.0]
+    return tuple(sorted(found, key=lambda lack: -_share_of_room(lack)))
+
+
+def _share_of_room(lack: Lack) -> float:
+    """How much is lacking, over the activation distance."""
+    constraint = lack.constraint
+    return -lack.value / float(constraint.activation_distance[constraint.labels.index(lack.label)])
+
+
+LEAST_SWING = {"revolute": 2e-3, "prismatic": 5e-4}
+"""Amplitude [rad; m] of the highest harmonic below which a series shows next to nothing."""
+
+TIME_KEYS = ("period", "duration", "move", "blend", "ramp")  # that say how fast it is [s]
+
+_RANGE_ROOM = 1e-6
+_SPARE_SHARE = 0.02
+_SEARCH_RADII = np.repeat([0.05, 0.1, 0.2, 0.4, 0.8], 3)
+_WHERE = "[excitation.motion]"
+
+
+def refuse_impossible(problem: Problem, loaded: LoadedRobot) -> None:
+    """Refuse what can be seen to allow no motion.
+
+    Raises:
+        DataError: Says what is impossible, by how much, and the smallest change that would work.
+    """
+    section, robot, limits = loaded.excitation.motion, problem.robot, problem.limits
+    _refuse_short(problem, section)
+    ends = [posture_of(getattr(section, key, None), robot, key) for key in ("start", "end")]
+    for key, posture in zip(("start", "end"), ends, strict=True):
+        if posture is not None:
+            _refuse_outside(robot, limits, posture, key)
+            _refuse_lacking(limits, problem.constraints, posture, key)
+    start, end = ends
+    if start is not None and end is not None:
+        _refuse_far(problem, start)
+    if start is None:
+        _refuse_nowhere(problem)
+
+
+def _refuse_short(problem: Problem, section: Any) -> None:
+    robot, highest = problem.robot, problem.basis.highest
+    least = np.array([LEAST_SWING[joint.kind] for joint in robot.coordinates])
+    sides = enumerate(problem.limits.bounds[1:], start=1)
+    rates = [(most / least) ** (1.0 / order) for order, (_, most) in sides]
+    fastest = np.min(rates, axis=0) / (2.0 * np.pi)
+    best = int(np.argmax(fastest))
+    factor = highest / float(fastest[best])
+    if factor <= 1.0:
+        return
+    joint = robot.coordinates[best]
+    times = {key: getattr(section, key) for key in TIME_KEYS if hasattr(section, key)}
+    waves = getattr(section, "harmonics", 0)
+    if "blend" in times:
+        own = {"period": waves / section.period, "blend": 1.0 / section.blend}
+        times = {key: t for key, t in times.items() if own[key] > fastest[best]}
+    longer = " and ".join(f"{key} = {rounded_up(factor * t)}" for key, t in times.items())
+    fewer = int(waves / factor)
+    other = f", or no more than {fewer} harmonics" if fewer >= 2 and "ramp" not in times else ""
+    what = f"{waves} harmonics" if "period" in times else "the motion"
+    raise DataError(
+        f"{' and '.join(f'a {key} of {t:g} s' for key, t in times.items())} is too short for "
+        f"{what}: at {highest:.3g} Hz no joint can move by even {least[best]:g} {joint.unit} "
+        "within its limits",
+        where=_WHERE,
+        fix=f"give {longer} s or more{other}",
+    )
+
+
+def _refuse_far(problem: Problem, start: Array) -> None:
+    motion = problem.basis.motion(problem.basis.still(start))
+    ratio = 0.0
+    for order, (_, most) in enumerate(problem.limits.bounds[1:], start=1):
+        size = np.maximum(*np.abs(motion.extremes(order)))
+        ratio = max(ratio, float(np.max(size / most)) ** (1.0 / order))
+    if ratio >= 1.0:
+        needed = ratio * motion.duration
+        raise DataError(
+            f"to get from the start to the end posture within the limits takes {needed:.3g} s, "
+            f"the motion has {motion.duration:.3g} s",
+            where=_WHERE,
+            fix=f"give it more than {rounded_up(needed)} s, or closer postures",
+        )
+
+
+def _refuse_outside(robot: Robot, limits: MotionLimits, posture: Array, key: str) -> None:
+    for j, joint in enumerate(robot.coordinates):
+        at, low, high = posture[j], limits.lower[j], limits.upper[j]
+        room = _RANGE_ROOM * (high - low)
+        if low + room <= at <= high - room:
+            continue
+        beyond = max(low - at, at - high)
+        side = "below its lower" if at < 0.5 * (low + high) else "above its upper"
+        limit = low if at < 0.5 * (low + high) else high
+        how = f"is {beyond:.3g} {joint.unit} {side}" if beyond > 0.0 else "is on its"
+        inside = joint.limits.lower < at < joint.limits.upper
+        less = ", or less margin in [excitation.limits] position_margin" if inside else ""
+        raise DataError(
+            f"the {key} posture has joint '{joint.name}' at {at:.4g} {joint.unit}: this {how} "
+            f"limit of {limit:.4g} {joint.unit} (with the position margin)",
+            where=f"{_WHERE} {key}",
+            fix=f"give it between {_range_text(low, high)} {joint.unit}{less}",
+        )
+
+
+def _range_text(low: float, high: float) -> str:
+    """Two numbers inside a range, rounded away from its ends."""
+    digits = 3 - int(np.floor(np.log10(high - low)))
+    step, room = 10.0**-digits, _RANGE_ROOM * (high - low)
+    least, most = np.ceil((low + room) / step) * step, np.floor((high - room) / step) * step
+    return f"{least:.{max(digits, 0)}f} and {most:.{max(digits, 0)}f}"
+
+
+def _refuse_lacking(
+    limits: MotionLimits, constraints: Sequence[Constraint], posture: Array, key: str
+) -> None:
+    here = standing(constraints, posture)
+    if not here.lacks:
+        return
+    near = _nearest_posture(limits, constraints, posture)
+    fix = "choose another posture"
+    if near is not None:
+        places = ", ".join(f"{x:.3f}" for x in near)
+        fix = f"nearby, [{places}] satisfies all constraints"
+    lacks = "; ".join(str(lack) for lack in here.lacks[:4])
+    raise DataError(f"the {key} posture violates: {lacks}", where=f"{_WHERE} {key}", fix=fix)
+
+
+def _refuse_nowhere(problem: Problem) -> None:
+    limits, constraints = problem.limits, problem.constraints
+    if not constraints:
+        return
+    best: Standing | None = None
+    for place in postures(limits, constraints, np.random.default_rng(0)):
+        if not place.lacks:
+            return
+        if best is None or place.lacks[0].value > best.lacks[0].value:
+            best = place
+    assert best is not None
+    lacks = lacking(problem, [best.posture])
+    raise DataError(
+        "no posture was found that satisfies all constraints; the nearest violates: "
+        + "; ".join(str(lack) for lack in best.lacks[:4]),
+        where=f"[excitation] {constraint_names(lacks)}",
+        fix=f"{widening_advice(lacks)}: this allows a motion of {WORTHY_MOTION_SIZE:.0%} of the "
+        "joints' ranges about it",
+    )
+
+
+def _nearest_posture(
+    limits: MotionLimits, constraints: Sequence[Constraint], bad: Array
+) -> Array | None:
+    """The nearest posture found that keeps everything, in shares of the joints' ranges."""
+    random, half = np.random.default_rng(0), 0.5 * (limits.upper - limits.lower)
+    found: list[Array] = []
+    for size in (0.0, *_SEARCH_RADII):
+        begin = bad + size * half * random.uniform(-1.0, 1.0, len(bad))
+        inside = np.clip(begin, limits.lower + 0.05 * half, limits.upper - 0.05 * half)
+        free = nearest_free(limits, constraints, inside)
+        if not free.lacks:
+            found.append(_posture_between(constraints, bad, free.posture))
+    return min(found, key=lambda q: float(np.linalg.norm((q - bad) / half)), default=None)
+
+
+def _posture_between(constraints: Sequence[Constraint], bad: Array, free: Array) -> Array:
+    low, high = 0.0, 1.0
+    for _ in range(12):
+        middle = 0.5 * (low + high)
+        if standing(constraints, bad + middle * (free - bad)).lacks:
+            low = middle
+        else:
+            high = middle
+    tried = np.round(bad + min(1.0, high + _SPARE_SHARE) * (free - bad), 3)
+    return free if standing(constraints, tried).lacks else tried

@@ -11,7 +11,7 @@ import numpy as np
 from steelyard.base.arrays import Array
 from steelyard.symbolic.native import cache, machine
 from steelyard.symbolic.native.gram_and_filter_loops import around_program, loops_code
-from steelyard.symbolic.program_and_softening import InputArray, Program
+from steelyard.symbolic.program import InputArray, Program
 
 ENGINE = 4  # raised whenever emitted code changes its meaning: old cache entries are then not used
 

@@ -13,7 +13,7 @@ import struct
 from dataclasses import dataclass, field
 from functools import partialmethod
 
-from steelyard.symbolic.program_and_softening import Program
+from steelyard.symbolic.program import Program
 
 MAX_ANGLE = 1e5
 

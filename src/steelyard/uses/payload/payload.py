@@ -1,11 +1,14 @@
 """What a robot carries, from logs and an identified model: what `steelyard payload` does."""
 
 import os
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
+from math import isfinite
 from pathlib import Path
 
 import numpy as np
+from rich.console import Console
+from rich.text import Text
 
 from steelyard.base.arguments import checked
 from steelyard.base.errors import DataError
@@ -19,12 +22,220 @@ from steelyard.estimate.payload.runs_with_payload import carrier
 from steelyard.estimate.scores.residuals import residual_cutoff, residual_trace
 from steelyard.identify.notes_and_provenance import dropped
 from steelyard.identify.scores_and_residuals import fitted_before, runs_for
+from steelyard.report.figures import Figure, Group, Key, area, evenly, line
+from steelyard.report.page import figures, inspected_page, notes
+from steelyard.report.tables import PlainTable, Row, light_table
+from steelyard.report.words import rounded_to_uncertainty
+from steelyard.robot.inertia_and_placement import INERTIAL_NAMES, INERTIAL_UNITS
 from steelyard.runs.run import Run
 from steelyard.runs.runs_of_named_logs import LogArgument, log_files, paths_of, refuse_overlaps
 from steelyard.uses.efforts_unlike_the_model import refuse_without
+from steelyard.uses.payload.change_detection import CHANGE_SPAN
 from steelyard.uses.payload.consistent_payload_body import PayloadKnowledge, SolidShape
 from steelyard.uses.payload.payload_fit import identify_payload as payload_of_informations
 from steelyard.uses.payload.pick_up_and_put_down import PayloadEvents, find_payload_events
+
+
+def rounded_mass(value: float, half: float) -> tuple[str, str]:
+    """A value and its half-width, to two digits of the half-width; the latter empty without."""
+    if not (isfinite(value) and isfinite(half)):
+        return "not identifiable", ""
+    return rounded_to_uncertainty(value, half), rounded_to_uncertainty(half, half)
+
+
+def mass_with_interval(value: float, half: float) -> str:
+    """A value with the half-width of its interval."""
+    number, width = rounded_mass(value, half)
+    return f"{number} ± {width}" if width else number
+
+
+def counted_changes(found: PayloadEvents) -> str:
+    """How many changes of the payload there are, or which would be seen."""
+    count, least = len(found.events), f"{found.least_mass:.2g} kg"
+    if count:
+        return f"{count} change{'s' * (count > 1)} of the payload"
+    if found.conclusive:
+        return f"no change of payload by {least} or more"
+    return (
+        f"cannot tell whether the payload changes: one by less than {least} would not be seen; the "
+        "model does not describe this log (steelyard check names what differs)"
+    )
+
+
+MOST_POINTS_OF_MASS = 3000  # points of a line, at most
+
+
+def render_payload_events(found: Sequence[PayloadEvents], robot: str) -> str:
+    """The page as HTML text, to be written as UTF-8."""
+    limits = [f"{one.run}: {one.unexplained}" for one in found if one.unexplained]
+    remarks = tuple(dict.fromkeys(note for one in found for note in one.notes))
+    logs = (
+        figures(
+            f"log{number}",
+            one.run,
+            words=f"{one.run}: {counted_changes(one)}. Frame '{one.frame}'.",
+            tables=_tables(one),
+            legend=MASS_LEGEND,
+            groups=[Group([_figure(one)], columns="one")],
+            note=MASS_WINDOW_NOTE,
+        )
+        for number, one in enumerate(found, start=1)
+    )
+    sections = (
+        notes("limits", "Limits of this result", limits),
+        *logs,
+        notes("notes", "Notes", remarks, folded=True),
+    )
+    title = f"{robot}: payload in {', '.join(one.run for one in found)}"
+    return inspected_page(title, robot, sections)
+
+
+MASS_LEGEND = [
+    Key("--measured", f"mass in a window of {CHANGE_SPAN:g} s"),
+    Key("--interval", "its 95 % interval", "area"),
+    Key("--vermillion", "carried between changes"),
+]
+MASS_WINDOW_NOTE = (
+    "The window slides over the motion; a change appears as a slope of its length. The masses "
+    "between changes are weighed with all their samples, arm and friction together; changes are "
+    "decided by all ten numbers of the payload, not by this line."
+)
+
+
+def _tables(found: PayloadEvents) -> list[PlainTable]:
+    """Changes, and what is carried."""
+    tables, changes = [], []
+    for number, event in enumerate(found.events, start=1):
+        cells = (
+            f"{number}",
+            event.kind,
+            f"{event.time:.2f}",
+            f"{event.earliest:.2f} to {event.latest:.2f}",
+            mass_with_interval(event.mass, event.mass_half_width),
+            f"{event.ratio:.3g}",
+        )
+        changes.append(Row(cells))
+    if changes:
+        headings = ("#", "change", "time [s]", "95 % interval [s]", "mass [kg]", "× threshold")
+        tables.append(PlainTable("", "", headings, changes, (1, 3, 4)))
+    carried = []
+    for one in found.carried:
+        mass = mass_with_interval(one.payload.mass, float(one.payload.half_width[0]))
+        carried.append(Row((f"{one.start:.2f} to {one.stop:.2f}", mass)))
+    if carried:
+        tables.append(PlainTable("", "", ("carried [s]", "mass [kg]"), carried, (0, 1)))
+    return tables
+
+
+def _figure(found: PayloadEvents) -> Figure:
+    sliding = found.sliding
+    some = evenly(len(sliding.t), MOST_POINTS_OF_MASS)
+    t, mass, half = sliding.t[some], sliding.mass[some], sliding.half_width[some]
+    edges = np.array([sliding.t[0], *(e.time for e in found.events), sliding.t[-1]])
+    between = [
+        next((one.payload.mass for one in found.carried if one.start <= t <= one.stop), 0.0)
+        for t in 0.5 * (edges[:-1] + edges[1:])
+    ]
+    steps, carried = np.repeat(edges, 2)[1:-1], np.repeat(between, 2)
+    return Figure(
+        "",
+        f"Mass of the payload along {found.run}, with its interval and the changes",
+        "time [s]",
+        "mass [kg]",
+        [
+            area("95 % interval", t, mass - half, mass + half, "--interval"),
+            line("window", t, mass, "--measured", width=1.2),
+            line("carried", steps, carried, "--vermillion", width=2.5),
+        ],
+        {"showlegend": False},
+    )
+
+
+def payload_lines(estimate: PayloadEstimate, console: Console) -> None:
+    """Print the mass in one line, the table and how far it can be trusted."""
+    clear = estimate.weighs and not estimate.unexplained
+    console.print(Text(payload_headline(estimate), style="bold green" if clear else "bold"))
+    if estimate.unexplained:
+        console.print(Text(f"! {estimate.unexplained}", style="yellow"))
+    carried = "" if estimate.frame == estimate.body else f", on link '{estimate.body}'"
+    console.print()
+    what = "body removed from" if estimate.removed else "payload in"
+    console.print(Text(f"{what} frame '{estimate.frame}'{carried}"))
+    table = light_table(("", "value", "± 95 %", "unit"), (0, 3))
+    for name, value, half, unit in _numbers(estimate):
+        table.add_row(name, *rounded_mass(value, half), unit)
+    console.print(table)
+    remarks = (remark for remark in estimate.remarks if remark != estimate.unexplained)
+    for text in (*remarks, *(f"note: {note}" for note in estimate.notes)):
+        console.print(Text(text))
+
+
+def event_lines(found: Sequence[PayloadEvents], console: Console) -> None:
+    """Print when the payload changes along some logs."""
+    for one in found:
+        console.print(Text(f"{one.run}: {counted_changes(one)}", style="bold"))
+        if one.unexplained:
+            console.print(Text(f"! {one.unexplained}", style="yellow"))
+        for event in one.events:
+            mass, half = rounded_mass(event.mass, event.mass_half_width)
+            between = f"({event.earliest:.2f} to {event.latest:.2f} s)"
+            text = f"  {event.time:8.2f} s  {between}  {event.kind:9}  {mass} ± {half} kg"
+            console.print(Text(text))
+        for some in one.carried:
+            mass, half = rounded_mass(some.payload.mass, float(some.payload.half_width[0]))
+            text = f"  carried from {some.start:.2f} to {some.stop:.2f} s: {mass} ± {half} kg"
+            console.print(Text(text))
+    for note in dict.fromkeys(note for one in found for note in one.notes):
+        console.print(Text(f"note: {note}"))
+
+
+NAMES = (
+    "mass",
+    *(f"first moment {axis}" for axis in "xyz"),
+    *(f"{name} about the frame's origin" for name in INERTIAL_NAMES[4:]),
+)
+"""The ten numbers of a payload in words."""
+
+
+def payload_headline(estimate: PayloadEstimate) -> str:
+    """The mass with its interval, or that there is none, in a sentence."""
+    mass, half = rounded_mass(estimate.mass, float(estimate.half_width[0]))
+    if not half:
+        seen = np.isfinite(estimate.ten)
+        moments = [NAMES[k] for k in np.flatnonzero(seen & (np.arange(10) < 4))]
+        more = f"; identifiable: {', '.join(moments)}" * bool(moments)
+        return f"The mass of the payload is not identifiable from these logs{more}"
+    found = f"{mass} ± {half} kg (95 % interval)"
+    if estimate.removed and estimate.weighs:
+        less = f"{rounded_mass(-estimate.mass, float(estimate.half_width[0]))[0]} ± {half} kg"
+        return (
+            f"{less} less at '{estimate.frame}' than in the model's logs (95 % interval): a tool "
+            "or payload was removed, or gains differ"
+        )
+    if estimate.negative_mass is not None:
+        return (
+            f"No payload: the data ask for a negative mass of about {estimate.negative_mass:.2g} kg"
+        )
+    return f"Payload: {found}" if estimate.weighs else f"No payload detected: {found}"
+
+
+def _numbers(estimate: PayloadEstimate) -> Iterator[tuple[str, float, float, str]]:
+    """Name, value, half-width and unit of mass, centre and inertia."""
+    width = estimate.half_width
+    if estimate.not_seen:  # without a mass there is no centre: what the data see of the ten
+        for k in np.flatnonzero(np.isfinite(estimate.ten)).tolist():
+            yield NAMES[k], float(estimate.ten[k]), float(width[k]), INERTIAL_UNITS[k]
+        return
+    yield "mass", abs(estimate.mass), float(width[0]), "kg"
+    if not estimate.weighs:
+        return
+    centre, around = estimate.com, estimate.com_half_width
+    for k, axis in enumerate("xyz"):
+        yield f"centre {axis}", float(centre[k]), float(around[k]), "m"
+    inertia, around = estimate.inertia_com, estimate.inertia_com_half_width
+    for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)):
+        name = f"I{'xyz'[i]}{'xyz'[j]} about the centre"
+        yield name, float(inertia[i, j]), float(around[i, j]), "kg m²"
 
 
 def _logs(
