@@ -14,7 +14,7 @@ from steelyard.check.check import CheckResult
 from steelyard.check.diagnosis_and_contradictions import Diagnosis
 from steelyard.check.finding import Severity
 from steelyard.check.findings_text_and_page import CheckContent
-from steelyard.check.fitted.fitted_case_and_causes import FittedCase
+from steelyard.check.fitted.fitted_case_and_binding_constraints import FittedCase
 from steelyard.check.identifiability_and_gear_side import (
     SEPARABLE_ROTORS,
     gear_side_check,

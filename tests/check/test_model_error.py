@@ -13,14 +13,14 @@ import tomllib
 from check.fitted import case, demo_arm, log
 from steelyard.base.arrays import Array
 from steelyard.check.finding import Finding, Severity
-from steelyard.check.fitted import incomplete_model
+from steelyard.check.fitted import incomplete_model_and_unseen_error as incomplete_model
 from steelyard.check.fitted.causes_of_residuals import (
     NO_PERIOD,
     Cause,
     LeftOutGain,
     strongest_period,
 )
-from steelyard.check.fitted.incomplete_model import model_error_check
+from steelyard.check.fitted.incomplete_model_and_unseen_error import model_error_check
 from steelyard.estimate.information.base_regressor import base_regressor
 from steelyard.estimate.information.information import Information
 from steelyard.estimate.nonlinear.nonlinear_parameters import information_from

@@ -14,7 +14,7 @@ from steelyard.check.fitted.disagreeing_runs_and_passing_force import (
     last_link_check,
     runs_disagree_check,
 )
-from steelyard.check.fitted.fitted_case_and_causes import FittedCase
+from steelyard.check.fitted.fitted_case_and_binding_constraints import FittedCase
 from steelyard.estimate.estimate import Estimate, StandardEstimate
 from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.robot.file.robot_file import LoadedRobot

@@ -14,7 +14,7 @@ from steelyard.base.arrays import Array
 from steelyard.base.progress import silent
 from steelyard.check.case_and_evidence import Case
 from steelyard.check.check import CheckResult
-from steelyard.check.decision.gear_signs_and_couplings import (
+from steelyard.check.decision.decidable_questions_and_gear_signs import (
     missing_coupling,
     other_gears,
     transmission_check,

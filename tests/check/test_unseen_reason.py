@@ -8,13 +8,13 @@ import pytest
 
 from steelyard.base.arrays import Array
 from steelyard.check.finding import Finding, Severity
-from steelyard.check.fitted import reason_of_unseen_error
-from steelyard.check.fitted.post_fit_checks import FittedCase, examine_fit
-from steelyard.check.fitted.reason_of_unseen_error import (
+from steelyard.check.fitted import incomplete_model_and_unseen_error
+from steelyard.check.fitted.incomplete_model_and_unseen_error import (
     _one_file,
     excess_error,
     unseen_reason_check,
 )
+from steelyard.check.fitted.post_fit_checks import FittedCase, examine_fit
 from steelyard.estimate.scores.score import score
 from steelyard.model.laws.bodies_springs_and_offset import RigidBody
 from steelyard.robot.inertia_and_placement import Inertia
@@ -160,7 +160,7 @@ def test_what_explains_nothing_is_no_reason_however_bad_the_fit(arm, monkeypatch
     noise = arm.table.copy()
     efforts = arm.at("tau{}_Nm")
     noise[:, efforts] = 5.0 * np.random.default_rng(1).standard_normal(noise[:, efforts].shape)
-    monkeypatch.setattr(reason_of_unseen_error, "_own", lambda *_: 90.0)
+    monkeypatch.setattr(incomplete_model_and_unseen_error, "_own", lambda *_: 90.0)
     assert not [f for f in found_in(arm, noise) if "most likely reason" in f.says]
 
 

@@ -16,7 +16,7 @@ from steelyard.cli import command as commands
 from steelyard.cli import identify_and_use_commands
 from steelyard.cli.app import app, expanded
 from steelyard.cli.command import CommandResult, computed
-from steelyard.identify import cut_and_repeated_logs
+from steelyard.identify import logs_and_notes
 from steelyard.simulate.simulate import write_demo_arm
 
 Command = Callable[..., Result]
@@ -44,7 +44,7 @@ def command(work: Path, few_stretches: None, monkeypatch: pytest.MonkeyPatch) ->
     `identified` calibrates on all. Logs of 2 s are cut.
     """
     monkeypatch.chdir(work)
-    monkeypatch.setattr(cut_and_repeated_logs, "SHORTEST_CUT_LOG", 2.0)
+    monkeypatch.setattr(logs_and_notes, "SHORTEST_CUT_LOG", 2.0)
 
     def run(*arguments: object) -> Result:
         return CliRunner().invoke(app, expanded([str(a) for a in arguments]))

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, is_dataclass
+from functools import partial
 from math import isfinite
 from typing import Any
 
@@ -26,19 +27,6 @@ def frozen(values: ArrayLike, shape: Sequence[int | None] | None = None) -> Arra
     return array
 
 
-def finite_json(value: Any) -> Any:
-    """Numbers, arrays, lists and dictionaries as JSON values; `None` for what is not finite."""
-    if isinstance(value, Mapping):
-        return {name: finite_json(one) for name, one in value.items()}
-    if isinstance(value, np.ndarray):
-        return finite_json(value.tolist())
-    if isinstance(value, list | tuple):
-        return [finite_json(one) for one in value]
-    if isinstance(value, float):
-        return float(value) if isfinite(value) else None
-    return value
-
-
 def records(**columns: Iterable[Any]) -> list[dict[str, Any]]:
     """Rows of equally long columns by name, numbers of arrays as those of Python."""
     values = [x.tolist() if isinstance(x, np.ndarray) else x for x in columns.values()]
@@ -51,21 +39,27 @@ def set_fields(value: object, **contents: object) -> None:
         object.__setattr__(value, name, content)
 
 
-def json_values(value: Any) -> Any:
-    """As JSON values; exact. Of a dataclass its fields, those of its `parameters` among them."""
+def json_values(value: Any, *, finite: bool = False) -> Any:
+    """As JSON values; exact. Of a dataclass its fields, those of its `parameters` among them.
+
+    `finite`: `None` takes the place of numbers that are not.
+    """
     if isinstance(value, np.ndarray | np.generic):
-        return value.tolist()
+        value = value.tolist()
     if isinstance(value, tuple | list):
-        return [json_values(x) for x in value]
+        return [json_values(x, finite=finite) for x in value]
     if isinstance(value, Mapping):
-        return {name: json_values(x) for name, x in value.items()}
+        return {name: json_values(x, finite=finite) for name, x in value.items()}
     if not is_dataclass(value):
-        return value
+        return None if finite and isinstance(value, float) and not isfinite(value) else value
     found: dict[str, Any] = {}
     for name in (field.name for field in fields(value)):
-        content = json_values(getattr(value, name))
+        content = json_values(getattr(value, name), finite=finite)
         found |= content if name == "parameters" else {name: content}
     return found
+
+
+finite_json = partial(json_values, finite=True)
 
 
 @dataclass(frozen=True)

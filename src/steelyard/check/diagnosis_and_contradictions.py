@@ -10,7 +10,7 @@ import numpy as np
 from steelyard.base.arrays import Array
 from steelyard.base.progress import report_progress
 from steelyard.check.case_and_evidence import Case, CaseCheck, Evidence, case_check
-from steelyard.check.decision.gear_signs_and_couplings import transmission_check
+from steelyard.check.decision.decidable_questions_and_gear_signs import transmission_check
 from steelyard.check.decision.hypothesis_checks import (
     EFFORT_DELAY,
     EFFORT_KIND,

@@ -15,7 +15,7 @@ from operator import add
 from steelyard.base.errors import SteelyardError
 from steelyard.check.case_and_evidence import Case, Evidence, case_check
 from steelyard.check.finding import Finding, Fix
-from steelyard.check.fitted.fitted_case_and_causes import FittedCase, post_fit_check
+from steelyard.check.fitted.fitted_case_and_binding_constraints import FittedCase, post_fit_check
 from steelyard.estimate.estimate import Estimate, Unidentifiable
 from steelyard.estimate.information.base_regressor import base_regressor
 from steelyard.estimate.information.gather import gather

@@ -6,12 +6,7 @@ import numpy as np
 
 from steelyard.base.arrays import Array, frozen
 from steelyard.base.errors import DataError, advice
-from steelyard.estimate.information.base_regressor import (
-    FAINT,
-    BaseMap,
-    base_parameters,
-    clear_map,
-)
+from steelyard.estimate.information.base_regressor import FAINT, BaseMap, base_parameters, clear_map
 from steelyard.excite.constraints.constraint import Declined
 from steelyard.excite.constraints.constraints_from_tables import constraints_of, without_memory
 from steelyard.excite.constraints.motion_limits import (

@@ -10,29 +10,30 @@ from steelyard.base.arguments import checked
 from steelyard.base.arrays import Parameters
 from steelyard.base.errors import LogError
 from steelyard.base.progress import Progress, silent
-from steelyard.check.decision.gear_signs_and_couplings import missing_coupling
+from steelyard.check.decision.decidable_questions_and_gear_signs import missing_coupling
 from steelyard.check.decision.zeros_and_quarter_turns import turned_joints
 from steelyard.check.diagnosis_and_contradictions import Diagnosis
 from steelyard.check.finding import Finding, Severity
 from steelyard.check.findings_text_and_page import groups, open_words, print_notes
-from steelyard.check.fitted.fitted_case_and_causes import FittedCase
+from steelyard.check.fitted.fitted_case_and_binding_constraints import FittedCase
 from steelyard.check.fitted.implausible_estimates import refuse_absurd
 from steelyard.check.fitted.post_fit_checks import doubts_of_fit, examine_fit
 from steelyard.check.named_logs_and_precheck import notes_of_precheck, prechecked
 from steelyard.check.signals.movement_rests_and_base import of_base
 from steelyard.estimate.estimator_register import method_of
 from steelyard.estimate.scores.score import RunScore
-from steelyard.identify.cut_and_repeated_logs import marked_repeats, refuse_same_rows
 from steelyard.identify.fit import Fit, below_described_band, calibrated, fit, without_forces
 from steelyard.identify.gains_zeros_and_friction import FitTask, with_signals
-from steelyard.identify.notes_and_provenance import (
+from steelyard.identify.logs_and_notes import (
     commanded_note,
     dropped,
     dropped_rows,
     first_dropped,
     left_out_stretches,
+    marked_repeats,
     notes_of,
     provenance,
+    refuse_same_rows,
     settings,
 )
 from steelyard.identify.page.content_and_error_words import ReportContent

@@ -29,8 +29,13 @@ from steelyard.estimate.reduction.left_out_errors_and_rules import Tolerance, ru
 from steelyard.estimate.reduction.reduction import Reduction, criterion_of
 from steelyard.estimate.reduction.reduction import reduce as reduced_by
 from steelyard.estimate.scores.band_calibration import calibrate
-from steelyard.identify.cut_and_repeated_logs import marked_repeats
-from steelyard.identify.notes_and_provenance import dropped, dropped_rows, notes_of, settings
+from steelyard.identify.logs_and_notes import (
+    dropped,
+    dropped_rows,
+    marked_repeats,
+    notes_of,
+    settings,
+)
 from steelyard.identify.page.content_and_error_words import ReportContent
 from steelyard.identify.scores_and_residuals import ModelReport, runs_for, scored
 from steelyard.model.model import Model

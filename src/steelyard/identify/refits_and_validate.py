@@ -12,7 +12,7 @@ from steelyard.base.errors import DataError, LogError
 from steelyard.base.progress import Progress, report_progress, silent
 from steelyard.check.finding import Finding
 from steelyard.check.findings_text_and_page import finding_dict
-from steelyard.check.fitted.fitted_case_and_causes import FittedCase
+from steelyard.check.fitted.fitted_case_and_binding_constraints import FittedCase
 from steelyard.check.fitted.post_fit_checks import examine_fit, kept_doubts
 from steelyard.estimate.bootstrap_and_sensitivity import (
     FACTORS,
@@ -26,13 +26,14 @@ from steelyard.estimate.estimate import Estimate
 from steelyard.estimate.identified_model import IdentifiedModel, load_model
 from steelyard.estimate.information.base_regressor import base_regressor
 from steelyard.estimate.scores.score import RunScore
-from steelyard.identify.cut_and_repeated_logs import holds_fitted_rows, marked_repeats
 from steelyard.identify.fit import Fit
-from steelyard.identify.notes_and_provenance import (
+from steelyard.identify.logs_and_notes import (
     commanded_note,
     dropped,
     dropped_rows,
     first_dropped,
+    holds_fitted_rows,
+    marked_repeats,
     notes_of,
     settings,
 )

@@ -23,13 +23,7 @@ from steelyard.logs.log import (
 )
 from steelyard.logs.messages.message_log import MessageLog
 from steelyard.logs.messages.record_files import open_mcap
-from steelyard.logs.text_table import (
-    HEADER_LINES,
-    by_numpy,
-    read_header,
-    rows_of_numbers,
-    tidied,
-)
+from steelyard.logs.text_table import HEADER_LINES, by_numpy, read_header, rows_of_numbers, tidied
 
 PIECE_BYTES = 1 << 16  # bytes read at a time
 PENDING_PIECES = 64  # pieces of a pipe that wait at most, before its writer has to

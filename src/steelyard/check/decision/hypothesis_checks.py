@@ -7,18 +7,18 @@ from functools import partial
 import numpy as np
 
 from steelyard.check.case_and_evidence import Case, Evidence
-from steelyard.check.decision.decidable_questions import misfit_hides, undecided, zero_bounds
+from steelyard.check.decision.decidable_questions_and_gear_signs import (
+    misfit_hides,
+    undecided,
+    zero_bounds,
+)
 from steelyard.check.decision.explanations import least_mass
 from steelyard.check.decision.gains_and_laws_of_logs import (
     gains_left,
     gains_of_controller,
     unwritten_number_advice,
 )
-from steelyard.check.decision.judged_explanations import (
-    CLEAN,
-    friction_alone_explains,
-    judge_log,
-)
+from steelyard.check.decision.judged_explanations import CLEAN, friction_alone_explains, judge_log
 from steelyard.check.decision.ranked_readings import HOPELESS_MISFIT, Judged, LogVerdict
 from steelyard.check.decision.robot_file_edits import confirmed, edits_of, velocity_edits
 from steelyard.check.decision.zeros_and_quarter_turns import quarter_turns

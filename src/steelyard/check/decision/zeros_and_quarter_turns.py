@@ -23,13 +23,13 @@ from numpy.typing import NDArray
 from steelyard.base.arrays import Z95, Array
 from steelyard.base.errors import DataError, SteelyardError
 from steelyard.check.case_and_evidence import Case, Evidence, case_check
-from steelyard.check.decision.decidable_questions import UNKNOWN_GAINS
+from steelyard.check.decision.decidable_questions_and_gear_signs import UNKNOWN_GAINS
 from steelyard.check.decision.judged_explanations import CLEAN, STRIKING, judge_log
 from steelyard.check.decision.ranked_readings import DECISIVE_GAIN
 from steelyard.check.decision.robot_file_edits import zero_edits
 from steelyard.check.finding import ComparedHypothesis, Edit, Finding, Fix
 from steelyard.check.fitted.causes_of_residuals import WORTH_A_SEARCH, LeftOutGain, left_out_logs
-from steelyard.check.fitted.fitted_case_and_causes import (
+from steelyard.check.fitted.fitted_case_and_binding_constraints import (
     RankedCauses,
     can_be_ranked,
     first_parts_of_runs,

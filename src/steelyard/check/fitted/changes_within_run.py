@@ -23,7 +23,7 @@ from steelyard.check.fitted.disagreeing_runs_and_passing_force import (
     PassingForce,
     passing_force,
 )
-from steelyard.check.fitted.fitted_case_and_causes import FittedCase, post_fit_check
+from steelyard.check.fitted.fitted_case_and_binding_constraints import FittedCase, post_fit_check
 from steelyard.check.hypotheses.friction_signs_and_delay import whitened_columns
 from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.estimate.information.base_regressor import BaseMap, base_regressor

@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 from steelyard.base.arrays import Z95, Array
 from steelyard.base.errors import DataError
 from steelyard.check.finding import Finding, Fix
-from steelyard.check.fitted.fitted_case_and_causes import FittedCase, post_fit_check
+from steelyard.check.fitted.fitted_case_and_binding_constraints import FittedCase, post_fit_check
 from steelyard.check.hypotheses.friction_signs_and_delay import whitened_columns
 from steelyard.check.hypotheses.nuisance_fit_and_score import MISFIT_FLOOR
 from steelyard.estimate.identified_model import IdentifiedModel

@@ -16,14 +16,20 @@ from steelyard.check.fitted.disagreeing_runs_and_passing_force import (
     last_link_check,
     runs_disagree_check,
 )
-from steelyard.check.fitted.fitted_case_and_causes import FittedCase, PostFitCheck, post_fit_check
+from steelyard.check.fitted.fitted_case_and_binding_constraints import (
+    FittedCase,
+    PostFitCheck,
+    post_fit_check,
+)
 from steelyard.check.fitted.implausible_estimates import (
     absurd_bodies_check,
     light_links_check,
     load_friction_check,
 )
-from steelyard.check.fitted.incomplete_model import model_error_check
-from steelyard.check.fitted.reason_of_unseen_error import unseen_reason_check
+from steelyard.check.fitted.incomplete_model_and_unseen_error import (
+    model_error_check,
+    unseen_reason_check,
+)
 from steelyard.check.identifiability_and_gear_side import below_nominal_check, rotors_at_zero_check
 from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.estimate.scores.effort_errors import PROMISED

@@ -44,9 +44,8 @@ from steelyard.identify.comparison.estimators_page import (
     comparison_lines,
 )
 from steelyard.identify.comparison.models_page import COMPARE_MODELS_SECTIONS
-from steelyard.identify.cut_and_repeated_logs import holds_fitted_rows
 from steelyard.identify.gains_zeros_and_friction import FitTask, PreparedFit, prepare_fit
-from steelyard.identify.notes_and_provenance import dropped, dropped_rows, notes_of
+from steelyard.identify.logs_and_notes import dropped, dropped_rows, holds_fitted_rows, notes_of
 from steelyard.identify.scores_and_residuals import fitted_before, runs_for
 from steelyard.model.model import model_with_open_friction
 from steelyard.report.page import render_sections

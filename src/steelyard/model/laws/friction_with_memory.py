@@ -24,15 +24,7 @@ from steelyard.model.equations.inverse_dynamics import (
     projected,
 )
 from steelyard.model.laws.bodies_springs_and_offset import RigidBody
-from steelyard.model.terms.axes import (
-    Axes,
-    Axis,
-    Field,
-    each,
-    per_axis,
-    refuse_not_positive,
-    unfit,
-)
+from steelyard.model.terms.axes import Axes, Axis, Field, each, per_axis, refuse_not_positive, unfit
 from steelyard.model.terms.friction_memory import Presliding, RigidTorque, StateStep, relaxed
 from steelyard.model.terms.term import (
     INVENTED_TORQUE_SHARE,

@@ -22,8 +22,7 @@ from steelyard.estimate.scores.residuals import (
     residual_trace,
     thresholds_of,
 )
-from steelyard.identify.cut_and_repeated_logs import holds_fitted_rows
-from steelyard.identify.notes_and_provenance import left_out, notes_of
+from steelyard.identify.logs_and_notes import holds_fitted_rows, left_out, notes_of
 from steelyard.identify.scores_and_residuals import fitted_before, runs_for
 from steelyard.runs.run import Run
 from steelyard.runs.runs_of_named_logs import log_files, paths_of, refuse_overlaps

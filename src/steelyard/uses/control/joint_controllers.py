@@ -12,11 +12,7 @@ from steelyard.base.errors import ModelError, advice, named
 from steelyard.base.motion import Motion
 from steelyard.model.model import ValuedModel
 from steelyard.model.torque_and_quantities import TORQUE
-from steelyard.uses.control.feedforward import (
-    SIGN_SMOOTHING,
-    feedforward_torque,
-    friction_torque,
-)
+from steelyard.uses.control.feedforward import SIGN_SMOOTHING, feedforward_torque, friction_torque
 
 BANDWIDTH = 20.0  # natural frequency of the error of a joint under default gains [Hz]
 

@@ -18,7 +18,7 @@ from steelyard.estimate.identified_model import IdentifiedModel, load_model
 from steelyard.estimate.information.base_regressor import base_regressor
 from steelyard.estimate.information.gather import gather
 from steelyard.estimate.scores.residuals import residual_cutoff, residual_trace
-from steelyard.identify.notes_and_provenance import notes_of
+from steelyard.identify.logs_and_notes import notes_of
 from steelyard.identify.scores_and_residuals import runs_for
 from steelyard.report.figures import Figure, Group, Key, area, line
 from steelyard.report.page import figures, inspected_page, notes

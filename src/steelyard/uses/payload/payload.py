@@ -20,7 +20,7 @@ from steelyard.estimate.information.gather import gather
 from steelyard.estimate.payload.payload_estimate import PayloadEstimate
 from steelyard.estimate.payload.runs_with_payload import carrier
 from steelyard.estimate.scores.residuals import residual_cutoff, residual_trace
-from steelyard.identify.notes_and_provenance import dropped
+from steelyard.identify.logs_and_notes import dropped
 from steelyard.identify.scores_and_residuals import fitted_before, runs_for
 from steelyard.report.figures import Figure, Group, Key, area, evenly, line
 from steelyard.report.page import figures, inspected_page, notes

@@ -21,8 +21,7 @@ from steelyard.estimate.external.observer_and_wrench import (
 )
 from steelyard.estimate.external.observer_equations import Axes, moved_frame
 from steelyard.estimate.identified_model import IdentifiedModel, load_model
-from steelyard.identify.cut_and_repeated_logs import holds_fitted_rows
-from steelyard.identify.notes_and_provenance import left_out, notes_of
+from steelyard.identify.logs_and_notes import holds_fitted_rows, left_out, notes_of
 from steelyard.identify.scores_and_residuals import fitted_before, runs_for
 from steelyard.report.figures import Figure, Group, Key, Traced, area, evenly, line
 from steelyard.report.page import figures, inspected_page, notes
