@@ -15,7 +15,7 @@ from proofs.support.claims import Claim, data_folder, main_of
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "tests"))
 from excite.interpreters import Follower, URController, moments
-from steelyard.excite.motion_export_and_error import exported
+from steelyard.excite.excite import exported
 from steelyard.excite.trajectories.fourier import random_fourier
 from steelyard.excite.trajectories.motion_families import (
     Basis,

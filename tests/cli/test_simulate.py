@@ -10,7 +10,7 @@ import pytest
 from cli.conftest import Command
 from cli.mistakes import ROBOT
 from steelyard.base.files import write_json
-from steelyard.excite.motion_export_and_error import write_export
+from steelyard.excite.excite import write_export
 from steelyard.excite.trajectories.fourier import random_fourier
 from steelyard.excite.trajectories.piecewise_polynomials import PiecewiseMotion, SampledMotion
 from steelyard.excite.trajectories.trajectory import ChainedMotion, SlowedMotion

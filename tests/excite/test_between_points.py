@@ -9,7 +9,7 @@ from scipy.interpolate import CubicSpline
 from excite.exportable import arm as plain_arm
 from excite.exportable import motions
 from excite.tabled import problem_of
-from steelyard.excite.motion_export_and_error import error_between
+from steelyard.excite.excite import error_between
 from steelyard.excite.motion_file_formats import even_times
 
 WALLS = """

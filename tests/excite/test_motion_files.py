@@ -7,7 +7,7 @@ import pytest
 from scipy.interpolate import CubicSpline
 
 from steelyard.base.errors import DataError
-from steelyard.excite.motion_export_and_error import write_export
+from steelyard.excite.excite import write_export
 from steelyard.excite.trajectories.fourier import FourierMotion, random_fourier
 from steelyard.excite.trajectories.piecewise_polynomials import (
     SampledMotion,

@@ -3,7 +3,7 @@ import pytest
 
 from steelyard.base.errors import DataError
 from steelyard.excite.constraints.motion_limits import MotionLimits
-from steelyard.excite.planned.sweeps_and_standstills import friction_sweeps, static_postures
+from steelyard.excite.planned.plans_from_tables import friction_sweeps, static_postures
 from steelyard.excite.trajectories.piecewise_polynomials import PiecewiseMotion
 
 LIMITS = MotionLimits(

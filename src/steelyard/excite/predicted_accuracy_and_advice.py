@@ -11,7 +11,7 @@ from steelyard.base.motion import Trajectory
 from steelyard.excite.constraints.motion_limits import MotionLimits
 from steelyard.excite.design_problem_and_information import Case, jumping
 from steelyard.excite.optimality_criteria import CRITERIA, worst_value
-from steelyard.excite.planned.sweeps_and_standstills import friction_sweeps, static_postures
+from steelyard.excite.planned.plans_from_tables import friction_sweeps, static_postures
 
 _CHUNK = 20_000
 _ROUNDING = 1e-13  # information along an axis, over the largest, that rounding alone may leave
