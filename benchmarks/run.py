@@ -48,7 +48,7 @@ from steelyard.model.laws.friction_over_speed import Coulomb, Viscous  # noqa: E
 from steelyard.model.model import Model  # noqa: E402
 from steelyard.robot.inertia_and_placement import INERTIAL_NAMES  # noqa: E402
 from steelyard.runs.run import Block  # noqa: E402
-from steelyard.symbolic.native.gram_and_filter_loops import TILE_COLUMNS, TILE_ROWS  # noqa: E402
+from steelyard.symbolic.native.compiled_programs import TILE_COLUMNS, TILE_ROWS  # noqa: E402
 
 sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
 from controller_code import controller_code  # noqa: E402

@@ -16,8 +16,7 @@ from steelyard.base.arrays import Array, frozen
 from steelyard.estimate.information.base_regressor import Layout, Regressor
 from steelyard.model.compiled_evaluation import check_angles
 from steelyard.runs.smoothing.zero_phase_filters import kaiser_lowpass
-from steelyard.symbolic.native.compiled_programs import loops
-from steelyard.symbolic.native.gram_and_filter_loops import FIR_OUTPUTS, TILE_COLUMNS, TILE_ROWS
+from steelyard.symbolic.native.compiled_programs import FIR_OUTPUTS, TILE_COLUMNS, TILE_ROWS, loops
 
 SUPPRESSION = 60.0  # attenuation above twice the cut-off [dB]
 FINE = 40.0  # sampling rate over cut-off at which the noise bandwidth is taken

@@ -1,8 +1,14 @@
-"""A program as machine code, from the cache where possible, and the bounded linear recurrence."""
+"""A program as machine code, from the cache where possible, and the small loops around it.
+
+Gram, |column| sums and the parallel filter work on a block of rows `y[row * ld + sample]`, in a
+number of lanes. Sample counts are multiples of the lanes; callers pad with zeros. The bounded
+linear recurrence goes over time.
+"""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache, partial
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -10,8 +16,38 @@ import numpy as np
 
 from steelyard.base.arrays import Array
 from steelyard.symbolic.native import cache, machine
-from steelyard.symbolic.native.gram_and_filter_loops import around_program, loops_code
 from steelyard.symbolic.program import InputArray, Program
+
+TILE_ROWS = 4
+TILE_COLUMNS = 3
+FIR_OUTPUTS = 4
+
+
+def loops_code(lanes: int) -> str:
+    """The loops that do not depend on the program, as LLVM code.
+
+    `void gram(y, ld, N, tiles, n_tiles, sums)`, `void absolute(y, ld, N, rows, sums)`,
+    `void fir(y, ldy, rows, taps, T, D, M, z, ldz)`, `void recurrence(a, b, c, y, rows, N, start)`.
+    """
+    sizes = {"rows": TILE_ROWS, "columns": TILE_COLUMNS, "outputs": FIR_OUTPUTS}
+    return _filled("loops.ll", lanes=lanes, t=f"<{lanes} x double>", **sizes)
+
+
+def around_program(inputs: int) -> str:
+    """Loops that call a program of some input arrays, as LLVM code.
+
+    `void fused(N, x0, ld0, ..., B, y, ldy, tiles, n_tiles, sums, rows, absolute)` and
+    `i64 sample(arguments)`.
+    """
+    return _filled("around_program.ll", inputs=inputs)
+
+
+def _filled(template: str, **values: Any) -> str:
+    from steelyard.report.page import templates_of
+
+    folder = Path(__file__).parent / "templates"
+    return str(templates_of(folder).get_template(template).render(values))
+
 
 ENGINE = 4  # raised whenever emitted code changes its meaning: old cache entries are then not used
 
