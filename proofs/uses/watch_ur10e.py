@@ -17,7 +17,7 @@ import steelyard
 from steelyard.base.arrays import Array
 from steelyard.estimate.external.contact_thresholds import ContactThresholds
 from steelyard.estimate.identified_model import IdentifiedModel
-from steelyard.uses.contact.contact_events import ContactEvent
+from steelyard.uses.contact.contact import ContactEvent
 from steelyard.uses.payload.pick_up_and_put_down import PayloadEvent
 from steelyard.uses.watch.online_detection import StreamEvent, Watcher
 from steelyard.uses.watch.watch import start_watch

@@ -6,7 +6,7 @@ from steelyard.estimate.external.contact_thresholds import RANGES, ContactThresh
 from steelyard.estimate.external.observer_and_wrench import Expected
 from steelyard.estimate.payload.payload_estimate import PayloadEstimate
 from steelyard.estimate.scores.residuals import ResidualTrace
-from steelyard.uses.contact.contact_events import ContactEvent, JointLoad
+from steelyard.uses.contact.contact import ContactEvent, JointLoad
 from steelyard.uses.contact.contact_page import Contacts
 from steelyard.uses.health.drift_detection import QUANTITIES, Series, changes_of
 from steelyard.uses.health.health import Health

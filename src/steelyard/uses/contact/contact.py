@@ -1,8 +1,16 @@
-"""Contact in a log, without a force sensor: what `steelyard contact` does."""
+r"""Contact in a log, without a force sensor: events and links; what `steelyard contact` does.
 
-from collections.abc import Iterable, Sequence
-from dataclasses import replace
+A force on a link loads the joints between it and the base, and no joint beyond it: if the residual
+of a joint exceeds its threshold, the contact is on a link that this joint carries.
+"""
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import reduce
+from itertools import pairwise
+from operator import add
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -11,7 +19,7 @@ from steelyard.base.arrays import Array
 from steelyard.base.errors import DataError, LogError
 from steelyard.base.progress import Progress, silent
 from steelyard.estimate.effort_uncertainty import EDGES, rest_speed_of, rest_speed_of_runs
-from steelyard.estimate.external.contact_thresholds import ResidualPeaks
+from steelyard.estimate.external.contact_thresholds import ONSET, ContactThresholds, ResidualPeaks
 from steelyard.estimate.identified_model import IdentifiedModel, load_model
 from steelyard.estimate.information.base_regressor import base_regressor
 from steelyard.estimate.information.gather import gather
@@ -24,12 +32,269 @@ from steelyard.estimate.scores.residuals import (
 )
 from steelyard.identify.logs_and_notes import holds_fitted_rows, left_out, notes_of
 from steelyard.identify.scores_and_residuals import fitted_before, runs_for
+from steelyard.robot.robot import Robot
 from steelyard.runs.run import Run
 from steelyard.runs.runs_of_named_logs import log_files, paths_of, refuse_overlaps
-from steelyard.uses.contact.contact_events import SuspectedContact, contacts_in, without_contact
 from steelyard.uses.contact.contact_page import LEAST_LASTING_SHARE, Contacts
 from steelyard.uses.efforts_unlike_the_model import refuse_other_efforts
 from steelyard.uses.payload.payload_fit import payload_words, unknown_payload
+
+RELEASE = 0.5  # a contact ends below that share of the threshold that was exceeded
+LEAST_TIME_APART = 0.5  # least time between two events [s]
+
+
+CALIBRATION_STRETCHES = 4  # stretches that a single calibration run is compared in
+EXPECTED_EXCEEDANCES = 0.02  # of thresholds of contact, in all calibration runs together
+SUSPECT_MARGIN = 1.0  # time beside a suspected contact that is left out with it [s]
+
+
+@dataclass(frozen=True)
+class JointLoad:
+    """What one joint shows of a contact."""
+
+    joint: str
+    unit: str
+    # largest residual, measured minus predicted effort, or largest change of it at rest: that which
+    # exceeds its threshold more
+    peak: float
+    sigmas: float  # its size in standard deviations of the residual of the fit
+    ratio: float  # of its size to the threshold
+    change: bool
+
+
+@dataclass(frozen=True)
+class ContactEvent:
+    """A stretch in which residuals exceed their thresholds."""
+
+    start: float  # when a threshold was exceeded first, from the log's start [s]
+    end: float  # when the last joint was released [s]
+    known: float  # when it can be known [s]: changes at rest are decided a little later
+    joints: tuple[JointLoad, ...]  # joints that exceed their thresholds, the clearest first
+    links: tuple[str, ...]  # links that the contact may be on: those that all these joints carry
+
+    @property
+    def place(self) -> str:
+        """Where the contact is, for people to read."""
+        return place_of(self.links)
+
+    def to_dict(self) -> dict[str, Any]:
+        """As JSON values; `link` is known where only one is possible."""
+        return {
+            "start_s": self.start,
+            "end_s": self.end,
+            "known_s": self.known,
+            "joint": self.joints[0].joint,
+            "joints": [vars(joint) for joint in self.joints],
+            "link": self.links[0] if len(self.links) == 1 else None,
+            "links": list(self.links),
+        }
+
+
+def place_of(links: Sequence[str]) -> str:
+    """Where a contact on one of some links is, for people to read."""
+    if not links:
+        return "several branches"
+    return links[0] if len(links) == 1 else f"{links[0]} or beyond"
+
+
+@dataclass(frozen=True)
+class ContactStart:
+    """A residual exceeds its threshold, and none did just before."""
+
+    time: float
+    known: float  # when that is known [s]: a change at rest is decided a little later
+    joint: JointLoad
+    links: tuple[str, ...]
+
+    @property
+    def place(self) -> str:
+        """Where the contact is, for people to read."""
+        return place_of(self.links)
+
+
+CHANGE_TEST = 1  # row of changes at rest in the tests of a sample, below the residual's
+
+
+class ContactStream:
+    """Finds contacts sample by sample."""
+
+    def __init__(self, robot: Robot, sigma: Array, lasting: float = 0.0) -> None:
+        """Begin; `sigma` is the standard deviation of the fit's residual, shape `(n,)` [Nm; N].
+
+        A residual is contact that exceeds its threshold, sample after sample, for a time `lasting`.
+        """
+        self._robot, self._sigma, self._lasting = robot, sigma, lasting
+        self._released = np.full((2, robot.n), np.nan)
+        self._since = np.full((2, robot.n), np.nan)
+        self._loads: dict[int, JointLoad] = {}
+        self._start = self._end = self._known = -np.inf
+
+    @property
+    def active(self) -> bool:
+        """Whether there is a contact now."""
+        return bool(self._loads)
+
+    @property
+    def held(self) -> bool:
+        """Whether a residual that exceeded its threshold has not been released."""
+        return not np.isnan(self._released).all()
+
+    def step(
+        self,
+        t: float,
+        signal: Array,
+        limits: Array,
+        times: Sequence[float],
+        *,
+        known: Sequence[float] | None = None,
+        gap: bool = False,
+    ) -> Iterator[ContactStart | ContactEvent]:
+        """Take the next sample: the residual, and its change at rest that is decided now.
+
+        Args:
+            t: Time [s].
+            signal: Measured minus predicted effort, and its change at rest, shape `(2, n)`
+                [Nm; N]; NaN where nothing is compared.
+            limits: Thresholds, likewise; NaN of a joint without.
+            times: Of the samples that the rows are of [s].
+            known: When each row is known [s]; at `t` if `None`.
+            gap: Whether samples are missing before this one.
+        """
+        size, at = np.abs(signal), np.array(times)[:, None]
+        held = (size >= self._released) & (not gap)
+        exceeds = size > limits
+        begins = exceeds & (np.isnan(self._since) | gap)
+        self._since = np.where(begins, at, np.where(exceeds, self._since, np.nan))
+        exceeds &= at - self._since >= self._lasting
+        if self._loads and not held.any() and t - self._end > LEAST_TIME_APART:
+            yield self.ended()
+        self._released = np.where(held, self._released, np.where(exceeds, RELEASE * limits, np.nan))
+        touched = held | exceeds
+        if not touched.any():
+            return
+        first, tests = not self._loads, touched.any(axis=1)
+        for k, j in np.argwhere(touched).tolist():
+            self._add(j, float(signal[k, j]), float(size[k, j] / limits[k, j]), k == CHANGE_TEST)
+        latest = float(at[tests].max())
+        decided = float(np.array((t, t) if known is None else known)[tests].min())
+        if first:
+            self._start, self._end = float(self._since[touched].min()), latest
+            self._known = decided
+            event = self._event()
+            yield ContactStart(event.start, t, event.joints[0], event.links)
+        self._end, self._known = max(self._end, latest), min(self._known, decided)
+
+    def ended(self) -> ContactEvent:
+        """The contact that ends, now or with the stream; there must be one."""
+        event = self._event()
+        self._loads.clear()
+        self._released[:] = np.nan
+        return event
+
+    def _add(self, j: int, signal: float, ratio: float, change: bool) -> None:
+        known = self._loads.get(j)
+        if known is None or known.ratio < ratio:
+            axis, sigmas = self._robot.coordinates[j], abs(signal) / float(self._sigma[j])
+            self._loads[j] = JointLoad(axis.name, axis.effort_unit, signal, sigmas, ratio, change)
+
+    def _event(self) -> ContactEvent:
+        links = links_carried_by(self._robot, list(self._loads))
+        joints = sorted(self._loads.values(), key=lambda load: -load.ratio)
+        return ContactEvent(self._start, self._end, self._known, tuple(joints), links)
+
+
+def contacts_in(
+    trace: ResidualTrace, thresholds: ContactThresholds, robot: Robot, sigma: Array
+) -> tuple[ContactEvent, ...]:
+    """Stretches of a run in which residuals exceed their thresholds.
+
+    `sigma` is the standard deviation of the residual of the fit per joint, shape `(n,)` [Nm; N].
+    """
+    changes = trace.changes(thresholds.edges)
+    signal = np.stack([trace.residual, changes])
+    levels = thresholds.at(trace.ranges(thresholds.edges))
+    limits = np.stack([levels, np.broadcast_to(thresholds.changes[:, None], changes.shape)])
+    gaps = np.diff(trace.t, prepend=trace.t[:1]) > 2.0 * trace.step
+    stream, found, k = ContactStream(robot, sigma), list[ContactStart | ContactEvent](), 0
+    for begin in np.flatnonzero(np.any(np.abs(signal) > limits, axis=(0, 1))).tolist():
+        k = max(k, begin)
+        while k == begin or (stream.held and k < len(trace.t)):
+            t, gap = float(trace.t[k]), bool(gaps[k])
+            known = (t, t + ONSET)
+            found += stream.step(t, signal[..., k], limits[..., k], (t, t), known=known, gap=gap)
+            k += 1
+    found += [stream.ended()] if stream.active else []
+    return tuple(event for event in found if isinstance(event, ContactEvent))
+
+
+def links_carried_by(robot: Robot, joints: Sequence[int]) -> tuple[str, ...]:
+    """Links that all of some joints carry, parents before children."""
+    return tuple(
+        body.name
+        for k, body in enumerate(robot.bodies)
+        if {robot.bodies[one].coordinate for one in robot.carriers(k)}.issuperset(joints)
+        and not body.massless
+    )
+
+
+@dataclass(frozen=True)
+class SuspectedContact:
+    """A stretch of a calibration run that other motion does not explain."""
+
+    run: str
+    event: ContactEvent
+
+    @property
+    def text(self) -> str:
+        """For people to read."""
+        load = self.event.joints[0]
+        return (
+            f"{self.run} contains contact at {self.event.start:.1f} to {self.event.end:.1f} s "
+            f"({load.joint}: {abs(load.peak):.3g} {load.unit}, {load.ratio:.2g} times what the "
+            "other calibration motion explains): left out of the calibration"
+        )
+
+
+def without_contact(
+    traces: Sequence[ResidualTrace],
+    edges: Array,
+    cutoff: float,
+    robot: Robot,
+    sigma: Array,
+    known: ResidualPeaks | None = None,
+) -> tuple[ResidualPeaks, tuple[SuspectedContact, ...]]:
+    """Largest residuals of calibration runs, without stretches that contain contact.
+
+    Every run is compared with thresholds from all others, which all of them together exceed with a
+    probability of `EXPECTED_EXCEEDANCES`; the run that exceeds them most loses what exceeds them,
+    until none does. A single run is compared in `CALIBRATION_STRETCHES` parts. What the model knows
+    of its own left-out motion is compared with, too.
+    """
+    alike = known is not None and known.cutoff == cutoff and np.array_equal(known.edges, edges)
+    beside = [known] if known is not None and alike else []
+    parts = list(traces)
+    if len(parts) + len(beside) < 2:
+        ends = np.linspace(0, len(parts[0].t), CALIBRATION_STRETCHES + 1).astype(int)
+        parts = [parts[0].of(slice(a, b)) for a, b in pairwise(ends)]
+    peaks = [part.peaks(edges, cutoff) for part in parts]
+    suspected: list[SuspectedContact] = []
+    while len(peaks) + len(beside) > 1 and any(part.duration for part in parts):
+        rate = EXPECTED_EXCEEDANCES * 3600.0 / sum(part.duration for part in parts)
+        found = []
+        for k, part in enumerate(parts):
+            limits = reduce(add, [*peaks[:k], *peaks[k + 1 :], *beside]).thresholds(rate)
+            found.append(contacts_in(part, limits, robot, sigma))
+        ratios = [max((event.joints[0].ratio for event in one), default=0.0) for one in found]
+        worst = int(np.argmax(ratios))
+        if not found[worst]:
+            break
+        suspected += [SuspectedContact(parts[worst].run, event) for event in found[worst]]
+        t, inside = parts[worst].t, np.zeros(len(parts[worst].t), dtype=bool)
+        for event in found[worst]:
+            inside |= (t >= event.start - SUSPECT_MARGIN) & (t <= event.end + SUSPECT_MARGIN)
+        parts[worst] = parts[worst].of(~inside)
+        peaks[worst] = parts[worst].peaks(edges, cutoff)
+    return reduce(add, peaks), tuple(sorted(suspected, key=lambda one: (one.run, one.event.start)))
 
 
 @checked(rate=1e-9)

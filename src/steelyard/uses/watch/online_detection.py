@@ -19,7 +19,7 @@ from steelyard.estimate.external.contact_thresholds import ChangeStepper, Contac
 from steelyard.estimate.external.observer_and_wrench import Observer
 from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.runs.sample_stream import SampleStream, StreamSample
-from steelyard.uses.contact.contact_events import ContactEvent, ContactStart, ContactStream
+from steelyard.uses.contact.contact import ContactEvent, ContactStart, ContactStream
 from steelyard.uses.efforts_unlike_the_model import LARGE_RESIDUAL, LEAST_EXPLAINED
 from steelyard.uses.payload.pick_up_and_put_down import PayloadEvent, PayloadEvents
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from steelyard.base.files import explained
 from steelyard.report.words import signed, significant
-from steelyard.uses.contact.contact_events import ContactEvent, ContactStart, JointLoad
+from steelyard.uses.contact.contact import ContactEvent, ContactStart, JointLoad
 from steelyard.uses.payload.payload import mass_with_interval, rounded_mass
 from steelyard.uses.payload.pick_up_and_put_down import PayloadEvent
 from steelyard.uses.watch.online_detection import StreamEstimate, StreamNote
