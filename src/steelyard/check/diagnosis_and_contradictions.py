@@ -258,7 +258,10 @@ OF_MOTION: tuple[Check, ...] = (
 )
 """Checks that compare efforts with a model: by velocities and accelerations, in true seconds."""
 CHECKS = (*OF_SIGNALS, *OF_MOTION)
-BASIC_CHECKS = (JOINT_ORDER, POSITION_SIGN, EFFORT_SIGN, EFFORT_UNIT, EFFORT_KIND, MOUNTING)
+BASIC_CHECKS = (
+    *(JOINT_ORDER, POSITION_SIGN, EFFORT_SIGN, EFFORT_UNIT, EFFORT_KIND, MOUNTING),
+    transmission_check,
+)
 """Checks without whose answers nobody knows whether the robot file describes the log."""
 SEVERAL_OPEN = 3  # basic questions from which on a large misfit that leaves them open is doubtful
 DECIDING_CHECKS = (JOINT_ORDER.name, transmission_check.name, GAIN.name, PAYLOAD.name)

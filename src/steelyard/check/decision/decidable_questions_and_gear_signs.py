@@ -64,7 +64,7 @@ def undecided(decision: LogVerdict, cause: str) -> str:
     if cause == "gain":
         return _gains(search, misfit)
     near = [h.says for h, odds in search.alternatives(cause) if odds > -ANSWERED]
-    if cause == "effort kind":
+    if cause == "effort kind" and not any(signals.unknown_gains):
         sizes = (HEAVIEST_FACTOR, 1.0 / HEAVIEST_FACTOR)
         odds = search.odds_of_factors([np.full(signals.n, x) for x in sizes])
         near += [
@@ -209,7 +209,8 @@ def transmission_check(case: Case, evidence: Evidence) -> Finding | None:
         f"undecided: misfit {misfit}, but about as well fit {', and '.join(words)}; the best of "
         f"them, {says}, has a misfit of {other}"
     )
-    return Finding.ok(says, figure, fix=COMPARE_RATIOS, answered=False)
+    hidden = misfit_hides(decision)
+    return Finding.ok(says, figure, fix=COMPARE_RATIOS, answered=False, hidden=hidden)
 
 
 def missing_coupling(findings: Sequence[Finding], stated: bool) -> tuple[Finding, ...]:

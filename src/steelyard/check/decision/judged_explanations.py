@@ -221,14 +221,19 @@ def _part(search: Search, cause: str) -> Hypothesis | None:
     return one
 
 
-def _sign_part(search: Search, one: Hypothesis) -> Hypothesis:
+def _sign_part(search: Search, one: Hypothesis) -> Hypothesis | None:
     """The joints whose sign is another one, and the mirror that fits as well."""
     before, after, what = search.declared.reading, one.reading, one.cause.partition(" ")[0]
     names = after.likelihood.names
     # an effort's sign belongs to its column
     order = list(after.effort if what == "effort" else after.position)
     then, now = (np.sign(getattr(r, f"{what}_scale")) for r in (before, after))
-    joints = tuple(np.flatnonzero(then[order] != now).tolist())
+    turned = then[order] != now
+    if what == "effort" and (unknown := after.likelihood.signals.unknown_gains):
+        turned &= ~np.asarray(unknown)  # the sign is one of the gain that is identified
+        if not turned.any():
+            return None
+    joints = tuple(np.flatnonzero(turned).tolist())
     who = ", ".join(f"'{names[j]}'" for j in joints)
     if len(joints) == len(names) > 1:
         says = MIRRORED.format(f"{what}s")
