@@ -272,7 +272,10 @@ def _judged_part(search: Search, one: Hypothesis, odds: float, sure: bool) -> Ju
         before = undone(one.reading, search.declared.reading, one.cause)
         held = holds_factors(before, np.abs(one.reading.effort_scale / before.effort_scale))
         one = replace(one, fixed=one.fixed and held)
-        return one, Severity.WRONG if odds >= SURE else Severity.DOUBTFUL
+        # as declared is wrong only where the intervals of the factors exclude it
+        ones = np.ones(len(before.effort))
+        sure = odds >= SURE and (one.fixed or not holds_factors(before, ones))
+        return one, Severity.WRONG if sure else Severity.DOUBTFUL
     wrong = Severity.WRONG if sure else Severity.DOUBTFUL
     return replace(one, fixed=sure), wrong
 
