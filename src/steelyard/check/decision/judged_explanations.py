@@ -320,7 +320,7 @@ def _scale(search: Search, winners: Sequence[Judged]) -> Iterator[Judged]:
     """
     best, found = search.best, search.best.evidence
     factor, far = 1.0 / found.scale, abs(np.log(found.scale)) > np.log(HEAVIEST_FACTOR)
-    if abs(np.log(factor)) < np.log(NOTICED_FACTOR) or found.sized < (SURE if far else LIKELY):
+    if abs(np.log(factor)) < np.log(NOTICED_FACTOR) or (far and found.sized < SURE):
         return
     if found.percent > ROUGH_MISFIT or any(w.cause in FACTOR_CAUSES for w, _ in winners):
         return
