@@ -60,7 +60,7 @@ def undecided(decision: LogVerdict, cause: str) -> str:
         return f"undecided: {misfit}, and {size}"
     if cause in COPIED and not alike(cause, best.reading, declared):
         says = next((c.says for c in best.changes if c.cause == cause), "")
-        return f"undecided: {misfit}, whether {says} or not" if says else ""
+        return f"undecided: {misfit}, with or without this: {says}" if says else ""
     if cause == "gain":
         return _gains(search, misfit)
     near = [h.says for h, odds in search.alternatives(cause) if odds > -ANSWERED]
@@ -71,7 +71,7 @@ def undecided(decision: LogVerdict, cause: str) -> str:
             f"efforts times {x:.3g}" for x, o in zip(sizes, odds, strict=True) if o > -ANSWERED
         ]
     listed = ", ".join(near[:SHOWN_ALTERNATIVES]) + ", ..." * (len(near) > SHOWN_ALTERNATIVES)
-    return f"undecided: {misfit}, but fits about as well with {listed}" if near else ""
+    return f"undecided: {misfit}; other readings fit about as well: {listed}" if near else ""
 
 
 def hidden_mass(search: Search) -> str:
