@@ -129,14 +129,13 @@ class EvidenceOfLog:
     def of(self, readings: Sequence[Reading]) -> list[Evidence | None]:
         """That of each reading; `None` where states are impossible or nothing moves."""
         rough = self.screened(readings)
-        scales = [np.exp(0.0 if x is None else np.log(x.scale)) for x in rough]
         both = []
         for sized in (False, True):
             problems = [
                 None
-                if x is None or (sized and abs(np.log(c)) < LEAST_SCALE)
-                else self._problem(r, c if sized else 1.0)
-                for r, x, c in zip(readings, rough, scales, strict=True)
+                if x is None or (sized and abs(np.log(x.scale)) < LEAST_SCALE)
+                else self._problem(r, x.scale if sized else 1.0)
+                for r, x in zip(readings, rough, strict=True)
             ]
             both.append(self._solved(problems, WIDTHS, STEPS))
         return [_mixed(*pair) for pair in zip(*both, strict=True)]
@@ -269,9 +268,8 @@ class _Problem:
     yy: Array  # of bodies and a joint's own unknowns, shape `(n, k + 4, k + 4)`
     ye: Array  # shape `(n, k + 4)`
     count: Array
-    positive: NDArray[
-        np.bool_
-    ]  # which of the joints' own unknowns are not negative, shape `(n, 4)`
+    # which of the joints' own unknowns are not negative, shape `(n, 4)`
+    positive: NDArray[np.bool_]
     scale: float  # of the bodies that unknowns of 1 stand for, over the nominal ones
     carrier: int = -1  # the body that carries a payload, which is the last of them; -1 for none
 
