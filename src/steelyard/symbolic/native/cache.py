@@ -33,6 +33,7 @@ SOURCES = (
     "estimate/closed_loop",
     "estimate/external",
     "check/hypotheses/nuisance_fit_and_score.py",
+    "excite/design_problem_and_information.py",
     "simulate/laws_beside_mujoco.py",
 )
 """Folders and files of the package that programs are made from."""
