@@ -32,6 +32,8 @@ from steelyard.robot.file.effort_units_and_gears import MOTOR_KINDS
 from steelyard.robot.robot import Transmission
 
 SHOWN_ALTERNATIVES = 3  # alternatives that are named
+TRIED_FACTORS = {"effort kind": HEAVIEST_FACTOR, "effort unit": 1000.0}
+"""Factors on all efforts that must fit clearly worse."""
 OTHER_GAIN = 1.5  # factor on one joint's effort that must fit clearly worse
 NOTICED_ZERO_RISE = 8.0
 """Rise of the log-likelihood by a zero offset from which on zeros are not called those of the
@@ -64,8 +66,8 @@ def undecided(decision: LogVerdict, cause: str) -> str:
     if cause == "gain":
         return _gains(search, misfit)
     near = [h.says for h, odds in search.alternatives(cause) if odds > -ANSWERED]
-    if cause == "effort kind" and not any(signals.unknown_gains):
-        sizes = (HEAVIEST_FACTOR, 1.0 / HEAVIEST_FACTOR)
+    if cause in TRIED_FACTORS and not any(signals.unknown_gains):
+        sizes = (TRIED_FACTORS[cause], 1.0 / TRIED_FACTORS[cause])
         odds = search.odds_of_factors([np.full(signals.n, x) for x in sizes])
         near += [
             f"efforts times {x:.3g}" for x, o in zip(sizes, odds, strict=True) if o > -ANSWERED
@@ -93,8 +95,9 @@ def _gains(search: Search, misfit: str) -> str:
     seen = search.best.evidence.counts > 0.0
     one = np.eye(len(names))[seen]
     odds = np.array(search.odds_of_factors([*OTHER_GAIN**one, *OTHER_GAIN**-one])).reshape(2, -1)
-    open_ones = np.flatnonzero(seen)[odds.max(axis=0, initial=-np.inf) > -ANSWERED]
-    weak = [names[j] for j in open_ones]
+    answered = seen.copy()
+    answered[seen] = odds.max(axis=0, initial=-np.inf) <= -ANSWERED
+    weak = [name for name, sure in zip(names, answered, strict=True) if not sure]
     if not weak:
         return ""
     rest = ", ".join(f"'{name}'" for name in names if name not in weak)

@@ -88,7 +88,7 @@ class Explanation:
 
     def as_hypothesis(self, **named: object) -> Hypothesis:
         """The same as one hypothesis."""
-        says = ", and ".join(change.says for change in self.changes)
+        says = ", and ".join(change.says for change in self.changes if change.says)
         cause = self.changes[-1].cause if self.changes else ""
         joints = self.changes[-1].joints if self.changes else ()
         one = Hypothesis(
@@ -167,6 +167,8 @@ class Search:
 
     def alternatives(self, cause: str) -> Iterator[tuple[Hypothesis, float]]:
         """Single changes of the best explanation with one cause, each with its log odds."""
+        if key_of(self.best.reading) not in self._alternatives:
+            self._expand(self.best)
         best = self.best
         own = self._rough(best.reading)
         for one in self._alternatives.get(key_of(best.reading), ()):
@@ -193,6 +195,7 @@ class Search:
             x.log
             for x in self.found.values()
             if not any(alike(cause, y, best.reading) for y in (x.reading, mirror(x.reading)))
+            and not (cause == "effort delay" and _as_late(x.reading, best.reading, declared))
         ]
         return best.log - max(others, default=-np.inf)
 
@@ -273,6 +276,12 @@ def _changes(start: Explanation, others: OtherEfforts) -> Iterator[Hypothesis]:
             yield _late(reading.changed(delay=reading.delay + delay), delay)
 
 
+def _as_late(reading: Reading, best: Reading, declared: Reading) -> bool:
+    """Whether a delay is rather the best one than that declared."""
+    late, most = reading.delay - declared.delay, best.delay - declared.delay
+    return bool(late * np.sign(most) > 0.5 * abs(most))
+
+
 def _late(reading: Reading, delay: float) -> Hypothesis:
     says = f"efforts are {1e3 * abs(delay):.3g} ms {'late' if delay > 0 else 'early'}"
     return Hypothesis("effort delay", says, reading, FITTED_NUMBER_COST, ())
@@ -294,7 +303,7 @@ COPIED: dict[str, Callable[[Reading, Reading], Reading]] = {
         effort_scale=np.copysign(b.effort_scale, a.effort_scale),
         ratios=b.ratios,
         kind=b.kind,
-        gravity=b.gravity if a.kind == "gravity_compensated_torque" else a.gravity,
+        gravity=b.gravity if a.kind == "gravity_compensated_torque" != b.kind else a.gravity,
     ),
 )
 """What a reading becomes if what it says of a cause is replaced by what another one says."""

@@ -226,13 +226,13 @@ def _sign_part(search: Search, one: Hypothesis) -> Hypothesis | None:
     before, after, what = search.declared.reading, one.reading, one.cause.partition(" ")[0]
     names = after.likelihood.names
     # an effort's sign belongs to its column
-    order = list(after.effort if what == "effort" else after.position)
+    order = list(after.effort)
     then, now = (np.sign(getattr(r, f"{what}_scale")) for r in (before, after))
-    turned = then[order] != now
+    turned = (then[order] if what == "effort" else then) != now
     if what == "effort" and (unknown := after.likelihood.signals.unknown_gains):
         turned &= ~np.asarray(unknown)  # the sign is one of the gain that is identified
-        if not turned.any():
-            return None
+    if not turned.any():
+        return None
     joints = tuple(np.flatnonzero(turned).tolist())
     who = ", ".join(f"'{names[j]}'" for j in joints)
     if len(joints) == len(names) > 1:
@@ -271,10 +271,11 @@ def _judged_part(search: Search, one: Hypothesis, odds: float, sure: bool) -> Ju
     if factor:
         before = undone(one.reading, search.declared.reading, one.cause)
         held = holds_factors(before, np.abs(one.reading.effort_scale / before.effort_scale))
-        one = replace(one, fixed=one.fixed and held)
-        # as declared is wrong only where the intervals of the factors exclude it
-        ones = np.ones(len(before.effort))
-        sure = odds >= SURE and (one.fixed or not holds_factors(before, ones))
+        one = replace(one, fixed=sure and held)
+        _, low, high = factor_intervals(before)
+        # that all are off by unknown factors is wrong only where most intervals exclude it
+        off = np.mean((low > 1.0) | (high < 1.0)) > 0.5
+        sure = odds >= SURE and (one.fixed or bool(off))
         return one, Severity.WRONG if sure else Severity.DOUBTFUL
     wrong = Severity.WRONG if sure else Severity.DOUBTFUL
     return replace(one, fixed=sure), wrong
@@ -285,7 +286,7 @@ def _written(best: Reading, declared: Reading, winners: Sequence[Judged]) -> Rea
     reading = best
     written = {hypothesis.cause for hypothesis, _ in winners if hypothesis.fixed}
     for cause in ("joint order", "position sign", "effort sign", "mounting", "effort delay"):
-        if cause not in written and not (cause == "mounting" and best.kind != declared.kind):
+        if cause not in written and not (cause == "mounting" and not best.gravity.any()):
             reading = undone(reading, declared, cause)
     if not written & set(FACTOR_CAUSES):
         reading = undone(reading, declared, "gain")

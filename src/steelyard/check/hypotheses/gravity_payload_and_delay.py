@@ -222,7 +222,9 @@ def refined_gravity(found: Reading) -> Array:
     """
     from scipy.optimize import least_squares
 
-    start = found.gravity / max(float(np.linalg.norm(found.gravity)), 1e-12)
+    if not found.gravity.any():
+        return found.gravity
+    start = found.gravity / float(np.linalg.norm(found.gravity))
     left = _DirectionResidual(found.on(found.likelihood.thinned(DIRECTION_SAMPLES)))
     direction, known = start, left.sigma(start)
     for _ in range(DIRECTION_REWEIGHTINGS):
