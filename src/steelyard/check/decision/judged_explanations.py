@@ -273,9 +273,10 @@ def _judged_part(search: Search, one: Hypothesis, odds: float, sure: bool) -> Ju
         held = holds_factors(before, np.abs(one.reading.effort_scale / before.effort_scale))
         one = replace(one, fixed=sure and held)
         _, low, high = factor_intervals(before)
-        # that all are off by unknown factors is wrong only where most intervals exclude it
-        off = np.mean((low > 1.0) | (high < 1.0)) > 0.5
-        sure = odds >= SURE and (one.fixed or bool(off))
+        # unknown factors are wrong only where most intervals, or one by far, exclude the declared
+        most = np.mean((low > 1.0) | (high < 1.0)) > 0.5
+        far = (low > HEAVIEST_FACTOR) & np.isfinite(high) | (high < 1 / HEAVIEST_FACTOR) & (low > 0)
+        sure = odds >= SURE and (one.fixed or bool(most or far.any()))
         return one, Severity.WRONG if sure else Severity.DOUBTFUL
     wrong = Severity.WRONG if sure else Severity.DOUBTFUL
     return replace(one, fixed=sure), wrong
