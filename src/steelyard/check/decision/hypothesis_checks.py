@@ -105,6 +105,8 @@ class HypothesisCheck:
         gain = hypothesis.log_likelihood - before.reading.log_likelihood
         if hypothesis.compared is not None:
             known, then = hypothesis.compared
+        if (search := decision.search) is not None:  # free bodies may absorb what is wrong
+            rise = f", log evidence rises by {search.best.log - search.declared.log:.0f}"
         elif gain > 0.0:
             rise = f", log-likelihood rises by {gain:.0f}"
         fix, severity = self._fix(case, evidence, decision, mine[-1][1])

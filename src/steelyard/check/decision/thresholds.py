@@ -1,4 +1,4 @@
-"""All thresholds of the decision between readings of a log, on natural logarithms of odds.
+"""Thresholds of the decision between readings of a log, on natural logarithms of odds.
 
 Where bodies are not known, odds are those of `hypotheses.evidence`, which counts a joint for a
 limited number of samples and never leaves less than a floor; with a reference they are those of
