@@ -34,6 +34,7 @@ from steelyard.check.hypotheses.gravity_payload_and_delay import (
 )
 from steelyard.check.hypotheses.position_hypotheses import position_changes, ratio_hypotheses
 from steelyard.check.hypotheses.readings_and_likelihood import (
+    AS_DECLARED,
     CLOSE_HYPOTHESES,
     FITTED_NUMBER_COST,
     Hypothesis,
@@ -88,7 +89,7 @@ class Explanation:
 
     def as_hypothesis(self, **named: object) -> Hypothesis:
         """The same as one hypothesis."""
-        says = ", and ".join(change.says for change in self.changes if change.says)
+        says = ", and ".join(change.says for change in self.changes if change.says) or AS_DECLARED
         cause = self.changes[-1].cause if self.changes else ""
         joints = self.changes[-1].joints if self.changes else ()
         one = Hypothesis(

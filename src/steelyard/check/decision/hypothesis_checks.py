@@ -18,9 +18,15 @@ from steelyard.check.decision.gains_and_laws_of_logs import (
     gains_of_controller,
     unwritten_number_advice,
 )
-from steelyard.check.decision.judged_explanations import CLEAN, friction_alone_explains, judge_log
+from steelyard.check.decision.judged_explanations import (
+    CLEAN,
+    FREE_INERTIAS,
+    friction_alone_explains,
+    judge_log,
+)
 from steelyard.check.decision.ranked_readings import HOPELESS_MISFIT, Judged, LogVerdict
 from steelyard.check.decision.robot_file_edits import confirmed, edits_of, velocity_edits
+from steelyard.check.decision.thresholds import LIKELY, SURE
 from steelyard.check.decision.zeros_and_quarter_turns import quarter_turns
 from steelyard.check.finding import ComparedHypothesis, Edit, Finding, Fix, Picture, Severity, Trace
 from steelyard.check.hypotheses.friction_signs_and_delay import (
@@ -37,6 +43,7 @@ SHOWN_HYPOTHESES = 6  # hypotheses that are shown
 PICTURE_POINTS = 1500
 WHOLE_PERCENT_MISFIT = 100.0  # misfit from which on no decimals are printed [%]
 LARGEST_PRINTED_MISFIT = 1000.0  # misfit beyond which the number says no more [%]
+LARGEST_ODDS = 1000.0  # log odds beyond which the number says no more
 UNEXPLAINED_CHECK = "effort kind"  # the check that says so where nothing explains the efforts
 NO_HYPOTHESIS = (
     "no single hypothesis explains these efforts: check columns, kind, unit, gains, and locked "
@@ -105,8 +112,8 @@ class HypothesisCheck:
         gain = hypothesis.log_likelihood - before.reading.log_likelihood
         if hypothesis.compared is not None:
             known, then = hypothesis.compared
-        if (search := decision.search) is not None:  # free bodies may absorb what is wrong
-            rise = f", log evidence rises by {search.best.log - search.declared.log:.0f}"
+        if hypothesis.odds is not None:  # free bodies may absorb what is wrong
+            rise = f", log Bayes factor {_log_odds(hypothesis.odds)} to the best reading without it"
         elif gain > 0.0:
             rise = f", log-likelihood rises by {gain:.0f}"
         fix, severity = self._fix(case, evidence, decision, mine[-1][1])
@@ -135,13 +142,16 @@ class HypothesisCheck:
             return Finding.doubtful(says, figure, fix=fix, answered=answered, hidden=hidden)
         mine = next((r for r in decision.rounds[0] if r.cause == self.name), None)
         figure = f"misfit {declared.percent:.1f} %"
+        if (search := decision.search) is not None:
+            figure += f", {search.declared.evidence.percent:.1f} % with {FREE_INERTIAS}"
         if mine is not None:
             figure += f"; best alternative of this check ({mine.says}): {mine.percent:.1f} %"
         return Finding.ok(says, figure, answered=answered, hidden=hidden)
 
     def _hypotheses(self, decision: LogVerdict) -> tuple[ComparedHypothesis, ...]:
         """The likeliest hypotheses, with the declared reading and this check's own best ones."""
-        first, declared = decision.rounds[0], decision.declared
+        first, as_declared = decision.rounds[0], decision.declared.reading
+        declared = next(r for r in first if r.reading is as_declared)
         mine = [r for r in first if r.cause == self.name][:2]
         shown = dict.fromkeys((*first[: SHOWN_HYPOTHESES - 2], declared, *mine))
         ordered = sorted(shown, key=lambda r: -r.log_likelihood)
@@ -173,6 +183,11 @@ class HypothesisCheck:
             paths |= {("signals", "velocity"), ("signals", "velocity_sign")}
         mine = tuple(edit for edit in whole if edit.path in paths)
         return Fix(f"{hypothesis.says}: {self.advice}", mine, bool(mine)), severity
+
+
+def _log_odds(value: float) -> str:
+    least = f"doubtful from {LIKELY:.0f}, wrong from {SURE:.0f}"
+    return f"{value:.0f} ({least})" if value < LARGEST_ODDS else f"above {LARGEST_ODDS:.0f}"
 
 
 def _percent(value: float) -> str:

@@ -93,7 +93,7 @@ def _by_reference(found: LogVerdict) -> LogVerdict:
         rest = found.rounds[judged] if judged < len(found.rounds) else None
         for late in delay_hypotheses(before.reading) if rest is None else rest:
             if late.cause == "effort delay":
-                winners += [(late, Severity.WRONG)] * _late(before, late)
+                winners += [(late, Severity.WRONG)] * _late(before.reading, late)
                 break
     return replace(found, winners=tuple(winners), explained=not has_bad_joint(before))
 
@@ -108,7 +108,7 @@ def _judged(before: Hypothesis, winner: Hypothesis, hypotheses: Sequence[Hypothe
         heavy = ten is not None and abs(ten[0]) > least
         return Severity.WRONG if heavy else Severity.OK
     if winner.cause == "effort delay":
-        return Severity.WRONG if _late(before, winner) else Severity.OK
+        return Severity.WRONG if _late(before.reading, winner) else Severity.OK
     if float(np.max(before.misfits / np.maximum(winner.misfits, 1e-3))) < LEAST_FALL:
         return Severity.OK
     least = winner.log_likelihood - CLOSE_HYPOTHESES
@@ -121,16 +121,15 @@ def _judged(before: Hypothesis, winner: Hypothesis, hypotheses: Sequence[Hypothe
     return Severity.DOUBTFUL if near else Severity.WRONG
 
 
-def _late(before: Hypothesis, hypothesis: Hypothesis) -> bool:
+def _late(before: Reading, hypothesis: Hypothesis) -> bool:
     """Whether a delay matters for certain; by a nominal model, more than friction that yields."""
     reading = hypothesis.reading
     sure, x = reading.knowledge.identified, reading.likelihood.excerpt
     least = max(LEAST_DELAY[sure], DELAY_ROWS / x.log_rate)
-    if abs(reading.delay - before.reading.delay) < least or (sure and disagrees(hypothesis)):
+    if abs(reading.delay - before.delay) < least or (sure and disagrees(hypothesis)):
         return False
-    others = [before.score] if sure else [before.reading.score, presliding_score(before.reading)]
-    mine = hypothesis.score if sure else reading.score
-    return all(mine.sharp - other.sharp > LATE_MARGIN for other in others)
+    others = [before.score] if sure else [before.score, presliding_score(before)]
+    return all(reading.score.sharp - other.sharp > LATE_MARGIN for other in others)
 
 
 def positions_at_fault(case: Case, evidence: Evidence) -> bool:
@@ -167,6 +166,7 @@ def _by_evidence(found: LogVerdict, search: Search) -> LogVerdict:
         )
         if hypothesis is not None and odds >= least:
             sure = odds >= SURE and best.evidence.percent <= ROUGH_MISFIT and hypothesis.fixed
+            hypothesis = replace(hypothesis, odds=odds)
             winners.append(_judged_part(search, hypothesis, odds, sure))
     reading = _written(best.reading, search.declared.reading, winners)
     winners = [(replace(w, reading=reading) if w.fixed else w, s) for w, s in winners]
@@ -215,7 +215,7 @@ def _part(search: Search, cause: str) -> Hypothesis | None:
             one = replace(one, says=factor_words(undone(best.reading, declared, cause)))
         return replace(one, fixed=not fitted)
     if cause == "effort delay":
-        return one if _late(search.declared.as_hypothesis(), one) else None
+        return one if _late(undone(best.reading, declared, cause), one) else None
     if cause == "payload":
         return _payload_part(best, one)
     return one
@@ -344,7 +344,8 @@ def _scale(search: Search, winners: Sequence[Judged]) -> Iterator[Judged]:
     hypothesis = Hypothesis(
         cause, says, changed, cost, joints, found.score, fixed=False, evidence=found.log
     )
-    hypothesis = replace(hypothesis, compared=(FREE_INERTIAS, search.declared.evidence.percent))
+    compared = FREE_INERTIAS, search.declared.evidence.percent
+    hypothesis = replace(hypothesis, compared=compared, odds=found.sized)
     yield hypothesis, Severity.WRONG if far else Severity.DOUBTFUL
 
 

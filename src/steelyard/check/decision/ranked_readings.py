@@ -112,8 +112,7 @@ def ranking(case: Case, evidence: Evidence) -> LogVerdict | None:
         report_progress(case.progress, COMPARING_PHASE, number + 1, of, evidence.name)
         if not found.found:
             return None
-        shown = [x.as_hypothesis() if x.changes else first for x in found.ordered()]
-        return LogVerdict(first, (tuple(shown),), search=found)
+        return LogVerdict(first, (tuple(x.as_hypothesis() for x in found.ordered()),), search=found)
     rounds = []
     for _ in range(FAULT_ROUNDS):
         rounds.append(_rivals(now, others))

@@ -33,15 +33,13 @@ POSSIBLE_BODY = 3.0
 NEAR_AXIS_ANGLE = np.deg2rad(8.0)  # angle up to which gravity is taken to lie along an axis
 LONGEST_DELAY = 0.3  # largest delay that is looked for [s]
 DELAY_GRID = 31
-EARLIEST_DELAY, INSIDE_DELAY_GRID = -0.1, 0.95
-"""Delay before which none is proposed against a model file [s], and the share of the range that is
-searched up to which: at its edge the minimum may lie outside."""
+INSIDE_DELAY_GRID = 0.95  # share of the range up to which a minimum is taken: it may lie outside
 PAYLOAD_STD = np.array([30.0, *[10.0] * 3, *[3.0] * 6])
 """Standard deviations of a payload's ten numbers [kg, kg m, kg m²]."""
 
 
 def world_hypotheses(reading: Reading) -> Iterator[Hypothesis]:
-    """All of them."""
+    """All of them, by a reference."""
     yield from gravity_hypotheses(reading)
     yield from payload_hypotheses(reading)
     yield from delay_hypotheses(reading)
@@ -68,15 +66,11 @@ def gravity_hypotheses(reading: Reading) -> Iterator[Hypothesis]:
 
 
 def payload_hypotheses(reading: Reading) -> Iterator[Hypothesis]:
-    """The payload that fits, if it has mass; or less than the logs of the model carried.
-
-    Of a model file alone a negative mass is no load that was put down, but wrong masses.
-    """
-    fitted, identified = payload_fit(reading), reading.knowledge.identified
-    if fitted is None or (fitted.values[0] <= 0.0 and not (identified and _of_a_body(fitted))):
+    """The payload that fits, if it has mass; or less than the logs of the model carried."""
+    fitted = payload_fit(reading)
+    if fitted is None or not (fitted.values[0] > 0.0 or _of_a_body(fitted)):
         return
     mass, std = fitted.values[0], float(np.sqrt(fitted.covariance[0, 0]))
-    loaded = reading.changed(payload=fitted.values)
     says = f"the arm carries a payload of about {mass:.2g} kg"
     if mass <= 0.0:
         last = reading.knowledge.robot.bodies[carrier(reading.knowledge.robot).body].name
@@ -84,8 +78,7 @@ def payload_hypotheses(reading: Reading) -> Iterator[Hypothesis]:
             f"the arm carries about {-mass:.2g} kg less on '{last}' than in the fitted logs (a "
             "tool or payload was removed)"
         )
-    if not identified:
-        says += " (if the model file's masses are right)"
+    loaded = reading.changed(payload=fitted.values)
     yield _hypothesis("payload", says, loaded, 10.0 * FITTED_NUMBER_COST, std)
 
 
@@ -108,9 +101,8 @@ def payload_fit(reading: Reading) -> SharedFit | None:
 def delay_hypotheses(reading: Reading) -> Iterator[Hypothesis]:
     """Efforts logged late or early."""
     delay, std = delay_fit(reading)
-    more, most = delay - reading.delay, INSIDE_DELAY_GRID * _longest_delay(reading)
-    least = -most if reading.knowledge.identified else max(-most, EARLIEST_DELAY)
-    if np.isfinite(std) and least <= more <= most:
+    more = delay - reading.delay
+    if np.isfinite(std) and abs(more) <= INSIDE_DELAY_GRID * _longest_delay(reading):
         changed = reading.changed(delay=delay)
         says = f"efforts are {abs(1e3 * more):.3g} ms {'late' if more > 0 else 'early'}"
         yield _hypothesis("effort delay", says, changed, FITTED_NUMBER_COST, std)

@@ -381,6 +381,7 @@ class Hypothesis:
     # and that of the explanation before, if `None`
     compared: tuple[str, float] | None = None
     evidence: float | None = None  # log evidence, where bodies are not known, instead of the score
+    odds: float | None = None  # log odds, by evidence, to the best reading without its cause
 
     @property
     def log_likelihood(self) -> float:
