@@ -19,6 +19,7 @@ from steelyard.check.hypotheses.effort_hypotheses import best_factors
 from steelyard.check.hypotheses.nuisance_fit_and_score import (
     LEAST_SAMPLE_COUNT,
     NUISANCES,
+    OFFSET_COLUMN,
     LikelihoodScore,
 )
 from steelyard.check.hypotheses.readings_and_likelihood import Likelihood, Reading
@@ -225,12 +226,17 @@ def key_of(reading: Reading) -> Key:
 
 def _nominal_scale(reading: Reading, products: "_Products") -> float:
     """Typical effort of a reading over that of the nominal bodies."""
-    joints, k = np.arange(len(products.ee)), products.yy.shape[1] - NUISANCES
-    one = nominal_bodies(k // 10)
-    nominal = np.sqrt(np.maximum(products.yy[:, :k, :k] @ one @ one, 0.0))
+    joints, nominal = np.arange(len(products.ee)), _nominal_efforts(products)
     logged = np.sqrt(products.ee[joints, list(reading.effort)]) * np.abs(reading.effort_scale)
     seen = (products.count > 0.0) & (nominal > 1e-6 * nominal.max(initial=0.0)) & (logged > 0.0)
     return float(np.exp(np.median(np.log(logged[seen] / nominal[seen])))) if seen.any() else 1.0
+
+
+def _nominal_efforts(products: "_Products") -> Array:
+    """Root mean square effort of each joint by the nominal bodies, shape `(n,)`."""
+    k = products.yy.shape[1] - NUISANCES
+    one = nominal_bodies(k // 10)
+    return np.asarray(np.sqrt(np.maximum(products.yy[:, :k, :k] @ one @ one, 0.0)))
 
 
 def _mixed(nominal: Evidence | None, sized: Evidence | None) -> Evidence | None:
@@ -284,6 +290,9 @@ def _normalised(
     rms = np.sqrt(np.where(count > 0.0, ee, 1.0))
     own = np.sqrt(np.einsum("jkk->jk", products.yy[:, k:, k:]))
     sizes = np.where(own > 1e-12, 1.0 / np.maximum(own, 1e-12), 0.0)  # unit effort of each column
+    # an offset may balance what bodies weigh, which the logged effort then lacks
+    balanced = scale * _nominal_efforts(products) / rms
+    sizes[:, OFFSET_COLUMN] *= np.maximum(balanced, 1.0)
     factors = np.concatenate((np.full((n, k), scale), sizes * rms[:, None]), axis=1) / rms[:, None]
     yy = products.yy * factors[:, :, None] * factors[:, None, :]
     ye = products.ye[joints, :, effort] * factors * (reading.effort_scale / rms)[:, None]

@@ -15,7 +15,7 @@ from steelyard.symbolic.program import Program
 
 FRICTION_DRIFT = (0.5, 1.8)  # range of a log's friction relative to the reference's
 REST_SPEED = 0.03  # speed up to which a joint rests, relative to its fastest
-NUISANCES = 4  # tanh, speed, one, acceleration
+NUISANCES, OFFSET_COLUMN = 4, 2  # tanh, speed, one, acceleration; which is one
 COORDINATE_SWEEPS = 40
 
 
