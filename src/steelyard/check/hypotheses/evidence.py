@@ -103,6 +103,7 @@ class EvidenceOfLog:
     def __init__(self, likelihood: Likelihood, unknown: NDArray[np.bool_]) -> None:
         """Of a log, some of whose gains are unknown, shape `(n,)`."""
         self._log, self._unknown = likelihood.thinned(EVIDENCE_SAMPLES), unknown
+        self._whole = likelihood.excerpt
         robot = likelihood.knowledge.robot
         self._map, self._last = body_map(robot), carrier(robot).body
         part = slice(10 * self._last, 10 * self._last + 10)
@@ -201,7 +202,8 @@ class EvidenceOfLog:
         return np.concatenate((self._map.T @ bodies, own), axis=1), moving
 
     def _made(self, columns: Array, moving: Array, delay: float) -> "_Products":
-        efforts = self._log.excerpt.later([delay])[0]
+        # shifted before they are thinned, as few samples do not show what is between them
+        efforts = self._whole.later([delay])[0][:, :: self._whole.step(EVIDENCE_SAMPLES)]
         seen = np.maximum(moving.sum(axis=1), 1.0)[:, None, None]
         yy = columns @ columns.swapaxes(1, 2) / seen
         ye = columns @ efforts.T / seen

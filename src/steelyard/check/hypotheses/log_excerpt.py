@@ -62,9 +62,13 @@ class Excerpt:
         """Independent samples per kept one."""
         return min(1.0, 2.0 * self.cutoff / self.rate)
 
+    def step(self, samples: int) -> int:
+        """Every which sample is one of about so many."""
+        return max(1, -(-len(self.t) // samples))
+
     def thinned(self, samples: int) -> "Excerpt":
         """About so many samples, evenly spread."""
-        step = max(1, -(-len(self.t) // samples))
+        step = self.step(samples)
         if step == 1:
             return self
         arrays = {k: getattr(self, k)[..., ::step] for k in ("t", "stretch", "z", "dz", "ddz", "e")}
