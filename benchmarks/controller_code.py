@@ -18,7 +18,7 @@ import pinocchio as pin
 from steelyard.base.arrays import Parameters
 from steelyard.export.code.c_code import CCode
 from steelyard.export.code.controller_functions import Controller
-from steelyard.model.equations.frames_and_effort_bounds import last_frame
+from steelyard.model.equations.frame_and_point_kinematics import last_frame
 from steelyard.model.model import Model
 from steelyard.robot.robot import Robot
 

@@ -41,8 +41,8 @@ from steelyard.excite.search.search_methods import (
     search_by_gradient,
     seeded,
 )
-from steelyard.model.laws.bodies_springs_and_offset import RigidBody
 from steelyard.model.laws.friction_over_speed import Coulomb, Viscous
+from steelyard.model.laws.laws_without_friction import RigidBody
 from steelyard.model.model import Model
 from steelyard.robot.file.robot_file import load_robot
 

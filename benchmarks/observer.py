@@ -11,7 +11,7 @@ from controller_code import CLOCK, OPTIONS, ROUNDS, STATES, Best, Row, states_ta
 
 from steelyard.export.code.c_code import CCode
 from steelyard.export.code.controller_functions import Controller, ObserverNumbers
-from steelyard.model.equations.frames_and_effort_bounds import last_frame
+from steelyard.model.equations.frame_and_point_kinematics import last_frame
 from steelyard.model.model import Model
 
 RATE, SAMPLES = 1000.0, 100

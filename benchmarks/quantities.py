@@ -11,7 +11,7 @@ import pinocchio as pin
 
 from oracles import pinocchio_model
 from steelyard.base.arrays import Parameters
-from steelyard.model.equations.frames_and_effort_bounds import last_frame
+from steelyard.model.equations.frame_and_point_kinematics import last_frame
 from steelyard.model.laws.friction_with_memory import Dahl
 from steelyard.model.model import Model, ValuedModel
 

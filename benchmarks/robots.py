@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from steelyard.model.laws.bodies_springs_and_offset import RigidBody
 from steelyard.model.laws.friction_over_speed import Coulomb, Viscous
+from steelyard.model.laws.laws_without_friction import RigidBody
 from steelyard.model.model import Model
 from steelyard.robot.file.model_reading_and_loaded_robot import dh_mechanism
 from steelyard.robot.file.robot_file import load_robot

@@ -43,8 +43,8 @@ from steelyard.estimate.prior.body_priors import (  # noqa: E402
     Knowledge,
     default_knowledge,
 )
-from steelyard.model.laws.bodies_springs_and_offset import RigidBody  # noqa: E402
 from steelyard.model.laws.friction_over_speed import Coulomb, Viscous  # noqa: E402
+from steelyard.model.laws.laws_without_friction import RigidBody  # noqa: E402
 from steelyard.model.model import Model  # noqa: E402
 from steelyard.robot.inertia_and_placement import INERTIAL_NAMES  # noqa: E402
 from steelyard.runs.run import Block  # noqa: E402

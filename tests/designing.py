@@ -21,8 +21,8 @@ from steelyard.excite.trajectories.motion_families import (
     rest_fourier,
     splines,
 )
-from steelyard.model.laws.bodies_springs_and_offset import RigidBody
 from steelyard.model.laws.friction_over_speed import Coulomb, Viscous
+from steelyard.model.laws.laws_without_friction import RigidBody
 from steelyard.model.model import Model, ValuedModel
 
 ARM = dh_arm()

@@ -12,9 +12,9 @@ from invented import single, tree
 from steelyard.base.arrays import Parameters
 from steelyard.base.errors import DataError, ModelError
 from steelyard.base.motion import Motion
-from steelyard.model.compiled_evaluation import BLOCK
-from steelyard.model.laws.bodies_springs_and_offset import Offset, RigidBody
+from steelyard.model.compiled_quantity import BLOCK
 from steelyard.model.laws.friction_over_speed import Coulomb, Viscous
+from steelyard.model.laws.laws_without_friction import Offset, RigidBody
 from steelyard.model.model import Model, ValuedModel
 from steelyard.robot.robot import Robot
 from steelyard.symbolic.native.llvm_vector_code import MAX_ANGLE

@@ -21,7 +21,7 @@ from steelyard.excite.planned.fastest_moves_and_tours import (
 )
 from steelyard.excite.planned.inverse_kinematics import Pointing
 from steelyard.excite.planned.plans_from_tables import TASKS
-from steelyard.model.equations.frames_and_effort_bounds import frame_of
+from steelyard.model.equations.frame_and_point_kinematics import frame_of
 from steelyard.robot.file.excitation_sections import (
     BoxSpans,
     MotionOfAKind,

@@ -27,7 +27,7 @@ from steelyard.excite.trajectories.piecewise_polynomials import SampledMotion
 from steelyard.excite.trajectories.trajectory import ExactTrajectory
 from steelyard.identify.identify import identify
 from steelyard.identify.reduce import reduce
-from steelyard.model.equations.frames_and_effort_bounds import frame_of, last_frame
+from steelyard.model.equations.frame_and_point_kinematics import frame_of, last_frame
 from steelyard.model.model import model_of
 from steelyard.simulate.sensors_and_drives import customary_drives
 from steelyard.simulate.track import TrackedRun, Tracking, tracking

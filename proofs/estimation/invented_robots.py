@@ -28,9 +28,9 @@ from steelyard.base.errors import SteelyardError
 from steelyard.base.motion import Motion
 from steelyard.excite.trajectories.fourier import random_fourier
 from steelyard.identify.identify import identify
-from steelyard.model.laws.bodies_springs_and_offset import Offset, RigidBody, RotorInertia
 from steelyard.model.laws.friction_over_speed import Coulomb, Quadratic, Root, Stribeck, Viscous
 from steelyard.model.laws.friction_with_memory import Dahl, LoadDependent
+from steelyard.model.laws.laws_without_friction import Offset, RigidBody, RotorInertia
 from steelyard.model.laws.register import description_of
 from steelyard.model.terms.term import Term
 from steelyard.robot.file.robot_file import load_robot

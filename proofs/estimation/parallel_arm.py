@@ -39,13 +39,13 @@ from steelyard.excite.constraints.motion_limits import MotionLimits
 from steelyard.excite.planned.joints_along_path import along_path
 from steelyard.excite.planned.tool_paths import Reaches, on_circle, out_and_back
 from steelyard.excite.search.search_methods import minimised_by_genes
-from steelyard.model.laws.bodies_springs_and_offset import RigidBody
 from steelyard.model.laws.friction_over_speed import (
     Coulomb,
     DirectionalCoulomb,
     DirectionalViscous,
     Viscous,
 )
+from steelyard.model.laws.laws_without_friction import RigidBody
 from steelyard.model.model import Model
 from steelyard.model.terms.term import Term
 from steelyard.robot.inertia_and_placement import Inertia

@@ -27,7 +27,7 @@ from steelyard.excite.problem_from_tables import build
 from steelyard.excite.search.feasibility import random_starts
 from steelyard.excite.search.search_methods import seeded
 from steelyard.excite.trajectories.motion_families import Basis, rest_fourier
-from steelyard.model.laws.bodies_springs_and_offset import RigidBody
+from steelyard.model.laws.laws_without_friction import RigidBody
 from steelyard.model.model import Model
 from steelyard.robot.file.robot_file import load_robot
 from steelyard.robot.robot import Robot

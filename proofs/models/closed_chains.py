@@ -23,8 +23,8 @@ from steelyard.estimate.information.gather import gather
 from steelyard.estimate.least_squares.weighted_and_robust import WeightedLeastSquares
 from steelyard.excite.trajectories.fourier import random_fourier
 from steelyard.model.equations.passive_joints import Follower
-from steelyard.model.laws.bodies_springs_and_offset import Offset, RigidBody, RotorInertia
 from steelyard.model.laws.friction_over_speed import Coulomb, Viscous
+from steelyard.model.laws.laws_without_friction import Offset, RigidBody, RotorInertia
 from steelyard.model.model import Model
 from steelyard.robot.file.signals import Signals
 from steelyard.robot.inertia_and_placement import Inertia

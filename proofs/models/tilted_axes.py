@@ -20,7 +20,7 @@ from steelyard.estimate.information.base_regressor import (
     full_regressor,  # noqa: E402
     independent_columns,  # noqa: E402
 )
-from steelyard.model.laws.bodies_springs_and_offset import (
+from steelyard.model.laws.laws_without_friction import (
     RigidBody,  # noqa: E402
     RotorInertia,  # noqa: E402
 )

@@ -18,7 +18,7 @@ from proofs.support.claims import Claim, data_folder, main_of
 
 from steelyard.base.motion import Motion
 from steelyard.estimate.identified_model import IdentifiedModel, load_model
-from steelyard.model.laws.bodies_springs_and_offset import RigidBody
+from steelyard.model.laws.laws_without_friction import RigidBody
 from steelyard.model.model import Model
 from steelyard.robot.file.robot_file import load_robot
 

@@ -16,7 +16,7 @@ import polars as pl
 from steelyard.base.arrays import Array
 from steelyard.base.motion import Motion
 from steelyard.excite.trajectories.fourier import random_fourier
-from steelyard.model.laws.bodies_springs_and_offset import RigidBody
+from steelyard.model.laws.laws_without_friction import RigidBody
 from steelyard.robot.inertia_and_placement import Inertia
 from steelyard.robot.robot import Robot
 from steelyard.simulate.simulate import write_demo_arm

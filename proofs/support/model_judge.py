@@ -23,7 +23,7 @@ from steelyard.cli.init_command import init
 from steelyard.estimate.information.base_regressor import base_parameters
 from steelyard.model.equations.inverse_dynamics import JointState
 from steelyard.model.equations.passive_joints import random_positions
-from steelyard.model.laws.bodies_springs_and_offset import RigidBody
+from steelyard.model.laws.laws_without_friction import RigidBody
 from steelyard.model.model import Model
 from steelyard.robot.file.robot_file import load_robot
 from steelyard.robot.file.toml_schema import tomllib

@@ -19,7 +19,7 @@ from steelyard.base.motion import run
 from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.excite.trajectories.fourier import random_fourier
 from steelyard.identify.identify import identify
-from steelyard.model.equations.frames_and_effort_bounds import frame_kinematics
+from steelyard.model.equations.frame_and_point_kinematics import frame_kinematics
 from steelyard.model.model import model_with_open_friction
 from steelyard.robot.file.robot_file import load_robot
 from steelyard.robot.inertia_and_placement import Inertia

@@ -171,7 +171,7 @@ def test_currents_declared_as_torques(arm):
 
 def without_gravity(arm) -> np.ndarray:
     """The log less the torque that holds the true arm."""
-    from steelyard.model.laws.bodies_springs_and_offset import RigidBody
+    from steelyard.model.laws.laws_without_friction import RigidBody
     from steelyard.model.model import Model
 
     robot = arm.robot

@@ -16,7 +16,7 @@ from steelyard.check.fitted.incomplete_model_and_unseen_error import (
 )
 from steelyard.check.fitted.post_fit_checks import FittedCase, examine_fit
 from steelyard.estimate.scores.score import score
-from steelyard.model.laws.bodies_springs_and_offset import RigidBody
+from steelyard.model.laws.laws_without_friction import RigidBody
 from steelyard.robot.inertia_and_placement import Inertia
 from steelyard.simulate.truth import Truth, random_truth
 

@@ -12,7 +12,7 @@ import steelyard
 from cli.conftest import Command
 from cli.river_files import edited
 from steelyard.base.errors import ModelError
-from steelyard.model.laws.bodies_springs_and_offset import RotorInertia
+from steelyard.model.laws.laws_without_friction import RotorInertia
 from steelyard.model.model import model_with_open_friction
 from steelyard.robot.file.robot_file import load_robot
 from steelyard.runs.runs_of_named_logs import load_runs

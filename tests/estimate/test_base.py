@@ -10,8 +10,8 @@ from steelyard.base.arrays import Parameters
 from steelyard.base.errors import ModelError
 from steelyard.base.motion import Motion
 from steelyard.estimate.information.base_regressor import BaseMap, base_parameters, refuse_twins
-from steelyard.model.laws.bodies_springs_and_offset import Offset, RigidBody, RotorInertia
 from steelyard.model.laws.friction_over_speed import Coulomb, Viscous
+from steelyard.model.laws.laws_without_friction import Offset, RigidBody, RotorInertia
 from steelyard.model.model import Model
 from steelyard.model.terms.term import Term
 from steelyard.robot.robot import Body, Coordinate, Robot

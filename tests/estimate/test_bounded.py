@@ -19,8 +19,8 @@ from steelyard.estimate.least_squares.known_bounded_and_ridge import (
 )
 from steelyard.estimate.least_squares.weighted_and_robust import WeightedLeastSquares
 from steelyard.estimate.prior.body_priors import default_knowledge
-from steelyard.model.laws.bodies_springs_and_offset import Offset, RigidBody
 from steelyard.model.laws.friction_over_speed import Coulomb, Viscous
+from steelyard.model.laws.laws_without_friction import Offset, RigidBody
 from steelyard.model.model import Model
 
 MODEL = Model(single(), (RigidBody(), Coulomb(), Viscous(), Offset()))

@@ -17,9 +17,9 @@ from steelyard.estimate.closed_loop.feedback_and_forward_dynamics import (
     Integration,
 )
 from steelyard.estimate.information.base_regressor import base_parameters
-from steelyard.model.laws.bodies_springs_and_offset import RigidBody, RotorInertia
 from steelyard.model.laws.friction_over_speed import Coulomb, Viscous
 from steelyard.model.laws.friction_with_memory import Dahl
+from steelyard.model.laws.laws_without_friction import RigidBody, RotorInertia
 from steelyard.model.model import Model
 from steelyard.robot.robot import Robot
 from steelyard.simulate.mujoco_model import Rotor, build, mass_matrices

@@ -18,9 +18,9 @@ from steelyard.estimate.information.base_regressor import base_regressor
 from steelyard.estimate.least_squares.weighted_and_robust import WeightedLeastSquares
 from steelyard.estimate.nonlinear.nonlinear_parameters import information_from
 from steelyard.estimate.scores.cross_validation import logarithms
-from steelyard.model.laws.bodies_springs_and_offset import RigidBody
 from steelyard.model.laws.friction_over_speed import Coulomb, Cubic, Root, Stribeck, Viscous
 from steelyard.model.laws.friction_with_memory import Dahl, LoadDependent, MaxwellSlip
+from steelyard.model.laws.laws_without_friction import RigidBody
 from steelyard.model.model import Model, ValuedModel
 from steelyard.model.terms.term import Term, has_memory
 from steelyard.robot.file.sections import EffortKind

@@ -12,9 +12,9 @@ from steelyard.base.motion import Motion
 from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.estimate.information.base_regressor import base_parameters
 from steelyard.estimate.parameter_status_and_friction import friction_curves
-from steelyard.model.laws.bodies_springs_and_offset import RigidBody
 from steelyard.model.laws.friction_over_speed import Coulomb, Viscous
 from steelyard.model.laws.friction_with_memory import Dahl
+from steelyard.model.laws.laws_without_friction import RigidBody
 from steelyard.model.model import Model
 from steelyard.model.terms.term import Term
 from steelyard.robot.loop_closures import loop_equations

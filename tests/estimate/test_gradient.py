@@ -17,8 +17,8 @@ from steelyard.estimate.information.base_regressor import Regressor, base_regres
 from steelyard.excite.design_problem_and_information import Case, InformationEvaluator, Objective
 from steelyard.excite.optimality_criteria import CRITERIA, Measure, worst
 from steelyard.excite.trajectories.motion_families import Basis, rest_fourier, splines
-from steelyard.model.laws.bodies_springs_and_offset import Offset, RigidBody
 from steelyard.model.laws.friction_over_speed import Coulomb, Coupled, Cubic, Root, Viscous
+from steelyard.model.laws.laws_without_friction import Offset, RigidBody
 from steelyard.model.laws.register import DEFAULT_TERMS
 from steelyard.model.model import Model
 from steelyard.model.terms.term import Term

@@ -16,8 +16,8 @@ from steelyard.estimate.effort_uncertainty import KnownScales
 from steelyard.estimate.estimate import Estimate, Unidentifiable
 from steelyard.estimate.identified_model import Cutoffs, IdentifiedModel, Provenance, load_model
 from steelyard.estimate.information.base_regressor import base_parameters
-from steelyard.model.laws.bodies_springs_and_offset import RigidBody
 from steelyard.model.laws.friction_over_speed import Coulomb
+from steelyard.model.laws.laws_without_friction import RigidBody
 from steelyard.model.model import Model
 from steelyard.robot.file.signals import Signals
 from steelyard.robot.robot import Limits

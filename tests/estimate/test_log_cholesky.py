@@ -25,8 +25,8 @@ from steelyard.estimate.information.information import Information, Signature, W
 from steelyard.estimate.least_squares.weighted_and_robust import whitened
 from steelyard.estimate.prior.body_priors import Knowledge, Row, default_knowledge
 from steelyard.identify.comparison.compare import comparison_inputs
-from steelyard.model.laws.bodies_springs_and_offset import RigidBody
 from steelyard.model.laws.friction_over_speed import Coulomb, Viscous
+from steelyard.model.laws.laws_without_friction import RigidBody
 from steelyard.model.model import Model
 from steelyard.robot.file.robot_file import load_robot
 from steelyard.robot.inertia_and_placement import Inertia

@@ -18,8 +18,8 @@ from steelyard.estimate.scores.model_comparison import (
     same_efforts,
     units_of,
 )
-from steelyard.model.laws.bodies_springs_and_offset import RigidBody, RotorInertia
 from steelyard.model.laws.friction_over_speed import Coulomb, Viscous
+from steelyard.model.laws.laws_without_friction import RigidBody, RotorInertia
 from steelyard.model.model import Model
 from steelyard.model.terms.term import Term
 

@@ -12,8 +12,8 @@ from steelyard.estimate.information.base_regressor import Regressor, base_regres
 from steelyard.estimate.information.filtered_samples import FilteredSamples
 from steelyard.estimate.least_squares.errors_in_variables import MotionNoise, motion_roots, slopes
 from steelyard.estimate.least_squares.weighted_and_robust import WeightedLeastSquares
-from steelyard.model.laws.bodies_springs_and_offset import RigidBody
 from steelyard.model.laws.friction_over_speed import Viscous
+from steelyard.model.laws.laws_without_friction import RigidBody
 from steelyard.model.model import Model
 
 SMOOTH = base_regressor(Model(dh_arm(), (RigidBody(), Viscous())))

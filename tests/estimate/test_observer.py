@@ -16,7 +16,7 @@ from steelyard.estimate.effort_uncertainty import Calibration
 from steelyard.estimate.external.contact_thresholds import ContactThresholds
 from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.estimate.information.base_regressor import base_parameters, base_regressor
-from steelyard.model.equations.frames_and_effort_bounds import last_frame
+from steelyard.model.equations.frame_and_point_kinematics import last_frame
 from steelyard.simulate.mujoco_model import build
 from weighed import identified_of
 

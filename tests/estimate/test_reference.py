@@ -18,9 +18,9 @@ from steelyard.estimate.nonlinear.nonlinear_parameters import (
     reference_of,
     with_references,
 )
-from steelyard.model.laws.bodies_springs_and_offset import RigidBody
 from steelyard.model.laws.friction_over_speed import Coulomb
 from steelyard.model.laws.friction_with_memory import LoadDependent
+from steelyard.model.laws.laws_without_friction import RigidBody
 from steelyard.model.model import Model
 
 MODEL = Model(single(), (RigidBody(), Coulomb(), LoadDependent(length=1e-3)))

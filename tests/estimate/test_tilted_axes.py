@@ -11,7 +11,7 @@ from steelyard.estimate.information.base_regressor import (
     rank,
 )
 from steelyard.excite.problem_from_tables import memoryless
-from steelyard.model.laws.bodies_springs_and_offset import RigidBody, RotorInertia
+from steelyard.model.laws.laws_without_friction import RigidBody, RotorInertia
 from steelyard.model.model import Model
 from steelyard.robot.robot import Body, Coordinate, Robot
 from tilted import ARMS, drawn, rank_by_gap, singular_values, tilted

@@ -17,7 +17,7 @@ from steelyard.excite.constraints.tool_workspace import Marker, tool_box
 from steelyard.excite.trajectories.fourier import FourierMotion
 from steelyard.excite.trajectories.piecewise_polynomials import PiecewiseMotion
 from steelyard.excite.trajectories.trajectory import ExactTrajectory
-from steelyard.model.laws.bodies_springs_and_offset import RigidBody
+from steelyard.model.laws.laws_without_friction import RigidBody
 from steelyard.model.model import Model
 
 

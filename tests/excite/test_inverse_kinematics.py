@@ -12,7 +12,7 @@ from steelyard.excite.planned.inverse_kinematics import (
     within,
 )
 from steelyard.excite.planned.straight_lines_and_reach import least_shift
-from steelyard.model.equations.frames_and_effort_bounds import frame_kinematics, frame_of
+from steelyard.model.equations.frame_and_point_kinematics import frame_kinematics, frame_of
 from steelyard.robot.file.model_reading_and_loaded_robot import dh_mechanism
 from steelyard.robot.file.sections import DHRow
 from steelyard.robot.robot_from_mechanism import reduced

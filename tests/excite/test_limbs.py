@@ -26,8 +26,8 @@ from steelyard.excite.search import search_methods as methods
 from steelyard.excite.search.feasibility import each_start, random_starts
 from steelyard.excite.search.search_methods import search_by_gradient, seeded
 from steelyard.excite.trajectories.motion_families import rest_fourier
-from steelyard.model.laws.bodies_springs_and_offset import RigidBody
 from steelyard.model.laws.friction_over_speed import Coulomb, Viscous
+from steelyard.model.laws.laws_without_friction import RigidBody
 from steelyard.model.model import Model
 from steelyard.robot.robot import Body, Coordinate, Robot
 

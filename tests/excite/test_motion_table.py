@@ -23,7 +23,7 @@ from steelyard.excite.trajectories.fourier import FourierMotion
 from steelyard.excite.trajectories.motion_families import FAMILIES
 from steelyard.excite.trajectories.trajectory import ExactTrajectory
 from steelyard.excite.trajectories.trajectory_files import read_motion
-from steelyard.model.equations.frames_and_effort_bounds import frame_of
+from steelyard.model.equations.frame_and_point_kinematics import frame_of
 from steelyard.robot.file.excitation_sections import KINDS
 from steelyard.robot.file.robot_file import load_robot
 

@@ -14,7 +14,7 @@ from steelyard.base.errors import ModelError
 from steelyard.excite.constraints.constraint import Constraint
 from steelyard.excite.problem_from_tables import build
 from steelyard.excite.search.search_methods import METHODS
-from steelyard.model.equations.frames_and_effort_bounds import frame_of
+from steelyard.model.equations.frame_and_point_kinematics import frame_of
 from steelyard.robot.robot import Robot
 
 Q, DQ, DDQ = np.array([[0.4, -0.6, 0.9], [0.3, -0.5, 0.8], [1.0, -2.0, 0.7]])[:, None, :]

@@ -19,7 +19,6 @@ from steelyard.excite.constraints.proven_bounds import (
     torque_limit,
 )
 from steelyard.excite.trajectories.fourier import FourierMotion
-from steelyard.model.laws.bodies_springs_and_offset import Offset, RigidBody, RotorInertia, Spring
 from steelyard.model.laws.friction_over_speed import (
     Coulomb,
     Coupled,
@@ -31,6 +30,7 @@ from steelyard.model.laws.friction_over_speed import (
     Stribeck,
     Viscous,
 )
+from steelyard.model.laws.laws_without_friction import Offset, RigidBody, RotorInertia, Spring
 from steelyard.model.model import Model, ValuedModel
 from steelyard.model.terms.term import Term
 from steelyard.robot.inertia_and_placement import Inertia

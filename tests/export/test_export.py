@@ -22,7 +22,6 @@ from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.estimate.information.base_regressor import base_parameters
 from steelyard.export.model_files.export_model_file import exported, refuse_changed
 from steelyard.export.model_files.representable_content import FIT_HEADING, Format, content_of
-from steelyard.model.laws.bodies_springs_and_offset import RigidBody, RotorInertia, Spring
 from steelyard.model.laws.friction_over_speed import (
     Coulomb,
     Cubic,
@@ -32,6 +31,7 @@ from steelyard.model.laws.friction_over_speed import (
     Viscous,
 )
 from steelyard.model.laws.friction_with_memory import MaxwellSlip
+from steelyard.model.laws.laws_without_friction import RigidBody, RotorInertia, Spring
 from steelyard.model.laws.register import DEFAULT_TERMS, TERMS
 from steelyard.model.model import Model
 from steelyard.model.terms.term import ActsOnAxes, Term

@@ -13,8 +13,8 @@ from steelyard.base.errors import ModelError
 from steelyard.base.motion import Motion
 from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.export.model_files.export_model_file import exported, refuse_changed
-from steelyard.model.laws.bodies_springs_and_offset import Offset, RigidBody
 from steelyard.model.laws.friction_over_speed import Viscous
+from steelyard.model.laws.laws_without_friction import Offset, RigidBody
 from steelyard.robot.file.robot_file import load_robot
 from steelyard.robot.inertia_and_placement import INERTIAL_NAMES
 from steelyard.simulate.truth import random_truth

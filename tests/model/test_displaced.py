@@ -10,7 +10,7 @@ import pytest
 from invented import ROBOTS, dh_arm
 from steelyard.base.arrays import Parameters
 from steelyard.model.equations.inverse_dynamics import JointState
-from steelyard.model.laws.bodies_springs_and_offset import RigidBody
+from steelyard.model.laws.laws_without_friction import RigidBody
 from steelyard.model.model import Model
 from steelyard.model.terms.geometry_and_effort_errors import GeometryErrors
 from steelyard.robot.inertia_and_placement import skew

@@ -7,8 +7,8 @@ from law_cases import CASES, LawCase, name_of
 from moving import geared
 from steelyard.base.arrays import Parameters
 from steelyard.base.motion import Motion
-from steelyard.model.laws.bodies_springs_and_offset import RigidBody
 from steelyard.model.laws.friction_over_speed import Viscous
+from steelyard.model.laws.laws_without_friction import RigidBody
 from steelyard.model.model import Model
 
 ROBOT = geared()

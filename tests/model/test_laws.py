@@ -15,7 +15,7 @@ from steelyard.base.arrays import Parameters
 from steelyard.base.errors import ModelError
 from steelyard.base.motion import Motion
 from steelyard.model.equations.inverse_dynamics import JointState
-from steelyard.model.laws.bodies_springs_and_offset import RigidBody
+from steelyard.model.laws.laws_without_friction import RigidBody
 from steelyard.model.laws.register import TERMS, description_of, term_of
 from steelyard.model.model import Model
 from steelyard.model.terms.axes import Axis

@@ -5,8 +5,8 @@ import numpy as np
 from invented import dh_arm
 from steelyard.base.arrays import Parameters
 from steelyard.model.equations.inverse_dynamics import JointState
-from steelyard.model.laws.bodies_springs_and_offset import RigidBody
 from steelyard.model.laws.friction_over_speed import Viscous
+from steelyard.model.laws.laws_without_friction import RigidBody
 from steelyard.model.model import Model
 from steelyard.model.terms.geometry_and_effort_errors import HYSTERESIS, EffortReadingErrors
 

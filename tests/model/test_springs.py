@@ -11,7 +11,7 @@ from invented import mimic
 from moving import geared, torque
 from steelyard.base.errors import ModelError
 from steelyard.model.equations.inverse_dynamics import carried_point
-from steelyard.model.laws.bodies_springs_and_offset import GravityCompensator, Spring
+from steelyard.model.laws.laws_without_friction import GravityCompensator, Spring
 from steelyard.model.laws.register import term_of
 from steelyard.model.terms.term import Term
 from steelyard.robot.models.mjcf import read_mjcf

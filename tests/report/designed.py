@@ -12,8 +12,8 @@ from steelyard.excite.design_problem_and_information import Case, InformationEva
 from steelyard.excite.optimality_criteria import CRITERIA, Measure
 from steelyard.excite.predicted_accuracy_and_advice import advised_motions, predicted_accuracy
 from steelyard.excite.trajectories.fourier import random_fourier
-from steelyard.model.laws.bodies_springs_and_offset import RigidBody
 from steelyard.model.laws.friction_over_speed import Coulomb, Viscous
+from steelyard.model.laws.laws_without_friction import RigidBody
 from steelyard.model.model import Model
 from steelyard.robot.robot import Frame, Robot
 

@@ -10,7 +10,7 @@ from steelyard.estimate.information.base_regressor import base_parameters, full_
 from steelyard.estimate.payload.runs_with_payload import carrier
 from steelyard.estimate.prior.body_priors import default_knowledge
 from steelyard.estimate.prior.constraints_and_friction import body_index
-from steelyard.model.laws.bodies_springs_and_offset import RigidBody
+from steelyard.model.laws.laws_without_friction import RigidBody
 from steelyard.model.model import Model
 from steelyard.robot.models.mjcf import read_mjcf
 from steelyard.robot.robot import Robot, robot_from_dict, robot_to_dict

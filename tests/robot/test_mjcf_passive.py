@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from steelyard.model.equations.inverse_dynamics import JointState
-from steelyard.model.laws.bodies_springs_and_offset import Spring
+from steelyard.model.laws.laws_without_friction import Spring
 from steelyard.model.model import model_with_open_friction
 from steelyard.robot.file.robot_file import LoadedRobot, load_robot
 from steelyard.robot.init import draft_robot_file as init_proposal

@@ -7,7 +7,7 @@ import pinocchio as pin
 import pytest
 
 from steelyard.base.motion import Motion
-from steelyard.model.laws.bodies_springs_and_offset import RigidBody
+from steelyard.model.laws.laws_without_friction import RigidBody
 from steelyard.model.model import Model
 from steelyard.robot.file.robot_file import load_robot
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from steelyard.base.arrays import Parameters, frozen
-from steelyard.model.laws.bodies_springs_and_offset import RigidBody
+from steelyard.model.laws.laws_without_friction import RigidBody
 from steelyard.model.laws.register import DEFAULT_TERMS
 from steelyard.model.model import Model
 from steelyard.model.terms.term import Term

@@ -13,8 +13,8 @@ from steelyard.base.errors import ModelError
 from steelyard.base.motion import Motion
 from steelyard.excite.trajectories.fourier import FourierMotion, random_fourier
 from steelyard.logs.formats import open_log
-from steelyard.model.laws.bodies_springs_and_offset import RigidBody, RotorInertia
 from steelyard.model.laws.friction_over_speed import Coulomb, Viscous
+from steelyard.model.laws.laws_without_friction import RigidBody, RotorInertia
 from steelyard.model.model import Model
 from steelyard.model.terms.term import Term
 from steelyard.robot.file.sections import EffortSection, SignalsSection

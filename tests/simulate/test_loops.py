@@ -9,8 +9,8 @@ from scipy.interpolate import CubicSpline
 from steelyard.base.errors import DataError
 from steelyard.base.motion import Motion
 from steelyard.excite.trajectories.fourier import random_fourier
-from steelyard.model.laws.bodies_springs_and_offset import RigidBody, RotorInertia
 from steelyard.model.laws.friction_over_speed import Viscous
+from steelyard.model.laws.laws_without_friction import RigidBody, RotorInertia
 from steelyard.robot.loop_closures import gaps
 from steelyard.robot.robot import Robot
 from steelyard.simulate.mujoco_plant import MujocoPlant

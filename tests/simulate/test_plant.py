@@ -7,8 +7,8 @@ from scipy.integrate import solve_ivp
 
 from oracles import pinocchio_torque
 from steelyard.base.errors import ModelError
-from steelyard.model.laws.bodies_springs_and_offset import Offset, RigidBody, RotorInertia
 from steelyard.model.laws.friction_over_speed import Stribeck
+from steelyard.model.laws.laws_without_friction import Offset, RigidBody, RotorInertia
 from steelyard.robot.inertia_and_placement import Inertia
 from steelyard.robot.robot import Robot
 from steelyard.simulate.mujoco_model import mass_matrices

@@ -6,7 +6,7 @@ import pytest
 from steelyard.base.errors import ModelError
 from steelyard.excite.trajectories.fourier import random_fourier
 from steelyard.excite.trajectories.piecewise_polynomials import SampledMotion
-from steelyard.model.equations.frames_and_effort_bounds import (
+from steelyard.model.equations.frame_and_point_kinematics import (
     frame_kinematics,
     frame_of,
     last_frame,

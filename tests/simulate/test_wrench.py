@@ -9,7 +9,7 @@ import pytest
 from steelyard.base.errors import DataError, ModelError
 from steelyard.base.motion import run
 from steelyard.excite.trajectories.piecewise_polynomials import SampledMotion
-from steelyard.model.equations.frames_and_effort_bounds import frame_kinematics
+from steelyard.model.equations.frame_and_point_kinematics import frame_kinematics
 from steelyard.robot.robot import Robot
 from steelyard.simulate.payloads_and_wrenches import (
     WRENCH_COLUMNS,

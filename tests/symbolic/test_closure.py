@@ -19,8 +19,8 @@ from steelyard.model.equations.passive_joints import (
     newton_code,
     random_positions,
 )
-from steelyard.model.laws.bodies_springs_and_offset import RigidBody
 from steelyard.model.laws.friction_over_speed import Viscous
+from steelyard.model.laws.laws_without_friction import RigidBody
 from steelyard.model.model import Model
 from steelyard.robot.loop_closures import gaps, loop_equations
 from steelyard.robot.robot import Coordinate, Limits, LoopClosure, Robot

@@ -3,7 +3,7 @@ import numpy as np
 from closed_chains import twin_loops
 from steelyard.base.arrays import Parameters
 from steelyard.base.motion import Motion
-from steelyard.model.laws.bodies_springs_and_offset import RigidBody
+from steelyard.model.laws.laws_without_friction import RigidBody
 from steelyard.model.model import Model
 from steelyard.robot.loop_closures import loop_equations
 

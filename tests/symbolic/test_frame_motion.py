@@ -9,7 +9,7 @@ import pytest
 from closed_chains import CHAINS, independent_path
 from invented import ROBOTS, turned
 from oracles import body_map, body_positions, pinocchio_model
-from steelyard.model.equations.frames_and_effort_bounds import frame_kinematics
+from steelyard.model.equations.frame_and_point_kinematics import frame_kinematics
 from steelyard.model.equations.passive_joints import passive_positions
 from steelyard.robot.robot import Frame
 

@@ -148,7 +148,7 @@ def test_shared_boxes_and_many_boxes() -> None:
 def torque_program() -> Program:
     """Inverse dynamics of a branched robot with its own bodies."""
     from steelyard.model.equations.inverse_dynamics import JointState
-    from steelyard.model.laws.bodies_springs_and_offset import RigidBody
+    from steelyard.model.laws.laws_without_friction import RigidBody
     from steelyard.model.model import Model
     from steelyard.symbolic.symbols_and_tracing import symbolic
 

@@ -10,7 +10,7 @@ from closed_chains import five_bar
 from invented import ROBOTS, tree, turned
 from oracles import body_map, body_positions, pinocchio_model
 from steelyard.base.errors import DataError, ModelError
-from steelyard.model.equations.frames_and_effort_bounds import (
+from steelyard.model.equations.frame_and_point_kinematics import (
     frame_kinematics,
     frame_of,
     points_on,

@@ -11,7 +11,7 @@ from steelyard.base.arrays import Parameters
 from steelyard.base.motion import Motion
 from steelyard.estimate.information.base_regressor import standard_regressor
 from steelyard.model.equations.inverse_dynamics import JointState
-from steelyard.model.laws.bodies_springs_and_offset import RigidBody
+from steelyard.model.laws.laws_without_friction import RigidBody
 from steelyard.model.model import Model
 from steelyard.robot.robot import Robot
 from steelyard.simulate.mujoco_model import build, inverse_dynamics

@@ -6,8 +6,8 @@ import pytest
 from invented import tree
 from steelyard.base.arrays import Parameters
 from steelyard.base.motion import Motion
-from steelyard.model.laws.bodies_springs_and_offset import RigidBody, RotorInertia
 from steelyard.model.laws.friction_over_speed import Coulomb, Viscous
+from steelyard.model.laws.laws_without_friction import RigidBody, RotorInertia
 from steelyard.model.model import Model, ValuedModel
 from steelyard.model.terms.term import Term
 from steelyard.uses.control.joint_controllers import ControlTask

@@ -17,8 +17,8 @@ from steelyard.estimate.information.information import Information, Signature
 from steelyard.estimate.least_squares.weighted_and_robust import WeightedLeastSquares
 from steelyard.estimate.payload.payload_estimate import PayloadEstimate
 from steelyard.estimate.payload.runs_with_payload import drifting
-from steelyard.model.laws.bodies_springs_and_offset import RigidBody, RotorInertia
 from steelyard.model.laws.friction_over_speed import Viscous
+from steelyard.model.laws.laws_without_friction import RigidBody, RotorInertia
 from steelyard.model.model import Model
 from steelyard.robot.file.signals import Signals
 from steelyard.robot.inertia_and_placement import Inertia

@@ -15,7 +15,7 @@ from steelyard.check.finding import Finding
 from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.estimate.payload.runs_with_payload import carrier
 from steelyard.logs.log import Log
-from steelyard.model.laws.bodies_springs_and_offset import RigidBody
+from steelyard.model.laws.laws_without_friction import RigidBody
 from steelyard.model.model import Model, ValuedModel
 from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
 from steelyard.robot.inertia_and_placement import INERTIAL_NAMES

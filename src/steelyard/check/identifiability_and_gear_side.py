@@ -20,8 +20,8 @@ from steelyard.estimate.estimate import Estimate, Unidentifiable
 from steelyard.estimate.information.base_regressor import base_regressor
 from steelyard.estimate.information.gather import gather
 from steelyard.estimate.least_squares.weighted_and_robust import WeightedLeastSquares
-from steelyard.model.laws.bodies_springs_and_offset import RotorInertia
 from steelyard.model.laws.friction_over_speed import Coulomb, Viscous
+from steelyard.model.laws.laws_without_friction import RotorInertia
 from steelyard.model.laws.register import DEFAULT_TERMS, law_of, term_of
 from steelyard.model.model import Model
 from steelyard.model.terms.axes import finds_of

@@ -58,7 +58,7 @@ def watch(
     Example: steelyard watch steelyard-ur10e --from today.csv --frame tool0 -o today
     """
     from steelyard.base.errors import DataError
-    from steelyard.logs.streams import STANDARD_INPUT, rows_of
+    from steelyard.logs.growing_logs import STANDARD_INPUT, rows_of
     from steelyard.uses.watch.online_detection import StreamEstimate
     from steelyard.uses.watch.stream_output import StreamFiles, event_line, record_of, state_line
     from steelyard.uses.watch.watch import watch_rows
@@ -171,7 +171,7 @@ class _Terminal:
 
 def _read() -> bytes:
     """What standard input has, without a buffer that a thread could hold at the end."""
-    from steelyard.logs.streams import PIECE_BYTES
+    from steelyard.logs.growing_logs import PIECE_BYTES
 
     try:
         number = sys.stdin.fileno()

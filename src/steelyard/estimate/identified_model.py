@@ -43,9 +43,9 @@ from steelyard.estimate.external.observer_equations import (
 )
 from steelyard.estimate.information.base_regressor import BaseMap
 from steelyard.estimate.information.filter_and_gram import noise_bandwidth
-from steelyard.model.compiled_evaluation import Stepper
 from steelyard.model.dynamics import Dynamics
 from steelyard.model.model import Model, ValuedModel
+from steelyard.model.stepper import Stepper
 from steelyard.model.torque_and_quantities import TORQUE, Quantity
 from steelyard.robot.file.signals import Signals, signals_from_dict
 from steelyard.robot.robot import Robot

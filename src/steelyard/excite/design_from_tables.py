@@ -39,7 +39,7 @@ from steelyard.excite.search.repair_until_proven import finished
 from steelyard.excite.search.search_methods import method_of
 from steelyard.excite.trajectories.motion_families import FAMILIES, coefficients_of
 from steelyard.excite.trajectories.trajectory import ExactTrajectory
-from steelyard.model.equations.frames_and_effort_bounds import positions_of
+from steelyard.model.equations.frame_and_point_kinematics import positions_of
 from steelyard.model.model import Model
 from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
 from steelyard.robot.robot import Robot

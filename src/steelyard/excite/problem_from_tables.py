@@ -19,7 +19,7 @@ from steelyard.excite.design_problem_and_information import Case, InformationEva
 from steelyard.excite.earlier_model import Earlier
 from steelyard.excite.optimality_criteria import CRITERIA, Measure
 from steelyard.excite.trajectories.motion_families import basis_of, per_joint
-from steelyard.model.equations.frames_and_effort_bounds import last_frame
+from steelyard.model.equations.frame_and_point_kinematics import last_frame
 from steelyard.model.model import Model
 from steelyard.model.terms.term import StatefulTerm
 from steelyard.robot.file.excitation_sections import (

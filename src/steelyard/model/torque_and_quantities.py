@@ -15,7 +15,7 @@ import numpy as np
 
 from steelyard.base.arrays import Array, Parameter
 from steelyard.base.errors import DataError, ModelError
-from steelyard.model.equations.frames_and_effort_bounds import frame_of, frame_outputs
+from steelyard.model.equations.frame_and_point_kinematics import frame_of, frame_outputs
 from steelyard.model.equations.inverse_dynamics import (
     JointState,
     Scalar,
@@ -24,7 +24,7 @@ from steelyard.model.equations.inverse_dynamics import (
     projected,
     solved_by_factors,
 )
-from steelyard.model.laws.bodies_springs_and_offset import RigidBody, body_efforts
+from steelyard.model.laws.laws_without_friction import RigidBody, body_efforts
 from steelyard.model.laws.register import description_of
 from steelyard.model.terms.friction_memory import Presliding, Scan
 from steelyard.model.terms.term import Columns, StatefulTerm, Term, channels_of, has_memory

@@ -19,7 +19,7 @@ from steelyard.excite.collision.workspace_from_tables import workspace_of
 from steelyard.excite.trajectories.fourier import FourierMotion, random_fourier, repeated
 from steelyard.excite.trajectories.trajectory import ExactTrajectory, SlowedMotion
 from steelyard.excite.trajectories.trajectory_files import read_motion, write_motion
-from steelyard.model.equations.frames_and_effort_bounds import last_frame
+from steelyard.model.equations.frame_and_point_kinematics import last_frame
 from steelyard.model.model import model_with_open_friction, with_friction
 from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
 from steelyard.robot.file.robot_file import load_robot

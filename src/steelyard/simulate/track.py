@@ -15,7 +15,7 @@ from steelyard.base.progress import Progress, silent
 from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.excite.trajectories.trajectory_files import read_motion
 from steelyard.identify.comparison.compare import named_models
-from steelyard.model.equations.frames_and_effort_bounds import frame_of, last_frame
+from steelyard.model.equations.frame_and_point_kinematics import frame_of, last_frame
 from steelyard.model.model import Model, ValuedModel
 from steelyard.report.page import render_sections
 from steelyard.report.result import Result

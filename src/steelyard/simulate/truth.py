@@ -16,7 +16,7 @@ import numpy as np
 from steelyard.base.arrays import Array, Parameters, frozen, set_fields
 from steelyard.base.errors import ModelError
 from steelyard.base.files import read_json
-from steelyard.model.laws.bodies_springs_and_offset import RigidBody
+from steelyard.model.laws.laws_without_friction import RigidBody
 from steelyard.model.laws.register import DEFAULT_TERMS, description_of, term_of
 from steelyard.model.model import Model
 from steelyard.model.terms.axes import Axis, Find

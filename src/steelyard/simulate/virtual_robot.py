@@ -18,7 +18,7 @@ from steelyard.estimate.closed_loop.feedback_and_forward_dynamics import joint_i
 from steelyard.estimate.external.observer_equations import moved_frame
 from steelyard.excite.trajectories.trajectory import ExactTrajectory
 from steelyard.excite.trajectories.trajectory_files import write_motion
-from steelyard.model.laws.bodies_springs_and_offset import RigidBody
+from steelyard.model.laws.laws_without_friction import RigidBody
 from steelyard.model.model import Model
 from steelyard.robot.file.signals import Signals
 from steelyard.robot.robot import Robot

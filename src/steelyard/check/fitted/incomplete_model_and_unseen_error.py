@@ -37,7 +37,7 @@ from steelyard.check.hypotheses.readings_and_likelihood import Likelihood
 from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.estimate.scores.residuals import ResidualNoise
 from steelyard.estimate.scores.score import RunScore
-from steelyard.model.laws.bodies_springs_and_offset import Cogging
+from steelyard.model.laws.laws_without_friction import Cogging
 from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
 from steelyard.runs.run import Run
 

@@ -33,8 +33,8 @@ from steelyard.check.fitted.incomplete_model_and_unseen_error import (
 from steelyard.check.identifiability_and_gear_side import below_nominal_check, rotors_at_zero_check
 from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.estimate.scores.effort_errors import PROMISED
-from steelyard.model.laws.bodies_springs_and_offset import RotorInertia, Spring
 from steelyard.model.laws.friction_with_memory import LoadDependent
+from steelyard.model.laws.laws_without_friction import RotorInertia, Spring
 from steelyard.model.laws.register import law_of
 from steelyard.report.words import first_names
 

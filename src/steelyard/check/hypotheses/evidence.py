@@ -32,7 +32,7 @@ from steelyard.estimate.information.base_regressor import (
 )
 from steelyard.estimate.payload.runs_with_payload import carrier
 from steelyard.estimate.prior.body_priors import model_prior
-from steelyard.model.compiled_evaluation import check_angles
+from steelyard.model.compiled_quantity import check_angles
 from steelyard.model.model import Model, ValuedModel
 from steelyard.robot.inertia_and_placement import Inertia
 from steelyard.robot.robot import Robot

@@ -31,7 +31,7 @@ from steelyard.estimate.information.filter_and_gram import ParallelFilter
 from steelyard.estimate.information.information import Information
 from steelyard.estimate.least_squares.weighted_and_robust import WeightedLeastSquares
 from steelyard.estimate.nonlinear.nonlinear_parameters import information_from
-from steelyard.model.laws.bodies_springs_and_offset import RigidBody
+from steelyard.model.laws.laws_without_friction import RigidBody
 from steelyard.model.terms.term import ActsOnAxes
 from steelyard.runs.run import Run
 from steelyard.runs.smoothing.spline_and_finite_windows import SavitzkyGolay

@@ -29,7 +29,7 @@ from steelyard.base.motion import numbers
 from steelyard.estimate.effort_uncertainty import EffortUncertainty
 from steelyard.estimate.external.contact_thresholds import ChangeStepper, ContactThresholds
 from steelyard.estimate.external.observer_equations import STATES, StepProgram
-from steelyard.model.compiled_evaluation import check_angles
+from steelyard.model.compiled_quantity import check_angles
 from steelyard.symbolic.native.compiled_programs import SampleCall
 from steelyard.symbolic.native.llvm_vector_code import MAX_ANGLE
 

@@ -16,7 +16,7 @@ import numpy as np
 
 from steelyard.base.arrays import Array
 from steelyard.base.errors import ModelError
-from steelyard.model.equations.frames_and_effort_bounds import frame_of, frame_outputs, last_frame
+from steelyard.model.equations.frame_and_point_kinematics import frame_of, frame_outputs, last_frame
 from steelyard.model.equations.inverse_dynamics import (
     JointState,
     Matrix,

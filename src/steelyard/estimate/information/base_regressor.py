@@ -29,7 +29,7 @@ from steelyard.base.arguments import checked
 from steelyard.base.arrays import Array, frozen, json_values
 from steelyard.base.errors import ModelError
 from steelyard.model.equations.passive_joints import random_positions
-from steelyard.model.laws.bodies_springs_and_offset import RigidBody
+from steelyard.model.laws.laws_without_friction import RigidBody
 from steelyard.model.laws.register import TERMS
 from steelyard.model.model import Model
 from steelyard.robot.inertia_and_placement import INERTIAL_NAMES

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from steelyard.base.arrays import Array, frozen
 from steelyard.estimate.information.base_regressor import Layout, Regressor
-from steelyard.model.compiled_evaluation import check_angles
+from steelyard.model.compiled_quantity import check_angles
 from steelyard.runs.smoothing.zero_phase_filters import kaiser_lowpass
 from steelyard.symbolic.native.compiled_programs import FIR_OUTPUTS, TILE_COLUMNS, TILE_ROWS, loops
 

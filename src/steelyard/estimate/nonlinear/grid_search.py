@@ -27,7 +27,8 @@ from steelyard.estimate.information.information import Information
 from steelyard.estimate.least_squares.normal_equations import lengths_of
 from steelyard.model.model import Model
 from steelyard.model.terms.axes import Find, finds_of
-from steelyard.model.terms.term import CandidateTerms, Term
+from steelyard.model.terms.candidate_terms import CandidateTerms
+from steelyard.model.terms.term import Term
 
 Indices = NDArray[np.intp]
 

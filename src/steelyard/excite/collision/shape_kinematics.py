@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 from steelyard.base.arrays import Array, frozen
 from steelyard.base.errors import ModelError
 from steelyard.excite.collision.convex_solids_and_mesh_files import Ball, HalfSpace, Solid
-from steelyard.model.equations.frames_and_effort_bounds import Points
+from steelyard.model.equations.frame_and_point_kinematics import Points
 from steelyard.robot.robot import Frame, Robot, bodies_along
 
 Origin = Literal["link", "tool", "world"]  # whose: of the model, a tool or payload, or the cell

@@ -17,7 +17,7 @@ from steelyard.excite.collision.model_file_shapes import check_links, readable_s
 from steelyard.excite.collision.shape_kinematics import Origin, Shape, axes_along, placed
 from steelyard.excite.constraints.constraint import Declined, Gap
 from steelyard.excite.constraints.tool_workspace import Marker
-from steelyard.model.equations.frames_and_effort_bounds import frame_of, last_frame
+from steelyard.model.equations.frame_and_point_kinematics import frame_of, last_frame
 from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot, read_mechanism
 from steelyard.robot.inertia_and_placement import Inertia
 from steelyard.robot.robot import Frame, Robot

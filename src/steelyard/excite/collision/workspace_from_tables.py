@@ -21,7 +21,7 @@ from steelyard.excite.constraints.tool_workspace import (
     planes,
     tool_box,
 )
-from steelyard.model.equations.frames_and_effort_bounds import frame_of, last_frame
+from steelyard.model.equations.frame_and_point_kinematics import frame_of, last_frame
 from steelyard.robot.file.excitation_sections import BoxSpans, WorkspaceSection
 from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot, beside
 from steelyard.robot.robot import Robot

@@ -21,7 +21,7 @@ from steelyard.excite.constraints.constraint import Constraint, Declined, Gap
 from steelyard.excite.constraints.proven_bounds import EffortLimit, power_limit, torque_limit
 from steelyard.excite.earlier_model import Earlier
 from steelyard.excite.trajectories.motion_families import per_joint
-from steelyard.model.equations.frames_and_effort_bounds import last_frame
+from steelyard.model.equations.frame_and_point_kinematics import last_frame
 from steelyard.model.model import Model, ValuedModel
 from steelyard.model.terms.term import StatefulTerm
 from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot

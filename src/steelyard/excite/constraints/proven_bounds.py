@@ -26,7 +26,8 @@ from steelyard.base.arrays import Array, Parameters, frozen
 from steelyard.base.errors import ModelError
 from steelyard.excite.constraints.constraint import Constraint, Margins
 from steelyard.excite.trajectories.trajectory import ExactTrajectory
-from steelyard.model.equations.frames_and_effort_bounds import EffortBounds, effort_bounds, frame_of
+from steelyard.model.equations.effort_bounds import EffortBounds, effort_bounds
+from steelyard.model.equations.frame_and_point_kinematics import frame_of
 from steelyard.model.equations.inverse_dynamics import JointState, Scalar
 from steelyard.model.model import Model, ValuedModel
 from steelyard.model.terms.term import Term

@@ -18,7 +18,7 @@ from steelyard.excite.collision.shape_kinematics import point_rates
 from steelyard.excite.constraints.constraint import Constraint, Margins
 from steelyard.excite.constraints.proven_bounds import Stretches, proven_minimum
 from steelyard.excite.trajectories.trajectory import ExactTrajectory
-from steelyard.model.equations.frames_and_effort_bounds import Points, frame_of, points_on
+from steelyard.model.equations.frame_and_point_kinematics import Points, frame_of, points_on
 from steelyard.robot.robot import Frame, Robot
 
 MARKER_ROOM = 0.05  # activation distance: the barrier acts on margins below it [m]

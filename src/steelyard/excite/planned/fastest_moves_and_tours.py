@@ -29,7 +29,7 @@ from steelyard.excite.planned.straight_lines_and_reach import (
 )
 from steelyard.excite.trajectories.piecewise_polynomials import SMOOTH, PiecewiseMotion, from_scipy
 from steelyard.excite.trajectories.trajectory import ORDERS, ExactTrajectory
-from steelyard.model.equations.frames_and_effort_bounds import (
+from steelyard.model.equations.frame_and_point_kinematics import (
     FrameKinematics,
     frame_kinematics,
     points_on,

@@ -22,7 +22,7 @@ from steelyard.base.arrays import Array, frozen
 from steelyard.base.errors import ModelError
 from steelyard.excite.collision.shape_kinematics import axes_along
 from steelyard.excite.constraints.motion_limits import MotionLimits
-from steelyard.model.equations.frames_and_effort_bounds import frame_kinematics, refuse_passive
+from steelyard.model.equations.frame_and_point_kinematics import frame_kinematics, refuse_passive
 from steelyard.robot.robot import Frame, Robot
 
 

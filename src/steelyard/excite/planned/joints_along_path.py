@@ -26,7 +26,7 @@ from steelyard.excite.planned.inverse_kinematics import (
 from steelyard.excite.planned.straight_lines_and_reach import UnfollowableWay
 from steelyard.excite.planned.tool_paths import ToolPath
 from steelyard.excite.trajectories.piecewise_polynomials import PiecewiseMotion, quintic
-from steelyard.model.equations.frames_and_effort_bounds import FrameKinematics, frame_of
+from steelyard.model.equations.frame_and_point_kinematics import FrameKinematics, frame_of
 from steelyard.model.equations.passive_joints import Follower, random_positions
 from steelyard.robot.loop_closures import loop_equations
 from steelyard.robot.robot import Frame, Robot

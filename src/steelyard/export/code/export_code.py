@@ -27,7 +27,7 @@ from steelyard.export.code.python_fmu_ros2_simulink import (
     simulink_files,
     write_fmu,
 )
-from steelyard.model.equations.frames_and_effort_bounds import frame_of
+from steelyard.model.equations.frame_and_point_kinematics import frame_of
 from steelyard.robot.robot import Robot
 from steelyard.symbolic.source_code import Precision
 from steelyard.uses.control.feedforward import refuse_unknown_gains

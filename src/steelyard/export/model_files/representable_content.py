@@ -17,7 +17,7 @@ from steelyard.base.errors import ModelError
 from steelyard.estimate.effort_uncertainty import EDGES
 from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.model.terms.axes import Axis
-from steelyard.model.terms.term import AxisPartKind, Curve, Placed, Pull, listed, placed
+from steelyard.model.terms.model_file_form import AxisPartKind, Curve, Placed, Pull, listed, placed
 from steelyard.robot.inertia_and_placement import INERTIAL_NAMES, LEAST_INERTIA, Inertia
 from steelyard.robot.robot import Robot
 

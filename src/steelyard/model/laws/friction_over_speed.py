@@ -27,21 +27,16 @@ from steelyard.model.terms.axes import (
     spread,
     unfit,
 )
-from steelyard.model.terms.term import (
-    ActsOnAxes,
-    Cause,
-    Columns,
-    Dissipation,
+from steelyard.model.terms.model_file_form import (
     Place,
     Placed,
-    Role,
-    Term,
     Values,
     as_one,
     curve_over_speed,
     left_out,
     under,
 )
+from steelyard.model.terms.term import ActsOnAxes, Cause, Columns, Dissipation, Role, Term
 from steelyard.robot.robot import Robot
 
 

@@ -5,15 +5,6 @@ from collections.abc import Mapping
 from typing import Any, cast
 
 from steelyard.base.errors import ModelError
-from steelyard.model.laws.bodies_springs_and_offset import (
-    Cogging,
-    GravityCompensator,
-    Offset,
-    PolynomialSpring,
-    RigidBody,
-    RotorInertia,
-    Spring,
-)
 from steelyard.model.laws.friction_over_speed import (
     Coulomb,
     Coupled,
@@ -27,6 +18,15 @@ from steelyard.model.laws.friction_over_speed import (
     Viscous,
 )
 from steelyard.model.laws.friction_with_memory import Dahl, LoadDependent, LuGre, MaxwellSlip
+from steelyard.model.laws.laws_without_friction import (
+    Cogging,
+    GravityCompensator,
+    Offset,
+    PolynomialSpring,
+    RigidBody,
+    RotorInertia,
+    Spring,
+)
 from steelyard.model.terms.axes import Find, finds_of, is_search, search_of
 from steelyard.model.terms.friction_memory import Presliding
 from steelyard.model.terms.term import ActsOnAxes, StatefulTerm, Term, columns_at_rest

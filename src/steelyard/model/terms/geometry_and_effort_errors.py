@@ -14,7 +14,7 @@ import numpy as np
 
 from steelyard.base.arrays import Array, Parameter, frozen
 from steelyard.model.equations.inverse_dynamics import JointState, Scalars, inverse_dynamics
-from steelyard.model.laws.bodies_springs_and_offset import RigidBody
+from steelyard.model.laws.laws_without_friction import RigidBody
 from steelyard.model.terms.term import Columns, Dissipation, StatefulTerm, Term, TermSamples
 from steelyard.robot.robot import Body, Coordinate, Robot, robot_to_dict
 from steelyard.symbolic.native.compiled_programs import Code, compiled_equations, recurrence

@@ -10,7 +10,7 @@ from bag_writers import joint_state, write_mcap
 from steelyard.base.arrays import Array
 from steelyard.base.errors import LogError
 from steelyard.logs.formats import open_log
-from steelyard.logs.streams import BATCH_ROWS, file_pieces, pipe_pieces, rows_of, rows_of_lines
+from steelyard.logs.growing_logs import BATCH_ROWS, file_pieces, pipe_pieces, rows_of, rows_of_lines
 
 WANTED = ("t", "b")
 TABLE = b"Recorder 3.1\ngain 2\n# free text\nt,a,b\n0,1,2\n0.1,1.5,3\n\n0.2,x,\n0.3,1,4\n0.4,1"

@@ -1,4 +1,4 @@
-"""Bodies and rotors; efforts by position alone: springs, cogging; an offset."""
+"""Laws that are no friction: bodies and rotors; springs and cogging, by position alone; offset."""
 
 from collections.abc import Callable, Mapping
 from contextlib import suppress
@@ -17,22 +17,17 @@ from steelyard.model.equations.inverse_dynamics import (
     inverse_dynamics,
 )
 from steelyard.model.terms.axes import Axes, Axis, Field, each, per_axis, refuse_not_positive, unfit
-from steelyard.model.terms.term import (
-    ActsOnAxes,
+from steelyard.model.terms.model_file_form import (
     AxisPart,
-    Cause,
-    Columns,
-    Dissipation,
     Place,
     Placed,
     Pull,
-    Role,
-    Term,
     Values,
     as_one,
     left_out,
     under,
 )
+from steelyard.model.terms.term import ActsOnAxes, Cause, Columns, Dissipation, Role, Term
 from steelyard.robot.inertia_and_placement import INERTIAL_NAMES, INERTIAL_UNITS
 from steelyard.robot.robot import Robot
 
