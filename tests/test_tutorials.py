@@ -9,7 +9,8 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from steelyard.cli.app import app, expanded
+from steelyard.cli.app import app
+from steelyard.cli.argument_expansion import expanded
 
 ROOT = Path(__file__).parent.parent
 PAGES = sorted((ROOT / "docs/tutorials").glob("*.md"))

@@ -25,7 +25,7 @@ from steelyard.estimate.information.base_regressor import Regressor, base_regres
 from steelyard.estimate.information.filtered_samples import FilteredSamples
 from steelyard.estimate.least_squares.normal_equations import condition_of
 from steelyard.estimate.reduction.backward_elimination import State
-from steelyard.estimate.reduction.left_out_errors_and_rules import Tolerance
+from steelyard.estimate.reduction.left_out_errors_and_stopping_rules import Tolerance
 from steelyard.estimate.reduction.reduction import Reduction, criterion_of, reduce
 from steelyard.excite.planned.plans_from_tables import planned
 from steelyard.excite.problem_from_tables import limits_of

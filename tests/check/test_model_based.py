@@ -22,7 +22,7 @@ from steelyard.check.diagnosis_and_contradictions import (
 from steelyard.check.finding import Edit, Finding, Fix, Severity
 from steelyard.check.hypotheses.nuisance_fit_and_score import fit_nuisances, shared_fit
 from steelyard.check.identifiability_and_gear_side import identifiability_check
-from steelyard.estimate.effort_uncertainty import KnownScales
+from steelyard.estimate.known_effort_scales import KnownScales
 from steelyard.robot.file.toml_edits import edited
 from steelyard.robot.inertia_and_placement import Inertia
 

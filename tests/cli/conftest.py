@@ -14,7 +14,8 @@ from cli.mistakes import workshop
 from short_arm import short_logs
 from steelyard.cli import command as commands
 from steelyard.cli import identify_and_use_commands
-from steelyard.cli.app import app, expanded
+from steelyard.cli.app import app
+from steelyard.cli.argument_expansion import expanded
 from steelyard.cli.command import CommandResult, computed
 from steelyard.identify import logs_and_notes
 from steelyard.simulate.simulate import write_demo_arm

@@ -16,7 +16,8 @@ import steelyard
 from cli.conftest import Command
 from cli.mistakes import LOG, PLAIN, ROBOT
 from short_arm import without_wrist
-from steelyard.cli.app import app, expanded
+from steelyard.cli.app import app
+from steelyard.cli.argument_expansion import expanded
 from steelyard.robot.file.robot_file import LoadedRobot, load_robot
 from steelyard.simulate import simulate as demonstration
 

@@ -16,7 +16,7 @@ from steelyard.estimate.prior.body_priors import (
     corrected_body,
     default_knowledge,
 )
-from steelyard.estimate.prior.constraints_and_friction import given_knowledge
+from steelyard.estimate.prior.priors_from_tables import given_knowledge
 from steelyard.model.laws.friction_over_speed import Viscous
 from steelyard.model.model import Model
 from steelyard.robot.file.robot_file import load_robot

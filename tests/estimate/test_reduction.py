@@ -17,7 +17,7 @@ from steelyard.estimate.information.base_regressor import base_regressor
 from steelyard.estimate.information.filtered_samples import FilteredSamples
 from steelyard.estimate.least_squares.weighted_and_robust import WeightedLeastSquares
 from steelyard.estimate.reduction.backward_elimination import CRITERIA, FullModel, State, backward
-from steelyard.estimate.reduction.left_out_errors_and_rules import (
+from steelyard.estimate.reduction.left_out_errors_and_stopping_rules import (
     RULES,
     Bic,
     ConditionLimit,

@@ -16,10 +16,11 @@ from law_cases import CASES, LawCase, name_of
 from moving import geared
 from steelyard.base.errors import ModelError
 from steelyard.base.motion import Motion
-from steelyard.estimate.effort_uncertainty import EDGES, Calibration, KnownScales
+from steelyard.estimate.band_factors import EDGES, Calibration
 from steelyard.estimate.estimate import Unidentifiable
 from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.estimate.information.base_regressor import base_parameters
+from steelyard.estimate.known_effort_scales import KnownScales
 from steelyard.export.model_files.export_model_file import exported, refuse_changed
 from steelyard.export.model_files.representable_content import FIT_HEADING, Format, content_of
 from steelyard.model.laws.friction_over_speed import (

@@ -9,7 +9,7 @@ from rich.console import Console
 
 from report.inspected import contact_content, payload_events
 from steelyard.check.finding import Finding, Severity
-from steelyard.estimate.effort_uncertainty import KnownScales
+from steelyard.estimate.known_effort_scales import KnownScales
 from steelyard.estimate.scores.effort_errors import pooled
 from steelyard.identify.page.content_and_error_words import ReportContent, coverage_words
 from steelyard.identify.page.section_register import (

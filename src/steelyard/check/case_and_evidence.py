@@ -13,7 +13,7 @@ from steelyard.base.motion import Motion
 from steelyard.base.progress import Progress, silent
 from steelyard.check.finding import Finding
 from steelyard.estimate.identified_model import IdentifiedModel
-from steelyard.estimate.payload.runs_with_payload import carrier
+from steelyard.estimate.payload.payload_frame import carrier
 from steelyard.logs.log import Log
 from steelyard.model.laws.laws_without_friction import RigidBody
 from steelyard.model.model import Model, ValuedModel

@@ -17,7 +17,8 @@ def main() -> None:
         for stream in (sys.stdout, sys.stderr):
             if isinstance(stream, io.TextIOWrapper):  # an encoding that lacks a letter
                 stream.reconfigure(errors="backslashreplace")
-        from steelyard.cli.app import app, expanded
+        from steelyard.cli.app import app
+        from steelyard.cli.argument_expansion import expanded
 
         app(args=expanded(sys.argv[1:]))
     except BaseException:

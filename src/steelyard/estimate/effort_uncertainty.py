@@ -1,9 +1,4 @@
-r"""How certain predicted efforts are: scales, 95 % bands, correlation of joints, friction at rest.
-
-Noise gives a predicted effort the standard deviation $s$. What a model lacks adds to it, and only
-motion that was not fitted shows how much: the 95 % quantile of $|e| / s$ over left-out samples, per
-joint and per range of its speed, takes the place of 1.96 (split conformal prediction, every run
-left out in turn [Vovk2005] [Barber2021]).
+"""How certain predicted efforts are: covariance over the joints, from parameters and residuals.
 
 $$S = Y C Y^T + D R D$$
 
@@ -12,96 +7,14 @@ deviations $D$ by joint and speed, as left-out motions have them, and their corr
 joint at rest has friction anywhere in its dead zone.
 """
 
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from steelyard.base.arrays import Z95, Array, frozen, set_fields
-from steelyard.estimate.external.contact_thresholds import ResidualPeaks
-from steelyard.model.model import ValuedModel
-from steelyard.model.torque_and_quantities import FRICTION
-from steelyard.robot.loop_closures import loop_equations
-
-Kind = Literal["runs", "stretches"]
-
-EDGES = (0.25, 1.0)  # where slow, medium, fast meet, in rms of a joint's speed while fitting
-BINS = 2 + len(EDGES)  # ranges of speed: at rest, slow, medium, fast
-
-
-@dataclass(frozen=True, eq=False)
-class Calibration:
-    """Half-widths of 95 % bands in standard deviations, by joint and speed.
-
-    What parameters leave open counts with 1.96 at least.
-    """
-
-    kind: Kind  # whether whole runs were left out, or stretches of one motion
-    count: int  # how many of them
-    edges: Array  # speeds at which slow, medium and fast meet, shape `(n, 2)` [rad/s; m/s]
-    factors: Array  # at rest, slow, medium, fast, `(n, 4)`; 1.96 where nothing left out tests
-    peaks: ResidualPeaks | None = None  # left-out, for thresholds of contact; none in old models
-    correlation: Array | None = None  # of left-out errors between joints, `(n, n)`
-
-    def __post_init__(self) -> None:
-        n = len(self.edges)
-        set_fields(self, edges=frozen(self.edges, (n, len(EDGES))))
-        set_fields(self, factors=frozen(self.factors, (n, BINS)))
-        if self.correlation is not None:
-            set_fields(self, correlation=frozen(self.correlation, (n, n)))
-
-    @property
-    def text(self) -> str:
-        """What it rests on, for people to read."""
-        if self.kind == "runs":
-            return f"calibrated on {self.count} left-out runs"
-        return f"calibrated on {self.count} left-out segments of one motion"
-
-    def factor(self, speed: Array, moving: NDArray[np.bool_]) -> Array:
-        """Half-width in standard deviations, shape `(n, B)`, as `speed` and `moving` are."""
-        return np.take_along_axis(self.factors, bins(speed, moving, self.edges), axis=1)
-
-    def to_dict(self) -> dict[str, Any]:
-        """As JSON values."""
-        return {
-            "left_out": self.kind,
-            "count": self.count,
-            "speed_edges": self.edges.tolist(),
-            "factors": self.factors.tolist(),
-            "peaks": None if self.peaks is None else self.peaks.to_dict(),
-            "correlation": None if self.correlation is None else self.correlation.tolist(),
-        }
-
-    @classmethod
-    def from_dict(cls, data: Mapping[str, Any]) -> "Calibration":
-        """The calibration that `to_dict` wrote."""
-        factors = np.array(data["factors"], dtype=np.float64)
-        if not (np.isfinite(factors).all() and (factors > 0.0).all()):
-            raise ValueError("a factor of the band's calibration is not a number above zero")
-        if data["left_out"] not in ("runs", "stretches"):
-            raise ValueError(f"a band cannot be calibrated on left-out '{data['left_out']}'")
-        peaks, correlation = data.get("peaks"), data.get("correlation")
-        if correlation is not None:
-            correlation = np.array(correlation, dtype=np.float64)
-            if not (np.linalg.eigvalsh(correlation) > 0.0).all():
-                raise ValueError("the correlation of left-out errors is not positive definite")
-        return cls(
-            data["left_out"],
-            int(data["count"]),
-            np.array(data["speed_edges"]),
-            factors,
-            None if peaks is None else ResidualPeaks.from_dict(peaks),
-            correlation,
-        )
-
-
-def bins(speed: Array, moving: NDArray[np.bool_], edges: Array) -> NDArray[np.intp]:
-    """Range of speed of every sample: 0 at rest, then 1 to 3, shape `(n, B)`."""
-    found = 1 + np.sum(np.abs(speed)[:, None, :] > edges[:, :, None], axis=1)
-    return np.asarray(np.where(moving, found, 0), dtype=np.intp)
+from steelyard.base.arrays import Z95, Array
+from steelyard.estimate.band_factors import Calibration
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,85 +73,3 @@ def covariance_root(covariance: Array) -> Array:
     scale = np.where(std > 0.0, std, 1.0)
     values, vectors = np.linalg.eigh(covariance / scale[:, None] / scale)
     return np.asarray(scale[:, None] * vectors * np.sqrt(np.maximum(values, 0.0)))
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class KnownScales:
-    """Scales that a model's gains count already."""
-
-    joints: tuple[str, ...]
-    values: Array  # logged effort over that of the model, shape `(rows,)`
-    covariance: Array  # of their logarithms, shape `(rows, rows)`
-
-    def __post_init__(self) -> None:
-        n = len(self.joints)
-        if self.values.shape != (n,) or self.covariance.shape != (n, n):
-            raise ValueError(
-                f"{n} joints need {n} scales of efforts with a covariance of shape ({n}, {n})"
-            )
-
-    @property
-    def half_width(self) -> Array:
-        """Half-widths of the 95 % intervals, shape `(rows,)`."""
-        return Z95 * np.sqrt(np.diag(self.covariance)) * self.values
-
-    @property
-    def words(self) -> str:
-        """Like `joint1 0.90, joint2 1.10`."""
-        return ", ".join(
-            f"{name} {x:.2f}" for name, x in zip(self.joints, self.values, strict=True)
-        )
-
-    def __repr__(self) -> str:
-        """Each joint's scale with its 95 % interval."""
-        known = zip(self.joints, self.values, self.half_width, strict=True)
-        return ", ".join(f"{joint} {x:.3f} ± {half:.2g}" for joint, x, half in known)
-
-    def to_dict(self) -> dict[str, Any]:
-        """As JSON values; exact."""
-        return {"values": self.values.tolist(), "covariance": self.covariance.tolist()}
-
-    @classmethod
-    def from_dict(cls, data: Mapping[str, Any], joints: Sequence[str]) -> "KnownScales":
-        """What `to_dict` wrote, of these joints."""
-        return cls(tuple(joints), frozen(data["values"]), frozen(data["covariance"]))
-
-
-SLOW = 0.02  # speed at which the dead zone is taken [rad/s; m/s]
-SAMPLES = 64  # samples of the motion that lets friction with memory forget its start
-REST_SPEED_SHARE = 0.02  # rest speed over the root mean square of a joint's speed while fitting
-LOWEST_REST_SPEED = 1e-3  # rest speed of a joint of which nothing is known [rad/s; m/s]
-
-
-def dead_zone(valued: ValuedModel) -> Array:
-    """Half the range of efforts in which friction holds joints at rest, `(n,)` [Nm; N].
-
-    Friction that depends on the load is taken at the reference posture.
-    """
-    robot = valued.robot
-    posture = loop_equations(robot).assembly[: robot.n] if robot.loops else np.zeros(robot.n)
-    travel = 1.5 * valued.model.scan().warm_up[: robot.n, 0]
-    way = np.linspace(-1.0, 0.0, SAMPLES)[:, None] * travel
-    speed, still = np.full_like(way, SLOW), np.zeros_like(way)
-    efforts = [
-        valued.evaluate(FRICTION, posture + sign * way, sign * speed, still)[-1]
-        for sign in (1.0, -1.0)
-    ]
-    return np.asarray(0.5 * np.abs(efforts[0] - efforts[1]))
-
-
-def rest_speed_of(n: int, known: Calibration | None, given: ArrayLike | None) -> Array:
-    """Rest speed on a stream, `(n,)`: of the robot file, else a share of speeds while fitting."""
-    if given is not None:
-        return frozen(np.broadcast_to(np.asarray(given, dtype=np.float64), (n,)))
-    if known is None:
-        return np.full(n, LOWEST_REST_SPEED)
-    return np.maximum(REST_SPEED_SHARE * known.edges[:, 0] / EDGES[0], LOWEST_REST_SPEED)
-
-
-def rest_speed_of_runs(speeds: Sequence[Array], usual: Array) -> Array:
-    """Speed up to which joints rest in all of some runs, shape `(n,)` [rad/s; m/s].
-
-    The speed of a run, `(n,)`, is infinite where nothing moves; there the usual one counts.
-    """
-    return np.asarray(np.max([np.where(np.isfinite(one), one, usual) for one in speeds], axis=0))

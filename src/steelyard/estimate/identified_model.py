@@ -17,14 +17,8 @@ from steelyard.base.arrays import Array, json_values
 from steelyard.base.errors import DataError, ModelError, nearest
 from steelyard.base.files import read_json, whole_folder
 from steelyard.base.motion import Motion
-from steelyard.estimate.effort_uncertainty import (
-    Calibration,
-    EffortUncertainty,
-    KnownScales,
-    covariance_root,
-    dead_zone,
-    rest_speed_of,
-)
+from steelyard.estimate.band_factors import Calibration
+from steelyard.estimate.effort_uncertainty import EffortUncertainty, covariance_root
 from steelyard.estimate.estimate import Estimate
 from steelyard.estimate.external.contact_thresholds import ContactThresholds
 from steelyard.estimate.external.observer_and_wrench import (
@@ -41,8 +35,10 @@ from steelyard.estimate.external.observer_equations import (
     columns_quantity,
     moved_frame,
 )
+from steelyard.estimate.friction_at_rest import dead_zone, rest_speed_of
 from steelyard.estimate.information.base_regressor import BaseMap
 from steelyard.estimate.information.filter_and_gram import noise_bandwidth
+from steelyard.estimate.known_effort_scales import KnownScales
 from steelyard.model.dynamics import Dynamics
 from steelyard.model.model import Model, ValuedModel
 from steelyard.model.stepper import Stepper

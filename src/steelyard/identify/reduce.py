@@ -25,7 +25,7 @@ from steelyard.estimate.least_squares.weighted_and_robust import WeightedLeastSq
 from steelyard.estimate.nonlinear.nonlinear_parameters import information_from
 from steelyard.estimate.prior.body_priors import Row
 from steelyard.estimate.prior.constraint_kinds import knowledge_of
-from steelyard.estimate.reduction.left_out_errors_and_rules import Tolerance, rule_of
+from steelyard.estimate.reduction.left_out_errors_and_stopping_rules import Tolerance, rule_of
 from steelyard.estimate.reduction.reduction import Reduction, criterion_of
 from steelyard.estimate.reduction.reduction import reduce as reduced_by
 from steelyard.estimate.scores.band_calibration import calibrate

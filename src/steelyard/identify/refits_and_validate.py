@@ -52,7 +52,7 @@ from steelyard.report.result import DataFrame, Result, frame
 from steelyard.report.tables import text_table
 from steelyard.report.terminal import terminal
 from steelyard.robot.file.signals import Signals
-from steelyard.runs.noise_and_cutoffs import MATCHED_HIGHEST, NYQUIST_SHARE, rounded
+from steelyard.runs.cutoffs import MATCHED_HIGHEST, NYQUIST_SHARE, rounded
 from steelyard.runs.prepare import prepare
 from steelyard.runs.processing_choices import Processing
 from steelyard.runs.run import Run

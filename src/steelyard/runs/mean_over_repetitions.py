@@ -17,7 +17,7 @@ from steelyard.runs.processing_chain import evenly_sampled
 from steelyard.runs.recording import LogInMemory, Recording
 from steelyard.runs.rows.clock_and_row_scan import RowScan
 from steelyard.runs.spectrum_and_period import Repetitions, find_period, moving_span
-from steelyard.runs.survey_and_kept_samples import Survey, survey
+from steelyard.runs.survey import Survey, survey
 
 ALIGNMENT_ROUNDS = 4  # rounds of the alignment
 MOST_SHIFT = 0.02  # how far a repetition may be moved in a round, in its own lengths

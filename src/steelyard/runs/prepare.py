@@ -8,27 +8,25 @@ import numpy as np
 from steelyard.base.arrays import Array, frozen
 from steelyard.base.errors import LogError
 from steelyard.logs.log import Cut
+from steelyard.runs.cutoffs import SHORTEST_SEGMENT, Cutoffs, cutoffs
+from steelyard.runs.kept_samples import KeptSamples, Source
 from steelyard.runs.mean_over_repetitions import MeanMotion, mean_of_periods
-from steelyard.runs.noise_and_cutoffs import (
-    MOVING_OVER_REST,
-    SHORTEST_SEGMENT,
-    Cutoffs,
-    SpeedHistogram,
-    cutoffs,
-    default_rest_speed,
-    given_rest_speed,
-    motion_responses,
-    noise_gain,
-)
+from steelyard.runs.motion_error import motion_responses, noise_gain
 from steelyard.runs.processing_chain import Chain
 from steelyard.runs.processing_choices import Processing
 from steelyard.runs.recording import Recording
+from steelyard.runs.rest_speed import (
+    MOVING_OVER_REST,
+    SpeedHistogram,
+    default_rest_speed,
+    given_rest_speed,
+)
 from steelyard.runs.rows.faulty_row_detectors import RowVerdict
-from steelyard.runs.rows.marked_and_false_rows import COUNTS_OF_MARKS, Marked, Quality, Segment
+from steelyard.runs.rows.marked_rows_and_quality import COUNTS_OF_MARKS, Marked, Quality, Segment
 from steelyard.runs.rows.resampling import sample_count
 from steelyard.runs.run import Moves, Run, lost_ends
 from steelyard.runs.smoothing.zero_phase_filters import Butterworth, Choosing, Method
-from steelyard.runs.survey_and_kept_samples import KeptSamples, Source, Survey, survey
+from steelyard.runs.survey import Survey, survey
 
 SAME_RATE = 1e-6  # relative difference up to which two rates are one
 WHOLE_SAMPLES = 300_000

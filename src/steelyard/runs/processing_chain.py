@@ -15,7 +15,7 @@ from steelyard.base.arrays import Array
 from steelyard.runs.processing_choices import Processing
 from steelyard.runs.recording import Recording
 from steelyard.runs.rows.clock_and_row_scan import Clock, RowPiece, RowScan
-from steelyard.runs.rows.marked_and_false_rows import COUNTS_OF_MARKS, CUT_OFF, RowChecks, Segment
+from steelyard.runs.rows.marked_rows_and_quality import COUNTS_OF_MARKS, CUT_OFF, RowChecks, Segment
 from steelyard.runs.rows.resampling import (
     CUBIC,
     INTERPOLATIONS,

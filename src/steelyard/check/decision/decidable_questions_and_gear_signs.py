@@ -27,7 +27,7 @@ from steelyard.check.hypotheses.position_hypotheses import (
     zeros_without_effect,
 )
 from steelyard.check.hypotheses.readings_and_likelihood import Likelihood, Reading
-from steelyard.estimate.payload.runs_with_payload import carrier
+from steelyard.estimate.payload.payload_frame import carrier
 from steelyard.robot.file.effort_units_and_gears import MOTOR_KINDS
 from steelyard.robot.robot import Transmission
 

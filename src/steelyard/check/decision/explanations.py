@@ -43,7 +43,7 @@ from steelyard.check.hypotheses.readings_and_likelihood import (
     choice_cost,
     keeps_evidence,
 )
-from steelyard.estimate.payload.runs_with_payload import carrier
+from steelyard.estimate.payload.payload_frame import carrier
 from steelyard.estimate.prior.body_priors import model_prior
 
 COMPARED = 6  # changes of a reading that are compared by their evidence after screening

@@ -58,7 +58,7 @@ from steelyard.check.hypotheses.readings_and_likelihood import (
     Reading,
 )
 from steelyard.check.signals.good_rows_and_derivatives import remembered
-from steelyard.estimate.payload.runs_with_payload import carrier
+from steelyard.estimate.payload.payload_frame import carrier
 
 STRIKING, CLEAN = 200.0, 12.0
 """Log-likelihood gained, and misfit left [%], of an explanation by a nominal model that counts

@@ -34,7 +34,8 @@ from steelyard.check.hypotheses.nuisance_fit_and_score import MISFIT_FLOOR
 from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.estimate.information.information import Information
 from steelyard.estimate.least_squares.weighted_and_robust import WeightedLeastSquares
-from steelyard.estimate.payload.runs_with_payload import carrier, drifting, load_case
+from steelyard.estimate.payload.payload_frame import carrier
+from steelyard.estimate.payload.runs_with_payload import drifting, load_case
 from steelyard.runs.recording import LeftOut
 
 DISAGREEING_RESIDUAL = 2.0

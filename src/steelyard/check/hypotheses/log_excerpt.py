@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from steelyard.base.arrays import Array
 from steelyard.base.errors import LogError
-from steelyard.runs.noise_and_cutoffs import cutoffs
+from steelyard.runs.cutoffs import cutoffs
 from steelyard.runs.processing_choices import Processing
 from steelyard.runs.recording import Recording
 from steelyard.runs.rows.clock_and_row_scan import (
@@ -24,7 +24,7 @@ from steelyard.runs.rows.clock_and_row_scan import (
     learn_clock,
     nice_rate,
 )
-from steelyard.runs.rows.marked_and_false_rows import FalseStretches
+from steelyard.runs.rows.frozen_encoders_and_dead_efforts import FalseStretches
 from steelyard.runs.rows.resampling import uniform
 from steelyard.runs.smoothing.zero_phase_filters import Bank, apply, butterworth, low_pass, settling
 from steelyard.runs.spectrum_and_period import motion_band

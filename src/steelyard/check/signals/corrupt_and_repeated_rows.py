@@ -19,7 +19,7 @@ from steelyard.check.signals.good_rows_and_derivatives import (
 from steelyard.check.signals.motion_units import unit_reading
 from steelyard.check.signals.time_stamps import clock_is_irregular
 from steelyard.runs.rows.faulty_row_detectors import LONGEST_STALE, RowVerdict
-from steelyard.runs.rows.marked_and_false_rows import MOVED
+from steelyard.runs.rows.frozen_encoders_and_dead_efforts import MOVED
 from steelyard.runs.run import Run
 
 DOUBTFUL_BROKEN_SHARE, WRONG_BROKEN_SHARE = 0.05, 0.3

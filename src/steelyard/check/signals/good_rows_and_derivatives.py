@@ -18,7 +18,7 @@ from steelyard.check.case_and_evidence import Case, Evidence
 from steelyard.runs.recording import Channels
 from steelyard.runs.rows.clock_and_row_scan import GAP_STEPS
 from steelyard.runs.rows.faulty_row_detectors import LARGEST_VALUE
-from steelyard.runs.rows.marked_and_false_rows import (
+from steelyard.runs.rows.frozen_encoders_and_dead_efforts import (
     FASTEST_FACTOR,
     FASTEST_SHARE,
     MOVED,

@@ -32,7 +32,7 @@ from steelyard.estimate.information.gather import gather
 from steelyard.estimate.least_squares.weighted_and_robust import WeightedLeastSquares
 from steelyard.robot.init.column_names import Column, Quantity, by_number
 from steelyard.runs.rows.faulty_row_detectors import stretches
-from steelyard.runs.rows.marked_and_false_rows import MOVED
+from steelyard.runs.rows.frozen_encoders_and_dead_efforts import MOVED
 from steelyard.runs.run import Run
 
 DIFFERENCE_ORDER = 6

@@ -23,7 +23,7 @@ from steelyard.estimate.consistent.convex_program import (
 )
 from steelyard.estimate.consistent.unknowns_and_penalties import ONE, apart, scale_of
 from steelyard.estimate.prior.body_priors import Knowledge, Row
-from steelyard.estimate.prior.constraints_and_friction import in_words
+from steelyard.estimate.prior.prior_constraints import in_words
 
 LEAST_PRIOR_WEIGHT, MOST_PRIOR_WEIGHT = 1e-3, 1e4  # uncertainties of 3000 % and 1 %
 FIRST_PRIOR_WEIGHT = 10.0  # weight that is tried first: 32 %

@@ -30,10 +30,10 @@ from steelyard.base.arrays import Z95, Array, frozen
 from steelyard.base.errors import DataError
 from steelyard.base.progress import Progress, report_progress, silent
 from steelyard.estimate.consistent.convex_estimator import Consistent, inverse_of
-from steelyard.estimate.effort_uncertainty import KnownScales
 from steelyard.estimate.estimate import Estimate, StandardEstimate
 from steelyard.estimate.information.base_regressor import BaseMap
 from steelyard.estimate.information.information import Information
+from steelyard.estimate.known_effort_scales import KnownScales
 from steelyard.estimate.least_squares.normal_equations import condition_of, unit_length
 from steelyard.estimate.least_squares.weighted_and_robust import whitened
 from steelyard.estimate.scores.cross_validation import (

@@ -12,7 +12,8 @@ import numpy as np
 
 from steelyard.base.arrays import Array
 from steelyard.estimate.information.information import Information
-from steelyard.estimate.payload.runs_with_payload import LoadCase, covariance_of, inverse, scatter
+from steelyard.estimate.payload.marginal_information import covariance_of, inverse
+from steelyard.estimate.payload.runs_with_payload import LoadCase, scatter
 
 ROUNDS = 50  # most rounds of the weights
 STEPS = 100  # most steps in a round

@@ -16,16 +16,13 @@ from operator import add
 import numpy as np
 
 from steelyard.base.arrays import Z95, Array
-from steelyard.base.errors import DataError, ModelError, named
+from steelyard.base.errors import DataError
 from steelyard.estimate.information.base_regressor import BaseMap, Layout
 from steelyard.estimate.information.information import Information
+from steelyard.estimate.payload.payload_frame import payload_lift
 from steelyard.model.model import Model
-from steelyard.robot.inertia_and_placement import INERTIAL_NAMES, INERTIAL_UNITS, Inertia
-from steelyard.robot.robot import Frame, Robot
-
-SEEN = 1e-10  # share of a parameter's information, all others free, that counts as some
-TOUCHED = 1e-4  # component along an unseen direction from which on a parameter is not seen
-RANK = 1e-13  # relative eigenvalue of a scaled normal matrix whose direction is left at zero
+from steelyard.robot.inertia_and_placement import INERTIAL_NAMES, INERTIAL_UNITS
+from steelyard.robot.robot import Frame
 
 
 def joined(
@@ -59,52 +56,6 @@ def joined(
         whole = information.grouped([range(len(information.windows))])
         found.append(replace(whole, beside=None).mapped(layout, moved))
     return reduce(add, found)
-
-
-def inverse(matrix: Array) -> Array:
-    """Inverse of a symmetric, non-negative matrix; directions without information stay at zero."""
-    size = np.sqrt(np.maximum(np.diag(matrix), 0.0))
-    scale = np.where(size > 0.0, size, np.inf)
-    values, vectors = np.linalg.eigh(matrix / scale[:, None] / scale)
-    kept = values > RANK * values.max(initial=1e-300) * len(values)
-    part = vectors[:, kept] / scale[:, None]
-    return np.asarray((part / values[kept]) @ part.T)
-
-
-def marginal(matrix: Array, chosen: Sequence[int]) -> Array:
-    """Information left of some when all others are free, $A_{cc} - A_{co} A_{oo}^{-1} A_{oc}$."""
-    mine = list(chosen)
-    others = [k for k in range(len(matrix)) if k not in set(mine)]
-    cross = matrix[np.ix_(mine, others)]
-    left = matrix[np.ix_(mine, mine)] - cross @ inverse(matrix[np.ix_(others, others)]) @ cross.T
-    return np.asarray((left + left.T) / 2.0)
-
-
-def _scaled(matrix: Array, chosen: Sequence[int]) -> tuple[Array, Array, Array]:
-    """Scale of each chosen parameter, eigenvalues and vectors of what is left about them in it."""
-    size = np.sqrt(np.maximum(np.diag(matrix)[list(chosen)], 0.0))
-    scale = np.where(size > 0.0, size, np.inf)
-    values, vectors = np.linalg.eigh(marginal(matrix, chosen) / scale[:, None] / scale)
-    return scale, values, vectors
-
-
-def seen_information(matrix: Array, chosen: Sequence[int]) -> Array:
-    """The same without directions that the data do not see, which rounding leaves in it."""
-    scale, values, vectors = _scaled(matrix, chosen)
-    seen = values >= SEEN
-    kept = vectors[:, seen] * np.where(np.isfinite(scale), scale, 0.0)[:, None]
-    return np.asarray((kept * values[seen]) @ kept.T)
-
-
-def covariance_of(matrix: Array, chosen: Sequence[int]) -> Array:
-    """Covariance `(c, c)` of chosen of `p` parameters with an information matrix; NaN if unseen."""
-    scale, values, vectors = _scaled(matrix, chosen)
-    null = values < SEEN
-    kept = vectors[:, ~null] / scale[:, None]
-    covariance = np.asarray((kept / values[~null]) @ kept.T)
-    blind = np.linalg.norm(vectors[:, null], axis=1) > TOUCHED
-    covariance[blind, :] = covariance[:, blind] = np.nan
-    return covariance
 
 
 FREEDOM = 2.0  # expected squares of scores below which they are too few
@@ -147,46 +98,6 @@ def _scatter(
 
 
 WINDOWS = 8  # windows kept per run; for the correlation of residuals
-
-
-def carrier(robot: Robot, name: str | None = None) -> Frame:
-    """The frame of that name; that of the last link if none is named."""
-    links = {
-        body.name: Frame(body.name, k, np.eye(3), np.zeros(3))
-        for k, body in enumerate(robot.bodies)
-    }
-    frames = links | {frame.name: frame for frame in robot.frames}
-    if name is None:
-        return links[robot.bodies[-1].name]
-    frame = named(name, frames, "frame", "frames", f"robot '{robot.name}'")
-    wrong, which = "", ""
-    if frame.body < 0:
-        wrong, which = "is fixed to the base: a payload there loads no joint", "frame that moves"
-    elif robot.bodies[frame.body].massless:
-        wrong, which = "lies between two joints of one body, and has no mass", "link with mass"
-    if wrong:
-        raise ModelError(
-            f"frame '{name}' {wrong}",
-            where=f"robot '{robot.name}'",
-            fix=f"name a {which}, such as '{robot.bodies[-1].name}'",
-        )
-    return frame
-
-
-def payload_lift(robot: Robot, base: BaseMap, frame: Frame) -> Array:
-    """What a payload's ten numbers in a frame add to the base parameters, shape `(b, 10)`."""
-    body = robot.bodies[frame.body].name
-    if f"{INERTIAL_NAMES[0]}.{body}" not in base.names:
-        raise ModelError(
-            "a payload adds to the robot's bodies, but the model's terms have none",
-            where=f"robot '{robot.name}', list of terms",
-            fix='list the term "rigid_body", and identify the model anew',
-        )
-    move = np.array(
-        [Inertia.from_ten(e).moved(frame.rotation, frame.position).ten for e in np.eye(10)]
-    ).T
-    columns = [base.names.index(f"{name}.{body}") for name in INERTIAL_NAMES]
-    return np.asarray(base.lift[:, columns] @ move)
 
 
 def drifting(model: Model, columns: Sequence[str]) -> tuple[int, ...]:

@@ -10,15 +10,14 @@ from steelyard.base.arrays import Array
 from steelyard.base.errors import ModelError
 from steelyard.estimate.consistent.contradictions_and_prior_weight import refuse_contradictions
 from steelyard.estimate.prior.body_priors import Knowledge, Row
-from steelyard.estimate.prior.constraints_and_friction import (
+from steelyard.estimate.prior.dissipative_friction import dissipation_rows, shaped
+from steelyard.estimate.prior.prior_constraints import (
     Bounded,
     ConstraintContext,
     PriorConstraint,
-    friction_curves,
-    given_knowledge,
     in_words,
-    shaped,
 )
+from steelyard.estimate.prior.priors_from_tables import given_knowledge
 from steelyard.model.laws.register import TERMS
 from steelyard.model.model import Model
 from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
@@ -347,7 +346,7 @@ def knowledge_of(model: Model, loaded: LoadedRobot, fastest: Array | None = None
         return known
     # friction is bounded as a whole where the user has not set a bound lower
     curves = tuple(
-        row for row in friction_curves(model, fastest) if not set(loosened) & set(row.coefficients)
+        row for row in dissipation_rows(model, fastest) if not set(loosened) & set(row.coefficients)
     )
     return replace(known, curves=curves, shaped=shaped(model, curves))
 

@@ -18,7 +18,7 @@ from steelyard.estimate.reduction.backward_elimination import (
     Step,
     backward,
 )
-from steelyard.estimate.reduction.left_out_errors_and_rules import (
+from steelyard.estimate.reduction.left_out_errors_and_stopping_rules import (
     RISE,
     LeftOutErrors,
     OneStandardError,

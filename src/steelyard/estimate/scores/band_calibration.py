@@ -17,16 +17,9 @@ from numpy.typing import NDArray
 from steelyard.base.arrays import Z95, Array
 from steelyard.base.errors import DataError, LogError
 from steelyard.base.progress import Progress, report_progress, silent
-from steelyard.estimate.effort_uncertainty import (
-    BINS,
-    EDGES,
-    Calibration,
-    Kind,
-    bins,
-    rest_speed_of,
-    rest_speed_of_runs,
-)
+from steelyard.estimate.band_factors import BINS, EDGES, Calibration, Kind, bins
 from steelyard.estimate.estimate import Estimator
+from steelyard.estimate.friction_at_rest import rest_speed_of
 from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.estimate.information.base_regressor import base_regressor
 from steelyard.estimate.information.information import Information
@@ -40,6 +33,7 @@ from steelyard.estimate.scores.cross_validation import (
 )
 from steelyard.estimate.scores.residuals import ResidualTrace, residual_cutoff, residual_trace
 from steelyard.estimate.scores.score import score
+from steelyard.runs.rest_speed import rest_speed_of_runs
 from steelyard.runs.run import Run
 
 LEVEL = 0.95  # share of new measurements that a band holds

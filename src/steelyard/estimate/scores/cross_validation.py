@@ -28,7 +28,7 @@ from steelyard.estimate.least_squares.weighted_and_robust import WeightedLeastSq
 from steelyard.estimate.nonlinear.nonlinear_parameters import information_from
 from steelyard.model.model import Model
 from steelyard.model.terms.axes import finds_of
-from steelyard.runs.noise_and_cutoffs import rounded
+from steelyard.runs.cutoffs import rounded
 from steelyard.runs.run import Run
 
 FOLDS = 5  # stretches that a single run is divided into

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from steelyard.base.arrays import Array
-from steelyard.estimate.parameter_status_and_friction import WELL
+from steelyard.estimate.parameter_status import WELL
 from steelyard.excite.constraints.certificate import COVERS
 from steelyard.excite.page.design_text import (
     USED_SHARE_HEADING,

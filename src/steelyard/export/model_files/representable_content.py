@@ -14,7 +14,7 @@ import numpy as np
 
 from steelyard.base.arrays import Array
 from steelyard.base.errors import ModelError
-from steelyard.estimate.effort_uncertainty import EDGES
+from steelyard.estimate.band_factors import EDGES
 from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.model.terms.axes import Axis
 from steelyard.model.terms.model_file_form import AxisPartKind, Curve, Placed, Pull, listed, placed

@@ -10,8 +10,8 @@ from rich.text import Text
 
 from steelyard.base.arrays import Array
 from steelyard.estimate.friction.friction_choice import FrictionChoice
+from steelyard.estimate.friction_curves import FrictionCurve, friction_curves
 from steelyard.estimate.nonlinear.nonlinear_parameters import Finding
-from steelyard.estimate.parameter_status_and_friction import FrictionCurve, friction_curves
 from steelyard.estimate.scores.bands_and_traces import PARTS, TorqueParts
 from steelyard.identify.page.content_and_error_words import (
     ReportContent,

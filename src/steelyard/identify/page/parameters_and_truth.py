@@ -12,7 +12,7 @@ from rich.text import Text
 from steelyard.base.arrays import Z95, records
 from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.estimate.information.base_regressor import symbols
-from steelyard.estimate.parameter_status_and_friction import (
+from steelyard.estimate.parameter_status import (
     FROM_DATA,
     SMALL,
     WELL,

@@ -18,8 +18,9 @@ from steelyard.base.arguments import checked
 from steelyard.base.arrays import Array
 from steelyard.base.errors import DataError, LogError
 from steelyard.base.progress import Progress, silent
-from steelyard.estimate.effort_uncertainty import EDGES, rest_speed_of, rest_speed_of_runs
+from steelyard.estimate.band_factors import EDGES
 from steelyard.estimate.external.contact_thresholds import ONSET, ContactThresholds, ResidualPeaks
+from steelyard.estimate.friction_at_rest import rest_speed_of
 from steelyard.estimate.identified_model import IdentifiedModel, load_model
 from steelyard.estimate.information.base_regressor import base_regressor
 from steelyard.estimate.information.gather import gather
@@ -33,6 +34,7 @@ from steelyard.estimate.scores.residuals import (
 from steelyard.identify.logs_and_notes import holds_fitted_rows, left_out, notes_of
 from steelyard.identify.scores_and_residuals import fitted_before, runs_for
 from steelyard.robot.robot import Robot
+from steelyard.runs.rest_speed import rest_speed_of_runs
 from steelyard.runs.run import Run
 from steelyard.runs.runs_of_named_logs import log_files, paths_of, refuse_overlaps
 from steelyard.uses.contact.contact_page import LEAST_LASTING_SHARE, Contacts

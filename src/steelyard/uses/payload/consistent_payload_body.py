@@ -25,7 +25,7 @@ from steelyard.estimate.consistent.unknowns_and_penalties import (
     Entropic,
     ten_map,
 )
-from steelyard.estimate.payload.runs_with_payload import SEEN, covariance_of
+from steelyard.estimate.payload.marginal_information import SEEN, covariance_of
 from steelyard.estimate.prior.body_priors import of_spread
 from steelyard.robot.inertia_and_placement import Inertia
 

@@ -18,7 +18,7 @@ from steelyard.estimate.information.base_regressor import base_regressor
 from steelyard.estimate.information.filtered_samples import gather_samples
 from steelyard.estimate.information.gather import gather
 from steelyard.estimate.payload.payload_estimate import PayloadEstimate
-from steelyard.estimate.payload.runs_with_payload import carrier
+from steelyard.estimate.payload.payload_frame import carrier
 from steelyard.estimate.scores.residuals import residual_cutoff, residual_trace
 from steelyard.identify.logs_and_notes import dropped
 from steelyard.identify.scores_and_residuals import fitted_before, runs_for

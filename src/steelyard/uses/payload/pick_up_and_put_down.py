@@ -13,7 +13,8 @@ from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.estimate.information.filtered_samples import FilteredSamples
 from steelyard.estimate.information.information import Window
 from steelyard.estimate.payload.payload_estimate import PayloadEstimate
-from steelyard.estimate.payload.runs_with_payload import carrier, combined, drifting, payload_lift
+from steelyard.estimate.payload.payload_frame import carrier, payload_lift
+from steelyard.estimate.payload.runs_with_payload import combined, drifting
 from steelyard.robot.robot import Frame
 from steelyard.uses.payload.change_detection import (
     CHANGE_SPAN,

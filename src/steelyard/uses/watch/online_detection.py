@@ -14,9 +14,9 @@ import numpy as np
 
 from steelyard.base.arrays import Array
 from steelyard.base.errors import LogError, SteelyardError
-from steelyard.estimate.effort_uncertainty import rest_speed_of
 from steelyard.estimate.external.contact_thresholds import ChangeStepper, ContactThresholds
 from steelyard.estimate.external.observer_and_wrench import Observer
+from steelyard.estimate.friction_at_rest import rest_speed_of
 from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.runs.sample_stream import SampleStream, StreamSample
 from steelyard.uses.contact.contact import ContactEvent, ContactStart, ContactStream

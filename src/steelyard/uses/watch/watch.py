@@ -15,7 +15,7 @@ from steelyard.estimate.external.observer_and_wrench import PER_PERIOD
 from steelyard.estimate.identified_model import IdentifiedModel, load_model
 from steelyard.estimate.information.base_regressor import base_regressor
 from steelyard.estimate.information.filtered_samples import gather_samples
-from steelyard.estimate.payload.runs_with_payload import carrier
+from steelyard.estimate.payload.payload_frame import carrier
 from steelyard.estimate.scores.residuals import FORGOTTEN, ResidualTrace, greatest, thresholds_of
 from steelyard.identify.scores_and_residuals import fitted_before, processing_of
 from steelyard.logs.contents import windowed

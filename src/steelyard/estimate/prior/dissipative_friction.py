@@ -1,4 +1,4 @@
-r"""Priors and constraints of a robot file; friction that takes energy as a whole.
+r"""Friction takes energy as a whole: rows for a convex program, over a grid of speeds.
 
 Along a coordinate all laws together give a curve $f(v)$ over speed. What physics requires of it is
 $v f(v) \ge 0$, not that each coefficient be positive: friction that grows less than in proportion
@@ -9,224 +9,21 @@ cycles as well: whatever a hysteresis of elements that slip runs through decompo
 the other.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
-from fnmatch import fnmatchcase
-from typing import ClassVar, NoReturn, Protocol
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from steelyard.base.arrays import Array
-from steelyard.base.errors import ModelError, advice
 from steelyard.estimate.prior.body_priors import (
-    Knowledge,
-    PriorBody,
     Row,
-    assumed_body,
-    assumed_mass,
-    box,
-    capsule,
-    corrected_body,
-    knowledge_with,
-    model_prior,
-    rigid_bodies,
 )
 from steelyard.model.equations.inverse_dynamics import JointState
 from steelyard.model.model import Model
 from steelyard.model.terms.axes import Axis
 from steelyard.model.terms.friction_memory import LENGTHS_TO_FORGET, Presliding
 from steelyard.model.terms.term import ActsOnAxes, StatefulTerm, TermSamples
-from steelyard.robot.file.effort_units_and_gears import Locate
-from steelyard.robot.file.sections import LinkPriorSection, PriorSection
-from steelyard.robot.inertia_and_placement import Inertia, symmetric
 from steelyard.robot.robot import Robot
-
-
-def given_knowledge(model: Model, section: PriorSection, where: Locate) -> Knowledge:
-    """What model file and section `[prior]` say: bodies, and bounds of the terms' parameters."""
-    bodies = rigid_bodies(model)
-    for name in section.links:
-        body_index(model.robot, name, where("prior", "links", name))
-    corrected = {
-        body.name: one
-        for k, body in bodies.items()
-        if (one := _prior(model.robot, k, section, where)) is not None
-    }
-    return replace(knowledge_with(model, corrected), uncertainty=section.uncertainty)
-
-
-def body_index(robot: Robot, name: str, where: str) -> int:
-    """Which moving body a link's name means; a `ModelError` says which one carries a fixed link."""
-    names = [body.name for body in robot.bodies]
-    if name in names and not robot.bodies[names.index(name)].massless:
-        return names.index(name)
-    carrier = next((f.body for f in robot.frames if f.name == name), None)
-    if name in names:
-        wrong = f"link '{name}' is a frame between two joints of one body, and has no mass"
-        fix = "name the body itself"
-    elif carrier is None:
-        wrong, fix = f"the robot has no moving link '{name}'", advice(name, names, "moving links")
-    elif carrier < 0:
-        wrong, fix = f"link '{name}' does not move", advice(name, names, "moving links")
-    else:
-        wrong = f"link '{name}' moves with link '{names[carrier]}', whose numbers include it"
-        fix = f"name '{names[carrier]}', and give the properties of both together in its frame"
-    raise ModelError(wrong, where=where, fix=fix)
-
-
-def _prior(robot: Robot, index: int, section: PriorSection, where: Locate) -> PriorBody | None:
-    body = robot.bodies[index]
-    given = section.links.get(body.name, LinkPriorSection(source=section.source))
-    _refuse_unclear(body.name, given, where("prior", "links", body.name))
-    if given.source == "none":
-        return None
-    if given.model_fields_set <= {"source"}:
-        return model_prior(robot, index)
-    known = body.known and body.inertia.mass > 0.0
-    guess = body.inertia.mass if known else assumed_mass(robot)
-    mass = guess if given.mass is None else given.mass
-    if given.box is not None:
-        solid = box(mass, given.box.centre, given.box.size)
-    elif given.capsule is not None:
-        solid = capsule(mass, given.capsule.start, given.capsule.end, given.capsule.radius)
-    else:  # what the table leaves out is the model's, scaled to the mass
-        scaled = Inertia.from_ten(body.inertia.ten * (mass / guess)) if known else None
-        model = assumed_body(robot, index, mass) if scaled is None else scaled
-        com, six = model.com if given.com is None else given.com, given.inertia_com
-        around = model.inertia_com if six is None else symmetric(six)
-        solid = Inertia.about_com(mass, com, around)
-    corrected = corrected_body(solid)
-    if given.mass is not None or known:
-        return corrected
-    reason = f"its mass is not known; {mass:.3g} kg are assumed"
-    return replace(corrected, why=f"{reason}; {corrected.why}" if corrected.why else reason)
-
-
-def _refuse_unclear(name: str, given: LinkPriorSection, where: str) -> None:
-    shapes = [key for key in ("box", "capsule") if getattr(given, key) is not None]
-    points = [key for key in ("com", "inertia_com") if getattr(given, key) is not None]
-    if not given.model_fields_set:
-        wrong = ""
-        fix = 'give mass = ..., a box, a capsule, or com and inertia_com; or source = "none"'
-    elif given.source == "none" and len(given.model_fields_set) > 1:
-        wrong = " is none, but properties are given"
-        fix = 'leave out source = "none", or the other keys'
-    elif len(shapes) == 2 or (shapes and points):
-        one, other, *_ = (*shapes, *points)
-        wrong = f" has {one} and {other} at once"
-        fix = "keep one of them: a box, a capsule, or com and inertia_com"
-    else:
-        return
-    raise ModelError(f"the prior of link '{name}'{wrong}", where=where, fix=fix)
-
-
-@dataclass(frozen=True, eq=False)
-class ConstraintContext:
-    """A model's parameters and a constraint's place; what is not there is a `ModelError`."""
-
-    model: Model
-    where: str
-
-    def body(self, name: str) -> str:
-        """The name, if a moving link with parameters has it."""
-        body_index(self.model.robot, name, self.where)
-        if not rigid_bodies(self.model):
-            self.refuse(
-                f"the model has no mass properties of link '{name}'",
-                'add "rigid_body" to the terms, or remove the constraint',
-            )
-        return name
-
-    @property
-    def bodies(self) -> tuple[str, ...]:
-        """Names of all moving links."""
-        return tuple(body.name for body in rigid_bodies(self.model).values())
-
-    def parameters(self, pattern: str) -> tuple[str, ...]:
-        """Parameters that a name means; `*` in it stands for anything."""
-        found = tuple(n for n in self.model.names if n == pattern or fnmatchcase(n, pattern))
-        if not found:
-            fix = advice(pattern, self.model.names, "parameters")
-            self.refuse(f"the model has no parameter '{pattern}'", fix)
-        return found
-
-    def parameter(self, name: str) -> str:
-        """The name, if a parameter has it."""
-        if name not in self.model.names:
-            fix = advice(name, self.model.names, "parameters")
-            self.refuse(f"the model has no parameter '{name}'", fix)
-        return name
-
-    def refuse(self, wrong: str, fix: str) -> NoReturn:
-        """Refuse this constraint."""
-        raise ModelError(wrong, where=self.where, fix=fix)
-
-    def row(
-        self, label: str, coefficients: Mapping[str, float], interval: "Interval | float"
-    ) -> Row:
-        """A row with the constraint in words, and its place in the file."""
-        low, high = (interval, interval) if isinstance(interval, float) else interval
-        return Row(f"{label} ({self.where})", coefficients, low, high)
-
-
-Interval = tuple[float, float]  # lower and upper bound
-
-
-class PriorConstraint(Protocol):
-    """One kind of knowledge, with what a table of the robot file says of it."""
-
-    kind: ClassVar[str]
-
-    def rows(self, scope: ConstraintContext) -> list[Row]:
-        """The constraint over a model's standard parameters, if that has them."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Bounded:
-    """A quantity that is known, or lies between bounds.
-
-    Attributes:
-        lower: Least value; none if `None`.
-        upper: Greatest value; none if `None`.
-        value: The value itself, instead of bounds.
-    """
-
-    lower: float | None = None
-    upper: float | None = None
-    value: float | None = None
-
-    def interval(self, scope: ConstraintContext) -> Interval:
-        """Lower and upper bound, in this order; or one value, not beside bounds."""
-        bounds = self.lower is not None or self.upper is not None
-        if bounds == (self.value is not None):
-            scope.refuse(
-                "a value and bounds are given" if bounds else "neither value nor bounds are given",
-                "give value = ..., or lower = ... and upper = ..., or one of these",
-            )
-        if self.value is not None:
-            return self.value, self.value
-        low = -np.inf if self.lower is None else self.lower
-        high = np.inf if self.upper is None else self.upper
-        if low > high:
-            scope.refuse(
-                f"the lower bound {low:g} is above the upper bound {high:g}", "exchange them"
-            )
-        return low, high
-
-
-def in_words(interval: Interval, unit: str = "") -> str:
-    """A bound as people say it: `at least 3 kg`, `between 3 and 5 kg`, `3 kg`."""
-    low, high = interval
-    if low == high:
-        text = f"{low:g}"
-    elif not np.isfinite(high):
-        text = f"at least {low:g}"
-    elif not np.isfinite(low):
-        text = f"at most {high:g}"
-    else:
-        text = f"between {low:g} and {high:g}"
-    return f"{text} {unit}".rstrip()
-
 
 REACH = 1.5  # speed up to which friction takes energy, over the greatest of the data
 FARTHEST = 20.0  # limit of a joint's speed that is believed, over the greatest of the data
@@ -260,7 +57,7 @@ class Coordinate:
     farthest: float  # speed up to which friction takes energy [rad/s; m/s]
 
 
-def friction_curves(model: Model, fastest: Sequence[float] | Array) -> tuple[Row, ...]:
+def dissipation_rows(model: Model, fastest: Sequence[float] | Array) -> tuple[Row, ...]:
     """Rows by which friction takes energy up to the joints' greatest speeds in the data, `(n,)`."""
     laws = [
         term
