@@ -25,7 +25,7 @@ from steelyard.check.hypotheses.gravity_payload_and_delay import delay_fit
 from steelyard.estimate.identified_model import IdentifiedModel, Provenance
 from steelyard.excite.trajectories.fourier import random_fourier
 from steelyard.identify.fit import fit
-from steelyard.identify.gains_zeros_and_friction import FitTask
+from steelyard.identify.fit_preparation import FitTask
 from steelyard.logs.formats import open_log
 from steelyard.logs.log import parse_log_argument
 from steelyard.model.model import model_with_open_friction, with_friction

@@ -26,7 +26,7 @@ from steelyard.estimate.identified_model import Provenance
 from steelyard.estimate.scores.bands_and_traces import Bands
 from steelyard.estimate.scores.score import score
 from steelyard.identify.fit import Fit, calibrated, fit
-from steelyard.identify.gains_zeros_and_friction import FitTask
+from steelyard.identify.fit_preparation import FitTask
 from steelyard.model.model import model_with_open_friction
 
 DRAWS = 30

@@ -18,9 +18,9 @@ from steelyard.check.check import correct_robot_file
 from steelyard.check.diagnosis_and_contradictions import Diagnosis
 from steelyard.check.named_logs_and_precheck import diagnosed, subject_of
 from steelyard.identify.identify import identify
-from steelyard.identify.page.content_and_error_words import ReportContent
+from steelyard.identify.page.report_content import ReportContent
 from steelyard.identify.page.verdict_and_next_steps import verdict
-from steelyard.identify.refits_and_validate import validate
+from steelyard.identify.validate import validate
 from steelyard.robot.file.robot_file import load_robot
 from steelyard.runs.runs_of_named_logs import log_files
 

@@ -10,7 +10,7 @@ from proofs.uses.watch_ur10e import rows_of
 from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.identify.identify import identify
 from steelyard.uses.payload.pick_up_and_put_down import PayloadEvent
-from steelyard.uses.watch.online_detection import SEARCH_PERIOD
+from steelyard.uses.watch.payload_stream import SEARCH_PERIOD
 from steelyard.uses.watch.watch import start_watch
 
 LATEST = 3.0 + 2.0 * SEARCH_PERIOD + 0.5

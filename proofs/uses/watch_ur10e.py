@@ -19,8 +19,8 @@ from steelyard.estimate.external.contact_thresholds import ContactThresholds
 from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.uses.contact.contact import ContactEvent
 from steelyard.uses.payload.pick_up_and_put_down import PayloadEvent
-from steelyard.uses.watch.online_detection import StreamEvent, Watcher
 from steelyard.uses.watch.watch import start_watch
+from steelyard.uses.watch.watcher_and_events import StreamEvent, Watcher
 
 PUSHES = "collision/ur-20_01_22-push_pose_1"
 

@@ -22,10 +22,10 @@ from steelyard.identify.comparison.compare import compare_models as compare_mode
 from steelyard.identify.identify import Identification as Identification
 from steelyard.identify.identify import identify as identify
 from steelyard.identify.reduce import reduce as reduce
-from steelyard.identify.refits_and_validate import repeated as repeated
-from steelyard.identify.refits_and_validate import validate as validate
-from steelyard.identify.scores_and_residuals import parameter_table as parameter_table
-from steelyard.identify.scores_and_residuals import residuals as residuals
+from steelyard.identify.repeated_fits import repeated as repeated
+from steelyard.identify.residuals import residuals as residuals
+from steelyard.identify.scores_and_model_report import parameter_table as parameter_table
+from steelyard.identify.validate import validate as validate
 from steelyard.logs.formats import open_log as open_log
 from steelyard.model.dynamics import Dynamics as Dynamics
 from steelyard.model.model import Model as Model

@@ -6,7 +6,7 @@ from typing import ClassVar, cast
 from invented import single
 from steelyard.check.finding import Finding, Fix, Severity
 from steelyard.check.fitted.post_fit_checks import FittedCase, examine_fit
-from steelyard.identify.page.content_and_error_words import ReportContent
+from steelyard.identify.page.report_content import ReportContent
 from steelyard.identify.page.verdict_and_next_steps import Limitation, Verdict, verdict
 from weighed import identified_of
 

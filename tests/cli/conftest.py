@@ -17,7 +17,7 @@ from steelyard.cli import identify_and_use_commands
 from steelyard.cli.app import app
 from steelyard.cli.argument_expansion import expanded
 from steelyard.cli.command import CommandResult, computed
-from steelyard.identify import logs_and_notes
+from steelyard.identify import validation_split
 from steelyard.simulate.simulate import write_demo_arm
 
 Command = Callable[..., Result]
@@ -45,7 +45,7 @@ def command(work: Path, few_stretches: None, monkeypatch: pytest.MonkeyPatch) ->
     `identified` calibrates on all. Logs of 2 s are cut.
     """
     monkeypatch.chdir(work)
-    monkeypatch.setattr(logs_and_notes, "SHORTEST_CUT_LOG", 2.0)
+    monkeypatch.setattr(validation_split, "SHORTEST_CUT_LOG", 2.0)
 
     def run(*arguments: object) -> Result:
         return CliRunner().invoke(app, expanded([str(a) for a in arguments]))

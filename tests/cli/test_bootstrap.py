@@ -64,7 +64,7 @@ def test_few_draws_are_refused(command, given: Path, tmp_path: Path) -> None:
 
 
 def test_data_of_one_window_lose_nothing() -> None:
-    from steelyard.identify.refits_and_validate import bootstrap_of
+    from steelyard.identify.repeated_fits import bootstrap_of
 
     information, *_ = data(np.full(4, 0.1))
     fit = SimpleNamespace(

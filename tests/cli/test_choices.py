@@ -14,7 +14,7 @@ from cli.conftest import Command
 from cli.river_files import edited
 from short_arm import short_logs
 from steelyard.estimate.scores.cross_validation import TooShortError
-from steelyard.identify.gains_zeros_and_friction import TOO_SHORT
+from steelyard.identify.fit_preparation import TOO_SHORT
 
 TERMS = 'terms = ["rigid_body", "rotor_inertia", "coulomb", "viscous", "offset"]'
 Identified = Callable[..., tuple[dict[str, Any], Path]]
@@ -56,7 +56,7 @@ def test_memory_is_among_what_is_chosen_from_unless_excluded(
         raise TooShortError("too short", where="", fix="")
 
     monkeypatch.setattr(
-        import_module("steelyard.identify.gains_zeros_and_friction"), "choose_friction", choose
+        import_module("steelyard.identify.fit_preparation"), "choose_friction", choose
     )
     terms = TERMS.replace('"coulomb", "viscous", ', "") + f'\nfriction = "{selection}"'
     robot, log = edited(given, tmp_path, (TERMS, terms)), given / "identification.csv"

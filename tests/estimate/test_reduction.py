@@ -34,7 +34,7 @@ from steelyard.estimate.reduction.left_out_errors_and_stopping_rules import (
     rule_of,
 )
 from steelyard.estimate.reduction.reduction import Reduced, criterion_of, reduce
-from steelyard.identify.page.reduction_conditioning_unseen import _joints_judged
+from steelyard.identify.page.reduction_and_removals import _joints_judged
 from steelyard.model.model import Model
 from steelyard.report.words import significant
 

@@ -10,7 +10,7 @@ import pytest
 
 from check.fitted import demo_arm, log
 from steelyard.identify.identify import Identification, identify
-from steelyard.identify.refits_and_validate import validate
+from steelyard.identify.validate import validate
 from steelyard.simulate.truth import random_truth
 from steelyard.uses.payload.payload import identify_payload
 

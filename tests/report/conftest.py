@@ -37,7 +37,7 @@ from steelyard.estimate.scores.estimator_comparison import (
 )
 from steelyard.estimate.scores.score import JointScore, RunScore, Traces
 from steelyard.identify.comparison.estimators_page import ComparisonContent
-from steelyard.identify.page.content_and_error_words import ReportContent
+from steelyard.identify.page.report_content import ReportContent
 from steelyard.identify.page.section_register import render, sections_of
 from steelyard.model.laws.friction_over_speed import Coulomb, Viscous
 from steelyard.model.model import Model

@@ -12,10 +12,9 @@ from report.conftest import rendered_only
 from steelyard.base.arrays import Z95, Parameters
 from steelyard.estimate.scores.bands_and_traces import PARTS
 from steelyard.identify.page import efforts_and_their_parts
-from steelyard.identify.page.content_and_error_words import (
-    ReportContent,
-    fitted_samples,
-    unseen_samples,
+from steelyard.identify.page.conditioning_correlations_and_unseen import (
+    CorrelationsSection,
+    correlations,
 )
 from steelyard.identify.page.efforts_and_their_parts import (
     MOST_POINTS_OF_TORQUE_PART,
@@ -34,7 +33,7 @@ from steelyard.identify.page.link_inertias_and_ellipsoids import (
     semi_axes,
 )
 from steelyard.identify.page.parameters_and_truth import TruthSection
-from steelyard.identify.page.reduction_conditioning_unseen import CorrelationsSection, correlations
+from steelyard.identify.page.report_content import ReportContent, fitted_samples, unseen_samples
 from steelyard.identify.page.section_register import render
 from steelyard.report.figures import Figure
 from steelyard.robot.inertia_and_placement import Inertia

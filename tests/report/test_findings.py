@@ -22,7 +22,7 @@ from steelyard.check.findings_text_and_page import (
     tally,
 )
 from steelyard.check.named_logs_and_precheck import refusal
-from steelyard.identify.page.content_and_error_words import CheckSection
+from steelyard.identify.page.settings_quality_and_checks import CheckSection
 
 
 def content(name: str = "arm", most: float = 1.0) -> CheckContent:

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from report.conftest import rendered_only, run_score
-from steelyard.identify.page.content_and_error_words import ReportContent
 from steelyard.identify.page.efforts_and_their_parts import EffortSection
+from steelyard.identify.page.report_content import ReportContent
 from steelyard.identify.page.section_register import SECTIONS, render
 from steelyard.report.figures import thin
 

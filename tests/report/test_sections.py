@@ -11,9 +11,9 @@ import pytest
 from report.conftest import identified, robot
 from steelyard.base.arrays import Parameters
 from steelyard.estimate.reduction.reduction import Reduction
-from steelyard.identify.page.content_and_error_words import ReportContent
 from steelyard.identify.page.parameters_and_truth import parameter_rows
-from steelyard.identify.page.reduction_conditioning_unseen import samples_of
+from steelyard.identify.page.reduction_and_removals import samples_of
+from steelyard.identify.page.report_content import ReportContent
 from steelyard.identify.page.section_register import SECTIONS
 from steelyard.identify.page.verdict_and_next_steps import exit_code, level_of, verdict
 from steelyard.report.page import PageContent, Section

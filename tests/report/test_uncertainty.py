@@ -10,7 +10,6 @@ import pytest
 from rich.console import Console
 
 from report.conftest import rendered_only
-from steelyard.identify.page.content_and_error_words import ReportContent
 from steelyard.identify.page.efforts_and_their_parts import EffortSection
 from steelyard.identify.page.link_inertias_and_ellipsoids import (
     BodiesSection,
@@ -18,6 +17,7 @@ from steelyard.identify.page.link_inertias_and_ellipsoids import (
     margin,
 )
 from steelyard.identify.page.parameters_and_truth import ParametersSection, parameter_rows
+from steelyard.identify.page.report_content import ReportContent
 from steelyard.identify.page.section_register import parameters_csv, print_report, render
 from steelyard.report.figures import outline
 from steelyard.robot.inertia_and_placement import Inertia

@@ -10,7 +10,7 @@ from steelyard.base.errors import DataError, LogError
 from steelyard.estimate.external.contact_thresholds import ContactThresholds
 from steelyard.estimate.scores.residuals import ResidualTrace, supported_rate
 from steelyard.uses.contact.contact import contacts_in, links_carried_by, without_contact
-from steelyard.uses.efforts_unlike_the_model import refuse_other_efforts, refuse_without
+from steelyard.uses.effort_plausibility import refuse_other_efforts, refuse_without
 
 ROBOT = tree()
 N = ROBOT.n

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from steelyard.estimate.payload.payload_estimate import PayloadEstimate
     from steelyard.identify.comparison.compare import ComparedModels, EstimatorComparison
     from steelyard.identify.identify import Identification
-    from steelyard.identify.refits_and_validate import Validation
+    from steelyard.identify.validate import Validation
     from steelyard.uses.contact.contact_page import Contacts
     from steelyard.uses.control.feedforward import FeedforwardTorques
     from steelyard.uses.health.health import Health

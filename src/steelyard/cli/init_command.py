@@ -14,7 +14,7 @@ from steelyard.cli.derived_command import from_function
 
 if TYPE_CHECKING:
     from steelyard.cli.drive_questions import Stated
-    from steelyard.identify.logs_and_notes import ProposedCut
+    from steelyard.identify.validation_split import ProposedCut
     from steelyard.robot.init.draft_robot_file import Assignment, Draft, Proposal
     from steelyard.robot.init.draft_tables import Known
     from steelyard.runs.runs_of_named_logs import LogArgument
@@ -86,7 +86,7 @@ def init(
     from steelyard.base.errors import ModelError, OutputError
     from steelyard.base.files import whole_file
     from steelyard.cli.drive_questions import Stated
-    from steelyard.identify.logs_and_notes import ProposedCut, propose_cut
+    from steelyard.identify.validation_split import ProposedCut, propose_cut
     from steelyard.robot.file.robot_file import load_robot
     from steelyard.robot.init.draft_robot_file import drafted, notes_beside, proposed
     from steelyard.runs.runs_of_named_logs import log_files

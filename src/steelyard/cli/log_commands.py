@@ -78,7 +78,7 @@ def check(
 
     from steelyard.base.errors import ModelError
     from steelyard.base.files import whole_file, whole_folder
-    from steelyard.identify.logs_and_notes import ProposedCut, propose_cut
+    from steelyard.identify.validation_split import ProposedCut, propose_cut
     from steelyard.report.terminal import terminal
     from steelyard.robot.file.robot_file import load_robot
 

@@ -20,8 +20,8 @@ from steelyard.cli.derived_command import from_function
 
 if TYPE_CHECKING:
     from steelyard.base.arrays import Array
-    from steelyard.uses.watch.online_detection import StreamEvent
     from steelyard.uses.watch.watch import WatchStart
+    from steelyard.uses.watch.watcher_and_events import StreamEvent
 
 
 POLL = 0.01  # pause while there is nothing new [s]
@@ -59,9 +59,9 @@ def watch(
     """
     from steelyard.base.errors import DataError
     from steelyard.logs.growing_logs import STANDARD_INPUT, rows_of
-    from steelyard.uses.watch.online_detection import StreamEstimate
     from steelyard.uses.watch.stream_output import StreamFiles, event_line, record_of, state_line
     from steelyard.uses.watch.watch import watch_rows
+    from steelyard.uses.watch.watcher_and_events import StreamEstimate
 
     if source == STANDARD_INPUT and timeout is not None:
         raise DataError(

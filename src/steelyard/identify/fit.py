@@ -37,7 +37,7 @@ from steelyard.estimate.nonlinear.effort_scales import EffortScales, effort_scal
 from steelyard.estimate.prior.body_priors import Knowledge
 from steelyard.estimate.scores.band_calibration import calibrate
 from steelyard.estimate.scores.cross_validation import choose_cutoff
-from steelyard.identify.gains_zeros_and_friction import (
+from steelyard.identify.fit_preparation import (
     TOO_SHORT,
     FitTask,
     PreparedFit,

@@ -23,32 +23,32 @@ from steelyard.check.signals.movement_rests_and_base import of_base
 from steelyard.estimate.estimator_register import method_of
 from steelyard.estimate.scores.score import RunScore
 from steelyard.identify.fit import Fit, below_described_band, calibrated, fit, without_forces
-from steelyard.identify.gains_zeros_and_friction import FitTask, with_signals
-from steelyard.identify.logs_and_notes import (
+from steelyard.identify.fit_preparation import FitTask, with_signals
+from steelyard.identify.page.report_content import ReportContent
+from steelyard.identify.provenance_and_notes import (
     commanded_note,
     dropped,
     dropped_rows,
     first_dropped,
     left_out_stretches,
-    marked_repeats,
     notes_of,
     provenance,
-    refuse_same_rows,
     settings,
 )
-from steelyard.identify.page.content_and_error_words import ReportContent
-from steelyard.identify.refits_and_validate import (
+from steelyard.identify.repeated_fits import (
     Repeated,
     bootstrap_of,
     fits_with_other_cutoffs,
     of_each_log,
 )
-from steelyard.identify.scores_and_residuals import (
+from steelyard.identify.repeated_motion import marked_repeats
+from steelyard.identify.scores_and_model_report import (
     ModelReport,
     parameter_table,
     scored,
     scored_from_commanded,
 )
+from steelyard.identify.validation_split import refuse_same_rows
 from steelyard.model.model import model_with_open_friction
 from steelyard.report.result import DataFrame
 from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot

@@ -29,15 +29,10 @@ from steelyard.estimate.reduction.left_out_errors_and_stopping_rules import Tole
 from steelyard.estimate.reduction.reduction import Reduction, criterion_of
 from steelyard.estimate.reduction.reduction import reduce as reduced_by
 from steelyard.estimate.scores.band_calibration import calibrate
-from steelyard.identify.logs_and_notes import (
-    dropped,
-    dropped_rows,
-    marked_repeats,
-    notes_of,
-    settings,
-)
-from steelyard.identify.page.content_and_error_words import ReportContent
-from steelyard.identify.scores_and_residuals import ModelReport, runs_for, scored
+from steelyard.identify.page.report_content import ReportContent
+from steelyard.identify.provenance_and_notes import dropped, dropped_rows, notes_of, settings
+from steelyard.identify.repeated_motion import marked_repeats
+from steelyard.identify.scores_and_model_report import ModelReport, runs_for, scored
 from steelyard.model.model import Model
 from steelyard.model.terms.term import Term
 from steelyard.report.result import Result

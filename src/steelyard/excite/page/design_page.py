@@ -35,7 +35,7 @@ from steelyard.excite.page.design_text import (
     used_words,
 )
 from steelyard.excite.page.tool_path_section import DesignToolSection
-from steelyard.identify.page.content_and_error_words import SettingsSection
+from steelyard.identify.page.settings_quality_and_checks import SettingsSection
 from steelyard.report.figures import line, thin
 from steelyard.report.page import Numbers, Section, render_sections, rounded, script_json
 from steelyard.report.tables import PlainTable, Row

@@ -44,9 +44,10 @@ from steelyard.identify.comparison.estimators_page import (
     comparison_lines,
 )
 from steelyard.identify.comparison.models_page import COMPARE_MODELS_SECTIONS
-from steelyard.identify.gains_zeros_and_friction import FitTask, PreparedFit, prepare_fit
-from steelyard.identify.logs_and_notes import dropped, dropped_rows, holds_fitted_rows, notes_of
-from steelyard.identify.scores_and_residuals import fitted_before, runs_for
+from steelyard.identify.fit_preparation import FitTask, PreparedFit, prepare_fit
+from steelyard.identify.provenance_and_notes import dropped, dropped_rows, notes_of
+from steelyard.identify.scores_and_model_report import fitted_before, runs_for
+from steelyard.identify.validation_split import holds_fitted_rows
 from steelyard.model.model import model_with_open_friction
 from steelyard.report.page import render_sections
 from steelyard.report.result import DataFrame, Result, frame

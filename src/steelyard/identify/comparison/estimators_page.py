@@ -12,9 +12,9 @@ from steelyard.estimate.friction.friction_choice import FrictionChoice
 from steelyard.estimate.nonlinear.nonlinear_parameters import Finding
 from steelyard.estimate.payload.drive_gains import GainEstimate
 from steelyard.estimate.scores.estimator_comparison import Comparison, EstimatorScore, Failure
-from steelyard.identify.page.content_and_error_words import QualitySection, SettingsSection
 from steelyard.identify.page.friction_and_residuals import FrictionSection
 from steelyard.identify.page.gains_offsets_and_scatter import DrivesSection
+from steelyard.identify.page.settings_quality_and_checks import QualitySection, SettingsSection
 from steelyard.report.figures import dots
 from steelyard.report.page import Numbers, PageContent, Section, rounded, script_json
 from steelyard.report.tables import PlainTable, Row, light_table, table_of

@@ -20,12 +20,12 @@ from steelyard.identify.comparison.errors_and_efforts import (
     legend,
     model_dots,
 )
-from steelyard.identify.page.content_and_error_words import QualitySection, SettingsSection
 from steelyard.identify.page.link_inertias_and_ellipsoids import (
     IdentifiedLink,
     identified_links,
     link_dict,
 )
+from steelyard.identify.page.settings_quality_and_checks import QualitySection, SettingsSection
 from steelyard.model.laws.register import description_of
 from steelyard.report.figures import Group, figure_of_rows
 from steelyard.report.page import FigureSection, Numbers, Section, TableSection

@@ -17,7 +17,7 @@ from steelyard.estimate.bootstrap_and_sensitivity import (
 from steelyard.estimate.nonlinear.effort_scales import EffortScales
 from steelyard.estimate.nonlinear.nonlinear_parameters import ZeroOffsets
 from steelyard.estimate.payload.drive_gains import DriveGain, GainEstimate
-from steelyard.identify.page.content_and_error_words import ReportContent
+from steelyard.identify.page.report_content import ReportContent
 from steelyard.report.page import PageContent, TableSection, ValueSection
 from steelyard.report.tables import PlainTable, Row, table_of, text_table
 from steelyard.report.words import count, percent, rounded_to_uncertainty, significant

@@ -11,7 +11,7 @@ from steelyard.base.arrays import Z95, Array, Parameters
 from steelyard.estimate.estimate import StandardEstimate
 from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.estimate.prior.body_priors import model_prior, rigid_bodies
-from steelyard.identify.page.content_and_error_words import ReportContent, fitted_samples
+from steelyard.identify.page.report_content import ReportContent, fitted_samples
 from steelyard.report.figures import Figure, Group, Key, Traced, dots, figure_of_rows
 from steelyard.report.page import FigureSection, Numbers, TableSection, packed, rounded
 from steelyard.report.tables import PlainTable, Row, table_of

@@ -19,7 +19,7 @@ from steelyard.estimate.parameter_status import (
     ParameterStatus,
     statuses,
 )
-from steelyard.identify.page.content_and_error_words import ReportContent
+from steelyard.identify.page.report_content import ReportContent
 from steelyard.model.laws.register import description_of
 from steelyard.report.figures import Figure, Group, Key, dots, figure_of_rows
 from steelyard.report.page import FigureSection, Numbers, Section

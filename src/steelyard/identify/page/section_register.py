@@ -12,26 +12,23 @@ from rich.text import Text
 
 from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.identify.page import (
+    conditioning_correlations_and_unseen,
     efforts_and_their_parts,
     friction_and_residuals,
     gains_offsets_and_scatter,
     link_inertias_and_ellipsoids,
     parameters_and_truth,
-    reduction_conditioning_unseen,
+    reduction_and_removals,
+    settings_quality_and_checks,
     verdict_section,
 )
-from steelyard.identify.page.content_and_error_words import (
-    CheckSection,
-    QualitySection,
-    ReportContent,
-    SettingsSection,
-)
 from steelyard.identify.page.parameters_and_truth import ParameterRow, parameter_rows
+from steelyard.identify.page.report_content import ReportContent
 from steelyard.report.page import Section, render_sections
 
 SECTIONS: tuple[Section, ...] = (
     verdict_section.VerdictSection(),
-    reduction_conditioning_unseen.ReductionSection(),
+    reduction_and_removals.ReductionSection(),
     efforts_and_their_parts.EffortSection(),
     efforts_and_their_parts.TorqueSplitSection(),
     friction_and_residuals.FrictionCurvesSection(),
@@ -41,21 +38,21 @@ SECTIONS: tuple[Section, ...] = (
     gains_offsets_and_scatter.EffortScalesSection(),
     gains_offsets_and_scatter.ZeroOffsetsSection(),
     parameters_and_truth.TruthSection(),
-    reduction_conditioning_unseen.RemovalsSection(),
+    reduction_and_removals.RemovalsSection(),
     parameters_and_truth.ParametersSection(),
     link_inertias_and_ellipsoids.MassesSection(),
     link_inertias_and_ellipsoids.EllipsoidsSection(),
     link_inertias_and_ellipsoids.BodiesSection(),
     gains_offsets_and_scatter.PerRunSection(),
-    reduction_conditioning_unseen.UnseenSection(),
-    reduction_conditioning_unseen.ConditioningSection(),
-    reduction_conditioning_unseen.CorrelationsSection(),
+    conditioning_correlations_and_unseen.UnseenSection(),
+    conditioning_correlations_and_unseen.ConditioningSection(),
+    conditioning_correlations_and_unseen.CorrelationsSection(),
     gains_offsets_and_scatter.BootstrapSection(),
     gains_offsets_and_scatter.RepeatedSection(),
     gains_offsets_and_scatter.SensitivitySection(),
-    CheckSection(),
-    QualitySection(),
-    SettingsSection(),
+    settings_quality_and_checks.CheckSection(),
+    settings_quality_and_checks.QualitySection(),
+    settings_quality_and_checks.SettingsSection(),
 )
 
 OF_ERRORS = ("verdict", "effort", "torque-split", "residuals", "check", "quality", "settings")

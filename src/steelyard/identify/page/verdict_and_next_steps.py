@@ -10,9 +10,8 @@ from typing import Any
 from steelyard.check.finding import Finding
 from steelyard.estimate.scores.effort_errors import EffortError, as_logged, pooled
 from steelyard.estimate.scores.score import RunScore
-from steelyard.identify.page.content_and_error_words import (
+from steelyard.identify.page.error_words import (
     MOST_NAMED_JOINTS,
-    ReportContent,
     basis_words,
     both_words,
     limit_words,
@@ -22,6 +21,7 @@ from steelyard.identify.page.content_and_error_words import (
     worse_joints,
 )
 from steelyard.identify.page.parameters_and_truth import parameter_rows
+from steelyard.identify.page.report_content import ReportContent
 from steelyard.report.words import Level, count, first_names, percent
 
 MOST_GOOD_PERCENT = 10.0  # relative error [%] up to which a joint counts as well predicted

@@ -31,14 +31,15 @@ from steelyard.estimate.scores.residuals import (
     residual_trace,
     thresholds_of,
 )
-from steelyard.identify.logs_and_notes import holds_fitted_rows, left_out, notes_of
-from steelyard.identify.scores_and_residuals import fitted_before, runs_for
+from steelyard.identify.provenance_and_notes import left_out, notes_of
+from steelyard.identify.scores_and_model_report import fitted_before, runs_for
+from steelyard.identify.validation_split import holds_fitted_rows
 from steelyard.robot.robot import Robot
 from steelyard.runs.rest_speed import rest_speed_of_runs
 from steelyard.runs.run import Run
 from steelyard.runs.runs_of_named_logs import log_files, paths_of, refuse_overlaps
 from steelyard.uses.contact.contact_page import LEAST_LASTING_SHARE, Contacts
-from steelyard.uses.efforts_unlike_the_model import refuse_other_efforts
+from steelyard.uses.effort_plausibility import refuse_other_efforts
 from steelyard.uses.payload.payload_fit import payload_words, unknown_payload
 
 RELEASE = 0.5  # a contact ends below that share of the threshold that was exceeded

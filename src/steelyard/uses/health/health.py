@@ -18,15 +18,15 @@ from steelyard.estimate.identified_model import IdentifiedModel, load_model
 from steelyard.estimate.information.base_regressor import base_regressor
 from steelyard.estimate.information.gather import gather
 from steelyard.estimate.scores.residuals import residual_cutoff, residual_trace
-from steelyard.identify.logs_and_notes import notes_of
-from steelyard.identify.scores_and_residuals import runs_for
+from steelyard.identify.provenance_and_notes import notes_of
+from steelyard.identify.scores_and_model_report import runs_for
 from steelyard.report.figures import Figure, Group, Key, area, line
 from steelyard.report.page import figures, inspected_page, notes
 from steelyard.report.result import Result, print_verdict
 from steelyard.report.tables import PlainTable, Row, narrow_table
 from steelyard.report.words import NONE
 from steelyard.runs.runs_of_named_logs import log_files, paths_of, refuse_overlaps
-from steelyard.uses.efforts_unlike_the_model import refuse_other_efforts
+from steelyard.uses.effort_plausibility import refuse_other_efforts
 from steelyard.uses.health.drift_detection import (
     CLEAR_HALF_WIDTHS,
     FALSE_DRIFT_LEVEL,

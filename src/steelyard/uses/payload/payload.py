@@ -20,8 +20,8 @@ from steelyard.estimate.information.gather import gather
 from steelyard.estimate.payload.payload_estimate import PayloadEstimate
 from steelyard.estimate.payload.payload_frame import carrier
 from steelyard.estimate.scores.residuals import residual_cutoff, residual_trace
-from steelyard.identify.logs_and_notes import dropped
-from steelyard.identify.scores_and_residuals import fitted_before, runs_for
+from steelyard.identify.provenance_and_notes import dropped
+from steelyard.identify.scores_and_model_report import fitted_before, runs_for
 from steelyard.report.figures import Figure, Group, Key, area, evenly, line
 from steelyard.report.page import figures, inspected_page, notes
 from steelyard.report.tables import PlainTable, Row, light_table
@@ -29,7 +29,7 @@ from steelyard.report.words import rounded_to_uncertainty
 from steelyard.robot.inertia_and_placement import INERTIAL_NAMES, INERTIAL_UNITS
 from steelyard.runs.run import Run
 from steelyard.runs.runs_of_named_logs import LogArgument, log_files, paths_of, refuse_overlaps
-from steelyard.uses.efforts_unlike_the_model import refuse_without
+from steelyard.uses.effort_plausibility import refuse_without
 from steelyard.uses.payload.change_detection import CHANGE_SPAN
 from steelyard.uses.payload.consistent_payload_body import PayloadKnowledge, SolidShape
 from steelyard.uses.payload.payload_fit import identify_payload as payload_of_informations

@@ -15,12 +15,12 @@ from steelyard.report.words import signed, significant
 from steelyard.uses.contact.contact import ContactEvent, ContactStart, JointLoad
 from steelyard.uses.payload.payload import mass_with_interval, rounded_mass
 from steelyard.uses.payload.pick_up_and_put_down import PayloadEvent
-from steelyard.uses.watch.online_detection import StreamEstimate, StreamNote
+from steelyard.uses.watch.watcher_and_events import StreamEstimate, StreamNote
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from steelyard.uses.watch.online_detection import StreamEvent, Watcher
+    from steelyard.uses.watch.watcher_and_events import StreamEvent, Watcher
 
 
 def record_of(event: StreamEvent) -> dict[str, Any]:

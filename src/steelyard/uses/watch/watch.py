@@ -1,45 +1,32 @@
 """External torque, contact and payload on a stream: what `steelyard watch` does."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from steelyard.base.arrays import Array
-from steelyard.base.errors import DataError, LogError
-from steelyard.base.progress import Progress, report_progress, silent
-from steelyard.estimate.external.contact_thresholds import HOLD, SETTLED, ContactThresholds
+from steelyard.base.errors import DataError
+from steelyard.base.progress import Progress, silent
+from steelyard.estimate.external.contact_thresholds import ContactThresholds
 from steelyard.estimate.external.observer_and_wrench import PER_PERIOD
 from steelyard.estimate.identified_model import IdentifiedModel, load_model
 from steelyard.estimate.information.base_regressor import base_regressor
 from steelyard.estimate.information.filtered_samples import gather_samples
 from steelyard.estimate.payload.payload_frame import carrier
-from steelyard.estimate.scores.residuals import FORGOTTEN, ResidualTrace, greatest, thresholds_of
-from steelyard.identify.scores_and_residuals import fitted_before, processing_of
-from steelyard.logs.contents import windowed
-from steelyard.logs.formats import open_log
-from steelyard.logs.log import parse_log_argument
+from steelyard.estimate.scores.residuals import thresholds_of
+from steelyard.identify.scores_and_model_report import processing_of
 from steelyard.runs.prepare import prepare
 from steelyard.runs.recording import LogInMemory, Recording
-from steelyard.runs.runs_of_named_logs import LogArgument, log_files, paths_of
-from steelyard.runs.sample_stream import SampleStream
+from steelyard.runs.runs_of_named_logs import log_files, paths_of
 from steelyard.uses.contact.contact import (
-    common_rest_speed,
-    fitted_note,
     left_out_words,
-    peaks_of_free_motion,
 )
 from steelyard.uses.payload.pick_up_and_put_down import PayloadEvents, find_payload_events
-from steelyard.uses.watch.online_detection import (
-    PayloadStream,
-    StreamEvent,
-    Watcher,
-    rests_of,
-    velocity_of,
-)
+from steelyard.uses.watch.payload_stream import PayloadStream
 from steelyard.uses.watch.stream_output import StreamFiles
+from steelyard.uses.watch.stream_thresholds import calibrated_thresholds, rate_words
+from steelyard.uses.watch.watcher_and_events import StreamEvent, Watcher
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,11 +90,11 @@ def start_watch(
     thresholds: ContactThresholds | None = None
     notes: list[str]
     if given:
-        thresholds, notes = _calibrated(identified, given, cutoff, rate, progress)
+        thresholds, notes = calibrated_thresholds(identified, given, cutoff, rate, progress)
     elif own is not None and own.cutoff == cutoff:
         thresholds = thresholds_of(identified, own, rate)
         notes = [
-            f"{_claim(thresholds, left_out_words(identified))}; these logs were smoothed, and "
+            f"{rate_words(thresholds, left_out_words(identified))}; these logs were smoothed, and "
             "abrupt stops cause larger residuals in a stream: calibrate with logs that were "
             "recorded like the stream (--calibrate)"
         ]
@@ -178,70 +165,3 @@ def watch_rows(
     finally:
         if watcher.started:
             report(watcher.end())
-
-
-def _claim(thresholds: ContactThresholds, source: str) -> str:
-    return (
-        f"thresholds for at most {thresholds.rate:.3g} false alarms per hour, from "
-        f"{thresholds.duration / 60.0:.1f} min of free motion: {source}"
-    )
-
-
-def _calibrated(
-    identified: IdentifiedModel,
-    logs: Sequence[LogArgument],
-    cutoff: float,
-    rate: float | None,
-    progress: Progress,
-) -> tuple[ContactThresholds, list[str]]:
-    """Thresholds from residuals as the stream has them, and what they rest on."""
-    unseen = [log for log in logs if not fitted_before(identified, log)]
-    if not unseen:
-        raise DataError(
-            "all calibration logs were fitted: their residuals say nothing of other motion",
-            where="--calibrate",
-            fix="give logs of other motion without contact, or leave --calibrate out",
-        )
-    traces = []
-    for number, log in enumerate(unseen):
-        report_progress(progress, "calibrating thresholds", number, len(unseen))
-        traces.append(stream_trace(identified, log, cutoff))
-    rest = common_rest_speed(identified, [np.full(identified.robot.n, np.inf)])
-    peaks, suspected = peaks_of_free_motion(identified, traces, rest, cutoff, None)
-    thresholds = thresholds_of(identified, peaks, rate)
-    count = f"{len(unseen)} calibration {'log' if len(unseen) == 1 else 'logs'}"
-    return thresholds, [
-        _claim(thresholds, count),
-        *(one.text for one in suspected),
-        *(fitted_note(log.path.name) for log in logs if log not in unseen),
-    ]
-
-
-def stream_trace(identified: IdentifiedModel, log: LogArgument, cutoff: float) -> ResidualTrace:
-    """Residuals of a finished log as a stream of its rows shows them, behind a cut-off [Hz]."""
-    path, cut = parse_log_argument(log.text)
-    signals, observer = identified.signals, identified.observe(bandwidth=cutoff)
-    stream, rest = SampleStream(signals, identified.robot), rests_of(identified)
-    t, residual, speed = [], [], []
-    for rows in windowed(open_log(path), stream.columns, cut):
-        for sample in stream.samples(rows):
-            moving = velocity_of(sample.dq, rest)
-            observer.step(sample.t, sample.q, moving, signals.gains * sample.effort)
-            t.append(sample.t)
-            residual.append(-observer.torque)
-            speed.append(np.abs(sample.dq))
-    name = f"{path.stem}{cut.text}"
-    first = int(np.searchsorted(t, FORGOTTEN / (2.0 * np.pi * cutoff)))
-    if len(t) < first + 2:
-        raise LogError(
-            "the log is too short for the residual's low-pass",
-            where=name,
-            fix="log for longer, or give a higher bandwidth",
-        )
-    step = float(np.median(np.diff(t)))
-    speeds = np.array(speed).T
-    slowest = -greatest(-speeds, round(HOLD / step) + 1)
-    fastest = greatest(speeds, round(SETTLED / step) + 1)
-    none = np.zeros((3, identified.robot.n, len(t)))
-    found = (np.array(residual).T, slowest, fastest, none[0], none[1:])
-    return ResidualTrace(name, np.array(t), step, *found).of(slice(first, None))

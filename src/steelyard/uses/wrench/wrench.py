@@ -21,8 +21,9 @@ from steelyard.estimate.external.observer_and_wrench import (
 )
 from steelyard.estimate.external.observer_equations import Axes, moved_frame
 from steelyard.estimate.identified_model import IdentifiedModel, load_model
-from steelyard.identify.logs_and_notes import holds_fitted_rows, left_out, notes_of
-from steelyard.identify.scores_and_residuals import fitted_before, runs_for
+from steelyard.identify.provenance_and_notes import left_out, notes_of
+from steelyard.identify.scores_and_model_report import fitted_before, runs_for
+from steelyard.identify.validation_split import holds_fitted_rows
 from steelyard.report.figures import Figure, Group, Key, Traced, area, evenly, line
 from steelyard.report.page import figures, inspected_page, notes
 from steelyard.report.result import Result, print_verdict

@@ -42,7 +42,7 @@ from steelyard.estimate.scores.residuals import FORGOTTEN, FRICTION, residual_tr
 from steelyard.model.torque_and_quantities import Quantity
 from steelyard.runs.run import Block, Run
 from steelyard.runs.smoothing.zero_phase_filters import noise_bandwidth, zero_phase
-from steelyard.uses.efforts_unlike_the_model import refuse_other_efforts
+from steelyard.uses.effort_plausibility import refuse_other_efforts
 from steelyard.uses.wrench.wrench_kalman_smoother import OBSERVABLE, Smoothed
 
 ResidualKind = Literal["momentum", "torque"]

@@ -1,4 +1,4 @@
-"""Logs to validate with, cut or repeated; what runs, fits and settings look like in words.
+"""Whether a run repeats the motion, or the rows, of another one.
 
 Some rows of the other run are looked for in the run: at the shift in time at which most of them
 are met by all joints at once. Repeated motion has other efforts, for it has noise of its own; rows
@@ -9,129 +9,20 @@ a constant per joint; efforts then decide whether it is the same motion of the s
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from importlib.metadata import version
-from math import ceil, floor, inf
 
 import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.base.arrays import Array
-from steelyard.base.errors import LogError, SteelyardError
-from steelyard.base.progress import silent
-from steelyard.estimate.identified_model import IdentifiedModel, Provenance
+from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.estimate.scores.score import RunScore
-from steelyard.logs.log import Cut, parse_log_argument
-from steelyard.model.model import Model
-from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
-from steelyard.runs.recording import Recording
-from steelyard.runs.rows.clock_and_row_scan import learn_clock
 from steelyard.runs.run import (
     MotionRows,
     MotionSamples,
     Run,
     motion_rows,
-    motion_samples,
-    open_stretches,
     samples_of_rows,
 )
-from steelyard.runs.runs_of_named_logs import (
-    LogArgument,
-    log_files,
-    recording_of,
-    runs_of,
-    sha256,
-    signals_of,
-)
-
-FITTED_SHARE = 0.7  # share of a single log that is fitted; the rest validates
-SHORTEST_CUT_LOG = 5.0  # duration from which on a log is long enough for that [s]
-NEAR_END = 2.0  # time before a log's end up to which the end of its motion is not reported [s]
-MOST_STEPS = 3.0  # duration over rows times median step: a last time beyond is not believed
-
-
-@dataclass(frozen=True)
-class ProposedCut:
-    """Logs and windows of them as arguments of a command."""
-
-    logs: tuple[str, ...]  # logs to identify from; the last one validates, if there are several
-    ends: str = ""  # why the last window ends before the log does; empty if it does not
-
-
-def propose_cut(loaded: LoadedRobot, logs: Sequence[str]) -> ProposedCut:
-    """Logs to identify from, the last to validate: of a single one two windows in its own seconds.
-
-    A single log is left whole if it is cut by rows, or its motion is shorter than
-    `SHORTEST_CUT_LOG`. The second window ends with the motion, and where the motion is repeated,
-    with its first round: a motion that was fitted validates nothing.
-    """
-    if len(logs) != 1:
-        return ProposedCut(tuple(logs))
-    (log,) = log_files(logs)
-    cut = parse_log_argument(log.text)[1]
-    if cut.rows != Cut().rows:
-        return ProposedCut((log.text,))
-    signals = signals_of(loaded, log)[0]
-    start = max(0.0, cut.seconds[0])
-    stop = min(cut.seconds[1], _duration(recording_of(log, signals)))
-    if not SHORTEST_CUT_LOG <= stop - start < inf:
-        return ProposedCut((log.text,))
-    begin, ends = start, ""
-    try:
-        ((run,), _) = runs_of(loaded, signals, [log], (), silent)
-    except SteelyardError:
-        pass
-    else:
-        begin = max(begin, run.span[0])
-        whole, moves = stop, min(stop, run.span[1])
-        stop, shift = moves, inf
-        while shift > 0.0:  # the motion ends where it begins anew
-            repeat = repeat_within(run, begin + FITTED_SHARE * (stop - begin), stop)
-            shift = 0.0 if repeat is None or repeat.shift >= stop - begin else repeat.shift
-            stop = begin + shift if shift > 0.0 else stop
-        if stop < whole - NEAR_END:
-            why = "the motion repeats" if stop < moves else "no joint moves"
-            ends = f"rows after {0.1 * ceil(10.0 * stop):.10g} s are left out: {why}"
-    if stop - begin < SHORTEST_CUT_LOG:
-        return ProposedCut((log.text,))
-    middle = begin + FITTED_SHARE * (stop - begin)
-    a, b, c = floor(10.0 * start), floor(10.0 * middle), ceil(10.0 * stop)
-    windows = ((a, b), (b, c))
-    return ProposedCut(tuple(f"{log.path}@{0.1 * m:.10g}:{0.1 * n:.10g}" for m, n in windows), ends)
-
-
-def _duration(recording: Recording) -> float:
-    """Time from the first good row to the last row with a time [s]; infinite if that is absurd."""
-    signals, clock, rows, last = recording.signals, learn_clock(recording), 0, 0.0
-    for part in recording.log.parts((signals.time,)):
-        times = part[np.isfinite(part[:, 0]), 0]
-        rows += len(part)
-        last = float(times[-1]) if len(times) else last
-    duration = last * signals.time_scale - clock.origin
-    return duration if duration < MOST_STEPS * rows * clock.step else inf
-
-
-def refuse_same_rows(fitted: Sequence[Run], unseen: Sequence[Run]) -> None:
-    """The same rows neither count twice in a fit nor test it, whatever their log is called."""
-    known = motion_samples(fitted)
-    pairs = [
-        (run, known[:number], "they would count twice in the fit")
-        for number, run in enumerate(fitted)
-    ]
-    pairs += [(run, known, "they would be both fitted and validated") for run in unseen]
-    for run, others, role in pairs:
-        repeat = repeat_of(others, run)
-        if repeat is not None and repeat.same:
-            raise LogError(
-                f"'{run.name}' holds the same samples as '{repeat.run}': {role}",
-                where=f"{run.name} {repeat.words}",
-                fix="give every part once; cut a log with LOG@START:STOP",
-            )
-
-
-def holds_fitted_rows(identified: IdentifiedModel, run: Run) -> bool:
-    """Whether the model was fitted to rows of this run, whatever its log is called now."""
-    repeat = repeat_of(identified.motions, run)
-    return repeat is not None and repeat.same
 
 
 def marked_repeats(
@@ -324,109 +215,3 @@ def _same_rows(known: MotionSamples, rows: MotionRows, met: NDArray[np.intp], at
         now = np.column_stack((rows.q[row], rows.effort[row]))
         again |= (np.abs(now - before) <= tolerance).all(axis=1)
     return int(again.sum())
-
-
-LISTED_TIMES = 5  # times that are listed, at most
-
-
-def provenance(
-    loaded: LoadedRobot,
-    fitted: Sequence[LogArgument],
-    carrying: Sequence[LogArgument],
-    validated: Sequence[LogArgument],
-    runs: Sequence[Run],
-    notes: Sequence[str],
-) -> Provenance:
-    """Hashes of all inputs, and what was decided on the way."""
-    inputs = {f"robot {s.path.name}": s.sha256 for s in loaded.sources}
-    roles = (("identification", fitted), ("loaded", carrying), ("validation", validated))
-    for role, logs in roles:
-        for path in dict.fromkeys(log.path for log in logs):
-            name = f"{role} {path.name}"
-            more = sum(key == name or key.startswith(f"{name} (") for key in inputs)
-            inputs[f"{name} ({more + 1})" if more else name] = sha256(path)
-    return Provenance(version("steelyard"), inputs, tuple(r.name for r in runs), tuple(notes))
-
-
-def settings(identified: IdentifiedModel) -> tuple[tuple[str, str], ...]:
-    """Settings as label and value."""
-    signals, cutoffs = identified.signals, identified.cutoffs
-    found = signals.unknown_gains or (False,) * signals.n
-    each = (f"{g:.4g}" if own else f"{g:g}" for g, own in zip(signals.gains, found, strict=True))
-    gains = f"gains {', '.join(each)}"
-    if identified.effort_scales is not None:
-        gains += ", divided by the estimated scales"
-    if signals.effort_map is not None:
-        gains = "of the motors, with coupled gears"
-    velocity = "logged" if signals.velocity else "differentiated positions"
-    return (
-        ("estimator", identified.estimate.estimator),
-        ("motion cut-off (positions, velocities, accelerations)", f"{cutoffs.motion:g} Hz"),
-        ("regression cut-off (regressor and effort)", f"{cutoffs.matched:g} Hz"),
-        ("cut-off of the verdict (measured and predicted effort)", f"{cutoffs.headline:g} Hz"),
-        ("cut-off of plots and other errors", f"{cutoffs.score:g} Hz"),
-        ("velocities", velocity),
-        ("motion", f"by {identified.processing.motion_words}"),
-        ("efforts", identified.processing.effort_words),
-        ("effort", f"{signals.effort_kind.replace('_', ' ')}, {gains}"),
-    )
-
-
-def dropped_rows(runs: Sequence[Run]) -> tuple[str, ...]:
-    """One line for each run with invalid rows."""
-    return tuple(f"{run.name}: {words}" for run in runs if (words := run.quality.dropped_rows))
-
-
-def left_out_stretches(runs: Sequence[Run]) -> tuple[str, ...]:
-    """One line for each stretch of a run that is left out."""
-    return tuple(
-        f"{run.name}: {stretch.words(run.recording.signals.effort)}"
-        for run in runs
-        for stretch in run.recording.left_out
-    )
-
-
-def left_out(run: Run) -> tuple[str, ...]:
-    """One line if rows of a run were dropped or times of it are not examined."""
-    quality = run.quality
-    times = ", ".join(
-        f"{start:.2f} to {stop:.2f} s" for start, stop in quality.unexamined[:LISTED_TIMES]
-    )
-    more = len(quality.unexamined) - LISTED_TIMES
-    words = [quality.dropped_rows] if quality.dropped else []
-    if times:
-        words.append(f"not examined: {times}{f' and {more} more times' if more > 0 else ''}")
-    return (f"{run.name}: {'; '.join(words)}",) if words else ()
-
-
-def commanded_note(identified: IdentifiedModel, scores: Sequence[RunScore]) -> tuple[str, ...]:
-    """That efforts are predicted from the commanded motion, if so."""
-    columns = identified.signals.commanded_position
-    if columns is None or not any(score.predicted_from == "commanded" for score in scores):
-        return ()
-    return (
-        f"efforts are predicted from the commanded motion ({', '.join(columns)}), as feedforward "
-        "would: the errors include those of tracking",
-    )
-
-
-def notes_of(runs: Sequence[Run]) -> tuple[str, ...]:
-    """The cut-offs, the chain, and one line for whatever else of each run could not be used."""
-    first = runs[0]
-    cut = f"cut-offs: motion {first.motion_cutoff:g} Hz, regression {first.matched_cutoff:g} Hz"
-    chains = {f"processing: {run.chain.words}": run.name for run in runs}
-    steps = (words if len(chains) == 1 else f"{name}: {words}" for words, name in chains.items())
-    return (cut, *steps, *(f"{run.name}: {loss}" for run in runs for loss in run.quality.losses))
-
-
-def dropped(model: Model, runs: Sequence[Run]) -> tuple[str, ...]:
-    """The stretches at which a loop does not close, where those are left out."""
-    if model.robot.open_loops != "drop":
-        return ()
-    return tuple(str(one) for run in runs for one in open_stretches(run, model.robot))
-
-
-def first_dropped(stretches: Sequence[str]) -> tuple[str, ...]:
-    """The first of `dropped` and the number of the others; nothing without any."""
-    more = f"; {len(stretches) - 1} more with -v" if len(stretches) > 1 else ""
-    return tuple(f"{first}{more}" for first in stretches[:1])

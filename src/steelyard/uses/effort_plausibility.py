@@ -1,4 +1,4 @@
-"""Logs whose efforts are not those of the model: of another kind, of another robot, with a load."""
+"""Whether logged efforts can be those of the model: of its kind and robot, with its load."""
 
 from collections.abc import Sequence
 from math import floor

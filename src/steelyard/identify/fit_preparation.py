@@ -1,4 +1,4 @@
-"""What a fit stands on: what a robot file leaves open is found, all but the parameters."""
+"""Before the fit: gains, zero offsets, friction laws and fields that a robot file leaves open."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
