@@ -108,8 +108,9 @@ def position_check(case: Case, evidence: Evidence) -> Finding:
     if wrong := misplaced_velocities(case, evidence):
         return _misplaced(case, evidence, wrong)
     low, high = np.quantile(signal_overview(case, evidence).q, [0.005, 0.995], axis=0)
-    joints = zip(case.loaded.robot.coordinates, low, high, strict=True)
-    off = np.array([beyond_range(c, float(a), float(b)) for c, a, b in joints])
+    ranges = list(zip(low.tolist(), high.tolist(), strict=True))
+    each = np.array([[beyond_range(c, *x) for x in ranges] for c in case.loaded.robot.coordinates])
+    off = np.diag(each)
     units = unit_reading(case, evidence)
     pairs = enumerate(zip(units.as_declared, units.joints, strict=True))
     other = [j for j, (a, b) in pairs if a.position_unit != b.position_unit]
@@ -117,7 +118,7 @@ def position_check(case: Case, evidence: Evidence) -> Finding:
     if _of_motors(case, evidence, off, units):
         return replace(_motors(case, high - low, off), picture=picture)
     if other:
-        return replace(_other_unit(case, evidence, units, other, off), picture=picture)
+        return replace(_other_unit(case, evidence, units, other, each), picture=picture)
     outside = np.flatnonzero(off > OUTSIDE_RANGE)
     names = tuple(case.joints[j] for j in outside)
     are = "are outside their limits" if len(names) > 1 else "is outside its limits"
@@ -200,15 +201,19 @@ def _motors(case: Case, reach: Array, off: Array) -> Finding:
 
 
 def _other_unit(
-    case: Case, evidence: Evidence, units: UnitReading, other: list[int], off: Array
+    case: Case, evidence: Evidence, units: UnitReading, other: list[int], each: Array
 ) -> Finding:
+    off, within = np.diag(each), (each > 0.0) & (each <= OUTSIDE_RANGE)  # joints by columns
+    exchanged = [j for j in other if not within[j, j] and (within[j] & within[:, j]).any()]
     clear = max(other, key=lambda j: units.as_declared[j].cost - units.joints[j].cost)
     unit = " and ".join(sorted({units.joints[j].position_unit for j in other}))
     value = unit_value([j.position_unit for j in units.joints], case, POSITION_UNITS)
     gears = case.loaded.robot.transmission
     geared = gears is not None and bool(np.all(np.abs(np.diag(gears.matrix)) == 1.0))
-    sure = units.sure and not geared
+    sure = units.sure and not geared and not exchanged
     says = f"declare these positions in {unit}"
+    if exchanged:
+        says = f"compare the order of columns with the joints, or {says}"
     if geared:
         says = f"give the gear ratios, which are all 1, under [robot.transmission], or {says}"
     return Finding.of(
