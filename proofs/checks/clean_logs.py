@@ -17,7 +17,7 @@ import numpy as np
 from proofs.support.claims import Claim, main_of
 from proofs.support.safety_robots import Arm, Link, arm_urdf, random_arm
 
-from steelyard.check.case_and_evidence import Case, Evidence
+from steelyard.check.case_and_checked_log import Case, CheckedLog
 from steelyard.check.diagnosis_and_contradictions import examine
 from steelyard.check.named_logs_and_precheck import refusal
 from steelyard.excite.trajectories.fourier import random_fourier
@@ -118,8 +118,8 @@ def one_of(folder: Path, number: int) -> Outcome:
     if loaded.signals is None:
         raise ValueError(f"{path} says nothing about logs")
     recording = Recording(LogInMemory(Path("log"), loaded.signals.columns, table), loaded.signals)
-    evidence = Evidence(recording, Processing(), "log")
-    found = examine(Case(loaded, (evidence,), None), quick=True)
+    log = CheckedLog(recording, Processing(), "log")
+    found = examine(Case(loaded, (log,), None), quick=True)
     refused = refusal(found, str(path))
     return Outcome(
         number,

@@ -19,7 +19,7 @@ from proofs.support.fault_kinds import KINDS, Kind, real_payload
 from proofs.support.faults import Clean, Faulty, Tally, diagnosis, right_fix, right_verdict
 
 from steelyard.base.progress import silent
-from steelyard.check.case_and_evidence import Case, Evidence
+from steelyard.check.case_and_checked_log import Case, CheckedLog
 from steelyard.check.decision.ranked_readings import ranking
 from steelyard.check.hypotheses.gravity_payload_and_delay import delay_fit
 from steelyard.estimate.identified_model import IdentifiedModel, Provenance
@@ -168,8 +168,8 @@ def known(clean: Clean) -> Clean:
         motion_cutoff=loaded.processing.motion_cutoff,
         matched_cutoff=loaded.processing.matched_cutoff,
     )
-    evidence = Evidence(recording, processing, clean.name)
-    found = ranking(Case(loaded, (evidence,), clean.reference), evidence)
+    log = CheckedLog(recording, processing, clean.name)
+    found = ranking(Case(loaded, (log,), clean.reference), log)
     if found is None:
         raise ValueError(f"{clean.name} holds no motion")
     delay, std = delay_fit(found.declared.reading)

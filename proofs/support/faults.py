@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from steelyard.check.case_and_evidence import Case, Evidence
+from steelyard.check.case_and_checked_log import Case, CheckedLog
 from steelyard.check.diagnosis_and_contradictions import Diagnosis, examine
 from steelyard.check.finding import Edit
 from steelyard.estimate.identified_model import IdentifiedModel
@@ -95,8 +95,8 @@ def diagnosis(clean: Clean, text: str, table: np.ndarray) -> Diagnosis:
     processing = Processing(
         motion_cutoff=wanted.motion_cutoff, matched_cutoff=wanted.matched_cutoff
     )
-    evidence = Evidence(recording, processing, clean.name)
-    return examine(Case(loaded, (evidence,), clean.reference))
+    checked = CheckedLog(recording, processing, clean.name)
+    return examine(Case(loaded, (checked,), clean.reference))
 
 
 def right_verdict(faulty: Faulty, found: Diagnosis) -> bool:

@@ -10,7 +10,7 @@ import pytest
 from short_arm import without_wrist
 from steelyard.base.arrays import Array
 from steelyard.base.motion import Motion
-from steelyard.check.case_and_evidence import Case, Evidence
+from steelyard.check.case_and_checked_log import Case, CheckedLog
 from steelyard.check.decision.hypothesis_checks import (
     EFFORT_DELAY,
     EFFORT_KIND,
@@ -79,8 +79,8 @@ class Arm:
         loaded = load_robot(self.path)
         assert loaded.signals is not None
         recording = Recording(LogInMemory(Path("log"), self.columns, table), loaded.signals)
-        evidence = Evidence(recording, Processing(), "log")
-        return Case(loaded, (evidence,), self.reference if known else None)
+        log = CheckedLog(recording, Processing(), "log")
+        return Case(loaded, (log,), self.reference if known else None)
 
     def examined(self, table: Array, text: str | None = None, known: bool = True) -> Diagnosis:
         """What the model-based checks say."""

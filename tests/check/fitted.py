@@ -9,7 +9,7 @@ import numpy as np
 import polars as pl
 
 from steelyard.base.motion import Motion
-from steelyard.check.fitted.fitted_case_and_binding_constraints import FittedCase
+from steelyard.check.fitted.fitted_case_and_ranked_causes import FittedCase
 from steelyard.estimate.identified_model import Cutoffs, IdentifiedModel, Provenance
 from steelyard.estimate.information.base_regressor import base_parameters, base_regressor
 from steelyard.estimate.least_squares.weighted_and_robust import WeightedLeastSquares

@@ -2,7 +2,7 @@
 
 import pytest
 
-from steelyard.check.identifiability_and_gear_side import _advice
+from steelyard.check.identifiability import _advice
 from steelyard.estimate.estimate import Unidentifiable
 
 

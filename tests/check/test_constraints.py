@@ -16,11 +16,8 @@ import pytest
 import steelyard
 from invented import tree
 from steelyard.check.finding import Severity
-from steelyard.check.fitted.fitted_case_and_binding_constraints import (
-    BindingConstraints,
-    FittedCase,
-    binding_constraints,
-)
+from steelyard.check.fitted.binding_constraints import BindingConstraints, binding_constraints
+from steelyard.check.fitted.fitted_case_and_ranked_causes import FittedCase
 from steelyard.check.fitted.post_fit_checks import constraints_check
 from steelyard.estimate.consistent.convex_estimator import Consistent
 from steelyard.estimate.information.base_regressor import base_regressor

@@ -8,7 +8,7 @@ import pytest
 
 from check.conftest import MODEL_BASED
 from check.test_model_based import GAINS, TAU, edits, in_amperes, wrong
-from steelyard.check.case_and_evidence import Case
+from steelyard.check.case_and_checked_log import Case
 from steelyard.check.decision import gains_and_laws_of_logs as gains_left
 from steelyard.check.decision.gains_and_laws_of_logs import (
     ControllerGains,
@@ -42,10 +42,10 @@ def case_with_targets(arm, text: str, unit: float = 1.0, weight: float = 1.0) ->
     table[:, arm.at(TAU)] = torque / GAINS / unit
     case = arm.case(table, text, known=False)
     names = [f"{kind}{j}" for kind in ("tau_target_", "current_target_") for j in range(1, 4)]
-    (evidence,) = case.logs
+    (checked,) = case.logs
     log = LogInMemory(Path("log"), (*arm.columns, *names), np.hstack([table, target, current]))
-    recording = replace(evidence.recording, log=log)
-    return replace(case, logs=(replace(evidence, recording=recording),))
+    recording = replace(checked.recording, log=log)
+    return replace(case, logs=(replace(checked, recording=recording),))
 
 
 def test_gains_are_those_of_the_targets_within_their_intervals(arm):

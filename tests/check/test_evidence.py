@@ -6,7 +6,7 @@ from scipy.special import logsumexp
 from scipy.stats import wishart
 
 from steelyard.base.arrays import Array
-from steelyard.check.hypotheses.averaged_bodies import (
+from steelyard.check.hypotheses.laplace_over_bodies import (
     FRICTION_WIDTH,
     LENGTHS,
     OFFSET_WIDTH,

@@ -10,7 +10,7 @@ import pytest
 from check.conftest import MODEL_BASED
 from check.fitted import demo_arm, log
 from steelyard.base.progress import silent
-from steelyard.check.case_and_evidence import Case
+from steelyard.check.case_and_checked_log import Case
 from steelyard.check.decision import zeros_and_quarter_turns
 from steelyard.check.decision.hypothesis_checks import JOINT_ZEROS
 from steelyard.check.decision.ranked_readings import ranking

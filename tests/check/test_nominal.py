@@ -19,12 +19,12 @@ from check.test_model_based import (
     with_payload,
     wrong,
 )
-from steelyard.check.case_and_evidence import knowledge_of
+from steelyard.check.case_and_checked_log import knowledge_of
 from steelyard.check.decision import judged_explanations
-from steelyard.check.decision.decidable_questions_and_gear_signs import misfit_hides
 from steelyard.check.decision.gains_and_laws_of_logs import _listed_sources
 from steelyard.check.decision.judged_explanations import judge_log
 from steelyard.check.decision.ranked_readings import ranking
+from steelyard.check.decision.undecided_questions import misfit_hides
 from steelyard.check.finding import Edit, Severity
 from steelyard.check.findings_text_and_page import check_headline
 from steelyard.check.hypotheses.gravity_payload_and_delay import _DirectionResidual

@@ -15,7 +15,7 @@ from steelyard.check.hypotheses.friction_signs_and_delay import (
     delays_of,
     residual_delay,
 )
-from steelyard.check.identifiability_and_gear_side import clean_runs, customary_model
+from steelyard.check.identifiability import clean_runs, customary_model
 from steelyard.estimate.information.base_regressor import base_regressor
 
 

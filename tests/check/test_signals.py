@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from steelyard.base.arrays import Array
-from steelyard.check.case_and_evidence import Case, Evidence
+from steelyard.check.case_and_checked_log import Case, CheckedLog
 from steelyard.check.diagnosis_and_contradictions import CHECKS, Diagnosis, examine
 from steelyard.check.finding import Finding, Severity, percent_of
 from steelyard.check.signals.corrupt_and_repeated_rows import (
@@ -20,12 +20,12 @@ from steelyard.check.signals.corrupt_and_repeated_rows import (
 )
 from steelyard.check.signals.motion_units import JointFacts, unit_reading
 from steelyard.check.signals.movement_rests_and_base import excitation_check, rests_check
-from steelyard.check.signals.noise_and_saturation import (
-    noise_check,
+from steelyard.check.signals.noise_and_resolution import noise_check
+from steelyard.check.signals.position import position_check
+from steelyard.check.signals.saturation_and_unsigned_efforts import (
     saturation_check,
     signed_efforts_check,
 )
-from steelyard.check.signals.position import position_check
 from steelyard.check.signals.time_stamps import clock_check
 from steelyard.check.signals.velocity_check import velocity_check
 from steelyard.logs.log import Cut, Log, Numbered
@@ -110,8 +110,8 @@ def case_of(
     if loaded.signals.time == ROW:
         log = Numbered(log)
     known = {"velocity": COLUMNS[DQ]} if guesses else {}
-    evidence = Evidence(Recording(log, loaded.signals), Processing(), "run")
-    return Case(loaded, (evidence,), None, known)
+    checked = CheckedLog(Recording(log, loaded.signals), Processing(), "run")
+    return Case(loaded, (checked,), None, known)
 
 
 def diagnosis(folder: Path, table: Array, text: str = ROBOT) -> Diagnosis:
@@ -563,8 +563,8 @@ def test_motor_side_positions_are_recognised(tmp_path: Path) -> None:
     loaded = load_robot(path)
     assert loaded.signals is not None
     log = LogInMemory(tmp_path / "run.csv", columns, table)
-    evidence = Evidence(Recording(log, loaded.signals), Processing(), "run")
-    (found,) = position_check(Case(loaded, (evidence,)))
+    checked = CheckedLog(Recording(log, loaded.signals), Processing(), "run")
+    (found,) = position_check(Case(loaded, (checked,)))
     assert found.severity == Severity.WRONG
     assert "appear to be those of motors" in found.says
     assert found.fix is not None
@@ -577,15 +577,15 @@ def test_motor_side_positions_are_recognised(tmp_path: Path) -> None:
     path.write_text(geared)
     loaded = load_robot(path)
     assert loaded.signals is not None
-    evidence = Evidence(Recording(log, loaded.signals), Processing(), "run")
-    (found,) = position_check(Case(loaded, (evidence,)))
+    checked = CheckedLog(Recording(log, loaded.signals), Processing(), "run")
+    (found,) = position_check(Case(loaded, (checked,)))
     assert found.severity == Severity.OK
     assert "motor-side signals, ratios 100 100 100" in found.says
     path.write_text(geared.replace("[100, 100, 100]", "[1, 1, 1]"))
     loaded = load_robot(path)
     assert loaded.signals is not None
-    evidence = Evidence(Recording(log, loaded.signals), Processing(), "run")
-    (found,) = position_check(Case(loaded, (evidence,)))
+    checked = CheckedLog(Recording(log, loaded.signals), Processing(), "run")
+    (found,) = position_check(Case(loaded, (checked,)))
     assert found.severity == Severity.DOUBTFUL
     assert found.fix is not None and not found.fix.edits
     assert "gear ratios" in found.fix.says
@@ -704,9 +704,9 @@ def test_other_effort_columns_are_named(tmp_path: Path) -> None:
     names = (*COLUMNS, *(f"current{k}_A" for k in (1, 2, 3)), "tau_des1")
     wide = np.concatenate((constant(table.copy()), table[:, TAU], table[:, :1]), axis=1)
     case = case_of(tmp_path, table)
-    (evidence,) = case.logs
-    recording = replace(evidence.recording, log=LogInMemory(Path("log"), names, wide))
-    (finding,) = noise_check(replace(case, logs=(replace(evidence, recording=recording),)))
+    (log,) = case.logs
+    recording = replace(log.recording, log=LogInMemory(Path("log"), names, wide))
+    (finding,) = noise_check(replace(case, logs=(replace(log, recording=recording),)))
     assert finding.severity == WRONG and finding.joints == ("joint_2",)
     assert finding.fix is not None and finding.fix.says.endswith("has 'current{}_A' too")
 
@@ -714,9 +714,9 @@ def test_other_effort_columns_are_named(tmp_path: Path) -> None:
 def windowed(folder: Path, table: Array, seconds: tuple[float, float]) -> Case:
     """The robot file and a window of one log."""
     case = case_of(folder, table)
-    (evidence,) = case.logs
-    recording = replace(evidence.recording, cut=Cut(seconds=seconds))
-    return replace(case, logs=(replace(evidence, recording=recording),))
+    (log,) = case.logs
+    recording = replace(log.recording, cut=Cut(seconds=seconds))
+    return replace(case, logs=(replace(log, recording=recording),))
 
 
 @pytest.mark.parametrize("seconds", [(-inf, 8.0), (8.0, inf)])

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from check.conftest import Arm
-from steelyard.check.case_and_evidence import Case, Evidence
+from steelyard.check.case_and_checked_log import Case, CheckedLog
 from steelyard.check.finding import Finding, Severity
 from steelyard.check.signals.time_stamps import clock_check
 from steelyard.logs.log import Numbered
@@ -56,8 +56,8 @@ def of_rows(arm: Arm, text: str, rate: int) -> Finding:
     loaded = load_robot(arm.path)
     assert loaded.signals is not None
     log = Numbered(LogInMemory(Path("log"), arm.columns, arm.table))
-    evidence = Evidence(Recording(log, loaded.signals), Processing(), "log")
-    (finding,) = clock_check(Case(loaded, (evidence,), None))
+    checked = CheckedLog(Recording(log, loaded.signals), Processing(), "log")
+    (finding,) = clock_check(Case(loaded, (checked,), None))
     return finding
 
 

@@ -7,7 +7,7 @@ import pytest
 from typer.testing import CliRunner
 
 from steelyard.base.arrays import Array
-from steelyard.check.case_and_evidence import Case, Evidence
+from steelyard.check.case_and_checked_log import Case, CheckedLog
 from steelyard.check.decision.hypothesis_checks import EFFORT_KIND, EFFORT_SIGN, PAYLOAD
 from steelyard.check.diagnosis_and_contradictions import Diagnosis, examine
 from steelyard.check.finding import Finding, Severity
@@ -61,10 +61,10 @@ def examined(path: Path, tip: float, columns: tuple[str, ...], table: Array) -> 
     loaded = load_robot(path)
     sample = dict(zip(columns, table.T, strict=True))
     signals, _ = guess_signals(loaded.robot, columns, sample)
-    evidence = Evidence(
+    checked = CheckedLog(
         Recording(LogInMemory(Path("log"), columns, table), signals), Processing(), "log"
     )
-    return examine(Case(loaded, (evidence,), None), checks=CHECKED)
+    return examine(Case(loaded, (checked,), None), checks=CHECKED)
 
 
 def named(found: Diagnosis, check: str) -> Finding:

@@ -12,9 +12,9 @@ from check.fitted import log
 from short_arm import without_wrist
 from steelyard.base.arrays import Array
 from steelyard.base.progress import silent
-from steelyard.check.case_and_evidence import Case
+from steelyard.check.case_and_checked_log import Case
 from steelyard.check.check import CheckResult
-from steelyard.check.decision.decidable_questions_and_gear_signs import (
+from steelyard.check.decision.gear_signs_and_couplings import (
     missing_coupling,
     other_gears,
     transmission_check,

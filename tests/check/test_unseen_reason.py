@@ -24,9 +24,9 @@ from steelyard.simulate.truth import Truth, random_truth
 def found_in(
     arm, table: Array, fitted: tuple[str, ...] = (), unresolved: tuple[Finding, ...] = ()
 ) -> tuple[Finding, ...]:
-    evidence = arm.case(table).logs[0]
+    log = arm.case(table).logs[0]
     origin = replace(arm.reference.provenance, runs=fitted)
-    run, model = evidence.run, replace(arm.reference, provenance=origin)
+    run, model = log.run, replace(arm.reference, provenance=origin)
     scored = score(model.valued, run, model.signals.gains, model.cutoffs.score)
     return examine_fit(
         FittedCase(model, unseen=(run,), unseen_scores=(scored,), unresolved=unresolved)
@@ -143,8 +143,8 @@ def test_a_unit_is_a_reason(arm):
 
 def test_a_log_in_which_joints_rest_is_not_judged_by_their_friction(arm):
     """Efforts of joints at rest, and of logs without motion, lie anywhere in their dead zone."""
-    evidence = arm.case(arm.table).logs[0]
-    run, model = evidence.run, arm.reference
+    log = arm.case(arm.table).logs[0]
+    run, model = log.run, arm.reference
     plain = score(model.valued, run, model.signals.gains, model.cutoffs.score)
     stuck = [replace(joint, rmse=1e3 * joint.rmse) for joint in plain.joints]
     scored = replace(plain, joints=tuple(stuck))

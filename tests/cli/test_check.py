@@ -15,7 +15,7 @@ from browser import Tab, look
 from cli.conftest import Command
 from cli.mistakes import LOG, ROBOT
 from cli.river_files import edited
-from steelyard.check.case_and_evidence import Case
+from steelyard.check.case_and_checked_log import Case
 from steelyard.check.finding import Edit, Finding, Fix, Picture, Severity, Trace
 from steelyard.cli.argument_expansion import expanded
 from steelyard.robot.file.robot_file import load_robot

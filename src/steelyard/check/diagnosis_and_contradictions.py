@@ -9,8 +9,8 @@ import numpy as np
 
 from steelyard.base.arrays import Array
 from steelyard.base.progress import report_progress
-from steelyard.check.case_and_evidence import Case, CaseCheck, Evidence, case_check
-from steelyard.check.decision.decidable_questions_and_gear_signs import transmission_check
+from steelyard.check.case_and_checked_log import Case, CaseCheck, CheckedLog, case_check
+from steelyard.check.decision.gear_signs_and_couplings import transmission_check
 from steelyard.check.decision.hypothesis_checks import (
     EFFORT_DELAY,
     EFFORT_KIND,
@@ -27,27 +27,30 @@ from steelyard.check.decision.hypothesis_checks import (
 from steelyard.check.decision.judged_explanations import judge_log
 from steelyard.check.decision.zeros_and_quarter_turns import joint_zeros_check
 from steelyard.check.finding import Edit, Finding, Fix, Picture, Severity, Trace
+from steelyard.check.gear_side_and_rotors import gear_side_check
 from steelyard.check.hypotheses.nuisance_fit_and_score import LEAST_SAMPLE_COUNT
 from steelyard.check.hypotheses.readings_and_likelihood import Likelihood
-from steelyard.check.identifiability_and_gear_side import gear_side_check, identifiability_check
+from steelyard.check.identifiability import identifiability_check
 from steelyard.check.signals.corrupt_and_repeated_rows import (
     corrupt_rows_check,
     repeated_rows_check,
+)
+from steelyard.check.signals.measured_or_computed import (
+    computed_efforts_check,
+    measured_instead,
+    set_points_check,
 )
 from steelyard.check.signals.movement_rests_and_base import (
     excitation_check,
     moving_base_check,
     rests_check,
 )
-from steelyard.check.signals.noise_and_saturation import (
-    computed_efforts_check,
-    measured_instead,
-    noise_check,
+from steelyard.check.signals.noise_and_resolution import noise_check
+from steelyard.check.signals.position import position_check
+from steelyard.check.signals.saturation_and_unsigned_efforts import (
     saturation_check,
-    set_points_check,
     signed_efforts_check,
 )
-from steelyard.check.signals.position import position_check
 from steelyard.check.signals.time_stamps import clock_check, out_of_order
 from steelyard.check.signals.velocity_check import velocity_check
 
@@ -202,9 +205,9 @@ def friction_drift_check(case: Case) -> Iterable[Finding]:
     ]
 
 
-def _friction_level(case: Case, evidence: Evidence) -> tuple[Array, Array] | None:
+def _friction_level(case: Case, checked: CheckedLog) -> tuple[Array, Array] | None:
     """Friction at half of the speed [base unit], where it is reliable; `None` of a wrong log."""
-    decision = judge_log(case, evidence)
+    decision = judge_log(case, checked)
     if decision is None or decision.winners:
         return None
     log = with_unbounded_friction(decision.likelihood)
@@ -356,12 +359,12 @@ def _not_run(case: Case, findings: Sequence[Finding]) -> dict[str, str]:
     wrong = [f for f in findings if f.check in PREMISE_CHECKS and f.severity == Severity.WRONG]
     targets = [f for f in findings if f.check == set_points_check.name and f.severity]
     reasons = {}
-    for evidence in case.logs:
-        mine = [f for f in wrong if f.log in ("", evidence.name)]
-        if measured_instead(evidence):
-            mine += [f for f in targets if f.log == evidence.name]
+    for log in case.logs:
+        mine = [f for f in wrong if f.log in ("", log.name)]
+        if measured_instead(log):
+            mine += [f for f in targets if f.log == log.name]
         if mine:
             edits = all(f.fix is not None and f.fix.edits for f in mine)
             names = " and the ".join(dict.fromkeys(f.check for f in mine))
-            reasons[evidence.name] = NOT_RUN.format(names) + CORRECTED_BY_FIX * edits
+            reasons[log.name] = NOT_RUN.format(names) + CORRECTED_BY_FIX * edits
     return reasons

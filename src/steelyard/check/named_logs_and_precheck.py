@@ -9,7 +9,7 @@ from typing import Any
 
 from steelyard.base.errors import DataError, LogError, ModelError
 from steelyard.base.progress import Progress, report_progress
-from steelyard.check.case_and_evidence import Case, Evidence
+from steelyard.check.case_and_checked_log import Case, CheckedLog
 from steelyard.check.diagnosis_and_contradictions import Diagnosis, examine
 from steelyard.check.finding import Edit, Finding, Fix, Severity
 from steelyard.check.findings_text_and_page import by_edits, print_notes
@@ -101,7 +101,7 @@ def case_of(
 ) -> tuple[Case, tuple[Finding, ...]]:
     """The case, and a finding for every log that cannot be read."""
     signals, wanted = subject.signals, processing_of_robot(subject.loaded)
-    evidence: list[Evidence] = []
+    log: list[CheckedLog] = []
     unread: list[Finding] = []
     names = distinct_names(
         [(f"{f.path.stem}{parse_log_argument(f.text)[1].text}", f.path) for f in files]
@@ -109,27 +109,27 @@ def case_of(
     for number, (name, file) in enumerate(zip(names, files, strict=True)):
         report_progress(progress, "reading logs", number, len(files))
         try:
-            one = Evidence(recording_of(file, signals), wanted, name)
+            one = CheckedLog(recording_of(file, signals), wanted, name)
             _refuse_empty(one)
-            evidence.append(one)
+            log.append(one)
         except LogError as error:
             fix = Fix(error.fix)
             unread.append(Finding.wrong(error.wrong, error.where, fix=fix, log=name))
     guesses = {}
-    if signals.velocity is None and evidence:
-        guesses["velocity"] = velocities_beside(signals.position, evidence[0].log.columns)
-    case = Case(subject.loaded, tuple(evidence), reference, guesses, progress)
+    if signals.velocity is None and log:
+        guesses["velocity"] = velocities_beside(signals.position, log[0].log.columns)
+    case = Case(subject.loaded, tuple(log), reference, guesses, progress)
     return case, tuple(finding.by(READING_CHECK) for finding in unread)
 
 
-def _refuse_empty(evidence: Evidence) -> None:
+def _refuse_empty(log: CheckedLog) -> None:
     """Raise `LogError` where a log, or its window, has no rows."""
-    recording = evidence.recording
+    recording = log.recording
     start = recording.cut.seconds[0]
     late = isfinite(start) and 0.0 < time_span(recording)[0] < start
-    if late or (len(evidence.rows[0]) == 0 and recording.cut.text):
+    if late or (len(log.rows[0]) == 0 and recording.cut.text):
         raise no_row(recording)
-    if len(evidence.rows[0]) == 0:
+    if len(log.rows[0]) == 0:
         raise LogError("the log has no rows", where=recording.where, fix="record or copy it again")
 
 

@@ -9,7 +9,7 @@ from steelyard.base.arguments import checked
 from steelyard.base.progress import Progress, silent
 from steelyard.check.finding import Finding
 from steelyard.check.findings_text_and_page import finding_dict
-from steelyard.check.fitted.fitted_case_and_binding_constraints import FittedCase
+from steelyard.check.fitted.fitted_case_and_ranked_causes import FittedCase
 from steelyard.check.fitted.post_fit_checks import examine_fit, kept_doubts
 from steelyard.estimate.identified_model import IdentifiedModel, load_model
 from steelyard.estimate.scores.score import RunScore

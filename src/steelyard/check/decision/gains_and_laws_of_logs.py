@@ -18,13 +18,12 @@ from numpy.typing import NDArray
 
 from steelyard.base.arrays import Array
 from steelyard.base.errors import DataError, LogError, SteelyardError
-from steelyard.check.case_and_evidence import Case, Evidence
+from steelyard.check.case_and_checked_log import Case, CheckedLog, remembered
 from steelyard.check.finding import Edit, Finding, Fix, Severity
 from steelyard.check.hypotheses.log_excerpt import Excerpt, excerpt_of
 from steelyard.check.hypotheses.nuisance_fit_and_score import REST_SPEED
 from steelyard.check.hypotheses.readings_and_likelihood import Hypothesis
-from steelyard.check.identifiability_and_gear_side import clean_runs, customary_model
-from steelyard.check.signals.good_rows_and_derivatives import remembered
+from steelyard.check.identifiability import clean_runs, customary_model
 from steelyard.estimate.friction.friction_mixes import joint_motions, lacking, with_any_speed
 from steelyard.estimate.information.base_regressor import base_regressor
 from steelyard.estimate.information.gather import gather
@@ -82,9 +81,9 @@ def controller_gains(case: Case) -> ControllerGains | None:
     return gains_of_logs(case.logs, len(case.joints))
 
 
-def gains_of_logs(logs: Sequence[Evidence], joints: int) -> ControllerGains | None:
+def gains_of_logs(logs: Sequence[CheckedLog], joints: int) -> ControllerGains | None:
     """Gains from all logs that have both targets; `None` where none is known."""
-    found = [part for evidence in logs if (part := _target_rows(evidence)) is not None]
+    found = [part for log in logs if (part := _target_rows(log)) is not None]
     if not found:
         return None
     rows = [np.concatenate([own[j] for _, own in found], axis=1) for j in range(joints)]
@@ -93,12 +92,12 @@ def gains_of_logs(logs: Sequence[Evidence], joints: int) -> ControllerGains | No
     return gains if gains.known.any() else None
 
 
-def _target_rows(evidence: Evidence) -> tuple[tuple[str, str], list[Array]] | None:
+def _target_rows(log: CheckedLog) -> tuple[tuple[str, str], list[Array]] | None:
     """Names of both targets; per joint both, speed, acceleration, `(4, N)`; `None` without."""
-    recording, signals = evidence.recording, evidence.recording.signals
+    recording, signals = log.recording, log.recording.signals
     if set(signals.effort_units) != {"A"} or signals.effort_map is not None:
         return None
-    named = [Column(name) for name in evidence.log.columns]
+    named = [Column(name) for name in log.log.columns]
     targets = [column for column in named if TARGET_WORDS & set(column.words)]
     groups = [
         by_number(signals.n, [c for c in targets if words & set(c.words)])
@@ -108,7 +107,7 @@ def _target_rows(evidence: Evidence) -> tuple[tuple[str, str], list[Array]] | No
         return None
     columns = [tuple(column.name for column in group[0]) for group in groups]
     read = [replace(signals, effort=names, effort_scale=np.ones(signals.n)) for names in columns]
-    same_rows = replace(evidence.processing, leave_out_saturated=False)  # all rows of both
+    same_rows = replace(log.processing, leave_out_saturated=False)  # all rows of both
     torque, current = (excerpt_of(replace(recording, signals=one), same_rows) for one in read)
     if torque is None or current is None:
         return None
@@ -358,10 +357,10 @@ def known_from_logs(
     if guess.motor_side and gears is None:
         return Known(friction="the gear ratios are unknown")
     signals = _signals(guess, moving, gears)
-    evidence = [Evidence(recording_of(log, signals), Processing(), log.text) for log in logs]
-    excerpts = [x for e in evidence if (x := excerpt_of(e.recording, e.processing)) is not None]
+    checked = [CheckedLog(recording_of(log, signals), Processing(), log.text) for log in logs]
+    excerpts = [x for e in checked if (x := excerpt_of(e.recording, e.processing)) is not None]
     auto, friction = _friction(excerpts, signals, moving)
-    found = gains_of_logs(evidence, len(moving)) if needs_gains(guess) else None
+    found = gains_of_logs(checked, len(moving)) if needs_gains(guess) else None
     if found is None:
         reference = _heaviest(loaded, moving, excerpts, signals) if needs_gains(guess) else 0
         return Known(reference=reference, auto=auto, friction=friction)

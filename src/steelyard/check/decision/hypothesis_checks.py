@@ -6,13 +6,7 @@ from functools import partial
 
 import numpy as np
 
-from steelyard.check.case_and_evidence import Case, Evidence
-from steelyard.check.decision.decidable_questions_and_gear_signs import (
-    misfit_hides,
-    undecided,
-    zero_bounds,
-)
-from steelyard.check.decision.explanations import least_mass
+from steelyard.check.case_and_checked_log import Case, CheckedLog, remembered
 from steelyard.check.decision.gains_and_laws_of_logs import (
     gains_left,
     gains_of_controller,
@@ -26,7 +20,13 @@ from steelyard.check.decision.judged_explanations import (
 )
 from steelyard.check.decision.ranked_readings import HOPELESS_MISFIT, Judged, LogVerdict
 from steelyard.check.decision.robot_file_edits import confirmed, edits_of, velocity_edits
+from steelyard.check.decision.search_of_readings import least_mass
 from steelyard.check.decision.thresholds import LIKELY, SURE
+from steelyard.check.decision.undecided_questions import (
+    misfit_hides,
+    undecided,
+    zero_bounds,
+)
 from steelyard.check.decision.zeros_and_quarter_turns import quarter_turns
 from steelyard.check.finding import ComparedHypothesis, Edit, Finding, Fix, Picture, Severity, Trace
 from steelyard.check.hypotheses.friction_signs_and_delay import (
@@ -36,7 +36,6 @@ from steelyard.check.hypotheses.friction_signs_and_delay import (
 )
 from steelyard.check.hypotheses.position_hypotheses import ZERO_CAUSE
 from steelyard.check.hypotheses.readings_and_likelihood import Hypothesis
-from steelyard.check.signals.good_rows_and_derivatives import remembered
 
 EMPTY_MISFIT = 0.5  # typical misfit of a reading that predicts next to nothing
 SHOWN_HYPOTHESES = 6  # hypotheses that are shown
@@ -58,7 +57,7 @@ UNKNOWN_BODIES = "undecided: the robot's model gives no masses; give --model"
 
 
 @remembered
-def edits(case: Case, evidence: Evidence) -> tuple[Edit, ...]:
+def edits(case: Case, evidence: CheckedLog) -> tuple[Edit, ...]:
     """All edits that correct the robot file for one log; none if they do not do so together."""
     decision = judge_log(case, evidence)
     if decision is None or not decision.written:
@@ -102,7 +101,7 @@ class HypothesisCheck:
             )
         return tuple(finding.by(self.name) for finding in self.completed(case, found))
 
-    def _of_log(self, case: Case, evidence: Evidence, decision: LogVerdict) -> Finding:
+    def _of_log(self, case: Case, evidence: CheckedLog, decision: LogVerdict) -> Finding:
         mine = [(number, w) for number, w in enumerate(decision.winners) if w[0].cause == self.name]
         if not mine:
             return self._without_fault(decision)
@@ -162,7 +161,7 @@ class HypothesisCheck:
         )
 
     def _fix(
-        self, case: Case, evidence: Evidence, decision: LogVerdict, judged: Judged
+        self, case: Case, evidence: CheckedLog, decision: LogVerdict, judged: Judged
     ) -> tuple[Fix | None, Severity]:
         """The advice with its edits, which the first finding of a log has for the velocities."""
         hypothesis, severity = judged
@@ -256,7 +255,7 @@ def _unclear(decision: LogVerdict, clear: str) -> str:
     )
 
 
-def _winners(case: Case) -> list[tuple[Evidence, LogVerdict, Judged]]:
+def _winners(case: Case) -> list[tuple[CheckedLog, LogVerdict, Judged]]:
     judged = [(log, judge_log(case, log)) for log in case.logs]
     return [(log, decision, w) for log, decision in judged if decision for w in decision.winners]
 

@@ -12,16 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from steelyard.check.case_and_evidence import Case, Evidence
-from steelyard.check.decision.explanations import (
-    FACTOR_CAUSES,
-    Explanation,
-    Search,
-    alike,
-    least_mass,
-    mirror,
-    undone,
-)
+from steelyard.check.case_and_checked_log import Case, CheckedLog, remembered
 from steelyard.check.decision.gains_and_laws_of_logs import LARGEST_GEAR_RATIO, LEAST_GEAR_RATIO
 from steelyard.check.decision.ranked_readings import (
     Judged,
@@ -30,6 +21,15 @@ from steelyard.check.decision.ranked_readings import (
     has_bad_joint,
     mirrors,
     ranking,
+)
+from steelyard.check.decision.search_of_readings import (
+    FACTOR_CAUSES,
+    Explanation,
+    Search,
+    alike,
+    least_mass,
+    mirror,
+    undone,
 )
 from steelyard.check.decision.thresholds import (
     DELAY_ROWS,
@@ -57,7 +57,6 @@ from steelyard.check.hypotheses.readings_and_likelihood import (
     Hypothesis,
     Reading,
 )
-from steelyard.check.signals.good_rows_and_derivatives import remembered
 from steelyard.estimate.payload.payload_frame import carrier
 
 STRIKING, CLEAN = 200.0, 12.0
@@ -69,7 +68,7 @@ BOTH_MIRRORS_FIT = ": both fit with free link inertias, and this log cannot dist
 
 
 @remembered
-def judge_log(case: Case, evidence: Evidence) -> LogVerdict | None:
+def judge_log(case: Case, evidence: CheckedLog) -> LogVerdict | None:
     """What holds of a log; `None` if it cannot be tried."""
     found = ranking(case, evidence)
     if found is None:
@@ -132,7 +131,7 @@ def _late(before: Reading, hypothesis: Hypothesis) -> bool:
     return all(reading.score.sharp - other.sharp > LATE_MARGIN for other in others)
 
 
-def positions_at_fault(case: Case, evidence: Evidence) -> bool:
+def positions_at_fault(case: Case, evidence: CheckedLog) -> bool:
     """Whether it is sure that positions, not velocities, have another order or sign."""
     decision = judge_log(case, evidence)
     if decision is None:

@@ -7,8 +7,8 @@ import numpy as np
 
 from steelyard.base.arrays import Array
 from steelyard.base.progress import report_progress
-from steelyard.check.case_and_evidence import Case, Evidence
-from steelyard.check.decision.explanations import Search
+from steelyard.check.case_and_checked_log import Case, CheckedLog, remembered
+from steelyard.check.decision.search_of_readings import Search
 from steelyard.check.finding import Severity
 from steelyard.check.hypotheses.effort_hypotheses import (
     PERCENT,
@@ -32,7 +32,6 @@ from steelyard.check.hypotheses.readings_and_likelihood import (
     Reading,
     likelihood_of,
 )
-from steelyard.check.signals.good_rows_and_derivatives import remembered
 from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.robot.file.signals import Signals
 
@@ -86,7 +85,7 @@ class LogVerdict:
 
 
 @remembered
-def ranking(case: Case, evidence: Evidence) -> LogVerdict | None:
+def ranking(case: Case, evidence: CheckedLog) -> LogVerdict | None:
     """Explanations, not judged yet; `None` without motion, or if the robot is unknown."""
     signals, knowledge = evidence.recording.signals, case.knowledge
     if knowledge is None:

@@ -14,7 +14,7 @@ import numpy as np
 
 from steelyard.base.arrays import Z95, Array
 from steelyard.base.errors import SteelyardError
-from steelyard.check.case_and_evidence import Case, Evidence
+from steelyard.check.case_and_checked_log import Case, CheckedLog
 from steelyard.check.decision.ranked_readings import LogVerdict
 from steelyard.check.finding import Edit
 from steelyard.check.hypotheses.effort_hypotheses import PERCENT
@@ -156,18 +156,18 @@ def file_gains(likelihood: Likelihood, loaded: LoadedRobot) -> Array:
 SAME_VELOCITY_CORRELATION = 0.8  # correlation from which on a velocity belongs to a position
 
 
-def velocity_edits(evidence: Evidence, reading: Reading) -> tuple[Edit, ...]:
+def velocity_edits(log: CheckedLog, reading: Reading) -> tuple[Edit, ...]:
     """What declared velocities need beside positions of a reading; nothing without any."""
-    before, s = reading.likelihood.declared, evidence.recording.signals
+    before, s = reading.likelihood.declared, log.recording.signals
     turned = not np.array_equal(np.sign(reading.position_scale), np.sign(before.position_scale))
-    logged = evidence.samples.dq
+    logged = log.samples.dq
     if not (turned or reading.position != before.position):
         return ()
     if s.velocity is None or logged is None or s.velocity_scale is None:
         return ()
     from scipy.optimize import linear_sum_assignment
 
-    table = _velocity_correlations(evidence.samples.t, logged, reading)
+    table = _velocity_correlations(log.samples.t, logged, reading)
     n, own_place = len(table), np.arange(len(table))
     order = linear_sum_assignment(-np.abs(table) - 1e-6 * np.eye(n))[1]
     correlated = np.abs(table[own_place, order]) >= SAME_VELOCITY_CORRELATION
@@ -202,7 +202,7 @@ CLOSE_MISFIT_FACTOR = 1.05  # misfit over the winner's up to which edits do what
 ROUNDING_SLACK = 0.5  # and what rounding may add [%]
 
 
-def confirmed(case: Case, evidence: Evidence, edits: Sequence[Edit], decision: LogVerdict) -> bool:
+def confirmed(case: Case, log: CheckedLog, edits: Sequence[Edit], decision: LogVerdict) -> bool:
     """Whether the edited robot file, if there is one, reads the log as the last winner does."""
     from steelyard.robot.file.robot_file import load_robot, robot_text
     from steelyard.robot.file.toml_edits import edited
@@ -222,8 +222,8 @@ def confirmed(case: Case, evidence: Evidence, edits: Sequence[Edit], decision: L
     signals, likelihood, last = corrected.signals, decision.likelihood, decision.written[-1]
     if signals is None:
         return False
-    recording = replace(evidence.recording, signals=signals)
-    excerpt = excerpt_of(recording, evidence.processing, likelihood.excerpt.cutoff)
+    recording = replace(log.recording, signals=signals)
+    excerpt = excerpt_of(recording, log.processing, likelihood.excerpt.cutoff)
     if excerpt is None:
         return False
     unknown = np.array(signals.unknown_gains or [False] * signals.n)

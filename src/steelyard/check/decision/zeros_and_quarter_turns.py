@@ -22,14 +22,14 @@ from numpy.typing import NDArray
 
 from steelyard.base.arrays import Z95, Array
 from steelyard.base.errors import DataError, SteelyardError
-from steelyard.check.case_and_evidence import Case, Evidence, case_check
-from steelyard.check.decision.decidable_questions_and_gear_signs import UNKNOWN_GAINS
+from steelyard.check.case_and_checked_log import Case, CheckedLog, case_check
 from steelyard.check.decision.judged_explanations import CLEAN, STRIKING, judge_log
 from steelyard.check.decision.ranked_readings import DECISIVE_GAIN
 from steelyard.check.decision.robot_file_edits import zero_edits
+from steelyard.check.decision.undecided_questions import UNKNOWN_GAINS
 from steelyard.check.finding import ComparedHypothesis, Edit, Finding, Fix
 from steelyard.check.fitted.causes_of_residuals import WORTH_A_SEARCH, LeftOutGain, left_out_logs
-from steelyard.check.fitted.fitted_case_and_binding_constraints import (
+from steelyard.check.fitted.fitted_case_and_ranked_causes import (
     RankedCauses,
     can_be_ranked,
     first_parts_of_runs,
@@ -42,7 +42,7 @@ from steelyard.check.hypotheses.position_hypotheses import (
     zeros_without_effect,
 )
 from steelyard.check.hypotheses.readings_and_likelihood import Reading
-from steelyard.check.identifiability_and_gear_side import clean_runs, customary_model
+from steelyard.check.identifiability import clean_runs, customary_model
 from steelyard.estimate.information.base_regressor import Regressor, base_parameters, base_regressor
 from steelyard.estimate.least_squares.weighted_and_robust import WeightedLeastSquares
 from steelyard.estimate.nonlinear.nonlinear_parameters import (
@@ -280,12 +280,12 @@ def quarter_turns(case: Case) -> Iterator[Finding]:
     turns = [
         x for joints in (1, 2) for x in _quarter_turns_of(_turning_joints(known.robot), joints)
     ]
-    for evidence in case.logs:
-        decision = judge_log(case, evidence)
+    for log in case.logs:
+        decision = judge_log(case, log)
         if decision is None or decision.of_other_check or decision.winners or not turns:
             continue
-        if not any(evidence.recording.signals.unknown_offsets):
-            yield from _quarter_turn_found(case, evidence, decision.last.reading, turns)
+        if not any(log.recording.signals.unknown_offsets):
+            yield from _quarter_turn_found(case, log, decision.last.reading, turns)
 
 
 def turned_joints(findings: Sequence[Finding]) -> tuple[Finding, ...]:
@@ -295,7 +295,7 @@ def turned_joints(findings: Sequence[Finding]) -> tuple[Finding, ...]:
 
 
 def _quarter_turn_found(
-    case: Case, evidence: Evidence, now: Reading, turns: Sequence[TurnedJoints]
+    case: Case, log: CheckedLog, now: Reading, turns: Sequence[TurnedJoints]
 ) -> Iterator[Finding]:
     tried = {x: reduce(lambda reading, one: reading.with_zero(*one), x, now) for x in turns}
     # turns that fit about as well as any, the best first; none with a joint more than it needs
@@ -331,5 +331,5 @@ def _quarter_turn_found(
             ComparedHypothesis("as declared", before, -rise, declared=True),
         ),
         nominal=True,
-        log=evidence.name,
+        log=log.name,
     )

@@ -18,12 +18,9 @@ import numpy as np
 from steelyard.base.arrays import Z95, Array
 from steelyard.base.errors import ModelError, SteelyardError
 from steelyard.check.finding import Finding, Fix
-from steelyard.check.fitted.disagreeing_runs_and_passing_force import (
-    FINE_WINDOW,
-    PassingForce,
-    passing_force,
-)
-from steelyard.check.fitted.fitted_case_and_binding_constraints import FittedCase, post_fit_check
+from steelyard.check.fitted.disagreeing_runs_and_heavy_last_link import FINE_WINDOW
+from steelyard.check.fitted.fitted_case_and_ranked_causes import FittedCase, post_fit_check
+from steelyard.check.fitted.passing_force import PassingForce, passing_force
 from steelyard.check.hypotheses.friction_signs_and_delay import whitened_columns
 from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.estimate.information.base_regressor import BaseMap, base_regressor

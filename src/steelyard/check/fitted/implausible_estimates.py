@@ -16,7 +16,7 @@ import numpy as np
 from steelyard.base.arrays import Z95, Array
 from steelyard.base.errors import DataError
 from steelyard.check.finding import Finding, Fix, Severity
-from steelyard.check.fitted.fitted_case_and_binding_constraints import FittedCase, post_fit_check
+from steelyard.check.fitted.fitted_case_and_ranked_causes import FittedCase, post_fit_check
 from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.model.laws.friction_over_speed import Coulomb, Viscous
 from steelyard.model.laws.friction_with_memory import PLAUSIBLE, LoadDependent

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.base.arrays import Array
-from steelyard.check.case_and_evidence import Case, Evidence
+from steelyard.check.case_and_checked_log import Case, CheckedLog
 from steelyard.check.decision.judged_explanations import judge_log
 from steelyard.check.decision.ranked_readings import LogVerdict
 from steelyard.check.decision.robot_file_edits import zero_edits
@@ -25,7 +25,7 @@ from steelyard.check.decision.zeros_and_quarter_turns import (
 from steelyard.check.diagnosis_and_contradictions import with_unbounded_friction
 from steelyard.check.finding import Finding, Fix, Severity
 from steelyard.check.fitted.causes_of_residuals import Cause, LeftOutGain
-from steelyard.check.fitted.fitted_case_and_binding_constraints import (
+from steelyard.check.fitted.fitted_case_and_ranked_causes import (
     FittedCase,
     RankedCauses,
     largest_residual,
@@ -288,9 +288,9 @@ def _reason(fit: FittedCase, run: Run, score: RunScore, ratio: float) -> Finding
     processing = replace(
         identified.processing, motion_cutoff=cutoffs.motion, matched_cutoff=cutoffs.matched
     )
-    evidence = Evidence(run.recording, processing, run.name)
+    log = CheckedLog(run.recording, processing, run.name)
     loaded = LoadedRobot(identified.model.robot, (), identified.signals)
-    decision = judge_log(Case(loaded, (evidence,), identified), evidence)
+    decision = judge_log(Case(loaded, (log,), identified), log)
     # geometric mean over joints that move of their relative error [%]: a misfit of `check`
     errors = np.array([joint.relative_percent_moving or 0.0 for joint in score.joints])
     typical = float(np.exp(np.mean(np.log(np.maximum(errors[_moving(score)], 1e-4)))))

@@ -12,11 +12,11 @@ from steelyard.base.arrays import Z95
 from steelyard.base.progress import Progress, report_progress, silent
 from steelyard.check.finding import Finding, Fix, Severity, percent_of
 from steelyard.check.fitted.changes_within_run import change_in_run_check
-from steelyard.check.fitted.disagreeing_runs_and_passing_force import (
+from steelyard.check.fitted.disagreeing_runs_and_heavy_last_link import (
     last_link_check,
     runs_disagree_check,
 )
-from steelyard.check.fitted.fitted_case_and_binding_constraints import (
+from steelyard.check.fitted.fitted_case_and_ranked_causes import (
     FittedCase,
     PostFitCheck,
     post_fit_check,
@@ -30,7 +30,12 @@ from steelyard.check.fitted.incomplete_model_and_unseen_error import (
     model_error_check,
     unseen_reason_check,
 )
-from steelyard.check.identifiability_and_gear_side import below_nominal_check, rotors_at_zero_check
+from steelyard.check.gear_side_and_rotors import (
+    LINK_SIDE_INSTEAD,
+    SEPARABLE_ROTORS,
+    rotors_at_zero,
+    rotors_at_zero_check,
+)
 from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.estimate.scores.effort_errors import PROMISED
 from steelyard.model.laws.friction_with_memory import LoadDependent
@@ -220,6 +225,44 @@ def doubts_of_fit(findings: Iterable[Finding], unseen: Sequence[str]) -> list[di
         for one in findings
         if one.severity and one.check not in OF_A_LOG and one.log not in unseen
     ]
+
+
+WORSE_THAN_NOMINAL = 1.2  # RMSE over the nominal model's from which on a joint is named
+LOADED_JOINT_SHARE = 0.25  # RMS effort over the largest of its unit of a joint with load
+
+
+@post_fit_check("nominal model")
+def below_nominal_check(case: FittedCase) -> Iterable[Finding]:
+    """Joints with load that the nominal model predicts better, in unseen runs if there are any."""
+    identified = case.identified
+    zero, every = rotors_at_zero(identified.estimate, identified.signals.effort_kind)
+    fix = Fix("Review the terms, and the check of this joint's effort")
+    if zero:
+        fix = Fix(
+            f"{len(zero)} of {every} {SEPARABLE_ROTORS} are zero: torques may be those of sensors "
+            f"on the link side; try {LINK_SIDE_INSTEAD} first"
+        )
+    for score in case.unseen_scores or case.fitted_scores:
+        most: dict[str, float] = {}
+        for joint in score.joints:
+            most[joint.unit] = max(most.get(joint.unit, 0.0), joint.predict_zero)
+        worse = {
+            j.joint: f"{j.joint} (RMSE {j.rmse:.2g} {j.unit}, nominal model {j.prior_rmse:.2g})"
+            for j in score.joints
+            if j.prior_rmse is not None
+            and j.predict_zero >= LOADED_JOINT_SHARE * most[j.unit]
+            and j.rmse > WORSE_THAN_NOMINAL * j.prior_rmse
+        }
+        if worse:
+            words = ", ".join(worse.values())
+            yield Finding.doubtful(
+                f"larger prediction error than the nominal model of the robot file: {words}",
+                "",
+                tuple(worse),
+                fix,
+                brief=f"worse than the nominal model: {words}. {fix.says}",
+                log=score.run,
+            )
 
 
 def kept_doubts(identified: IdentifiedModel) -> tuple[Finding, ...]:

@@ -22,11 +22,11 @@ import numpy as np
 
 from steelyard.base.arrays import Array
 from steelyard.base.errors import SteelyardError
-from steelyard.check.case_and_evidence import Case, Evidence
+from steelyard.check.case_and_checked_log import Case, CheckedLog
 from steelyard.check.finding import Edit, Finding, Fix
 from steelyard.check.hypotheses.nuisance_fit_and_score import LikelihoodScore
 from steelyard.check.hypotheses.readings_and_likelihood import Reading
-from steelyard.check.identifiability_and_gear_side import clean_runs, customary_model, longest_run
+from steelyard.check.identifiability import clean_runs, customary_model, longest_run
 from steelyard.estimate.information.base_regressor import Regressor, base_regressor
 from steelyard.estimate.information.gather import gather
 from steelyard.estimate.information.information import Information
@@ -100,16 +100,16 @@ class RowFriction:
 def friction_signs(case: Case) -> tuple[Finding, ...]:
     """One finding per log whose friction drives joints; none where it takes energy, or is small."""
     found = []
-    for evidence in case.logs:
-        mapped = evidence.recording.signals.effort_map is not None
-        drives = {} if mapped else friction_of_rows(case, evidence)
+    for log in case.logs:
+        mapped = log.recording.signals.effort_map is not None
+        drives = {} if mapped else friction_of_rows(case, log)
         if any(d.drives for d in drives.values()):
-            found.append(replace(_friction_sign(case, evidence, drives), log=evidence.name))
+            found.append(replace(_friction_sign(case, log, drives), log=log.name))
     return tuple(found)
 
 
-def _friction_sign(case: Case, evidence: Evidence, drives: dict[str, RowFriction]) -> Finding:
-    signals, driven = evidence.recording.signals, [j for j, d in drives.items() if d.drives]
+def _friction_sign(case: Case, log: CheckedLog, drives: dict[str, RowFriction]) -> Finding:
+    signals, driven = log.recording.signals, [j for j, d in drives.items() if d.drives]
     braked = [j for j, d in drives.items() if d.brakes]
     worst = min((drives[j] for j in driven), key=lambda d: d.size)
     figure = (
@@ -137,16 +137,16 @@ def _friction_sign(case: Case, evidence: Evidence, drives: dict[str, RowFriction
     return Finding.doubtful(says, figure, tuple(driven), fix)
 
 
-def friction_of_rows(case: Case, evidence: Evidence) -> dict[str, RowFriction]:
+def friction_of_rows(case: Case, log: CheckedLog) -> dict[str, RowFriction]:
     """What friction does in every joint that a log shows; none where it cannot be fitted."""
     try:
-        runs = clean_runs(Case(case.loaded, (evidence,)))
+        runs = clean_runs(Case(case.loaded, (log,)))
         if not runs:
             return {}
         information = gather(base_regressor(customary_model(case)), runs[0])
     except (SteelyardError, TypeError):
         return {}
-    signs = np.sign(evidence.recording.signals.gains).tolist()
+    signs = np.sign(log.recording.signals.gains).tolist()
     found = {
         joint: _friction_of_row(information, row, joint, signs[row])
         for row, joint in enumerate(case.joints)
@@ -239,7 +239,7 @@ def residual_delay(case: Case) -> Finding | None:
         longest = longest_run(case)
         if longest is None or len(longest[1].segments) > 1:
             return None
-        evidence, run = longest
+        log, run = longest
         model = customary_model(case)
         regressor = base_regressor(model)
         found = delays_of(regressor, run)
@@ -252,7 +252,7 @@ def residual_delay(case: Case) -> Finding | None:
             return None
     except (SteelyardError, TypeError):
         return None
-    return _delay_finding(evidence, found)
+    return _delay_finding(log, found)
 
 
 def by_presliding(model: Model, regressor: Regressor, run: Run) -> float:
@@ -266,13 +266,13 @@ def by_presliding(model: Model, regressor: Regressor, run: Run) -> float:
     return 1.0 - typical
 
 
-def _delay_finding(evidence: Evidence, found: RowDelays) -> Finding:
+def _delay_finding(log: CheckedLog, found: RowDelays) -> Finding:
     ms = 1e3 * found.delay
-    whole = evidence.recording.signals.effort_delay + found.delay
+    whole = log.recording.signals.effort_delay + found.delay
     way = "late" if ms > 0.0 else "early"
     return Finding.wrong(
         f"efforts are {abs(ms):.3g} ms {way} (± {2e3 * found.std:.1g}): the residuals of a fit of "
-        f"{evidence.name} indicate this delay in all {found.rows} joints",
+        f"{log.name} indicate this delay in all {found.rows} joints",
         f"a delay explains {100.0 * found.gone:.0f} % of the squared residual (at least "
         f"{100.0 * EXPLAINED_BY_DELAY:.0f} % required), joints differ by "
         f"{100.0 * found.scatter:.1g} % (at most {100.0 * SAME_DELAY_SCATTER:.0f} % allowed)",

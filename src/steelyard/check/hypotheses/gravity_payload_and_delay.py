@@ -11,7 +11,7 @@ from copy import copy
 import numpy as np
 
 from steelyard.base.arrays import Array
-from steelyard.check.hypotheses.evidence import rows_of
+from steelyard.check.hypotheses.marginal_likelihood import rows_of
 from steelyard.check.hypotheses.nuisance_fit_and_score import (
     MISFIT_FLOOR,
     SHARP_DELAY_FLOOR,

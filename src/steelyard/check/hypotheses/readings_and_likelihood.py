@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.base.arrays import Array
-from steelyard.check.case_and_evidence import Knowledge
+from steelyard.check.case_and_checked_log import Knowledge
 from steelyard.check.hypotheses.log_excerpt import Excerpt
 from steelyard.check.hypotheses.nuisance_fit_and_score import (
     COORDINATE_SWEEPS,

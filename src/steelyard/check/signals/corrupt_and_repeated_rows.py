@@ -8,15 +8,15 @@ from numpy.typing import NDArray
 
 from steelyard.base.arrays import Array
 from steelyard.base.errors import LogError
-from steelyard.check.case_and_evidence import Case, Evidence, case_check, log_check
+from steelyard.check.case_and_checked_log import Case, CheckedLog, case_check, log_check
 from steelyard.check.finding import Edit, Finding, Fix, Picture, Severity, Trace, percent_of
-from steelyard.check.signals.good_rows_and_derivatives import (
+from steelyard.check.signals.motion_units import unit_reading
+from steelyard.check.signals.signal_overview_and_slopes import (
     JUMP_FACTOR,
     JUMP_ROWS,
     SignalOverview,
     signal_overview,
 )
-from steelyard.check.signals.motion_units import unit_reading
 from steelyard.check.signals.time_stamps import clock_is_irregular
 from steelyard.runs.rows.faulty_row_detectors import LONGEST_STALE, RowVerdict
 from steelyard.runs.rows.frozen_encoders_and_dead_efforts import MOVED
@@ -29,12 +29,12 @@ BROKEN_VERDICTS = (RowVerdict.UNREADABLE, RowVerdict.ABSURD, RowVerdict.JUMP)
 
 
 @log_check("rows", "Are rows corrupt?")
-def corrupt_rows_check(case: Case, evidence: Evidence) -> Finding:
+def corrupt_rows_check(case: Case, log: CheckedLog) -> Finding:
     """Cells that are missing, no numbers, or garbage; and why a log cannot be made a run."""
-    broken = signal_overview(case, evidence).broken
+    broken = signal_overview(case, log).broken
     count, total = int(broken.sum()), len(broken)
-    if isinstance(evidence.run, Run) and evidence.run.quality.rows > total:  # beyond the excerpt
-        dropped, total = evidence.run.quality.dropped, evidence.run.quality.rows
+    if isinstance(log.run, Run) and log.run.quality.rows > total:  # beyond the excerpt
+        dropped, total = log.run.quality.dropped, log.run.quality.rows
         count = sum(dropped.get(verdict.reason, 0) for verdict in BROKEN_VERDICTS)
     share = count / max(total, 1)
     severity = Severity.DOUBTFUL if share > DOUBTFUL_BROKEN_SHARE else Severity.OK
@@ -42,13 +42,13 @@ def corrupt_rows_check(case: Case, evidence: Evidence) -> Finding:
         severity = Severity.WRONG
     fix = Fix("record or copy the log again") if severity else None
     says = f"{count} corrupt rows{_where_corrupt(broken)}, dropped" if count else "no corrupt rows"
-    if isinstance(evidence.run, LogError):
-        says += f"; as declared, the log cannot be used: {evidence.run.wrong}"
+    if isinstance(log.run, LogError):
+        says += f"; as declared, the log cannot be used: {log.run.wrong}"
         # neither units, nor the clock, nor a motion that is missing explain it
-        explained = unit_reading(case, evidence).cheaper or clock_is_irregular(case, evidence)
-        if not explained and signal_overview(case, evidence).moves:
-            severity, fix = Severity.WRONG, Fix(evidence.run.fix)
-    if not severity and (false := _false_positions(case, evidence)) is not None:
+        explained = unit_reading(case, log).cheaper or clock_is_irregular(case, log)
+        if not explained and signal_overview(case, log).moves:
+            severity, fix = Severity.WRONG, Fix(log.run.fix)
+    if not severity and (false := _false_positions(case, log)) is not None:
         return false
     picture = None
     if broken.any():
@@ -88,10 +88,10 @@ MOST_FROZEN = 0.5  # share of the rows in which encoders are frozen, from which 
 MOST_NAMED_STRETCHES = 5  # stretches and jumps of a log that are named
 
 
-def _false_positions(case: Case, evidence: Evidence) -> Finding | None:
+def _false_positions(case: Case, log: CheckedLog) -> Finding | None:
     """Rows lost where all moving joints jump at once, encoders that froze, and other jumps."""
-    overview = signal_overview(case, evidence)
-    row_of = np.flatnonzero(overview.kept) + evidence.window[0]
+    overview = signal_overview(case, log)
+    row_of = np.flatnonzero(overview.kept) + log.window[0]
     t, moving = overview.t - overview.t[:1], int(np.sum(np.ptp(overview.q, axis=0) > MOVED))
     found = [
         (
@@ -210,19 +210,19 @@ def repeated_rows_check(case: Case) -> Iterable[Finding]:
 
     One finding per log that moves fast enough, another where efforts are held.
     """
-    for evidence in case.logs:
-        for found in _repeats(evidence, signal_overview(case, evidence)):
-            yield replace(found, log=evidence.name)
+    for log in case.logs:
+        for found in _repeats(log, signal_overview(case, log)):
+            yield replace(found, log=log.name)
 
 
-def _repeats(evidence: Evidence, overview: SignalOverview) -> Iterable[Finding]:
+def _repeats(log: CheckedLog, overview: SignalOverview) -> Iterable[Finding]:
     if len(overview.t) <= 2 * REPEAT_SPAN:
         return
     c = overview.channels
     positions = zero_order_hold(overview.q, overview.resolution[c.q])
     efforts = zero_order_hold(overview.effort, overview.resolution[c.effort])
     rows = np.ones(len(overview.t), dtype=np.bool_)
-    if evidence.processing.bridge_repeats and 0 < positions.every - 1 <= LONGEST_STALE:
+    if log.processing.bridge_repeats and 0 < positions.every - 1 <= LONGEST_STALE:
         rows[1:] = (overview.q[1:] != overview.q[:-1]).any(axis=1)
     age = _mean_age(overview.q, positions, rows) * overview.step
     late = _mean_age(overview.effort, efforts, rows) * overview.step - age
@@ -231,7 +231,7 @@ def _repeats(evidence: Evidence, overview: SignalOverview) -> Iterable[Finding]:
     elif (irregular := _irregular(overview)) is not None:
         yield irregular
     if efforts.every > 1:
-        stated = evidence.recording.signals.effort_delay
+        stated = log.recording.signals.effort_delay
         yield _held_efforts(stated, overview, efforts, round(late, 5) + 0.0)
 
 

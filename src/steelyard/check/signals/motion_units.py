@@ -16,11 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.base.arrays import Array
-from steelyard.check.case_and_evidence import Case, Evidence
-from steelyard.check.signals.good_rows_and_derivatives import (
+from steelyard.check.case_and_checked_log import Case, CheckedLog, remembered
+from steelyard.check.signals.signal_overview_and_slopes import (
     PositionSlopes,
     position_slopes,
-    remembered,
     signal_overview,
 )
 from steelyard.check.signals.velocity_against_derivative import (
@@ -195,19 +194,19 @@ class UnitReading:
         return scale * np.array([j.velocity_scale / j.position_scale for j in self.joints])
 
 
-def logged_velocities(case: Case, evidence: Evidence) -> tuple[tuple[str, ...], Array] | None:
+def logged_velocities(case: Case, checked: CheckedLog) -> tuple[tuple[str, ...], Array] | None:
     """Columns and values of logged velocities, shape `(N, n)`, in the good rows.
 
     Declared ones are in SI units as declared, others as logged. `None` if there are none.
     """
-    overview, signals = signal_overview(case, evidence), evidence.recording.signals
+    overview, signals = signal_overview(case, checked), checked.recording.signals
     if overview.dq is not None and signals.velocity is not None:
         return signals.velocity, overview.dq
     columns = case.guesses.get("velocity", ())
-    usable = len(columns) == signals.n and set(evidence.log.columns).issuperset(columns)
+    usable = len(columns) == signals.n and set(checked.log.columns).issuperset(columns)
     if not usable or signals.position_map is not None:
         return None
-    parts = list(evidence.log.parts(columns, evidence.window))
+    parts = list(checked.log.parts(columns, checked.window))
     if not parts:
         return None
     values = np.concatenate(parts)[overview.kept]
@@ -229,16 +228,16 @@ def unit_value(
 
 
 @remembered
-def unit_reading(case: Case, evidence: Evidence) -> UnitReading:
+def unit_reading(case: Case, checked: CheckedLog) -> UnitReading:
     """The cheapest reading of a log."""
-    overview, signals = signal_overview(case, evidence), evidence.recording.signals
-    logged = logged_velocities(case, evidence)
+    overview, signals = signal_overview(case, checked), checked.recording.signals
+    logged = logged_velocities(case, checked)
     rate = rate_by_velocities(signals, overview, logged)
     units = signals.time_units if rate is None else {ROW: 1.0 / rate}
     seconds = {unit: scale / signals.time_scale for unit, scale in units.items()}
     looked = min(seconds.values(), key=lambda s: (step_cost(overview.step * s), s != 1.0))
     agreed = None if logged is None else velocity_agreement(overview, logged[1], looked)
-    facts = _facts(case, evidence, looked, agreed)
+    facts = _facts(case, checked, looked, agreed)
     groups = [[f for f in facts if f.coordinate.kind == kind] for kind in USUAL_SPEED]
     found = []
     for unit, second in seconds.items():
@@ -280,9 +279,9 @@ def _unheld_cost(
 
 
 def _facts(
-    case: Case, evidence: Evidence, looked: float, agreed: VelocityAgreement | None
+    case: Case, checked: CheckedLog, looked: float, agreed: VelocityAgreement | None
 ) -> tuple[JointFacts, ...]:
-    overview, signals = signal_overview(case, evidence), evidence.recording.signals
+    overview, signals = signal_overview(case, checked), checked.recording.signals
     slope = position_slopes(overview, looked)
     v, n = slope.v, len(slope.v)
     fast = np.quantile(np.abs(v), FASTEST_SHARE, axis=1) if v.shape[1] else np.zeros(n)
@@ -292,7 +291,7 @@ def _facts(
     scale = np.full(n, np.nan)
     if agreed is not None:
         scale = np.where(agreed.reliable_joints, agreed.scale, np.nan)
-    logged = logged_velocities(case, evidence)
+    logged = logged_velocities(case, checked)
     rated = ("",) * n if logged is None else logged[0]
     own = np.ones(n)
     if signals.velocity is not None and signals.velocity_scale is not None:
@@ -326,15 +325,15 @@ def _relative(scale: float, units: Mapping[str, float]) -> dict[str, float]:
 
 
 @remembered
-def motion_in_units(case: Case, evidence: Evidence) -> PositionSlopes:
+def motion_in_units(case: Case, checked: CheckedLog) -> PositionSlopes:
     """Derivatives of the positions in true seconds, and which joints move."""
-    return position_slopes(signal_overview(case, evidence), unit_reading(case, evidence).second)
+    return position_slopes(signal_overview(case, checked), unit_reading(case, checked).second)
 
 
 @remembered
-def driven_joints(case: Case, evidence: Evidence) -> NDArray[np.bool_]:
+def driven_joints(case: Case, checked: CheckedLog) -> NDArray[np.bool_]:
     """Joints that are not only dragged along: their speed counts beside the fastest one's."""
-    slope, joints = motion_in_units(case, evidence), unit_reading(case, evidence).joints
+    slope, joints = motion_in_units(case, checked), unit_reading(case, checked).joints
     if slope.v.shape[1] == 0:
         return slope.moving
     scale = np.array([joint.position_scale for joint in joints])

@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.base.arrays import Array
-from steelyard.check.case_and_evidence import Case, Evidence, case_check, log_check
+from steelyard.check.case_and_checked_log import Case, CheckedLog, case_check, log_check
 from steelyard.check.finding import Finding, Fix, Picture, Severity, of_joints, trace
-from steelyard.check.signals.good_rows_and_derivatives import SLOPE_ENDS, signal_overview, width_of
 from steelyard.check.signals.motion_units import driven_joints, motion_in_units, unit_reading
+from steelyard.check.signals.signal_overview_and_slopes import SLOPE_ENDS, signal_overview, width_of
 from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
 from steelyard.robot.init.column_names import words_of
 from steelyard.runs.rows.faulty_row_detectors import stretches
@@ -31,11 +31,11 @@ POSITION_QUANTILE = 0.005  # positions outside these quantiles, on each side, do
 @case_check("excitation", "Which joints move?")
 def excitation_check(case: Case) -> Iterable[Finding]:
     """Joints that move, and those that hardly do, of which little can be learnt."""
-    logs = [evidence for evidence in case.logs if signal_overview(case, evidence).step > 0.0]
-    motions = [_joint_motion(case, evidence) for evidence in logs]
+    logs = [log for log in case.logs if signal_overview(case, log).step > 0.0]
+    motions = [_joint_motion(case, log) for log in logs]
     alone = len(motions) == 1
-    for evidence, motion in zip(logs, motions, strict=True):
-        yield replace(_excitation_found(case, *motion, alone), log=evidence.name)
+    for log, motion in zip(logs, motions, strict=True):
+        yield replace(_excitation_found(case, *motion, alone), log=log.name)
     if len(motions) < 2:
         return
     moves = np.any([moves for _, moves, _ in motions], axis=0)
@@ -83,13 +83,13 @@ def _excitation_found(
     )
 
 
-def _joint_motion(case: Case, evidence: Evidence) -> tuple[Array, NDArray[np.bool_], Array]:
+def _joint_motion(case: Case, log: CheckedLog) -> tuple[Array, NDArray[np.bool_], Array]:
     """Range of each joint, whether it moves enough, and where its motion ends, each `(n,)`.
 
     Ranges [rad; m] are in true units or, if that is more, as declared; frequencies [Hz] are 0 at
     rest.
     """
-    overview, units = signal_overview(case, evidence), unit_reading(case, evidence)
+    overview, units = signal_overview(case, log), unit_reading(case, log)
     coordinates = case.loaded.robot.coordinates
     n = len(coordinates)
     if len(overview.q) < 2:
@@ -97,7 +97,7 @@ def _joint_motion(case: Case, evidence: Evidence) -> tuple[Array, NDArray[np.boo
     low, high = np.quantile(overview.q, [POSITION_QUANTILE, 1.0 - POSITION_QUANTILE], axis=0)
     reach = (high - low) * np.maximum([joint.position_scale for joint in units.joints], 1.0)
     enough = reach >= [LITTLE_RANGE[c.kind] for c in coordinates]
-    moves = enough & motion_in_units(case, evidence).moving
+    moves = enough & motion_in_units(case, log).moving
     even, rate = overview.even(overview.q, units.second)
     longest = max(even, key=lambda x: x.shape[1], default=np.zeros((n, 0)))
     band = [motion_band(longest[j : j + 1], rate).frequency if moves[j] else 0.0 for j in range(n)]
@@ -119,13 +119,13 @@ MOSTLY_AT_REST = 0.8  # share of the time at rest from which on a log is doubtfu
 
 
 @log_check("rests", "How much of the log is standstill?")
-def rests_check(case: Case, evidence: Evidence) -> Finding | None:
+def rests_check(case: Case, log: CheckedLog) -> Finding | None:
     """Time in which no joint moves: friction is anywhere in its dead zone there."""
-    if not (driven_joints(case, evidence).any() and signal_overview(case, evidence).moves):
+    if not (driven_joints(case, log).any() and signal_overview(case, log).moves):
         return None
-    slope, clock = motion_in_units(case, evidence), signal_overview(case, evidence).clock
-    second = unit_reading(case, evidence).second
-    speed = np.abs(slope.v[driven_joints(case, evidence)])
+    slope, clock = motion_in_units(case, log), signal_overview(case, log).clock
+    second = unit_reading(case, log).second
+    speed = np.abs(slope.v[driven_joints(case, log)])
     share = speed / np.quantile(speed, 0.99, axis=1)[:, None]
     rests = (share <= REST_SHARE).all(axis=0)
     longest = 2.0 * SLOPE_ENDS * width_of(slope.rate) * slope.rate
@@ -168,14 +168,14 @@ FIX_BASE = Fix(
 
 
 @log_check("moving base", "Is the base at rest?")
-def moving_base_check(case: Case, evidence: Evidence) -> Finding | None:
+def moving_base_check(case: Case, log: CheckedLog) -> Finding | None:
     """A base that is taken to be at rest, though it floats in the model file."""
     if not case.loaded.floats:
         return None
     base = case.loaded.base
-    turns = _inertial_columns(evidence, TURN_WORDS)
-    pulls = _inertial_columns(evidence, ACCELERATION_WORDS)
-    moves = [*_turning_words(evidence, turns), *_acceleration_words(evidence, pulls)]
+    turns = _inertial_columns(log, TURN_WORDS)
+    pulls = _inertial_columns(log, ACCELERATION_WORDS)
+    moves = [*_turning_words(log, turns), *_acceleration_words(log, pulls)]
     if moves:
         says = f"base '{base}' is assumed to be at rest, but its sensor measures motion"
         return Finding.doubtful(says, ", ".join(moves), fix=FIX_BASE)
@@ -201,10 +201,10 @@ def _assumed(loaded: LoadedRobot) -> str:
     return f"base '{loaded.base}' floats in the model, and is assumed to be at rest: not tested"
 
 
-def _inertial_columns(evidence: Evidence, kinds: set[str]) -> tuple[str, ...]:
+def _inertial_columns(log: CheckedLog, kinds: set[str]) -> tuple[str, ...]:
     """Columns of an inertial sensor that the robot file gives no other meaning."""
-    used = evidence.recording.signals.columns
-    named = {c: {*words_of(c)} for c in evidence.log.columns if c not in used}
+    used = log.recording.signals.columns
+    named = {c: {*words_of(c)} for c in log.log.columns if c not in used}
     return tuple(
         column
         for column, words in named.items()
@@ -212,30 +212,30 @@ def _inertial_columns(evidence: Evidence, kinds: set[str]) -> tuple[str, ...]:
     )
 
 
-def _inertial_values(evidence: Evidence, columns: Sequence[str]) -> Array:
+def _inertial_values(log: CheckedLog, columns: Sequence[str]) -> Array:
     """Rows without gaps, shape `(N, columns)`."""
-    start, stop = evidence.window
+    start, stop = log.window
     last = min(stop, start + BASE_ROWS)
-    x = np.concatenate([*evidence.log.parts(columns, (start, last)), np.zeros((0, len(columns)))])
+    x = np.concatenate([*log.log.parts(columns, (start, last)), np.zeros((0, len(columns)))])
     return np.asarray(x[np.isfinite(x).all(axis=1)])
 
 
-def _turning_words(evidence: Evidence, columns: tuple[str, ...]) -> list[str]:
+def _turning_words(log: CheckedLog, columns: tuple[str, ...]) -> list[str]:
     """Rates of turn that are motion, in words."""
     clauses = []
     for column in columns:
         unit = np.pi / 180.0 if {"deg", "dps"} & {*words_of(column)} else 1.0
-        rates = unit * _inertial_values(evidence, [column])[:, 0]
+        rates = unit * _inertial_values(log, [column])[:, 0]
         if len(rates) > 2 and rates.std() > LEAST_TURN and _is_smooth(rates):
             clauses.append(f"'{column}' varies by {rates.std():.2g} rad/s")
     return clauses
 
 
-def _acceleration_words(evidence: Evidence, columns: tuple[str, ...]) -> list[str]:
+def _acceleration_words(log: CheckedLog, columns: tuple[str, ...]) -> list[str]:
     """Accelerations that vary, in words; only of all three axes together."""
     if len(columns) != 3:
         return []
-    pulls = _inertial_values(evidence, columns)
+    pulls = _inertial_values(log, columns)
     if len(pulls) < 3:
         return []
     length = float(np.mean(np.linalg.norm(pulls, axis=1)))

@@ -6,21 +6,26 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from steelyard.base.arrays import Array
-from steelyard.check.case_and_evidence import EXCERPT_ROWS, Case, Evidence, log_check
-from steelyard.check.finding import Edit, Finding, Fix, Picture, Severity, of_joints
-from steelyard.check.signals.good_rows_and_derivatives import (
-    gaussian_slope,
-    gaussian_smoothed,
+from steelyard.check.case_and_checked_log import (
+    EXCERPT_ROWS,
+    Case,
+    CheckedLog,
+    log_check,
     remembered,
-    signal_overview,
-    with_rows,
 )
+from steelyard.check.finding import Edit, Finding, Fix, Picture, Severity, of_joints
 from steelyard.check.signals.motion_units import (
     SAME_SCALE,
     UnitReading,
     motion_in_units,
     unit_reading,
     unit_value,
+)
+from steelyard.check.signals.signal_overview_and_slopes import (
+    gaussian_slope,
+    gaussian_smoothed,
+    signal_overview,
+    with_rows,
 )
 from steelyard.check.signals.velocity_against_derivative import AGREEING_CORRELATION
 from steelyard.robot.file.signals import POSITION_UNITS
@@ -41,17 +46,17 @@ class MisplacedVelocity:
 
 
 @remembered
-def misplaced_velocities(case: Case, evidence: Evidence) -> tuple[MisplacedVelocity, ...]:
+def misplaced_velocities(case: Case, log: CheckedLog) -> tuple[MisplacedVelocity, ...]:
     """Position columns that are derivatives of a column beside them, or are called velocities.
 
     Columns beside one are called alike but for words of positions, velocities and units.
     """
-    signals, found = evidence.recording.signals, []
+    signals, found = log.recording.signals, []
     motions = ("position", "velocity")
-    columns = [c for c in map(Column, evidence.log.columns) if c.quantity in motions]
+    columns = [c for c in map(Column, log.log.columns) if c.quantity in motions]
     for joint, column in enumerate(map(Column, signals.position)):
         beside = [c for c in columns if c.name != column.name and c.stem == column.stem]
-        own, of_own = _misplaced_correlations(case, evidence, joint, [c.name for c in beside])
+        own, of_own = _misplaced_correlations(case, log, joint, [c.name for c in beside])
         best, called = int(np.argmax(own)) if beside else 0, column.quantity == "velocity"
         one_frequency = of_own >= AGREEING_CORRELATION
         if beside and own[best] >= AGREEING_CORRELATION and (called or not one_frequency[best]):
@@ -66,7 +71,7 @@ def misplaced_velocities(case: Case, evidence: Evidence) -> tuple[MisplacedVeloc
 
 
 def _misplaced_correlations(
-    case: Case, evidence: Evidence, joint: int, others: Sequence[str]
+    case: Case, log: CheckedLog, joint: int, others: Sequence[str]
 ) -> tuple[Array, Array]:
     """Of a joint's positions with the others' derivatives, and size of the derivative's with them.
 
@@ -74,16 +79,16 @@ def _misplaced_correlations(
     sign of the former counts. Zero where positions are of motors behind coupled gears, or nothing
     moves.
     """
-    overview, start = signal_overview(case, evidence), evidence.window[0]
+    overview, start = signal_overview(case, log), log.window[0]
     none = np.zeros(len(others)), np.zeros(len(others))
-    if not others or evidence.recording.signals.position_map is not None:
+    if not others or log.recording.signals.position_map is not None:
         return none
     rows = (start, start + len(overview.kept))
-    values = np.concatenate(list(evidence.log.parts(others, rows, EXCERPT_ROWS)))[overview.kept]
+    values = np.concatenate(list(log.log.parts(others, rows, EXCERPT_ROWS)))[overview.kept]
     values = np.where(np.isfinite(values), values, 0.0)
     mine = overview.q[:, joint : joint + 1]
     even, rate = overview.even(
-        np.concatenate((mine, values), axis=1), unit_reading(case, evidence).second
+        np.concatenate((mine, values), axis=1), unit_reading(case, log).second
     )
     x, v = (
         np.concatenate([np.zeros((values.shape[1] + 1, 0)), *(of(y, rate) for y in even)], axis=1)
@@ -103,26 +108,26 @@ MOTOR_RANGE = 3.0  # how far outside positions of motors are at least
 
 
 @log_check("position", "Are positions in the declared unit?", logs=with_rows)
-def position_check(case: Case, evidence: Evidence) -> Finding:
+def position_check(case: Case, log: CheckedLog) -> Finding:
     """Whether positions are positions, their unit and side of the gears, and their limits."""
-    if wrong := misplaced_velocities(case, evidence):
-        return _misplaced(case, evidence, wrong)
-    low, high = np.quantile(signal_overview(case, evidence).q, [0.005, 0.995], axis=0)
+    if wrong := misplaced_velocities(case, log):
+        return _misplaced(case, log, wrong)
+    low, high = np.quantile(signal_overview(case, log).q, [0.005, 0.995], axis=0)
     ranges = list(zip(low.tolist(), high.tolist(), strict=True))
     each = np.array([[beyond_range(c, *x) for x in ranges] for c in case.loaded.robot.coordinates])
     off = np.diag(each)
-    units = unit_reading(case, evidence)
+    units = unit_reading(case, log)
     pairs = enumerate(zip(units.as_declared, units.joints, strict=True))
     other = [j for j, (a, b) in pairs if a.position_unit != b.position_unit]
     picture = _picture(case, low, high)
-    if _of_motors(case, evidence, off, units):
+    if _of_motors(case, log, off, units):
         return replace(_motors(case, high - low, off), picture=picture)
     if other:
-        return replace(_other_unit(case, evidence, units, other, each), picture=picture)
+        return replace(_other_unit(case, log, units, other, each), picture=picture)
     outside = np.flatnonzero(off > OUTSIDE_RANGE)
     names = tuple(case.joints[j] for j in outside)
     are = "are outside their limits" if len(names) > 1 else "is outside its limits"
-    facts = _facts(case, evidence, {joint.position_unit for joint in units.as_declared})
+    facts = _facts(case, log, {joint.position_unit for joint in units.as_declared})
     return Finding.doubtful_if(
         bool(names),
         f"{', '.join(names)} {are}; {facts}" if names else f"{facts}, within the joints' limits",
@@ -136,9 +141,9 @@ def position_check(case: Case, evidence: Evidence) -> Finding:
     )
 
 
-def _misplaced(case: Case, evidence: Evidence, wrong: Sequence[MisplacedVelocity]) -> Finding:
+def _misplaced(case: Case, log: CheckedLog, wrong: Sequence[MisplacedVelocity]) -> Finding:
     """The finding on position columns that hold velocities."""
-    signals, first = evidence.recording.signals, wrong[0]
+    signals, first = log.recording.signals, wrong[0]
     more = f" (and {len(wrong) - 1} more)" * (len(wrong) > 1)
     why = f"its values are the derivative of '{first.position}'"
     # by values, or by the unit in the name
@@ -167,9 +172,9 @@ def _misplaced(case: Case, evidence: Evidence, wrong: Sequence[MisplacedVelocity
     )
 
 
-def _of_motors(case: Case, evidence: Evidence, off: Array, units: UnitReading) -> bool:
+def _of_motors(case: Case, log: CheckedLog, off: Array, units: UnitReading) -> bool:
     """Whether positions are motors', but not declared so: by their names, or as nothing fits."""
-    signals = evidence.recording.signals
+    signals = log.recording.signals
     if signals.position_map is not None:
         return False
     far = off > MOTOR_RANGE
@@ -201,7 +206,7 @@ def _motors(case: Case, reach: Array, off: Array) -> Finding:
 
 
 def _other_unit(
-    case: Case, evidence: Evidence, units: UnitReading, other: list[int], each: Array
+    case: Case, log: CheckedLog, units: UnitReading, other: list[int], each: Array
 ) -> Finding:
     off, within = np.diag(each), (each > 0.0) & (each <= OUTSIDE_RANGE)  # joints by columns
     exchanged = [j for j in other if not within[j, j] and (within[j] & within[:, j]).any()]
@@ -219,7 +224,7 @@ def _other_unit(
     return Finding.of(
         Severity.WRONG if sure else Severity.DOUBTFUL,
         f"positions of {case.listed(other)} {'are' if sure else 'may be'} in {unit}: as declared, "
-        f"{case.joints[clear]} would {_reasons(case, evidence, units, clear, off)}",
+        f"{case.joints[clear]} would {_reasons(case, log, units, clear, off)}",
         _value_text(case, off),
         joints=tuple(case.joints[j] for j in other),
         fix=Fix(says, (Edit(("signals", "position_unit"), value),))
@@ -228,9 +233,9 @@ def _other_unit(
     )
 
 
-def _reasons(case: Case, evidence: Evidence, units: UnitReading, joint: int, off: Array) -> str:
+def _reasons(case: Case, log: CheckedLog, units: UnitReading, joint: int, off: Array) -> str:
     """What speaks against the declared unit: range, speed and logged velocities."""
-    v, coordinate = motion_in_units(case, evidence).v[joint], case.loaded.robot.coordinates[joint]
+    v, coordinate = motion_in_units(case, log).v[joint], case.loaded.robot.coordinates[joint]
     speed = np.quantile(np.abs(v), 0.995) if len(v) else 0.0
     found = []
     if off[joint] > OUTSIDE_RANGE:
@@ -246,10 +251,10 @@ def _reasons(case: Case, evidence: Evidence, units: UnitReading, joint: int, off
     return ", ".join(found) or "hardly move"
 
 
-def _facts(case: Case, evidence: Evidence, declared: set[str]) -> str:
-    signals, gears = evidence.recording.signals, case.loaded.robot.transmission
+def _facts(case: Case, log: CheckedLog, declared: set[str]) -> str:
+    signals, gears = log.recording.signals, case.loaded.robot.transmission
     units = " and ".join(sorted(declared))
-    if wrapped := evidence.recording.wrapped:
+    if wrapped := log.recording.wrapped:
         units += f" ({', '.join(wrapped)} wrap after a turn: unwrapped)"
     if signals.position_map is None or gears is None:
         return f"positions in {units}"

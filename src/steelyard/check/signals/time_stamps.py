@@ -18,7 +18,7 @@ import numpy as np
 
 from steelyard.base.arrays import Array
 from steelyard.base.errors import SteelyardError
-from steelyard.check.case_and_evidence import Case, Evidence, case_check
+from steelyard.check.case_and_checked_log import Case, CheckedLog, case_check, remembered
 from steelyard.check.finding import (
     Edit,
     Finding,
@@ -30,19 +30,18 @@ from steelyard.check.finding import (
     trace,
 )
 from steelyard.check.hypotheses.readings_and_likelihood import likeliest
-from steelyard.check.identifiability_and_gear_side import customary_model, longest_run
-from steelyard.check.signals.good_rows_and_derivatives import (
-    JITTER_LIMIT,
-    LATE_STEP,
-    remembered,
-    signal_overview,
-)
+from steelyard.check.identifiability import customary_model, longest_run
 from steelyard.check.signals.motion_units import (
     LONGEST_STEP,
     SHORTEST_STEP,
     UnitReading,
     driven_joints,
     unit_reading,
+)
+from steelyard.check.signals.signal_overview_and_slopes import (
+    JITTER_LIMIT,
+    LATE_STEP,
+    signal_overview,
 )
 from steelyard.check.signals.velocity_against_derivative import (
     FEWEST_RATE_JOINTS,
@@ -151,15 +150,15 @@ def _undecided(found: Finding) -> Finding:
     return replace(found, says=says, answered=False)
 
 
-def _clock_found(case: Case, evidence: Evidence) -> Finding:
+def _clock_found(case: Case, log: CheckedLog) -> Finding:
     """What is worst about the clock of one log."""
-    overview, units = signal_overview(case, evidence), unit_reading(case, evidence)
-    column = evidence.recording.signals.time
+    overview, units = signal_overview(case, log), unit_reading(case, log)
+    column = log.recording.signals.time
     if overview.step == 0.0:
         says = f"column '{column}' never increases: it is not a clock"
         fix = Fix("set time = ... under [signals] to the log's clock")
         return Finding.wrong(says, "median step 0 s", fix=fix)
-    if out_of_order(case, evidence):
+    if out_of_order(case, log):
         count, backward = len(overview.stamps) - 1, int(np.sum(np.diff(overview.stamps) < 0.0))
         return Finding.wrong(
             f"rows are not in the order of time: it decreases at {backward} of {count} steps",
@@ -169,7 +168,7 @@ def _clock_found(case: Case, evidence: Evidence) -> Finding:
         )
     step, steps = overview.step * units.second, np.diff(overview.stamps) * units.second
     if units.time_unit == ROW:
-        return _other_rate(evidence, units)
+        return _other_rate(log, units)
     if units.second != 1.0:
         unit, declared = units.time_unit, overview.step
         return Finding.wrong(
@@ -181,7 +180,7 @@ def _clock_found(case: Case, evidence: Evidence) -> Finding:
             picture=Picture("step [s]", "rows", (histogram("steps", steps),)),
         )
     found = _judged(step, steps, overview.stamps, overview.jitter)
-    leaps = leaping_rows(case, evidence)
+    leaps = leaping_rows(case, log)
     if found.severity is Severity.OK and leaps is not None:
         return _leaps_found(leaps, step)
     if column == ROW:
@@ -190,16 +189,16 @@ def _clock_found(case: Case, evidence: Evidence) -> Finding:
 
 
 @remembered
-def out_of_order(case: Case, evidence: Evidence) -> bool:
+def out_of_order(case: Case, log: CheckedLog) -> bool:
     """Whether rows are not in the order of time, so that nothing is known of rates or motion."""
-    steps = np.diff(signal_overview(case, evidence).stamps)
+    steps = np.diff(signal_overview(case, log).stamps)
     return bool(np.any(steps > 0.0) and np.count_nonzero(steps < 0.0) > BACKWARD_SHARE * len(steps))
 
 
 @remembered
-def leaping_rows(case: Case, evidence: Evidence) -> Leaps | None:
+def leaping_rows(case: Case, log: CheckedLog) -> Leaps | None:
     """Leaps of all joints though stamps go on evenly; `None` if there are hardly any."""
-    overview = signal_overview(case, evidence)
+    overview = signal_overview(case, log)
     if not overview.moves:
         return None
     found = _leaps(overview.t, overview.q)
@@ -235,9 +234,9 @@ def _leaps_found(leaps: Leaps, step: float) -> Finding:
     )
 
 
-def _other_rate(evidence: Evidence, units: UnitReading) -> Finding:
+def _other_rate(log: CheckedLog, units: UnitReading) -> Finding:
     """The finding on a declared rate that velocities contradict."""
-    scale, declared = 1.0 / units.second, 1.0 / evidence.recording.signals.time_scale
+    scale, declared = 1.0 / units.second, 1.0 / log.recording.signals.time_scale
     rate = float(f"{scale * declared:.6g}")
     sure = abs(scale - 1.0) > MOST_OFF
     return Finding.of(
@@ -312,9 +311,9 @@ def _time(seconds: float) -> str:
     return f"{seconds:.3g} s" if seconds >= 1.0 else f"{1e3 * seconds:.3g} ms"
 
 
-def clock_is_irregular(case: Case, evidence: Evidence) -> bool:
+def clock_is_irregular(case: Case, log: CheckedLog) -> bool:
     """Whether the clock of a log is to blame for what goes wrong with it."""
-    return _clock_found(case, evidence).severity != Severity.OK
+    return _clock_found(case, log).severity != Severity.OK
 
 
 TRIED_SCALE = 0.05  # relative scale that is tried first to both sides
@@ -368,7 +367,7 @@ def time_scale(case: Case) -> tuple[Finding | None, bool]:
         found = longest_run(case, lambda log: driven_joints(case, log).sum() >= FEWEST_RATE_JOINTS)
         if found is None:
             return None, False
-        evidence, run = found
+        checked, run = found
         variance = _by_scale(base_regressor(customary_model(case)), run)
         now, samples = variance(0.0)
         rise = min(variance(x)[0] for x in (TRIED_SCALE, -TRIED_SCALE)) - now
@@ -393,7 +392,7 @@ def time_scale(case: Case) -> tuple[Finding | None, bool]:
     other = "" if sure else ", or a length in the model file is wrong"
     finding = Finding.of(
         Severity.WRONG if sure else Severity.DOUBTFUL,
-        f"the clock runs {way}{other}: by a fit of {evidence.name} time stamps are {scale:.4g} ± "
+        f"the clock runs {way}{other}: by a fit of {checked.name} time stamps are {scale:.4g} ± "
         f"{half:.1g} times the true time, as only then accelerations and gravity give the same "
         "inertial parameters",
         f"this explains {100.0 * gone:.0f} % of the squared residual; doubtful from "
@@ -406,9 +405,7 @@ def time_scale(case: Case) -> tuple[Finding | None, bool]:
     return finding, False
 
 
-def _other_step(
-    evidence: Evidence, joints: int, scale: float, spread: float, step: float
-) -> Finding:
+def _other_step(log: CheckedLog, joints: int, scale: float, spread: float, step: float) -> Finding:
     """The finding on stamps that are many times too far apart, or too near."""
     far, near = ("far apart", scale) if scale > 1.0 else ("near", 1.0 / scale)
     rates = (float(f"{scale / step:.{digits}g}") for digits in (1, 2, 3))
@@ -423,13 +420,13 @@ def _other_step(
             f"correct the time column, or use [signals] rate = {rate:.4g} instead of it; "
             "if the clock is right, leave velocities out"
         ),
-        log=evidence.name,
+        log=log.name,
     )
 
 
-def _by_velocities(case: Case, evidence: Evidence) -> Array | None:
+def _by_velocities(case: Case, log: CheckedLog) -> Array | None:
     """Velocities over derivatives of the reliable joints, if these are so even that a clock is."""
-    units = unit_reading(case, evidence)
+    units = unit_reading(case, log)
     if units.agreement is None:
         return None
     ratio = units.relative[np.flatnonzero(units.agreement.reliable_joints)]
@@ -438,17 +435,17 @@ def _by_velocities(case: Case, evidence: Evidence) -> Array | None:
     return ratio
 
 
-def time_scale_by_velocities(case: Case, evidence: Evidence) -> Finding | None:
+def time_scale_by_velocities(case: Case, log: CheckedLog) -> Finding | None:
     """The scale of the clock that logged velocities ask for, if all joints agree on one but 1."""
-    ratio = _by_velocities(case, evidence)
+    ratio = _by_velocities(case, log)
     if ratio is None:
         return None
     scale, spread = float(np.mean(ratio)), float(np.ptp(ratio))
     if abs(scale - 1.0) <= RATE_TOLERANCE:
         return None
     if abs(scale - 1.0) > MOST_OFF:
-        step = unit_reading(case, evidence).second * signal_overview(case, evidence).step
-        return _other_step(evidence, len(ratio), scale, spread, step)
+        step = unit_reading(case, log).second * signal_overview(case, log).step
+        return _other_step(log, len(ratio), scale, spread, step)
     way = "slow" if scale < 1.0 else "fast"
     return Finding.doubtful(
         f"velocities of all {len(ratio)} joints are {scale:.4g} times d(q)/dt: the clock runs "
@@ -456,5 +453,5 @@ def time_scale_by_velocities(case: Case, evidence: Evidence) -> Finding | None:
         f"{100.0 * abs(scale - 1.0):.2g} % from 1 (at most {100.0 * RATE_TOLERANCE:g} % allowed), "
         f"joints differ by {100.0 * spread:.1g} % (a clock: at most {100.0 * UNEVEN_RATE:g} %)",
         fix=Fix("check the log's rate, and leave velocities out if the clock is right"),
-        log=evidence.name,
+        log=log.name,
     )

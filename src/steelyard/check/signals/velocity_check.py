@@ -8,10 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.base.arrays import Array
-from steelyard.check.case_and_evidence import Case, Evidence, log_check
+from steelyard.check.case_and_checked_log import Case, CheckedLog, log_check
 from steelyard.check.decision.judged_explanations import positions_at_fault
 from steelyard.check.finding import Edit, Finding, Fix, Picture, Severity, trace
-from steelyard.check.signals.good_rows_and_derivatives import signal_overview
 from steelyard.check.signals.motion_units import (
     SAME_SCALE,
     UnitReading,
@@ -21,6 +20,7 @@ from steelyard.check.signals.motion_units import (
     unit_value,
 )
 from steelyard.check.signals.position import misplaced_velocities
+from steelyard.check.signals.signal_overview_and_slopes import signal_overview
 from steelyard.check.signals.time_stamps import leaping_rows, time_scale_by_velocities
 from steelyard.check.signals.velocity_against_derivative import (
     VelocityAgreement,
@@ -38,30 +38,30 @@ LEAVE_OUT = Fix("leave the velocities out: positions are differentiated then", R
 
 
 @log_check("velocity", "Are velocities the derivatives of positions?")
-def velocity_check(case: Case, evidence: Evidence) -> Finding | None:
+def velocity_check(case: Case, checked: CheckedLog) -> Finding | None:
     """Scale, sign, order and lag of logged velocities, against the derivative of positions.
 
     `None` where nothing moves, or velocities are neither declared nor in other columns.
     """
-    logged, units = logged_velocities(case, evidence), unit_reading(case, evidence)
+    logged, units = logged_velocities(case, checked), unit_reading(case, checked)
     agreed = units.agreement
     if logged is None or agreed is None or not agreed.moving.any():
         return None
-    if misplaced_velocities(case, evidence) or not signal_overview(case, evidence).moves:
+    if misplaced_velocities(case, checked) or not signal_overview(case, checked).moves:
         return None
-    columns, velocities = logged[0], _Velocities(case, evidence, *logged, units, agreed)
-    declared, bad = evidence.recording.signals.velocity is not None, velocities.faulty
+    columns, velocities = logged[0], _Velocities(case, checked, *logged, units, agreed)
+    declared, bad = checked.recording.signals.velocity is not None, velocities.faulty
     grave = bool(velocities.of("swapped", "unit", "turned", "scaled", "strange").any())
     clauses = velocities.clauses
     severity, fix, answered = Severity.OK, None, True
-    leaps = leaping_rows(case, evidence)
+    leaps = leaping_rows(case, checked)
     if leaps is not None and not leaps.made_up:
         clauses, answered = ["rows are missing, which breaks d(q)/dt: see clock"], False
-    elif (clock := time_scale_by_velocities(case, evidence)) is not None and clock.severity is (
+    elif (clock := time_scale_by_velocities(case, checked)) is not None and clock.severity is (
         Severity.WRONG
     ):
         clauses, answered = [clock.says], False
-    elif declared and velocities.misplaced and positions_at_fault(case, evidence):
+    elif declared and velocities.misplaced and positions_at_fault(case, checked):
         clauses.append("the positions are wrong")
     elif declared and grave and velocities.of_positions:
         severity = Severity.DOUBTFUL
@@ -87,7 +87,7 @@ class _Velocities:
     """Logged velocities `(N, n)` of one log in their columns, and what is wrong with them."""
 
     case: Case
-    evidence: Evidence
+    evidence: CheckedLog
     columns: tuple[str, ...]
     logged: Array
     units: UnitReading

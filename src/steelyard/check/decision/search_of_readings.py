@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.base.arrays import Array
-from steelyard.check.case_and_evidence import Knowledge
+from steelyard.check.case_and_checked_log import Knowledge
 from steelyard.check.decision.thresholds import LEAST_MASS, LEAST_SHARE, LIKELY
 from steelyard.check.hypotheses.effort_hypotheses import (
     OtherEfforts,
@@ -20,17 +20,17 @@ from steelyard.check.hypotheses.effort_hypotheses import (
     effort_hypotheses,
     holds_factors,
 )
-from steelyard.check.hypotheses.evidence import (
+from steelyard.check.hypotheses.gravity_payload_and_delay import (
+    gravity_directions,
+    gravity_hypotheses,
+)
+from steelyard.check.hypotheses.marginal_likelihood import (
     Evidence,
     EvidenceOfLog,
     Key,
     body_map,
     key_of,
     payload_map,
-)
-from steelyard.check.hypotheses.gravity_payload_and_delay import (
-    gravity_directions,
-    gravity_hypotheses,
 )
 from steelyard.check.hypotheses.position_hypotheses import position_changes, ratio_hypotheses
 from steelyard.check.hypotheses.readings_and_likelihood import (

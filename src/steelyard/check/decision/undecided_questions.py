@@ -1,35 +1,30 @@
-"""Which questions a nominal model can answer, and those of gear signs and couplings.
+"""Which questions a nominal model leaves undecided, and why.
 
 A question is answered if the evidence of every other answer, each as one change of the best
 explanation, is clearly less: whatever bodies weigh that can exist.
-
-A ratio of the wrong sign turns position and effort of a joint together, and friction with them:
-only masses tell it from the right one, by a mirrored motion. A coupling changes the speed of a
-joint and the effort of the one before it.
 """
-
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
 
 import numpy as np
 
-from steelyard.base.arrays import Z95, Array
-from steelyard.check.case_and_evidence import Case, Evidence, log_check
-from steelyard.check.decision.explanations import COPIED, FACTOR_CAUSES, Search, alike, least_mass
-from steelyard.check.decision.judged_explanations import CLEAN, judge_log
+from steelyard.base.arrays import Z95
+from steelyard.check.decision.judged_explanations import CLEAN
 from steelyard.check.decision.ranked_readings import DECISIVE_GAIN, LogVerdict
+from steelyard.check.decision.search_of_readings import (
+    COPIED,
+    FACTOR_CAUSES,
+    Search,
+    alike,
+    least_mass,
+)
 from steelyard.check.decision.thresholds import ANSWERED, FAIR_BODIES_MISFIT, HEAVIEST_FACTOR
-from steelyard.check.finding import Finding, Fix
-from steelyard.check.hypotheses.evidence import WIDTHS
+from steelyard.check.hypotheses.marginal_likelihood import WIDTHS
 from steelyard.check.hypotheses.position_hypotheses import (
     ZERO_CAUSE,
     zero_offsets,
     zeros_without_effect,
 )
-from steelyard.check.hypotheses.readings_and_likelihood import Likelihood, Reading
+from steelyard.check.hypotheses.readings_and_likelihood import Reading
 from steelyard.estimate.payload.payload_frame import carrier
-from steelyard.robot.file.effort_units_and_gears import MOTOR_KINDS
-from steelyard.robot.robot import Transmission
 
 SHOWN_ALTERNATIVES = 3  # alternatives that are named
 TRIED_FACTORS = {"effort kind": HEAVIEST_FACTOR, "effort unit": 1000.0}
@@ -152,124 +147,3 @@ def misfit_hides(decision: LogVerdict) -> bool:
     if decision.search is None:
         return decision.last.reading.percent > CLEAN
     return decision.search.best.evidence.percent > FAIR_BODIES_MISFIT
-
-
-COMPARE_RATIOS = Fix(
-    "compare ratios, their signs and coupling in [robot.transmission] with the data sheet"
-)
-COUPLED, WITH = "other couplings of ", " with the joint before"
-"""Words around the motors whose other couplings fit about as well."""
-ENTER_COUPLING = Fix(
-    "Enter coupling from the data sheet (coupling = [] if there is none), or move single joints: "
-    "a motor that turns beside its own joint's is coupled. Errors with and without a coupling are "
-    "of different joint efforts and cannot be compared"
-)
-"""What to do where a coupling that is not declared fits as well."""
-
-
-@dataclass(frozen=True, eq=False)
-class OtherGears:
-    """Gears with one change."""
-
-    motor: str  # whose
-    coupling: bool  # whether its coupling with the joint before is changed, or else its sign
-    says: str  # the change, in words
-    matrix: Array  # motor positions per joint position
-
-
-@log_check("transmission", "Do gear signs and couplings agree with the log?")
-def transmission_check(case: Case, evidence: Evidence) -> Finding | None:
-    """Gears with one sign or one coupling changed, compared with those declared for motors."""
-    decision = judge_log(case, evidence)
-    if decision is None or decision.of_other_check:
-        return None
-    likelihood, (*_, last) = decision.likelihood, (decision.declared, *decision.written)
-    if likelihood.gears is None or likelihood.signals.position_map is None:
-        return None
-    now = last.reading.on(with_gears(likelihood, likelihood.gears.matrix))
-    others = list(other_gears(likelihood.gears, (now.score.counts > 0.0).tolist()))
-    readings = [last.reading.on(with_gears(likelihood, other.matrix)) for other in others]
-    rises = [reading.log_likelihood - now.log_likelihood for reading in readings]
-    best = max(rises, default=-np.inf)
-    near = [o for o, rise in zip(others, rises, strict=True) if rise > -DECISIVE_GAIN]
-    figure = (
-        f"log-likelihood of the best other gears {best:+.0f}, at most {-DECISIVE_GAIN:g} required"
-    )
-    if not near:
-        return Finding.ok("other signs of gear ratios and other couplings fit worse", figure)
-    first, misfit = int(np.argmax(rises)), f"{now.percent:.1f} %"
-    says, other = others[first].says, f"{readings[first].percent:.1f} %"
-    if best > DECISIVE_GAIN:
-        says = f"{says} fits clearly better: misfit {other}, as declared {misfit}"
-        return Finding.doubtful(says, figure, fix=COMPARE_RATIOS)
-    signs, couplings = (
-        ", ".join(dict.fromkeys(o.motor for o in near if o.coupling == coupling))
-        for coupling in (False, True)
-    )
-    words = [f"opposite signs of the ratios of {signs}"] if signs else []
-    words += [f"{COUPLED}{couplings}{WITH}"] if couplings else []
-    says = (
-        f"undecided: misfit {misfit}, but about as well fit {', and '.join(words)}; the best of "
-        f"them, {says}, has a misfit of {other}"
-    )
-    hidden = misfit_hides(decision)
-    return Finding.ok(says, figure, fix=COMPARE_RATIOS, answered=False, hidden=hidden)
-
-
-def missing_coupling(findings: Sequence[Finding], stated: bool) -> tuple[Finding, ...]:
-    """A remark beside the headline of a fit where motors that no coupling names may be coupled."""
-    name = transmission_check.name
-    open_ones = [f for f in findings if f.check == name and not f.answered and COUPLED in f.says]
-    if stated or not open_ones:
-        return ()
-    motors = open_ones[0].says.partition(COUPLED)[2].partition(WITH)[0]
-    says = f"no coupling is declared, but one of {motors}{WITH} fits the logs about as well"
-    return (Finding.ok(says, fix=ENTER_COUPLING, headline=True).by(name),)
-
-
-def other_gears(gears: Transmission, moving: Sequence[bool]) -> Iterator[OtherGears]:
-    """Gears with another sign, or another coupling of a motor with the joint before its own."""
-    for k, motor in enumerate(gears.motors):
-        own = float(gears.matrix[k, k])
-        if not moving[k]:
-            continue
-        says = f"the opposite sign of the ratio of {motor}"
-        yield OtherGears(motor, False, says, _changed(gears.matrix, k, k, -own))
-        if k == 0 or not moving[k - 1]:
-            continue
-        now = float(gears.matrix[k, k - 1])
-        named = {"no": 0.0, "the opposite": -now} if now else {"a": own, "an opposite": -own}
-        for article, value in named.items():
-            says = f"{article} coupling of {motor} with the joint before"
-            yield OtherGears(motor, True, says, _changed(gears.matrix, k, k - 1, value))
-
-
-def _changed(matrix: Array, row: int, column: int, value: float) -> Array:
-    changed = np.array(matrix)
-    changed[row, column] = value
-    return changed
-
-
-def with_gears(likelihood: Likelihood, matrix: Array) -> Likelihood:
-    """The log read with other gears; efforts of motors likewise."""
-    signals, gears = likelihood.signals, likelihood.gears
-    if gears is None:
-        raise ValueError("the robot has no gears")
-    own = signals.effort_map
-    if own is None and signals.effort_kind in MOTOR_KINDS:
-        own = np.diag(likelihood.gains)
-    if own is not None:
-        own = matrix.T @ np.linalg.solve(gears.matrix.T, own)
-    bounds = likelihood.bounds
-    if own is not None and signals.effort_map is None:
-        # of friction, offset and rotor inertia at rates of motors, from those at joints'
-        ratios = np.diag(gears.matrix)
-        factors = np.stack((np.sign(ratios), 1.0 / ratios, np.ones_like(ratios), 1.0 / ratios), 1)
-        lower, upper = np.sort([factors * side for side in bounds], axis=0)
-        bounds = lower, upper
-    return replace(
-        likelihood,
-        signals=replace(signals, effort_map=own),
-        gears=Transmission(gears.motors, matrix),
-        bounds=bounds,
-    )

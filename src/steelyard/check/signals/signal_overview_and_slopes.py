@@ -4,17 +4,14 @@ The filters of `runs` know how fast a joint can be, in SI units. A check must no
 the units yet, so rows are judged here by the log's own steps and ranges only.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property, wraps
-from typing import Any, ParamSpec, TypeVar, cast
-from weakref import WeakKeyDictionary
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.base.arrays import Array
-from steelyard.check.case_and_evidence import Case, Evidence
+from steelyard.check.case_and_checked_log import Case, CheckedLog, remembered
 from steelyard.runs.recording import Channels
 from steelyard.runs.rows.clock_and_row_scan import GAP_STEPS
 from steelyard.runs.rows.faulty_row_detectors import LARGEST_VALUE
@@ -25,9 +22,6 @@ from steelyard.runs.rows.frozen_encoders_and_dead_efforts import (
     frozen_positions,
 )
 from steelyard.runs.rows.resampling import uniform
-
-P = ParamSpec("P")
-T = TypeVar("T")
 
 JITTER_LIMIT = 0.19
 """Standard deviation of the steps over the median step from which on stamps jitter. Logs of good
@@ -44,22 +38,6 @@ LEAST_ROWS, SHORTEST_STRETCH = 10, 50
 JUMP_ROWS, JUMP_FACTOR = 10, 10.0
 """A position jumps if it changes by so many times more than between so many rows before and behind,
 and than in the fastest of rows."""
-
-
-def remembered(question: Callable[P, T]) -> Callable[P, T]:
-    """The question, answered once for as long as what it is about lives, such as case and log."""
-    known: WeakKeyDictionary[Any, Any] = WeakKeyDictionary()
-
-    @wraps(question)
-    def answer(*about: P.args, **none: P.kwargs) -> T:
-        of = known
-        for one in about[:-1]:
-            of = of.setdefault(one, WeakKeyDictionary())
-        if about[-1] not in of:
-            of[about[-1]] = question(*about, **none)
-        return cast(T, of[about[-1]])
-
-    return answer
 
 
 @dataclass(frozen=True, eq=False)
@@ -177,9 +155,9 @@ class SignalOverview:
 
 
 @remembered
-def signal_overview(case: Case, evidence: Evidence) -> SignalOverview:
+def signal_overview(case: Case, log: CheckedLog) -> SignalOverview:
     """The good rows of a log's excerpt: readable, in order of time, without garbage."""
-    (t, x), channels = evidence.rows, evidence.channels
+    (t, x), channels = log.rows, log.channels
     empty = np.isnan(x).all(axis=1)  # of other topics, or of none at all
     empty &= not empty.all()
     readable = np.isfinite(t) & ~empty
@@ -217,7 +195,7 @@ def _rough(t: Array, q: Array) -> float:
     return float(np.abs(np.diff(speed, axis=0)).mean()) / size if size > 0.0 else 0.0
 
 
-def with_rows(case: Case) -> tuple[Evidence, ...]:
+def with_rows(case: Case) -> tuple[CheckedLog, ...]:
     """The logs that have enough good rows to say anything of single signals."""
     return tuple(e for e in case.logs if len(signal_overview(case, e).t) >= LEAST_ROWS)
 

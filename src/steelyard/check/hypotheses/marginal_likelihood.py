@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 
 from steelyard.base.arrays import Array
 from steelyard.base.errors import DataError
-from steelyard.check.hypotheses.averaged_bodies import LENGTHS, averaged, nominal_bodies
+from steelyard.check.case_and_checked_log import remembered
 from steelyard.check.hypotheses.effort_hypotheses import best_factors
+from steelyard.check.hypotheses.laplace_over_bodies import LENGTHS, averaged, nominal_bodies
 from steelyard.check.hypotheses.nuisance_fit_and_score import (
     LEAST_SAMPLE_COUNT,
     NUISANCES,
@@ -23,7 +24,6 @@ from steelyard.check.hypotheses.nuisance_fit_and_score import (
     LikelihoodScore,
 )
 from steelyard.check.hypotheses.readings_and_likelihood import Likelihood, Reading
-from steelyard.check.signals.good_rows_and_derivatives import remembered
 from steelyard.estimate.consistent.unknowns_and_penalties import ten_map
 from steelyard.estimate.information.base_regressor import (
     Regressor,

@@ -2,8 +2,9 @@
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
-from typing import Generic, TypeVar
+from functools import cached_property, wraps
+from typing import Any, Generic, ParamSpec, TypeVar, cast
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -127,7 +128,7 @@ be misread, which only the whole log shows."""
 
 
 @dataclass(frozen=True, eq=False)
-class Evidence:
+class CheckedLog:
     """One log as the robot file reads it; whatever takes time is computed once, on first use."""
 
     recording: Recording  # the log, with the signals that are declared or that were guessed
@@ -185,7 +186,7 @@ class Case:
     """All that a check may look at."""
 
     loaded: LoadedRobot  # the robot and what its file says
-    logs: tuple[Evidence, ...]  # the logs, in the order given
+    logs: tuple[CheckedLog, ...]  # the logs, in the order given
     # a model identified from clean runs; without it the robot's nominal model is all that is known
     # beforehand
     reference: IdentifiedModel | None = None
@@ -236,15 +237,35 @@ def case_check(
 
 
 def log_check(
-    name: str, question: str, logs: Callable[[Case], Iterable[Evidence]] = lambda case: case.logs
-) -> Callable[[Callable[[Case, Evidence], Finding | None]], CaseCheck[Case]]:
+    name: str, question: str, logs: Callable[[Case], Iterable[CheckedLog]] = lambda case: case.logs
+) -> Callable[[Callable[[Case, CheckedLog], Finding | None]], CaseCheck[Case]]:
     """The quick check that a function makes of one log after the other; `None` for no finding."""
 
-    def check(look: Callable[[Case, Evidence], Finding | None]) -> CaseCheck[Case]:
+    def check(look: Callable[[Case, CheckedLog], Finding | None]) -> CaseCheck[Case]:
         def found(case: Case) -> Iterable[Finding]:
-            pairs = ((evidence, look(case, evidence)) for evidence in logs(case))
-            return (replace(one, log=evidence.name) for evidence, one in pairs if one is not None)
+            pairs = ((checked, look(case, checked)) for checked in logs(case))
+            return (replace(one, log=checked.name) for checked, one in pairs if one is not None)
 
         return CaseCheck(name, found, question, quick=True)
 
     return check
+
+
+P = ParamSpec("P")
+T = TypeVar("T")
+
+
+def remembered(question: Callable[P, T]) -> Callable[P, T]:
+    """The question, answered once for as long as what it is about lives, such as case and log."""
+    known: WeakKeyDictionary[Any, Any] = WeakKeyDictionary()
+
+    @wraps(question)
+    def answer(*about: P.args, **none: P.kwargs) -> T:
+        of = known
+        for one in about[:-1]:
+            of = of.setdefault(one, WeakKeyDictionary())
+        if about[-1] not in of:
+            of[about[-1]] = question(*about, **none)
+        return cast(T, of[about[-1]])
+
+    return answer
