@@ -8,6 +8,8 @@ import pytest
 import typer.main
 
 from steelyard.cli.app import app
+from steelyard.estimate.estimator_register import ESTIMATORS
+from steelyard.logs.formats import FORMATS
 from steelyard.model.laws.register import term_of
 from steelyard.model.terms.axes import finds_of
 from steelyard.robot.file.sections import RobotFile
@@ -116,3 +118,15 @@ def sections(base: type[Section] = Section) -> list[type[Section]]:
 def test_every_key_of_the_robot_file_is_described(section: type[Section]) -> None:
     described = meanings_of(section)
     assert sorted(described) == sorted(section.model_fields) and all(described.values())
+
+
+def test_tables_of_formats_and_estimators_are_whole() -> None:
+    text = (ROOT / "docs" / "logs.md").read_text("utf-8")
+    rows = text.partition("| suffix |")[2].partition("\n\n")[0].split("\n")[2:]
+    named = {x for row in rows for x in re.findall(r"`(\.[a-z0-9]+)`", row.split("|")[1])}
+    assert named >= set(FORMATS), "the table of docs/logs.md lacks a format"
+    text = (ROOT / "docs" / "estimation.md").read_text("utf-8")
+    head = text.partition("Available with each estimator:\n\n")[2].split("\n")[0]
+    columns = [cell.strip() for cell in head.split("|") if cell.strip()]
+    listed = [name for cell in columns for name in cell.split(", ")]
+    assert sorted(listed) == sorted(offer.name for offer in ESTIMATORS)

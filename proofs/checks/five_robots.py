@@ -76,6 +76,7 @@ def finding(diagnosis: Diagnosis, check: str) -> Finding:
 def _passes(robot: str) -> Claim:
     _, diagnosis = good(robot)
     severities = [f"{f.check}: {f.severity.word}" for f in diagnosis.findings if f.severity]
+    severities += ["inconclusive"] * diagnosis.inconclusive
     return Claim(
         f"quick check of {robot}",
         ", ".join(severities) or f"ok, {len(diagnosis.findings)} findings",

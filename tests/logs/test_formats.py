@@ -41,8 +41,10 @@ def write(path: Path) -> None:
         with h5py.File(path, "w", track_order=True) as file:
             for name, values in arrays.items():
                 file.create_dataset(name, data=values, chunks=(16,), compression="gzip")
-    else:
+    elif path.suffix in (".csv", ".tsv", ".txt"):
         frame.write_csv(path)
+    else:
+        raise NotImplementedError(f"write a sound {path.suffix} file here")
 
 
 @pytest.fixture(scope="module", params=SUFFIXES)

@@ -205,8 +205,15 @@ def test_one_name_is_a_list_of_one(law: str, key: str, name: str) -> None:
 
 @AXIAL
 def test_units_follow_the_joint(law: str) -> None:
-    (units,) = (case.units for case in CASES if case.law == law and case.units is not None)
+    stated = [case.units for case in CASES if case.law == law and case.units is not None]
+    assert len(stated) == 1, f"one case of {law} in law_cases.py states its units"
+    (units,) = stated
     assert tuple(p.unit for p in term_of(law, "here").parameters(ROBOT)[:2]) == units
+
+
+def test_every_law_is_recovered_by_a_proof() -> None:
+    recovered = {case.law for case in CASES if case.simulated == "recovered"}
+    assert recovered == set(TERMS) - {"rigid_body"}
 
 
 @pytest.mark.parametrize("kind", ["revolute", "prismatic"])

@@ -71,8 +71,8 @@ class Offer:
     about: str
     needs: Needs
     estimator: Callable[[Context], Estimator[Any]]  # it, for a model and what is known of it
+    uses: tuple[str, ...]  # tables and keys of the robot file that it uses
     slow: bool = False  # whether it searches or simulates: compared only where it is named
-    uses: tuple[str, ...] = ()  # tables and keys of the robot file that it uses
     per_run: bool = True  # whether it estimates parameters that every run has for itself
 
     def make(self, context: Context) -> Estimator[Any]:
@@ -117,58 +117,61 @@ def _simulating(name: str, about: str, kind: Callable[..., Estimator[Any]]) -> O
     def make(context: Context) -> Estimator[Any]:
         return kind(progress=context.progress)
 
-    return Offer(name, about, "experiment", make, slow=True, per_run=False)
+    return Offer(name, about, "experiment", make, (), slow=True, per_run=False)
 
 
 ALL_KNOWN = (PRIOR, KNOWLEDGE, WEIGHTS)
 
 ESTIMATORS: tuple[Offer, ...] = (
-    Offer("OLS", "ordinary least squares", "information", _least_squares(OrdinaryLeastSquares)),
+    Offer("OLS", "ordinary least squares", "information", _least_squares(OrdinaryLeastSquares), ()),
     Offer(
         "WLS",
         "least squares, joints weighted by their noise",
         "information",
         _least_squares(WeightedLeastSquares),
+        (),
     ),
     Offer(
         "consistent",
         "valid inertias, entropic distance to the prior",
         "information",
         _consistent,
-        uses=ALL_KNOWN,
+        ALL_KNOWN,
     ),
     Offer(
         "pullback",
         "valid inertias, quadratic distance to the prior",
         "information",
         lambda c: _consistent(c, form=Pullback()),
-        uses=ALL_KNOWN,
+        ALL_KNOWN,
     ),
     Offer(
         "SDP",
         "valid inertias without prior: effect of the constraints alone",
         "information",
         lambda c: _consistent(c, form=Free()),
-        uses=(KNOWLEDGE, WEIGHTS),
+        (KNOWLEDGE, WEIGHTS),
     ),
     Offer(
         "TLS",
         "total least squares: noise in the regressor too",
         "information",
         lambda c: TotalLeastSquares(per_run=c.per_run),
+        (),
     ),
     Offer(
         "ridge",
         "weighted least squares shrunk towards the nominal inertial parameters",
         "information",
         lambda c: Ridge.nominal(c.regressor.base, c.knowledge, c.per_run),
-        uses=(PRIOR,),
+        (PRIOR,),
     ),
     Offer(
         "reduced",
         "weighted least squares of the parameters that left-out data need",
         "information",
         lambda c: Reduced(),
+        (),
         per_run=False,
     ),
     Offer(
@@ -176,6 +179,7 @@ ESTIMATORS: tuple[Offer, ...] = (
         "recursive least squares, forgetting 1 % per second",
         "information",
         lambda c: Recursive(forgetting=0.99),
+        (),
         per_run=False,
     ),
     Offer(
@@ -183,31 +187,35 @@ ESTIMATORS: tuple[Offer, ...] = (
         "least squares with lower weights for large residuals",
         "samples",
         _reweighted(Huber()),
+        (),
     ),
     Offer(
         "Tukey",
         "least squares with zero weight for large residuals",
         "samples",
         _reweighted(Tukey()),
+        (),
     ),
     Offer(
         "ML",
         "maximum likelihood with noise of the measured motion",
         "samples",
         lambda c: MotionNoise(c.regressor, per_run=c.per_run),
+        (),
     ),
     Offer(
         "bounded LS",
         "weighted least squares within bounds",
         "information",
         lambda c: BoundedLeastSquares(base_bounds(c.regressor.base, c.knowledge), c.per_run),
+        (),
     ),
     Offer(
         "log-Cholesky",
         "the consistent estimate by Gauss-Newton in log-Cholesky coordinates",
         "information",
         lambda c: _consistent(c, LogCholesky),
-        uses=ALL_KNOWN,
+        ALL_KNOWN,
     ),
     _simulating("IV", "instruments from the simulated closed loop", InstrumentalVariables),
     _simulating("DIDIM", "simulated against measured torques", Didim),
