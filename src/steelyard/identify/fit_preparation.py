@@ -38,7 +38,7 @@ from steelyard.estimate.nonlinear.nonlinear_parameters import (
 from steelyard.estimate.payload.drive_gains import GainEstimate, identified_gains
 from steelyard.estimate.prior.constraint_kinds import knowledge_of
 from steelyard.estimate.scores.cross_validation import TooShortError
-from steelyard.model.model import Model, with_friction
+from steelyard.model.model import Model, model_with_open_friction, with_friction
 from steelyard.model.terms.axes import finds_of
 from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
 from steelyard.robot.file.signals import Signals
@@ -100,12 +100,9 @@ def with_signals(run: Run, signals: Signals) -> Run:
     return replace(run, recording=replace(run.recording, signals=signals))
 
 
-def prepare_fit(task: FitTask, estimator: Estimator[Information]) -> PreparedFit:
-    """Gains, zero offsets, friction laws and their nonlinear parameters.
-
-    The `estimator` fits references, and laws where the estimate is least squares.
-    """
-    model, loaded, runs = task.model, task.loaded, task.runs
+def model_to_fit(loaded: LoadedRobot) -> Model:
+    """The model of a robot file, without friction where that is to be chosen."""
+    model = model_with_open_friction(loaded)
     if loaded.friction:
         refuse_listed(model)
         if searched := [term.law for term in model.terms if finds_of(term)]:
@@ -115,6 +112,15 @@ def prepare_fit(task: FitTask, estimator: Estimator[Information]) -> PreparedFit
                 where="[model] friction",
                 fix='give it a number, or list the friction laws in place of "auto"',
             )
+    return model
+
+
+def prepare_fit(task: FitTask, estimator: Estimator[Information]) -> PreparedFit:
+    """Gains, zero offsets, friction laws and their nonlinear parameters.
+
+    The `estimator` fits references, and laws where the estimate is least squares.
+    """
+    model, loaded, runs = task.model, task.loaded, task.runs
     gains = _gains(task)
     if gains is not None:
         given, none = gains.gains, (False,) * len(gains.gains)

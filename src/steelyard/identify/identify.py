@@ -23,7 +23,7 @@ from steelyard.check.signals.movement_rests_and_base import of_base
 from steelyard.estimate.estimator_register import method_of
 from steelyard.estimate.scores.score import RunScore
 from steelyard.identify.fit import Fit, below_described_band, calibrated, fit, without_forces
-from steelyard.identify.fit_preparation import FitTask, with_signals
+from steelyard.identify.fit_preparation import FitTask, model_to_fit, with_signals
 from steelyard.identify.page.report_content import ReportContent
 from steelyard.identify.provenance_and_notes import (
     commanded_note,
@@ -49,7 +49,6 @@ from steelyard.identify.scores_and_model_report import (
     scored_from_commanded,
 )
 from steelyard.identify.validation_split import refuse_same_rows
-from steelyard.model.model import model_with_open_friction
 from steelyard.report.result import DataFrame
 from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
 from steelyard.robot.file.robot_file import load_robot
@@ -171,7 +170,7 @@ def identify(
     signals, reasons = signals_of(file, known[0])
     if commanded:
         _refuse_uncommanded(signals, unknown)
-    model, diagnosis, unresolved = model_with_open_friction(file), None, tuple[str, ...]()
+    model, diagnosis, unresolved = model_to_fit(file), None, tuple[str, ...]()
     made = dict[str, Run]()
     if check:
         given = replace(file, signals=signals)

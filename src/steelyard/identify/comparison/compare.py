@@ -44,11 +44,15 @@ from steelyard.identify.comparison.estimators_page import (
     comparison_lines,
 )
 from steelyard.identify.comparison.models_page import COMPARE_MODELS_SECTIONS
-from steelyard.identify.fit_preparation import FitTask, PreparedFit, prepare_fit
+from steelyard.identify.fit_preparation import (
+    FitTask,
+    PreparedFit,
+    model_to_fit,
+    prepare_fit,
+)
 from steelyard.identify.provenance_and_notes import dropped, dropped_rows, notes_of
 from steelyard.identify.scores_and_model_report import fitted_before, runs_for
 from steelyard.identify.validation_split import holds_fitted_rows
-from steelyard.model.model import model_with_open_friction
 from steelyard.report.page import render_sections
 from steelyard.report.result import DataFrame, Result, frame
 from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
@@ -111,7 +115,7 @@ def comparison_inputs(
             fix="identify the gains first (steelyard identify ROBOT LOG --loaded LOG "
             "--payload-mass KG), and write them into the robot file",
         )
-    model, unresolved, made = model_with_open_friction(file), tuple[str, ...](), dict[str, Run]()
+    model, unresolved, made = model_to_fit(file), tuple[str, ...](), dict[str, Run]()
     if check:
         given = replace(file, signals=signals)
         diagnosis, made = prechecked(file.reference, given, files, progress)
