@@ -5,14 +5,7 @@ in 7.2 s. The tracking errors of the laws are in `studies/p5_five_bar.py`.
 """
 
 import numpy as np
-from proofs.estimation.parallel_arm import (
-    CENTRE,
-    L2,
-    MODELS,
-    RADIUS,
-    TIP,
-    arm,
-)
+from proofs.estimation.parallel_arm import CENTRE, L2, MODELS, RADIUS, TIP, arm
 from proofs.support.claims import Claim, main_of
 
 from steelyard.base.arrays import Parameters

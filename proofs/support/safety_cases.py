@@ -6,14 +6,7 @@ from typing import Any
 
 import numpy as np
 from proofs.support.safety_judge import Judge, Rules
-from proofs.support.safety_robots import (
-    Arm,
-    Part,
-    arm_urdf,
-    cell_urdf,
-    random_arm,
-    random_obstacle,
-)
+from proofs.support.safety_robots import Arm, Part, arm_urdf, cell_urdf, random_arm, random_obstacle
 from proofs.support.safety_toml import tables_text
 
 FAMILIES = ("fourier", "raw_fourier", "blended_fourier", "ramped_fourier", "spline", "reaching")

@@ -8,17 +8,7 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from check.test_model_based import (
-    DQ,
-    GAINS,
-    TAU,
-    Q,
-    edits,
-    in_amperes,
-    names,
-    with_payload,
-    wrong,
-)
+from check.test_model_based import DQ, GAINS, TAU, Q, edits, in_amperes, names, with_payload, wrong
 from steelyard.check.case_and_checked_log import knowledge_of
 from steelyard.check.decision import judged_explanations
 from steelyard.check.decision.gains_and_laws_of_logs import _listed_sources

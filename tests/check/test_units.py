@@ -7,17 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from check.test_signals import (
-    COLUMNS,
-    DEGREES,
-    DOUBTFUL,
-    ROBOT,
-    WRONG,
-    Q,
-    case_of,
-    scaled,
-    sound,
-)
+from check.test_signals import COLUMNS, DEGREES, DOUBTFUL, ROBOT, WRONG, Q, case_of, scaled, sound
 from steelyard.base.arrays import Array
 from steelyard.check.diagnosis_and_contradictions import examine
 from steelyard.check.finding import Severity

@@ -12,12 +12,7 @@ from steelyard.estimate.consistent.convex_estimator import Consistent
 from steelyard.estimate.information.base_regressor import base_parameters, base_regressor
 from steelyard.estimate.information.filter_and_gram import Accumulator, Stretch
 from steelyard.estimate.information.information import Information, Signature, Window
-from steelyard.estimate.nonlinear.effort_scales import (
-    DEVIATION,
-    Scaled,
-    Scales,
-    effort_scales,
-)
+from steelyard.estimate.nonlinear.effort_scales import DEVIATION, Scaled, Scales, effort_scales
 from steelyard.estimate.prior.body_priors import default_knowledge
 from steelyard.model.model import Model
 

@@ -9,17 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from excite.colliding import (
-    distances,
-    joint,
-    link,
-    panda,
-    postures,
-    snake,
-    ur10,
-    urdf,
-    written,
-)
+from excite.colliding import distances, joint, link, panda, postures, snake, ur10, urdf, written
 from steelyard.base.errors import ModelError
 from steelyard.excite.collision.clearance import Clearance, self_clearance
 from steelyard.excite.collision.convex_solids_and_mesh_files import (

@@ -18,11 +18,7 @@ from steelyard.base.errors import DataError
 from steelyard.base.progress import Event, Progress, Stopped, silent
 from steelyard.excite.problem_from_tables import build
 from steelyard.excite.search import parallel_search
-from steelyard.excite.search.parallel_search import (
-    SearchBudget,
-    SearchResult,
-    search_in_parallel,
-)
+from steelyard.excite.search.parallel_search import SearchBudget, SearchResult, search_in_parallel
 
 pytestmark = pytest.mark.skipif(not Path("/proc").is_dir(), reason="looks at processes in /proc")
 

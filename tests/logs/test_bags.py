@@ -9,15 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bag_writers import (
-    Note,
-    in_order,
-    joint_state,
-    wrench,
-    write_bag1,
-    write_bag2,
-    write_mcap,
-)
+from bag_writers import Note, in_order, joint_state, wrench, write_bag1, write_bag2, write_mcap
 from steelyard.base.errors import LogError
 from steelyard.logs.formats import open_log
 from steelyard.logs.log import Log

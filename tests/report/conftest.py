@@ -30,11 +30,7 @@ from steelyard.estimate.payload.drive_gains import GainEstimate
 from steelyard.estimate.prior.body_priors import Knowledge
 from steelyard.estimate.scores.bands_and_traces import TorqueParts
 from steelyard.estimate.scores.effort_errors import BandErrors, JointError
-from steelyard.estimate.scores.estimator_comparison import (
-    Comparison,
-    EstimatorScore,
-    Failure,
-)
+from steelyard.estimate.scores.estimator_comparison import Comparison, EstimatorScore, Failure
 from steelyard.estimate.scores.score import JointScore, RunScore, Traces
 from steelyard.identify.comparison.estimators_page import ComparisonContent
 from steelyard.identify.page.report_content import ReportContent

@@ -10,11 +10,7 @@ from steelyard.base.errors import DataError
 from steelyard.base.motion import Motion
 from steelyard.model.laws.friction_over_speed import Coulomb
 from steelyard.model.model import Model, ValuedModel
-from steelyard.uses.control.feedforward import (
-    feedforward_torque,
-    friction_torque,
-    in_joint_order,
-)
+from steelyard.uses.control.feedforward import feedforward_torque, friction_torque, in_joint_order
 from uses.conftest import valued_of
 
 ROBOT = geared()

@@ -7,14 +7,8 @@ from steelyard.estimate.identified_model import IdentifiedModel, Provenance
 from steelyard.estimate.scores.score import RunScore
 from steelyard.model.model import Model
 from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
-from steelyard.runs.run import (
-    Run,
-    open_stretches,
-)
-from steelyard.runs.runs_of_named_logs import (
-    LogArgument,
-    sha256,
-)
+from steelyard.runs.run import Run, open_stretches
+from steelyard.runs.runs_of_named_logs import LogArgument, sha256
 
 LISTED_TIMES = 5  # times that are listed, at most
 

@@ -16,13 +16,7 @@ from numpy.typing import NDArray
 from steelyard.base.arrays import Array
 from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.estimate.scores.score import RunScore
-from steelyard.runs.run import (
-    MotionRows,
-    MotionSamples,
-    Run,
-    motion_rows,
-    samples_of_rows,
-)
+from steelyard.runs.run import MotionRows, MotionSamples, Run, motion_rows, samples_of_rows
 
 
 def marked_repeats(

@@ -20,10 +20,7 @@ from steelyard.estimate.scores.effort_errors import (
 from steelyard.estimate.scores.score import low_passed, no_closed_sample
 from steelyard.identify.scores_and_model_report import runs_for
 from steelyard.report.result import DataFrame, frame
-from steelyard.runs.runs_of_named_logs import (
-    log_files,
-    paths_of,
-)
+from steelyard.runs.runs_of_named_logs import log_files, paths_of
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -13,9 +13,7 @@ from steelyard.base.errors import DataError, advice
 from steelyard.base.progress import Progress, report_progress
 from steelyard.estimate.identified_model import IdentifiedModel, load_model
 from steelyard.estimate.scores.bands_and_traces import Bands, TorqueSplit
-from steelyard.estimate.scores.effort_errors import (
-    effort_reference,
-)
+from steelyard.estimate.scores.effort_errors import effort_reference
 from steelyard.estimate.scores.score import RunScore, score
 from steelyard.identify.page.error_words import both_words
 from steelyard.identify.page.parameters_and_truth import parameter_rows
@@ -28,13 +26,7 @@ from steelyard.report.terminal import terminal
 from steelyard.robot.file.signals import Signals
 from steelyard.runs.processing_choices import Processing
 from steelyard.runs.run import Run
-from steelyard.runs.runs_of_named_logs import (
-    LogArgument,
-    _overlap,
-    prepared,
-    recording_of,
-    sha256,
-)
+from steelyard.runs.runs_of_named_logs import LogArgument, _overlap, prepared, recording_of, sha256
 
 
 def fitted_before(identified: IdentifiedModel, log: LogArgument) -> bool:

@@ -14,16 +14,8 @@ from steelyard.logs.log import Cut, parse_log_argument
 from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
 from steelyard.runs.recording import Recording
 from steelyard.runs.rows.clock_and_row_scan import learn_clock
-from steelyard.runs.run import (
-    Run,
-    motion_samples,
-)
-from steelyard.runs.runs_of_named_logs import (
-    log_files,
-    recording_of,
-    runs_of,
-    signals_of,
-)
+from steelyard.runs.run import Run, motion_samples
+from steelyard.runs.runs_of_named_logs import log_files, recording_of, runs_of, signals_of
 
 FITTED_SHARE = 0.7  # share of a single log that is fitted; the rest validates
 SHORTEST_CUT_LOG = 5.0  # duration from which on a log is long enough for that [s]

@@ -22,11 +22,7 @@ from steelyard.check.decision.ranked_readings import HOPELESS_MISFIT, Judged, Lo
 from steelyard.check.decision.robot_file_edits import confirmed, edits_of, velocity_edits
 from steelyard.check.decision.search_of_readings import least_mass
 from steelyard.check.decision.thresholds import LIKELY, SURE
-from steelyard.check.decision.undecided_questions import (
-    misfit_hides,
-    undecided,
-    zero_bounds,
-)
+from steelyard.check.decision.undecided_questions import misfit_hides, undecided, zero_bounds
 from steelyard.check.decision.zeros_and_quarter_turns import quarter_turns
 from steelyard.check.finding import ComparedHypothesis, Edit, Finding, Fix, Picture, Severity, Trace
 from steelyard.check.hypotheses.friction_signs_and_delay import (

@@ -20,10 +20,7 @@ from steelyard.base.arrays import Z95
 from steelyard.base.errors import DataError
 from steelyard.estimate.consistent.convex_estimator import Consistent
 from steelyard.estimate.estimate import Estimate, Estimator
-from steelyard.estimate.information.base_regressor import (
-    BaseMap,
-    base_regressor,
-)
+from steelyard.estimate.information.base_regressor import BaseMap, base_regressor
 from steelyard.estimate.information.information import Information
 from steelyard.estimate.least_squares.weighted_and_robust import WeightedLeastSquares, whitened
 from steelyard.estimate.nonlinear.effort_scales import EffortScales

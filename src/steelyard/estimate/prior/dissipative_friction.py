@@ -15,9 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from steelyard.base.arrays import Array
-from steelyard.estimate.prior.body_priors import (
-    Row,
-)
+from steelyard.estimate.prior.body_priors import Row
 from steelyard.model.equations.inverse_dynamics import JointState
 from steelyard.model.model import Model
 from steelyard.model.terms.axes import Axis

@@ -8,10 +8,7 @@ from typing import ClassVar, NoReturn, Protocol
 import numpy as np
 
 from steelyard.base.errors import ModelError, advice
-from steelyard.estimate.prior.body_priors import (
-    Row,
-    rigid_bodies,
-)
+from steelyard.estimate.prior.body_priors import Row, rigid_bodies
 from steelyard.estimate.prior.priors_from_tables import body_index
 from steelyard.model.model import Model
 

@@ -16,10 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from steelyard.model.equations.inverse_dynamics import (
-    Scalar,
-    Scalars,
-)
+from steelyard.model.equations.inverse_dynamics import Scalar, Scalars
 from steelyard.symbolic.native.compiled_programs import Code, compiled
 from steelyard.symbolic.program import InputArray as Input
 from steelyard.symbolic.program import Program, program_from_json, program_to_json

@@ -15,11 +15,7 @@ from steelyard.logs.formats import open_log
 from steelyard.logs.log import parse_log_argument
 from steelyard.runs.runs_of_named_logs import LogArgument
 from steelyard.runs.sample_stream import SampleStream
-from steelyard.uses.contact.contact import (
-    common_rest_speed,
-    fitted_note,
-    peaks_of_free_motion,
-)
+from steelyard.uses.contact.contact import common_rest_speed, fitted_note, peaks_of_free_motion
 from steelyard.uses.watch.watcher_and_events import rests_of, velocity_of
 
 

@@ -19,9 +19,7 @@ from steelyard.identify.scores_and_model_report import processing_of
 from steelyard.runs.prepare import prepare
 from steelyard.runs.recording import LogInMemory, Recording
 from steelyard.runs.runs_of_named_logs import log_files, paths_of
-from steelyard.uses.contact.contact import (
-    left_out_words,
-)
+from steelyard.uses.contact.contact import left_out_words
 from steelyard.uses.payload.pick_up_and_put_down import PayloadEvents, find_payload_events
 from steelyard.uses.watch.payload_stream import PayloadStream
 from steelyard.uses.watch.stream_output import StreamFiles
