@@ -161,11 +161,7 @@ class IdentifiedModel(Dynamics):
         return self.valued.evaluate(quantity, *arguments, t=t)
 
     def _along(
-        self,
-        quantity: Quantity,
-        q: Motion | ArrayLike,
-        dq: ArrayLike | None,
-        ddq: ArrayLike | None,
+        self, quantity: Quantity, q: Motion | ArrayLike, dq: ArrayLike | None, ddq: ArrayLike | None
     ) -> Array:
         found = super()._along(quantity, q, dq, ddq)
         positions = q.q if isinstance(q, Motion) else np.asarray(q, dtype=float)
@@ -175,10 +171,7 @@ class IdentifiedModel(Dynamics):
         return found
 
     def effort(
-        self,
-        q: Motion | ArrayLike,
-        dq: ArrayLike | None = None,
-        ddq: ArrayLike | None = None,
+        self, q: Motion | ArrayLike, dq: ArrayLike | None = None, ddq: ArrayLike | None = None
     ) -> Array:
         """Efforts as the columns `signals.effort` of a log contain them, shape of `q`.
 

@@ -401,12 +401,7 @@ MOMENTUM = Quantity(
 )
 MOMENTUM_RATE = Quantity("momentum rate", ("q", "dq"), _inertias, _momentum_rate, _vector)
 FORWARD_DYNAMICS = Quantity(
-    "forward dynamics",
-    ("q", "dq", "tau"),
-    _every,
-    _forward,
-    lambda p: (p.robot.n + 1,),
-    pivot=True,
+    "forward dynamics", ("q", "dq", "tau"), _every, _forward, lambda p: (p.robot.n + 1,), pivot=True
 )
 
 QUANTITIES = (

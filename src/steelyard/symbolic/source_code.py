@@ -109,10 +109,7 @@ def c_syntax_of(precision: Precision) -> Syntax:
 
 
 def c_function(
-    program: Program,
-    name: str,
-    outputs: Sequence[tuple[str, int]],
-    precision: Precision = "double",
+    program: Program, name: str, outputs: Sequence[tuple[str, int]], precision: Precision = "double"
 ) -> CFunction:
     """A program as one function `void name(const T q[n], ..., T tau[n])` of one precision.
 

@@ -185,10 +185,7 @@ def term_advice(tested: Sequence[tuple[Cause, LeftOutGain | None]], scaled: bool
 
 
 def _doubtful(
-    case: FittedCase,
-    ranked: RankedCauses,
-    blamed: Sequence[Cause],
-    zeros: tuple[str, Fix] | None,
+    case: FittedCase, ranked: RankedCauses, blamed: Sequence[Cause], zeros: tuple[str, Fix] | None
 ) -> Finding:
     """An error that stands out; joint zeros with their values."""
     first, *_ = blamed or ranked.found

@@ -266,10 +266,7 @@ class Simulated:
 
 
 def simulate(
-    experiment: Experiment,
-    values: Array,
-    progress: Progress = silent,
-    widths: Array | None = None,
+    experiment: Experiment, values: Array, progress: Progress = silent, widths: Array | None = None
 ) -> tuple[Simulated, ...]:
     """The runs as the model makes them, with parameters `(p, L)`, or `(p,)` for one lane.
 

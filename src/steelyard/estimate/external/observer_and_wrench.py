@@ -285,8 +285,7 @@ class Observer:
         since = t - self._t
         if not since > 0.0:
             raise _refused(
-                f"time does not increase: {t:g} s after {self._t:g} s",
-                "leave repeated samples out",
+                f"time does not increase: {t:g} s after {self._t:g} s", "leave repeated samples out"
             )
         try:
             self._q[:], self._dq[:], self._tau[:] = q, dq, tau

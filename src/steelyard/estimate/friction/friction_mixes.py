@@ -170,9 +170,7 @@ class JointMotion:
     speeds: float  # fast over slow motion, quantiles 0.9 and 0.1 of the speed in motion
 
 
-def joint_motions(
-    logs: Sequence[tuple[Array, NDArray[np.intp], float]],
-) -> tuple[JointMotion, ...]:
+def joint_motions(logs: Sequence[tuple[Array, NDArray[np.intp], float]]) -> tuple[JointMotion, ...]:
     """Motion of each joint.
 
     A log is velocities `(n, B)` [rad/s; m/s], the number of the stretch that each sample lies in

@@ -99,9 +99,7 @@ def start_pass(
     accumulator = Accumulator(regressor, chosen)
     # samples before the start is forgotten do not count; nor do rests, unless they are wanted
     blocks = blocks_with_channels(
-        run.blocks(),
-        regressor.model,
-        lambda block, warm: warm if rests else block.moving & warm,
+        run.blocks(), regressor.model, lambda block, warm: warm if rests else block.moving & warm
     )
     apart = max(run.duration * run.rate / LEAST_WINDOWS, SHORTEST * accumulator.halo)
     pieces = cut_pieces(blocks, run.name, accumulator, int(min(longest * run.rate, apart)))

@@ -209,11 +209,7 @@ def _groups(model: Model, unknowns: Sequence[Unknown]) -> list[tuple[int, ...]]:
 
 @checked(threads=1)
 def information(
-    model: Model,
-    runs: Sequence[Run],
-    *,
-    threads: int | None = None,
-    progress: Progress = silent,
+    model: Model, runs: Sequence[Run], *, threads: int | None = None, progress: Progress = silent
 ) -> Information:
     """What runs say about the base parameters of a model, in one pass over their samples.
 

@@ -233,9 +233,7 @@ def stretches_left_out(runs: Sequence[Run], information: Information) -> tuple[L
 
 
 def _left_out(
-    wanted: Sequence[tuple[int, tuple[float, float]]],
-    runs: Sequence[Run],
-    information: Information,
+    wanted: Sequence[tuple[int, tuple[float, float]]], runs: Sequence[Run], information: Information
 ) -> tuple[LeftOut, ...]:
     """Spans of runs with what may be fitted meanwhile; without those for which nothing may."""
     courses = [_Course.of(run, INSTANTS) for run in runs]

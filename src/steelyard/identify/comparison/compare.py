@@ -381,10 +381,7 @@ def compare_models(
         models=comparison,
         notes=_notes(named, comparison, runs[first_name]),
         details=notes_of(runs[first_name]),
-        settings=(
-            ("models", ", ".join(named)),
-            ("logs", ", ".join(file.text for file in files)),
-        ),
+        settings=(("models", ", ".join(named)), ("logs", ", ".join(file.text for file in files))),
     )
     return ComparedModels(content)
 

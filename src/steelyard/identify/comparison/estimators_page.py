@@ -104,8 +104,7 @@ def stopped(comparison: Comparison) -> str:
 def in_order(comparison: Comparison) -> list[EstimatorScore]:
     """The least error first, those that failed last."""
     return sorted(
-        comparison.scores,
-        key=lambda t: (not t.whole, float("inf") if t.mean is None else t.mean),
+        comparison.scores, key=lambda t: (not t.whole, float("inf") if t.mean is None else t.mean)
     )
 
 

@@ -220,10 +220,7 @@ class TorqueSplitSection(FigureSection, name="torque-split", title="Effort by ca
         )
         groups = [
             Group(
-                [_torque_figure(parts, j, joint, present, points)],
-                joint.name,
-                captions[j],
-                "one",
+                [_torque_figure(parts, j, joint, present, points)], joint.name, captions[j], "one"
             )
             for j, joint in enumerate(joints)
         ]

@@ -184,9 +184,7 @@ def coverage_words(inside: float, unseen: bool) -> str:
 
 
 def scale_words(
-    identified: IdentifiedModel,
-    scores: Sequence[RunScore],
-    unscaled: Sequence[RunScore] = (),
+    identified: IdentifiedModel, scores: Sequence[RunScore], unscaled: Sequence[RunScore] = ()
 ) -> str:
     """By what measured efforts are divided before they are compared; empty without scales."""
     if identified.effort_scales is None or not scores:

@@ -98,11 +98,7 @@ class EffortScalesSection(
 
 
 class ZeroOffsetsSection(
-    ValueSection,
-    name="zero_offsets",
-    title="Zero offsets",
-    value="offsets",
-    field="zero_offsets",
+    ValueSection, name="zero_offsets", title="Zero offsets", value="offsets", field="zero_offsets"
 ):
     """Offsets with intervals."""
 

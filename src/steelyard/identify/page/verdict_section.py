@@ -279,11 +279,7 @@ def _pooled_pairs(score: RunScore) -> list[tuple[EffortError, EffortError | None
 
 
 def _add(
-    table: Table,
-    name: str,
-    error: EffortError,
-    *more: str,
-    logged: EffortError | None = None,
+    table: Table, name: str, error: EffortError, *more: str, logged: EffortError | None = None
 ) -> None:
     """A row: error with its unit, relative to what was used, as logged too, and to the limit."""
     shares = [one.percent_of_used for one in (error, logged) if one is not None]

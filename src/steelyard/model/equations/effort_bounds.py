@@ -123,12 +123,7 @@ def _larger(a: Scalar, b: Scalar) -> Scalar:
     return 0.5 * (a + b + np.abs(a - b))
 
 
-def _powers(
-    middle: Scalars,
-    most: Scalars,
-    least: Scalars,
-    dq: Scalars,
-) -> list[Scalar]:
+def _powers(middle: Scalars, most: Scalars, least: Scalars, dq: Scalars) -> list[Scalar]:
     """Greatest powers of the joints and of all together, then the least."""
     own = [(m + 0.5 * (a + b)) * v for m, a, b, v in zip(middle, most, least, dq, strict=True)]
     ways = [0.5 * (a - b) * np.abs(v) for a, b, v in zip(most, least, dq, strict=True)]

@@ -240,11 +240,7 @@ def _rows(columns: dict[int, Vector], n: int) -> list[Scalar]:
 
 
 def _frame_motion_outputs(
-    robot: Robot,
-    frame: Frame,
-    q: Scalars,
-    passive: Scalars,
-    dq: Scalars,
+    robot: Robot, frame: Frame, q: Scalars, passive: Scalars, dq: Scalars
 ) -> list[Scalar]:
     """Outputs of `frame_outputs`, and the drift: how the velocities grow while `dq` is constant."""
     from steelyard.symbolic.symbols_and_tracing import carried_along

@@ -247,11 +247,7 @@ Field = float | tuple[float, ...]  # one value for all coordinates of a term, or
 
 
 def directions(
-    axes: Axes,
-    dq: Scalars,
-    smoothing: Field,
-    law: str,
-    shape: str = DEFAULT_SHAPE,
+    axes: Axes, dq: Scalars, smoothing: Field, law: str, shape: str = DEFAULT_SHAPE
 ) -> list[Scalar]:
     """Direction of motion along every axis, -1 to 1: the sign, or $s(v/w)$ of `SHAPES`."""
     speeds = [axis.of(dq) for axis in axes]

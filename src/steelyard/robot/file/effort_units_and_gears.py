@@ -58,10 +58,7 @@ def build_transmission(
 
 
 def _matrix(
-    section: TransmissionSection,
-    motors: Sequence[str],
-    joints: Sequence[str],
-    locate: Locate,
+    section: TransmissionSection, motors: Sequence[str], joints: Sequence[str], locate: Locate
 ) -> Array:
     if (section.ratios is None) == (section.matrix is None):
         raise ModelError(

@@ -163,8 +163,7 @@ class CircleSection(MotionOfAKind):
     laps: Count = key(2, "Number of whole turns, ramps included.")
     ramp: Positive = key(1.0, "Time in which the speed rises, and in which it falls [s].")
     normal: Vector | None = key(
-        None,
-        "Axis of the turn, right-handed, in the base frame; against gravity if left out.",
+        None, "Axis of the turn, right-handed, in the base frame; against gravity if left out."
     )
     angle: float = key(0.0, "Where it starts [rad], from the base's x axis in its plane.")
     tool_axis: ToolAxis = None
@@ -184,8 +183,7 @@ class CartesianReachingSection(MotionOfAKind):
         None, "Normal of its plane, in the base frame; against gravity if left out."
     )
     angle: float = key(
-        0.0,
-        "Direction of the first of them [rad], from the base's x axis in that plane.",
+        0.0, "Direction of the first of them [rad], from the base's x axis in that plane."
     )
     move: Positive = key(1.0, "Time of each reach, out or back [s].")
     dwell: Annotated[float, Field(ge=0.0)] = key(0.2, "Standstill after each reach [s].")

@@ -110,9 +110,7 @@ def _needed(parent: Element, tag: str) -> Element:
     child = _only(parent, tag)
     if child is None:
         raise ModelError(
-            f"<{parent.tag}> has no <{tag}> element",
-            where=parent.where,
-            fix=f"add a <{tag}> to it",
+            f"<{parent.tag}> has no <{tag}> element", where=parent.where, fix=f"add a <{tag}> to it"
         )
     return child
 

@@ -105,9 +105,7 @@ def refuse_device(path: Path) -> None:
     """Refuse what is no file on a disk: a device never ends, and a pipe waits for its writer."""
     if path.exists() and not path.is_file() and not path.is_dir():
         raise ModelError(
-            "this is a device or a pipe, not a file",
-            where=str(path),
-            fix="give the path of a file",
+            "this is a device or a pipe, not a file", where=str(path), fix="give the path of a file"
         )
 
 

@@ -195,9 +195,7 @@ class Block:
         outer = self.neg(self.div(c(1.0), size))
         r = self.choose(far, outer, self.choose(middle, near, size))
         start = self.choose(
-            far,
-            c(1.5707963267948966),
-            self.choose(middle, c(0.7853981633974483), c(0.0)),
+            far, c(1.5707963267948966), self.choose(middle, c(0.7853981633974483), c(0.0))
         )
         rest = self.choose(
             far,
