@@ -18,13 +18,13 @@ from steelyard.estimate.estimate import Estimate
 from steelyard.estimate.information.base_regressor import Regressor, base_regressor
 from steelyard.estimate.information.filter_and_gram import Accumulator, Stretch
 from steelyard.estimate.information.information import Information, Signature, Window
-from steelyard.estimate.least_squares.weighted_and_robust import WeightedLeastSquares
+from steelyard.estimate.least_squares.weighted_robust_and_whitened import WeightedLeastSquares
 from steelyard.estimate.nonlinear.nonlinear_parameters import FoundFields, find_fields
 from steelyard.excite.search.search_methods import minimised_by_genes
 from steelyard.model.equations.inverse_dynamics import JointState
 from steelyard.model.laws.friction_over_speed import Coulomb, Stribeck, Viscous
 from steelyard.model.model import Model
-from steelyard.model.terms.axes import Find
+from steelyard.model.terms.axes_and_fields import Find
 from steelyard.model.terms.term import Cause, Columns, Dissipation, Term
 from steelyard.robot.robot import Coordinate, Robot
 

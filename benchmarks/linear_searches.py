@@ -18,7 +18,7 @@ from steelyard.estimate.least_squares.known_bounded_and_ridge import (
     Box,
     residual_squares,
 )
-from steelyard.estimate.least_squares.weighted_and_robust import whitened
+from steelyard.estimate.least_squares.weighted_robust_and_whitened import whitened
 from steelyard.excite.search.search_methods import minimised_by_cma_es, minimised_by_genes
 
 REACHED = 1.0 + 1e-6

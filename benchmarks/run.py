@@ -34,7 +34,7 @@ from steelyard.estimate.information.filter_and_gram import (  # noqa: E402
 )
 from steelyard.estimate.information.gather import accumulate, cut_pieces  # noqa: E402
 from steelyard.estimate.information.information import Information, Signature, Window  # noqa: E402
-from steelyard.estimate.least_squares.weighted_and_robust import (  # noqa: E402
+from steelyard.estimate.least_squares.weighted_robust_and_whitened import (  # noqa: E402
     OrdinaryLeastSquares,
     WeightedLeastSquares,
     whitened,

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from steelyard.estimate.information.base_regressor import base_regressor
 from steelyard.estimate.information.gather import gather
-from steelyard.estimate.least_squares.weighted_and_robust import WeightedLeastSquares
+from steelyard.estimate.least_squares.weighted_robust_and_whitened import WeightedLeastSquares
 from steelyard.estimate.scores.score import score
 from steelyard.logs.formats import open_log
 from steelyard.model.model import Model

@@ -22,7 +22,7 @@ from steelyard.base.errors import DataError
 from steelyard.estimate.consistent.convex_estimator import Consistent
 from steelyard.estimate.consistent.unknowns_and_penalties import Free, Pullback
 from steelyard.estimate.estimate import Estimate
-from steelyard.estimate.least_squares.weighted_and_robust import WeightedLeastSquares
+from steelyard.estimate.least_squares.weighted_robust_and_whitened import WeightedLeastSquares
 from steelyard.estimate.prior.body_priors import Knowledge, Row
 from steelyard.model.model import ValuedModel
 from steelyard.robot.inertia_and_placement import INERTIAL_NAMES, Inertia

@@ -14,7 +14,7 @@ from proofs.support.claims import Claim, main_of
 from proofs.support.consistent_cases import drawn, perturbed
 
 from steelyard.estimate.consistent.convex_estimator import Consistent
-from steelyard.estimate.least_squares.weighted_and_robust import whitened
+from steelyard.estimate.least_squares.weighted_robust_and_whitened import whitened
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "tests"))
 from cvxpy_oracle import cvxpy_problem, solved  # noqa: E402

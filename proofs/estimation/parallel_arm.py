@@ -33,7 +33,7 @@ from steelyard.estimate.least_squares.known_bounded_and_ridge import (
     BoundedLeastSquares,
     base_bounds,
 )
-from steelyard.estimate.least_squares.weighted_and_robust import OrdinaryLeastSquares
+from steelyard.estimate.least_squares.weighted_robust_and_whitened import OrdinaryLeastSquares
 from steelyard.estimate.prior.body_priors import default_knowledge
 from steelyard.excite.constraints.motion_limits import MotionLimits
 from steelyard.excite.planned.joints_along_path import along_path

@@ -20,7 +20,7 @@ from proofs.support.claims import Claim, main_of
 from steelyard.base.motion import run
 from steelyard.estimate.information.base_regressor import Regressor, base_regressor
 from steelyard.estimate.information.gather import gather
-from steelyard.estimate.least_squares.weighted_and_robust import WeightedLeastSquares
+from steelyard.estimate.least_squares.weighted_robust_and_whitened import WeightedLeastSquares
 from steelyard.excite.design_from_tables import design
 from steelyard.excite.earlier_model import Earlier
 from steelyard.excite.search.parallel_search import SearchBudget

@@ -21,7 +21,7 @@ from proofs.support.claims import Claim, main_of
 from steelyard.base.motion import run
 from steelyard.estimate.information.base_regressor import base_regressor
 from steelyard.estimate.information.gather import gather
-from steelyard.estimate.least_squares.weighted_and_robust import WeightedLeastSquares
+from steelyard.estimate.least_squares.weighted_robust_and_whitened import WeightedLeastSquares
 from steelyard.excite.trajectories.fourier import random_fourier
 from steelyard.logs.formats import open_log
 from steelyard.model.laws.register import term_of

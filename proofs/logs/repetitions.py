@@ -15,7 +15,7 @@ from proofs.support.claims import Claim, main_of
 
 from steelyard.estimate.information.base_regressor import Regressor, base_regressor
 from steelyard.estimate.information.gather import gather
-from steelyard.estimate.least_squares.weighted_and_robust import WeightedLeastSquares
+from steelyard.estimate.least_squares.weighted_robust_and_whitened import WeightedLeastSquares
 from steelyard.excite.trajectories.fourier import random_fourier
 from steelyard.model.laws.friction_over_speed import Coulomb
 from steelyard.model.model import DEFAULT_TERMS

@@ -20,7 +20,7 @@ from steelyard.estimate.information.base_regressor import (
     standard_regressor,
 )
 from steelyard.estimate.information.gather import gather
-from steelyard.estimate.least_squares.weighted_and_robust import WeightedLeastSquares
+from steelyard.estimate.least_squares.weighted_robust_and_whitened import WeightedLeastSquares
 from steelyard.excite.trajectories.fourier import random_fourier
 from steelyard.model.equations.passive_joints import Follower
 from steelyard.model.laws.friction_over_speed import Coulomb, Viscous

@@ -180,7 +180,7 @@ def way() -> tuple[int, int, int]:
     """Names met from a log to information, to the estimate, and to the page."""
     from steelyard.estimate.information.base_regressor import base_regressor
     from steelyard.estimate.information.gather import gather
-    from steelyard.estimate.least_squares.weighted_and_robust import WeightedLeastSquares
+    from steelyard.estimate.least_squares.weighted_robust_and_whitened import WeightedLeastSquares
     from steelyard.identify.identify import identify
     from steelyard.identify.page.section_register import render
     from steelyard.logs.formats import open_log

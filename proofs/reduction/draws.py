@@ -19,7 +19,7 @@ from invented import dh_arm
 from steelyard.base.arrays import Z95, Array
 from steelyard.estimate.information.base_regressor import base_regressor
 from steelyard.estimate.information.information import Information
-from steelyard.estimate.least_squares.weighted_and_robust import WeightedLeastSquares
+from steelyard.estimate.least_squares.weighted_robust_and_whitened import WeightedLeastSquares
 from steelyard.estimate.reduction.reduction import reduce
 from steelyard.model.model import Model
 

@@ -29,7 +29,7 @@ from steelyard.base.arrays import Array
 from steelyard.base.motion import Trajectory
 from steelyard.estimate.information.base_regressor import base_regressor
 from steelyard.estimate.information.information import Information
-from steelyard.estimate.least_squares.weighted_and_robust import OrdinaryLeastSquares
+from steelyard.estimate.least_squares.weighted_robust_and_whitened import OrdinaryLeastSquares
 from steelyard.estimate.reduction.reduction import reduce
 from steelyard.excite.excite_and_reduce_loop import Round, reduction_loop
 from steelyard.excite.trajectories.trajectory_files import read_trajectory

@@ -15,7 +15,7 @@ from steelyard.check.finding import Edit, Finding, Severity
 from steelyard.check.signals.corrupt_and_repeated_rows import repeated_rows_check, zero_order_hold
 from steelyard.estimate.information.base_regressor import base_regressor
 from steelyard.estimate.information.gather import gather
-from steelyard.estimate.least_squares.weighted_and_robust import WeightedLeastSquares
+from steelyard.estimate.least_squares.weighted_robust_and_whitened import WeightedLeastSquares
 from steelyard.robot.file.robot_file import load_robot
 from steelyard.robot.file.toml_edits import edited
 from steelyard.runs.prepare import prepare

@@ -13,7 +13,7 @@ from estimate.test_least_squares import data
 from steelyard.base.progress import silent
 from steelyard.cli.app import app
 from steelyard.estimate.estimator_register import offer_of
-from steelyard.estimate.least_squares.weighted_and_robust import WeightedLeastSquares
+from steelyard.estimate.least_squares.weighted_robust_and_whitened import WeightedLeastSquares
 from steelyard.identify.fit import Fit
 
 DRAWS = 20

@@ -181,7 +181,7 @@ def test_the_advice_has_its_line(command) -> None:
 
 
 COMPARE = ("compare", ROBOT, LOG, "--estimators", "WLS", "OLS", "--no-check")
-SECOND = "weighted_and_robust.OrdinaryLeastSquares.__call__"
+SECOND = "weighted_robust_and_whitened.OrdinaryLeastSquares.__call__"
 
 
 @pytest.mark.slow

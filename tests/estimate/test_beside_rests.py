@@ -18,7 +18,7 @@ from steelyard.estimate.least_squares.covariance_from_residuals import (
     scatter,
 )
 from steelyard.estimate.least_squares.known_bounded_and_ridge import Ridge
-from steelyard.estimate.least_squares.weighted_and_robust import (
+from steelyard.estimate.least_squares.weighted_robust_and_whitened import (
     OrdinaryLeastSquares,
     WeightedLeastSquares,
 )

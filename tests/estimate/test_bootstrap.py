@@ -13,7 +13,7 @@ from steelyard.estimate.bootstrap_and_sensitivity import bootstrap
 from steelyard.estimate.estimate import Estimate
 from steelyard.estimate.information.base_regressor import Layout
 from steelyard.estimate.information.information import Information, Signature, Window
-from steelyard.estimate.least_squares.weighted_and_robust import (
+from steelyard.estimate.least_squares.weighted_robust_and_whitened import (
     OrdinaryLeastSquares,
     WeightedLeastSquares,
 )

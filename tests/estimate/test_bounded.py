@@ -17,7 +17,7 @@ from steelyard.estimate.least_squares.known_bounded_and_ridge import (
     BoundedLeastSquares,
     base_bounds,
 )
-from steelyard.estimate.least_squares.weighted_and_robust import WeightedLeastSquares
+from steelyard.estimate.least_squares.weighted_robust_and_whitened import WeightedLeastSquares
 from steelyard.estimate.prior.body_priors import default_knowledge
 from steelyard.model.laws.friction_over_speed import Coulomb, Viscous
 from steelyard.model.laws.laws_without_friction import Offset, RigidBody

@@ -13,12 +13,12 @@ from steelyard.estimate.identified_model import Cutoffs, IdentifiedModel, Proven
 from steelyard.estimate.information.base_regressor import base_regressor
 from steelyard.estimate.information.gather import gather
 from steelyard.estimate.information.information import Information
-from steelyard.estimate.least_squares.weighted_and_robust import WeightedLeastSquares
+from steelyard.estimate.least_squares.weighted_robust_and_whitened import WeightedLeastSquares
 from steelyard.estimate.scores.band_calibration import calibrate, correlation_of, quantile
-from steelyard.estimate.scores.bands_and_traces import Bands
 from steelyard.estimate.scores.cross_validation import runs_left_out, stretches_left_out
 from steelyard.estimate.scores.residuals import residual_trace
 from steelyard.estimate.scores.score import score
+from steelyard.estimate.scores.torque_split_bands_and_traces import Bands
 from steelyard.model.laws.friction_over_speed import Stribeck
 from steelyard.model.laws.register import DEFAULT_TERMS
 from steelyard.model.model import Model

@@ -11,7 +11,7 @@ from steelyard.estimate.consistent.unknowns_and_penalties import Entropic, Pullb
 from steelyard.estimate.information.base_regressor import base_regressor
 from steelyard.estimate.information.gather import gather
 from steelyard.estimate.information.information import Information
-from steelyard.estimate.least_squares.weighted_and_robust import whitened
+from steelyard.estimate.least_squares.weighted_robust_and_whitened import whitened
 from steelyard.estimate.prior.body_priors import default_knowledge
 from steelyard.model.model import Model
 from steelyard.robot.inertia_and_placement import INERTIAL_NAMES, Inertia

@@ -15,7 +15,7 @@ from steelyard.base.motion import Motion
 from steelyard.estimate.friction.friction_choice import FrictionChoice, _staged, choose_friction
 from steelyard.estimate.friction.friction_mixes import mix_name
 from steelyard.estimate.information.base_regressor import base_regressor
-from steelyard.estimate.least_squares.weighted_and_robust import WeightedLeastSquares
+from steelyard.estimate.least_squares.weighted_robust_and_whitened import WeightedLeastSquares
 from steelyard.estimate.nonlinear.nonlinear_parameters import information_from
 from steelyard.estimate.scores.cross_validation import logarithms
 from steelyard.model.laws.friction_over_speed import Coulomb, Cubic, Root, Stribeck, Viscous

@@ -12,7 +12,7 @@ from steelyard.estimate.estimate import Estimate
 from steelyard.estimate.estimator_register import Context, offer_of
 from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.estimate.least_squares.known_bounded_and_ridge import WithKnownValues, fixed_values
-from steelyard.estimate.least_squares.weighted_and_robust import (
+from steelyard.estimate.least_squares.weighted_robust_and_whitened import (
     OrdinaryLeastSquares,
     WeightedLeastSquares,
 )

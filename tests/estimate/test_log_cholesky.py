@@ -22,7 +22,7 @@ from steelyard.estimate.information.base_regressor import (
 )
 from steelyard.estimate.information.filter_and_gram import Accumulator, Stretch
 from steelyard.estimate.information.information import Information, Signature, Window
-from steelyard.estimate.least_squares.weighted_and_robust import whitened
+from steelyard.estimate.least_squares.weighted_robust_and_whitened import whitened
 from steelyard.estimate.prior.body_priors import Knowledge, Row, default_knowledge
 from steelyard.identify.comparison.compare import comparison_inputs
 from steelyard.model.laws.friction_over_speed import Coulomb, Viscous

@@ -11,7 +11,7 @@ from steelyard.base.errors import DataError
 from steelyard.estimate.information.base_regressor import Regressor, base_regressor
 from steelyard.estimate.information.filtered_samples import FilteredSamples
 from steelyard.estimate.least_squares.errors_in_variables import MotionNoise, motion_roots, slopes
-from steelyard.estimate.least_squares.weighted_and_robust import WeightedLeastSquares
+from steelyard.estimate.least_squares.weighted_robust_and_whitened import WeightedLeastSquares
 from steelyard.model.laws.friction_over_speed import Viscous
 from steelyard.model.laws.laws_without_friction import RigidBody
 from steelyard.model.model import Model

@@ -10,7 +10,7 @@ from steelyard.estimate.consistent.conic_solver import solved
 from steelyard.estimate.consistent.convex_estimator import Consistent
 from steelyard.estimate.consistent.convex_program import Program, polished
 from steelyard.estimate.consistent.unknowns_and_penalties import Entropic, Form, Free, Pullback
-from steelyard.estimate.least_squares.weighted_and_robust import whitened
+from steelyard.estimate.least_squares.weighted_robust_and_whitened import whitened
 from steelyard.estimate.prior.body_priors import Row
 
 CONSTRAINTS = (

@@ -8,11 +8,13 @@ from invented import single, tree
 from steelyard.base.errors import DataError
 from steelyard.estimate.information.base_regressor import base_regressor
 from steelyard.estimate.information.information import Information
-from steelyard.estimate.least_squares.weighted_and_robust import (
+from steelyard.estimate.least_squares.recursive_least_squares import (
     MOST_WINDOWS_APART,
     Online,
-    OrdinaryLeastSquares,
     Recursive,
+)
+from steelyard.estimate.least_squares.weighted_robust_and_whitened import (
+    OrdinaryLeastSquares,
     WeightedLeastSquares,
 )
 from steelyard.model.model import Model

@@ -10,7 +10,7 @@ from drawn import motion_of, samples_of
 from invented import single, tree
 from steelyard.estimate.information.base_regressor import Regressor, base_regressor
 from steelyard.estimate.information.filtered_samples import FilteredSamples
-from steelyard.estimate.least_squares.weighted_and_robust import (
+from steelyard.estimate.least_squares.weighted_robust_and_whitened import (
     Huber,
     OrdinaryLeastSquares,
     Reweighted,

@@ -17,7 +17,7 @@ from steelyard.estimate.least_squares.covariance_from_residuals import (
     scores_of_windows,
 )
 from steelyard.estimate.least_squares.normal_equations import Fit, shared_map
-from steelyard.estimate.least_squares.weighted_and_robust import (
+from steelyard.estimate.least_squares.weighted_robust_and_whitened import (
     OrdinaryLeastSquares,
     WeightedLeastSquares,
 )

@@ -14,7 +14,7 @@ from steelyard.base.errors import DataError, ModelError, SteelyardError
 from steelyard.estimate.identified_model import Cutoffs, IdentifiedModel, Provenance
 from steelyard.estimate.information.information import Information, Signature
 from steelyard.estimate.known_effort_scales import KnownScales
-from steelyard.estimate.least_squares.weighted_and_robust import WeightedLeastSquares
+from steelyard.estimate.least_squares.weighted_robust_and_whitened import WeightedLeastSquares
 from steelyard.estimate.payload.payload_estimate import PayloadEstimate
 from steelyard.estimate.payload.runs_with_payload import drifting
 from steelyard.model.laws.friction_over_speed import Viscous

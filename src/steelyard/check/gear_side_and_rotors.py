@@ -14,7 +14,7 @@ from steelyard.check.identifiability import customary_model, longest_run
 from steelyard.estimate.estimate import Estimate
 from steelyard.estimate.information.base_regressor import base_regressor
 from steelyard.estimate.information.gather import gather
-from steelyard.estimate.least_squares.weighted_and_robust import WeightedLeastSquares
+from steelyard.estimate.least_squares.weighted_robust_and_whitened import WeightedLeastSquares
 from steelyard.model.laws.laws_without_friction import RotorInertia
 from steelyard.model.laws.register import law_of
 

@@ -11,11 +11,11 @@ from steelyard.check.finding import Finding, Fix
 from steelyard.estimate.estimate import Unidentifiable
 from steelyard.estimate.information.base_regressor import base_regressor
 from steelyard.estimate.information.gather import gather
-from steelyard.estimate.least_squares.weighted_and_robust import WeightedLeastSquares
+from steelyard.estimate.least_squares.weighted_robust_and_whitened import WeightedLeastSquares
 from steelyard.model.laws.friction_over_speed import Coulomb, Viscous
 from steelyard.model.laws.register import DEFAULT_TERMS, law_of, term_of
 from steelyard.model.model import Model
-from steelyard.model.terms.axes import finds_of
+from steelyard.model.terms.axes_and_fields import finds_of
 from steelyard.runs.prepare import prepare
 from steelyard.runs.run import Run
 

@@ -33,10 +33,10 @@ from steelyard.estimate.least_squares.known_bounded_and_ridge import (
     base_bounds,
     fixed_values,
 )
-from steelyard.estimate.least_squares.weighted_and_robust import (
+from steelyard.estimate.least_squares.recursive_least_squares import Recursive
+from steelyard.estimate.least_squares.weighted_robust_and_whitened import (
     Huber,
     OrdinaryLeastSquares,
-    Recursive,
     Reweighted,
     Tukey,
     Weigh,

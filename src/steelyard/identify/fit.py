@@ -29,7 +29,7 @@ from steelyard.estimate.identified_model import BAND, Cutoffs, IdentifiedModel, 
 from steelyard.estimate.information.base_regressor import BaseMap, base_parameters, base_regressor
 from steelyard.estimate.information.information import Information
 from steelyard.estimate.least_squares.known_bounded_and_ridge import fixed_values
-from steelyard.estimate.least_squares.weighted_and_robust import (
+from steelyard.estimate.least_squares.weighted_robust_and_whitened import (
     OrdinaryLeastSquares,
     WeightedLeastSquares,
 )

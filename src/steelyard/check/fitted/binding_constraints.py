@@ -22,7 +22,10 @@ from steelyard.estimate.consistent.convex_estimator import Consistent
 from steelyard.estimate.estimate import Estimate, Estimator
 from steelyard.estimate.information.base_regressor import BaseMap, base_regressor
 from steelyard.estimate.information.information import Information
-from steelyard.estimate.least_squares.weighted_and_robust import WeightedLeastSquares, whitened
+from steelyard.estimate.least_squares.weighted_robust_and_whitened import (
+    WeightedLeastSquares,
+    whitened,
+)
 from steelyard.estimate.nonlinear.effort_scales import EffortScales
 from steelyard.estimate.nonlinear.nonlinear_parameters import information_from
 from steelyard.estimate.prior.body_priors import Knowledge, Row

@@ -22,7 +22,7 @@ from steelyard.check.finding import Finding, Fix
 from steelyard.check.fitted.fitted_case_and_ranked_causes import FittedCase, post_fit_check
 from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.estimate.information.information import Information
-from steelyard.estimate.least_squares.weighted_and_robust import WeightedLeastSquares
+from steelyard.estimate.least_squares.weighted_robust_and_whitened import WeightedLeastSquares
 from steelyard.estimate.payload.payload_frame import carrier
 from steelyard.estimate.payload.runs_with_payload import drifting, load_case
 

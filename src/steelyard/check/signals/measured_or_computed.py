@@ -24,7 +24,7 @@ from steelyard.check.signals.motion_units import driven_joints, unit_reading
 from steelyard.check.signals.signal_overview_and_slopes import signal_overview, with_rows
 from steelyard.estimate.information.base_regressor import base_regressor
 from steelyard.estimate.information.gather import gather
-from steelyard.estimate.least_squares.weighted_and_robust import WeightedLeastSquares
+from steelyard.estimate.least_squares.weighted_robust_and_whitened import WeightedLeastSquares
 from steelyard.robot.init.column_names import Column, Quantity, by_number
 
 DIFFERENCE_ORDER = 6

@@ -51,7 +51,7 @@ from steelyard.check.signals.velocity_against_derivative import (
 )
 from steelyard.estimate.information.base_regressor import Regressor, base_regressor
 from steelyard.estimate.information.gather import gather
-from steelyard.estimate.least_squares.weighted_and_robust import WeightedLeastSquares
+from steelyard.estimate.least_squares.weighted_robust_and_whitened import WeightedLeastSquares
 from steelyard.robot.file.signals import ROW
 from steelyard.runs.kept_samples import BLOCK_SAMPLES
 from steelyard.runs.rows.clock_and_row_scan import GAP_SECONDS, GAP_STEPS

@@ -29,7 +29,7 @@ from steelyard.estimate.estimate import Estimate
 from steelyard.estimate.information.base_regressor import Regressor
 from steelyard.estimate.information.filter_and_gram import ParallelFilter
 from steelyard.estimate.information.information import Information
-from steelyard.estimate.least_squares.weighted_and_robust import WeightedLeastSquares
+from steelyard.estimate.least_squares.weighted_robust_and_whitened import WeightedLeastSquares
 from steelyard.estimate.nonlinear.nonlinear_parameters import information_from
 from steelyard.model.laws.laws_without_friction import RigidBody
 from steelyard.model.terms.term import ActsOnAxes

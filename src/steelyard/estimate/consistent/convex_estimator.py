@@ -37,7 +37,7 @@ from steelyard.estimate.estimate import Estimate, StandardEstimate
 from steelyard.estimate.information.base_regressor import BaseMap
 from steelyard.estimate.information.information import Information
 from steelyard.estimate.least_squares.normal_equations import Solution, Spread, described
-from steelyard.estimate.least_squares.weighted_and_robust import Whitened, whitened
+from steelyard.estimate.least_squares.weighted_robust_and_whitened import Whitened, whitened
 from steelyard.estimate.prior.body_priors import Knowledge
 
 ROUGH = 1e-8  # gap and infeasibility required of the solver where Newton's method does the rest

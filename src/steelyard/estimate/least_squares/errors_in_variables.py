@@ -36,7 +36,7 @@ from steelyard.estimate.least_squares.normal_equations import (
     refuse_few,
     unit_length,
 )
-from steelyard.estimate.least_squares.weighted_and_robust import (
+from steelyard.estimate.least_squares.weighted_robust_and_whitened import (
     FREEDOM,
     WeightedLeastSquares,
     residuals_of,

@@ -35,7 +35,7 @@ from steelyard.estimate.least_squares.normal_equations import (
     inverse_of_gram,
     unit_length,
 )
-from steelyard.estimate.least_squares.weighted_and_robust import (
+from steelyard.estimate.least_squares.weighted_robust_and_whitened import (
     WeightedLeastSquares,
     Whitened,
     whitened,

@@ -35,7 +35,7 @@ from steelyard.estimate.information.base_regressor import BaseMap
 from steelyard.estimate.information.information import Information
 from steelyard.estimate.known_effort_scales import KnownScales
 from steelyard.estimate.least_squares.normal_equations import condition_of, unit_length
-from steelyard.estimate.least_squares.weighted_and_robust import whitened
+from steelyard.estimate.least_squares.weighted_robust_and_whitened import whitened
 from steelyard.estimate.scores.cross_validation import (
     FEWEST,
     FOLDS,

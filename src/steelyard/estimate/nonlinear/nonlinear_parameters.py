@@ -36,7 +36,7 @@ from steelyard.estimate.estimate import Estimate, Estimator
 from steelyard.estimate.information.base_regressor import Regressor, base_regressor
 from steelyard.estimate.information.gather import gather
 from steelyard.estimate.information.information import Information
-from steelyard.estimate.least_squares.weighted_and_robust import WeightedLeastSquares
+from steelyard.estimate.least_squares.weighted_robust_and_whitened import WeightedLeastSquares
 from steelyard.estimate.nonlinear.grid_search import (
     WIDEST,
     InformationOf,
@@ -49,7 +49,7 @@ from steelyard.estimate.nonlinear.grid_search import (
     with_fields,
 )
 from steelyard.model.model import Model
-from steelyard.model.terms.axes import finds_of
+from steelyard.model.terms.axes_and_fields import finds_of
 from steelyard.model.terms.geometry_and_effort_errors import GeometryErrors
 from steelyard.model.terms.term import Term
 from steelyard.robot.inertia_and_placement import INERTIAL_NAMES

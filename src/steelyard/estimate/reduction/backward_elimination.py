@@ -17,7 +17,7 @@ from steelyard.estimate.estimate import Unidentifiable
 from steelyard.estimate.information.information import Information
 from steelyard.estimate.least_squares.covariance_from_residuals import scatter, score_covariance
 from steelyard.estimate.least_squares.normal_equations import condition_of, unit_length
-from steelyard.estimate.least_squares.weighted_and_robust import WeightedLeastSquares
+from steelyard.estimate.least_squares.weighted_robust_and_whitened import WeightedLeastSquares
 
 
 @dataclass(frozen=True, eq=False)

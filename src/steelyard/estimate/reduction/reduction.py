@@ -8,7 +8,7 @@ from steelyard.base.arrays import Array, frozen
 from steelyard.base.errors import DataError, named
 from steelyard.estimate.estimate import Estimate, Removed
 from steelyard.estimate.information.information import Information
-from steelyard.estimate.least_squares.weighted_and_robust import WeightedLeastSquares
+from steelyard.estimate.least_squares.weighted_robust_and_whitened import WeightedLeastSquares
 from steelyard.estimate.reduction.backward_elimination import (
     CRITERIA,
     Criterion,

@@ -24,7 +24,6 @@ from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.estimate.information.base_regressor import base_regressor
 from steelyard.estimate.information.information import Information
 from steelyard.estimate.nonlinear.nonlinear_parameters import information_from
-from steelyard.estimate.scores.bands_and_traces import Bands
 from steelyard.estimate.scores.cross_validation import (
     FOLDS,
     LeftOut,
@@ -33,6 +32,7 @@ from steelyard.estimate.scores.cross_validation import (
 )
 from steelyard.estimate.scores.residuals import ResidualTrace, residual_cutoff, residual_trace
 from steelyard.estimate.scores.score import score
+from steelyard.estimate.scores.torque_split_bands_and_traces import Bands
 from steelyard.runs.rest_speed import rest_speed_of_runs
 from steelyard.runs.run import Run
 

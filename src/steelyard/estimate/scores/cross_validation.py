@@ -24,10 +24,10 @@ from steelyard.estimate.estimate import Estimator
 from steelyard.estimate.identified_model import BAND
 from steelyard.estimate.information.base_regressor import base_regressor
 from steelyard.estimate.information.information import Information, Window
-from steelyard.estimate.least_squares.weighted_and_robust import WeightedLeastSquares
+from steelyard.estimate.least_squares.weighted_robust_and_whitened import WeightedLeastSquares
 from steelyard.estimate.nonlinear.nonlinear_parameters import information_from
 from steelyard.model.model import Model
-from steelyard.model.terms.axes import finds_of
+from steelyard.model.terms.axes_and_fields import finds_of
 from steelyard.runs.cutoffs import rounded
 from steelyard.runs.run import Run
 

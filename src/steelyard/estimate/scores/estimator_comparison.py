@@ -20,7 +20,7 @@ from steelyard.estimate.estimate import Estimate, Estimator
 from steelyard.estimate.estimator_register import Context, Needs, Offer
 from steelyard.estimate.information.base_regressor import BaseMap
 from steelyard.estimate.information.information import Information
-from steelyard.estimate.least_squares.weighted_and_robust import WeightedLeastSquares
+from steelyard.estimate.least_squares.weighted_robust_and_whitened import WeightedLeastSquares
 from steelyard.estimate.prior.body_priors import Knowledge
 from steelyard.estimate.scores.cross_validation import folds_of, standard_error, stretches_of
 from steelyard.robot.inertia_and_placement import Inertia

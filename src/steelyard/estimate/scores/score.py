@@ -16,15 +16,6 @@ import numpy as np
 from steelyard.base.arrays import Array, finite_json
 from steelyard.base.errors import DataError
 from steelyard.estimate.information.gather import Mask, blocks_with_channels
-from steelyard.estimate.scores.bands_and_traces import (
-    MOST_DRAWN,
-    PARTS,
-    Bands,
-    Thinned,
-    TorqueParts,
-    TorqueSplit,
-    Traces,
-)
 from steelyard.estimate.scores.effort_errors import (
     BandErrors,
     EffortReference,
@@ -34,6 +25,15 @@ from steelyard.estimate.scores.effort_errors import (
     relative_percent,
 )
 from steelyard.estimate.scores.residuals import MOST_KEPT
+from steelyard.estimate.scores.torque_split_bands_and_traces import (
+    MOST_DRAWN,
+    PARTS,
+    Bands,
+    Thinned,
+    TorqueParts,
+    TorqueSplit,
+    Traces,
+)
 from steelyard.model.model import ValuedModel
 from steelyard.runs.run import Block, Run
 from steelyard.runs.smoothing.zero_phase_filters import (

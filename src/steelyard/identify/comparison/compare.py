@@ -26,7 +26,7 @@ from steelyard.estimate.estimator_register import (
 from steelyard.estimate.identified_model import IdentifiedModel, load_model
 from steelyard.estimate.information.base_regressor import base_regressor
 from steelyard.estimate.information.information import Information
-from steelyard.estimate.least_squares.weighted_and_robust import WeightedLeastSquares
+from steelyard.estimate.least_squares.weighted_robust_and_whitened import WeightedLeastSquares
 from steelyard.estimate.scores.cross_validation import longest_window
 from steelyard.estimate.scores.estimator_comparison import Comparison, Parts
 from steelyard.estimate.scores.estimator_comparison import compare as compare_estimators

@@ -24,7 +24,15 @@ from steelyard.model.equations.inverse_dynamics import (
     projected,
 )
 from steelyard.model.laws.laws_without_friction import RigidBody
-from steelyard.model.terms.axes import Axes, Axis, Field, each, per_axis, refuse_not_positive, unfit
+from steelyard.model.terms.axes_and_fields import (
+    Axes,
+    Axis,
+    Field,
+    each,
+    per_axis,
+    refuse_not_positive,
+    unfit,
+)
 from steelyard.model.terms.friction_memory import Presliding, RigidTorque, StateStep, relaxed
 from steelyard.model.terms.model_file_form import Place, full_sliding, left_out
 from steelyard.model.terms.term import INVENTED_TORQUE_SHARE, Dissipation

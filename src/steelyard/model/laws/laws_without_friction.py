@@ -16,7 +16,15 @@ from steelyard.model.equations.inverse_dynamics import (
     carried_point,
     inverse_dynamics,
 )
-from steelyard.model.terms.axes import Axes, Axis, Field, each, per_axis, refuse_not_positive, unfit
+from steelyard.model.terms.axes_and_fields import (
+    Axes,
+    Axis,
+    Field,
+    each,
+    per_axis,
+    refuse_not_positive,
+    unfit,
+)
 from steelyard.model.terms.model_file_form import (
     AxisPart,
     Place,

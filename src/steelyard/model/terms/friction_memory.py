@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from steelyard.base.arrays import Array
 from steelyard.model.equations.inverse_dynamics import JointState, Scalar, Scalars, inverse_dynamics
 from steelyard.model.equations.passive_joints import Follower, all_joints, open_loop
-from steelyard.model.terms.axes import Axes
+from steelyard.model.terms.axes_and_fields import Axes
 from steelyard.model.terms.term import ActsOnAxes, Cause, StatefulTerm, Term, TermSamples
 from steelyard.robot.robot import Robot
 from steelyard.symbolic.native.compiled_programs import recurrence

@@ -37,8 +37,8 @@ from steelyard.estimate.external.observer_equations import (
 )
 from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.estimate.information.gather import blocks_with_channels
-from steelyard.estimate.scores.bands_and_traces import TorqueSplit
 from steelyard.estimate.scores.residuals import FORGOTTEN, FRICTION, residual_trace
+from steelyard.estimate.scores.torque_split_bands_and_traces import TorqueSplit
 from steelyard.model.torque_and_quantities import Quantity
 from steelyard.runs.run import Block, Run
 from steelyard.runs.smoothing.zero_phase_filters import noise_bandwidth, zero_phase

@@ -1,4 +1,4 @@
-r"""Ordinary, weighted, recursive and robust least squares; information as a whitened problem.
+r"""Ordinary, weighted and robust least squares; information as a whitened problem.
 
 Weights are one per effort row, $1/\sigma_j^2$, found by iteration: fit, take each row's residuals,
 fit again [Gautier1997]. Information counts filtered samples for what they are worth, as many as
@@ -9,10 +9,6 @@ windows of time show that they are alike for longer or for less, it follows (see
 Rows are weighted by the variance of their residuals in weighted least squares, widened where
 residuals are alike for longer than the filter; parameters of single runs are eliminated, and what
 is left is compressed to as many rows as the data have rank.
-
-What was learned fades as $\lambda^{\Delta t}$ with the time of the windows after it, so parameters
-that drift are followed [Ljung1999]. Kept are the faded sums of products, not an inverse: nothing
-has to be guessed before the first window.
 
 Minimises $\sum_i \rho(r_i / s_j)$, with $s_j$ the scale of row $j$'s residuals, by weighting each
 sample by $w(u) = \psi(u) / u$, $u = r / s$, $\psi = \rho'$, and fitting again [Huber1981]. The
@@ -26,7 +22,6 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from steelyard.base.arrays import Array, frozen
-from steelyard.base.errors import DataError
 from steelyard.estimate.estimate import Estimate, Estimator
 from steelyard.estimate.information.filtered_samples import FilteredSamples
 from steelyard.estimate.information.information import Information
@@ -190,93 +185,7 @@ def whitened(
     )
 
 
-MOST_WINDOWS_APART = 48  # windows that are kept apart, for the correlation of residuals
-
 Inner = WeightedLeastSquares | OrdinaryLeastSquares
-
-
-@dataclass(frozen=True)
-class Recursive:
-    """Estimates window by window."""
-
-    # weight, after a second of further data, of what was learned before, above 0 and up to 1; with
-    # 1 nothing fades, and the estimate is the inner one of all windows
-    forgetting: float = 1.0
-    inner: Inner = field(default_factory=WeightedLeastSquares)  # how rows are weighted
-
-    def __post_init__(self) -> None:
-        if not 0.0 < self.forgetting <= 1.0:
-            raise DataError(
-                f"a forgetting factor of {self.forgetting:g} per second is not valid",
-                where="recursive least squares",
-                fix="give a weight above 0 and up to 1, such as 0.98",
-            )
-
-    def __call__(self, information: Information) -> Estimate:
-        """The estimate after all windows, in their order."""
-        online = Online(self)
-        online.add(information)
-        return online.estimate()
-
-
-class Online:
-    """Recursive least squares on its way; constant in size however long it goes on."""
-
-    def __init__(self, settings: Recursive) -> None:
-        self._settings = settings
-        self._faded: Information | None = None
-        self._squared: Information | None = None
-
-    def add(self, information: Information) -> None:
-        """Take in the next windows, in order, of the same model, columns, units and filters."""
-        for number, window in enumerate(information.windows):
-            keep = self._settings.forgetting ** max(window.stop - window.start, 0.0)
-            part = information.of([number])
-            self._faded = _after(self._faded, keep, part)
-            self._squared = _after(self._squared, keep**2, part)
-
-    def estimate(self) -> Estimate:
-        """What is known now; a `DataError` before any window, or without a visible parameter."""
-        if self._faded is None or self._squared is None:
-            raise DataError(
-                "no window was added yet",
-                where="recursive least squares",
-                fix="add information before asking for an estimate",
-            )
-        found = self._settings.inner(self._faded)
-        name = f"recursive {found.estimator}"
-        if self._settings.forgetting == 1.0:
-            return replace(found, estimator=name)
-        memory = -1.0 / np.log(self._settings.forgetting)
-        return replace(
-            found,
-            estimator=name,
-            covariance=self._covariance(found, self._faded, self._squared),
-            notes=(*found.notes, f"data {memory:.3g} s old have weight 1/e"),
-        )
-
-    def _covariance(self, found: Estimate, faded: Information, squared: Information) -> Array:
-        """What noise does where samples are weighted by their age: its weights enter squared."""
-        variances = np.square(np.maximum(found.sigma, 1e-300))
-        ordinary = isinstance(self._settings.inner, OrdinaryLeastSquares)
-        weights = np.ones(len(variances)) if ordinary else 1.0 / variances
-        names = found.parameters.names
-        normal = faded.select(names).normal(weights)[0]
-        noise = squared.select(names).normal(np.square(weights) * variances)[0]
-        inverse = inverse_of_gram(normal)
-        covariance = inverse @ noise @ inverse
-        return frozen(0.5 * (covariance + covariance.T))
-
-
-def _after(before: Information | None, keep: float, new: Information) -> Information:
-    """Sums that have faded, and new ones; neighbours merge when there get too many."""
-    if before is None:
-        return new
-    both = before.with_effective_samples(1.0 / keep) + new
-    count = len(both.windows)
-    if count <= MOST_WINDOWS_APART:
-        return both
-    return both.grouped([range(k, min(k + 2, count)) for k in range(0, count, 2)])
 
 
 NORMAL = 0.6744897501960817  # median of |x| of a standard normal x
