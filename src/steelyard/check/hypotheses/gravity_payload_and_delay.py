@@ -179,8 +179,8 @@ def gravity_directions(reading: Reading, *, search: bool) -> Iterator[Hypothesis
 
 FEW_DIRECTIONS = 3  # directions that are proposed
 DIRECTION_SAMPLES = 600  # samples that they are fitted to
-DIRECTION_RIDGE = 1e-4
-"""What keeps columns that a motion does not excite at zero, relative to their length."""
+DIRECTION_RIDGE = 1e-8
+"""What keeps columns that a motion does not excite at zero, relative to their mean square."""
 DIRECTION_RESIDUAL_FLOOR = 1e-4
 """Least residual of a row, over its effort: logs without noise have none."""
 DIRECTION_REWEIGHTINGS = 4  # how often rows are weighed by the residuals of the last direction
@@ -192,15 +192,11 @@ INDEPENDENT_DIRECTION_SAMPLES, SIGNIFICANT_DIRECTION = 100.0, 20.0
 
 def _directions(now: Reading) -> list[Array]:
     """Unit vectors that fit, the best first, none near another or the reading's own."""
-    from scipy.optimize import least_squares
-
     left = _DirectionResidual(now.on(now.likelihood.thinned(DIRECTION_SAMPLES)))
     axes = np.concatenate((np.eye(3), -np.eye(3)))
-    fits = [least_squares(left, start + 0.05, left.slopes, max_nfev=30) for start in axes]
     known = now.gravity / np.linalg.norm(now.gravity)
     found: list[Array] = []
-    for fit in sorted(fits, key=lambda fit: float(fit.cost)):
-        direction = fit.x / np.linalg.norm(fit.x)
+    for _, direction in sorted((left.least_near(x) for x in axes), key=lambda fit: fit[0]):
         if all(direction @ other < np.cos(NEAR_AXIS_ANGLE) for other in (known, *found)):
             found.append(direction)
     return found
@@ -212,17 +208,13 @@ def refined_gravity(found: Reading) -> Array:
     Rows weigh by their residuals, which are estimated again with the direction. It stays as it is
     where no tilt of more than `LEAST_TILT` is significant.
     """
-    from scipy.optimize import least_squares
-
     if not found.gravity.any():
         return found.gravity
     start = found.gravity / float(np.linalg.norm(found.gravity))
     left = _DirectionResidual(found.on(found.likelihood.thinned(DIRECTION_SAMPLES)))
     direction, known = start, left.sigma(start)
     for _ in range(DIRECTION_REWEIGHTINGS):
-        weighted = left.weighted(left.sigma(direction))
-        fit = least_squares(weighted, direction, weighted.slopes, max_nfev=30)
-        direction = fit.x / np.linalg.norm(fit.x)
+        direction = left.weighted(left.sigma(direction)).least_near(direction)[1]
     gain = INDEPENDENT_DIRECTION_SAMPLES * float(np.sum(np.log(known / left.sigma(direction))))
     tilt = float(np.arccos(np.clip(start @ direction, -1.0, 1.0)))
     significant = gain > SIGNIFICANT_DIRECTION and LEAST_TILT < tilt < NEAR_AXIS_ANGLE
@@ -230,71 +222,66 @@ def refined_gravity(found: Reading) -> Array:
 
 
 class _DirectionResidual:
-    """What is left of the efforts under a direction of gravity, any bodies taken."""
+    """Logarithm of what is left of the efforts under a direction of gravity, any bodies taken.
+
+    Of products of the columns without gravity and along the axes, `(n, 4, k, 4, k)`, of these with
+    the efforts, and of the efforts, made once.
+    """
 
     def __init__(self, now: Reading) -> None:
         size = float(np.linalg.norm(now.gravity))
         free, efforts, _ = rows_of(now.changed(gravity=np.zeros(3)))
+        pulls = [rows_of(now.changed(gravity=size * axis))[0] - free for axis in np.eye(3)]
         lower, upper = (side.reshape(-1) for side in now.likelihood.bounds)
         kept = np.ones(free.shape[-1], dtype=np.bool_)
         kept[-len(upper) :] = upper > lower
-        free = free[..., kept]
-        pulls = [
-            rows_of(now.changed(gravity=size * axis))[0][..., kept] - free for axis in np.eye(3)
-        ]
-        self._whole = np.sqrt(np.maximum(np.mean(np.square(efforts), axis=1), 1e-30))
-        self._k = free.shape[-1]
-        self._blocks = np.concatenate((free, *pulls, efforts[..., None]), axis=-1)
-        self._weigh(self._whole)
+        rows = np.stack((free, *pulls), axis=2)[..., kept]
+        n, count, _, k = rows.shape
+        flat = rows.reshape(n, count, 4 * k)
+        self._yy = (flat.swapaxes(1, 2) @ flat / count).reshape(n, 4, k, 4, k)
+        self._ye = np.einsum("jiak,ji->jak", rows, efforts) / count
+        self._ee = np.maximum(np.mean(np.square(efforts), axis=1), 1e-30)
+        self._weigh(self._ee)
 
-    def _weigh(self, scales: Array) -> None:
-        blocks = self._blocks / scales[:, None, None]
-        triangle = np.asarray(np.linalg.qr(blocks.reshape(-1, blocks.shape[-1]), mode="r"))
-        self._columns, self._efforts = triangle[:, :-1], triangle[:, -1]
+    def _weigh(self, squares: Array) -> None:
+        self._all = [np.tensordot(1.0 / squares, x, 1) for x in (self._yy, self._ye, self._ee)]
+        lengths = np.einsum("akak->k", self._all[0])
+        self._ridge = DIRECTION_RIDGE * np.diag(np.maximum(lengths, 1e-12 * lengths.max()))
 
-    def weighted(self, scales: Array) -> "_DirectionResidual":
-        """The same with rows over `scales`, shape `(n,)`."""
+    def weighted(self, sigma: Array) -> "_DirectionResidual":
+        """The same with rows over their residuals, shape `(n,)`."""
         other = copy(self)
-        other._weigh(scales)
+        other._weigh(np.square(sigma))
         return other
 
-    def __call__(self, v: Array) -> Array:
-        """Residuals; the length of `v` is of no account, and kept near 1."""
-        length = float(np.linalg.norm(v))
-        spanned, right, _ = self._solved(v / length)
-        return np.concatenate((right - spanned @ (spanned.T @ right), [length - 1.0]))
+    def least_near(self, start: Array) -> tuple[float, Array]:
+        """The least value, from a start, and its direction."""
+        from scipy.optimize import minimize
 
-    def slopes(self, v: Array) -> Array:
-        """Derivatives of the residuals but for what the bodies' change takes [Kaufman1975]."""
+        fit = minimize(self, start + 0.05, jac=True, method="BFGS")
+        return float(fit.fun), fit.x / np.linalg.norm(fit.x)
+
+    def __call__(self, v: Array) -> tuple[float, Array]:
+        """The value and its gradient; the length of `v` is of no account, and kept near 1."""
         length = float(np.linalg.norm(v))
-        direction = v / length
-        spanned, _, solution = self._solved(direction)
-        pulls = self._columns.reshape(len(self._columns), 4, self._k)[:, 1:] @ solution
-        wide = np.concatenate((-pulls, np.zeros((self._k, 3))))
-        wide -= spanned @ (spanned.T @ wide)
-        turned = (np.eye(3) - np.outer(direction, direction)) / length
-        return np.concatenate((wide @ turned, direction[None]))
+        (yy, ye, ee), g = self._all, np.array([1.0, *v / length])
+        theta = self._solved(g)
+        turned = np.einsum("akbl,b,l->ak", yy, g, theta, optimize=True)
+        left = float(ee - g @ ye @ theta) + len(self._ee) * DIRECTION_RESIDUAL_FLOOR**2
+        slope = 2.0 * ((turned - ye) @ theta)[1:] / left
+        slope = (slope - g[1:] * (g[1:] @ slope)) / length + 2.0 * (length - 1.0) * g[1:]
+        return float(np.log(left)) + (length - 1.0) ** 2, slope
 
     def sigma(self, direction: Array) -> Array:
         """Root mean square residual of each row under a direction, shape `(n,)`."""
-        solution = self._solved(direction)[2]
-        columns = self._under(direction, self._blocks[..., :-1])
-        residuals = self._blocks[..., -1] - columns @ solution
-        size = np.sqrt(np.mean(np.square(residuals), axis=1))
-        return np.asarray(np.maximum(size, DIRECTION_RESIDUAL_FLOOR * self._whole))
+        g = np.array([1.0, *direction])
+        theta = self._solved(g)
+        explained = np.einsum("a,k,jakbl,b,l->j", g, theta, self._yy, g, theta, optimize=True)
+        squares = self._ee - 2.0 * (g @ self._ye @ theta) + explained
+        return np.asarray(np.sqrt(np.maximum(squares, DIRECTION_RESIDUAL_FLOOR**2 * self._ee)))
 
-    def _under(self, direction: Array, blocks: Array) -> Array:
-        """Columns under a direction of gravity, from those without and along the axes."""
-        parts = blocks.reshape(*blocks.shape[:-1], 4, self._k)
-        columns: Array = parts[..., 0, :] + np.einsum("a,...ak->...k", direction, parts[..., 1:, :])
-        return columns
-
-    def _solved(self, direction: Array) -> tuple[Array, Array, Array]:
-        """With the ridge: an orthonormal basis of the columns, the efforts, and the solution."""
-        columns = self._under(direction, self._columns)
-        lengths = np.linalg.norm(columns, axis=0)
-        ridge = np.diag(DIRECTION_RIDGE * np.maximum(lengths, 1e-6 * lengths.max()))
-        wide: Array = np.concatenate((columns, ridge))
-        right: Array = np.concatenate((self._efforts, np.zeros(self._k)))
-        spanned, triangle = np.linalg.qr(wide)
-        return spanned, right, np.linalg.solve(triangle, spanned.T @ right)
+    def _solved(self, g: Array) -> Array:
+        """The bodies and friction that fit best, shape `(k,)`."""
+        yy, ye, _ = self._all
+        normal = np.einsum("a,akbl,b->kl", g, yy, g, optimize=True)
+        return np.asarray(np.linalg.solve(normal + self._ridge, g @ ye))
