@@ -10,7 +10,7 @@ import pytest
 from typer.testing import CliRunner
 
 from steelyard.cli.app import app
-from steelyard.cli.argument_expansion import expanded
+from steelyard.cli.options_with_several_values import expanded
 
 ROOT = Path(__file__).parent.parent
 PAGES = sorted((ROOT / "docs/tutorials").glob("*.md"))

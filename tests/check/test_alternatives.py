@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from check.conftest import Arm
-from steelyard.check.decision.gains_and_laws_of_logs import unwritten_number_advice
+from steelyard.check.decision.controller_gains_and_gain_advice import unwritten_number_advice
 from steelyard.check.finding import Edit
 
 

@@ -16,7 +16,10 @@ import pytest
 import steelyard
 from invented import tree
 from steelyard.check.finding import Severity
-from steelyard.check.fitted.binding_constraints import BindingConstraints, binding_constraints
+from steelyard.check.fitted.bounds_and_priors_against_data import (
+    BindingConstraints,
+    binding_constraints,
+)
 from steelyard.check.fitted.fitted_case_and_ranked_causes import FittedCase
 from steelyard.check.fitted.post_fit_checks import constraints_check
 from steelyard.estimate.consistent.convex_estimator import Consistent

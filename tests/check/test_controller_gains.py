@@ -9,8 +9,8 @@ import pytest
 from check.conftest import MODEL_BASED
 from check.test_model_based import GAINS, TAU, edits, in_amperes, wrong
 from steelyard.check.case_and_checked_log import Case
-from steelyard.check.decision import gains_and_laws_of_logs as gains_left
-from steelyard.check.decision.gains_and_laws_of_logs import (
+from steelyard.check.decision import controller_gains_and_gain_advice as gains_left
+from steelyard.check.decision.controller_gains_and_gain_advice import (
     ControllerGains,
     controller_gains,
     gains_of_controller,

@@ -11,7 +11,7 @@ import pytest
 from check.test_model_based import DQ, GAINS, TAU, Q, edits, in_amperes, names, with_payload, wrong
 from steelyard.check.case_and_checked_log import knowledge_of
 from steelyard.check.decision import judged_explanations
-from steelyard.check.decision.gains_and_laws_of_logs import _listed_sources
+from steelyard.check.decision.controller_gains_and_gain_advice import _listed_sources
 from steelyard.check.decision.judged_explanations import judge_log
 from steelyard.check.decision.ranked_readings import ranking
 from steelyard.check.decision.undecided_questions import misfit_hides

@@ -15,8 +15,8 @@ from short_arm import short_logs
 from steelyard.cli import command as commands
 from steelyard.cli import identify_and_use_commands
 from steelyard.cli.app import app
-from steelyard.cli.argument_expansion import expanded
 from steelyard.cli.command import CommandResult, computed
+from steelyard.cli.options_with_several_values import expanded
 from steelyard.identify import validation_split
 from steelyard.simulate.simulate import write_demo_arm
 

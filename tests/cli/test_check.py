@@ -17,7 +17,7 @@ from cli.mistakes import LOG, ROBOT
 from cli.river_files import edited
 from steelyard.check.case_and_checked_log import Case
 from steelyard.check.finding import Edit, Finding, Fix, Picture, Severity, Trace
-from steelyard.cli.argument_expansion import expanded
+from steelyard.cli.options_with_several_values import expanded
 from steelyard.robot.file.robot_file import load_robot
 
 EXAMINE = import_module("steelyard.check.diagnosis_and_contradictions")

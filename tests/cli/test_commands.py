@@ -17,7 +17,7 @@ from cli.conftest import Command
 from cli.mistakes import LOG, PLAIN, ROBOT
 from short_arm import without_wrist
 from steelyard.cli.app import app
-from steelyard.cli.argument_expansion import expanded
+from steelyard.cli.options_with_several_values import expanded
 from steelyard.robot.file.robot_file import LoadedRobot, load_robot
 from steelyard.simulate import simulate as demonstration
 

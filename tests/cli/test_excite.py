@@ -17,7 +17,7 @@ from typer.testing import CliRunner, Result
 
 from excite.tabled import OPEN, QUICK, arm
 from steelyard.cli.app import app
-from steelyard.cli.argument_expansion import expanded
+from steelyard.cli.options_with_several_values import expanded
 from steelyard.excite.trajectories.trajectory_files import read_motion
 
 FREE = f'{OPEN}without = ["tool"]\n[excitation.limits]\neffort = "any"\n'

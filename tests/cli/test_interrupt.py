@@ -92,7 +92,7 @@ def pressed(function: str, arguments: tuple[str, ...], work: Path) -> tuple[int,
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("function", ["argument_expansion.expanded", "identify.<module>"])
+@pytest.mark.parametrize("function", ["options_with_several_values.expanded", "identify.<module>"])
 def test_ctrl_c_at_the_start_leaves_nothing(function: str, work: Path) -> None:
     code, errors, entered = pressed(function, IDENTIFY, work)
     assert function in entered

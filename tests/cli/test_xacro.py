@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from typer.testing import Result
 
-from steelyard.cli.argument_expansion import expanded
+from steelyard.cli.options_with_several_values import expanded
 from steelyard.robot.file.robot_file import load_robot
 
 Command = Callable[..., Result]

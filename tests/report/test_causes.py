@@ -11,7 +11,10 @@ from rich.console import Console
 from steelyard.estimate.friction.friction_choice import MixScore
 from steelyard.estimate.payload.payload_estimate import PayloadEstimate
 from steelyard.identify.page.friction_and_residuals import FrictionSection
-from steelyard.identify.page.gains_scales_offsets_and_scatter import DrivesSection, PerRunSection
+from steelyard.identify.page.gains_effort_scales_and_zero_offsets import (
+    DrivesSection,
+    PerRunSection,
+)
 from steelyard.identify.page.report_content import ReportContent
 from steelyard.model.laws.friction_over_speed import Viscous
 from steelyard.model.laws.friction_with_memory import Dahl

@@ -19,8 +19,8 @@ from steelyard.cli.identify_and_use_commands import (
 )
 from steelyard.cli.init_command import init
 from steelyard.cli.log_commands import check, log
-from steelyard.cli.model_commands import export, reduce
 from steelyard.cli.motion_and_simulation_commands import demo, excite, replay, simulate, track
+from steelyard.cli.reduce_and_export_commands import export, reduce
 from steelyard.cli.watch_command import watch
 
 app = typer.Typer(

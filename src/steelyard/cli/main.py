@@ -18,7 +18,7 @@ def main() -> None:
             if isinstance(stream, io.TextIOWrapper):  # an encoding that lacks a letter
                 stream.reconfigure(errors="backslashreplace")
         from steelyard.cli.app import app
-        from steelyard.cli.argument_expansion import expanded
+        from steelyard.cli.options_with_several_values import expanded
 
         app(args=expanded(sys.argv[1:]))
     except BaseException:

@@ -35,10 +35,10 @@ from steelyard.estimate.external.observer_equations import (
     columns_quantity,
     moved_frame,
 )
-from steelyard.estimate.friction_at_rest import dead_zone, rest_speed_of
 from steelyard.estimate.information.base_regressor import BaseMap
 from steelyard.estimate.information.filter_and_gram import noise_bandwidth
 from steelyard.estimate.known_effort_scales import KnownScales
+from steelyard.estimate.rest_speed_and_dead_zone import dead_zone, rest_speed_of
 from steelyard.model.dynamics import Dynamics
 from steelyard.model.model import Model, ValuedModel
 from steelyard.model.stepper import Stepper

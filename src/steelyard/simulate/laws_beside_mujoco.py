@@ -16,7 +16,7 @@ from steelyard.base.arrays import Array
 from steelyard.base.errors import ModelError
 from steelyard.model.equations.inverse_dynamics import JointState, Scalar
 from steelyard.model.model import Model
-from steelyard.model.terms.friction_memory import Presliding
+from steelyard.model.terms.presliding import Presliding
 from steelyard.model.terms.term import StatefulTerm, Term, TermSamples, channels_of
 from steelyard.robot.robot import Robot
 from steelyard.simulate.mujoco_model import TIMESTEP, MujocoModel, mass_matrices

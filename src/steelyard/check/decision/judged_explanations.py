@@ -13,7 +13,10 @@ from dataclasses import replace
 import numpy as np
 
 from steelyard.check.case_and_checked_log import Case, CheckedLog, remembered
-from steelyard.check.decision.gains_and_laws_of_logs import LARGEST_GEAR_RATIO, LEAST_GEAR_RATIO
+from steelyard.check.decision.controller_gains_and_gain_advice import (
+    LARGEST_GEAR_RATIO,
+    LEAST_GEAR_RATIO,
+)
 from steelyard.check.decision.ranked_readings import (
     Judged,
     LogVerdict,

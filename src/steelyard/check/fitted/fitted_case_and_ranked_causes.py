@@ -9,7 +9,10 @@ import numpy as np
 from steelyard.base.errors import DataError
 from steelyard.check.case_and_checked_log import CaseCheck
 from steelyard.check.finding import Finding
-from steelyard.check.fitted.binding_constraints import BindingConstraints, binding_constraints
+from steelyard.check.fitted.bounds_and_priors_against_data import (
+    BindingConstraints,
+    binding_constraints,
+)
 from steelyard.check.fitted.causes_of_residuals import (
     GEOMETRY,
     Cause,

@@ -19,11 +19,11 @@ from steelyard.base.errors import DataError, LogError
 from steelyard.base.progress import Progress, report_progress, silent
 from steelyard.estimate.band_factors import BINS, EDGES, Calibration, Kind, bins
 from steelyard.estimate.estimate import Estimator
-from steelyard.estimate.friction_at_rest import rest_speed_of
 from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.estimate.information.base_regressor import base_regressor
 from steelyard.estimate.information.information import Information
 from steelyard.estimate.nonlinear.nonlinear_parameters import information_from
+from steelyard.estimate.rest_speed_and_dead_zone import rest_speed_of
 from steelyard.estimate.scores.cross_validation import (
     FOLDS,
     LeftOut,

@@ -33,8 +33,8 @@ from steelyard.model.terms.axes_and_fields import (
     refuse_not_positive,
     unfit,
 )
-from steelyard.model.terms.friction_memory import Presliding, RigidTorque, StateStep, relaxed
 from steelyard.model.terms.model_file_form import Place, full_sliding, left_out
+from steelyard.model.terms.presliding import Presliding, RigidTorque, StateStep, relaxed
 from steelyard.model.terms.term import INVENTED_TORQUE_SHARE, Dissipation
 from steelyard.robot.inertia_and_placement import INERTIAL_NAMES
 from steelyard.robot.robot import Robot

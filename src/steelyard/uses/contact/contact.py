@@ -20,10 +20,10 @@ from steelyard.base.errors import DataError, LogError
 from steelyard.base.progress import Progress, silent
 from steelyard.estimate.band_factors import EDGES
 from steelyard.estimate.external.contact_thresholds import ONSET, ContactThresholds, ResidualPeaks
-from steelyard.estimate.friction_at_rest import rest_speed_of
 from steelyard.estimate.identified_model import IdentifiedModel, load_model
 from steelyard.estimate.information.base_regressor import base_regressor
 from steelyard.estimate.information.gather import gather
+from steelyard.estimate.rest_speed_and_dead_zone import rest_speed_of
 from steelyard.estimate.scores.effort_errors import effort_reference
 from steelyard.estimate.scores.residuals import (
     ResidualTrace,

@@ -11,8 +11,8 @@ from steelyard.base.arrays import Array
 from steelyard.base.errors import LogError
 from steelyard.estimate.external.contact_thresholds import ChangeStepper, ContactThresholds
 from steelyard.estimate.external.observer_and_wrench import Observer
-from steelyard.estimate.friction_at_rest import rest_speed_of
 from steelyard.estimate.identified_model import IdentifiedModel
+from steelyard.estimate.rest_speed_and_dead_zone import rest_speed_of
 from steelyard.runs.sample_stream import SampleStream, StreamSample
 from steelyard.uses.contact.contact import ContactEvent, ContactStart, ContactStream
 from steelyard.uses.effort_plausibility import LARGE_RESIDUAL, LEAST_EXPLAINED
