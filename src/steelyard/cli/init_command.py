@@ -147,7 +147,7 @@ def examined(
     asking: bool,
 ) -> "tuple[Assignment, Known]":
     """Joints with their columns, and what else logs and answers contain."""
-    from steelyard.check.decision.controller_gains_and_gain_advice import (
+    from steelyard.check.decision.what_logs_tell_init import (
         known_from_logs,
         refuse_other_columns,
     )
