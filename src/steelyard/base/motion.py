@@ -121,7 +121,6 @@ class Trajectory(Protocol):
     @property
     def duration(self) -> float:
         """Length in time [s]."""
-        ...
 
     def sample(self, t: ArrayLike) -> Motion:
         """Position, velocity and acceleration at times `t`, shape `(N,)` or one number [s].
@@ -129,7 +128,6 @@ class Trajectory(Protocol):
         Raises:
             DataError: The times are no list of finite numbers.
         """
-        ...
 
 
 @runtime_checkable
@@ -138,11 +136,9 @@ class Rig(Protocol):
 
     def send(self, trajectory: Trajectory) -> None:
         """Follow `trajectory`; return when it is done."""
-        ...
 
     def record(self, log: Path) -> AbstractContextManager[object]:
         """Write what is measured while the block runs to `log`."""
-        ...
 
 
 def run(rig: Rig, trajectory: Trajectory, log: Path) -> None:

@@ -149,15 +149,12 @@ class CommandResult(Protocol):
 
     def to_dict(self) -> dict[str, Any]:
         """The numbers."""
-        ...
 
     def write(self, folder: Path) -> None:
         """Write report and tables to a folder."""
-        ...
 
     def show(self, console: "Console", /) -> None:
         """Print it."""
-        ...
 
 
 R = TypeVar("R", bound=CommandResult)

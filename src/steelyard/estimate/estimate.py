@@ -21,7 +21,6 @@ class Estimator(Protocol[Data]):
 
     def __call__(self, data: Data, /) -> "Estimate":
         """Estimate the parameters; a `DataError` says why the data cannot give an estimate."""
-        ...
 
 
 @dataclass(frozen=True)

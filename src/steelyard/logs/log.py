@@ -28,12 +28,10 @@ class Log(Protocol):
     @property
     def path(self) -> Path:
         """Where it is."""
-        ...
 
     @property
     def columns(self) -> tuple[str, ...]:
         """Names of its columns."""
-        ...
 
     def parts(
         self, columns: Sequence[str], rows: RowRange = (0, None), size: int = ROWS_OF_PART
@@ -45,7 +43,6 @@ class Log(Protocol):
         Raises:
             LogError: A column does not exist, or the file cannot be read.
         """
-        ...
 
 
 MOST_NAMED_COLUMNS = 4  # most missing columns that are named

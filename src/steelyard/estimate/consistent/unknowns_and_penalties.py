@@ -151,23 +151,18 @@ class Form(Protocol):
     @property
     def margin(self) -> float:
         """Least eigenvalue of `X`."""
-        ...
 
     def part(self, weight: float) -> BodyPenalty:
         """Cost and cones of one body, the penalty times a weight."""
-        ...
 
     def cost(self, x: Array) -> float:
         """The penalty of one `X`, shape `(4, 4)`; zero at the prior."""
-        ...
 
     def slope(self, x: Array) -> Array:
         """Derivative of the penalty by the ten entries of `X`, shape `(10,)`."""
-        ...
 
     def curvature(self, x: Array) -> Array:
         """Second derivative of the penalty by the ten entries of `X`, shape `(10, 10)`."""
-        ...
 
 
 @dataclass(frozen=True)

@@ -115,11 +115,9 @@ class WrenchMethod(Protocol):
     @property
     def expected(self) -> Expected:
         """The size of wrenches, beside which a direction is seen or not."""
-        ...
 
     def __call__(self, efforts: ExternalEfforts) -> Wrenches:
         """Wrenches of all samples."""
-        ...
 
 
 @dataclass(frozen=True)

@@ -29,11 +29,9 @@ class ToolPath(Protocol):
     @property
     def knots(self) -> Array:
         """Times from 0 to the duration, shape `(k,)` [s]; the path is smooth between them."""
-        ...
 
     def at(self, t: float) -> tuple[Array, Array, Array]:
         """Place [m], velocity [m/s] and acceleration [m/s²], each `(3,)`, in the base frame."""
-        ...
 
 
 @dataclass(frozen=True, eq=False)

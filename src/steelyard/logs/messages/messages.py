@@ -46,20 +46,16 @@ class Container(Protocol):
     @property
     def path(self) -> Path:
         """Where it is."""
-        ...
 
     @property
     def remarks(self) -> tuple[str, ...]:
         """What a user should know about its state, such as that its end is missing."""
-        ...
 
     def announced(self) -> frozenset[str] | None:
         """Topics that have messages according to the file's index; `None` without one."""
-        ...
 
     def messages(self, topics: frozenset[str] | None = None) -> Iterator[Message]:
         """Messages of some topics, or of all, in the order of the file; damage is a `LogError`."""
-        ...
 
 
 @dataclass(frozen=True)

@@ -38,7 +38,6 @@ class ChunkOperation(Protocol):
 
     def __call__(self, extended: Array) -> Array:
         """Channels with context, shape `(C, N + 2 halo)`, to results, shape `(D, N)`."""
-        ...
 
 
 def apply(operation: ChunkOperation, parts: Iterable[Array], chunk: int = CHUNK) -> Iterator[Array]:
@@ -291,7 +290,6 @@ class Method(Protocol):
 
     def designed(self, cutoff: float, rate: float) -> Designed:
         """The method for a cut-off up to which motion is kept and a rate, above twice that [Hz]."""
-        ...
 
 
 @runtime_checkable
@@ -305,7 +303,6 @@ class Choosing(Method, Protocol):
 
         The motion lives below the `band` [Hz]; `whole` allows work on the log as a whole.
         """
-        ...
 
 
 @runtime_checkable
@@ -316,7 +313,6 @@ class Smoother(Protocol):
 
     def smooth(self, cutoff: float, rate: float) -> Bank | Designed:
         """The smoother for a cut-off and a rate, above twice that [Hz]."""
-        ...
 
 
 HIGHEST_ORDER = 12  # beyond it the response rings like an ideal low-pass

@@ -54,7 +54,6 @@ class Control(Protocol):
 
     def start(self, task: ControlTask) -> ControlLoop:
         """A loop at its first tick."""
-        ...
 
 
 @dataclass(frozen=True)
