@@ -110,8 +110,7 @@ def knowledge_of(reference: IdentifiedModel | None, robot: Robot) -> Knowledge |
         nominal = Model(robot, (RigidBody(),)).prior
         return None if nominal is None else Knowledge(nominal)
     model = reference.model
-    terms = tuple(term for term in model.terms if not term.drifts())
-    steady = Model(model.robot, terms)
+    steady = Model(model.robot, tuple(term for term in model.terms if not term.drifts()))
     known = reference.estimate.parameters.as_dict()
     values = [known.get(name, 0.0) for name in steady.names]
     return Knowledge(

@@ -36,8 +36,7 @@ def identifiability_check(case: Case) -> Iterable[Finding]:
     if not runs:
         return
     try:
-        model = customary_model(case)
-        regressor = base_regressor(model)
+        regressor = base_regressor(customary_model(case))
         estimate = WeightedLeastSquares()(reduce(add, [gather(regressor, r) for r in runs]))
     except SteelyardError as error:
         yield Finding.doubtful(f"undecided: {error.wrong}", "none", fix=Fix(error.fix))

@@ -113,8 +113,7 @@ def case_of(
             _refuse_empty(one)
             log.append(one)
         except LogError as error:
-            fix = Fix(error.fix)
-            unread.append(Finding.wrong(error.wrong, error.where, fix=fix, log=name))
+            unread.append(Finding.wrong(error.wrong, error.where, fix=Fix(error.fix), log=name))
     guesses = {}
     if signals.velocity is None and log:
         guesses["velocity"] = velocities_beside(signals.position, log[0].log.columns)

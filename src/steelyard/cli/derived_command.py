@@ -83,8 +83,7 @@ def from_function(
 
         command.__name__ = body.__name__
         command.__doc__ = OPTIONS.sub("\n", inspect.getdoc(body) or "")
-        made = functools.partial(_made, body, home, changes)
-        vars(command).update(body=body, make=made)
+        vars(command).update(body=body, make=functools.partial(_made, body, home, changes))
         return command
 
     return around

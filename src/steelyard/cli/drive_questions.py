@@ -237,5 +237,4 @@ class Stated:
             known = replace(known, zeros=positions(self.zeros, moving))
         if self.gains is None:
             return known
-        gains = numbers(self.gains, moving, "--gains")
-        return replace(known, gains=gains, gains_source="--gains")
+        return replace(known, gains=numbers(self.gains, moving, "--gains"), gains_source="--gains")

@@ -321,8 +321,7 @@ def demo(
         interrupt.too_late()
     if as_json:
         motion = found[0].to_dict() | {"output": str(folder / "motion")}
-        content = {"output": str(folder / "results"), **identified.to_dict(), "motion": motion}
-        print_json(content)
+        print_json({"output": str(folder / "results"), **identified.to_dict(), "motion": motion})
         return
     console = terminal()
     if verbose:

@@ -72,8 +72,7 @@ def _friction_covariance(identified: IdentifiedModel) -> Array:
     if estimate.standard is not None:
         known, full = estimate.standard.parameters.names, estimate.standard.covariance
     places = [known.index(name) if name in known else -1 for name in names]
-    padded = np.pad(full, ((0, 1), (0, 1)))
-    return np.asarray(padded[np.ix_(places, places)])
+    return np.asarray(np.pad(full, ((0, 1), (0, 1)))[np.ix_(places, places)])
 
 
 def _side(

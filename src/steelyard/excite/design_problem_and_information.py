@@ -147,8 +147,7 @@ class InformationEvaluator:
 
     def _blocks(self, entries: Array) -> list[Array]:
         """Views of each effort row's entries, `(seen columns, N)`."""
-        ends = np.cumsum([len(seen) for seen, _, _ in self._places])
-        return np.split(entries, ends[:-1])
+        return np.split(entries, np.cumsum([len(seen) for seen, _, _ in self._places])[:-1])
 
     def _program(self) -> tuple[Program, list[list[int]]]:
         """The regressor's entries with softened jumps, and the columns that each row sees."""
@@ -217,8 +216,7 @@ class Objective:
             return value, result
         for case, samples, slope in zip(self.cases, seen, slopes, strict=True):
             if np.any(slope):
-                by = case.shows.pull(samples, slope)
-                for part, shape in zip(by, self._shapes, strict=True):
+                for part, shape in zip(case.shows.pull(samples, slope), self._shapes, strict=True):
                     result += part @ shape
         return value, result
 

@@ -251,8 +251,7 @@ class DesignedMotion(Result):
         for form in self.written_formats:
             path = write_export(designed.trajectory, designed.robot, form, folder, self.rate)
             names[form] = path.name
-        page = self._page(tuple(names.items()))
-        (folder / "report.html").write_text(page, encoding="utf-8")
+        (folder / "report.html").write_text(self._page(tuple(names.items())), encoding="utf-8")
         return names | {"report": "report.html"}
 
     def _page(self, files: tuple[tuple[str, str], ...]) -> str:
@@ -275,7 +274,6 @@ class DesignedMotion(Result):
         """The numbers as JSON values, as `steelyard excite --json` prints them."""
         designed = self.designed
         shown = designed.shown
-        std = shown.std(designed.prior)
         return {
             "robot": designed.robot.name,
             "motion": designed.kind,
@@ -296,7 +294,7 @@ class DesignedMotion(Result):
             "stopped": designed.stopped,
             "predicted_std": {
                 name: float(value) if isfinite(value) else None
-                for name, value in zip(shown.names, std, strict=True)
+                for name, value in zip(shown.names, shown.std(designed.prior), strict=True)
             },
             "noise": designed.noise_from,
             "notes": list(designed.notes),

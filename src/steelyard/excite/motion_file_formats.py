@@ -247,8 +247,7 @@ def urscript_of(trajectory: ExactTrajectory, robot: Robot, rate: float) -> str:
         )
     refuse_moving_ends(trajectory, robot, "a UR's program")
     step = 1.0 / rate
-    times = grid_times(trajectory.duration, rate)
-    q = trajectory.derivative(times, 0)
+    q = trajectory.derivative(grid_times(trajectory.duration, rate), 0)
     what = f"{len(q)} set points in rad, one every {step:g} s."
     start = f"{SLOW_START_NOTE} the arm's joints with the model's."
     lines = [*comment_head(trajectory, robot, "#", what, start), "def steelyard_motion():"]
@@ -264,13 +263,12 @@ def krl_of(trajectory: ExactTrajectory, robot: Robot, rate: float) -> str:
         raise _unfit_motion(robot, "KRL", f"at most {len(KRL_AXES)} axes")
     refuse_moving_ends(trajectory, robot, "a KRL program")
     times = even_times(trajectory.duration, rate)
-    points = trajectory.derivative(times, 0) * degrees_and_millimetres(robot)
     targets = [
         ", ".join(
             f"{axis} {fixed_point_text(x, DEGREE_DECIMALS)}"
             for axis, x in zip(KRL_AXES, point, strict=False)
         )
-        for point in points
+        for point in trajectory.derivative(times, 0) * degrees_and_millimetres(robot)
     ]
     what = f"{_points_apart(times, f'{times[1]:.9g}')}; a spline leads through them."
     lines = ["&ACCESS RVP", "DEF trajectory( )"]

@@ -96,10 +96,9 @@ def limits_of(robot: Robot, section: MotionLimitsSection) -> MotionLimits:
                 fix=f"give a margin below {0.5 * whole:.4g}, or lock the joint",
             )
     velocity = per_joint(section.velocity, robot, "velocity", robot_limits.velocity)
-    joints = zip(robot.coordinates, section.share * velocity, strict=True)
     if faster := [
         f"{joint.name} {most:.3g} against {joint.limits.velocity:.3g} {joint.unit}/s"
-        for joint, most in joints
+        for joint, most in zip(robot.coordinates, section.share * velocity, strict=True)
         if most > joint.limits.velocity > 0.0
     ]:
         text = "the model file's speed limits are exceeded, as velocity sets higher ones: "
@@ -151,8 +150,7 @@ def cases_of(
     if not wanted.relative:
         return (Case(shows, Measure(CRITERIA[wanted.kind], prior, chosen)),)
     known = _needed(earlier, "relative")
-    loads = (None, *section.loads)
-    sizes = [sizes_of(known, model, shows.base, load) for load in loads]
+    sizes = [sizes_of(known, model, shows.base, load) for load in (None, *section.loads)]
     return tuple(Case(shows, Measure(CRITERIA[wanted.kind], prior, chosen, s)) for s in sizes)
 
 

@@ -23,8 +23,7 @@ def provenance(
 ) -> Provenance:
     """Hashes of all inputs, and what was decided on the way."""
     inputs = {f"robot {s.path.name}": s.sha256 for s in loaded.sources}
-    roles = (("identification", fitted), ("loaded", carrying), ("validation", validated))
-    for role, logs in roles:
+    for role, logs in (("identification", fitted), ("loaded", carrying), ("validation", validated)):
         for path in dict.fromkeys(log.path for log in logs):
             name = f"{role} {path.name}"
             more = sum(key == name or key.startswith(f"{name} (") for key in inputs)
@@ -42,14 +41,13 @@ def settings(identified: IdentifiedModel) -> tuple[tuple[str, str], ...]:
         gains += ", divided by the estimated scales"
     if signals.effort_map is not None:
         gains = "of the motors, with coupled gears"
-    velocity = "logged" if signals.velocity else "differentiated positions"
     return (
         ("estimator", identified.estimate.estimator),
         ("motion cut-off (positions, velocities, accelerations)", f"{cutoffs.motion:g} Hz"),
         ("regression cut-off (regressor and effort)", f"{cutoffs.matched:g} Hz"),
         ("cut-off of the verdict (measured and predicted effort)", f"{cutoffs.headline:g} Hz"),
         ("cut-off of plots and other errors", f"{cutoffs.score:g} Hz"),
-        ("velocities", velocity),
+        ("velocities", "logged" if signals.velocity else "differentiated positions"),
         ("motion", f"by {identified.processing.motion_words}"),
         ("efforts", identified.processing.effort_words),
         ("effort", f"{signals.effort_kind.replace('_', ' ')}, {gains}"),

@@ -279,8 +279,7 @@ def _with_bodies(
         del possible[clashing[-1]]
     rows = (*knowledge.rows, *possible.values())
     estimate = Consistent(base, replace(knowledge, rows=rows))(information)
-    names = estimate.parameters.names
-    at = [k for k, name in enumerate(names) if name not in possible]
+    at = [k for k, name in enumerate(estimate.parameters.names) if name not in possible]
     learned = estimate.learned
     positive = [name for name in zeros if name not in possible]
     notes = (f"cannot be zero for valid inertias, so estimated: {', '.join(positive)}",)

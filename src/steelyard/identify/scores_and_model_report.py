@@ -83,8 +83,7 @@ def scored_from_commanded(
     progress: Progress,
 ) -> tuple[RunScore, ...]:
     """Scores of a model whose efforts are predicted from the commanded motion of logs."""
-    signals = identified.signals.of_commanded()
-    runs = runs_for(identified, logs, progress, signals=signals)
+    runs = runs_for(identified, logs, progress, signals=identified.signals.of_commanded())
     named = [replace(run, name=name) for run, name in zip(runs, names, strict=True)]
     return tuple(
         replace(score, predicted_from="commanded") for score in scored(identified, named, progress)
@@ -241,5 +240,4 @@ class ModelReport(Result):
         level = "no verdict" if judged.level == "none" else judged.grade
         error = f", {both_words(judged.errors, judged.as_logged)}" if judged.errors else ""
         error += f" ({', '.join(judged.worse)})" if " for " in level else ""
-        line = f"{type(self).__name__}({self.content.robot}: {level}{error})"
-        return line.replace("\u00a0", " ")
+        return f"{type(self).__name__}({self.content.robot}: {level}{error})".replace("\u00a0", " ")

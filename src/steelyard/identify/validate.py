@@ -99,9 +99,8 @@ def validate(
     identified = load_model(model)
     files = log_files(paths_of(logs, least=1))
     runs = runs_for(identified, files, progress)
-    names = [run.name for run in runs]
     scores = (
-        scored_from_commanded(identified, files, names, progress)
+        scored_from_commanded(identified, files, [run.name for run in runs], progress)
         if commanded
         else scored(identified, runs, progress)
     )

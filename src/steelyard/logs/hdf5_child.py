@@ -46,8 +46,7 @@ def main() -> None:
     except BrokenPipeError:
         sys.exit(1)
     except Exception as error:
-        text = " ".join(str(error).split())[:300]
-        sys.exit(text or type(error).__name__)
+        sys.exit(" ".join(str(error).split())[:300] or type(error).__name__)
 
 
 def _datasets(file: h5py.File, matlab: bool) -> Iterator[NamedArray]:

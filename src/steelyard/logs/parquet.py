@@ -60,8 +60,7 @@ def _footer(file: IO[bytes], size: int) -> dict[int, Any]:
 def _pages(file: IO[bytes], meta: dict[int, Any], size: int) -> Iterator[int]:
     """Values of each page of a column in a row group."""
     left = _number(meta, 5)
-    offsets = [meta[key] for key in (9, 11) if meta.get(key)]
-    at = min(offsets, default=0)
+    at = min((meta[key] for key in (9, 11) if meta.get(key)), default=0)
     while left > 0:
         if not 0 < at < size:
             raise ValueError("a page lies outside of it")

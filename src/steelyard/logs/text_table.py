@@ -409,9 +409,8 @@ def by_polars(chunk: bytes, wanted: Sequence[int], separator: str, decimal_comma
     width = max(wanted, default=0) + 1
     names = [f"column_{i}" for i in range(width)]
     # A full first row keeps Polars from judging the table's width by a broken one.
-    full = separator.join(["0"] * width).encode() + b"\n"
     table = pl.read_csv(
-        full + chunk,
+        separator.join(["0"] * width).encode() + b"\n" + chunk,
         has_header=False,
         columns=list(dict.fromkeys(names[i] for i in wanted)),
         separator=separator,

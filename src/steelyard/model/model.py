@@ -144,8 +144,7 @@ class ValuedModel(Dynamics):
     def block(self, q: Array, dq: Array, ddq: Array, channels: Array | None = None) -> Array:
         """Efforts of one block, joint-major; `q`, `dq`, `ddq` `(n, B)`, `channels` `(_, B)`."""
         channels = np.empty((0, q.shape[1])) if channels is None else channels
-        code = self.model.torque_code
-        return code([q, dq, ddq, channels, self.values.values])
+        return self.model.torque_code([q, dq, ddq, channels, self.values.values])
 
     def start(self) -> Stepper:
         """Begin to evaluate sample by sample, for controllers and streams."""

@@ -133,6 +133,5 @@ class _Sample:
         part, given = self._compiled.part, self._compiled.quantity.arguments
         q, dq = (dict(zip(given, self._rows, strict=True))[name].tolist() for name in ("q", "dq"))
         passive = self._channels[: len(part.robot.passive)].tolist()
-        state = JointState(q, dq, [0.0] * len(q), passive)
-        self._memory[: part.n_memory] = part.started(state)
+        self._memory[: part.n_memory] = part.started(JointState(q, dq, [0.0] * len(q), passive))
         self._begun = True

@@ -83,8 +83,7 @@ class Equations:
     @cached_property
     def n_channels(self) -> int:
         """Channels that are computed along a motion, see `Scan`."""
-        terms = sum(channels_of(term, self.robot) for term in self.terms)
-        return len(self.robot.passive) + terms
+        return len(self.robot.passive) + sum(channels_of(term, self.robot) for term in self.terms)
 
     @property
     def n_memory(self) -> int:
@@ -187,8 +186,7 @@ class Equations:
             places.extend(columns)
             return list(columns.values())
 
-        program = symbolic(build, self.inputs)
-        return program, tuple(places)
+        return symbolic(build, self.inputs), tuple(places)
 
     @cached_property
     def torque_code(self) -> Code:
@@ -270,8 +268,7 @@ class Quantity:
 
     def code(self, part: Equations) -> Code:
         """The program as machine code."""
-        description = [self.name, *self.key, part.program_key]
-        return compiled(description, lambda: (self.program(part), {}))
+        return compiled([self.name, *self.key, part.program_key], lambda: (self.program(part), {}))
 
     def step_program(self, part: Equations) -> Program:
         """As `program`, with friction's memory before a step, and after it behind the entries.
@@ -307,8 +304,7 @@ def _efforts(part: Equations, given: Given) -> list[Scalar]:
     """Velocities and accelerations that are not given are zero."""
     rest: Scalars = [0.0] * part.robot.n
     dq, ddq = given.get("dq", rest), given.get("ddq", rest)
-    state = JointState(given["q"], dq, ddq, given["channels"])
-    return part.torque_of(state, given["parameters"])
+    return part.torque_of(JointState(given["q"], dq, ddq, given["channels"]), given["parameters"])
 
 
 def _inertial(part: Equations, given: Given, ddq: Scalars) -> list[Scalar]:

@@ -227,11 +227,10 @@ def render_sections(
     `made` says what was done, such as `identified`, `by` which version of steelyard, this one if
     `None`.
     """
-    numbered = ((section, section.numbers(content)) for section in sections)
     shown = [
         Shown(section.name, section.title, section.show(numbers), section.folded)
-        for section, numbers in numbered
-        if numbers is not None
+        for section in sections
+        if (numbers := section.numbers(content)) is not None
     ]
     return page_of(content.title, content.robot, made, by or installed("steelyard"), shown)
 

@@ -27,8 +27,7 @@ def floating_trees(mechanism: Mechanism, base: str) -> dict[Joint, int]:
 
 def carried_joints(mechanism: Mechanism, base: str) -> int:
     """How many joints move on their own beyond a link, floating trees left out."""
-    beyond = _moving(mechanism.from_link(base))
-    return beyond - sum(floating_trees(mechanism, base).values())
+    return _moving(mechanism.from_link(base)) - sum(floating_trees(mechanism, base).values())
 
 
 def floating_base(mechanism: Mechanism, base: str | None) -> Joint | None:

@@ -61,8 +61,7 @@ def residual(robot: Robot, q: Array) -> tuple[Array, Array]:
     lacks = np.zeros((len(robot.loops), 3))
     slopes = np.zeros((len(robot.loops), 3, robot.n_joints))
     for number, loop in enumerate(robot.loops):
-        ends = zip((1.0, -1.0), chains(robot, loop), loop.points, strict=True)
-        for sign, chain, point in ends:
+        for sign, chain, point in zip((1.0, -1.0), chains(robot, loop), loop.points, strict=True):
             tip, columns = _reach(robot, chain, point, q)
             lacks[number] += sign * tip
             for joint, column in columns:
@@ -146,8 +145,7 @@ def checked_equations(robot: Robot, where: Sequence[str]) -> LoopEquations:
     near = [q for q in found if gaps(robot, q).max() <= CLOSED]
     if near:
         _check_count(robot, near, where[0])
-    passive = list(range(robot.n, robot.n_joints))
-    assembly = _assembled(robot, passive)
+    assembly = _assembled(robot, list(range(robot.n, robot.n_joints)))
     worst = gaps(robot, assembly)
     if worst.max() > CLOSED:
         loop = int(worst.argmax())

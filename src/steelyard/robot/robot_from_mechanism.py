@@ -129,8 +129,7 @@ def reduction_notes(
     if lacking:
         names = ", ".join(f"{link.name} ('{link.lacks}')" for link in lacking[:6])
         more = f" and {len(lacking) - 6} more" if len(lacking) > 6 else ""
-        absent = "nominal mass is zero, as the mesh is missing"
-        notes.append(Listed(absent, names + more))
+        notes.append(Listed("nominal mass is zero, as the mesh is missing", names + more))
     for body in robot.bodies:
         if flaw := body.inertia.flaw():
             notes.append(Listed(f"the inertial is not physically consistent: '{body.name}'", flaw))

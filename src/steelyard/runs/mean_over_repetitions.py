@@ -217,10 +217,9 @@ def _mean_motion(
     )
     log = LogInMemory(recording.log.path, signals.columns, np.column_stack((t, mean.mean.T)))
     window = Cut(seconds=(context / rate, (context + length - 0.5) / rate))
-    variance = mean.variance[c.effort]
     return MeanMotion(
         Recording(log, plain, window),
-        Importance(0.0, rate, frozen(weights_of(variance, len(mean.starts)))),
+        Importance(0.0, rate, frozen(weights_of(mean.variance[c.effort], len(mean.starts)))),
         mean,
         f"mean of {len(mean.starts)} repetitions of {length / rate:.4g} s, which deviate up to "
         f"{mean.apart.max():.2g} rad or m from it",

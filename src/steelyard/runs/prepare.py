@@ -259,8 +259,7 @@ def _quality(
     marked: Marked,
 ) -> Quality:
     c = recording.channels
-    cut = Cutoffs(chain.motion_cutoff, chain.matched_cutoff)
-    segments = _long_enough(recording, found, cut)
+    segments = _long_enough(recording, found, Cutoffs(chain.motion_cutoff, chain.matched_cutoff))
     lost = [v for v in RowVerdict if v != RowVerdict.KEPT and found.counts[v]]
     starts = [*(s.start for s in segments), found.segments[-1].stop]
     stops = [found.segments[0].start, *(s.stop for s in segments)]

@@ -177,8 +177,7 @@ def requested_processing(section: ProcessingSection, where: Callable[..., str]) 
         repetitions=repetitions,
     )
     if section.motion is not None:
-        method = method_of(section.motion, where("processing", "motion"))
-        wanted = replace(wanted, motion=method)
+        wanted = replace(wanted, motion=method_of(section.motion, where("processing", "motion")))
     if section.effort is not None:
         effort, place = section.effort, where("processing", "effort")
         settings = {"method": effort} if isinstance(effort, str) else dict(effort)

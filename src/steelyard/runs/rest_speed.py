@@ -44,8 +44,7 @@ class SpeedHistogram:
 
     def quantile(self, share: float) -> Array:
         """Speed per joint below which a share of the samples is, shape `(n,)`."""
-        below = np.cumsum(self._count, axis=1)
-        place = [np.searchsorted(row, share * row[-1]) for row in below]
+        place = [np.searchsorted(row, share * row[-1]) for row in np.cumsum(self._count, axis=1)]
         return self.reference * self._edge(np.array(place) + 1)
 
     def edge_above(self, speed: Array) -> Array:

@@ -55,8 +55,7 @@ def welch(
             piece -= (piece @ ramp / (ramp @ ramp))[:, None] * ramp
         density += np.abs(np.fft.rfft(piece * hann)) ** 2
     density *= 2.0 / (rate * (hann @ hann) * len(starts))
-    frequency = np.arange(length // 2 + 1) * (rate / length)
-    return frequency, density
+    return np.arange(length // 2 + 1) * (rate / length), density
 
 
 def motion_band(q: Array, rate: float, dq: Array | None = None) -> Band:

@@ -180,8 +180,7 @@ class LawsInUse:
 
     def forget(self) -> None:
         """Begin anew where the joints are, with all memory at zero."""
-        q = self._joints(self._seen[0], self._zeros)
-        self.remember(q, np.zeros(self.laws.n_memory))
+        self.remember(self._joints(self._seen[0], self._zeros), np.zeros(self.laws.n_memory))
 
     def remember(self, q: Array, states: Array) -> None:
         """Set the memory: last positions from `q`, all joints, and states from a full memory."""

@@ -68,8 +68,7 @@ def build(
     Bodies have the ten numbers `inertial`, shape `(n_bodies, 10)`, by default the nominal ones;
     rotors and brakes act along rows over all joints.
     """
-    shape = (len(robot.bodies), 10)
-    tens = robot.nominal if inertial is None else frozen(inertial, shape)
+    tens = robot.nominal if inertial is None else frozen(inertial, (len(robot.bodies), 10))
     carriers = _carriers(robot)
     spec = _spec(robot, timestep)
     placed = [spec.worldbody]

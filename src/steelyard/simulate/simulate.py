@@ -226,8 +226,7 @@ def simulate(
         wrench=_wrench(loaded.robot, wrench, wrench_frame, wrench_axes),
         progress=progress,
     )
-    files = write_run(rig, trajectory, Path(folder))
-    return SimulatedRun(files, loaded.notes, once.duration)
+    return SimulatedRun(write_run(rig, trajectory, Path(folder)), loaded.notes, once.duration)
 
 
 def true_robot(

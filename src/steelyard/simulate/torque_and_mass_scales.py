@@ -79,8 +79,7 @@ class Scales:
         if isinstance(term, StatefulTerm):
             loads = partial(Model(self.robot).rigid_torque, q, dq, ddq)
             channels = term.remember(self.robot, TermSamples(q, dq, ddq, loads), None)[0]
-        count = len(term.parameters(self.robot))
-        columns = np.zeros((self.robot.n_joints, count, q.shape[1]))
+        columns = np.zeros((self.robot.n_joints, len(term.parameters(self.robot)), q.shape[1]))
         state = JointState(list(q), list(dq), list(ddq), list(channels))
         for place, values in term.columns(self.robot, state).items():
             columns[place] = values
@@ -109,8 +108,7 @@ def typical_torque(robot: Robot, model: MujocoModel) -> Array:
     """
     postures = postures_of(robot)
     torque = postures.projected(_torques(robot, model, postures))
-    rms = np.sqrt(np.mean(torque**2, axis=0))
-    return _floored(robot.coordinates, rms, _LEAST_TORQUE)
+    return _floored(robot.coordinates, np.sqrt(np.mean(torque**2, axis=0)), _LEAST_TORQUE)
 
 
 def typical_masses(robot: Robot, model: MujocoModel) -> Array:

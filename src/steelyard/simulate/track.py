@@ -138,8 +138,7 @@ def tracking(
             t = run.t[rows] - rig.rest
             desired = kinematics.pose(goal, frame)[0]
         tool = kinematics.pose(q, frame)[0]
-        deviation = np.linalg.norm(tool - desired, axis=1)
-        runs.append(TrackedRun(name, goal - q, tool, deviation))
+        runs.append(TrackedRun(name, goal - q, tool, np.linalg.norm(tool - desired, axis=1)))
     return Tracking(robot, frame, frozen(t), frozen(desired), tuple(runs))
 
 
@@ -226,12 +225,11 @@ def track(
     frame = frame_of(loaded.robot, last_frame(loaded.robot) if tool is None else tool)
     trajectory = read_motion(Path(motion), loaded.robot)
     real, _ = true_robot(loaded, truth, friction_drift, seed)
-    valued = [(label, each.valued) for label, each in named.items()]
     found = tracking(
         loaded.robot,
         real,
         trajectory,
-        controllers_of(control, valued),
+        controllers_of(control, [(label, each.valued) for label, each in named.items()]),
         frame,
         customary_drives(loaded.robot, lag),
         progress,

@@ -70,8 +70,7 @@ class Truth:
     @cached_property
     def rotors(self) -> tuple[Rotor, ...]:
         """Rotor inertias, and how the rotors turn with the joints."""
-        found = self._along("rotor")
-        return tuple(Rotor(axis.row, value) for _, axis, value in found)
+        return tuple(Rotor(axis.row, value) for _, axis, value in self._along("rotor"))
 
     @cached_property
     def brakes(self) -> tuple[Brake, ...]:
@@ -151,10 +150,9 @@ class Truth:
                     f"its {what} are not those of robot '{robot.name}': '{strange[0]}'",
                     "take the truth that was made for this robot",
                 )
-        values = [given[name]["value"] for name in model.names]
         return cls(
             model,
-            Parameters(model.names, model.units, values),
+            Parameters(model.names, model.units, [given[name]["value"] for name in model.names]),
             frozen([speeds[c.name] for c in robot.joints]),
         )
 

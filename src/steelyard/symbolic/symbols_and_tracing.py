@@ -102,8 +102,7 @@ def number_of(tape: Tape, scalar: Any) -> int:
 def symbolic(build: Callable[..., Sequence[Scalar]], inputs: Sequence[InputArray]) -> Program:
     """Trace `build`, called with one list of scalar symbols per input array."""
     with Tape().recording() as tape:
-        outputs = build(*_symbols(tape, inputs))
-        return tape.program(inputs, _numbers(tape, outputs))
+        return tape.program(inputs, _numbers(tape, build(*_symbols(tape, inputs))))
 
 
 def affine(

@@ -155,8 +155,7 @@ def _parts(
 ) -> Iterator[tuple[Information, Information]]:
     """What is fitted, and what is predicted from it."""
     if unseen:
-        gathered = information_from(unseen, rests=model.has_memory)
-        yield information, gathered(base_regressor(model))
+        yield information, information_from(unseen, rests=model.has_memory)(base_regressor(model))
         return
     several = len(information.windows_of_runs) > 1
     folds = information.merged(1 if several else FOLDS)

@@ -342,8 +342,7 @@ def _of_run(case: FittedCase, run: Information, logged: Run) -> Iterator[Finding
         )
     if not steps:
         warm = [drift for drift in scale_drifts(run, friction=True) if _sure_drift(drift)]
-        names = model.robot.joint_names
-        yield from _drift_found(run, drifts or warm, names, friction=not drifts)
+        yield from _drift_found(run, drifts or warm, model.robot.joint_names, friction=not drifts)
 
 
 def _drift_found(
@@ -394,8 +393,7 @@ def _runs(case: FittedCase) -> Iterator[tuple[Information, Run]]:
 
 def _gathered(identified: IdentifiedModel, run: Run, longest: float = np.inf) -> Information:
     rests = identified.model.has_memory
-    gathered = information_from([run], rests=rests, longest=longest)
-    return gathered(base_regressor(identified.model))
+    return information_from([run], rests=rests, longest=longest)(base_regressor(identified.model))
 
 
 def _sure_drift(drift: ChangeWithinRun) -> bool:

@@ -71,8 +71,7 @@ def _other_columns(log: CheckedLog, declared: Sequence[str], quantity: Quantity)
 
 def with_others(fix: Fix, log: CheckedLog) -> Fix:
     """The advice, with the effort columns that may be taken instead."""
-    declared = log.recording.signals.effort
-    return Fix(fix.says + _beside(log, declared, "effort"), fix.edits)
+    return Fix(fix.says + _beside(log, log.recording.signals.effort, "effort"), fix.edits)
 
 
 def _beside(log: CheckedLog, declared: Sequence[str], quantity: Quantity) -> str:

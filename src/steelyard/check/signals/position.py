@@ -124,8 +124,7 @@ def position_check(case: Case, log: CheckedLog) -> Finding:
         return replace(_motors(case, high - low, off), picture=picture)
     if other:
         return replace(_other_unit(case, log, units, other, each), picture=picture)
-    outside = np.flatnonzero(off > OUTSIDE_RANGE)
-    names = tuple(case.joints[j] for j in outside)
+    names = tuple(case.joints[j] for j in np.flatnonzero(off > OUTSIDE_RANGE))
     are = "are outside their limits" if len(names) > 1 else "is outside its limits"
     facts = _facts(case, log, {joint.position_unit for joint in units.as_declared})
     return Finding.doubtful_if(

@@ -100,8 +100,7 @@ class _Search:
             curve = np.polyfit(x - x[1], y, 2)
             top = -curve[1] / (2.0 * curve[0]) if curve[0] < 0.0 else 0.0
             away = np.clip(top, 0.8 * (x[0] - x[1]), 0.8 * (x[2] - x[1]))
-            gamma = float(np.exp(x[1] + away))
-            best = max(best, gamma, key=lambda g: self.at(g).evidence)
+            best = max(best, float(np.exp(x[1] + away)), key=lambda g: self.at(g).evidence)
         return best
 
     def largest(self, high: float, allowed: float) -> float:

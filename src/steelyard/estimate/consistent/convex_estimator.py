@@ -85,8 +85,7 @@ class Consistent:
         """Estimate all standard parameters."""
         data = whitened(information, self.per_run, equal=self.equal)
         program = self.program(data)
-        found = self.weighed(program)
-        return self._described(data, program, found)
+        return self._described(data, program, self.weighed(program))
 
     def values(
         self, information: Information, gamma: float | None = None, near: Array | None = None

@@ -83,8 +83,7 @@ def _bounds(unknowns: Unknowns, knowledge: Knowledge) -> list[Row]:
         low, high = float(knowledge.lower[k]), float(knowledge.upper[k])
         low = -np.inf if name in knowledge.shaped or (name in bodies and low == 0.0) else low
         if np.isfinite(low) or np.isfinite(high):
-            label = f"{name} between {low:g} and {high:g}"
-            found.append(Row(label, {name: 1.0}, low, high))
+            found.append(Row(f"{name} between {low:g} and {high:g}", {name: 1.0}, low, high))
     return found
 
 
@@ -150,8 +149,7 @@ class Program:
         within the constraints' equations.
         """
         free = self.constraints.free
-        prior = self.precision(u, gamma)
-        before = free.T @ prior @ free
+        before = free.T @ self.precision(u, gamma) @ free
         data = self.unknowns.matrix @ free
         before, after = np.linalg.slogdet(before)[1], np.linalg.slogdet(before + data.T @ data)[1]
         return -self.cost(u, gamma) + 0.5 * float(before - after)

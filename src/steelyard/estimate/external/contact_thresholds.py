@@ -184,11 +184,10 @@ class ResidualPeaks:
 
     def to_dict(self) -> dict[str, Any]:
         """As JSON values; maxima with six digits."""
-        maxima = [[[float(f"{x:.6g}") for x in row] for row in rows] for rows in self.maxima]
         return {
             "speed_edges": self.edges.tolist(),
             "cutoff_hz": self.cutoff,
-            "maxima": maxima,
+            "maxima": [[[float(f"{x:.6g}") for x in row] for row in rows] for rows in self.maxima],
             "visits": self.visits.tolist(),
             "seconds": self.seconds.tolist(),
         }

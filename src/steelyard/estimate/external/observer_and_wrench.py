@@ -63,8 +63,7 @@ class Expected:
     @property
     def variances(self) -> Array:
         """Diagonal of $P$, shape `(6,)`."""
-        moment = self.force * self.lever
-        return frozen(np.repeat(np.square([self.force, moment]), 3))
+        return frozen(np.repeat(np.square([self.force, self.force * self.lever]), 3))
 
 
 @dataclass(frozen=True, eq=False)

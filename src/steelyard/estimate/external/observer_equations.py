@@ -126,8 +126,7 @@ def _part(
             channels += given["channels"][channel : channel + more]
             parameters += given["parameters"][parameter : parameter + width]
         channel, parameter = channel + more, parameter + width
-    own = {**given, "channels": channels, "parameters": parameters}
-    return Equations(robot, tuple(kept)), own
+    return Equations(robot, tuple(kept)), {**given, "channels": channels, "parameters": parameters}
 
 
 def jacobian_of(equations: Equations, frame: Frame, axes: Axes, given: Given) -> Matrix:

@@ -158,8 +158,7 @@ class Candidates:
     @cached_property
     def regressor(self) -> Regressor:
         """Base columns of the model without friction, and all candidates' columns as they are."""
-        first = len(self.base.names)
-        chosen = (*self.base.independent, *range(first, len(self.model.parameters)))
+        chosen = (*self.base.independent, *range(len(self.base.names), len(self.model.parameters)))
         return chosen_regressor(self.model, self.base, chosen)
 
     def columns_of(self, mix: Sequence[Term]) -> tuple[str, ...]:

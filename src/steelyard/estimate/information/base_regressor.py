@@ -358,8 +358,7 @@ class Regressor:
 
     def dense(self, q: Array, dq: Array, ddq: Array) -> Array:
         """All entries along a motion of `(n, N)` states: shape `(n, N, columns)`."""
-        channels = self.model.scan()(q, dq, ddq)
-        values = self.code([q, dq, ddq, channels, np.zeros_like(q)])
+        values = self.code([q, dq, ddq, self.model.scan()(q, dq, ddq), np.zeros_like(q)])
         result = np.zeros((len(self.layout.rows), q.shape[1], len(self.layout.columns)))
         for row, (start, seen) in enumerate(zip(self.layout.starts, self.layout.sees, strict=True)):
             result[row][:, list(seen)] = values[start : start + len(seen)].T

@@ -171,8 +171,7 @@ class Accumulator:
     def taps(self) -> Array:
         """The filter's taps, padded with zeros to whole vectors; a single one without filter."""
         taps = self.matched.taps if self.matched else np.ones(1)
-        lanes = self.regressor.code.lanes
-        return np.concatenate([taps, np.zeros(-len(taps) % lanes)])
+        return np.concatenate([taps, np.zeros(-len(taps) % self.regressor.code.lanes)])
 
     @property
     def decimation(self) -> int:
@@ -295,8 +294,7 @@ class _Workspace:
         self.y = np.zeros((rows, -(-(samples + spare) // lanes) * lanes + PADDING))
         outputs = samples // accumulator.decimation + FIR_OUTPUTS + lanes
         self.z = np.zeros((rows, -(-outputs // lanes) * lanes + PADDING))
-        tiles = len(accumulator.tiling.firsts)
-        self.sums = np.zeros((tiles, TILE_ROWS * TILE_COLUMNS, lanes))
+        self.sums = np.zeros((len(accumulator.tiling.firsts), TILE_ROWS * TILE_COLUMNS, lanes))
         self.beside = np.zeros_like(self.sums)
         self.absolute = np.zeros((accumulator.width, lanes))
         self.counts = np.zeros(len(accumulator.regressor.layout.rows))
@@ -340,16 +338,14 @@ class _Workspace:
 
     def _weigh(self, block: Array, weights: Array) -> None:
         """Multiply rows by the roots of their weights, shape `(n, count)`."""
-        widths = self.accumulator.regressor.layout.widths
-        roots = np.repeat(np.sqrt(weights), widths, axis=0)
+        roots = np.repeat(np.sqrt(weights), self.accumulator.regressor.layout.widths, axis=0)
         block[: len(roots), : weights.shape[1]] *= roots
 
     def _add_grams(self, block: Array, count: int, sums: Array) -> None:
         """Add the products of the first `count` samples."""
         padded = self._padded(count)
         block[:, count:padded] = 0.0
-        tiles = _tiles(self.accumulator.tiling)
-        loops().gram(*_place(block), padded, *tiles, sums.ctypes.data)
+        loops().gram(*_place(block), padded, *_tiles(self.accumulator.tiling), sums.ctypes.data)
 
     def _padded(self, count: int) -> int:
         """So many samples as whole vectors."""

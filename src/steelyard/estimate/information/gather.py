@@ -133,8 +133,7 @@ def blocks_with_channels(
         if block.segment != segment:
             segment, scan, number = block.segment, model.scan(drop), number + 1
         channels = scan(block.q, block.dq, block.ddq, block.t)
-        mask = marked(block, scan.warm)
-        whole = replace(block, segment=number, channels=channels, moving=mask)
+        whole = replace(block, segment=number, channels=channels, moving=marked(block, scan.warm))
         yield from closed_parts(whole, scan.closed)
         number += int(np.sum(~scan.closed))
 

@@ -215,8 +215,7 @@ class Information:
         old = [self.layout.columns.index(name) for name in names]
         transform = np.zeros((len(self.layout.columns), len(old)))
         transform[old, range(len(old))] = 1.0
-        units = [self.layout.units[k] for k in old]
-        chosen = self.map(transform, names, units)
+        chosen = self.map(transform, names, [self.layout.units[k] for k in old])
         sums = np.zeros((len(self.windows), sum(chosen.layout.widths)))
         for row in range(len(self.layout.rows)):
             mine = {c: k for k, c in enumerate(self.layout.sees[row])}
@@ -320,8 +319,7 @@ class Information:
 
     def _matrices(self, sums: Array, row: int) -> Array:
         """One row's matrices `(..., k + 1, k + 1)` of packed ones `(..., size)`."""
-        lower = sums[..., self._packed(row)]
-        return np.take(lower, _places(self.layout.widths[row]), axis=-1)
+        return np.take(sums[..., self._packed(row)], _places(self.layout.widths[row]), axis=-1)
 
     def _packed(self, row: int) -> slice:
         sizes = self.layout.packed_sizes

@@ -194,8 +194,7 @@ class _Problem:
             rows.append(np.column_stack([row[:, :-1], effort]))
         first = np.array([known[name] for name in names])
         place = tuple(columns.index(name) for name in names)
-        alone = replace(samples, rows=tuple(rows))
-        return cls(regressor, alone, roots, names, place, fixed, first)
+        return cls(regressor, replace(samples, rows=tuple(rows)), roots, names, place, fixed, first)
 
     def at(self, values: Array, own: Array) -> _State:
         """The state at some parameters and variances of the efforts' own noise."""
@@ -283,14 +282,13 @@ class _Problem:
             for e, w, m, v in each
         ]
         shares = " ".join(f"{100.0 * share:.2g}" for _, share in rows)
-        note = f"share of the variance from motion noise, per joint: {shares} %"
         return replace(
             start,
             estimator="maximum likelihood with motion noise",
             parameters=replace(start.parameters, values=values),
             covariance=frozen(0.5 * (covariance + covariance.T)),
             sigma=frozen([sigma for sigma, _ in rows]),
-            notes=(how, note),
+            notes=(how, f"share of the variance from motion noise, per joint: {shares} %"),
         )
 
 

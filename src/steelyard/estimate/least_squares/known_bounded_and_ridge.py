@@ -85,8 +85,7 @@ class WithKnownValues:
         known = {name: self.values[name] for name in columns if name in self.values}
         if not known:
             return self.inner(information)
-        found = self.inner(without_known(information, known))
-        return _joined(found, information.layout, known)
+        return _joined(self.inner(without_known(information, known)), information.layout, known)
 
 
 def without_known(information: Information, known: Mapping[str, float]) -> Information:

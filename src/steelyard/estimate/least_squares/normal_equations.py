@@ -51,8 +51,7 @@ class Eliminated:
 
     def joined(self, kept: Sequence[int], inverse: Array) -> tuple[list[int], Array]:
         """Shared and own columns, and the covariance of all of them."""
-        slopes = self.slopes[:, list(kept)]
-        cross = slopes @ inverse
+        cross = self.slopes[:, list(kept)] @ inverse
         own = self.covariance(kept, inverse)
         return [*kept, *self.columns], np.block([[inverse, cross.T], [cross, own]])
 
@@ -167,8 +166,7 @@ class Fit:
         """Other values of the shared columns, `(p,)`, under the same weights of rows."""
         parts = tuple(part.solved(values) for part in self.solution.locals)
         solution = replace(self.solution, values=values, locals=parts)
-        variances = variances_of(self.data, solution, 1.0 / self.variances)
-        return Fit(self.data, solution, variances)
+        return Fit(self.data, solution, variances_of(self.data, solution, 1.0 / self.variances))
 
 
 def solve(data: Runs, weights: Array, before: Solution | None = None) -> Solution:

@@ -158,8 +158,7 @@ class Problem:
             costs = Costs.of(self.information, self.shared, self.slots, 1.0 / variances)
             if change < TOLERANCE:
                 break
-        criterion = float(self.information.n_samples @ np.log(variances))
-        return choice, costs, criterion
+        return choice, costs, float(self.information.n_samples @ np.log(variances))
 
     def _variances(self, costs: Costs, choice: Indices) -> Array:
         """Residual variance per row; a parameter counts in equal parts in all rows that see it."""
@@ -352,8 +351,7 @@ class Search:
         for number in range(MOST_FIELD_PASSES):
             report_progress(progress, "estimating nonlinear parameters", number, MOST_FIELD_PASSES)
             regressor = self._regressor(grids, regressor)
-            information = information_of(regressor)
-            choice, costs, _ = self._problem(information).solved(choices)
+            choice, costs, _ = self._problem(information_of(regressor)).solved(choices)
             shape = CostShape.of(costs, choice, grids)
             steps = [shape.step(k) for k in range(len(grids))]
             # the quadratic's error is small, also against half the interval

@@ -228,9 +228,8 @@ def information(
         raise DataError(
             "there is no run", where="list of runs", fix="give those that load_runs returns"
         )
-    cores = threads or os.cpu_count() or 1
     information_of = information_from(
-        runs, rests=model.has_memory, threads=cores, progress=progress
+        runs, rests=model.has_memory, threads=threads or os.cpu_count() or 1, progress=progress
     )
     return information_of(base_regressor(model))
 

@@ -141,8 +141,7 @@ class Bilinear:
         near = self._linearised(solution)
         full = np.zeros((size + self.n, size + self.n))
         full[np.ix_(chosen, chosen)] = inverse(matrix)
-        zero = np.zeros(len(full))
-        factors = scatter(near, zero, 1.0 / solution.weights, full)
+        factors = scatter(near, np.zeros(len(full)), 1.0 / solution.weights, full)
         more, _, _ = near.normal((factors - 1.0) * solution.weights)
         return (
             covariance_of(matrix, range(len(chosen))) + (full @ more @ full)[np.ix_(chosen, chosen)]

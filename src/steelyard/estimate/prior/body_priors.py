@@ -154,9 +154,8 @@ class PriorBody:
 
 def default_knowledge(model: Model) -> Knowledge:
     """What the model file says: its bodies, corrected with notes, and bounds of the parameters."""
-    bodies = rigid_bodies(model)
     return knowledge_with(
-        model, {body.name: model_prior(model.robot, k) for k, body in bodies.items()}
+        model, {body.name: model_prior(model.robot, k) for k, body in rigid_bodies(model).items()}
     )
 
 

@@ -135,8 +135,7 @@ class State:
     @cached_property
     def condition(self) -> float:
         """Condition number of the weighted columns at unit length."""
-        some = self.full.matrix[np.ix_(self.active, self.active)]
-        return condition_of(some)
+        return condition_of(self.full.matrix[np.ix_(self.active, self.active)])
 
     @property
     def chi_square(self) -> float:

@@ -103,9 +103,8 @@ def estimated(path: Path, place: int, drop: Sequence[str] = ()) -> Estimate:
     state, full = path.states[place], path.full
     hidden = (Step(one.name, 0.0) for one in full.blind if one.name in drop)
     steps = (*path.requested, *hidden, *path.steps[:place])
-    found = WeightedLeastSquares()(full.information.select(state.names))
     return replace(
-        found,
+        WeightedLeastSquares()(full.information.select(state.names)),
         estimator=f"reduced weighted least squares ({len(full.names)} to {len(state.active)})",
         blind=tuple(one for one in full.blind if one.name not in drop),
         removed=tuple(

@@ -172,8 +172,7 @@ def refuse_different(
             where=where,
             fix="compare models of the same robot, with the joints in the same order",
         )
-    alike = same_efforts(other, first)
-    if not alike and units_of(first) != units_of(other):
+    if not same_efforts(other, first) and units_of(first) != units_of(other):
         raise ModelError(
             f"the efforts of one are in {', '.join(dict.fromkeys(units_of(first)))}, those of the "
             f"other in {', '.join(dict.fromkeys(units_of(other)))}",

@@ -141,11 +141,10 @@ class Bands:
     @classmethod
     def of(cls, identified: IdentifiedModel) -> "Bands":
         """The bands of an identified model, for scores with its own cut-off."""
-        cutoffs = identified.cutoffs
         return cls(
             base_regressor(identified.model),
             frozen(covariance_root(identified.base_covariance)),
-            frozen(identified.residual_std(low_pass_bandwidth(cutoffs.score))),
+            frozen(identified.residual_std(low_pass_bandwidth(identified.cutoffs.score))),
             identified.calibration,
         )
 
@@ -203,8 +202,7 @@ class Traces:
         if self.band is None:
             return None
         inside = np.abs(self.measured - self.predicted) <= self.band
-        known = np.isfinite(self.band).all(axis=0)
-        return np.where(known, inside.mean(axis=0), np.nan)
+        return np.where(np.isfinite(self.band).all(axis=0), inside.mean(axis=0), np.nan)
 
 
 class Thinned:

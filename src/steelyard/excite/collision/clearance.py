@@ -114,9 +114,8 @@ class Scene:
         distances, points = np.empty(len(ways)), np.empty((len(ways), 2, 3))
         flat = self._flat[ways]
         solid = np.flatnonzero(~flat)
-        at = (poses.rotations, poses.origins)
         distances[solid], points[solid] = self._solver.between(
-            self.ways[ways[solid]], samples[solid], at
+            self.ways[ways[solid]], samples[solid], (poses.rotations, poses.origins)
         )
         for way in np.unique(ways[flat]):
             k = np.flatnonzero(ways == way)
@@ -231,8 +230,7 @@ class Clearance(Constraint):
         poses = self.scene.kinematics(q)
         shape = (len(q), len(self._owner))
         samples, ways = (index.ravel() for index in np.indices(shape))
-        by_way = self.scene.exact(poses, ways, samples)[0].reshape(shape)
-        return self._by_pair(by_way)
+        return self._by_pair(self.scene.exact(poses, ways, samples)[0].reshape(shape))
 
     def _by_pair(self, by_way: Array) -> Array:
         """The least of every pair's ways, shape `(N, k)`; these are side by side."""
@@ -297,8 +295,7 @@ class Clearance(Constraint):
                 # the solver moves fastest from sample to sample
                 short = short[np.argsort(samples[short], kind="stable")]
                 at = (poses, ways[short], samples[short])
-                found = scene.along(*at, normals(*at))
-                gap[short] = np.maximum(gap[short], found)
+                gap[short] = np.maximum(gap[short], scene.along(*at, normals(*at)))
             return gap - slack, gap, slack
 
         return bounds

@@ -142,8 +142,7 @@ class Hull(Solid):
 
     def farthest(self, directions: Array) -> Array:
         """See `Solid`."""
-        best = np.argmax(directions @ self.vertices.T, axis=1)
-        return np.asarray(self.vertices[best])
+        return np.asarray(self.vertices[np.argmax(directions @ self.vertices.T, axis=1)])
 
 
 @dataclass(frozen=True)

@@ -82,8 +82,7 @@ class Distances:
 def _add(spec: Any, number: int, solid: Solid) -> None:
     """One geom for a solid, on the world; a half-space gets a stand-in that is never used."""
     if isinstance(solid, Hull):
-        vertices = solid.vertices.astype(np.float32).ravel()
-        spec.add_mesh(name=f"{number}", uservert=vertices)
+        spec.add_mesh(name=f"{number}", uservert=solid.vertices.astype(np.float32).ravel())
         spec.worldbody.add_geom(type=_GEOM.mjGEOM_MESH, meshname=f"{number}")
         return
     kind, size = _GEOM.mjGEOM_SPHERE, (1.0, 0.0, 0.0)

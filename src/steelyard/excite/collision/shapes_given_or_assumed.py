@@ -201,8 +201,7 @@ def _link_tree(loaded: LoadedRobot) -> LinkTree:
     parents = {name: names[f.body] for name, f in frames.items() if f.body >= 0}
     parents |= {b.name: names[b.parent] for b in robot.bodies if b.parent >= 0}
     masses = {body.name: body.inertia for body in robot.bodies if body.inertia.mass > 0.0}
-    roots = [body.name for body in robot.bodies if body.parent < 0]
-    for name in roots:
+    for name in [body.name for body in robot.bodies if body.parent < 0]:
         parents.pop(name, None)
     return LinkTree(frames, parents, masses)
 

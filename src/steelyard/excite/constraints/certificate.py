@@ -309,14 +309,13 @@ def certify(
         )
     ]
     before = [None] * len(constraints) if proven is None else proven
-    proofs = [proof_of(trajectory, *one) for one in zip(constraints, before, strict=True)]
     return Certificate(
         robot=robot.name,
         trajectory=trajectory_hash(trajectory),
         duration=trajectory.duration,
         how=EXTREMES,
         extremes=tuple(extremes),
-        proofs=tuple(proofs),
+        proofs=tuple(proof_of(trajectory, *one) for one in zip(constraints, before, strict=True)),
         jumps=velocity_jumps(robot, trajectory, limits.velocity),
         notes=(*notes, *unrest(trajectory, limits.velocity)),
     )

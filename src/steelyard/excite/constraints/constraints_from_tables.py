@@ -83,8 +83,7 @@ def efforts_of(loaded: LoadedRobot, model: Model, earlier: Earlier | None) -> Co
     elif not np.isfinite(efforts).all():
         joints = zip(robot.joint_names, efforts, strict=True)
         free = ", ".join(f"'{name}'" for name, most in joints if not np.isfinite(most))
-        text = f"torque is not limited for joints without a known effort limit: {free}"
-        notes.append(Gap(text))
+        notes.append(Gap(f"torque is not limited for joints without a known effort limit: {free}"))
     if not (limited or requested):
         return [], notes
     why = _unknown_efforts(loaded, model, earlier)

@@ -75,8 +75,7 @@ def motion_limits(robot: Robot) -> MotionLimits:
     notes = tuple(f"{what}: {', '.join(joints)}" for what, joints in lines.items())
     bounds = np.array([DEFAULT_ACCELERATION[c.kind] for c in robot.coordinates])
     low, high = np.array(ranges).reshape(-1, 2).T
-    known = frozenset(assumed)
-    return MotionLimits(low, high, np.array(speeds), bounds, notes, assumed=known)
+    return MotionLimits(low, high, np.array(speeds), bounds, notes, assumed=frozenset(assumed))
 
 
 def _assumed_range(joint: Coordinate) -> tuple[float, float]:

@@ -111,8 +111,7 @@ class Course:
         # a little more than half: the middle is rounded
         half = 0.5 * (end - start) * (1.0 + 1e-9) + 1e-15 * self.duration
         at = tuple(self._trajectory.derivative(middle, order).T for order in range(4))
-        reach = self._reach(at, half)
-        away = [r + s for r, s in zip(reach, self._rounding, strict=True)]
+        away = [r + s for r, s in zip(self._reach(at, half), self._rounding, strict=True)]
         lower = tuple(np.maximum(x - a, g) for x, a, g in zip(at, away, self._least, strict=True))
         upper = tuple(np.minimum(x + a, g) for x, a, g in zip(at, away, self._most, strict=True))
         return Stretches(middle, half, at, lower, upper, self._rounding)

@@ -52,8 +52,7 @@ class Marker:
     def on(self, robot: Robot) -> Frame:
         """Its centre, as a frame on the body that carries it."""
         own = frame_of(robot, self.frame)
-        place = own.position + own.rotation @ self.offset
-        return Frame(own.name, own.body, own.rotation, place)
+        return Frame(own.name, own.body, own.rotation, own.position + own.rotation @ self.offset)
 
     @property
     def ball(self) -> str:
@@ -100,8 +99,7 @@ class SphereDistances(Constraint):
 
     def proven(self, trajectory: ExactTrajectory) -> Array:
         """See `Constraint`."""
-        tolerance = np.full(len(self.labels), MARKER_TOLERANCE)
-        return proven_minimum(trajectory, self._bound, tolerance)
+        return proven_minimum(trajectory, self._bound, np.full(len(self.labels), MARKER_TOLERANCE))
 
     def reaches(self, lower: Array, upper: Array) -> Array:
         """See `Constraint`."""
@@ -157,8 +155,7 @@ def points_of(robot: Robot, marker: Marker, where: str) -> Points:
 
 def _combined(bounds: Array, normal: Array) -> Array:
     """Bounds of a vector along another, from those of its entries, `(2, 3, B)`: `(2, B)`."""
-    parts = bounds * normal[:, None]
-    return np.asarray(np.sort(parts, axis=0).sum(axis=1))
+    return np.asarray(np.sort(bounds * normal[:, None], axis=0).sum(axis=1))
 
 
 _AXES = "xyz"

@@ -79,8 +79,7 @@ class Stage:
             return np.asarray(own)
         near = self.joints[np.argmin(np.abs(self.t - time))]
         n = self.robot.n
-        start = np.concatenate([own, near[n:]])
-        return closest(self.robot, start, range(n, self.robot.n_joints))
+        return closest(self.robot, np.concatenate([own, near[n:]]), range(n, self.robot.n_joints))
 
 
 def staged(loaded: LoadedRobot, trajectory: ExactTrajectory) -> Stage:
@@ -103,8 +102,7 @@ def staged(loaded: LoadedRobot, trajectory: ExactTrajectory) -> Stage:
     faces = faces_of(section.workspace, robot, path)
     kinds = {bad: [face for face in faces if face.forbidden == bad] for bad in (False, True)}
     walls = tuple((bad, all_lines(own)) for bad, own in kinds.items() if own)
-    everything = (*shapes, *bare, *cell)
-    return Stage(robot, trajectory, everything, tool, t, joints, path, walls, notes)
+    return Stage(robot, trajectory, (*shapes, *bare, *cell), tool, t, joints, path, walls, notes)
 
 
 def _shapes(loaded: LoadedRobot) -> tuple[tuple[Shape, ...], tuple[str, ...]]:
@@ -132,14 +130,12 @@ def sticks(robot: Robot, tool: Marker, shaped: set[int]) -> tuple[Shape, ...]:
     found = []
     for k, body in enumerate(robot.bodies):
         if k not in shaped:
-            ball = Ball(1.3 * radius)
-            found.append(Shape(body.name, k, np.eye(3), np.zeros(3), ball))
+            found.append(Shape(body.name, k, np.eye(3), np.zeros(3), Ball(1.3 * radius)))
     for carrier, name, end in ends:
         length = float(np.linalg.norm(end))
         if carrier not in shaped and length > SHORT_STICK:
             turned = axes_along(end)
-            stick = Cylinder(radius, length)
-            found.append(Shape(f"to {name}", carrier, turned, 0.5 * end, stick))
+            found.append(Shape(f"to {name}", carrier, turned, 0.5 * end, Cylinder(radius, length)))
     return tuple(found)
 
 
@@ -327,8 +323,7 @@ def _scene(replay: Replay) -> None:
 def _controls(replay: Replay) -> None:
     gui, clock = replay.server.gui, replay.clock
     gui.configure_theme(show_logo=False, show_share_button=False)
-    step = min(0.01, clock.duration)
-    slider = gui.add_slider("Time [s]", 0.0, clock.duration, step, 0.0)
+    slider = gui.add_slider("Time [s]", 0.0, clock.duration, min(0.01, clock.duration), 0.0)
     button = gui.add_button("Pause")
     least, most = min(SPEEDS[0], clock.speed), max(SPEEDS[1], clock.speed)
     speed = gui.add_slider("Speed", least, most, 0.05, clock.speed)

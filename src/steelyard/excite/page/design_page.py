@@ -337,14 +337,13 @@ def _constraint_margins(proof: Proof) -> dict[str, Any]:
         for one, seen in ordered
     ]
     near = [one for one, _ in ordered]
-    holds = all(one.left >= 0.0 for one in near)
     return {
         "name": proof.name,
         "how": proof.how,
         "scope": proof.scope,
         "least": margin(near[0].left, proof.unit) if near else None,
         "label": near[0].name if near else "",
-        "level": "good" if holds else "poor",
+        "level": "good" if all(one.left >= 0.0 for one in near) else "poor",
         "count": count(len(rows), "margin"),
         "tables": [
             PlainTable(

@@ -123,8 +123,7 @@ def face_segment(face: Face, a: int, b: int) -> Array | None:
         return None
     ends = [face.corner, *(face.corner + edge for edge in (*face.edges, face.edges.sum(axis=0)))]
     flat = np.array(ends)[:, [a, b]]
-    way = flat - flat[0]
-    far = int(np.argmax(np.linalg.norm(way, axis=1)))
+    far = int(np.argmax(np.linalg.norm(flat - flat[0], axis=1)))
     return flat[[0, far]]
 
 

@@ -158,8 +158,7 @@ class InverseKinematics:
             small = np.abs(rest[active]).max(axis=1) < 1e-3 * REACHED
             active = active[~small & (moved > 1e-12)]
         left = rest / weights_of(self.attitude)
-        missed = np.linalg.norm(left[:, :3], axis=1)
-        return Postures(q, missed, np.linalg.norm(left[:, 3:], axis=1))
+        return Postures(q, np.linalg.norm(left[:, :3], axis=1), np.linalg.norm(left[:, 3:], axis=1))
 
     def reach(self, target: Array, seed_posture: Array, seed: int, restarts: int = 24) -> Postures:
         """`nearest` from a seed posture `(n,)` and random starts."""

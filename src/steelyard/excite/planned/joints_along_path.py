@@ -162,8 +162,7 @@ class _Walk:
             if closed
             else rng.uniform(limits.lower, limits.upper, (_STARTS, robot.n))
         )
-        place = self.path.at(0.0)[0]
-        found = solver.nearest(place, np.vstack([near, starts]))
+        found = solver.nearest(self.path.at(0.0)[0], np.vstack([near, starts]))
         if not found.reached[0]:
             raise self._astray(
                 f"the start of the path is out of reach: the nearest position found is "
@@ -194,8 +193,7 @@ class _Walk:
                 pieces.append(_piece(knots[-1], knot))
             knots.append(knot)
         curve = PiecewiseMotion(np.array([knot.t for knot in knots]), np.concatenate(pieces))
-        names = self.robot.joint_names
-        still = tuple(name for j, name in enumerate(names) if j not in free)
+        still = tuple(name for j, name in enumerate(self.robot.joint_names) if j not in free)
         return PathMotion(curve, still, *self._excess(curve))
 
     def _free(self, q: Array) -> list[int]:
@@ -205,8 +203,7 @@ class _Walk:
         found = self._at(q, np.zeros(self.robot.n))
         if found is None:
             raise self._astray("a loop does not close at the start of the path", 0.0)
-        rates = self._rows(found[2])
-        _, triangle, order = qr(rates, mode="economic", pivoting=True)
+        _, triangle, order = qr(self._rows(found[2]), mode="economic", pivoting=True)
         sizes = np.abs(np.diag(triangle))
         return sorted(int(j) for j in order[: int(np.sum(sizes > _RANK * sizes[0]))])
 

@@ -422,5 +422,4 @@ def _joined(
 
 def _quintic(coefficients: Array) -> Array:
     """Polynomials `(p, d + 1, n)` of degree five or less as quintic ones."""
-    lacking = 6 - coefficients.shape[1]
-    return np.pad(coefficients, ((0, 0), (0, lacking), (0, 0)))
+    return np.pad(coefficients, ((0, 0), (0, 6 - coefficients.shape[1]), (0, 0)))

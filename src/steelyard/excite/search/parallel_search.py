@@ -248,6 +248,5 @@ def time_after(problem: Problem, seconds: float, pace: ProcessPace) -> float:
     problem.criterion_value(still)
     start = time.process_time()
     problem.criterion_value(still)
-    evaluation = time.process_time() - start
-    reserved = slower * (RESERVED_SECONDS + RESERVED_EVALUATIONS * evaluation)
+    reserved = slower * (RESERVED_SECONDS + RESERVED_EVALUATIONS * (time.process_time() - start))
     return min(reserved, MOST_RESERVED_SHARE * seconds)

@@ -145,11 +145,10 @@ class FourierMotion(ExactTrajectory):
         values = self._series(t, order)
         if self._window is not None:
             window = self._window
-            low = range(min(order, len(SMOOTH) - 1) + 1)
             values = np.asarray(
                 sum(
                     comb(order, i) * window.derivative(t, i) * self._series(t, order - i)
-                    for i in low
+                    for i in range(min(order, len(SMOOTH) - 1) + 1)
                 )
             )
         return values if self.trend is None else values + self.trend.derivative(t, order)

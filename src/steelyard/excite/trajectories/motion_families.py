@@ -155,9 +155,8 @@ def _series(rows: Array, harmonics: int, period: float, periods: int) -> Fourier
 
 def raw_fourier(joints: int, period: float, harmonics: int) -> Basis:
     """Series of one period [s] of any coefficients, not at rest at their ends."""
-    highest = harmonics / period
     return _series_basis(
-        joints, harmonics, highest, (), lambda rows: _series(rows, harmonics, period, 1)
+        joints, harmonics, harmonics / period, (), lambda rows: _series(rows, harmonics, period, 1)
     )
 
 
@@ -182,11 +181,9 @@ def blended_fourier(
         state = [series.derivative([0.0], order)[0] for order in range(3)]
         rest, times = (place, zero, zero), np.array([0.0, blend])
         into = PiecewiseMotion(times, quintic(rest, state, blend))
-        out = PiecewiseMotion(times, quintic(state, rest, blend))
-        return ChainedMotion((into, series, out))
+        return ChainedMotion((into, series, PiecewiseMotion(times, quintic(state, rest, blend))))
 
-    highest = max(harmonics / period, 1.0 / blend)
-    return _series_basis(joints, harmonics, highest, postures, made_of)
+    return _series_basis(joints, harmonics, max(harmonics / period, 1.0 / blend), postures, made_of)
 
 
 def ramped_fourier(
@@ -208,8 +205,7 @@ def ramped_fourier(
         series, place = _series(rows, harmonics, period, periods), rows[:, -1]
         return replace(series, start=series.start - place).ramped(place, ramp)
 
-    highest = harmonics / period + 0.5 / ramp
-    return _series_basis(joints, harmonics, highest, postures, made_of)
+    return _series_basis(joints, harmonics, harmonics / period + 0.5 / ramp, postures, made_of)
 
 
 def reaching(

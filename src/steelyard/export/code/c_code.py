@@ -183,8 +183,7 @@ class CCode:
 
     def source(self) -> str:
         """The source file."""
-        functions = self.functions.values()
-        bodies = [c.text if f.public else f"static {c.text}" for f, c in functions]
+        bodies = [c.text if f.public else f"static {c.text}" for f, c in self.functions.values()]
         return filled("c/code.c", {**self.values, "bodies": bodies}).rstrip("\n") + "\n"
 
     def _head(self) -> list[str]:

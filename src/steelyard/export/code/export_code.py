@@ -54,12 +54,11 @@ def controller_of(
     for frame in frames:
         frame_of(robot, frame)
     wanted = tuple(name for name in dict.fromkeys(functions) if name != OBSERVER)
-    chosen = tuple(dict.fromkeys(frames)) or end_frames(robot)
     return Controller(
         identified.model,
         identified.valued.values,
         wanted or (() if functions else USUAL_FUNCTIONS),
-        chosen,
+        tuple(dict.fromkeys(frames)) or end_frames(robot),
         observer_of(identified) if OBSERVER in functions else None,
     )
 
@@ -248,5 +247,4 @@ def export_code(
         >>> export_code(load_model("arm-model"), "arm-c", functions=["torque"])
         ('torque', 'pose', 'jacobian')
     """
-    written = write_code(load_model(model), Path(path), to, precision, functions, frames)
-    return written.functions
+    return write_code(load_model(model), Path(path), to, precision, functions, frames).functions

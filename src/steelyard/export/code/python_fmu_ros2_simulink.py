@@ -263,11 +263,10 @@ def write_fmu(code: CCode, path: Path) -> tuple[str, ...]:
     source = code.source()
     guid = "{" + hashlib.sha256(source.encode()).hexdigest()[:32] + "}"
     starts = [repr(v.start) for v in variables_of(code) if v.start is not None]
-    values = code.values | {"guid": guid, "starts": starts}
     sources = {
         f"{code.name}.h": code.header(),
         f"{code.name}.c": source,
-        f"{code.name}_fmi2.c": filled("fmu/fmi2.c", values),
+        f"{code.name}_fmi2.c": filled("fmu/fmi2.c", code.values | {"guid": guid, "starts": starts}),
     }
     files = {f"sources/{name}": text.encode() for name, text in sources.items()}
     files["modelDescription.xml"] = model_description(code, guid).encode()

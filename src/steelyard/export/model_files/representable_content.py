@@ -261,8 +261,7 @@ def base_of(robot: Robot) -> str:
         moved = frame.position.any() or not np.array_equal(frame.rotation, np.eye(3))
         if frame.body < 0 and not moved:
             return frame.name
-    taken = [body.name for body in robot.bodies]
-    return "base" if "base" not in taken else "base_" + robot.name
+    return "base" if "base" not in [body.name for body in robot.bodies] else "base_" + robot.name
 
 
 def _standard(identified: IdentifiedModel) -> dict[str, float]:

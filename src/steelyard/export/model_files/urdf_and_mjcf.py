@@ -111,8 +111,7 @@ def urdf_of(content: Content) -> ET.Element:
         ET.SubElement(joint, "mimic", joint=master, multiplier=ratio, offset=offset)
     for frame in frames_of(robot, names):
         ET.SubElement(root, "link", name=frame.name)
-        parent = names[frame.body + 1]
-        _joint(root, f"{frame.name}_fixed", "fixed", frame, parent, frame.name)
+        _joint(root, f"{frame.name}_fixed", "fixed", frame, names[frame.body + 1], frame.name)
     return root
 
 
@@ -247,8 +246,7 @@ def _bodies(content: Content, world: ET.Element) -> list[ET.Element]:
             mass=number(inertia.mass),
             fullinertia=numbers([about[i, j] for i, j in FULL_INERTIA]),
         )
-        axis = numbers(body.axis)
-        joint = ET.SubElement(element, "joint", name=body.joint, type=kind, axis=axis)
+        joint = ET.SubElement(element, "joint", name=body.joint, type=kind, axis=numbers(body.axis))
         if start:
             joint.set("ref", number(start))
         if carriers[body.coordinate] == index:

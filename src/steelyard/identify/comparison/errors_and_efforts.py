@@ -224,8 +224,7 @@ class ModelEffortsSection(FigureSection, name="model-efforts", title="Efforts ov
     def numbers(self, content: ModelsContent) -> Numbers:
         """Efforts."""
         found = content.models
-        lines = len(found.joints) * (len(found.models) + 1)
-        count, most = drawn_efforts(lines, len(found.runs))
+        count, most = drawn_efforts(len(found.joints) * (len(found.models) + 1), len(found.runs))
         left_out = found.runs[count:]
         cutoff = found.models[0].runs[0].errors.cutoff
         return {
@@ -255,5 +254,4 @@ def _efforts_figure(found: ModelComparison, run: int, joint: int, most: int) -> 
         shares.append(f"{model.name} {percent(errors.errors.joints[joint].percent_of_used)}")
     label = f"Measured and predicted effort of {own.joint} in {first.run}"
     y_title = f"effort [{own.unit}]"
-    layout = {"showlegend": False}
-    return Figure(own.joint, label, time, y_title, traces, layout, ", ".join(shares))
+    return Figure(own.joint, label, time, y_title, traces, {"showlegend": False}, ", ".join(shares))

@@ -129,7 +129,6 @@ def correlations(
 
 def _correlation_map(names: tuple[str, ...], matrix: Array) -> Figure:
     """In percent, a byte each."""
-    percent = packed(np.rint(100.0 * matrix), "i1")
     trace: dict[str, Any] = {
         "name": "correlation",
         "kind": "points",
@@ -137,7 +136,7 @@ def _correlation_map(names: tuple[str, ...], matrix: Array) -> Figure:
         "y": list(names),
         "more": {
             "type": "heatmap",
-            "z": {**percent, "shape": f"{len(names)}, {len(names)}"},
+            "z": {**packed(np.rint(100.0 * matrix), "i1"), "shape": f"{len(names)}, {len(names)}"},
             **{"zmin": -100, "zmax": 100},
             "colorscale": [[0.0, "--blue"], [0.5, "--card"], [1.0, "--vermillion"]],
             "colorbar": COLOUR_BAR,

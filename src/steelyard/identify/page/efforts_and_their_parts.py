@@ -279,8 +279,7 @@ def _torque_figure(
     hover = f"%{{y:.3g}} {joint.effort_unit}"
 
     def trace(name: str, signal: Array, **more: Any) -> dict[str, Any]:
-        values = np.where(at < 0, np.nan, signal[at])
-        return line(name, t, values, hovertemplate=hover, **more)
+        return line(name, t, np.where(at < 0, np.nan, signal[at]), hovertemplate=hover, **more)
 
     traces = [
         trace("measured", parts.measured[:, j], colour="--measured", width=4.2),

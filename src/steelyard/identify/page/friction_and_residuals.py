@@ -262,8 +262,7 @@ def binned(over: Array, residual: Array) -> Binned:
     total = float(np.sum(residual**2))
     share = float(np.sum(count[kept] * mean**2)) / total if total else 0.0
     std = np.sqrt(np.maximum(square - mean**2, 0.0))
-    centres = np.linspace(low, high, 2 * BINS + 1)[1::2]
-    return Binned(centres[kept], mean, std, share)
+    return Binned(np.linspace(low, high, 2 * BINS + 1)[1::2][kept], mean, std, share)
 
 
 class ResidualsSection(
@@ -345,5 +344,4 @@ def _residual_figure(
     ]
     label = f"Residual of {joint.name} over {over}"
     x = f"{'measured ' * (over == 'effort')}{over} [{units[over]}]"
-    y = f"residual [{joint.effort_unit}]"
-    return Figure("", label, x, y, traces, {"showlegend": False})
+    return Figure("", label, x, f"residual [{joint.effort_unit}]", traces, {"showlegend": False})

@@ -64,8 +64,7 @@ class BodiesSection(TableSection, name="bodies", title="Link inertial parameters
         standard = identified.estimate.standard
         if standard is None or not table.rows:
             return []
-        rows = (*table.rows, _total(identified, standard))
-        return [replace(table, rows=rows, text=(0, 3, 4))]
+        return [replace(table, rows=(*table.rows, _total(identified, standard)), text=(0, 3, 4))]
 
 
 def identified_links(identified: IdentifiedModel) -> Iterator[IdentifiedLink]:
@@ -157,8 +156,7 @@ class MassesSection(FigureSection, name="masses", title="Masses and centres, bef
         groups = [Group([_masses(links, true)], columns="one")]
         known = [link for link in links if link.nominal is not None and link.inertia.mass]
         if known:
-            figures = [_shifts(known, axis, true) for axis in range(3)]
-            groups.append(Group(figures, columns="three"))
+            groups.append(Group([_shifts(known, axis, true) for axis in range(3)], columns="three"))
         return {
             "words": MASSES_WORDS,
             "legend": [

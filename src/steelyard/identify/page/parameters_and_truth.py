@@ -326,14 +326,13 @@ def _truth_figure(found: Sequence[TrueParameter]) -> Figure:
             ("outside", False, "--vermillion"),
         )
     ]
-    shape = band | {"fillcolor": "--rest", "line": {"width": 0}, "layer": "below"}
     return figure_of_rows(
         "Distance of every estimate from the truth",
         "estimate minus truth [half-widths]",
         [one.name for one in found],
         traces,
         14,
-        shapes=[shape],
+        shapes=[band | {"fillcolor": "--rest", "line": {"width": 0}, "layer": "below"}],
         xaxis={"zeroline": True},
         yaxis={"tickfont": {"size": 10}},
     )

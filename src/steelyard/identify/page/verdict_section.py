@@ -234,8 +234,7 @@ def _run(score: RunScore) -> dict[str, Any]:
 def _runs_table(scores: Sequence[RunScore], unseen: bool) -> RenderableType:
     """One row per run: its error, and its worst joint."""
     title = f"{len(scores)} runs, {'not fitted' if unseen else 'fitted'} ({basis_words(scores)})"
-    scaled = any(score.errors.as_logged for score in scores)
-    logged = ["as logged"] if scaled else []
+    logged = ["as logged"] if any(score.errors.as_logged for score in scores) else []
     table = light_table(
         ("run", "error", "of used", *logged, "of limit", "worst joint"), (0, 4 + len(logged))
     )
@@ -262,8 +261,7 @@ def joints_table(score: RunScore, unseen: bool) -> RenderableType:
     headings = ("joint", "error", "of used", *logged, "of limit", "used", "limit", "over", "")
     table = light_table(headings, (0, 7 + len(logged)))
     for joint, other in score.errors.pairs:
-        over = f"{significant(joint.seconds)} s"
-        more = significant(joint.used), significant(joint.limit), over
+        more = significant(joint.used), significant(joint.limit), f"{significant(joint.seconds)} s"
         _add(table, joint.joint, joint, *more, joint.aside, logged=other)
     every = _pooled_pairs(score)
     for error, one in every:
@@ -298,10 +296,9 @@ def _fit_table(score: RunScore) -> RenderableType:
     headings = ("joint", "moving", "all", "RMSE", "MAE", "zero", "nominal", "unit")
     table = light_table(headings, (0, 7))
     for joint in score.joints:
-        style = COLOURS[level_of(relative(joint))]
         table.add_row(
             Text(joint.joint),
-            Text(percent(joint.relative_percent_moving), style=style),
+            Text(percent(joint.relative_percent_moving), style=COLOURS[level_of(relative(joint))]),
             percent(joint.relative_percent),
             significant(joint.rmse),
             significant(joint.mae),

@@ -286,8 +286,7 @@ def open_bag1(path: Path) -> RecordFile:
     except OSError as error:
         raise unreadable(path, error) from error
     except (EndOfBytes, Damaged) as error:
-        why = str(error) or "the file ends in it"
-        raise _BagWalk.damaged(path, len(VERSION), why) from error
+        raise _BagWalk.damaged(path, len(VERSION), str(error) or "the file ends in it") from error
     if name := fields.get(b"encryptor"):
         raise LogError(
             f"the bag is encrypted by {name.decode(errors='replace')}",

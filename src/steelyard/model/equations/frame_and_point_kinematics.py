@@ -180,8 +180,7 @@ def points_on(robot: Robot, carriers: Sequence[int], places: ArrayLike) -> Point
             return [*positions, *carried_along(positions, q, dq)]
 
         def bend(q: Scalars, dq: Scalars, ddq: Scalars) -> list[Scalar]:
-            velocities = flow(q, dq)[3 * len(points) :]
-            return carried_along(velocities, [*q, *dq], [*dq, *ddq])
+            return carried_along(flow(q, dq)[3 * len(points) :], [*q, *dq], [*dq, *ddq])
 
         inputs = [Input(name, n) for name in ("q", "dq", "ddq")]
         about = {
@@ -200,8 +199,7 @@ def positions_of(robot: Robot, carriers: Sequence[int], places: ArrayLike, q: Ar
     from steelyard.symbolic.symbols_and_tracing import symbolic
 
     points = frozen(places, (len(carriers), 3))
-    inputs = [Input("q", robot.n)]
-    program = symbolic(lambda q: _positions(robot, carriers, points, q), inputs)
+    program = symbolic(lambda q: _positions(robot, carriers, points, q), [Input("q", robot.n)])
     return run(program, [q.T]).T.reshape(len(q), len(carriers), 3)
 
 

@@ -110,8 +110,7 @@ def carried_point(
     position, slopes = _constant(point), dict[int, Vector]()
     while body != ancestor:
         link = robot.bodies[body]
-        x = link.ratio * q[link.coordinate] + link.offset
-        rotation, origin = _placement(link, x)
+        rotation, origin = _placement(link, link.ratio * q[link.coordinate] + link.offset)
         axis = _constant(link.axis)
         own = axis if link.kind == "prismatic" else _cross(axis, position)
         slopes[link.coordinate] = _times(own, link.ratio) + slopes.get(link.coordinate, 0.0)
@@ -123,8 +122,7 @@ def carried_point(
 
 def _outward(robot: Robot, state: JointState) -> list[_Moving]:
     zero = _constant(np.zeros(3))
-    gravity = _constant(-robot.gravity)
-    base = _moving(_constant(np.eye(3)), zero, zero, zero, gravity)
+    base = _moving(_constant(np.eye(3)), zero, zero, zero, _constant(-robot.gravity))
     motions: list[_Moving] = []
     for body in robot.bodies:
         parent = motions[body.parent] if body.parent >= 0 else base
@@ -186,8 +184,7 @@ def _wrench(motion: _Moving, ten: Scalars) -> tuple[Vector, Vector]:
     """Force and moment that move a body, about its frame's origin."""
     m, h, six = ten[0], _vector(ten[1:4]), _vector(ten[4:10])
     force = _times(motion.acceleration, m) + motion.spread @ h
-    moment = motion.turning @ six + _cross(h, motion.acceleration)
-    return force, moment
+    return force, motion.turning @ six + _cross(h, motion.acceleration)
 
 
 def _constant(values: Any) -> Any:

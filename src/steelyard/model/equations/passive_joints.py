@@ -54,8 +54,7 @@ class Follower:
         passive = np.empty((len(self.robot.passive), q.shape[1]))
         good = np.zeros(q.shape[1], dtype=bool)
         # a copy: the caller may reuse its array, and `closed` outlives the call
-        samples = np.array(q.T, order="C")
-        for k, sample in enumerate(samples):
+        for k, sample in enumerate(np.array(q.T, order="C")):
             good[k] = self.step(sample)
             passive[:, k] = self.closed[1]
             if stop and not good[k]:

@@ -204,8 +204,7 @@ class Spring(ActsOnAxes):
         if self.free == "unknown":
             preload = under(self, robot, values, f"{self.law}_preload", "preload")
             return Placed((*stiffness, *preload))
-        free = self._free(self.axes(robot))
-        pairs = zip(stiffness, free, strict=True)
+        pairs = zip(stiffness, self._free(self.axes(robot)), strict=True)
         return Placed((*stiffness, *(AxisPart(p.axis, "preload", p.value * x) for p, x in pairs)))
 
     def _free(self, axes: Axes) -> tuple[float, ...]:
@@ -365,10 +364,9 @@ def _on_body(robot: Robot, link: str, point: tuple[float, ...]) -> tuple[int, An
     bodies = [body.name for body in robot.bodies]
     if link in bodies:
         return bodies.index(link), np.array(point)
-    known = dict.fromkeys([*(frame.name for frame in robot.frames), *bodies])
     raise unfit(
         f"a gravity compensator is fixed to link '{link}', which the robot does not have",
-        advice(link, known, "links"),
+        advice(link, dict.fromkeys([*(frame.name for frame in robot.frames), *bodies]), "links"),
         robot,
     )
 

@@ -43,8 +43,7 @@ def closing_of(section: RobotSection, mechanism: Mechanism, locate: Locate) -> C
     pins: list[Pin] = []
     for index, loop in enumerate(section.loops):
         for end, link in enumerate(loop.links):
-            place = locate("robot", "loops", index, "links", end)
-            _check_name("link", link, names, place)
+            _check_name("link", link, names, locate("robot", "loops", index, "links", end))
         name, where = loop.name or f"loop{index + 1}", locate("robot", "loops", index)
         if any(pin.name == name for pin in (*mechanism.pins, *pins)):
             raise ModelError(

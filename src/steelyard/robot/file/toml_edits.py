@@ -97,8 +97,7 @@ def _set(table: dict[str, Any], path: Sequence[str], value: Any) -> dict[str, An
         if not isinstance(inner, dict | None):
             raise _unfit(f"'{name}' is no table", (*path,))
         value = _set(inner or {}, inside, value)
-    whole = {**table, name: value}
-    return {k: v for k, v in whole.items() if v is not None}
+    return {k: v for k, v in {**table, name: value}.items() if v is not None}
 
 
 def _added(text: str, path: tuple[str, ...], inside: Sequence[str], value: Any) -> str:

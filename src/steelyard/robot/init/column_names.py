@@ -147,8 +147,7 @@ class Column:
     def may_stand_for(self, other: "Column") -> bool:
         """Whether names state neither another quantity nor unit, nor that one is a set-point."""
         pairs = ((self.quantity, other.quantity), (self.unit_words, other.unit_words))
-        same = all(not a or not b or a == b for a, b in pairs)
-        return same and self.of_target == other.of_target
+        return all(not a or not b or a == b for a, b in pairs) and self.of_target == other.of_target
 
     def has(self, *words: str) -> bool:
         """Whether any of the words is in the name."""

@@ -265,8 +265,7 @@ def assigned(
             if error.fix == GIVE_RATE:
                 raise error from None
         return Assignment(tuple(columns), free, free, None, error.wrong)
-    moving = tuple(c for c in free if c.name in guess.joints)
-    return Assignment(tuple(columns), free, moving, guess)
+    return Assignment(tuple(columns), free, tuple(c for c in free if c.name in guess.joints), guess)
 
 
 def _behind_the_gears(guess: Guess, robot: str) -> Guess:
@@ -427,7 +426,6 @@ def _robot_table(
     if len(loaded.sources) > 1:
         pairs = loaded.arguments.items()
         arguments = ", ".join(f"{toml_key(name)} = {toml_text(value)}" for name, value in pairs)
-    places = [(c.name, np.clip(0.0, c.limits.lower, c.limits.upper)) for c in resting]
     return {
         "robot": loaded.robot,
         "kind": "mjcf" if read_xml(model).tag == "mujoco" else "urdf",
@@ -437,7 +435,7 @@ def _robot_table(
         "moving": moving,
         "base": proposal.base,
         "why_base": proposal.why_base or "as asked",
-        "resting": places,
+        "resting": [(c.name, np.clip(0.0, c.limits.lower, c.limits.upper)) for c in resting],
         "locked": {
             why: [(name, proposal.locked[name]) for name in reasons if reasons[name] == why]
             for why in dict.fromkeys(reasons.values())

@@ -197,8 +197,7 @@ def compared(t: Array, q: Sequence[Array], v: Sequence[Array]) -> Comparison | N
     if len(t) < LEAST_ROWS or not (np.diff(t) >= 0.0).all():
         return None
     step = float(np.median(np.diff(t)))
-    length = t[-1] - t[0]
-    if step <= 0.0 or not LEAST_SECONDS <= length <= 2.0 * step * len(t):
+    if step <= 0.0 or not LEAST_SECONDS <= t[-1] - t[0] <= 2.0 * step * len(t):
         return None
     even, width, found = np.arange(t[0], t[-1], step), max(1, round(SMOOTHED / step)), []
     for position, velocity in zip(q, v, strict=True):

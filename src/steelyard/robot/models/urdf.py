@@ -157,14 +157,13 @@ def _joint(element: Element) -> Joint:
             for name, usual in (("multiplier", 1.0), ("offset", 0.0))
         )
         mimic = Mimic(_text(follows, "joint"), ratio, offset)
-    xyz = numbers_of(axis, "xyz", 3) if axis is not None and moves else (1.0, 0.0, 0.0)
     return Joint(
         name,
         cast(MechanismJointKind, kind),
         _text(_needed(element, "parent"), "link"),
         _text(_needed(element, "child"), "link"),
         placement_of(element),
-        frozen(xyz),
+        frozen(numbers_of(axis, "xyz", 3) if axis is not None and moves else (1.0, 0.0, 0.0)),
         limits=_limits(element, kind) if moves else Limits(),
         mimic=mimic,
         where=element.where,

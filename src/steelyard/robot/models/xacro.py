@@ -94,11 +94,10 @@ def expand(
     _check_robot(path, root, expander.macros)
     portable = _xml(root, lambda name: name)
     words = " ".join(f"{name}:={value}" for name, value in arguments.items())
-    note = f"{path.name} is expanded with {words or 'no arguments'}"
     return Expansion(
         _kept(_xml(root, lambda name: _mesh_path(name, places)), stem_of(path), root.tag),
         hashlib.sha256(portable).hexdigest(),
-        note,
+        f"{path.name} is expanded with {words or 'no arguments'}",
     )
 
 

@@ -122,8 +122,7 @@ class _Evaluation:
         raise XacroError(f"'{node.attr}' is not accessible", _FIX)
 
     def _binop(self, node: ast.BinOp) -> Any:
-        operation = self._operation(node.op)
-        return self._made(operation(self.of(node.left), self.of(node.right)))
+        return self._made(self._operation(node.op)(self.of(node.left), self.of(node.right)))
 
     def _unaryop(self, node: ast.UnaryOp) -> Any:
         return self._made(self._operation(node.op)(self.of(node.operand)))

@@ -92,11 +92,10 @@ def usual_distance(x: Array) -> Array:
     for channel, row in enumerate(x):
         windows = np.lib.stride_tricks.sliding_window_view(row, 2 * MEDIAN_SIDE_ROWS + 1)
         far = _distances(windows)[0]
-        spread = np.diff(np.quantile(row, (0.005, 0.995)))[0]
         usual[channel] = max(
             STD_OVER_MAD * np.median(far),
             np.quantile(far, TAIL_QUANTILE[0]) / TAIL_QUANTILE[1],
-            LEAST_USUAL_DISTANCE * spread,
+            LEAST_USUAL_DISTANCE * np.diff(np.quantile(row, (0.005, 0.995)))[0],
         )
     return np.maximum(usual, sensor_step(x))
 
@@ -176,8 +175,7 @@ def jolted(q: Array, bend: Array) -> NDArray[np.bool_]:
     from scipy.ndimage import binary_dilation
 
     sharp = (np.abs(np.diff(q, n=2, axis=1)) > JOLT_RATIO * bend[:, None]).any(axis=0)
-    near = np.ones(2 * LONGEST_SPIKE + 1)
-    return np.asarray(binary_dilation(np.pad(sharp, 1), near))
+    return np.asarray(binary_dilation(np.pad(sharp, 1), np.ones(2 * LONGEST_SPIKE + 1)))
 
 
 def stretches(marks: NDArray[np.bool_]) -> list[tuple[int, int]]:
@@ -325,8 +323,7 @@ LONGEST_STALE = 4
 def stale_rows(q: Array, step: Array) -> NDArray[np.bool_]:
     """Whether each row of `(n, N)` repeats all positions of the row before though a joint moves."""
     marks = np.zeros(q.shape[1], dtype=np.bool_)
-    same = (q[:, 1:] == q[:, :-1]).all(axis=0)
-    rows = np.flatnonzero(same) + 1
+    rows = np.flatnonzero((q[:, 1:] == q[:, :-1]).all(axis=0)) + 1
     rows = rows[(rows >= LONGEST_STALE + 1) & (rows < q.shape[1] - LONGEST_STALE - 1)]
     if len(rows) == 0:
         return marks

@@ -121,8 +121,7 @@ def fourier_series(
         frozen(np.zeros(values.shape[1])),
     )
     left = values - series.at(t)[0]
-    noise = np.sqrt(np.square(left).sum(axis=0) / (len(t) - columns))
-    return replace(series, noise=frozen(noise))
+    return replace(series, noise=frozen(np.sqrt(np.square(left).sum(axis=0) / (len(t) - columns))))
 
 
 def refined_frequency(
@@ -207,8 +206,7 @@ class Fourier:
             inside = q[:, start:stop]
             series = self.series(inside, cutoff, rate)
             _require_periodic(series, inside)
-            t = np.arange(stop - start) / rate
-            result[:, :, start:stop] = series.at(t).transpose(0, 2, 1)
+            result[:, :, start:stop] = series.at(np.arange(stop - start) / rate).transpose(0, 2, 1)
             if start > 0 or stop < q.shape[1]:
                 low = Butterworth().designed(cutoff, rate)
                 rests = low(continued_at_ends(q, low.halo or 0, low.halo or 0), None)
@@ -299,10 +297,9 @@ class Auto:
     @property
     def choice(self) -> str:
         """The filters in words: low-passes, and whose mean period is taken."""
-        kinds = (("positions", self.cutoffs), ("velocities", self.velocity_cutoffs))
         parts = [
             f"{kind} at {', '.join(f'{value:g}' for value in values)} Hz"
-            for kind, values in kinds
+            for kind, values in (("positions", self.cutoffs), ("velocities", self.velocity_cutoffs))
             if values is not None
         ]
         words = f"low-passes per joint, {'; '.join(parts)}" if parts else "butterworth"

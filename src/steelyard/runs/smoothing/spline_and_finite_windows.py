@@ -291,8 +291,7 @@ class SavitzkyGolay:
 
     def designed(self, cutoff: float, rate: float) -> Designed:
         """The filters for a cut-off [Hz], which chooses the window if it is not given."""
-        window = self.window_for(cutoff, rate)
-        rows = taps(window, self.degree, rate)
+        rows = taps(self.window_for(cutoff, rate), self.degree, rate)
         return differentiating(convolved(rows, rows[0], self.passes - 1))
 
     def smooth(self, cutoff: float, rate: float) -> Bank:
@@ -329,11 +328,9 @@ def taps(window: int, degree: int, rate: float) -> Array:
     """Coefficients of value, first and second derivative in the middle, shape `(3, window)`."""
     half = window // 2
     at = np.arange(-half, half + 1) / half
-    basis = np.polynomial.legendre.legvander(at, degree)
-    fit = np.linalg.pinv(basis)
+    fit = np.linalg.pinv(np.polynomial.legendre.legvander(at, degree))
     rows = []
     for times in range(3):
         derived = np.polynomial.legendre.legder(np.eye(degree + 1), times)
-        row = np.polynomial.legendre.legval(0.0, derived)
-        rows.append(row @ fit * (rate / half) ** times)
+        rows.append(np.polynomial.legendre.legval(0.0, derived) @ fit * (rate / half) ** times)
     return np.array(rows)[:, ::-1]

@@ -117,8 +117,7 @@ class Bank:
         filters = np.fft.rfft(np.atleast_2d(self.taps), length)
         results = np.empty((len(filters), *extended.shape[:-1], width - 2 * self.halo))
         for result, response in zip(results, filters, strict=True):
-            full = np.fft.irfft(spectrum * response, length)
-            result[...] = full[..., 2 * self.halo : width]
+            result[...] = np.fft.irfft(spectrum * response, length)[..., 2 * self.halo : width]
         return results if self.taps.ndim == 2 else results[0]
 
 

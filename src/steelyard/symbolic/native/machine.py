@@ -42,8 +42,7 @@ def lanes() -> int:
 def compile_code(text: str, optimisation: int = 1) -> bytes:
     """Machine code (an object file) of LLVM code, for this machine."""
     with _LOCK:
-        binding = _llvm()
-        return bytes(_target(optimisation).emit_object(binding.parse_assembly(text)))
+        return bytes(_target(optimisation).emit_object(_llvm().parse_assembly(text)))
 
 
 class Library:

@@ -176,7 +176,6 @@ class Contacts(Result):
 
     def report(self) -> str:
         """The report as one self-contained HTML page."""
-        joints = [_figure(self, j) for j in range(len(self.joints))]
         sections = (
             figures(
                 "contacts",
@@ -193,15 +192,14 @@ class Contacts(Result):
                     Key("--rest", "within the thresholds", "area"),
                     Key("--vermillion", "contact", "line"),
                 ],
-                groups=[Group(joints, columns="one")],
+                groups=[Group([_figure(self, j) for j in range(len(self.joints))], columns="one")],
                 note=f"At most {MOST_POINTS_OF_RESIDUAL} points a line: the largest residual of "
                 "each interval.",
             ),
             figures("thresholds", "Thresholds", tables=[thresholds_table(self, relative=True)]),
             notes("details", "Notes", self.details, folded=True),
         )
-        title = f"{self.robot}: contacts in {self.trace.run}"
-        return inspected_page(title, self.robot, sections)
+        return inspected_page(f"{self.robot}: contacts in {self.trace.run}", self.robot, sections)
 
     def to_dict(self) -> dict[str, Any]:
         """Events, thresholds and what they rest on as JSON values."""

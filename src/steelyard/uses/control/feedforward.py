@@ -111,14 +111,12 @@ def in_joint_order(
                     fix=advice(name, known, f"joints of the {lacks}"),
                 )
     order = np.array([list(joints).index(name) for name in robot.joint_names])
-    parts = (x[:, order] for x in (motion.q, motion.dq, motion.ddq))
-    return Motion(motion.t, *parts)
+    return Motion(motion.t, *(x[:, order] for x in (motion.q, motion.dq, motion.ddq)))
 
 
 def refuse_unknown_gains(identified: IdentifiedModel) -> None:
     """Efforts of the model are torques."""
-    signals = identified.signals
-    unknown = list(signals.unknown_gains)
+    unknown = list(identified.signals.unknown_gains)
     if not any(unknown):
         unknown = [not known for known in known_efforts(identified)]
     if any(unknown):

@@ -180,8 +180,7 @@ def drifts_table(content: Health) -> PlainTable:
         Row((change.joint, change.quantity, change.text, change.when, chance(change.p)))
         for change in content.named
     ]
-    headings = ("joint", "what", "change ± 95 %", "when", "p")
-    return PlainTable("", "", headings, rows, (0, 1, 3))
+    return PlainTable("", "", ("joint", "what", "change ± 95 %", "when", "p"), rows, (0, 1, 3))
 
 
 def chance(p: float) -> str:

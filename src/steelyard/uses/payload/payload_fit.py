@@ -135,8 +135,7 @@ def refuse_unexplained_case(identified: IdentifiedModel, case: LoadCase, fit: Ca
         float(np.sum(squares / variances)) / float(information.n_samples.sum())
         for squares in (information.residual_squares(values), information.effort_squares())
     )
-    runs = information.runs
-    refuse_unexplained(residual, measured, runs, LEAST_FITTED, " with any payload")
+    refuse_unexplained(residual, measured, information.runs, LEAST_FITTED, " with any payload")
 
 
 def gain_share(identified: IdentifiedModel, stated: float | None) -> float:
@@ -347,8 +346,7 @@ def _friction(identified: IdentifiedModel, case: LoadCase, values: Array) -> Arr
         made += information.n_samples[row] * identified.estimate.sigma[row] ** 2
         own[columns] += np.diag(gram)
         makes[columns] += made
-    free = np.full(case.n_arm, np.inf)
-    largest = np.sqrt(np.divide(makes, own, out=free, where=own > 0.0))
+    largest = np.sqrt(np.divide(makes, own, out=np.full(case.n_arm, np.inf), where=own > 0.0))
     return np.asarray(largest[drift])
 
 

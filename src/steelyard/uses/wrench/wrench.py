@@ -283,8 +283,7 @@ class ExternalWrench(Result):
             ),
             notes("details", "Notes", self.details, folded=True),
         )
-        title = f"{self.robot}: wrench in {found.run}"
-        return inspected_page(title, self.robot, sections)
+        return inspected_page(f"{self.robot}: wrench in {found.run}", self.robot, sections)
 
     def to_dict(self) -> dict[str, Any]:
         """What was estimated as JSON values, without the samples."""
@@ -372,8 +371,7 @@ def _figures(found: WrenchEstimate) -> tuple[list[Figure], Figure, list[Figure]]
         torques.append(_figure(joint, f"effort [{unit}]", [interval, estimate]))
     limit = line("limit", t, np.full(len(t), OBSERVABLE), "--vermillion", width=1, dash="dash")
     share = line("share", t, found.least_data_share[at], "--measured", width=1.5)
-    yaxis = {"range": [0, 1]}
-    least = _figure("Least observable direction", "share", [share, limit], yaxis=yaxis)
+    least = _figure("Least observable direction", "share", [share, limit], yaxis={"range": [0, 1]})
     return components, least, torques
 
 
