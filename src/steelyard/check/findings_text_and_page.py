@@ -27,7 +27,6 @@ if TYPE_CHECKING:
 FINDING_WORDS = ("wrong", "doubtful", OPEN_WORD, "ok")  # what a check finds, the worst first
 LEVEL_OF_SEVERITY: dict[str, Level] = {"ok": "good", "doubtful": "fair", "wrong": "poor"}
 
-
 Group = tuple[Finding, ...]  # all findings of one check with one word, at least one
 
 

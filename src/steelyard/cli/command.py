@@ -23,7 +23,6 @@ from steelyard.cli import interrupt
 if TYPE_CHECKING:
     from rich.console import Console
 
-
 ROBOT_SUFFIXES = (".toml", ".urdf", ".xacro", ".xml", ".mjcf")  # no log has them
 
 FIRST_ARGUMENTS = {"robot": ("robot file", "ROBOT"), "model": ("model", "MODEL")}

@@ -32,7 +32,6 @@ if TYPE_CHECKING:
     from steelyard.uses.health.health import Health
     from steelyard.uses.wrench.wrench import ExternalWrench
 
-
 NO_CHECK = {"help": "Skip the check of the logs; see `steelyard check`."}
 
 

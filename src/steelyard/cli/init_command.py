@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from steelyard.robot.init.draft_tables import Known
     from steelyard.runs.runs_of_named_logs import LogArgument
 
-
 INCOMPLETE = 1  # exit code where the robot file has to be completed before it is of use
 _NAMED = 6  # locked joints that are named; the robot file lists all
 

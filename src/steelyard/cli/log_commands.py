@@ -21,7 +21,6 @@ if TYPE_CHECKING:
     from steelyard.check.check import CheckResult
     from steelyard.logs.contents import LogContent
 
-
 WHAT_TO_COMPARE = (
     "compare signs, gear ratios, couplings, position_offset and units in the robot file with the "
     "data sheet, or give --model"

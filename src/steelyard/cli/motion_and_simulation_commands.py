@@ -34,10 +34,8 @@ if TYPE_CHECKING:
     from steelyard.simulate.simulate import SimulatedRun
     from steelyard.simulate.track import TrackingComparison
 
-
 UNPROVEN = 1  # exit code where a limit or a constraint is not proven
 UNCOVERED = 3  # exit code where all that was looked at is proven, but not everything was looked at
-
 
 EXITS = {"good": 0, "fair": UNCOVERED, "poor": UNPROVEN}  # exit code by how good the certificate is
 

@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     from steelyard.uses.watch.watch import WatchStart
     from steelyard.uses.watch.watcher_and_events import StreamEvent
 
-
 POLL = 0.01  # pause while there is nothing new [s]
 REDRAW_PERIOD = 0.1  # least time between two states of the terminal's line [s]
 

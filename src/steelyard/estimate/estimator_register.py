@@ -89,7 +89,6 @@ class Offer:
 PRIOR, KNOWLEDGE = "[prior]", "[[knowledge]]"  # tables that say what is known beforehand
 WEIGHTS = "[estimation] weights"  # how joints weigh, for estimators that are to be had either way
 
-
 Making = Callable[[Context], Estimator[Any]]
 
 

@@ -55,7 +55,6 @@ BAND = 5.0
 """Band of errors that are compared between models [Hz]: the motions of arms lie below it, their
 elastic modes mostly above."""
 
-
 UNKNOWN = 1e3  # standard deviation of a joint without samples, over the largest of the others
 LEAST_RESIDUAL_STD = 1e-6  # least standard deviation of residuals, over the largest of all joints
 

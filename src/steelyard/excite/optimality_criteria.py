@@ -21,7 +21,6 @@ FAINT_EIGENVALUE = 1e-9
 """With an eigenvalue below this part of the largest, the small ones are taken from the inverse:
 where units of columns made them small, they are exact there. Above, the matrix is definite."""
 
-
 Spectrum = tuple[Array, Array]  # eigenvalues, ascending, `(c,)`, and their vectors, `(c, c)`
 
 

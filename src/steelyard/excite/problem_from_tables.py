@@ -35,7 +35,6 @@ from steelyard.robot.robot import Robot
 JUMP_SOFTNESS = 0.01  # width within which jumping laws turn while optimising, over the top speed
 RANGE_MARGIN = 0.02  # share of a joint's range kept free at each end, if no margin is given
 
-
 Tables = tuple[LoadedRobot, Model, Earlier | None]
 """What `build` makes a problem of: another process gets it pickled, and builds it anew."""
 

@@ -81,7 +81,6 @@ def pipe_pieces(read: Callable[[], bytes], waiting: Waiting) -> Iterator[bytes]:
 ROWS_BELOW_HEADER = 2  # rows of numbers below a header, with which it is known
 LONGEST_STREAM_LINE = 1 << 20  # bytes of a line, at most
 
-
 Read = Callable[[list[bytes]], Array]  # turns lines into rows of the columns wanted
 
 

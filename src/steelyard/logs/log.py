@@ -175,7 +175,6 @@ _PART_OF_SECOND = re.compile(
     r"(?P<stem>.*?)(?P<part>n|nano|u|micro)(?P<second>sec(?:ond)?)s?", re.IGNORECASE
 )
 
-
 Clocks = Mapping[str, tuple[str, str, float]]
 """Clocks in two columns: name in seconds to both columns and seconds per unit of the second one."""
 

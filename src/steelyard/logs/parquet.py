@@ -23,7 +23,6 @@ from steelyard.logs.log import ROWS_OF_PART, RowRange, require_columns, require_
 if TYPE_CHECKING:
     import polars
 
-
 ORDINARY_ROWS_OF_GROUP = 1 << 18  # rows of a group up to which its pages are not looked at
 LONGEST_FOOTER = 1 << 26
 PAGE_HEADER_BYTES = 1 << 16

@@ -22,12 +22,10 @@ if TYPE_CHECKING:
     from jinja2 import Environment
     from rich.console import RenderableType
 
-
 TEMPLATES = Path(__file__).parent / "templates"
 PLOTLY = Path(__file__).parent / "plotly" / "plotly.min.js.gz"
 """The parts that pages use, compressed. The version is in `source.json` beside it;
 `tools/update_plotly.py` replaces it."""
-
 
 PICTURE = 'class="picture'  # what marks a picture in the page
 

@@ -21,7 +21,6 @@ if TYPE_CHECKING:
 else:
     DataFrame = Series = Any  # polars may be missing, and takes its time
 
-
 TEXT_WIDTH = 120  # columns of the text that `print` shows
 
 

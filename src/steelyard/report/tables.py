@@ -11,7 +11,6 @@ from rich.text import Text
 COLUMNS_OF_DENSE_TABLE = 7  # from which on a table is set smaller, to fit on a screen
 LETTERS_OF_LONG_NAME = 30  # more than a narrow column takes in a cell
 
-
 Item = TypeVar("Item")
 
 

@@ -22,7 +22,6 @@ INTERVAL = re.compile(r" (?=±)|(?<=±) ")  # the spaces between a number and it
 EXPONENT = re.compile(r"(?<=\de-)(?=\d)")  # where a browser would break a number like 1e-06
 SEAM = re.compile(r"(?<=_)|(?<=[A-Za-z]\.)(?=[A-Za-z])")  # where a long name may be broken
 
-
 ROUND_OFF_OF_ZERO = 1e-13  # size up to which a number is the rounding of a zero, whatever its unit
 
 

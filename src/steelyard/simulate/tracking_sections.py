@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     from steelyard.robot.robot import Coordinate
     from steelyard.simulate.track import TrackedRun, Tracking
 
-
 ERROR_UNITS = {"rad": ("°", 180.0 / np.pi), "m": ("mm", 1e3)}
 """Units of joint errors for people, by that of the joint, and their factors."""
 

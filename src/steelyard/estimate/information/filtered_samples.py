@@ -20,7 +20,6 @@ from steelyard.runs.run import Run
 Index = NDArray[np.intp]
 Mask = NDArray[np.bool_]
 
-
 _AT_INSTANTS = ("t", "q", "dq", "ddq", "channels")
 
 WINDOWS = 24  # windows that a run's samples are summed up in

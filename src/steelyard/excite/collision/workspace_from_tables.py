@@ -35,7 +35,6 @@ _SAME_DISTANCE = 1e-9
 _NEAR_DISTANCE = 1e-3
 _INSIDE_DISTANCE = 1e-6
 
-
 WALLS_PROOF = (
     "distances of convex shapes with bounds of their rate of change, over time intervals; "
     f"{1e3 * WALL_RESERVE:g} mm are reserved at every boundary"
@@ -117,7 +116,6 @@ def _changing_pairs(
 
 
 _AXES = "xyz"
-
 
 ASSUMED_FLOOR_NOTE = "no gravity is declared: the floor is assumed normal to z of the base"
 

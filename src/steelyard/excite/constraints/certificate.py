@@ -161,7 +161,6 @@ EXTREMES = (
     "error"
 )
 
-
 COVERS = (
     "the motion from start to end; not covered are the approach to the start posture, and "
     "accelerations and torques that a controller adds between the points of a file"

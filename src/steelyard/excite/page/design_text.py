@@ -25,7 +25,6 @@ if TYPE_CHECKING:
     from steelyard.excite.predicted_accuracy_and_advice import Advice
     from steelyard.robot.file.excitation_sections import WorkspaceSection
 
-
 KINDS = {
     "fourier": "Fourier series from rest to rest",
     "raw_fourier": "Fourier series",

@@ -83,7 +83,6 @@ _LENGTH = 0.3  # one radian of turn weighs as much as this many metres
 _DRAW = 0.1  # spare joints are drawn by this at once at most [rad; m]
 _TRUSTED = 1e-6  # damping over the Jacobian's size, where the start is near; else a thousandfold
 
-
 Kinematics = Callable[[Array], tuple[Array, Array, Array]]
 """At postures `(N, n)` the origin `(N, 3)` [m] and orientation `(N, 3, 3)` of a frame in the base,
 and the rates of the origin, then of turning, per joint rate, `(N, 6, n)`."""

@@ -21,7 +21,6 @@ from steelyard.excite.search.margins_barrier_and_newton import STAGES, minimised
 
 Watch = Callable[[Array], None]  # told of coefficients in the feasible set; may raise `Stopped`
 
-
 Method = Callable[[Problem, np.random.Generator, Watch], Array]
 """A search: of a problem, with a source of all its random choices, and told of every step.
 

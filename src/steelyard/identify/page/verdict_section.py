@@ -100,7 +100,6 @@ CAPTION = (
     "in the logged unit"
 )
 
-
 MOST_OTHERS = 8  # runs whose errors in the validation band the page lists
 
 

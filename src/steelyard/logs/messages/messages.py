@@ -12,7 +12,6 @@ if TYPE_CHECKING:
     from rosbags.interfaces.typing import Typesdict
     from rosbags.typesys.store import Typestore
 
-
 LARGEST_MESSAGE = 1 << 20
 """Bytes of the longest message that is read; images and point clouds are longer."""
 

@@ -20,7 +20,6 @@ from steelyard.robot.robot import JointKind, Robot
 Along = tuple[tuple[str, tuple[tuple[str, float], ...]], ...]
 """Named coordinates, each the joints it is made of with their coefficients."""
 
-
 COEFFICIENTS = (1e-6, 1e6)
 """Sizes that coefficients of a joint in a coordinate may have, if they are not zero."""
 
@@ -79,7 +78,6 @@ _UNITS: Mapping[JointKind, Mapping[str, str]] = {
 }
 """Units of effort (alone, and in a product), velocity, effort per velocity, acceleration and
 position, and of position."""
-
 
 Axes = Sequence[Axis]
 

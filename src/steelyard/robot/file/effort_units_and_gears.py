@@ -14,7 +14,6 @@ from steelyard.robot.robot import Coordinate, Transmission
 if TYPE_CHECKING:
     from steelyard.robot.file.sections import EffortSection, SignalsSection, TransmissionSection
 
-
 Locate = Callable[..., str]
 """Key path in the robot file to the words of a message's `where`."""
 

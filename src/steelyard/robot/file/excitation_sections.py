@@ -242,13 +242,11 @@ MotionSection = Annotated[
     BeforeValidator(_of_a_kind),
 ]
 
-
 MOTIONS: tuple[type[Section], ...] = get_args(get_args(MotionSection)[0])
 """Sections of all kinds of motion."""
 
 KINDS: tuple[str, ...] = tuple(get_args(m.model_fields["kind"].annotation)[0] for m in MOTIONS)
 """Names of all kinds of motion."""
-
 
 PerJoint = Positive | Many[Positive] | dict[str, Positive]
 Pairs = Many[Pair]

@@ -25,7 +25,6 @@ from steelyard.robot.robot import Coordinate, Transmission
 if TYPE_CHECKING:
     from steelyard.robot.file.sections import EffortKind, Side, SignalsSection
 
-
 TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 POSITION_UNITS = {
     "revolute": {"rad": 1.0, "deg": pi / 180.0},
@@ -35,7 +34,6 @@ VELOCITY_UNITS = {
     "revolute": {"rad/s": 1.0, "deg/s": pi / 180.0, "rpm": pi / 30.0},
     "prismatic": {"m/s": 1.0, "mm/s": 1e-3},
 }
-
 
 NOT_OF_SAMPLES = {
     "effort_kind",

@@ -20,7 +20,6 @@ else:
 
 __all__ = ["tomllib"]
 
-
 Item = TypeVar("Item")
 Many = Annotated[tuple[Item, ...], Field(strict=False)]
 """Any number of items of one kind."""
@@ -30,7 +29,6 @@ Pair = Annotated[tuple[Name, Name], Field(strict=False)]
 Vector = Annotated[tuple[float, float, float], Field(strict=False)]
 Names = Many[Name]
 Numbers = Many[float]
-
 
 ADVICE = "advice"
 """Type of an error of a check whose message is the whole advice."""

@@ -301,7 +301,6 @@ IN_FILE = (
     "[signals.effort] columns = [...], kind = ..., unit = ... (`steelyard init` writes one)"
 )
 
-
 OF_MOTORS = (
     "the gears between motors and joints are needed: in a robot file (`steelyard init` writes one) "
     'set [signals] coordinates = "motor" and [robot.transmission] ratios = [turns of each motor '

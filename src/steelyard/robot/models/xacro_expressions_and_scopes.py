@@ -219,7 +219,6 @@ class _Evaluation:
 
 _FIX = "write it with numbers, texts, lists and the functions of docs/robot-file.md"
 
-
 _PIECE = re.compile(
     r"(?P<escaped>\$\$+[{(])|\$\{(?P<expression>[^}]*)\}"
     r"|\$\((?P<command>(?:[^()]|\((?:[^()]|\([^()]*\))*\))*)\)|[^$]+|\$"

@@ -25,7 +25,6 @@ if TYPE_CHECKING:
     from steelyard.estimate.scores.residuals import ResidualTrace
     from steelyard.uses.contact.contact import ContactEvent, SuspectedContact
 
-
 MOST_POINTS_OF_RESIDUAL = 4000  # of a line; every one is the largest of those that it stands for
 
 EVENT_HEADINGS = (

@@ -52,7 +52,6 @@ from steelyard.uses.payload.consistent_payload_body import (
 FRICTION_DRIFT = 0.5  # of friction and offset from run to run, over the effort they make in a joint
 GAIN_RELATIVE_STD = 0.02  # relative standard deviation of motors' gains given without one
 
-
 ROUND_OFF = float(
     np.finfo(np.float64).eps
 )  # of squared residuals, over the greatest squared effort
@@ -69,7 +68,6 @@ KNOWN = 1e-6  # standard deviation of what was not estimated, of its size or of 
 
 ROUNDS = 50
 TOLERANCE = 1e-6  # relative change of the rows' variances at which they have converged
-
 
 NOTHING_KNOWN = PayloadKnowledge()
 
