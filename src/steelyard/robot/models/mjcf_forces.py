@@ -16,11 +16,7 @@ import numpy as np
 from steelyard.base.arrays import Array, frozen
 from steelyard.robot.mechanism import JointSpring, ModelNote
 
-_FOLLOWING = (
-    mujoco.mjtDyn.mjDYN_NONE,
-    mujoco.mjtDyn.mjDYN_FILTER,
-    mujoco.mjtDyn.mjDYN_FILTEREXACT,
-)
+_FOLLOWING = (mujoco.mjtDyn.mjDYN_NONE, mujoco.mjtDyn.mjDYN_FILTER, mujoco.mjtDyn.mjDYN_FILTEREXACT)
 """Activations that stay within the range of the control."""
 
 _GENERIC = 0.3  # distance from the reference at which no moment is zero by chance [rad; m]
