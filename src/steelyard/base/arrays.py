@@ -4,12 +4,14 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, is_dataclass
 from functools import partial
 from math import isfinite
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
+Key = TypeVar("Key")
+Value = TypeVar("Value")
 
 Z95 = 1.959963984540054  # half-width of a 95 % interval in standard deviations
 
@@ -31,6 +33,14 @@ def records(**columns: Iterable[Any]) -> list[dict[str, Any]]:
     """Rows of equally long columns by name, numbers of arrays as those of Python."""
     values = [x.tolist() if isinstance(x, np.ndarray) else x for x in columns.values()]
     return [dict(zip(columns, row, strict=True)) for row in zip(*values, strict=True)]
+
+
+def by_key(pairs: Iterable[tuple[Key, Value]]) -> dict[Key, list[Value]]:
+    """The second values of pairs by the first ones, both in the order in which they come."""
+    found: dict[Key, list[Value]] = {}
+    for key, value in pairs:
+        found.setdefault(key, []).append(value)
+    return found
 
 
 def set_fields(value: object, **contents: object) -> None:

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from steelyard.base.arrays import json_values
-from steelyard.check.finding import OPEN_WORD, Edit, Finding, Fix, Picture, Severity, Trace
+from steelyard.base.arrays import by_key, json_values
+from steelyard.check.finding import OPEN_WORD, Edit, Finding, Fix, Picture, Trace
 from steelyard.report.figures import thin
 from steelyard.report.page import Numbers, Shown, fill, packed, page_of, script_json
 from steelyard.report.words import COLOURS, Level, count, percent
@@ -42,10 +42,8 @@ def by_edits(findings: Iterable[Finding]) -> tuple[tuple[Finding, ...], ...]:
 
 def groups(diagnosis: Diagnosis) -> tuple[Group, ...]:
     """The findings by severity, ok ones first, and in these by check."""
-    found: dict[tuple[Severity, str, bool], list[Finding]] = {}
-    for finding in sorted(diagnosis.findings, key=lambda f: f.severity):
-        key = finding.severity, finding.check, finding.answered
-        found.setdefault(key, []).append(finding)
+    ordered = sorted(diagnosis.findings, key=lambda f: f.severity)
+    found = by_key(((f.severity, f.check, f.answered), f) for f in ordered)
     return tuple(map(tuple, found.values()))
 
 

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.lib import format as npy
 from numpy.typing import NDArray
 
-from steelyard.base.arrays import Array
+from steelyard.base.arrays import Array, by_key
 from steelyard.base.errors import LogError
 from steelyard.logs.log import ROWS_OF_PART, RowRange, require_columns, require_file
 
@@ -205,9 +205,7 @@ def joined(
     slabs: Callable[[Any, int, list[int]], Iterator[Array]],
 ) -> Iterator[Array]:
     """Columns at places, side by side: `slabs` reads components of one member along an axis."""
-    members: dict[tuple[Any, int], list[int]] = {}
-    for column, place in enumerate(places):
-        members.setdefault((place.member, place.axis), []).append(column)
+    members = by_key(((place.member, place.axis), k) for k, place in enumerate(places))
     each = [
         (columns, slabs(member, axis, [places[column].component for column in columns]))
         for (member, axis), columns in members.items()

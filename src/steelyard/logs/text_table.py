@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from steelyard.base.arrays import Array
+from steelyard.base.arrays import Array, by_key
 from steelyard.base.errors import LogError, available
 from steelyard.logs.log import (
     ROWS_OF_PART,
@@ -469,9 +469,7 @@ def _copies(lines: Sequence[str], header: Header) -> tuple[tuple[str, int], ...]
 
     None of a name of which any column differs.
     """
-    places: dict[str, list[int]] = {}
-    for place, name in enumerate(header.columns):
-        places.setdefault(name, []).append(place)
+    places = by_key((name, place) for place, name in enumerate(header.columns))
     twice = {name: among for name, among in places.items() if name and len(among) > 1}
     rows = [*_rows_below(lines, header)] if twice else []
     return tuple(

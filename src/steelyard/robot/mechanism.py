@@ -5,7 +5,7 @@ from dataclasses import KW_ONLY, dataclass, field, replace
 from types import MappingProxyType
 from typing import Any, Literal
 
-from steelyard.base.arrays import Array, frozen, set_fields
+from steelyard.base.arrays import Array, by_key, frozen, set_fields
 from steelyard.base.errors import ModelError, advice
 from steelyard.robot.inertia_and_placement import DIRT, Inertia, Placement, clean_axis, turn
 from steelyard.robot.robot import Limits
@@ -249,9 +249,7 @@ class Mechanism:
 
     def from_link(self, link: str) -> tuple[Joint, ...]:
         """The joints beyond a link, depth first, parents before children, in the file's order."""
-        carried: dict[str, list[Joint]] = {}
-        for joint in self.joints:
-            carried.setdefault(joint.parent, []).append(joint)
+        carried = by_key((joint.parent, joint) for joint in self.joints)
         found: list[Joint] = []
         waiting = carried.get(link, [])[::-1]
         while waiting:

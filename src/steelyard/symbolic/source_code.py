@@ -7,6 +7,7 @@ from typing import Literal
 
 import numpy as np
 
+from steelyard.base.arrays import by_key
 from steelyard.symbolic.program import Program
 
 
@@ -43,9 +44,7 @@ def variables_of(program: Program) -> tuple[dict[int, int], int]:
 def source_of(program: Program, outputs: Sequence[str], syntax: Syntax) -> tuple[list[str], int]:
     """Statements of a program, and how many variables `v0`, `v1`, ... they use."""
     place, count = variables_of(program)
-    entries: dict[int, list[str]] = {}
-    for name, number in zip(outputs, program.outputs, strict=True):
-        entries.setdefault(number, []).append(name)
+    entries = by_key(zip(program.outputs, outputs, strict=True))
 
     def value(number: int) -> str:
         step = program.steps[number]

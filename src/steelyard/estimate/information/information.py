@@ -11,7 +11,7 @@ from functools import cached_property, lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from steelyard.base.arrays import Array, frozen
+from steelyard.base.arrays import Array, by_key, frozen
 from steelyard.base.errors import DataError
 from steelyard.estimate.information.base_regressor import Layout
 
@@ -114,10 +114,7 @@ class Information:
     @property
     def windows_of_runs(self) -> dict[str, list[int]]:
         """Numbers of the windows of every run, by its name."""
-        found: dict[str, list[int]] = {}
-        for number, window in enumerate(self.windows):
-            found.setdefault(window.run, []).append(number)
-        return found
+        return by_key((window.run, number) for number, window in enumerate(self.windows))
 
     @property
     def runs(self) -> str:

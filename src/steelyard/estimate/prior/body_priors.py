@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from steelyard.base.arrays import Array, frozen
+from steelyard.base.arrays import Array, by_key, frozen
 from steelyard.model.model import Model
 from steelyard.robot.inertia_and_placement import INERTIAL_NAMES, Inertia
 from steelyard.robot.robot import Body, Robot
@@ -198,10 +198,7 @@ def model_prior(robot: Robot, index: int) -> PriorBody:
 
 def notes_on(corrected: Mapping[str, PriorBody]) -> tuple[str, ...]:
     """What was corrected, by the names of the links."""
-    alike: dict[str, list[str]] = {}
-    for name, one in corrected.items():
-        if one.why:
-            alike.setdefault(one.why, []).append(f"'{name}'")
+    alike = by_key((one.why, f"'{name}'") for name, one in corrected.items() if one.why)
     notes = [
         f"the prior of link{'s' * (len(names) > 1)} {', '.join(names)}: {why}"
         for why, names in alike.items()

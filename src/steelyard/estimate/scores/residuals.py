@@ -20,7 +20,7 @@ from itertools import groupby
 import numpy as np
 from numpy.typing import NDArray
 
-from steelyard.base.arrays import Array, frozen
+from steelyard.base.arrays import Array, by_key, frozen
 from steelyard.base.errors import DataError, LogError
 from steelyard.base.motion import Motion
 from steelyard.estimate.external.contact_thresholds import (
@@ -71,9 +71,8 @@ def residual_noise(
     variances, seconds = np.zeros(len(gains)), 0.0
     for run in runs:
         taps = ParallelFilter.design(run.matched_cutoff, run.rate).taps
-        stretches: dict[int, list[Array]] = {}
-        for block, _, rest in residual_blocks(valued, run, gains):
-            stretches.setdefault(block.segment, []).append(rest)
+        blocks = residual_blocks(valued, run, gains)
+        stretches = by_key((block.segment, rest) for block, _, rest in blocks)
         longest = max(stretches.values(), key=lambda parts: sum(p.shape[1] for p in parts))
         density = noise_floor(np.concatenate(longest, axis=1), run.rate, run.matched_cutoff)
         least = np.square(np.asarray(run.quality.effort_resolution) * gains) / 12.0

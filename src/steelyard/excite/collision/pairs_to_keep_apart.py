@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from steelyard.base.arrays import Array
+from steelyard.base.arrays import Array, by_key
 from steelyard.base.errors import ModelError, advice
 from steelyard.excite.collision.convex_solids_and_mesh_files import Hull
 from steelyard.excite.collision.shape_kinematics import Geometry, Shape
@@ -88,12 +88,10 @@ def candidate_pairs(
 def _groups(shapes: Sequence[Shape]) -> dict[str, list[int]]:
     """Numbers of the shapes by name; what the cell calls like something else is `cell: NAME`."""
     taken = {shape.name for shape in shapes if shape.origin != "world"}
-    groups: dict[str, list[int]] = {}
-    for number, shape in enumerate(shapes):
-        clashes = shape.origin == "world" and shape.name in taken
-        name = f"cell: {shape.name}" if clashes else shape.name
-        groups.setdefault(name, []).append(number)
-    return groups
+    names = (
+        f"cell: {s.name}" if s.origin == "world" and s.name in taken else s.name for s in shapes
+    )
+    return by_key((name, number) for number, name in enumerate(names))
 
 
 def _check_names(

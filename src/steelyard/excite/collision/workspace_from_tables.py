@@ -5,7 +5,7 @@ from contextlib import contextmanager
 
 import numpy as np
 
-from steelyard.base.arrays import Array
+from steelyard.base.arrays import Array, by_key
 from steelyard.base.errors import ModelError
 from steelyard.excite.collision.clearance import CLEARANCE_ROOM, Clearance
 from steelyard.excite.collision.convex_solids_and_mesh_files import Box
@@ -57,9 +57,7 @@ def clearance_of_walls(
     loose = [k for k in range(len(whole.links), first) if shapes[k].name not in aside]
     meeting = [(i, j) for i in range(first) for j in range(first, standing)]
     meeting += [(i, j) for i in loose for j in range(standing, len(shapes))]
-    ways: dict[tuple[str, str], list[tuple[int, int]]] = {}
-    for i, j in meeting:
-        ways.setdefault((shapes[i].name, shapes[j].name), []).append((i, j))
+    ways = by_key(((shapes[i].name, shapes[j].name), (i, j)) for i, j in meeting)
     pairs = tuple(Pair(first, second, tuple(own)) for (first, second), own in ways.items())
     if not pairs:
         return [], whole.notes

@@ -8,6 +8,7 @@ import numpy as np
 from rich.console import Console
 from rich.text import Text
 
+from steelyard.base.arrays import by_key
 from steelyard.estimate.friction.friction_choice import FrictionChoice
 from steelyard.estimate.nonlinear.nonlinear_parameters import Finding
 from steelyard.estimate.payload.drive_gains import GainEstimate
@@ -159,10 +160,8 @@ def time_words(seconds: float | None) -> str:
 
 def failure_words(failures: Sequence[Failure], parts: int) -> list[tuple[str, str, str]]:
     """When, why and what to do, once per reason; `parts` were left out in turn."""
-    found: dict[tuple[str, str], list[str | None]] = {}
-    for one in failures:
-        found.setdefault((one.reason, one.fix), []).append(one.left_out)
     words = []
+    found = by_key(((one.reason, one.fix), one.left_out) for one in failures)
     for (reason, fix), left in found.items():
         names = [name for name in left if name is not None]
         when = ["fitted to all data"] if None in left else []

@@ -22,7 +22,7 @@ from pathlib import Path
 
 import numpy as np
 
-from steelyard.base.arrays import Array
+from steelyard.base.arrays import Array, by_key
 from steelyard.base.errors import LogError
 from steelyard.logs.log import ROWS_OF_PART, RowRange, require_columns, require_file, unreadable
 from steelyard.logs.messages.bag2 import Bag2, storage
@@ -174,9 +174,8 @@ class MessageLog:
 
     def _blocks(self, columns: Sequence[str], rows: RowRange, size: int) -> Iterator[Array]:
         """Consecutive rows, `size` at a time."""
-        by_topic: dict[Layout, list[tuple[int, str]]] = {}
-        for k, (layout, name) in enumerate(self._places[column] for column in columns):
-            by_topic.setdefault(layout, []).append((k, name))
+        wanted = enumerate(self._places[column] for column in columns)
+        by_topic = by_key((layout, (k, name)) for k, (layout, name) in wanted)
         (base, places), *others = by_topic.items()
         clock = LOG_TIME if places[0][1] == LOG_TIME else STAMP
         read = partial(_samples, self.container, clock=clock)

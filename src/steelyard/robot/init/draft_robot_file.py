@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from steelyard.base.arrays import by_key
 from steelyard.base.errors import LogError, ModelError
 from steelyard.robot.file.model_reading_and_loaded_robot import (
     LoadedRobot,
@@ -141,9 +142,7 @@ def _all_locked(
 
 def _by_reason(reasons: dict[str, str]) -> list[str]:
     """Joints and the reason that they share, in words."""
-    joints: dict[str, list[str]] = {}
-    for joint, reason in reasons.items():
-        joints.setdefault(reason, []).append(joint)
+    joints = by_key((reason, joint) for joint, reason in reasons.items())
     return [f"{', '.join(names)} ({reason})" for reason, names in joints.items()]
 
 

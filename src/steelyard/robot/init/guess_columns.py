@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from steelyard.base.arrays import Array
+from steelyard.base.arrays import Array, by_key
 from steelyard.base.errors import LogError
 from steelyard.robot.file.sections import Side, SignalsSection
 from steelyard.robot.file.signals import Signals, build_signals, expanded
@@ -111,10 +111,8 @@ def guess_columns(
     arrays = {name: np.asarray(values) for name, values in (sample or {}).items()}
     texts = {name: str(x[0]) for name, x in arrays.items() if x.dtype.kind == "U" and len(x)}
     values = {name: finite(x) for name, x in arrays.items()}
-    kinds: dict[Quantity, list[Column]] = {}
-    for column in labelled(columns, texts, [c.name for c in every or coordinates]):
-        if column.quantity is not None:
-            kinds.setdefault(column.quantity, []).append(column)
+    named = labelled(columns, texts, [c.name for c in every or coordinates])
+    kinds = by_key((c.quantity, c) for c in named if c.quantity is not None)
     joints, counted, position, effort, how = _matched(coordinates, every, kinds, columns, values)
     clock, time_reason = clock_of(kinds.get("time", []), position[0], columns, values, rate)
     if counts := [c.name for c in effort if c.has(*COUNTS)]:
@@ -200,10 +198,7 @@ def _gears(
 
 def velocities_beside(position: Sequence[str], columns: Sequence[str]) -> tuple[str, ...]:
     """Velocity columns that are called as the position columns are; none if one lacks its own."""
-    found: dict[tuple[str, ...], list[str]] = {}
-    for column in map(Column, columns):
-        if column.quantity == "velocity":
-            found.setdefault(column.stem, []).append(column.name)
+    found = by_key((c.stem, c.name) for c in map(Column, columns) if c.quantity == "velocity")
     beside = [found.get(Column(name).stem, []) for name in position]
     return tuple(names[0] for names in beside) if all(len(n) == 1 for n in beside) else ()
 

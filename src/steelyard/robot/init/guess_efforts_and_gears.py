@@ -8,7 +8,7 @@ from math import isfinite
 
 import numpy as np
 
-from steelyard.base.arrays import Array
+from steelyard.base.arrays import Array, by_key
 from steelyard.robot.file.signals import POSITION_UNITS
 from steelyard.robot.init.column_names import CURRENTS, TORQUES, Column
 from steelyard.robot.models.xml_reader import Element
@@ -127,9 +127,8 @@ def unactuated(
 
 def others(effort: Sequence[Column], every: Sequence[Column]) -> str:
     """Effort-like columns that were not chosen, by pattern; empty if there are none."""
-    patterns: dict[str, list[str]] = {}
-    for name in (c.name for c in every if c not in effort):
-        patterns.setdefault(re.sub(r"\d+(?=\D*$)", "{}", name), []).append(name)
+    names = [c.name for c in every if c not in effort]
+    patterns = by_key((re.sub(r"\d+(?=\D*$)", "{}", name), name) for name in names)
     left = [x for p, names in patterns.items() for x in ([p] if len(names) > 1 else names)]
     if not left:
         return ""

@@ -13,6 +13,7 @@ import struct
 from dataclasses import dataclass, field
 from functools import partialmethod
 
+from steelyard.base.arrays import by_key
 from steelyard.symbolic.program import Program
 
 MAX_ANGLE = 1e5
@@ -231,9 +232,7 @@ def emit(program: Program, name: str, lanes: int) -> str:
     size = -(-steps // n_chunks)
     steps_of = [range(k * size, min((k + 1) * size, steps)) for k in range(n_chunks)]
     last_chunk = [use // size for use in program.last_use()]
-    entries: dict[int, list[int]] = {}
-    for entry, number in enumerate(program.outputs):
-        entries.setdefault(number, []).append(entry)
+    entries = by_key((number, entry) for entry, number in enumerate(program.outputs))
     emission = _Emission(program, lanes, steps_of, last_chunk, entries)
     bodies = [_chunk(emission, chunk) for chunk in range(n_chunks)]
     arguments = [f"ptr %x{i}, i64 %l{i}" for i in range(len(program.inputs))]
