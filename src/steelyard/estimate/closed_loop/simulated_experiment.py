@@ -215,9 +215,8 @@ _TORQUE_CUTOFF = 2.0  # low-pass of the torque that is added, over the regressio
 _HIGHEST = 0.4
 
 ASSUMED_CONTROLLER_NOTE = (
-    "the log contains no controller data: a joint controller of "
-    f"{BANDWIDTH:g} Hz is assumed, which follows the log's smoothed motion and adds its smoothed "
-    "torque"
+    f"the log contains no controller data: a joint controller of {BANDWIDTH:g} Hz is assumed, "
+    "which follows the log's smoothed motion and adds its smoothed torque"
 )
 
 

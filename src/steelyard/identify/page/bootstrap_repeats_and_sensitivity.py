@@ -71,11 +71,10 @@ def _bootstrap_table(found: Bootstrap, stated: Array) -> PlainTable:
     return PlainTable(
         f"{len(found.draws)} draws of {found.windows} windows",
         "Windows of every run are resampled with replacement, and the whole estimate is repeated."
-        f"{failed} Where its scatter exceeds {LEAST_MARKED_RATIO:g} times the stated std "
-        "(bold), windows "
-        "disagree, so the model is incomplete there, or a body lies at the boundary of physical "
-        "consistency, where the stated interval is too narrow. Parameters constrained by the prior "
-        "scatter less than their uncertainty.",
+        f"{failed} Where its scatter exceeds {LEAST_MARKED_RATIO:g} times the stated std (bold), "
+        "windows disagree, so the model is incomplete there, or a body lies at the boundary of "
+        "physical consistency, where the stated interval is too narrow. Parameters constrained by "
+        "the prior scatter less than their uncertainty.",
         ("Parameter", "Value", "Stated std", "Bootstrap std", "Ratio", "2.5 %", "97.5 %", "Unit"),
         rows,
         (0, 7),

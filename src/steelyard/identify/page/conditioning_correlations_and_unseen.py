@@ -102,8 +102,7 @@ class CorrelationsSection(
         if left_out:
             note += (
                 f" To limit its size, it shows the {MOST_MAP_PARAMETERS} parameters with the "
-                "strongest "
-                f"correlations; {left_out} others are left out."
+                f"strongest correlations; {left_out} others are left out."
             )
         groups = [Group([_correlation_map(names, matrix)], columns="one")]
         return {"words": CORRELATION_WORDS, "groups": groups, "note": note}

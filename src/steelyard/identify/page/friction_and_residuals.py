@@ -102,10 +102,9 @@ def _mixes(choice: FrictionChoice) -> PlainTable:
     return PlainTable(
         "Friction laws compared",
         f"Cross-validation: each {choice.left_out} is predicted by a fit to all others. Error: "
-        f"{FRICTION_ERROR_WORDS}; "
-        "improvement relative to the first row, with its standard error. A simpler combination is "
-        "preferred unless the improvement by a better one is significant. Speeds are in rad/s, "
-        "lengths in rad (prismatic joints: m/s, m)."
+        f"{FRICTION_ERROR_WORDS}; improvement relative to the first row, with its standard error. "
+        "A simpler combination is preferred unless the improvement by a better one is significant. "
+        "Speeds are in rad/s, lengths in rad (prismatic joints: m/s, m)."
         + (f" {other[0].upper()}{other[1:]}." if other else ""),
         ("Friction laws", "Error", "Improvement", "Standard error", ""),
         rows,
@@ -170,11 +169,10 @@ class FrictionCurvesSection(FigureSection, name="friction-curves", title="Fricti
             ],
             "groups": [Group(figures)],
             "note": f"Points: at most {MOST_FRICTION_POINTS} evenly spaced samples of {runs} in "
-            "which the joint "
-            f"moves, low-passed at {cutoff:g} Hz, the validation band; that rounds off steps "
-            "at zero speed. Friction "
-            "that depends on load is drawn at the sample of median gravity load. The curve is that "
-            "of a joint that moves alone: where friction couples joints, points lie beside it.",
+            f"which the joint moves, low-passed at {cutoff:g} Hz, the validation band; that rounds "
+            "off steps at zero speed. Friction that depends on load is drawn at the sample of "
+            "median gravity load. The curve is that of a joint that moves alone: where friction "
+            "couples joints, points lie beside it.",
         }
 
     def to_dict(self, content: ReportContent) -> dict[str, Any]:
@@ -306,9 +304,8 @@ class ResidualsSection(
             "groups": groups,
             "note": f"Samples of {runs} in which the joint moves, {BINS} bins of equal width with "
             f"at least {LEAST_BIN_SAMPLES} samples each; at most {MOST_RESIDUAL_POINTS} samples "
-            "are drawn. Share: part of "
-            "the mean squared residual that the means of the bins carry; in a short run some of "
-            "it is chance.",
+            "are drawn. Share: part of the mean squared residual that the means of the bins carry; "
+            "in a short run some of it is chance.",
         }
 
     def to_dict(self, content: ReportContent) -> dict[str, Any]:

@@ -295,9 +295,8 @@ WORDS = (
 
 NOTE = (
     "Posture: the middle sample of the fitted runs; of a robot with closed loops, their reference "
-    "configuration. A surface larger than its wires has more "
-    "inertia per mass than in the model file. Links whose identified mass or inertia is not "
-    "physically consistent are left out."
+    "configuration. A surface larger than its wires has more inertia per mass than in the model "
+    "file. Links whose identified mass or inertia is not physically consistent are left out."
 )
 
 

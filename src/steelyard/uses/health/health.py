@@ -107,9 +107,8 @@ class Health(Result):
     def claim(self) -> str:
         """What counts as a drift."""
         return (
-            "A drift is significant (probability of any false one "
-            f"{100.0 * FALSE_DRIFT_LEVEL:.0f} %, "
-            f"{len(self.changes)} changes tested) and changes friction by "
+            f"A drift is significant (probability of any false one {100.0 * FALSE_DRIFT_LEVEL:.0f} "
+            f"%, {len(self.changes)} changes tested) and changes friction by "
             f"{100.0 * LEAST_CHANGE['dry friction']:.0f} %, the effort scale by "
             f"{100.0 * LEAST_CHANGE['effort scale']:.0f} % or an offset by "
             f"{100.0 * LEAST_CHANGE['offset']:.0f} % of the joint's friction, at least."
@@ -132,8 +131,7 @@ class Health(Result):
                 legend=[Key("--measured", "windows"), Key("--interval", "95 % interval", "area")],
                 groups=_groups(self),
                 note="Change from the model of every window; logs follow each other without the "
-                "time between them. Lines are interrupted between logs: "
-                f"{', '.join(self.logs)}.",
+                f"time between them. Lines are interrupted between logs: {', '.join(self.logs)}.",
             ),
             notes("notes", "Notes", self.notes, folded=True),
         )
