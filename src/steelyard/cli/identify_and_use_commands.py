@@ -17,6 +17,7 @@ from steelyard.cli.command import (
     optional_folder,
     output_folder,
     print_json,
+    progress_bar,
     reported,
     show,
 )
@@ -207,8 +208,6 @@ def payload(
     """
     from steelyard.base.errors import DataError
     from steelyard.base.files import whole_folder, write_json
-    from steelyard.cli import interrupt
-    from steelyard.cli.command import progress_bar
     from steelyard.estimate.identified_model import load_model
     from steelyard.estimate.payload.payload_estimate import PayloadEstimate
     from steelyard.report.terminal import terminal

@@ -124,8 +124,7 @@ class _Sample:
     def _look(self, scan: Scan, t: Array | None) -> None:
         if not self._given.dot(self._given) < _SAFE_SQUARED_ANGLE:
             self._compiled.check_arguments(self._rows)
-        block = [row[:, None] for row in self._rows]
-        channels = self._compiled.channels(scan, block, t)[:, 0]
+        channels = self._compiled.channels(scan, [row[:, None] for row in self._rows], t)[:, 0]
         self._channels[: len(channels)] = channels
 
     def _begin(self) -> None:

@@ -85,8 +85,7 @@ class SampleStream:
 
     def _read(self, rows: Array) -> tuple[Array, Array, NDArray[np.uint8]]:
         """Time, channels without jumps of a turn, and what is to be said of each row alone."""
-        log = LogInMemory(Path("stream"), self._signals.columns, rows)
-        plain = Recording(log, self._signals)
+        plain = Recording(LogInMemory(Path("stream"), self._signals.columns, rows), self._signals)
         ((t, x),) = plain.raw((0, None), len(rows))
         verdicts = broken_rows(t, x, self._channels)
         kept = np.flatnonzero(verdicts == RowVerdict.KEPT)

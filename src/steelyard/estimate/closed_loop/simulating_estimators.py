@@ -131,8 +131,7 @@ class InstrumentalVariables(Simulating):
             covariance = inverse @ normal(instruments, instruments, sigma) @ inverse.T
             change, values = np.asarray(found - values), np.asarray(found)
             deviations = _left(torque, seen, values).deviations(len(values))
-            precision = np.linalg.inv(covariance)
-            yield Step(values, change, precision, sigma, deviations, covariance)
+            yield Step(values, change, np.linalg.inv(covariance), sigma, deviations, covariance)
 
 
 @dataclass(frozen=True)
@@ -282,8 +281,7 @@ def _gauss_newton(
     deviations = residual.deviations(len(values))
     sigma = _floored(deviations, torque)
     matrix, side = normal(columns, columns, sigma), normal(columns, residual, sigma)
-    change = np.asarray(np.linalg.solve(matrix, side))
-    return Step(values, change, matrix, sigma, deviations), side
+    return Step(values, np.asarray(np.linalg.solve(matrix, side)), matrix, sigma, deviations), side
 
 
 def _floored(sigma: Array, torque: FilteredRows) -> Array:

@@ -79,14 +79,13 @@ def observed_quantity(frame: Frame, axes: Axes, columns: tuple[int, ...]) -> Qua
         jacobian = jacobian_of(equations, frame, axes, given)
         return [*momentum, *drive, *jacobian.ravel(), *_regressor(equations, given, columns)]
 
-    key = (axes, list(columns), frame.body, frame.rotation.tolist(), frame.position.tolist())
     return Quantity(
         "observed efforts",
         MOTION,
         lambda _: True,
         build,
         lambda part: (part.robot.n * (8 + len(columns)),),
-        key,
+        (axes, list(columns), frame.body, frame.rotation.tolist(), frame.position.tolist()),
     )
 
 

@@ -265,8 +265,7 @@ class Ridge:
             if prior is not None:
                 tens = [place[knowledge.names[k]] for k in knowledge.tens(body)]
                 standard[tens] = prior.ten
-        values = base.base_values(standard).tolist()
-        named = tuple(zip(base.base_names, values, strict=True))
+        named = tuple(zip(base.base_names, base.base_values(standard).tolist(), strict=True))
         return cls(named, "the nominal inertial parameters, zero friction", per_run=per_run)
 
     def __call__(self, information: Information) -> Estimate:

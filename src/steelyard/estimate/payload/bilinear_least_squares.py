@@ -114,8 +114,7 @@ class Bilinear:
 
     def linear(self, rho: Array, weights: Array) -> Array:
         """The best parameters for given `rho`."""
-        zero = Solution(self.start, rho, weights)
-        matrix, gradient = self.normal(zero)
+        matrix, gradient = self.normal(Solution(self.start, rho, weights))
         n_free, theta = len(self.free), self.start.copy()
         matrix, gradient = matrix[:n_free, :n_free], gradient[:n_free]
         covariance = inverse(matrix)

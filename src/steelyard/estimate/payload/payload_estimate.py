@@ -123,9 +123,7 @@ class PayloadEstimate:
     @property
     def flaw(self) -> str | None:
         """Why no real body has these numbers; `None` if one can, or no payload is seen."""
-        if self.not_seen or not self.weighs:
-            return None
-        return self.inertia.flaw()
+        return None if self.not_seen or not self.weighs else self.inertia.flaw()
 
     @property
     def remarks(self) -> tuple[str, ...]:

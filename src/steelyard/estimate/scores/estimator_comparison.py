@@ -419,8 +419,7 @@ def impossible_bodies(estimate: Estimate, knowledge: Knowledge) -> tuple[str, ..
     known = estimate.standard.parameters.as_dict()
     found = []
     for number, body in enumerate(knowledge.bodies):
-        ten = [known[knowledge.names[k]] for k in knowledge.tens(number)]
-        inertia = Inertia.from_ten(ten)
+        inertia = Inertia.from_ten([known[knowledge.names[k]] for k in knowledge.tens(number)])
         if inertia.mass <= 0.0 or inertia.flaw() is not None:
             found.append(body)
     return tuple(found)

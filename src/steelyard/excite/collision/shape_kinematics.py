@@ -74,8 +74,7 @@ def obstacle(
     rotation: ArrayLike | None = None,
 ) -> Shape:
     """A thing that stands still in the cell, placed in the robot's base frame."""
-    base = Frame(name, -1, np.eye(3), np.zeros(3))
-    return placed(base, name, solid, position, rotation, "world")
+    return placed(Frame(name, -1, np.eye(3), np.zeros(3)), name, solid, position, rotation, "world")
 
 
 def wall(name: str, normal: ArrayLike, offset: float) -> Shape:
@@ -91,8 +90,7 @@ def wall(name: str, normal: ArrayLike, offset: float) -> Shape:
             where=f"plane '{name}'",
             fix="give the direction of the free side, such as 0, 0, 1 for a floor",
         )
-    at = vector * offset / length**2
-    return obstacle(name, HalfSpace(), at, axes_along(vector))
+    return obstacle(name, HalfSpace(), vector * offset / length**2, axes_along(vector))
 
 
 def axes_along(way: Array) -> Array:

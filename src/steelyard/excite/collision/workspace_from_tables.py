@@ -205,8 +205,7 @@ def walls_of(section: WorkspaceSection, robot: Robot) -> tuple[Shape, ...]:
             corners = checked_boxes(*_boxes(section), "forbidden boxes")
         for number, (low, high) in enumerate(zip(*corners, strict=True), start=1):
             x, y, z = (float(size) for size in high - low)
-            middle = 0.5 * (low + high)
-            found.append(obstacle(f"forbidden box {number}", Box((x, y, z)), middle))
+            found.append(obstacle(f"forbidden box {number}", Box((x, y, z)), 0.5 * (low + high)))
     return tuple(found)
 
 

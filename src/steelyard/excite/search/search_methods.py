@@ -155,8 +155,7 @@ def minimised_by_cma_es(
             values, best = tried[costs.argmin()], float(costs.min())
         strategy.tell(points, costs.tolist())
         report_progress(progress, "CMA-ES", strategy.countevals, evaluations)
-    spent = BUDGET_SPENT in strategy.stop()
-    return PopulationResult(values, best, int(strategy.countevals), spent)
+    return PopulationResult(values, best, int(strategy.countevals), BUDGET_SPENT in strategy.stop())
 
 
 POPULATION_SHARPNESS = 64.0  # of the criterion: within some percent of its value

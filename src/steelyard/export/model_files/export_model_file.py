@@ -430,8 +430,7 @@ class _Editing:
         if parent.stop > parent.inside:
             return [Edit(parent.inside, parent.inside, text)]
         opening = self.original[parent.start : parent.inside].decode("utf-8")
-        closed = f"{opening[:-2].rstrip()}>{text}</{parent.tag}>"
-        return [Edit(parent.start, parent.stop, closed)]
+        return [Edit(parent.start, parent.stop, f"{opening[:-2].rstrip()}>{text}</{parent.tag}>")]
 
     def _removed(self, span: Span) -> Edit:
         """An element and, if it has its lines for itself, the line end before them."""

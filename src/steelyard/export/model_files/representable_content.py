@@ -161,8 +161,7 @@ def along(axis: Axis, curve: Curve) -> Force:
 def joint_axis(robot: Robot, index: int) -> Axis:
     """A joint of `robot.joints` as a coordinate."""
     joint = robot.joints[index]
-    row = tuple(float(k == index) for k in range(robot.n_joints))
-    return Axis(joint.name, row, joint.kind)
+    return Axis(joint.name, tuple(float(k == index) for k in range(robot.n_joints)), joint.kind)
 
 
 def _multiple(axis: Axis) -> float | None:

@@ -92,8 +92,7 @@ def offers_of(names: Sequence[str], everything: bool) -> tuple[Offer, ...]:
     if not names:
         return tuple(offer for offer in ESTIMATORS if everything or not offer.slow)
     each = [name.strip() for some in names for name in some.split(",") if name.strip()]
-    found = [offer_of(name, "estimators (--estimators)") for name in each]
-    return tuple(dict.fromkeys(found))
+    return tuple(dict.fromkeys(offer_of(name, "estimators (--estimators)") for name in each))
 
 
 def comparison_inputs(

@@ -201,9 +201,7 @@ def _unpacked(data: bytes | None) -> bytes | None:
 def storage(path: Path) -> Container:
     """A file of a ROS 2 bag, whatever its suffix, packed or not."""
     require_file(path)
-    content = path
-    if _start(path).startswith(ZSTD_MAGIC):
-        content = unpacked_copy(path)
+    content = unpacked_copy(path) if _start(path).startswith(ZSTD_MAGIC) else path
     start = _start(content)
     if start.startswith(MCAP_MAGIC):
         return open_mcap(path, content)

@@ -125,8 +125,7 @@ def _outward(robot: Robot, state: JointState) -> list[_Moving]:
     base = _moving(_constant(np.eye(3)), zero, zero, zero, _constant(-robot.gravity))
     motions: list[_Moving] = []
     for body in robot.bodies:
-        parent = motions[body.parent] if body.parent >= 0 else base
-        motions.append(_next(body, parent, state))
+        motions.append(_next(body, motions[body.parent] if body.parent >= 0 else base, state))
     return motions
 
 

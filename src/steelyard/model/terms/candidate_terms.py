@@ -44,8 +44,7 @@ class CandidateTerms(StatefulTerm):
     def of(cls, robot: Robot, candidates: Sequence[Term], longest: Term) -> "CandidateTerms":
         """A dictionary of at least one candidate."""
         names = tuple(p.name for p in candidates[0].parameters(robot))
-        places = tuple(columns_at_rest(candidates[0], robot))
-        return cls(tuple(candidates), longest, names, places)
+        return cls(tuple(candidates), longest, names, tuple(columns_at_rest(candidates[0], robot)))
 
     def parameters(self, robot: Robot) -> tuple[Parameter, ...]:
         """Those of all candidates."""

@@ -397,9 +397,8 @@ def contact(
 
 def _carried(identified: IdentifiedModel, run: Run) -> str | None:
     """A payload that a run has beyond doubt, for people to read; `None` if it is too short."""
-    rests = identified.model.has_memory
     try:
-        whole = gather(base_regressor(identified.model), run, rests=rests)
+        whole = gather(base_regressor(identified.model), run, rests=identified.model.has_memory)
     except LogError:
         return None
     found = unknown_payload(identified, whole)

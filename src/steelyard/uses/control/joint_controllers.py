@@ -196,9 +196,7 @@ class ComputedTorque:
         """A loop at its first tick."""
         refuse_indefinite(self.model, task.motion)
         goal, ddq, stepper = task.compared, task.motion.ddq, self.model.start()
-        friction = np.zeros_like(ddq)
-        if self.friction:
-            friction = friction_torque(self.model, task.motion)
+        friction = friction_torque(self.model, task.motion) if self.friction else np.zeros_like(ddq)
 
         def torque(k: int, q: Array, dq: Array) -> Array:
             feedback = self.kv * (goal.dq[k] - dq) + self.kp * (goal.q[k] - q)

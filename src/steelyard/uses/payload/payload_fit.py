@@ -52,9 +52,7 @@ from steelyard.uses.payload.consistent_payload_body import (
 FRICTION_DRIFT = 0.5  # of friction and offset from run to run, over the effort they make in a joint
 GAIN_RELATIVE_STD = 0.02  # relative standard deviation of motors' gains given without one
 
-ROUND_OFF = float(
-    np.finfo(np.float64).eps
-)  # of squared residuals, over the greatest squared effort
+ROUND_OFF = float(np.finfo(float).eps)  # of squared residuals, over the greatest squared effort
 
 UNEXPLAINED, NOTABLE = 2.5, 0.05
 """Residual over that of the model's own logs, and over the effort, from which on a joint's efforts

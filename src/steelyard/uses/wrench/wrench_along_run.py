@@ -319,8 +319,7 @@ def _expected_efforts(identified: IdentifiedModel, run: Run, expected: Expected)
 
 
 def _half_width(covariance: Array) -> Array:
-    diagonal = np.diagonal(covariance, axis1=1, axis2=2)
-    return np.asarray(Z95 * np.sqrt(np.maximum(diagonal, 0.0)))
+    return np.asarray(Z95 * np.sqrt(np.maximum(np.diagonal(covariance, axis1=1, axis2=2), 0.0)))
 
 
 def _force_half_width(found: Wrenches) -> Array:
