@@ -1,6 +1,7 @@
 """A robot, logs of it, what is known of the robot, and checks that look at these."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property, wraps
 from typing import Any, Generic, ParamSpec, TypeVar, cast
@@ -150,12 +151,10 @@ class CheckedLog:
         cut = self.recording.cut
         start, stop = cut.rows
         if np.isfinite(cut.seconds).any():
-            try:
+            with suppress(LogError):
                 within = rows_between(self.recording, cut.seconds, EXCERPT_ROWS)
                 if within[1] - within[0] >= FEWEST_WINDOW_ROWS:
                     start, stop = within
-            except LogError:
-                pass
         return start, start + EXCERPT_ROWS if stop is None else min(stop, start + EXCERPT_ROWS)
 
     @cached_property

@@ -1,6 +1,7 @@
 """Predicted accuracy of each parameter by a motion, and further motions that would help."""
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -154,14 +155,12 @@ def samples_of(seconds: float) -> int:
 
 def _other_motions(limits: MotionLimits) -> list[tuple[str, Trajectory]]:
     others: list[tuple[str, Trajectory]] = []
-    try:
+    # a joint may have no room for them: the designed motion is what there is then
+    with suppress(DataError):
         sweeps = friction_sweeps(limits, speeds=3, slowest=0.1, longest_s=2.0)
         others.append((f"one joint after another at three speeds{FREE_WORKSPACE_NOTE}", sweeps))
         still = static_postures(limits, count=_ADVICE_POSTURES, seed=0, dwell_s=1.0)
         others.append((f"{_ADVICE_POSTURES} static postures{FREE_WORKSPACE_NOTE}", still))
-    except DataError:
-        # a joint without room for them: the designed motion is what there is
-        pass
     return others
 
 

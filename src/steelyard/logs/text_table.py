@@ -428,10 +428,8 @@ def by_numpy(chunk: bytes, wanted: Sequence[int], separator: str, decimal_comma:
     text = chunk.decode("latin-1")
     lines = (text.replace(",", ".") if decimal_comma else text).split("\n")[:-1]
     if wanted and all(lines):
-        try:
+        with suppress(ValueError):  # some cell may be no number
             return np.loadtxt(lines, delimiter=separator, usecols=wanted, comments=None, ndmin=2)
-        except ValueError:
-            pass  # some cell is not a number
     rows = [line.split(separator) for line in lines]
     cells = [[_cell_number(row[i]) if i < len(row) else np.nan for i in wanted] for row in rows]
     return np.array(cells, dtype=np.float64).reshape(len(lines), len(wanted))

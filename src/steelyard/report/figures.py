@@ -164,8 +164,7 @@ def drawn(t: Array, signal: Array, most: int) -> tuple[Array, Array]:
 
     A break has value NaN.
     """
-    breaks = gaps(t)
-    breaks = breaks[: most // 4]
+    breaks = gaps(t)[: most // 4]
     chosen = thin(signal, most - len(breaks))
     after = np.searchsorted(breaks, chosen, side="left")
     places = np.flatnonzero(np.diff(after)) + 1

@@ -223,8 +223,7 @@ def corrected_body(given: Inertia, *, noted: bool = False) -> PriorBody:
     moments, axes = np.linalg.eigh(spread_of(given))
     if moments[-1] < densest(given.mass):
         zero = np.abs(moments).max() <= given.rounding
-        was = "its moments of inertia are zero" if zero else flaw
-        was = was or "it is denser than steel"
+        was = ("its moments of inertia are zero" if zero else flaw) or "it is denser than steel"
         return PriorBody(
             ball(given.mass, given.com),
             f"{was}; a solid sphere of {given.mass:.3g} kg about its centre of mass is assumed",

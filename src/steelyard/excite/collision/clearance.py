@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from steelyard.base.arrays import Array, frozen
+from steelyard.base.arrays import Array, frozen, set_fields
 from steelyard.base.errors import ModelError
 from steelyard.excite.collision.convex_solids_and_mesh_files import height
 from steelyard.excite.collision.model_file_shapes import robot_shapes
@@ -178,15 +178,15 @@ class Clearance(Constraint):
             else f"distance of '{pair.first}' and '{pair.second}' above {wanted:g} m"
             for pair, wanted in zip(self.pairs, self.wanted, strict=True)
         )
-        for name, value in (
-            ("wanted", frozen(self.wanted, count)),
-            ("activation_distance", frozen(self.activation_distance, count)),
-            ("labels", labels),
-            ("scene", scene),
-            ("_owner", np.array(owner, dtype=np.intp)),
-            ("_sides", signs),
-        ):
-            object.__setattr__(self, name, value)
+        set_fields(
+            self,
+            wanted=frozen(self.wanted, count),
+            activation_distance=frozen(self.activation_distance, count),
+            labels=labels,
+            scene=scene,
+            _owner=np.array(owner, dtype=np.intp),
+            _sides=signs,
+        )
 
     def margins(self, q: Array, dq: Array, ddq: Array) -> Margins:
         """Margins at positions `q`, shape `(N, n)`; velocities and accelerations do not matter."""

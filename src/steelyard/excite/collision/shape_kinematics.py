@@ -16,7 +16,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from steelyard.base.arrays import Array, frozen
+from steelyard.base.arrays import Array, frozen, set_fields
 from steelyard.base.errors import ModelError
 from steelyard.excite.collision.convex_solids_and_mesh_files import Ball, HalfSpace, Solid
 from steelyard.model.equations.frame_and_point_kinematics import Points
@@ -40,8 +40,8 @@ class Shape:
     origin: Origin = "link"
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "rotation", frozen(self.rotation, (3, 3)))
-        object.__setattr__(self, "position", frozen(self.position, (3,)))
+        rotation, position = frozen(self.rotation, (3, 3)), frozen(self.position, (3,))
+        set_fields(self, rotation=rotation, position=position)
 
     @property
     def flat(self) -> bool:
@@ -64,7 +64,7 @@ class Geometry:
     notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "parents", MappingProxyType(dict(self.parents)))
+        set_fields(self, parents=MappingProxyType(dict(self.parents)))
 
 
 def obstacle(

@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from steelyard.base.arrays import Array, Parameters, frozen
+from steelyard.base.arrays import Array, Parameters, frozen, set_fields
 from steelyard.base.errors import ModelError
 from steelyard.excite.constraints.constraint import Constraint, Margins
 from steelyard.excite.trajectories.trajectory import ExactTrajectory
@@ -207,8 +207,7 @@ class EffortLimit(Constraint):
         rubs = [name in self.model.friction_names for name in self.model.names]
         how = "interval arithmetic bounds the rate of change of efforts over every time interval"
         worse = "; friction has its worse sign" if any(x[rubs].any() for x in self.cases) else ""
-        object.__setattr__(self, "how", how + worse)
-        object.__setattr__(self, "activation_distance", TORQUE_ROOM * self.scale)
+        set_fields(self, how=how + worse, activation_distance=TORQUE_ROOM * self.scale)
 
     def __getstate__(self) -> dict[str, Any]:
         """What pickle keeps: compiled code is of one process."""

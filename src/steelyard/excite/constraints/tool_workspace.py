@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike
 
-from steelyard.base.arrays import Array, frozen
+from steelyard.base.arrays import Array, frozen, set_fields
 from steelyard.base.errors import ModelError
 from steelyard.excite.collision.shape_kinematics import point_rates
 from steelyard.excite.constraints.constraint import Constraint, Margins
@@ -43,9 +43,7 @@ class Marker:
     radius: float
 
     def __init__(self, frame: str, offset: ArrayLike = (0.0, 0.0, 0.0), radius: float = 0.0):
-        object.__setattr__(self, "frame", frame)
-        object.__setattr__(self, "offset", frozen(offset, (3,)))
-        object.__setattr__(self, "radius", float(radius))
+        set_fields(self, frame=frame, offset=frozen(offset, (3,)), radius=float(radius))
         if not 0.0 <= self.radius < np.inf:
             raise ValueError(f"a sphere of radius {radius} m")
 
@@ -81,7 +79,7 @@ class SphereDistances(Constraint):
     activation_distance: Array = field(init=False)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "activation_distance", np.full(len(self.labels), MARKER_ROOM))
+        set_fields(self, activation_distance=np.full(len(self.labels), MARKER_ROOM))
 
     @abstractmethod
     def _distances(self, places: Array) -> tuple[Array, Array]:

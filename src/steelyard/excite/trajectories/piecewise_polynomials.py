@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from steelyard.base.arrays import Array, frozen
+from steelyard.base.arrays import Array, frozen, set_fields
 from steelyard.excite.trajectories.trajectory import ExactTrajectory, check_join
 
 _HALVINGS = 60
@@ -226,8 +226,7 @@ class SampledMotion(PiecewiseMotion):
             ends = frozen(ends, (2, q.shape[1]))
             if not np.isfinite(ends).all():
                 raise ValueError("a speed at the motion's start or end is not finite")
-        for name, value in (("t", frozen(t - t[0])), ("q", q), ("ends", ends)):
-            object.__setattr__(self, name, value)
+        set_fields(self, t=frozen(t - t[0]), q=q, ends=ends)
         start, end = np.zeros((2, q.shape[1])) if ends is None else np.asarray(ends)
         pieces = from_scipy(CubicSpline(self.t, q, bc_type=((1, start), (1, end))))
         super().__init__(pieces.breaks, pieces.coefficients)

@@ -3,6 +3,7 @@
 import math
 import re
 from collections.abc import Callable, Iterable, Mapping
+from contextlib import suppress
 from typing import Any
 
 TEXT = 100_000  # characters of a text, and of a list or table with all that is in it
@@ -77,10 +78,8 @@ def literal(value: Any) -> Any:
     if "_" in value:
         return value
     for reading in (int, float):
-        try:
+        with suppress(ValueError):
             return reading(value)
-        except ValueError:
-            pass
     return {"true": True, "True": True, "false": False, "False": False}.get(value, value)
 
 
@@ -112,18 +111,18 @@ def remainder(left: Any, right: Any) -> Any:
 
 def power(base: Any, exponent: Any) -> Any:
     """`base ** exponent`; `XacroError` instead of giant whole numbers."""
-    if isinstance(base, int) and isinstance(exponent, int) and exponent > 0:
-        if base.bit_length() * exponent > 2 * BITS:
-            raise XacroError(f"a power has more than {BITS} binary digits")
+    whole = isinstance(base, int) and isinstance(exponent, int) and exponent > 0
+    if whole and base.bit_length() * exponent > 2 * BITS:
+        raise XacroError(f"a power has more than {BITS} binary digits")
     return base**exponent
 
 
 def product(left: Any, right: Any) -> Any:
     """`left * right`; `XacroError` instead of giant texts or lists."""
     for many, times in ((left, right), (right, left)):
-        if isinstance(many, str | list | tuple) and isinstance(times, int):
-            if len(many) * times > TEXT:
-                raise _too_long("a text or a list")
+        repeated = isinstance(many, str | list | tuple) and isinstance(times, int)
+        if repeated and len(many) * times > TEXT:
+            raise _too_long("a text or a list")
     return left * right
 
 

@@ -7,7 +7,7 @@ from typing import Any, ClassVar, Protocol
 
 import numpy as np
 
-from steelyard.base.arrays import Array, frozen
+from steelyard.base.arrays import Array, frozen, set_fields
 from steelyard.base.errors import ModelError, advice, named
 from steelyard.base.motion import Motion
 from steelyard.model.model import ValuedModel
@@ -36,8 +36,7 @@ class ControlTask:
 
     def __post_init__(self) -> None:
         shape = (self.motion.n_joints,)
-        object.__setattr__(self, "inertia", frozen(self.inertia, shape))
-        object.__setattr__(self, "limits", frozen(self.limits, shape))
+        set_fields(self, inertia=frozen(self.inertia, shape), limits=frozen(self.limits, shape))
 
 
 ControlLoop = Callable[[int, Array, Array], Array]
