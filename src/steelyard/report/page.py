@@ -185,8 +185,7 @@ class TableSection(Section, template="tables.html"):
 class ValueSection(TableSection):
     """Plain tables of one value of the content, which are left out where it is `None`."""
 
-    value: ClassVar[str]  # the attribute of the content
-    field: ClassVar[str] = ""  # the value's field of `--json`; empty if it has the same name
+    value: ClassVar[str]  # the attribute of the content, and the value's field of `--json`
 
     @abstractmethod
     def tables_of(self, found: Any, content: Any) -> Sequence[PlainTable]:
@@ -200,7 +199,7 @@ class ValueSection(TableSection):
     def to_dict(self, content: Any) -> dict[str, Any]:
         """The value."""
         found = getattr(content, self.value)
-        return {self.field or self.value: None if found is None else found.to_dict()}
+        return {self.value: None if found is None else found.to_dict()}
 
 
 class FigureSection(Section, template="figures.html"):

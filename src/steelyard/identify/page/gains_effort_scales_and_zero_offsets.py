@@ -65,8 +65,7 @@ class EffortScalesSection(
     ValueSection,
     name="effort_scales",
     title="Scales of the efforts",
-    value="scales",
-    field="effort_scales",
+    value="effort_scales",
 ):
     """Scales with intervals."""
 
@@ -90,7 +89,7 @@ class EffortScalesSection(
 
 
 class ZeroOffsetsSection(
-    ValueSection, name="zero_offsets", title="Zero offsets", value="offsets", field="zero_offsets"
+    ValueSection, name="zero_offsets", title="Zero offsets", value="zero_offsets"
 ):
     """Offsets with intervals."""
 

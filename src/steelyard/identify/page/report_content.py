@@ -31,8 +31,10 @@ class ReportContent(PageContent):
     friction: FrictionChoice | None = None  # how the friction laws were chosen, if they were
     findings: tuple[FieldFinding, ...] = ()
     gains: GainEstimate | None = None
-    offsets: ZeroOffsets | None = None  # zero offsets of joints that were estimated, if any
-    scales: EffortScales | None = None  # scales of the joints' efforts that were estimated, if any
+    zero_offsets: ZeroOffsets | None = None  # zero offsets of joints that were estimated, if any
+    effort_scales: EffortScales | None = (
+        None  # scales of the joints' efforts that were estimated, if any
+    )
     diagnosis: Diagnosis | None = None  # what the logs were checked for before
     limitations: tuple[Finding, ...] = ()  # checks of the fitted model; they qualify the headline
     sensitivity: Sensitivity | None = None  # fits with other cut-offs, if they were asked for
