@@ -9,8 +9,10 @@ import pytest
 
 from steelyard.base.arrays import json_values
 from steelyard.base.errors import ModelError
-from steelyard.robot.file.robot_file import load_robot, load_robot_file, read_mechanism
+from steelyard.robot.file.robot_file import load_robot, read_mechanism, robot_text
+from steelyard.robot.file.sections import RobotFile
 from steelyard.robot.file.signals import signals_from_dict
+from steelyard.robot.file.toml_schema import checked
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 DATA = os.environ.get("STEELYARD_DATA")
@@ -116,7 +118,7 @@ cutoff = 4
     assert loaded.validation.cutoff == 4.0
     assert [s.path.name for s in loaded.sources] == ["robot.toml", "two.urdf"]
     assert loaded.sources[1].sha256 == hashlib.sha256(URDF.encode()).hexdigest()
-    assert load_robot_file(path).robot.source == "https://example.org"
+    assert checked(path, robot_text(path), RobotFile)[0].robot.source == "https://example.org"
 
 
 def test_a_model_alone_works_too(folder: Path) -> None:
@@ -350,10 +352,11 @@ LOGS = {
 @pytest.mark.parametrize("name", LOGS)
 def test_examples_load_and_their_logs_have_the_columns(name: str) -> None:
     log, n, cutoff = LOGS[name]
-    loaded = load_robot(EXAMPLES / f"{name}.toml")
+    path = EXAMPLES / f"{name}.toml"
+    loaded = load_robot(path)
     assert loaded.signals is not None and loaded.robot.n == n == loaded.signals.n
     assert loaded.validation.cutoff == cutoff
-    assert load_robot_file(EXAMPLES / f"{name}.toml").robot.source
+    assert checked(path, robot_text(path), RobotFile)[0].robot.source
     assert set(loaded.signals.columns) <= set(pl.read_parquet_schema(Path(DATA or "", log)))
     assert all(body.known for body in loaded.robot.bodies)
 

@@ -66,6 +66,13 @@ def line(name: str, x: Array, y: Array, colour: str, **more: Any) -> Traced:
     return {"name": name, "kind": "line", "x": packed(x), "y": packed(y), "more": given}
 
 
+def in_space(name: str, points: Array, **more: Any) -> Traced:
+    """Points `(N, 3)` in space, joined by lines unless the trace's `type` or `mode` is another."""
+    x, y, z = (packed(axis) for axis in points.T)
+    given = {"type": "scatter3d", "z": z, **more}
+    return {"name": name, "kind": "line", "x": x, "y": y, "more": given}
+
+
 def points(name: str, x: Array, y: Array, colour: str, size: float = 3.5) -> Traced:
     """A cloud of points."""
     more = {"marker": {"color": colour, "size": size, "opacity": 0.55}, "hoverinfo": "skip"}

@@ -213,10 +213,8 @@ def _accuracy_row(one: Expected) -> dict[str, Any]:
     elif share is None:
         grade, bar = "none", 0.0
     else:
-        grade, bar = (
-            ("fair" if share > WELL else "good"),
-            min(100.0 * share / FULL_BAR_PERCENT, 100.0),
-        )
+        grade = "fair" if share > WELL else "good"
+        bar = min(100.0 * share / FULL_BAR_PERCENT, 100.0)
     return {**vars(one), "grade": grade, "bar": bar}
 
 

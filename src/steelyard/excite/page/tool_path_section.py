@@ -12,7 +12,7 @@ from steelyard.base.arrays import Array
 from steelyard.excite.collision.shape_kinematics import axes_along
 from steelyard.excite.collision.workspace_from_tables import up_of
 from steelyard.excite.page.design_text import DesignContent
-from steelyard.report.figures import line
+from steelyard.report.figures import in_space, line
 from steelyard.report.page import Numbers, Section, packed, rounded, script_json
 from steelyard.report.words import significant
 from steelyard.robot.loop_closures import all_joints
@@ -21,7 +21,6 @@ from steelyard.robot.robot import Robot, body_frames, frame_origins, sticks
 if TYPE_CHECKING:
     from steelyard.excite.constraints.tool_workspace import Marker
     from steelyard.robot.file.excitation_sections import BoxSpans, WorkspaceSection
-    from steelyard.robot.robot import Robot
 
 SPACE_AXES = "xyz"
 
@@ -94,10 +93,8 @@ def _of_plane(normal: Array, above: float, seen: Array, name: str) -> Face:
     length = float(np.linalg.norm(normal))
     axes = axes_along(normal)
     inside = (seen @ axes)[:, :2]
-    low, high = (
-        np.nanmin(inside, axis=0) - OPEN_WALL_LENGTH,
-        np.nanmax(inside, axis=0) + OPEN_WALL_LENGTH,
-    )
+    low = np.nanmin(inside, axis=0) - OPEN_WALL_LENGTH
+    high = np.nanmax(inside, axis=0) + OPEN_WALL_LENGTH
     corner = axes @ np.array([*low, above / length])
     edges = (axes[:, :2] * (high - low)).T
     return Face(corner, edges, ((False, False), (False, False)), False, name)
@@ -105,10 +102,8 @@ def _of_plane(normal: Array, above: float, seen: Array, name: str) -> Face:
 
 def box_corners(box: BoxSpans, seen: Array) -> tuple[Array, Array]:
     """Least and greatest corner, each `(3,)` [m]; an open side goes beyond what is drawn."""
-    low, high = (
-        np.nanmin(seen, axis=0) - OPEN_WALL_LENGTH,
-        np.nanmax(seen, axis=0) + OPEN_WALL_LENGTH,
-    )
+    low = np.nanmin(seen, axis=0) - OPEN_WALL_LENGTH
+    high = np.nanmax(seen, axis=0) + OPEN_WALL_LENGTH
     for k, axis in enumerate(SPACE_AXES):
         span = getattr(box, axis)
         if span is not None:
@@ -195,7 +190,7 @@ class DesignToolSection(
 
 
 def _space(t: Array, path: Array, arm: Array, faces: Sequence[Face]) -> dict[str, Any]:
-    way = _in_space(
+    way = in_space(
         "tool",
         path,
         line={
@@ -207,7 +202,7 @@ def _space(t: Array, path: Array, arm: Array, faces: Sequence[Face]) -> dict[str
         },
         hovertemplate="%{x:.3f}, %{y:.3f}, %{z:.3f} m<extra></extra>",
     )
-    body = _in_space(
+    body = in_space(
         "arm at the start",
         arm,
         mode="lines+markers",
@@ -221,7 +216,7 @@ def _space(t: Array, path: Array, arm: Array, faces: Sequence[Face]) -> dict[str
         own = [face for face in faces if face.name == name]
         lines = all_lines(own)
         gaps = np.full((len(lines), 1, 3), np.nan)
-        wall = _in_space(
+        wall = in_space(
             name,
             np.concatenate([lines, gaps], axis=1).reshape(-1, 3),
             mode="lines",
@@ -241,18 +236,6 @@ def _space(t: Array, path: Array, arm: Array, faces: Sequence[Face]) -> dict[str
     scene = {**axes, "aspectmode": "data", "camera": camera}
     layout = {"scene": scene, "showlegend": False, "margin": {"l": 0, "r": 0, "t": 0, "b": 0}}
     return {"x": "", "y": "", "traces": [way, body, *walls], "layout": layout}
-
-
-def _in_space(name: str, points: Array, **more: Any) -> dict[str, Any]:
-    """A line through points, shape `(N, 3)` [m]."""
-    x, y, z = (packed(axis) for axis in points.T)
-    return {
-        "name": name,
-        "kind": "line",
-        "x": x,
-        "y": y,
-        "more": {"type": "scatter3d", "z": z, **more},
-    }
 
 
 def _view(

@@ -12,8 +12,8 @@ from steelyard.estimate.estimate import StandardEstimate
 from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.estimate.prior.body_priors import model_prior, rigid_bodies
 from steelyard.identify.page.report_content import ReportContent, fitted_samples
-from steelyard.report.figures import Figure, Group, Key, Traced, dots, figure_of_rows
-from steelyard.report.page import FigureSection, Numbers, TableSection, packed, rounded
+from steelyard.report.figures import Figure, Group, Key, Traced, dots, figure_of_rows, in_space
+from steelyard.report.page import FigureSection, Numbers, TableSection, rounded
 from steelyard.report.tables import PlainTable, Row, table_of
 from steelyard.report.words import NONE, fixed, share, significant, with_interval
 from steelyard.robot.inertia_and_placement import INERTIAL_NAMES, Inertia
@@ -401,16 +401,11 @@ def _axes(points: Array) -> dict[str, Any]:
     return found
 
 
-def _space(name: str, points: Array, **more: Any) -> Traced:
-    x, y, z = (packed(axis) for axis in points.T)
-    return {"name": name, "kind": "line", "x": x, "y": y, "more": {"z": z, **more}}
-
-
 def _surfaces(points: Array, faces: Array, count: int) -> Traced:
     every = np.concatenate([faces + k * (len(points) // count) for k in range(count)])
     i, j, k = every.T.tolist()
     style = {"color": "--vermillion", "opacity": 0.45, "hoverinfo": "skip", "showlegend": True}
-    return _space("identified", points, type="mesh3d", i=i, j=j, k=k, **style)
+    return in_space("identified", points, type="mesh3d", i=i, j=j, k=k, **style)
 
 
 def _wires(solids: Sequence[Solid]) -> Traced:
@@ -420,14 +415,13 @@ def _wires(solids: Sequence[Solid]) -> Traced:
     circles = np.concatenate([part for k in range(3) for part in (np.roll(flat, k, axis=1), gap)])
     points = np.concatenate([solid.moved(circles) for solid in solids])
     style = {"mode": "lines", "line": {"color": "--measured", "width": 3}, "hoverinfo": "skip"}
-    return _space("model file", points, type="scatter3d", **style)
+    return in_space("model file", points, **style)
 
 
 def _centres(name: str, solids: Sequence[Solid], colour: str, symbol: str) -> Traced:
-    return _space(
+    return in_space(
         name,
         np.array([solid.centre for solid in solids]),
-        type="scatter3d",
         mode="markers",
         marker={"color": colour, "symbol": symbol, "size": 5},
         text=[f"{solid.name}: {significant(solid.mass)} kg" for solid in solids],
@@ -437,9 +431,7 @@ def _centres(name: str, solids: Sequence[Solid], colour: str, symbol: str) -> Tr
 
 def _arm(points: Array) -> Traced:
     style = {"line": {"color": "--arm", "width": 6}, "marker": {"color": "--arm", "size": 3}}
-    return _space(
-        "robot", points, type="scatter3d", mode="lines+markers", hoverinfo="skip", **style
-    )
+    return in_space("robot", points, mode="lines+markers", hoverinfo="skip", **style)
 
 
 def _sphere() -> tuple[Array, Array]:

@@ -107,11 +107,6 @@ def load_robot(
     return robot_of_model(read_model(path, arguments), base=base)
 
 
-def load_robot_file(path: str | Path) -> RobotFile:
-    """The checked sections of a robot file (TOML), as written there."""
-    return checked(Path(path), robot_text(Path(path)), RobotFile)[0]
-
-
 def robot_text(path: Path) -> str:
     """The text of a robot file, its lines ended by newlines."""
     try:
