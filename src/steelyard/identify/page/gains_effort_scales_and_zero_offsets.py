@@ -62,10 +62,7 @@ def _interval_or_origin(gain: DriveGain) -> str:
 
 
 class EffortScalesSection(
-    ValueSection,
-    name="effort_scales",
-    title="Scales of the efforts",
-    value="effort_scales",
+    ValueSection, name="effort_scales", title="Scales of the efforts", value="effort_scales"
 ):
     """Scales with intervals."""
 
