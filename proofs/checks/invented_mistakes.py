@@ -14,6 +14,7 @@ Seeds 1 to 100 may be used to set thresholds, 101 to 300 only for the figure. `-
 
 import argparse
 import json
+import re
 import sys
 import tempfile
 import time
@@ -344,6 +345,7 @@ def verdict(case: Case, found: CheckResult) -> tuple[str, list[str]]:
         if name not in true
         and not asked & set(KINDS[name][1].split(", "))
         and not conditional(case, name)
+        and not (name == "delay" and below_bound(case.planted[name].late, last.findings))
     ]
     return ("open" if doubtful or not unseen else f"missed ({', '.join(unseen)})"), stated
 
@@ -355,6 +357,12 @@ def force_named(case: Case) -> bool:
     except SteelyardError:
         return False
     return any("a force acts" in note for note in found.content.notes)
+
+
+def below_bound(late: float, findings: Sequence[Finding]) -> bool:
+    """Whether a delay is shorter than those that a check excludes, by its own words."""
+    said = [re.search(r"no common delay of ([\d.]+) ms or more", f.says) for f in findings]
+    return any(one is not None and 1e3 * late < float(one[1]) for one in said)
 
 
 def conditional(case: Case, name: str) -> bool:

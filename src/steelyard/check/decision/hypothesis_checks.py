@@ -17,6 +17,7 @@ from steelyard.check.decision.judged_explanations import (
     FREE_INERTIAS,
     friction_alone_explains,
     judge_log,
+    least_delay,
 )
 from steelyard.check.decision.ranked_readings import HOPELESS_MISFIT, Judged, LogVerdict
 from steelyard.check.decision.robot_file_edits import confirmed, edits_of, velocity_edits
@@ -238,6 +239,11 @@ def agreement_sentence(decision: LogVerdict, what: str) -> str:
     return f"{what} ({high}misfit of {_known(decision)}: {percent:.1f} %{once})"
 
 
+def _no_delay(decision: LogVerdict) -> str:
+    least = 1e3 * least_delay(decision.declared.reading)
+    return agreement_sentence(decision, f"efforts have no common delay of {least:.2g} ms or more")
+
+
 def _unclear(decision: LogVerdict, clear: str) -> str:
     if decision.search is None:
         return clear
@@ -380,7 +386,7 @@ GAIN = HypothesisCheck(
 EFFORT_DELAY = HypothesisCheck(
     "effort delay",
     "Do all efforts have a common delay?",
-    partial(agreement_sentence, what="efforts have no common delay"),
+    _no_delay,
     "compensate the delay",
     _short_delays,
 )

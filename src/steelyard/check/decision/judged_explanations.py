@@ -126,12 +126,17 @@ def _judged(before: Hypothesis, winner: Hypothesis, hypotheses: Sequence[Hypothe
 def _late(before: Reading, hypothesis: Hypothesis) -> bool:
     """Whether a delay matters for certain; by a nominal model, more than friction that yields."""
     reading = hypothesis.reading
-    sure, x = reading.knowledge.identified, reading.likelihood.excerpt
-    least = max(LEAST_DELAY[sure], DELAY_ROWS / x.log_rate)
+    sure, least = reading.knowledge.identified, least_delay(reading)
     if abs(reading.delay - before.delay) < least or (sure and disagrees(hypothesis)):
         return False
     others = [before.score] if sure else [before.score, presliding_score(before)]
     return all(reading.score.sharp - other.sharp > LATE_MARGIN for other in others)
+
+
+def least_delay(reading: Reading) -> float:
+    """Least delay that is told from friction and model errors [s]."""
+    least, log = LEAST_DELAY[reading.knowledge.identified], reading.likelihood.excerpt
+    return float(max(least, DELAY_ROWS / log.log_rate))
 
 
 def positions_at_fault(case: Case, evidence: CheckedLog) -> bool:
