@@ -326,7 +326,8 @@ def verdict(case: Case, found: CheckResult) -> tuple[str, list[str]]:
     changes = [] if fixed is None else [c.finding for c in fixed.changes]
     findings = [*found.content.diagnosis.findings, *changes, *last.findings]
     wrong = [f for f in findings if f.severity == Severity.WRONG]
-    true = {name for f in wrong for name in named(case, f)}
+    # a doubt that was acted on is no doubt any more: lines that stray are judged below
+    true = {name for f in (*wrong, *changes) for name in named(case, f)}
     if "contact" in case.planted and not wrong and force_named(case):
         true.add("contact")
     sure = [f"{'true' if named(case, f) else 'false'} {f.check}: {f.says}" for f in wrong]
