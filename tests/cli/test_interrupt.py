@@ -177,7 +177,7 @@ def test_ctrl_c_from_outside_while_it_works(work: Path) -> None:
 SWALLOWED = """
 import os, signal
 from steelyard.cli.main import main
-from steelyard.cli import app
+from steelyard.cli import options_with_several_values
 
 class Deaf:
     def __del__(self):
@@ -187,7 +187,7 @@ def swallow(arguments):
     Deaf()
     return arguments
 
-app.expanded = swallow
+options_with_several_values.expanded = swallow
 main()
 """
 
