@@ -1,6 +1,5 @@
 """Limits of effort and power: margins by Pinocchio, proofs by dense sampling."""
 
-
 import numpy as np
 import pytest
 

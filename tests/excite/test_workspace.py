@@ -1,6 +1,5 @@
 """Tool boxes, planes and forbidden boxes: margins by Pinocchio, proofs by dense sampling."""
 
-
 import numpy as np
 import pinocchio as pin
 import pytest
