@@ -77,6 +77,17 @@ def test_currents_as_torques_are_refused_without_numbers(arm):
     assert fix is not None and 'gain = "identify"' in fix.says and "--loaded" in fix.says
 
 
+def test_a_dead_effort_is_not_that_of_another_joint(six):
+    table = six.table.copy()
+    table[:, six.at(TAU)[0]] = 0.0
+    case = six.case(table, known=False)
+    likelihood = ranking(case, case.logs[0]).likelihood
+    assert likelihood.excerpt.dead == (0,)
+    moved = likelihood.declared.changed(effort=(2, 1, 0, 3, 4, 5))
+    assert not keeps_evidence(moved) and keeps_evidence(likelihood.declared)
+    assert "joint order" not in wrong(six.examined(table, known=False))
+
+
 @pytest.mark.slow
 def test_order_and_kind_are_searched_together(six):
     order, table = [1, 2, 0, 3, 5, 4], six.table.copy()

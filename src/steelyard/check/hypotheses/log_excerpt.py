@@ -33,6 +33,7 @@ EXCERPT_SOURCE_ROWS = 100_000  # rows of the log that are looked at
 EXCERPT_SAMPLES = 3000  # samples that are kept
 EXCERPT_STRETCHES = 8  # stretches that they are spread over, where a log has more
 OVERSAMPLING = 8.0  # kept samples per period of the cut-off
+DEAD_EFFORT = 1e-9  # change of an effort, over its size, up to which it never changes
 START_UP = 1.0  # periods of the cut-off at the ends of a stretch that the filter's start-up takes
 
 
@@ -56,6 +57,12 @@ class Excerpt:
         """Range of each position column, without the outermost percents, shape `(n,)`."""
         low, high = np.quantile(self.z, (0.01, 0.99), axis=1)
         return np.asarray(high - low)
+
+    @cached_property
+    def dead(self) -> tuple[int, ...]:
+        """Effort columns that never change."""
+        change, size = np.ptp(self.e, axis=1), np.abs(self.e).max(axis=1)
+        return tuple(np.flatnonzero(change <= DEAD_EFFORT * size).tolist())
 
     @property
     def worth(self) -> float:

@@ -343,9 +343,12 @@ def keeps_evidence(reading: Reading) -> bool:
     """Whether efforts that belong to motion as declared do so under a reading too.
 
     An order that gives the effort of a joint in motion to a resting position is not to be
-    compared with others: what contradicts it no longer counts.
+    compared with others: what contradicts it no longer counts. Nor is one that gives a joint an
+    effort that never changes, which says nothing of either joint.
     """
-    span = reading.likelihood.excerpt.span
+    excerpt, span = reading.likelihood.excerpt, reading.likelihood.excerpt.span
+    if any(reading.effort[j] != j for j in excerpt.dead):
+        return False
 
     def in_motion(of: Reading) -> set[int]:
         moves = np.abs(of.position_scale) * span[list(of.position)] > LEAST_SPAN
