@@ -25,7 +25,7 @@ from steelyard.estimate.consistent.unknowns_and_penalties import BASIS
 
 FRICTION_WIDTH, TYPICAL_FRICTION = 2.0, 0.1
 """Relative width of friction, and its most likely size over the effort."""
-OFFSET_WIDTH = 0.3  # standard deviation of an offset over the effort
+OFFSET_WIDTH = 0.3  # std of an offset over the effort, or over that of the nominal bodies if larger
 RESIDUAL_FLOOR = 0.03  # least residual over the effort that a model is expected to leave
 SMALLEST_BODY = 1e-9  # least eigenvalue of a body's `X` that is told from zero
 RIDGE = 1e-9  # of the normalised Hessian
