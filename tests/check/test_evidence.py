@@ -1,5 +1,8 @@
 """The evidence of readings: Laplace's method finds the integral over bodies and friction."""
 
+from types import SimpleNamespace
+from typing import Any, cast
+
 import numpy as np
 import pytest
 from scipy.special import logsumexp
@@ -14,6 +17,8 @@ from steelyard.check.hypotheses.laplace_over_bodies import (
     averaged,
     nominal_bodies,
 )
+from steelyard.check.hypotheses.marginal_likelihood import _normalised, _Products
+from steelyard.check.hypotheses.nuisance_fit_and_score import NUISANCES, OFFSET_COLUMN
 from steelyard.estimate.consistent.unknowns_and_penalties import COLUMNS, ROWS
 
 POSITIVE = np.array([[True, True, True, False]])  # friction and rotor inertia, and an offset
@@ -65,3 +70,20 @@ def test_the_evidence_is_the_mean_likelihood_of_bodies_that_can_exist(
     logs = -0.5 * 12.0 * (squares / variance + np.log(variance) - 1.0)
     mean = float(logsumexp(logs) - np.log(len(logs)))
     assert abs(float(found.logs[0, 0]) - mean) < 1.0
+
+
+@pytest.mark.parametrize("weight", [0.2, 7.0])
+def test_an_offset_may_balance_what_bodies_weigh_and_the_log_lacks(weight: float) -> None:
+    """A lift whose controller subtracts its weight logs what is left."""
+    k = 10
+    yy, ye = np.zeros((1, k + NUISANCES, k + NUISANCES)), np.zeros((1, k + NUISANCES, 1))
+    unit = nominal_bodies(1) / np.square(nominal_bodies(1)).sum()
+    yy[0, :k, :k] = weight**2 * np.outer(unit, unit)  # the nominal bodies' effort has this size
+    yy[0, range(k, k + NUISANCES), range(k, k + NUISANCES)] = 1.0
+    products = _Products(yy, ye, np.full((1, 1), 4.0), np.array([50.0]))  # an effort of 2
+    reading = cast(Any, SimpleNamespace(effort=(0,), effort_scale=np.ones(1)))
+    found = _normalised(reading, products, POSITIVE, 1.0)
+    sizes = np.sqrt(np.einsum("kk->k", found.yy[0, k:, k:]))
+    others = [column for column in range(NUISANCES) if column != OFFSET_COLUMN]
+    assert sizes[others] == pytest.approx(1.0)
+    assert sizes[OFFSET_COLUMN] == pytest.approx(max(1.0, weight / 2.0))

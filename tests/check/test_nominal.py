@@ -2,6 +2,7 @@
 
 import re
 from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
 
@@ -9,18 +10,23 @@ import numpy as np
 import pytest
 
 from check.test_model_based import DQ, GAINS, TAU, Q, edits, in_amperes, names, with_payload, wrong
-from steelyard.check.case_and_checked_log import knowledge_of
+from check.conftest import MODEL_BASED
+from steelyard.check.case_and_checked_log import Case, CheckedLog, knowledge_of
 from steelyard.check.decision import judged_explanations
 from steelyard.check.decision.controller_gains_and_gain_advice import _listed_sources
 from steelyard.check.decision.judged_explanations import judge_log
 from steelyard.check.decision.ranked_readings import ranking
+from steelyard.check.decision.thresholds import LIKELY, SURE
 from steelyard.check.decision.undecided_questions import misfit_hides
+from steelyard.check.diagnosis_and_contradictions import examine
 from steelyard.check.finding import Edit, Severity
 from steelyard.check.findings_text_and_page import check_headline
 from steelyard.check.hypotheses.gravity_payload_and_delay import _DirectionResidual
 from steelyard.check.hypotheses.readings_and_likelihood import keeps_evidence
 from steelyard.model.model import Model
 from steelyard.robot.file.toml_edits import edited
+from steelyard.runs.processing_choices import Processing
+from steelyard.runs.recording import LogInMemory, Recording
 
 
 def nominal_times(arm, factor: float) -> None:
@@ -86,6 +92,64 @@ def test_a_dead_effort_is_not_that_of_another_joint(six):
     moved = likelihood.declared.changed(effort=(2, 1, 0, 3, 4, 5))
     assert not keeps_evidence(moved) and keeps_evidence(likelihood.declared)
     assert "joint order" not in wrong(six.examined(table, known=False))
+
+
+def logs_of(arm, **tables) -> Case:
+    """Several logs of one robot file, with nothing known but the nominal model."""
+    case = arm.case(arm.table, known=False)
+    logs = tuple(
+        CheckedLog(
+            Recording(LogInMemory(Path(name), arm.columns, table), case.loaded.signals),
+            Processing(),
+            name,
+        )
+        for name, table in tables.items()
+    )
+    return replace(case, logs=logs)
+
+
+def test_logs_that_exclude_each_others_corrections_are_doubtful(arm):
+    turned, exchanged = arm.table.copy(), arm.table.copy()
+    tau = arm.at(TAU)
+    turned[:, tau[1]] *= -1.0
+    exchanged[:, tau[:2]] = exchanged[:, tau[1::-1]]
+
+    def severities(**tables) -> dict[tuple[str, str], Severity]:
+        found = examine(logs_of(arm, **tables), checks=MODEL_BASED).findings
+        return {(f.check, f.log): f.severity for f in found if f.severity}
+
+    sign, order = "effort sign", "joint order"
+    assert severities(a=turned, b=turned.copy()) == dict.fromkeys(
+        [(sign, "a"), (sign, "b")], Severity.WRONG
+    )
+    # a log that is as declared may have been recorded otherwise
+    assert severities(a=turned, b=arm.table) == {(sign, "a"): Severity.WRONG}
+    assert severities(a=turned, b=exchanged) == {
+        (sign, "a"): Severity.DOUBTFUL,
+        (order, "b"): Severity.DOUBTFUL,
+    }
+    says = [f.says for f in examine(logs_of(arm, a=turned, b=exchanged), checks=MODEL_BASED).findings]
+    assert any("not by b, which is not as declared either" in one for one in says)
+
+
+def test_a_finding_says_its_log_bayes_factor_and_what_it_needs(arm):
+    table = arm.table.copy()
+    table[:, arm.at(TAU)[1]] *= -1.0
+    (found,) = (f for f in arm.examined(table, known=False).findings if f.severity)
+    factor, least, sure = (
+        float(x)
+        for x in re.search(
+            r"log Bayes factor (\d+) \(doubtful from (\d+), wrong from (\d+)\)", found.figure
+        ).groups()
+    )
+    assert (least, sure) == (LIKELY, SURE) and factor >= SURE
+
+
+@pytest.mark.parametrize(("known", "least"), [(True, "7.5"), (False, "40")])
+def test_a_delay_is_excluded_down_to_what_is_looked_for(arm, known, least):
+    found = arm.examined(arm.table, known=known).findings
+    says = next(f.says for f in found if f.check == "effort delay")
+    assert says.startswith(f"efforts have no common delay of {least} ms or more")
 
 
 @pytest.mark.slow

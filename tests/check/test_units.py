@@ -141,6 +141,26 @@ def test_millimetres_are_recognised(tmp_path: Path, limits: str) -> None:
     assert units_found(tmp_path, table, text) == (WRONG, edits)
 
 
+def test_exchanged_columns_of_a_sliding_and_a_turning_joint_are_no_unit(tmp_path: Path) -> None:
+    text = LIMITS.sub("", ROBOT).replace("{a = 0.2,", '{kind = "prismatic", a = 0.2,')
+    text = text.replace('"Nm"', '["Nm", "N", "Nm"]')
+    limits = (
+        "joint_2 = {lower = 0.0, upper = 0.03, velocity = 0.1}\n"
+        "joint_3 = {lower = -3.0, upper = 3.0, velocity = 4.0}\n"
+    )
+    text = text.replace("[signals]", f"[robot.limits]\n{limits}\n[signals]", 1)
+    table = sound()
+    table[:, [2, 5]] *= 0.015 / np.abs(table[:, 2]).max()
+    table[:, 2] += 0.015
+    assert units_found(tmp_path, table.copy(), text) == (Severity.OK, {})
+    table[:, [2, 3, 5, 6]] = table[:, [3, 2, 6, 5]]
+    case = case_of(tmp_path, table, text, columns=COLUMNS)
+    found = examine(case, checks=(clock_check, position_check))
+    assert (found.severity, found.edits) == (DOUBTFUL, ())
+    (one,) = (f for f in found.findings if f.severity)
+    assert one.fix is not None and "compare the order of columns" in one.fix.says
+
+
 @pytest.mark.slow
 def test_positions_called_motors_are_not_taken_for_degrees(tmp_path: Path) -> None:
     text = LEFT_OUT.replace('"q{}"', '"q_motor{}"')

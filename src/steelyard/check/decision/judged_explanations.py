@@ -4,10 +4,10 @@ With a reference an explanation must agree clearly better than what is declared.
 nominal model is known, that links are heavier or lighter than a model file says is always a
 hypothesis as well: readings are then compared by their evidence, in which bodies are averaged.
 A cause is wrong, or doubtful, by the odds of the best explanation to the best one that does not say
-the same of it. A factor that is estimated by the masses of a model file is never written.
+the same of it; wrong only if no other log that needs a correction excludes it. A factor that is estimated by the masses of a model file is never written.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -26,6 +26,7 @@ from steelyard.check.decision.ranked_readings import (
     ranking,
 )
 from steelyard.check.decision.search_of_readings import (
+    COPIED,
     FACTOR_CAUSES,
     Explanation,
     Search,
@@ -76,7 +77,11 @@ def judge_log(case: Case, evidence: CheckedLog) -> LogVerdict | None:
     found = ranking(case, evidence)
     if found is None:
         return None
-    return _by_reference(found) if found.search is None else _by_evidence(found, found.search)
+    if found.search is None:
+        return _by_reference(found)
+    rankings = {log.name: ranking(case, log) for log in case.logs if log is not evidence}
+    others = {log: x.search for log, x in rankings.items() if x is not None and x.search}
+    return _by_evidence(found, found.search, others)
 
 
 def _by_reference(found: LogVerdict) -> LogVerdict:
@@ -156,8 +161,8 @@ def positions_at_fault(case: Case, evidence: CheckedLog) -> bool:
     )
 
 
-def _by_evidence(found: LogVerdict, search: Search) -> LogVerdict:
-    """What the best explanation says of every cause, each by its own odds."""
+def _by_evidence(found: LogVerdict, search: Search, others: Mapping[str, Search]) -> LogVerdict:
+    """What the best explanation says of every cause, each by its own odds and those of other logs."""
     for cause in _causes(search):
         search.without(cause)  # may do better
     best = search.best
@@ -174,12 +179,29 @@ def _by_evidence(found: LogVerdict, search: Search) -> LogVerdict:
         if hypothesis is not None and odds >= least:
             sure = odds >= SURE and best.evidence.percent <= ROUGH_MISFIT and hypothesis.fixed
             hypothesis = replace(hypothesis, odds=odds)
-            winners.append(_judged_part(search, hypothesis, odds, sure))
+            one, severity = _judged_part(search, hypothesis, odds, sure)
+            if severity is Severity.WRONG and (log := _excluding(search, cause, others)):
+                says = f"{one.says} (not by {log}, which is not as declared either)"
+                one, severity = replace(one, says=says, fixed=False), Severity.DOUBTFUL
+            winners.append((one, severity))
     reading = _written(best.reading, search.declared.reading, winners)
     winners = [(replace(w, reading=reading) if w.fixed else w, s) for w, s in winners]
     winners += _scale(search, winners)
     close = best.evidence.percent <= ROUGH_MISFIT
     return replace(found, winners=tuple(winners), explained=close)
+
+
+def _excluding(search: Search, cause: str, others: Mapping[str, Search]) -> str:
+    """The log that needs another correction, and excludes what this one says of a cause.
+
+    A log that is as declared may have been recorded otherwise; its edits are its own.
+    """
+    for log, other in others.items():
+        if other.best is not other.declared:
+            reading = COPIED[cause](other.best.reading, search.best.reading)
+            if other.loss(reading) > LIKELY:
+                return log
+    return ""
 
 
 def _causes(search: Search) -> list[str]:

@@ -200,6 +200,11 @@ class Search:
         ]
         return best.log - max(others, default=-np.inf)
 
+    def loss(self, reading: Reading) -> float:
+        """Log evidence of a reading below that of the best explanation."""
+        found = self.of.of([reading])[0]
+        return np.inf if found is None else self.best.evidence.log - found.log
+
     def odds_of_factors(self, factors: Sequence[Array]) -> list[float]:
         """Log odds to the best explanation of factors on efforts beside it, each `(n,)`."""
         best = self.best
