@@ -18,9 +18,17 @@ from steelyard.estimate.information.base_regressor import base_regressor
 from steelyard.estimate.least_squares.weighted_robust_and_whitened import WeightedLeastSquares
 from steelyard.estimate.nonlinear.nonlinear_parameters import information_from
 from steelyard.estimate.scores.cross_validation import logarithms
-from steelyard.model.laws.friction_over_speed import Coulomb, Cubic, Root, Stribeck, Viscous
+from steelyard.model.laws.friction_over_speed import (
+    Coulomb,
+    Cubic,
+    DirectionalCoulomb,
+    DirectionalStribeck,
+    Root,
+    Stribeck,
+    Viscous,
+)
 from steelyard.model.laws.friction_with_memory import Dahl, LoadDependent, MaxwellSlip
-from steelyard.model.laws.laws_without_friction import RigidBody
+from steelyard.model.laws.laws_without_friction import Offset, RigidBody
 from steelyard.model.model import Model, ValuedModel
 from steelyard.model.terms.term import Term, has_memory
 from steelyard.robot.file.sections import EffortKind
@@ -231,6 +239,24 @@ def test_a_presliding_spring_gets_a_law_with_memory() -> None:
     best = next(mix for mix in found.table if mix.chosen)
     assert best.error < 0.8 * found.table[0].error
     assert Dahl(length=1e-2) in found.terms
+
+
+def test_friction_that_differs_between_directions_in_size_and_with_speed_is_found() -> None:
+    laws = (DirectionalCoulomb(), Viscous(), DirectionalStribeck(speed=0.1))
+    sizes = {"coulomb": (1.0, 0.7), "stribeck": (0.7, 0.1)}
+    values = {
+        f"directional_{name}_{way}.hinge": size
+        for name, pair in sizes.items()
+        for way, size in zip(("forward", "backward"), pair, strict=True)
+    }
+    valued = truth(*laws, values={"viscous.hinge": 0.6} | values)
+    runs = [logged(valued, seed) for seed in range(3)]
+    found = choose_friction(MODEL, runs, WeightedLeastSquares())
+    assert DirectionalStribeck(speed=0.1) in found.terms
+    with_offset = replace(MODEL, terms=(*MODEL.terms, Offset()))
+    found = choose_friction(with_offset, runs, WeightedLeastSquares())
+    assert DirectionalStribeck(speed=0.1) in found.terms
+    assert not any("directional_coulomb" in mix.name for mix in found.table)
 
 
 def test_laws_with_a_state_are_left_out_on_request() -> None:

@@ -7,12 +7,13 @@ the unit is wrong too.
 
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import permutations, product
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.base.arrays import Array
-from steelyard.check.hypotheses.nuisance_fit_and_score import LEAST_SAMPLE_COUNT
+from steelyard.check.hypotheses.nuisance_fit_and_score import LEAST_SAMPLE_COUNT, EffortProducts
 from steelyard.check.hypotheses.position_hypotheses import COARSE_SAMPLES, MOST_PERMUTED_JOINTS
 from steelyard.check.hypotheses.readings_and_likelihood import (
     FITTED_NUMBER_COST,
@@ -232,24 +233,29 @@ def _orders(reading: Reading) -> Iterator[Reading]:
 
 
 def _best_combinations(coarse: Likelihood, readings: Sequence[Reading]) -> list[Reading]:
-    """The likeliest readings with gains of their own, efforts turned where that fits."""
-    size = max(1, SAMPLE_BATCH // len(coarse.excerpt.t))
-    costs: list[float] = []
-    turned: list[Reading] = []
-    for start in range(0, len(readings), size):
-        part = readings[start : start + size]
-        misfits, signs, counts = _with_gains(coarse, part)
-        logs = 0.5 * counts * np.log(np.square(misfits) + SMALL_FREE_MISFIT**2)
-        costs += logs.sum(axis=1).tolist()
-        turned += [r.with_factors(s) for r, s in zip(part, signs, strict=True)]
-    return [turned[k] for k in np.argsort(costs, kind="stable")[:FEW_COMBINATIONS]]
+    """The likeliest readings with gains of their own, efforts turned where that fits.
+
+    Products are made once for all readings of one motion.
+    """
+    motions: dict[tuple[Any, ...], list[int]] = {}
+    for number, reading in enumerate(readings):
+        motions.setdefault(reading.of_motion, []).append(number)
+    groups, size = list(motions.values()), max(1, SAMPLE_BATCH // len(coarse.excerpt.t))
+    costs, turned = np.empty(len(readings)), np.empty((len(readings), coarse.signals.n))
+    for start in range(0, len(groups), size):
+        part = groups[start : start + size]
+        sums = coarse.sums([readings[numbers[0]] for numbers in part])
+        of, which = np.concatenate(part), np.repeat(np.arange(len(part)), [len(x) for x in part])
+        misfits, turned[of], counts = _with_gains(sums.of(which), [readings[k] for k in of])
+        costs[of] = 0.5 * np.sum(counts * np.log(misfits**2 + SMALL_FREE_MISFIT**2), axis=1)
+    best = np.argsort(costs, kind="stable")[:FEW_COMBINATIONS]
+    return [readings[k].with_factors(turned[k]) for k in best]
 
 
-def _with_gains(likelihood: Likelihood, readings: Sequence[Reading]) -> tuple[Array, Array, Array]:
+def _with_gains(sums: EffortProducts, readings: Sequence[Reading]) -> tuple[Array, Array, Array]:
     """Misfits with a gain per joint, its sign where the bodies show it, and counts, `(h, n)`."""
-    sums = likelihood.sums(readings)
-    h, j = np.ogrid[: len(readings), : likelihood.signals.n]
     effort = np.array([r.effort for r in readings])
+    h, j = np.ogrid[: effort.shape[0], : effort.shape[1]]
     ee = np.maximum(sums.ee[h, j, effort], 1e-300)
     ye = sums.ye[h, j, :, effort]
     sizes = np.sqrt(np.maximum(np.diagonal(sums.yy, axis1=-2, axis2=-1), 1e-300))

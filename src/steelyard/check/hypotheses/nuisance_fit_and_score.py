@@ -6,6 +6,7 @@ from functools import cache
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from steelyard.base.arrays import Array
 from steelyard.model.equations.inverse_dynamics import Scalar
@@ -157,9 +158,9 @@ class EffortProducts:
     ee: Array  # squares of the effort columns, shape `(h, n, n)`
     count: Array  # independent samples in motion, shape `(h, n)`
 
-    def of(self, which: Sequence[int]) -> "EffortProducts":
+    def of(self, which: Sequence[int] | NDArray[np.intp]) -> "EffortProducts":
         """Those of some readings, by number; one may be there several times."""
-        rows = list(which)
+        rows = np.asarray(which)
         return EffortProducts(self.yy[rows], self.ye[rows], self.ee[rows], self.count[rows])
 
 

@@ -20,6 +20,9 @@ from steelyard.estimate.scores.cross_validation import FOLDS
 from steelyard.model.laws.friction_over_speed import (
     Coulomb,
     Cubic,
+    DirectionalCoulomb,
+    DirectionalStribeck,
+    DirectionalViscous,
     Quadratic,
     Root,
     Stribeck,
@@ -59,8 +62,10 @@ SPEED: Stage = (
     (Viscous(), Quadratic()),
     (Viscous(), Cubic()),
     *((Viscous(), Stribeck(speed=speed)) for speed in (0.02, 0.1)),
+    (DirectionalViscous(),),
+    *((Viscous(), DirectionalStribeck(speed=speed)) for speed in (0.02, 0.1)),
 )
-"""How friction grows with speed."""
+"""How friction grows with speed; with an offset, Coulomb friction is directional as it is."""
 
 PLAIN: Mix = (*DIRECTION[0], *SPEED[0])  # with which others are compared
 LOADED = ("motor_current", "motor_torque")  # efforts behind gears: friction grows with load
@@ -91,12 +96,13 @@ def stages_of(
             for x in aside
         )
 
-    stages = [_sized(DIRECTION, model.robot), _sized([*map(everywhere, SPEED)], model.robot)]
+    offset = any(isinstance(term, Offset) for term in model.terms)
+    direction = DIRECTION if offset else (*DIRECTION, (DirectionalCoulomb(),))
+    stages = [_sized(direction, model.robot), _sized([*map(everywhere, SPEED)], model.robot)]
     if kind in LOADED:
         stages.append(_sized(LOAD, model.robot))
     if left_out == "run" and not any(isinstance(term, Spring) for term in model.terms):
-        free = any(isinstance(term, Offset) for term in model.terms)
-        stages.append(SPRINGS if free else ((), (Spring(free="unknown"),)))
+        stages.append(SPRINGS if offset else ((), (Spring(free="unknown"),)))
     return tuple(stages)
 
 
