@@ -29,7 +29,7 @@ from oracles import pinocchio_model
 from steelyard.base.progress import Stopped
 from steelyard.excite.constraints.tool_workspace import HalfSpaces
 from steelyard.excite.design_problem_and_information import Problem
-from steelyard.excite.problem_from_tables import build
+from steelyard.excite.design_problem_from_tables import build
 from steelyard.excite.search.feasibility import random_starts
 from steelyard.excite.search.margins_barrier_and_newton import InequalityConstraints
 from steelyard.excite.search.repair_until_proven import scaled

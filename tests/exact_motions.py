@@ -11,7 +11,10 @@ from steelyard.excite.trajectories.piecewise_polynomials import (
     SampledMotion,
     through_postures,
 )
-from steelyard.excite.trajectories.trajectory import ChainedMotion, ExactTrajectory
+from steelyard.excite.trajectories.trajectory import (
+    ChainedMotion,
+    ExactTrajectory,
+)
 
 
 def rest_fourier(rng: np.random.Generator, periods: int = 2) -> FourierMotion:

@@ -59,12 +59,12 @@ ONE_FILE = {
         "robot/models/mjcf_forces.py",
         "simulate/mujoco_model.py",
     },
-    "h5py": {"logs/formats.py", "logs/hdf5_child.py"},
+    "h5py": {"logs/formats.py", "logs/hdf5_reading_process.py"},
     "tomlkit": {"robot/file/toml_edits.py"},
-    "mcap": {"logs/messages/record_files.py"},
-    "rosbags": {"logs/messages/messages.py"},
-    "zstandard": {"logs/messages/byte_streams.py"},
-    "lz4": {"logs/messages/byte_streams.py"},
+    "mcap": {"logs/messages/mcap_and_ros1_bag.py"},
+    "rosbags": {"logs/messages/containers_and_decoding.py"},
+    "zstandard": {"logs/messages/decompression.py"},
+    "lz4": {"logs/messages/decompression.py"},
 }
 
 

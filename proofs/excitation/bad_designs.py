@@ -119,7 +119,7 @@ CASES = (
 
 def designed(tables: str, folder: Path) -> tuple[float, bool]:
     """Figure of the best motion of one search, and whether all is proven."""
-    from steelyard.excite.design_from_tables import design
+    from steelyard.excite.motion_design import design
     from steelyard.excite.search.parallel_search import SearchBudget
     from steelyard.model.model import model_with_open_friction
     from steelyard.robot.file.robot_file import load_robot

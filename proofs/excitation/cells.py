@@ -30,9 +30,9 @@ from excite.interpreters import Follower, URController
 from steelyard.base.errors import SteelyardError
 from steelyard.excite.constraints.certificate import Certificate, certify
 from steelyard.excite.design_problem_and_information import Problem
+from steelyard.excite.design_problem_from_tables import build
 from steelyard.excite.excite import exported
 from steelyard.excite.page.design_text import design_headline, design_level
-from steelyard.excite.problem_from_tables import build
 from steelyard.excite.search.feasibility import refuse_impossible
 from steelyard.excite.search.repair_until_proven import finished
 from steelyard.excite.search.search_methods import search_by_gradient, seeded

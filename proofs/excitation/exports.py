@@ -24,7 +24,10 @@ from steelyard.excite.trajectories.motion_families import (
     reaching,
     splines,
 )
-from steelyard.excite.trajectories.trajectory import ExactTrajectory, SlowedMotion
+from steelyard.excite.trajectories.trajectory import (
+    ExactTrajectory,
+    SlowedMotion,
+)
 from steelyard.robot.file.robot_file import load_robot
 from steelyard.robot.robot import Robot
 

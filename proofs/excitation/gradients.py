@@ -22,8 +22,8 @@ from steelyard.excite.design_problem_and_information import (
     Objective,
     Problem,
 )
+from steelyard.excite.design_problem_from_tables import build
 from steelyard.excite.optimality_criteria import CRITERIA, Measure
-from steelyard.excite.problem_from_tables import build
 from steelyard.excite.search.feasibility import random_starts
 from steelyard.excite.search.search_methods import seeded
 from steelyard.excite.trajectories.motion_families import Basis, rest_fourier

@@ -21,8 +21,8 @@ from steelyard.base.motion import run
 from steelyard.estimate.information.base_regressor import Regressor, base_regressor
 from steelyard.estimate.information.gather import gather
 from steelyard.estimate.least_squares.weighted_robust_and_whitened import WeightedLeastSquares
-from steelyard.excite.design_from_tables import design
 from steelyard.excite.earlier_model import Earlier
+from steelyard.excite.motion_design import design
 from steelyard.excite.search.parallel_search import SearchBudget
 from steelyard.excite.trajectories.fourier import random_fourier
 from steelyard.excite.trajectories.trajectory import ExactTrajectory

@@ -20,7 +20,7 @@ from steelyard.base.motion import run
 from steelyard.estimate.information.base_regressor import base_regressor
 from steelyard.estimate.information.gather import gather
 from steelyard.estimate.least_squares.weighted_robust_and_whitened import WeightedLeastSquares
-from steelyard.excite.problem_from_tables import build
+from steelyard.excite.design_problem_from_tables import build
 from steelyard.excite.search.feasibility import nearest_free
 from steelyard.excite.search.repair_until_proven import finished
 from steelyard.excite.trajectories.motion_families import blended_fourier

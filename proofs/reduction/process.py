@@ -27,8 +27,8 @@ from steelyard.estimate.least_squares.normal_equations import condition_of
 from steelyard.estimate.reduction.backward_elimination import State
 from steelyard.estimate.reduction.left_out_errors_and_stopping_rules import Tolerance
 from steelyard.estimate.reduction.reduction import Reduction, criterion_of, reduce
+from steelyard.excite.design_problem_from_tables import limits_of
 from steelyard.excite.planned.plans_from_tables import planned
-from steelyard.excite.problem_from_tables import limits_of
 from steelyard.excite.trajectories.trajectory import ExactTrajectory
 from steelyard.model.model import model_of
 from steelyard.robot.file.robot_file import load_robot

@@ -6,8 +6,8 @@ from collections.abc import Callable
 import numpy as np
 from proofs.support.faults import Clean, Faulty, with_keys
 
+from steelyard.check.all_checks_and_contradictions import Diagnosis
 from steelyard.check.case_and_checked_log import Knowledge, knowledge_of
-from steelyard.check.diagnosis_and_contradictions import Diagnosis
 from steelyard.check.finding import Edit
 from steelyard.robot.file.toml_edits import edited
 from steelyard.robot.inertia_and_placement import Inertia

@@ -18,7 +18,7 @@ from proofs.support.safety_motion import derivative, duration
 
 from steelyard.excite.constraints.certificate import certify
 from steelyard.excite.design_problem_and_information import Problem
-from steelyard.excite.problem_from_tables import build
+from steelyard.excite.design_problem_from_tables import build
 from steelyard.excite.search.repair_until_proven import finished
 from steelyard.excite.search.search_methods import search_by_gradient, seeded
 from steelyard.model.model import model_with_open_friction

@@ -10,6 +10,7 @@ import pytest
 from short_arm import without_wrist
 from steelyard.base.arrays import Array
 from steelyard.base.motion import Motion
+from steelyard.check.all_checks_and_contradictions import Check, Diagnosis, examine
 from steelyard.check.case_and_checked_log import Case, CheckedLog
 from steelyard.check.decision.hypothesis_checks import (
     EFFORT_DELAY,
@@ -22,7 +23,6 @@ from steelyard.check.decision.hypothesis_checks import (
     PAYLOAD,
     POSITION_SIGN,
 )
-from steelyard.check.diagnosis_and_contradictions import Check, Diagnosis, examine
 from steelyard.estimate.identified_model import Cutoffs, IdentifiedModel, Provenance
 from steelyard.estimate.information.base_regressor import base_regressor
 from steelyard.estimate.information.gather import gather

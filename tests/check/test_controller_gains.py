@@ -8,6 +8,7 @@ import pytest
 
 from check.conftest import MODEL_BASED
 from check.test_model_based import GAINS, TAU, edits, in_amperes, wrong
+from steelyard.check.all_checks_and_contradictions import examine
 from steelyard.check.case_and_checked_log import Case
 from steelyard.check.decision import controller_gains_and_gain_advice as gains_left
 from steelyard.check.decision.controller_gains_and_gain_advice import (
@@ -15,7 +16,6 @@ from steelyard.check.decision.controller_gains_and_gain_advice import (
     controller_gains,
     gains_of_controller,
 )
-from steelyard.check.diagnosis_and_contradictions import examine
 from steelyard.check.finding import Edit, Severity
 from steelyard.robot.file.toml_edits import edited
 from steelyard.runs.recording import LogInMemory

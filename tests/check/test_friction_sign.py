@@ -9,7 +9,7 @@ from check.conftest import Arm
 from steelyard.base.arrays import Array
 from steelyard.check.decision.hypothesis_checks import EFFORT_SIGN
 from steelyard.check.finding import Severity
-from steelyard.check.hypotheses.friction_signs_and_delay import friction_of_rows, friction_signs
+from steelyard.check.hypotheses.signs_and_delay_by_friction import friction_of_rows, friction_signs
 
 TAU = "tau{}_Nm"
 

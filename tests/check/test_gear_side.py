@@ -9,9 +9,9 @@ from check.fitted import case as fitted_case
 from check.fitted import demo_arm, log
 from steelyard.base.arrays import Parameters
 from steelyard.base.progress import silent
+from steelyard.check.all_checks_and_contradictions import Diagnosis
 from steelyard.check.case_and_checked_log import Case
 from steelyard.check.check import CheckResult
-from steelyard.check.diagnosis_and_contradictions import Diagnosis
 from steelyard.check.finding import Severity
 from steelyard.check.findings_text_and_page import CheckContent
 from steelyard.check.fitted.fitted_case_and_ranked_causes import FittedCase

@@ -10,12 +10,12 @@ import pytest
 from check.conftest import MODEL_BASED
 from check.fitted import demo_arm, log
 from steelyard.base.progress import silent
+from steelyard.check.all_checks_and_contradictions import examine
 from steelyard.check.case_and_checked_log import Case
-from steelyard.check.decision import zeros_and_quarter_turns
+from steelyard.check.decision import joint_zeros_and_quarter_turns
 from steelyard.check.decision.hypothesis_checks import JOINT_ZEROS
+from steelyard.check.decision.joint_zeros_and_quarter_turns import joint_zeros_check, turned_joints
 from steelyard.check.decision.ranked_readings import ranking
-from steelyard.check.decision.zeros_and_quarter_turns import joint_zeros_check, turned_joints
-from steelyard.check.diagnosis_and_contradictions import examine
 from steelyard.check.finding import Severity
 from steelyard.check.hypotheses import position_hypotheses as by_zero
 from steelyard.check.hypotheses.position_hypotheses import zero_offsets, zeros_without_effect
@@ -208,9 +208,9 @@ def test_unknown_gains_leave_the_question_open(tmp_path: Path) -> None:
 def test_an_offset_that_other_errors_explain_as_well_is_open(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    found = zeros_and_quarter_turns.ranked_causes
+    found = joint_zeros_and_quarter_turns.ranked_causes
     monkeypatch.setattr(
-        zeros_and_quarter_turns, "ranked_causes", lambda *a: replace(found(*a), blamed=())
+        joint_zeros_and_quarter_turns, "ranked_causes", lambda *a: replace(found(*a), blamed=())
     )
     (finding,) = joint_zeros_check(case(tmp_path, (0.0, 0.2, 0.0, 0.0, 0.0, 0.0)))
     assert finding.severity == Severity.OK and not finding.answered
@@ -222,9 +222,9 @@ def test_an_offset_that_other_errors_explain_as_well_is_open(
 def test_where_no_offset_is_identifiable_the_question_is_open(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    found = zeros_and_quarter_turns.estimated_offsets
+    found = joint_zeros_and_quarter_turns.estimated_offsets
     monkeypatch.setattr(
-        zeros_and_quarter_turns,
+        joint_zeros_and_quarter_turns,
         "estimated_offsets",
         lambda *a: replace(offsets := found(*a), std=np.full_like(offsets.std, np.nan)),
     )
@@ -237,14 +237,14 @@ def test_where_no_offset_is_identifiable_the_question_is_open(
 def test_an_inner_joint_that_is_not_identifiable_leaves_the_question_open(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    found = zeros_and_quarter_turns.estimated_offsets
+    found = joint_zeros_and_quarter_turns.estimated_offsets
 
     def without_elbow(*given):
         offsets = found(*given)
         elbow = np.array([joint == "elbow" for joint in offsets.joints])
         return replace(offsets, std=np.where(elbow, np.nan, offsets.std))
 
-    monkeypatch.setattr(zeros_and_quarter_turns, "estimated_offsets", without_elbow)
+    monkeypatch.setattr(joint_zeros_and_quarter_turns, "estimated_offsets", without_elbow)
     (finding,) = joint_zeros_check(case(tmp_path, (0.0,) * 6))
     assert finding.severity == Severity.OK and not finding.answered
     assert finding.says.startswith("no significant zero offset of shoulder_lift, ")

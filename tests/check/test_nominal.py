@@ -9,8 +9,9 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from check.test_model_based import DQ, GAINS, TAU, Q, edits, in_amperes, names, with_payload, wrong
 from check.conftest import MODEL_BASED
+from check.test_model_based import DQ, GAINS, TAU, Q, edits, in_amperes, names, with_payload, wrong
+from steelyard.check.all_checks_and_contradictions import examine
 from steelyard.check.case_and_checked_log import Case, CheckedLog, knowledge_of
 from steelyard.check.decision import judged_explanations
 from steelyard.check.decision.controller_gains_and_gain_advice import _listed_sources
@@ -18,7 +19,6 @@ from steelyard.check.decision.judged_explanations import judge_log
 from steelyard.check.decision.ranked_readings import ranking
 from steelyard.check.decision.thresholds import LIKELY, SURE
 from steelyard.check.decision.undecided_questions import misfit_hides
-from steelyard.check.diagnosis_and_contradictions import examine
 from steelyard.check.finding import Edit, Severity
 from steelyard.check.findings_text_and_page import check_headline
 from steelyard.check.hypotheses.gravity_payload_and_delay import _DirectionResidual
@@ -128,7 +128,9 @@ def test_logs_that_exclude_each_others_corrections_are_doubtful(arm):
         (sign, "a"): Severity.DOUBTFUL,
         (order, "b"): Severity.DOUBTFUL,
     }
-    says = [f.says for f in examine(logs_of(arm, a=turned, b=exchanged), checks=MODEL_BASED).findings]
+    says = [
+        f.says for f in examine(logs_of(arm, a=turned, b=exchanged), checks=MODEL_BASED).findings
+    ]
     assert any("not by b, which is not as declared either" in one for one in says)
 
 

@@ -7,15 +7,15 @@ import pytest
 
 from check.conftest import Arm
 from steelyard.base.arrays import Array
+from steelyard.check.all_checks_and_contradictions import edits_that_serve_all_logs
 from steelyard.check.decision.hypothesis_checks import EFFORT_DELAY
-from steelyard.check.diagnosis_and_contradictions import edits_that_serve_all_logs
 from steelyard.check.finding import Severity
-from steelyard.check.hypotheses.friction_signs_and_delay import (
+from steelyard.check.hypotheses.signs_and_delay_by_friction import (
     by_presliding,
     delays_of,
     residual_delay,
 )
-from steelyard.check.identifiability import clean_runs, customary_model
+from steelyard.check.identifiability_and_clean_runs import clean_runs, customary_model
 from steelyard.estimate.information.base_regressor import base_regressor
 
 

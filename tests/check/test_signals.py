@@ -11,17 +11,17 @@ import numpy as np
 import pytest
 
 from steelyard.base.arrays import Array
+from steelyard.check.all_checks_and_contradictions import CHECKS, OF_SIGNALS, Diagnosis, examine
 from steelyard.check.case_and_checked_log import Case, CheckedLog
-from steelyard.check.diagnosis_and_contradictions import CHECKS, OF_SIGNALS, Diagnosis, examine
 from steelyard.check.finding import Finding, Severity, percent_of
 from steelyard.check.signals.corrupt_and_repeated_rows import (
     corrupt_rows_check,
     repeated_rows_check,
 )
 from steelyard.check.signals.motion_units import JointFacts, unit_reading
-from steelyard.check.signals.movement_rests_and_base import excitation_check, rests_check
+from steelyard.check.signals.movement_rests_and_moving_base import excitation_check, rests_check
 from steelyard.check.signals.noise_and_resolution import noise_check
-from steelyard.check.signals.position import position_check
+from steelyard.check.signals.position_unit_and_columns import position_check
 from steelyard.check.signals.saturation_and_unsigned_efforts import (
     saturation_check,
     signed_efforts_check,

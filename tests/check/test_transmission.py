@@ -12,6 +12,7 @@ from check.fitted import log
 from short_arm import without_wrist
 from steelyard.base.arrays import Array
 from steelyard.base.progress import silent
+from steelyard.check.all_checks_and_contradictions import Diagnosis, examine
 from steelyard.check.case_and_checked_log import Case
 from steelyard.check.check import CheckResult
 from steelyard.check.decision.gear_signs_and_couplings import (
@@ -22,7 +23,6 @@ from steelyard.check.decision.gear_signs_and_couplings import (
 )
 from steelyard.check.decision.judged_explanations import judge_log
 from steelyard.check.decision.robot_file_edits import file_gains
-from steelyard.check.diagnosis_and_contradictions import Diagnosis, examine
 from steelyard.check.finding import Finding, Severity
 from steelyard.check.findings_text_and_page import CheckContent
 from steelyard.check.named_logs_and_precheck import case_of, subject_of

@@ -9,9 +9,9 @@ import pytest
 
 from check.test_signals import COLUMNS, DEGREES, DOUBTFUL, ROBOT, WRONG, Q, case_of, scaled, sound
 from steelyard.base.arrays import Array
-from steelyard.check.diagnosis_and_contradictions import examine
+from steelyard.check.all_checks_and_contradictions import examine
 from steelyard.check.finding import Severity
-from steelyard.check.signals.position import position_check
+from steelyard.check.signals.position_unit_and_columns import position_check
 from steelyard.check.signals.time_stamps import clock_check
 from steelyard.check.signals.velocity_check import velocity_check
 

@@ -11,7 +11,7 @@ import pytest
 
 from cli.conftest import Command
 from cli.river_files import edited
-from steelyard.check.diagnosis_and_contradictions import (
+from steelyard.check.all_checks_and_contradictions import (
     CHECKS,
     CORRECTED_BY_FIX,
     MOTION_CHECKS_NAME,

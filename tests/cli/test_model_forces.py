@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from cli.conftest import Command
-from steelyard.excite.problem_from_tables import build
+from steelyard.excite.design_problem_from_tables import build
 from steelyard.model.equations.inverse_dynamics import JointState
 from steelyard.model.model import model_with_open_friction
 from steelyard.robot.file.robot_file import load_robot

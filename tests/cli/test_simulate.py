@@ -13,7 +13,10 @@ from steelyard.base.files import write_json
 from steelyard.excite.excite import write_export
 from steelyard.excite.trajectories.fourier import random_fourier
 from steelyard.excite.trajectories.piecewise_polynomials import PiecewiseMotion, SampledMotion
-from steelyard.excite.trajectories.trajectory import ChainedMotion, SlowedMotion
+from steelyard.excite.trajectories.trajectory import (
+    ChainedMotion,
+    SlowedMotion,
+)
 from steelyard.excite.trajectories.trajectory_files import trajectory_from_dict
 from steelyard.robot.file.robot_file import load_robot
 

@@ -10,7 +10,7 @@ from steelyard.estimate.information.base_regressor import (
     independent_columns,
     rank,
 )
-from steelyard.excite.problem_from_tables import memoryless
+from steelyard.excite.design_problem_from_tables import memoryless
 from steelyard.model.laws.laws_without_friction import RigidBody, RotorInertia
 from steelyard.model.model import Model
 from steelyard.robot.robot import Body, Coordinate, Robot

@@ -7,7 +7,10 @@ import numpy as np
 
 from steelyard.base.motion import Motion
 from steelyard.excite.trajectories.fourier import random_fourier
-from steelyard.excite.trajectories.trajectory import ExactTrajectory, SlowedMotion
+from steelyard.excite.trajectories.trajectory import (
+    ExactTrajectory,
+    SlowedMotion,
+)
 from steelyard.robot.robot import Body, Coordinate, JointKind, Robot
 
 TOLERANCE = 1e-6

@@ -14,10 +14,10 @@ import numpy as np
 
 from excite.colliding import joint, link, urdf, written
 from steelyard.excite.constraints.certificate import certify
-from steelyard.excite.design_from_tables import Designed, design
 from steelyard.excite.design_problem_and_information import Problem
+from steelyard.excite.design_problem_from_tables import Tables, build
 from steelyard.excite.earlier_model import Earlier
-from steelyard.excite.problem_from_tables import Tables, build
+from steelyard.excite.motion_design import Designed, design
 from steelyard.excite.search import parallel_search as parallel_search
 from steelyard.excite.search import worker_process as worker
 from steelyard.excite.search.feasibility import (

@@ -9,10 +9,10 @@ import pytest
 from exact_motions import chained, raw_fourier, rest_fourier, several, table
 from invented import dh_arm
 from steelyard.base.arrays import Array
+from steelyard.excite.constraints.bounds_and_effort_limits import power_limit, torque_limit
 from steelyard.excite.constraints.certificate import certify, trajectory_hash
 from steelyard.excite.constraints.constraint import Constraint, Margins
 from steelyard.excite.constraints.motion_limits import MotionLimits
-from steelyard.excite.constraints.proven_bounds import power_limit, torque_limit
 from steelyard.excite.constraints.tool_workspace import Marker, tool_box
 from steelyard.excite.trajectories.fourier import FourierMotion
 from steelyard.excite.trajectories.piecewise_polynomials import PiecewiseMotion

@@ -15,7 +15,11 @@ from steelyard.excite.trajectories.piecewise_polynomials import (
     quintic,
     through_postures,
 )
-from steelyard.excite.trajectories.trajectory import ChainedMotion, ExactTrajectory, SlowedMotion
+from steelyard.excite.trajectories.trajectory import (
+    ChainedMotion,
+    ExactTrajectory,
+    SlowedMotion,
+)
 from steelyard.excite.trajectories.trajectory_files import KINDS, trajectory_from_dict
 
 CASES = pytest.mark.parametrize("seed", range(2))

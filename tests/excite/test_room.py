@@ -14,7 +14,7 @@ from steelyard.excite.collision.convex_solids_and_mesh_files import Ball, Box, C
 from steelyard.excite.collision.workspace_from_tables import WALL_RESERVE, WALLS_NAME, up_of
 from steelyard.excite.constraints.certificate import certify
 from steelyard.excite.constraints.constraint import Declined, Gap
-from steelyard.excite.problem_from_tables import build
+from steelyard.excite.design_problem_from_tables import build
 from steelyard.excite.trajectories.fourier import random_fourier
 from steelyard.excite.trajectories.trajectory import ExactTrajectory
 from steelyard.robot.file.robot_file import load_robot

@@ -16,7 +16,7 @@ import pytest
 from excite.tabled import OPEN, arm, model_with_open_friction, searching_here
 from steelyard.base.errors import DataError
 from steelyard.base.progress import Event, Progress, Stopped, silent
-from steelyard.excite.problem_from_tables import build
+from steelyard.excite.design_problem_from_tables import build
 from steelyard.excite.search import parallel_search
 from steelyard.excite.search.parallel_search import SearchBudget, SearchResult, search_in_parallel
 
@@ -212,7 +212,7 @@ def test_a_worker_that_is_done_says_nothing_else(tmp_path: Path) -> None:
 SCRIPT = """
 import sys
 from steelyard.model.model import model_with_open_friction
-from steelyard.excite.design_from_tables import design
+from steelyard.excite.motion_design import design
 from steelyard.excite.search.parallel_search import SearchBudget
 from steelyard.robot.file.robot_file import load_robot
 

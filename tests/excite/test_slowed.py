@@ -7,7 +7,10 @@ import pytest
 
 from excite.exportable import Jumps, Swings, arm
 from steelyard.excite.trajectories.fourier import random_fourier
-from steelyard.excite.trajectories.trajectory import ExactTrajectory, SlowedMotion
+from steelyard.excite.trajectories.trajectory import (
+    ExactTrajectory,
+    SlowedMotion,
+)
 from steelyard.excite.trajectories.trajectory_files import trajectory_from_dict
 
 

@@ -12,7 +12,7 @@ from oracles import body_positions, pinocchio_model, pinocchio_torque
 from steelyard.base.arrays import Array
 from steelyard.base.errors import ModelError
 from steelyard.excite.constraints.constraint import Constraint
-from steelyard.excite.problem_from_tables import build
+from steelyard.excite.design_problem_from_tables import build
 from steelyard.excite.search.search_methods import METHODS
 from steelyard.model.equations.frame_and_point_kinematics import frame_of
 from steelyard.robot.robot import Robot

@@ -9,10 +9,10 @@ from oracles import pinocchio_torque
 from steelyard.base.arrays import Array, Parameters
 from steelyard.base.errors import ModelError
 from steelyard.base.motion import Motion
-from steelyard.excite.constraints.proven_bounds import (
+from steelyard.excite.constraints.bounds_and_effort_limits import (
     TORQUE_TOLERANCE,
     EffortLimit,
-    loaded,
+    with_payload,
     power_limit,
     torque_limit,
 )
@@ -149,7 +149,7 @@ def test_a_payload_adds_to_the_body_that_carries_it() -> None:
     states = drawn_states(4, 20)
     light = torque_limit({"arm": valued(robot, ())}, np.ones(4)).margins(*states).values
     heavy = torque_limit({"arm": heavier}, np.ones(4)).margins(*states).values
-    both = torque_limit({"arm": arm, "load": loaded(arm, "tip", payload)}, np.ones(4))
+    both = torque_limit({"arm": arm, "load": with_payload(arm, "tip", payload)}, np.ones(4))
     values = both.margins(*states).values
     assert values.shape == (20, 16) and len(both.labels) == len(both.activation_distance) == 16
     np.testing.assert_allclose(values[:, 8:] - values[:, :8], heavy - light, atol=1e-9)
@@ -211,7 +211,7 @@ def test_a_panda_has_limits_of_its_joints() -> None:
             "",
         ),
         (lambda: power_limit({"a": valued(tree(), ())}), "limit of power", "at least one"),
-        (lambda: loaded(valued(tree(), ()), "hand", Inertia.zero()), "no frame 'hand'", "frames"),
+        (lambda: with_payload(valued(tree(), ()), "hand", Inertia.zero()), "no frame 'hand'", "frames"),
     ],
 )
 def test_what_cannot_be_bounded_is_refused(make, wrong: str, fix: str) -> None:

@@ -210,7 +210,7 @@ def test_a_packed_bag_that_unpacks_without_end_is_refused(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """rosbags' reader fills the disk with it."""
-    monkeypatch.setattr("steelyard.logs.messages.byte_streams.SPARE", 1 << 20)
+    monkeypatch.setattr("steelyard.logs.messages.decompression.SPARE", 1 << 20)
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     path = tmp_path / "run.db3.zstd"
     path.write_bytes(zeros("zstd", 64 << 20))

@@ -7,8 +7,8 @@ import numpy as np
 from steelyard.excite.constraints.certificate import certify
 from steelyard.excite.constraints.motion_limits import motion_limits
 from steelyard.excite.constraints.tool_workspace import Marker, tool_box
-from steelyard.excite.design_from_tables import Designed
 from steelyard.excite.design_problem_and_information import Case, InformationEvaluator
+from steelyard.excite.motion_design import Designed
 from steelyard.excite.optimality_criteria import CRITERIA, Measure
 from steelyard.excite.predicted_accuracy_and_advice import advised_motions, predicted_accuracy
 from steelyard.excite.trajectories.fourier import random_fourier

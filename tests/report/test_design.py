@@ -14,11 +14,11 @@ from browser import Rendered
 from report.conftest import EVIL, robot
 from report.designed import REACH, designed_for, renamed
 from report.test_page import own_html
+from steelyard.excite.constraints.bounds_and_effort_limits import torque_limit
 from steelyard.excite.constraints.certificate import proof_of
 from steelyard.excite.constraints.constraint import Declined, Gap
-from steelyard.excite.constraints.proven_bounds import torque_limit
 from steelyard.excite.constraints.tool_workspace import Marker
-from steelyard.excite.design_from_tables import Designed
+from steelyard.excite.motion_design import Designed
 from steelyard.excite.page.design_page import DESIGN_SECTIONS, render_design
 from steelyard.excite.page.design_text import (
     DesignContent,

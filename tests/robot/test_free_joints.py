@@ -7,7 +7,7 @@ import pytest
 
 from oracles import pinocchio_torque
 from steelyard.base.errors import ModelError
-from steelyard.excite.problem_from_tables import build
+from steelyard.excite.design_problem_from_tables import build
 from steelyard.excite.search.parallel_search import SearchBudget, task_of
 from steelyard.model.model import Model
 from steelyard.robot.file.robot_file import load_robot

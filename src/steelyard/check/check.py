@@ -13,8 +13,8 @@ from steelyard.base.arguments import checked
 from steelyard.base.errors import ModelError, OutputError
 from steelyard.base.files import whole_file
 from steelyard.base.progress import Progress, silent
-from steelyard.check import diagnosis_and_contradictions
-from steelyard.check.diagnosis_and_contradictions import Diagnosis
+from steelyard.check import all_checks_and_contradictions
+from steelyard.check.all_checks_and_contradictions import Diagnosis
 from steelyard.check.finding import Edit, Finding, Severity
 from steelyard.check.findings_text_and_page import (
     CheckContent,
@@ -323,7 +323,7 @@ def check(
         tuple(file.text for file in files),
         named,
         diagnosis,
-        {check.name: check.question for check in diagnosis_and_contradictions.CHECKS},
+        {check.name: check.question for check in all_checks_and_contradictions.CHECKS},
         subject.notes,
     )
     return CheckResult(content, corrected)

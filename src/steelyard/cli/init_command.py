@@ -146,7 +146,10 @@ def examined(
     asking: bool,
 ) -> "tuple[Assignment, Known]":
     """Joints with their columns, and what else logs and answers contain."""
-    from steelyard.check.decision.what_logs_tell_init import known_from_logs, refuse_other_columns
+    from steelyard.check.decision.gains_and_friction_for_init import (
+        known_from_logs,
+        refuse_other_columns,
+    )
     from steelyard.cli import drive_questions as questions
     from steelyard.robot.init.draft_robot_file import assigned, gears_of
     from steelyard.robot.init.draft_tables import Known, with_effort

@@ -25,8 +25,8 @@ from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.excite.collision.workspace_from_tables import WALL_RESERVE
 from steelyard.excite.constraints.certificate import COVERS
 from steelyard.excite.constraints.constraint import Gap
-from steelyard.excite.design_from_tables import Designed, design
 from steelyard.excite.earlier_model import Earlier, earlier_of, identified_before
+from steelyard.excite.motion_design import Designed, design
 from steelyard.excite.motion_file_formats import (
     csv_of,
     even_times,

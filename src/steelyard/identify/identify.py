@@ -10,16 +10,16 @@ from steelyard.base.arguments import checked
 from steelyard.base.arrays import Parameters
 from steelyard.base.errors import LogError
 from steelyard.base.progress import Progress, silent
+from steelyard.check.all_checks_and_contradictions import Diagnosis
 from steelyard.check.decision.gear_signs_and_couplings import missing_coupling
-from steelyard.check.decision.zeros_and_quarter_turns import turned_joints
-from steelyard.check.diagnosis_and_contradictions import Diagnosis
+from steelyard.check.decision.joint_zeros_and_quarter_turns import turned_joints
 from steelyard.check.finding import Finding, Severity
 from steelyard.check.findings_text_and_page import groups, open_words, print_notes
 from steelyard.check.fitted.fitted_case_and_ranked_causes import FittedCase
 from steelyard.check.fitted.implausible_estimates import refuse_absurd
 from steelyard.check.fitted.post_fit_checks import doubts_of_fit, examine_fit
 from steelyard.check.named_logs_and_precheck import notes_of_precheck, prechecked
-from steelyard.check.signals.movement_rests_and_base import of_base
+from steelyard.check.signals.movement_rests_and_moving_base import of_base
 from steelyard.estimate.estimator_register import method_of
 from steelyard.estimate.scores.score import RunScore
 from steelyard.identify.fit import Fit, below_described_band, calibrated, fit, without_forces

@@ -19,8 +19,8 @@ from steelyard.base.errors import LogError, OutputError
 from steelyard.base.files import csv_lines
 from steelyard.logs.hdf5_matlab import open_hdf5, open_mat
 from steelyard.logs.log import Log, WholeClocks, require_file
-from steelyard.logs.messages.bag2 import METADATA
 from steelyard.logs.messages.message_log import MessageLog
+from steelyard.logs.messages.ros2_bag import METADATA
 from steelyard.logs.named_arrays_and_numpy_files import open_npy, open_npz
 from steelyard.logs.parquet import ParquetLog, require_polars
 from steelyard.logs.text_table import DelimitedLog

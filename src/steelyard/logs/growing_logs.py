@@ -21,8 +21,8 @@ from steelyard.logs.log import (
     unreadable,
     with_clocks,
 )
+from steelyard.logs.messages.mcap_and_ros1_bag import open_mcap
 from steelyard.logs.messages.message_log import MessageLog
-from steelyard.logs.messages.record_files import open_mcap
 from steelyard.logs.text_table import HEADER_LINES, by_numpy, read_header, rows_of_numbers, tidied
 
 PIECE_BYTES = 1 << 16  # bytes read at a time

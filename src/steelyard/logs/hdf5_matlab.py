@@ -33,7 +33,7 @@ from steelyard.logs.named_arrays_and_numpy_files import (
     skip,
 )
 
-CHILD = module_command("steelyard.logs.hdf5_child")
+CHILD = module_command("steelyard.logs.hdf5_reading_process")
 
 
 def open_hdf5(path: Path, *, matlab: bool = False) -> ArraysLog:

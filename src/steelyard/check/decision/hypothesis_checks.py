@@ -12,6 +12,7 @@ from steelyard.check.decision.controller_gains_and_gain_advice import (
     gains_of_controller,
     unwritten_number_advice,
 )
+from steelyard.check.decision.joint_zeros_and_quarter_turns import quarter_turns
 from steelyard.check.decision.judged_explanations import (
     CLEAN,
     FREE_INERTIAS,
@@ -24,15 +25,14 @@ from steelyard.check.decision.robot_file_edits import confirmed, edits_of, veloc
 from steelyard.check.decision.search_of_readings import least_mass
 from steelyard.check.decision.thresholds import LIKELY, SURE
 from steelyard.check.decision.undecided_questions import misfit_hides, undecided, zero_bounds
-from steelyard.check.decision.zeros_and_quarter_turns import quarter_turns
 from steelyard.check.finding import ComparedHypothesis, Edit, Finding, Fix, Picture, Severity, Trace
-from steelyard.check.hypotheses.friction_signs_and_delay import (
+from steelyard.check.hypotheses.position_hypotheses import ZERO_CAUSE
+from steelyard.check.hypotheses.readings_and_likelihood import Hypothesis
+from steelyard.check.hypotheses.signs_and_delay_by_friction import (
     friction_alone,
     friction_signs,
     residual_delay,
 )
-from steelyard.check.hypotheses.position_hypotheses import ZERO_CAUSE
-from steelyard.check.hypotheses.readings_and_likelihood import Hypothesis
 
 EMPTY_MISFIT = 0.5  # typical misfit of a reading that predicts next to nothing
 SHOWN_HYPOTHESES = 6  # hypotheses that are shown

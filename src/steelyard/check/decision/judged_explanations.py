@@ -52,7 +52,6 @@ from steelyard.check.decision.thresholds import (
 )
 from steelyard.check.finding import Severity
 from steelyard.check.hypotheses.effort_hypotheses import factor_intervals, holds_factors
-from steelyard.check.hypotheses.friction_signs_and_delay import friction_alone, presliding_score
 from steelyard.check.hypotheses.gravity_payload_and_delay import axis_near, delay_hypotheses
 from steelyard.check.hypotheses.nuisance_fit_and_score import MISFIT_FLOOR, LikelihoodScore
 from steelyard.check.hypotheses.readings_and_likelihood import (
@@ -61,6 +60,7 @@ from steelyard.check.hypotheses.readings_and_likelihood import (
     Hypothesis,
     Reading,
 )
+from steelyard.check.hypotheses.signs_and_delay_by_friction import friction_alone, presliding_score
 from steelyard.estimate.payload.payload_frame import carrier
 
 STRIKING, CLEAN = 200.0, 12.0

@@ -12,17 +12,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.base.arrays import Array
+from steelyard.check.all_checks_and_contradictions import with_unbounded_friction
 from steelyard.check.case_and_checked_log import Case, CheckedLog
-from steelyard.check.decision.judged_explanations import judge_log
-from steelyard.check.decision.ranked_readings import LogVerdict
-from steelyard.check.decision.robot_file_edits import zero_edits
-from steelyard.check.decision.zeros_and_quarter_turns import (
+from steelyard.check.decision.joint_zeros_and_quarter_turns import (
     estimated_offsets,
     far_offsets,
     offset_line,
     turned_zeros,
 )
-from steelyard.check.diagnosis_and_contradictions import with_unbounded_friction
+from steelyard.check.decision.judged_explanations import judge_log
+from steelyard.check.decision.ranked_readings import LogVerdict
+from steelyard.check.decision.robot_file_edits import zero_edits
 from steelyard.check.finding import Finding, Fix, Severity
 from steelyard.check.fitted.causes_of_residuals import Cause, LeftOutGain
 from steelyard.check.fitted.fitted_case_and_ranked_causes import (

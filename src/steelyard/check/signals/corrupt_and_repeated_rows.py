@@ -11,13 +11,13 @@ from steelyard.base.errors import LogError
 from steelyard.check.case_and_checked_log import Case, CheckedLog, case_check, log_check
 from steelyard.check.finding import Edit, Finding, Fix, Picture, Severity, Trace, percent_of
 from steelyard.check.signals.motion_units import unit_reading
-from steelyard.check.signals.signal_overview_and_slopes import (
+from steelyard.check.signals.time_stamps import clock_is_irregular
+from steelyard.check.signals.usable_rows_and_derivatives import (
     JUMP_FACTOR,
     JUMP_ROWS,
     SignalOverview,
     signal_overview,
 )
-from steelyard.check.signals.time_stamps import clock_is_irregular
 from steelyard.runs.rows.faulty_row_detectors import LONGEST_STALE, RowVerdict
 from steelyard.runs.rows.frozen_encoders_and_dead_efforts import MOVED
 from steelyard.runs.run import Run

@@ -19,9 +19,9 @@ from steelyard.base.arrays import Array
 from steelyard.base.errors import SteelyardError
 from steelyard.check.case_and_checked_log import Case, CheckedLog, log_check
 from steelyard.check.finding import Finding, Fix, Severity, percent_of
-from steelyard.check.identifiability import clean_runs, customary_model
+from steelyard.check.identifiability_and_clean_runs import clean_runs, customary_model
 from steelyard.check.signals.motion_units import driven_joints, unit_reading
-from steelyard.check.signals.signal_overview_and_slopes import signal_overview, with_rows
+from steelyard.check.signals.usable_rows_and_derivatives import signal_overview, with_rows
 from steelyard.estimate.information.base_regressor import base_regressor
 from steelyard.estimate.information.gather import gather
 from steelyard.estimate.least_squares.weighted_robust_and_whitened import WeightedLeastSquares

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from steelyard.base.arrays import Array
 from steelyard.check.case_and_checked_log import Case, CheckedLog, remembered
-from steelyard.check.signals.signal_overview_and_slopes import (
+from steelyard.check.signals.usable_rows_and_derivatives import (
     PositionSlopes,
     position_slopes,
     signal_overview,

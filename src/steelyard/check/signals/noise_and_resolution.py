@@ -7,7 +7,7 @@ from steelyard.check.case_and_checked_log import Case, CheckedLog, log_check
 from steelyard.check.finding import Finding, Fix, Picture, Severity, trace
 from steelyard.check.signals.measured_or_computed import with_others
 from steelyard.check.signals.motion_units import driven_joints, unit_reading
-from steelyard.check.signals.signal_overview_and_slopes import (
+from steelyard.check.signals.usable_rows_and_derivatives import (
     SignalOverview,
     noise_of,
     signal_overview,

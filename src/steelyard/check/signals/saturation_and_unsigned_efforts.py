@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from steelyard.base.arrays import Array
 from steelyard.check.case_and_checked_log import Case, CheckedLog, log_check
 from steelyard.check.finding import Finding, Fix, Picture, of_joints, trace
-from steelyard.check.signals.signal_overview_and_slopes import signal_overview, with_rows
+from steelyard.check.signals.usable_rows_and_derivatives import signal_overview, with_rows
 from steelyard.runs.rows.faulty_row_detectors import stretches
 from steelyard.runs.rows.frozen_encoders_and_dead_efforts import MOVED
 

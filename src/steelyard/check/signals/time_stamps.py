@@ -30,7 +30,7 @@ from steelyard.check.finding import (
     trace,
 )
 from steelyard.check.hypotheses.readings_and_likelihood import likeliest
-from steelyard.check.identifiability import customary_model, longest_run
+from steelyard.check.identifiability_and_clean_runs import customary_model, longest_run
 from steelyard.check.signals.motion_units import (
     LONGEST_STEP,
     SHORTEST_STEP,
@@ -38,7 +38,7 @@ from steelyard.check.signals.motion_units import (
     driven_joints,
     unit_reading,
 )
-from steelyard.check.signals.signal_overview_and_slopes import (
+from steelyard.check.signals.usable_rows_and_derivatives import (
     JITTER_LIMIT,
     LATE_STEP,
     signal_overview,

@@ -19,9 +19,9 @@ from steelyard.check.signals.motion_units import (
     unit_reading,
     unit_value,
 )
-from steelyard.check.signals.position import misplaced_velocities
-from steelyard.check.signals.signal_overview_and_slopes import signal_overview
+from steelyard.check.signals.position_unit_and_columns import misplaced_velocities
 from steelyard.check.signals.time_stamps import leaping_rows, time_scale_by_velocities
+from steelyard.check.signals.usable_rows_and_derivatives import signal_overview
 from steelyard.check.signals.velocity_against_derivative import (
     VelocityAgreement,
     one_sided_differences,

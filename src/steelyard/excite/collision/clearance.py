@@ -27,8 +27,8 @@ from steelyard.excite.collision.pairs_to_keep_apart import (
 )
 from steelyard.excite.collision.shape_kinematics import Poses, Shape, ShapeKinematics, rates, sides
 from steelyard.excite.collision.shapes_given_or_assumed import reach
+from steelyard.excite.constraints.bounds_and_effort_limits import cut, goals
 from steelyard.excite.constraints.constraint import PROOF_BY_BOUNDS, Constraint, Margins
-from steelyard.excite.constraints.proven_bounds import cut, goals
 from steelyard.excite.trajectories.trajectory import ExactTrajectory
 from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
 from steelyard.robot.robot import Robot

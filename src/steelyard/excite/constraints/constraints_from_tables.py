@@ -16,9 +16,13 @@ from steelyard.excite.collision.workspace_from_tables import (
     world_of,
     written,
 )
-from steelyard.excite.constraints import proven_bounds
+from steelyard.excite.constraints.bounds_and_effort_limits import (
+    EffortLimit,
+    power_limit,
+    torque_limit,
+    with_payload,
+)
 from steelyard.excite.constraints.constraint import Constraint, Declined, Gap
-from steelyard.excite.constraints.proven_bounds import EffortLimit, power_limit, torque_limit
 from steelyard.excite.earlier_model import Earlier
 from steelyard.excite.trajectories.motion_families import per_joint
 from steelyard.model.equations.frame_and_point_kinematics import last_frame
@@ -174,7 +178,7 @@ def _load_cases(
         ):
             inertia = Inertia.about_com(load.mass, load.com, about_com)
             with written("loads] frame"):
-                case = proven_bounds.loaded(arm, frame, inertia)
+                case = with_payload(arm, frame, inertia)
             cases[f"with load {number}, {load.mass:g} kg {what}"] = case
     return cases
 

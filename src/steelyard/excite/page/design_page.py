@@ -43,7 +43,7 @@ from steelyard.report.words import NONE, count, percent, significant
 
 if TYPE_CHECKING:
     from steelyard.excite.constraints.certificate import Extreme, Proof
-    from steelyard.excite.design_from_tables import Designed
+    from steelyard.excite.motion_design import Designed
 
 
 class DesignVerdictSection(

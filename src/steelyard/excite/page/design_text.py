@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from steelyard.excite.constraints.certificate import Proof
-    from steelyard.excite.design_from_tables import Designed
+    from steelyard.excite.motion_design import Designed
     from steelyard.excite.predicted_accuracy_and_advice import Advice
     from steelyard.robot.file.excitation_sections import WorkspaceSection
 

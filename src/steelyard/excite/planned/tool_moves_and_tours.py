@@ -15,8 +15,8 @@ import numpy as np
 from steelyard.base.arrays import Array, frozen
 from steelyard.base.errors import DataError
 from steelyard.excite.collision.shape_kinematics import axes_along
+from steelyard.excite.constraints.bounds_and_effort_limits import Stretches, proven_minimum
 from steelyard.excite.constraints.motion_limits import MotionLimits
-from steelyard.excite.constraints.proven_bounds import Stretches, proven_minimum
 from steelyard.excite.constraints.tool_workspace import paths
 from steelyard.excite.planned.inverse_kinematics import Attitude, InverseKinematics, within
 from steelyard.excite.planned.straight_lines_and_reach import (

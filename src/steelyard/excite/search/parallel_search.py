@@ -23,7 +23,7 @@ from steelyard.base.arrays import Array
 from steelyard.base.errors import DataError
 from steelyard.base.progress import Progress, Stopped, module_command, report_progress, silent
 from steelyard.excite.design_problem_and_information import Problem
-from steelyard.excite.problem_from_tables import Tables
+from steelyard.excite.design_problem_from_tables import Tables
 from steelyard.excite.search.feasibility import NoMotion
 
 KEPT_MOTIONS = 4  # best motions that are kept for the end

@@ -20,7 +20,7 @@ from steelyard.base.errors import SteelyardError
 from steelyard.base.progress import Stopped
 
 if TYPE_CHECKING:
-    from steelyard.excite.problem_from_tables import Tables
+    from steelyard.excite.design_problem_from_tables import Tables
 
 
 def main() -> None:
@@ -53,7 +53,7 @@ def explained_answers(
 def _answers(
     tables: "Tables", method: str, seed: int, deadline: float, searches: Iterable[int]
 ) -> Iterator[dict[str, Any]]:
-    from steelyard.excite.problem_from_tables import build
+    from steelyard.excite.design_problem_from_tables import build
     from steelyard.excite.search.margins_barrier_and_newton import Deadline
     from steelyard.excite.search.search_methods import method_of, seeded
 

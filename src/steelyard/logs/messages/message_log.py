@@ -25,8 +25,7 @@ import numpy as np
 from steelyard.base.arrays import Array, by_key
 from steelyard.base.errors import LogError
 from steelyard.logs.log import ROWS_OF_PART, RowRange, require_columns, require_file, unreadable
-from steelyard.logs.messages.bag2 import Bag2, storage
-from steelyard.logs.messages.messages import (
+from steelyard.logs.messages.containers_and_decoding import (
     Channel,
     Container,
     Decoder,
@@ -35,8 +34,9 @@ from steelyard.logs.messages.messages import (
     decoder,
     seconds,
 )
-from steelyard.logs.messages.record_files import BAG1_MAGIC, open_bag1
-from steelyard.logs.messages.topics import (
+from steelyard.logs.messages.mcap_and_ros1_bag import BAG1_MAGIC, open_bag1
+from steelyard.logs.messages.ros2_bag import Bag2, storage
+from steelyard.logs.messages.topics_and_message_fields import (
     LOG_TIME,
     STAMP,
     Layout,

@@ -15,9 +15,14 @@ from pathlib import Path
 
 from steelyard.base.errors import LogError
 from steelyard.logs.log import require_file, unreadable
-from steelyard.logs.messages.byte_streams import ZSTD_MAGIC, Damaged, unpacked, unpacked_copy
-from steelyard.logs.messages.messages import LARGEST_MESSAGE, Channel, Container, Message
-from steelyard.logs.messages.record_files import MCAP_MAGIC, open_mcap
+from steelyard.logs.messages.containers_and_decoding import (
+    LARGEST_MESSAGE,
+    Channel,
+    Container,
+    Message,
+)
+from steelyard.logs.messages.decompression import ZSTD_MAGIC, Damaged, unpacked, unpacked_copy
+from steelyard.logs.messages.mcap_and_ros1_bag import MCAP_MAGIC, open_mcap
 
 METADATA = "metadata.yaml"
 SQLITE_MAGIC = b"SQLite format 3\0"

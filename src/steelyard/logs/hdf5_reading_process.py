@@ -1,6 +1,6 @@
 """Reads HDF5 in a process of its own: a broken file crashes libhdf5 now and then.
 
-Run as `python -m steelyard.logs.hdf5_child`; what is wanted comes as JSON on standard
+Run as `python -m steelyard.logs.hdf5_reading_process`; what is wanted comes as JSON on standard
 input. Without rows it answers with the datasets as JSON, else with rows of 64-bit floats.
 """
 

@@ -7,6 +7,7 @@ import numpy as np
 from steelyard.base.arrays import Array, frozen
 from steelyard.base.errors import DataError, advice
 from steelyard.estimate.information.base_regressor import FAINT, BaseMap, base_parameters, clear_map
+from steelyard.excite.constraints.bounds_and_effort_limits import payload_numbers
 from steelyard.excite.constraints.constraint import Declined
 from steelyard.excite.constraints.constraints_from_tables import constraints_of, without_memory
 from steelyard.excite.constraints.motion_limits import (
@@ -14,7 +15,6 @@ from steelyard.excite.constraints.motion_limits import (
     MotionLimits,
     motion_limits,
 )
-from steelyard.excite.constraints.proven_bounds import payload_numbers
 from steelyard.excite.design_problem_and_information import Case, InformationEvaluator, Problem
 from steelyard.excite.earlier_model import Earlier
 from steelyard.excite.optimality_criteria import CRITERIA, Measure

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from steelyard.base.errors import LogError
-from steelyard.logs.messages.messages import (
+from steelyard.logs.messages.containers_and_decoding import (
     LARGEST_MESSAGE,
     Container,
     Message,

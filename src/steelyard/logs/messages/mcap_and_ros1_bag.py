@@ -18,7 +18,8 @@ from zlib import crc32
 
 from steelyard.base.errors import LogError
 from steelyard.logs.log import unreadable
-from steelyard.logs.messages.byte_streams import (
+from steelyard.logs.messages.containers_and_decoding import LARGEST_MESSAGE, Channel, Message
+from steelyard.logs.messages.decompression import (
     LARGEST_CHUNK,
     ByteSource,
     Damaged,
@@ -26,7 +27,6 @@ from steelyard.logs.messages.byte_streams import (
     require_plausible,
     unpacked,
 )
-from steelyard.logs.messages.messages import LARGEST_MESSAGE, Channel, Message
 
 LONGEST_DEFINITION = 1 << 20  # bytes of the longest header or definition that is read
 DEFINITION_BYTES = 1 << 24  # bytes of all definitions together

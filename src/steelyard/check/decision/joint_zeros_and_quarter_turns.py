@@ -42,7 +42,7 @@ from steelyard.check.hypotheses.position_hypotheses import (
     zeros_without_effect,
 )
 from steelyard.check.hypotheses.readings_and_likelihood import Reading
-from steelyard.check.identifiability import clean_runs, customary_model
+from steelyard.check.identifiability_and_clean_runs import clean_runs, customary_model
 from steelyard.estimate.information.base_regressor import Regressor, base_parameters, base_regressor
 from steelyard.estimate.least_squares.weighted_robust_and_whitened import WeightedLeastSquares
 from steelyard.estimate.nonlinear.nonlinear_parameters import (

@@ -24,13 +24,13 @@ from steelyard.check.decision.hypothesis_checks import (
     POSITION_SIGN,
     HypothesisCheck,
 )
+from steelyard.check.decision.joint_zeros_and_quarter_turns import joint_zeros_check
 from steelyard.check.decision.judged_explanations import judge_log
-from steelyard.check.decision.zeros_and_quarter_turns import joint_zeros_check
 from steelyard.check.finding import Edit, Finding, Fix, Picture, Severity, Trace
 from steelyard.check.gear_side_and_rotors import gear_side_check
 from steelyard.check.hypotheses.nuisance_fit_and_score import LEAST_SAMPLE_COUNT
 from steelyard.check.hypotheses.readings_and_likelihood import Likelihood
-from steelyard.check.identifiability import identifiability_check
+from steelyard.check.identifiability_and_clean_runs import identifiability_check
 from steelyard.check.signals.corrupt_and_repeated_rows import (
     corrupt_rows_check,
     repeated_rows_check,
@@ -40,13 +40,13 @@ from steelyard.check.signals.measured_or_computed import (
     measured_instead,
     set_points_check,
 )
-from steelyard.check.signals.movement_rests_and_base import (
+from steelyard.check.signals.movement_rests_and_moving_base import (
     excitation_check,
     moving_base_check,
     rests_check,
 )
 from steelyard.check.signals.noise_and_resolution import noise_check
-from steelyard.check.signals.position import position_check
+from steelyard.check.signals.position_unit_and_columns import position_check
 from steelyard.check.signals.saturation_and_unsigned_efforts import (
     saturation_check,
     signed_efforts_check,

@@ -301,7 +301,7 @@ def payload_numbers(robot: Robot, frame: str, payload: Inertia) -> dict[str, flo
     return {f"{name}.{body}": float(x) for name, x in zip(INERTIAL_NAMES, ten, strict=True)}
 
 
-def loaded(arm: ValuedModel, frame: str, payload: Inertia) -> ValuedModel:
+def with_payload(arm: ValuedModel, frame: str, payload: Inertia) -> ValuedModel:
     """A model of rigid bodies with a payload, given in one of its frames, which must move."""
     robot = arm.model.robot
     added = payload_numbers(robot, frame, payload)

@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.base.arrays import Array
-from steelyard.check.hypotheses.friction_signs_and_delay import whitened_columns
 from steelyard.check.hypotheses.nuisance_fit_and_score import MISFIT_FLOOR
+from steelyard.check.hypotheses.signs_and_delay_by_friction import whitened_columns
 from steelyard.estimate.information.information import Information
 from steelyard.runs.recording import LeftOut
 

@@ -14,7 +14,11 @@ from steelyard.base.arrays import Array
 from steelyard.check.case_and_checked_log import Case, CheckedLog, case_check, log_check
 from steelyard.check.finding import Finding, Fix, Picture, Severity, of_joints, trace
 from steelyard.check.signals.motion_units import driven_joints, motion_in_units, unit_reading
-from steelyard.check.signals.signal_overview_and_slopes import SLOPE_ENDS, signal_overview, width_of
+from steelyard.check.signals.usable_rows_and_derivatives import (
+    SLOPE_ENDS,
+    signal_overview,
+    width_of,
+)
 from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
 from steelyard.robot.init.column_names import words_of
 from steelyard.runs.rows.faulty_row_detectors import stretches

@@ -21,7 +21,7 @@ from steelyard.check.signals.motion_units import (
     unit_reading,
     unit_value,
 )
-from steelyard.check.signals.signal_overview_and_slopes import (
+from steelyard.check.signals.usable_rows_and_derivatives import (
     gaussian_slope,
     gaussian_smoothed,
     signal_overview,

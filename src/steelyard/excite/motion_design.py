@@ -17,6 +17,7 @@ from steelyard.excite.constraints.constraints_from_tables import constraints_of
 from steelyard.excite.constraints.motion_limits import MotionLimits
 from steelyard.excite.constraints.tool_workspace import Marker
 from steelyard.excite.design_problem_and_information import Case, Problem, composed_motions
+from steelyard.excite.design_problem_from_tables import build, cases_of, limits_of, memoryless
 from steelyard.excite.earlier_model import Earlier
 from steelyard.excite.planned.plans_from_tables import planned
 from steelyard.excite.predicted_accuracy_and_advice import (
@@ -26,7 +27,6 @@ from steelyard.excite.predicted_accuracy_and_advice import (
     predicted_accuracy,
     samples_of,
 )
-from steelyard.excite.problem_from_tables import build, cases_of, limits_of, memoryless
 from steelyard.excite.search.feasibility import NoMotion, explained_no_motion, refuse_impossible
 from steelyard.excite.search.parallel_search import (
     ProcessPace,
