@@ -12,6 +12,7 @@ Run by itself it takes the number of arms and the hours of each:
 
 import sys
 import tempfile
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -23,6 +24,12 @@ from scipy.stats import poisson
 import steelyard
 from steelyard.base.arrays import Array
 from steelyard.base.files import write_table
+from steelyard.base.progress import silent
+from steelyard.estimate.external.contact_thresholds import ContactThresholds
+from steelyard.estimate.scores.residuals import ResidualTrace, residual_trace, thresholds_of
+from steelyard.identify.scores_and_model_report import runs_for
+from steelyard.runs.runs_of_named_logs import log_files
+from steelyard.uses.contact.contact import common_rest_speed, contacts_in, peaks_of_free_motion
 
 ARMS, HOURS = 20, 20
 STATED = (0.2, 1.0, 6.0)
@@ -128,18 +135,40 @@ def counts(seed: int, hours: int, folder: Path) -> dict[str, list[tuple[float, f
     fitted = [log(f"fit{k}", k, FITTED[1]) for k in range(FITTED[0])]
     model = steelyard.identify(str(folder / "arm.urdf"), fitted, check=False).model
     free = [log(f"free{k}", 100 + k, CALIBRATED[1]) for k in range(CALIBRATED[0])]
+    assert model.calibration is not None and (own := model.calibration.peaks) is not None
+    rest, sigma = common_rest_speed(model, ()), np.asarray(model.estimate.sigma)
+
+    def traces(paths: list[str]) -> list[ResidualTrace]:
+        """As `contact` makes them; thresholds and traces are the same for all hours."""
+        runs = runs_for(model, log_files(paths), silent, at_rest=True)
+        return [residual_trace(model, replace(x, rest_speed=rest), own.cutoff) for x in runs]
+
+    def alarms(trace: ResidualTrace, thresholds: ContactThresholds) -> int:
+        return len(contacts_in(trace, thresholds, model.robot, sigma))
+
+    peaks, _ = peaks_of_free_motion(model, traces(free), rest, own.cutoff, own)
+    levels = {("calibrated", rate): thresholds_of(model, peaks, rate) for rate in STATED}
+    alone = thresholds_of(model, own, None)
+    levels["own", alone.rate] = alone
     found: dict[str, list[tuple[float, float, int]]] = {}
     for hour in range(hours):
         path = log("hour", 200 + hour, 3600.0)
-        for rate in STATED:
-            contacts = steelyard.contact(model, path, calibrate=free, rate=rate)
-            found.setdefault("calibrated", []).append((rate, 1.0, len(contacts.events)))
-        own = steelyard.contact(model, path)
-        found.setdefault("own", []).append((own.thresholds.rate, 1.0, len(own.events)))
-    for start in np.arange(0.0, 3600.0 - SHORT, EVERY):
-        piece = f"{path}@{start:g}:{start + SHORT:g}"
-        contacts = steelyard.contact(model, piece, calibrate=free, rate=STATED[-1])
-        found.setdefault("short", []).append((STATED[-1], SHORT / 3600.0, len(contacts.events)))
+        (trace,) = traces([path])
+        for (kind, rate), one in levels.items():
+            found.setdefault(kind, []).append((rate, 1.0, alarms(trace, one)))
+    pieces = [
+        f"{path}@{start:g}:{start + SHORT:g}" for start in np.arange(0.0, 3600.0 - SHORT, EVERY)
+    ]
+    for piece in pieces:
+        (trace,) = traces([piece])
+        count = alarms(trace, levels["calibrated", STATED[-1]])
+        found.setdefault("short", []).append((STATED[-1], SHORT / 3600.0, count))
+    public = steelyard.contact(model, pieces[-1], calibrate=free, rate=STATED[-1])
+    assert len(public.events) == count
+    np.testing.assert_allclose(
+        public.thresholds.at(trace.ranges(own.edges)),
+        levels["calibrated", STATED[-1]].at(trace.ranges(own.edges)),
+    )
     return found
 
 

@@ -12,9 +12,9 @@ from steelyard.base.motion import Motion
 from steelyard.excite.constraints.bounds_and_effort_limits import (
     TORQUE_TOLERANCE,
     EffortLimit,
-    with_payload,
     power_limit,
     torque_limit,
+    with_payload,
 )
 from steelyard.excite.trajectories.fourier import FourierMotion
 from steelyard.model.laws.friction_over_speed import (
@@ -211,7 +211,11 @@ def test_a_panda_has_limits_of_its_joints() -> None:
             "",
         ),
         (lambda: power_limit({"a": valued(tree(), ())}), "limit of power", "at least one"),
-        (lambda: with_payload(valued(tree(), ()), "hand", Inertia.zero()), "no frame 'hand'", "frames"),
+        (
+            lambda: with_payload(valued(tree(), ()), "hand", Inertia.zero()),
+            "no frame 'hand'",
+            "frames",
+        ),
     ],
 )
 def test_what_cannot_be_bounded_is_refused(make, wrong: str, fix: str) -> None:

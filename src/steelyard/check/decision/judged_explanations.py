@@ -4,7 +4,8 @@ With a reference an explanation must agree clearly better than what is declared.
 nominal model is known, that links are heavier or lighter than a model file says is always a
 hypothesis as well: readings are then compared by their evidence, in which bodies are averaged.
 A cause is wrong, or doubtful, by the odds of the best explanation to the best one that does not say
-the same of it; wrong only if no other log that needs a correction excludes it. A factor that is estimated by the masses of a model file is never written.
+the same of it; wrong only if no other log that needs a correction excludes it. A factor that is
+estimated by the masses of a model file is never written.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -162,7 +163,7 @@ def positions_at_fault(case: Case, evidence: CheckedLog) -> bool:
 
 
 def _by_evidence(found: LogVerdict, search: Search, others: Mapping[str, Search]) -> LogVerdict:
-    """What the best explanation says of every cause, each by its own odds and those of other logs."""
+    """What the best explanation says of every cause, each by its own odds and other logs."""
     for cause in _causes(search):
         search.without(cause)  # may do better
     best = search.best

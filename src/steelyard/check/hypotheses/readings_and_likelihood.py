@@ -349,6 +349,8 @@ def keeps_evidence(reading: Reading) -> bool:
     excerpt, span = reading.likelihood.excerpt, reading.likelihood.excerpt.span
     if any(reading.effort[j] != j for j in excerpt.dead):
         return False
+    if np.all(np.min(np.abs(reading.position_scale)) * span > LEAST_SPAN):
+        return True  # every column moves any joint
 
     def in_motion(of: Reading) -> set[int]:
         moves = np.abs(of.position_scale) * span[list(of.position)] > LEAST_SPAN
