@@ -8,7 +8,7 @@ from steelyard.base.arrays import frozen
 from steelyard.estimate.information.base_regressor import Regressor
 from steelyard.estimate.information.filtered_samples import FilteredSamples, SampledRun
 from steelyard.estimate.information.information import Signature
-from steelyard.runs.motion_error import MotionError
+from steelyard.runs.motion_error_from_noise import MotionError
 
 
 def motion_of(n: int, count: int, seed: int, still: Sequence[int] = ()) -> np.ndarray:

@@ -12,7 +12,7 @@ from steelyard.runs.prepare import prepare
 from steelyard.runs.processing_choices import Processing
 from steelyard.runs.recording import LogInMemory, Recording
 from steelyard.runs.run import Run
-from steelyard.simulate.truth import Truth
+from steelyard.simulate.ground_truth import Truth
 
 ROBOT = load_robot(Path(str(files("steelyard.simulate") / "demo_arm.urdf"))).robot
 GAINS = np.array([2.0, -3.0, 1.5, 0.5, -1.0, 4.0])

@@ -8,8 +8,8 @@ from steelyard.base.motion import run
 from steelyard.excite.trajectories.fourier import random_fourier
 from steelyard.excite.trajectories.trajectory_files import write_motion
 from steelyard.robot.file.robot_file import LoadedRobot, load_robot
+from steelyard.simulate.ground_truth import random_truth
 from steelyard.simulate.simulate import write_demo_arm
-from steelyard.simulate.truth import random_truth
 from steelyard.simulate.virtual_robot import VirtualRobot, customary_sensors
 
 Write = Callable[[Path], LoadedRobot]

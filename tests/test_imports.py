@@ -44,7 +44,7 @@ ONE_FILE = {
     "clarabel": {"estimate/consistent/conic_solver.py"},
     "pymoo": {"excite/search/search_methods.py"},
     "cma": {"excite/search/search_methods.py"},
-    "llvmlite": {"symbolic/native/machine.py"},
+    "llvmlite": {"symbolic/native/compiler.py"},
     "jinja2": {"report/page.py"},
     "viser": {"excite/page/browser_replay.py"},
     "pydantic": {

@@ -121,13 +121,13 @@ def test_the_fingerprint_is_of_the_content() -> None:
 START = """
 import sys
 from invented import tree
-from steelyard.symbolic.native import machine
+from steelyard.symbolic.native import compiler
 from steelyard.model.model import Model
 from steelyard.estimate.information.base_regressor import base_regressor
 from steelyard.symbolic.native.compiled_programs import loops
 compiled = []
-compile_code = machine.compile_code
-machine.compile_code = lambda *a: compiled.append(a) or compile_code(*a)
+compile_code = compiler.compile_code
+compiler.compile_code = lambda *a: compiled.append(a) or compile_code(*a)
 model = Model(tree())
 base_regressor(model).code, loops(), model.torque_code
 print(len(compiled), "steelyard.symbolic.symbols_and_tracing" in sys.modules)

@@ -24,7 +24,7 @@ from steelyard.excite.trajectories.fourier import random_fourier
 from steelyard.robot.file.robot_file import LoadedRobot, load_robot
 from steelyard.runs.processing_choices import Processing
 from steelyard.runs.recording import LogInMemory, Recording
-from steelyard.simulate.truth import random_truth
+from steelyard.simulate.ground_truth import random_truth
 
 ROBOTS, PROCESSES = 500, 2
 LEAST, MOST = 0.05, 3.0

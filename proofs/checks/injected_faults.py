@@ -33,8 +33,8 @@ from steelyard.robot.file.robot_file import LoadedRobot, load_robot
 from steelyard.runs.processing_choices import Processing
 from steelyard.runs.recording import LogInMemory, Recording
 from steelyard.runs.runs_of_named_logs import prepared
+from steelyard.simulate.ground_truth import random_truth
 from steelyard.simulate.simulate import write_demo_arm
-from steelyard.simulate.truth import random_truth
 
 DRAWS = 20
 SEED = 20_260_726

@@ -29,9 +29,9 @@ from steelyard.identify.identify import identify
 from steelyard.identify.reduce import reduce
 from steelyard.model.equations.frame_and_point_kinematics import frame_of, last_frame
 from steelyard.model.model import model_of
+from steelyard.simulate.ground_truth import Truth
 from steelyard.simulate.sensors_and_drives import customary_drives
 from steelyard.simulate.track import TrackedRun, Tracking, tracking
-from steelyard.simulate.truth import Truth
 from steelyard.simulate.virtual_robot import VirtualRobot, customary_sensors
 from steelyard.uses.control.joint_controllers import Cascade, Control, TorqueFeedforward
 

@@ -27,7 +27,7 @@ from steelyard.estimate.prior.body_priors import default_knowledge
 from steelyard.model.model import Model
 from steelyard.robot.robot import Robot
 from steelyard.runs.prepare import prepare
-from steelyard.simulate.truth import random_truth
+from steelyard.simulate.ground_truth import random_truth
 
 DRAWS = 50
 """Draws per robot."""

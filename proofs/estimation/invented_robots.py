@@ -34,7 +34,7 @@ from steelyard.model.laws.laws_without_friction import Offset, RigidBody, RotorI
 from steelyard.model.laws.register import description_of
 from steelyard.model.terms.term import Term
 from steelyard.robot.file.robot_file import load_robot
-from steelyard.simulate.truth import random_truth
+from steelyard.simulate.ground_truth import random_truth
 
 ROBOTS, PROCESSES = 100, 2
 OFF = (0.1, 0.6)

@@ -26,8 +26,8 @@ from steelyard.robot.robot import Robot
 from steelyard.robot.robot_from_mechanism import reduced
 from steelyard.runs.prepare import prepare
 from steelyard.runs.recording import LogInMemory, Recording
+from steelyard.simulate.ground_truth import Truth, random_truth
 from steelyard.simulate.mujoco_model import build
-from steelyard.simulate.truth import Truth, random_truth
 from steelyard.simulate.virtual_robot import typical_torque
 
 RATE, DRAWS = 250.0, 50

@@ -32,8 +32,8 @@ from steelyard.robot.file.robot_file import LoadedRobot
 from steelyard.runs.prepare import prepare
 from steelyard.runs.recording import Recording
 from steelyard.runs.runs_of_named_logs import processing_of_robot
+from steelyard.simulate.ground_truth import Truth, random_truth
 from steelyard.simulate.simulate import write_demo_arm
-from steelyard.simulate.truth import Truth, random_truth
 from steelyard.simulate.virtual_robot import VirtualRobot, customary_sensors
 
 REPETITIONS = 50

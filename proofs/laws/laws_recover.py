@@ -31,10 +31,10 @@ from steelyard.robot.inertia_and_placement import Inertia
 from steelyard.robot.robot import Body, Coordinate, Frame, Limits, Robot
 from steelyard.runs.prepare import prepare
 from steelyard.runs.recording import Recording
+from steelyard.simulate.ground_truth import random_truth
 from steelyard.simulate.mujoco_model import build
 from steelyard.simulate.sensors_and_drives import Sensors
 from steelyard.simulate.torque_and_mass_scales import typical_torque
-from steelyard.simulate.truth import random_truth
 from steelyard.simulate.virtual_robot import VirtualRobot
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "tests"))

@@ -25,8 +25,8 @@ from steelyard.runs.prepare import prepare_mean
 from steelyard.runs.recording import LogInMemory, Recording
 from steelyard.runs.run import Run
 from steelyard.runs.spectrum_and_period import Repetitions
+from steelyard.simulate.ground_truth import Truth, random_truth
 from steelyard.simulate.sensors_and_drives import TrueRun
-from steelyard.simulate.truth import Truth, random_truth
 from steelyard.simulate.virtual_robot import VirtualRobot
 
 DRAWS, PERIOD, REPETITIONS = 40, 3.0, 52

@@ -30,8 +30,8 @@ from steelyard.runs.smoothing.auto_and_fourier import Fourier
 from steelyard.runs.smoothing.kalman_smoother import Kalman
 from steelyard.runs.smoothing.spline_and_finite_windows import SmoothingSpline
 from steelyard.runs.smoothing.zero_phase_filters import Butterworth, Method
+from steelyard.simulate.ground_truth import random_truth
 from steelyard.simulate.sensors_and_drives import Sensors, TrueRun
-from steelyard.simulate.truth import random_truth
 from steelyard.simulate.virtual_robot import VirtualRobot, customary_sensors
 
 METHODS: tuple[Method, ...] = (Kalman(), Fourier(), SmoothingSpline(), Butterworth())

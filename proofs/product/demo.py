@@ -32,7 +32,7 @@ from steelyard.robot.file.robot_file import LoadedRobot, load_robot
 from steelyard.runs.prepare import prepare
 from steelyard.runs.recording import Recording
 from steelyard.runs.runs_of_named_logs import processing_of_robot
-from steelyard.simulate.truth import random_truth
+from steelyard.simulate.ground_truth import random_truth
 from steelyard.simulate.virtual_robot import VirtualRobot, customary_sensors
 
 SEEDS = range(10)

@@ -35,7 +35,7 @@ from steelyard.excite.excite_and_reduce_loop import Round, reduction_loop
 from steelyard.excite.trajectories.trajectory_files import read_trajectory
 from steelyard.model.model import model_of
 from steelyard.robot.file.robot_file import load_robot
-from steelyard.simulate.truth import random_truth
+from steelyard.simulate.ground_truth import random_truth
 from steelyard.simulate.virtual_robot import VirtualRobot, customary_sensors
 
 LEG = ROBOTS / "p1_leg.toml"

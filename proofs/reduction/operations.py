@@ -15,7 +15,7 @@ from proofs.support.claims import Claim, data_folder, main_of
 import steelyard
 from steelyard.estimate.information.base_regressor import base_parameters
 from steelyard.model.model import Model
-from steelyard.symbolic.native import machine
+from steelyard.symbolic.native import compiler
 from steelyard.symbolic.native.compiled_programs import _module
 from steelyard.symbolic.program import Program
 
@@ -35,7 +35,7 @@ def program_of(model: Model, names: tuple[str, ...]) -> tuple[Program, int]:
 def size_of(model: Model, names: tuple[str, ...]) -> tuple[int, int]:
     """Operations per sample, and bytes of machine code."""
     program, beside = program_of(model, names)
-    code = machine.compile_code(_module(program, machine.lanes()))
+    code = compiler.compile_code(_module(program, compiler.lanes()))
     return program.n_operations + beside, len(code)
 
 

@@ -17,7 +17,7 @@ from steelyard.excite.trajectories.fourier import random_fourier
 from steelyard.model.model import Model, ValuedModel
 from steelyard.robot.file.robot_file import load_robot
 from steelyard.robot.inertia_and_placement import INERTIAL_NAMES, Inertia
-from steelyard.simulate.truth import random_truth
+from steelyard.simulate.ground_truth import random_truth
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 NOISE = 0.05

@@ -24,8 +24,8 @@ from steelyard.runs.prepare import prepare
 from steelyard.runs.processing_choices import Processing
 from steelyard.runs.recording import LogInMemory, Recording
 from steelyard.runs.run import Run
+from steelyard.simulate.ground_truth import Truth, random_truth
 from steelyard.simulate.mujoco_model import build
-from steelyard.simulate.truth import Truth, random_truth
 from steelyard.simulate.virtual_robot import typical_torque
 
 NOISE = 0.02

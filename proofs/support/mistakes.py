@@ -19,8 +19,8 @@ from steelyard.excite.trajectories.fourier import random_fourier
 from steelyard.model.laws.laws_without_friction import RigidBody
 from steelyard.robot.inertia_and_placement import Inertia
 from steelyard.robot.robot import Robot
+from steelyard.simulate.ground_truth import Truth, random_truth
 from steelyard.simulate.simulate import write_demo_arm
-from steelyard.simulate.truth import Truth, random_truth
 
 RATE = 200.0
 SECONDS = 20.0

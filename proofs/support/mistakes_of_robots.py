@@ -10,7 +10,7 @@ from proofs.support.mistakes_planted import named
 
 from steelyard.base.arrays import Array
 from steelyard.base.motion import Motion
-from steelyard.simulate.truth import random_truth
+from steelyard.simulate.ground_truth import random_truth
 
 
 def validated_by(change: Callable[[Arm, Job], Log]) -> Callable[[Arm], Job]:

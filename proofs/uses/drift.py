@@ -16,8 +16,8 @@ from steelyard.base.arrays import Parameters
 from steelyard.base.motion import Motion
 from steelyard.model.model import ValuedModel
 from steelyard.robot.robot import Robot
+from steelyard.simulate.ground_truth import random_truth
 from steelyard.simulate.simulate import write_demo_arm
-from steelyard.simulate.truth import random_truth
 from steelyard.uses.health.health import Health
 
 RATE = 50.0

@@ -22,8 +22,8 @@ from steelyard.estimate.payload.drive_gains import GainEstimate, identified_gain
 from steelyard.excite.trajectories.fourier import random_fourier
 from steelyard.model.model import model_with_open_friction
 from steelyard.robot.inertia_and_placement import INERTIAL_NAMES, Inertia
+from steelyard.simulate.ground_truth import Truth, random_truth
 from steelyard.simulate.mujoco_model import build
-from steelyard.simulate.truth import Truth, random_truth
 from steelyard.simulate.virtual_robot import typical_torque
 
 RATE, PERIODS, HARMONICS = 50.0, 2, 5  # samples per second, periods of 10 s

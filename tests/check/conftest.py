@@ -34,8 +34,8 @@ from steelyard.robot.robot import Robot
 from steelyard.runs.prepare import prepare
 from steelyard.runs.processing_choices import Processing
 from steelyard.runs.recording import LogInMemory, Recording
+from steelyard.simulate.ground_truth import Truth, random_truth
 from steelyard.simulate.simulate import write_demo_arm
-from steelyard.simulate.truth import Truth, random_truth
 
 MODEL_BASED: tuple[Check, ...] = (
     JOINT_ORDER,

@@ -19,7 +19,7 @@ from steelyard.robot.file.robot_file import LoadedRobot, load_robot
 from steelyard.robot.robot import Robot
 from steelyard.runs.run import Run
 from steelyard.runs.runs_of_named_logs import log_files, runs_of
-from steelyard.simulate.truth import Truth
+from steelyard.simulate.ground_truth import Truth
 
 RATE, SECONDS = 125.0, 20.0
 

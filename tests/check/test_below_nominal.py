@@ -9,7 +9,7 @@ from steelyard.check.finding import Severity
 from steelyard.check.fitted.fitted_case_and_ranked_causes import FittedCase
 from steelyard.check.fitted.post_fit_checks import below_nominal_check
 from steelyard.estimate.scores.score import score
-from steelyard.simulate.truth import random_truth
+from steelyard.simulate.ground_truth import random_truth
 
 
 @pytest.fixture(scope="module")

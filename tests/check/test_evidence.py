@@ -19,7 +19,7 @@ from steelyard.check.hypotheses.laplace_over_bodies import (
 )
 from steelyard.check.hypotheses.marginal_likelihood import _normalised, _Products
 from steelyard.check.hypotheses.nuisance_fit_and_score import NUISANCES, OFFSET_COLUMN
-from steelyard.estimate.consistent.unknowns_and_penalties import COLUMNS, ROWS
+from steelyard.estimate.consistent.scaled_parameters_and_penalties import COLUMNS, ROWS
 
 POSITIVE = np.array([[True, True, True, False]])  # friction and rotor inertia, and an offset
 

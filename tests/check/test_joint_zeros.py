@@ -23,7 +23,7 @@ from steelyard.check.named_logs_and_precheck import Subject, case_of
 from steelyard.robot.file.robot_file import load_robot
 from steelyard.robot.file.toml_edits import edited
 from steelyard.runs.runs_of_named_logs import log_files
-from steelyard.simulate.truth import random_truth
+from steelyard.simulate.ground_truth import random_truth
 
 
 def case(folder: Path, offset: tuple[float, ...], line: str = "") -> Case:

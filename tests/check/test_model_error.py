@@ -31,7 +31,7 @@ from steelyard.model.laws.register import DEFAULT_TERMS, term_of
 from steelyard.model.terms.term import Term
 from steelyard.robot.file.robot_file import LoadedRobot
 from steelyard.robot.robot import Body, Robot
-from steelyard.simulate.truth import random_truth
+from steelyard.simulate.ground_truth import random_truth
 
 
 @pytest.fixture(scope="module")

@@ -16,8 +16,8 @@ from steelyard.check.case_and_checked_log import Case, CheckedLog, knowledge_of
 from steelyard.check.decision import judged_explanations
 from steelyard.check.decision.controller_gains_and_gain_advice import _listed_sources
 from steelyard.check.decision.judged_explanations import judge_log
+from steelyard.check.decision.odds_thresholds import LIKELY, SURE
 from steelyard.check.decision.ranked_readings import ranking
-from steelyard.check.decision.thresholds import LIKELY, SURE
 from steelyard.check.decision.undecided_questions import misfit_hides
 from steelyard.check.finding import Edit, Severity
 from steelyard.check.findings_text_and_page import check_headline

@@ -20,7 +20,7 @@ from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.robot.file.robot_file import LoadedRobot
 from steelyard.robot.inertia_and_placement import INERTIAL_NAMES, Inertia
 from steelyard.runs.run import Run
-from steelyard.simulate.truth import Truth, random_truth
+from steelyard.simulate.ground_truth import Truth, random_truth
 
 
 @pytest.fixture(scope="module")

@@ -30,7 +30,7 @@ from steelyard.cli.log_commands import WHAT_DECIDES_GAINS, WHAT_TO_COMPARE_OF_GE
 from steelyard.robot.file.robot_file import load_robot
 from steelyard.robot.robot import Transmission
 from steelyard.runs.runs_of_named_logs import log_files
-from steelyard.simulate.truth import random_truth
+from steelyard.simulate.ground_truth import random_truth
 
 RATIOS = (100.0, -100.0, 80.0)
 COUPLING = '\ncoupling = [{motor = "motor_3", joint = "shoulder_lift", ratio = 50.0}]'

@@ -18,7 +18,7 @@ from steelyard.check.fitted.post_fit_checks import FittedCase, examine_fit
 from steelyard.estimate.scores.score import score
 from steelyard.model.laws.laws_without_friction import RigidBody
 from steelyard.robot.inertia_and_placement import Inertia
-from steelyard.simulate.truth import Truth, random_truth
+from steelyard.simulate.ground_truth import Truth, random_truth
 
 
 def found_in(

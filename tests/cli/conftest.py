@@ -12,11 +12,11 @@ from typer.testing import CliRunner, Result
 
 from cli.mistakes import workshop
 from short_arm import short_logs
-from steelyard.cli import command as commands
 from steelyard.cli import identify_and_use_commands
+from steelyard.cli import shared_by_commands as commands
 from steelyard.cli.app import app
-from steelyard.cli.command import CommandResult, computed
 from steelyard.cli.options_with_several_values import expanded
+from steelyard.cli.shared_by_commands import CommandResult, computed
 from steelyard.identify import validation_split
 from steelyard.simulate.simulate import write_demo_arm
 

@@ -8,10 +8,10 @@ import pytest
 import typer
 from typer.testing import CliRunner, Result
 
-from steelyard.base.arguments import checked
+from steelyard.base.checked_arguments import checked
 from steelyard.base.progress import Progress, silent
 from steelyard.cli.app import app
-from steelyard.cli.derived_command import DerivedCommand, from_function
+from steelyard.cli.commands_from_functions import DerivedCommand, from_function
 
 
 @checked(mass=0.0)

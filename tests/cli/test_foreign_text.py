@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 from steelyard.base.errors import LogError
 from steelyard.base.visible_text import visible
 from steelyard.cli.app import app
-from steelyard.cli.command import DEFECT, guarded
+from steelyard.cli.shared_by_commands import DEFECT, guarded
 from steelyard.report.terminal import terminal
 
 FORGED = "x\x1b]0;OWNED\x07\x1b[1A\x1b[2K\x1b[32mGOOD\u202e"

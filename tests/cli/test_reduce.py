@@ -19,7 +19,7 @@ from steelyard.identify.page.section_register import SECTIONS
 from steelyard.identify.reduce import matching, reduce
 from steelyard.robot.file.robot_file import load_robot
 from steelyard.runs.runs_of_named_logs import load_runs
-from steelyard.simulate.truth import random_truth
+from steelyard.simulate.ground_truth import random_truth
 from steelyard.simulate.virtual_robot import VirtualRobot, customary_sensors
 from steelyard.uses.payload.payload_fit import identify_payload
 

@@ -10,7 +10,7 @@ import pytest
 from short_arm import without_wrist
 from steelyard.base.motion import run
 from steelyard.excite.trajectories.fourier import random_fourier
-from steelyard.simulate.truth import random_truth
+from steelyard.simulate.ground_truth import random_truth
 from steelyard.simulate.virtual_robot import VirtualRobot, customary_sensors
 
 

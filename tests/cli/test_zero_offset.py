@@ -9,7 +9,7 @@ from check.fitted import log
 from cli.conftest import Command
 from cli.river_files import edited
 from short_arm import without_wrist
-from steelyard.simulate.truth import random_truth
+from steelyard.simulate.ground_truth import random_truth
 
 TO_IDENTIFY = ('position = "q{}_rad"', 'position = "q{}_rad"\nposition_offset = "identify"')
 OFFSET = 0.2

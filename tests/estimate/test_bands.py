@@ -9,7 +9,7 @@ from scipy.signal import butter, sosfiltfilt
 
 from in_amperes import GAINS, RATE, ROBOT, run_of
 from steelyard.base.arrays import Parameters
-from steelyard.estimate.band_factors import Calibration
+from steelyard.estimate.effort_band_factors import Calibration
 from steelyard.estimate.estimate import StandardEstimate
 from steelyard.estimate.identified_model import Cutoffs, IdentifiedModel, Provenance
 from steelyard.estimate.information.base_regressor import base_regressor
@@ -21,7 +21,7 @@ from steelyard.estimate.scores.torque_split_bands_and_traces import Bands
 from steelyard.model.model import Model
 from steelyard.runs.run import Block, Run
 from steelyard.runs.smoothing.zero_phase_filters import apply, low_pass
-from steelyard.simulate.truth import Truth, random_truth
+from steelyard.simulate.ground_truth import Truth, random_truth
 
 
 @cache

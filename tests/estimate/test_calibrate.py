@@ -8,14 +8,14 @@ import pytest
 
 from in_amperes import GAINS, ROBOT, run_of
 from steelyard.base.errors import DataError, LogError, ModelError, SteelyardError
-from steelyard.estimate.band_factors import Calibration, bins
+from steelyard.estimate.effort_band_factors import Calibration, bins
 from steelyard.estimate.identified_model import Cutoffs, IdentifiedModel, Provenance, load_model
 from steelyard.estimate.information.base_regressor import base_regressor
 from steelyard.estimate.information.gather import gather
 from steelyard.estimate.information.information import Information
 from steelyard.estimate.least_squares.weighted_robust_and_whitened import WeightedLeastSquares
-from steelyard.estimate.scores.band_calibration import calibrate, correlation_of, quantile
 from steelyard.estimate.scores.cross_validation import runs_left_out, stretches_left_out
+from steelyard.estimate.scores.effort_band_calibration import calibrate, correlation_of, quantile
 from steelyard.estimate.scores.residuals import residual_trace
 from steelyard.estimate.scores.score import score
 from steelyard.estimate.scores.torque_split_bands_and_traces import Bands
@@ -24,7 +24,7 @@ from steelyard.model.laws.register import DEFAULT_TERMS
 from steelyard.model.model import Model
 from steelyard.runs.processing_choices import Processing
 from steelyard.runs.run import Run
-from steelyard.simulate.truth import random_truth
+from steelyard.simulate.ground_truth import random_truth
 
 MODEL = Model(ROBOT)
 CUTOFFS = Processing(motion_cutoff=17.0, matched_cutoff=5.5)
@@ -174,7 +174,7 @@ def test_of_long_runs_the_first_samples_are_predicted(monkeypatch: pytest.Monkey
         return residual_trace(identified, run, cutoff, at_rest=at_rest)
 
     monkeypatch.setattr("steelyard.estimate.scores.cross_validation.LONGEST", 4.0 * unseen.rate)
-    monkeypatch.setattr("steelyard.estimate.scores.band_calibration.residual_trace", watched)
+    monkeypatch.setattr("steelyard.estimate.scores.effort_band_calibration.residual_trace", watched)
     assert 90.0 <= coverage(calibrated(tuple(fitted)), unseen) <= 99.0
     assert durations and max(durations) <= 4.0
 
@@ -186,7 +186,7 @@ def test_motion_whose_residual_cannot_be_had_still_makes_bands(
     def refuse(*_: object, **__: object) -> None:
         raise kind("a loop cannot close at rest", where="run", fix="correct it")
 
-    monkeypatch.setattr("steelyard.estimate.scores.band_calibration.residual_trace", refuse)
+    monkeypatch.setattr("steelyard.estimate.scores.effort_band_calibration.residual_trace", refuse)
     known = calibrated(runs_of(1, 2)).calibration
     assert known is not None and known.peaks is None
     assert np.isfinite(known.factors).all()

@@ -10,7 +10,12 @@ from cvxpy_oracle import cvxpy_problem, solved
 from invented import tree
 from steelyard.base.errors import DataError
 from steelyard.estimate.consistent.convex_estimator import Consistent
-from steelyard.estimate.consistent.unknowns_and_penalties import Entropic, Form, Free, Pullback
+from steelyard.estimate.consistent.scaled_parameters_and_penalties import (
+    Entropic,
+    Form,
+    Free,
+    Pullback,
+)
 from steelyard.estimate.estimate import Estimate
 from steelyard.estimate.information.base_regressor import base_regressor
 from steelyard.estimate.information.filter_and_gram import Accumulator, Stretch

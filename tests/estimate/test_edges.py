@@ -7,7 +7,11 @@ from in_amperes import GAINS, ROBOT, run_of
 from steelyard.base.arrays import Z95, Parameters
 from steelyard.estimate.consistent.convex_estimator import Consistent
 from steelyard.estimate.consistent.convex_program import Program, conic_constraints
-from steelyard.estimate.consistent.unknowns_and_penalties import Entropic, Pullback, unknowns
+from steelyard.estimate.consistent.scaled_parameters_and_penalties import (
+    Entropic,
+    Pullback,
+    unknowns,
+)
 from steelyard.estimate.information.base_regressor import base_regressor
 from steelyard.estimate.information.gather import gather
 from steelyard.estimate.information.information import Information
@@ -16,7 +20,7 @@ from steelyard.estimate.prior.body_priors import default_knowledge
 from steelyard.model.model import Model
 from steelyard.robot.inertia_and_placement import INERTIAL_NAMES, Inertia
 from steelyard.runs.processing_choices import Processing
-from steelyard.simulate.truth import Truth, random_truth
+from steelyard.simulate.ground_truth import Truth, random_truth
 
 MODEL = Model(ROBOT)
 REGRESSOR = base_regressor(MODEL)

@@ -13,7 +13,7 @@ from steelyard.base.errors import DataError
 from steelyard.base.progress import silent
 from steelyard.estimate.consistent.convex_estimator import Consistent
 from steelyard.estimate.consistent.log_cholesky_estimator import Criterion, LogCholesky, entries
-from steelyard.estimate.consistent.unknowns_and_penalties import BASIS, Pullback
+from steelyard.estimate.consistent.scaled_parameters_and_penalties import BASIS, Pullback
 from steelyard.estimate.estimate import Estimate, StandardEstimate
 from steelyard.estimate.information.base_regressor import (
     Regressor,

@@ -9,7 +9,12 @@ from estimate.test_consistent import REGRESSOR, TRUTH, heavier, information_of, 
 from steelyard.estimate.consistent.conic_solver import solved
 from steelyard.estimate.consistent.convex_estimator import Consistent
 from steelyard.estimate.consistent.convex_program import Program, polished
-from steelyard.estimate.consistent.unknowns_and_penalties import Entropic, Form, Free, Pullback
+from steelyard.estimate.consistent.scaled_parameters_and_penalties import (
+    Entropic,
+    Form,
+    Free,
+    Pullback,
+)
 from steelyard.estimate.least_squares.weighted_robust_and_whitened import whitened
 from steelyard.estimate.prior.body_priors import Row
 

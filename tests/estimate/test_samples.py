@@ -15,7 +15,7 @@ from steelyard.estimate.information.gather import gather
 from steelyard.estimate.information.information import Information, Window
 from steelyard.model.model import Model
 from steelyard.robot.file.signals import Signals
-from steelyard.runs.motion_error import motion_error
+from steelyard.runs.motion_error_from_noise import motion_error
 from steelyard.runs.prepare import prepare
 from steelyard.runs.processing_choices import Processing
 from steelyard.runs.recording import LogInMemory, Recording

@@ -17,7 +17,7 @@ from steelyard.model.laws.friction_over_speed import Viscous
 from steelyard.model.laws.laws_without_friction import Offset, RigidBody
 from steelyard.robot.file.robot_file import load_robot
 from steelyard.robot.inertia_and_placement import INERTIAL_NAMES
-from steelyard.simulate.truth import random_truth
+from steelyard.simulate.ground_truth import random_truth
 from weighed import identified_of
 
 ARM = """<?xml version='1.0' encoding="UTF-8"?>

@@ -11,7 +11,7 @@ import pytest
 from check.fitted import demo_arm, log
 from steelyard.identify.identify import Identification, identify
 from steelyard.identify.validate import validate
-from steelyard.simulate.truth import random_truth
+from steelyard.simulate.ground_truth import random_truth
 from steelyard.uses.payload.payload import identify_payload
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("few_stretches")]

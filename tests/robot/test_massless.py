@@ -15,7 +15,7 @@ from steelyard.model.model import Model
 from steelyard.robot.models.mjcf import read_mjcf
 from steelyard.robot.robot import Robot, robot_from_dict, robot_to_dict
 from steelyard.robot.robot_from_mechanism import reduced
-from steelyard.simulate.truth import random_truth
+from steelyard.simulate.ground_truth import random_truth
 
 HIP = """
 <mujoco model="leg">

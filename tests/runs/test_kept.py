@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from steelyard.runs import kept_samples
-from steelyard.runs.kept_samples import KeptSamples
+from steelyard.runs import sample_cache
 from steelyard.runs.processing_chain import Chain
 from steelyard.runs.run import Block, Run
+from steelyard.runs.sample_cache import KeptSamples
 from swinging import GAIN, run_of, valued
 
 SIGNALS = ("t", "q", "dq", "ddq", "effort", "moving")
@@ -24,9 +24,9 @@ def swing() -> Run:
 def place(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> str:
     """Where samples are kept."""
     if request.param != "memory":
-        monkeypatch.setattr(kept_samples, "KEPT", 0)
+        monkeypatch.setattr(sample_cache, "KEPT", 0)
     if request.param == "no room":
-        monkeypatch.setattr(kept_samples, "LEAST_FREE", np.inf)
+        monkeypatch.setattr(sample_cache, "LEAST_FREE", np.inf)
     return str(request.param)
 
 

@@ -5,7 +5,7 @@ import pytest
 from scipy import signal
 
 from steelyard.base.errors import LogError
-from steelyard.runs.cutoffs import MATCHED_FACTOR, Processing, cutoffs
+from steelyard.runs.cutoff_frequencies import MATCHED_FACTOR, Processing, cutoffs
 from steelyard.runs.rest_speed import SpeedHistogram, default_rest_speed, given_rest_speed
 from steelyard.runs.spectrum_and_period import motion_band, welch
 

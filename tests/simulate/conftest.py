@@ -14,7 +14,7 @@ from steelyard.robot.inertia_and_placement import Inertia, turn
 from steelyard.robot.models.urdf import read_urdf
 from steelyard.robot.robot import Body, Coordinate, JointKind, Limits, LoopClosure, Robot
 from steelyard.robot.robot_from_mechanism import reduced
-from steelyard.simulate.truth import Truth
+from steelyard.simulate.ground_truth import Truth
 
 
 def inertia(rng: np.random.Generator, mass: float = 1.0) -> Inertia:

@@ -10,8 +10,8 @@ from steelyard.excite.trajectories.fourier import random_fourier
 from steelyard.model.laws.friction_over_speed import Coulomb
 from steelyard.model.laws.register import DEFAULT_TERMS
 from steelyard.robot.robot import Robot
+from steelyard.simulate.ground_truth import Truth, random_truth
 from steelyard.simulate.mujoco_plant import MujocoPlant
-from steelyard.simulate.truth import Truth, random_truth
 from steelyard.simulate.virtual_robot import VirtualRobot
 
 

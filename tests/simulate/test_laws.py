@@ -20,10 +20,10 @@ from steelyard.model.laws.register import term_of
 from steelyard.model.model import Model
 from steelyard.model.terms.term import StatefulTerm, Term, TermSamples
 from steelyard.robot.robot import Robot
+from steelyard.simulate.ground_truth import Truth, random_truth
 from steelyard.simulate.laws_beside_mujoco import Laws, LawsInUse
 from steelyard.simulate.mujoco_model import build
 from steelyard.simulate.mujoco_plant import MujocoPlant
-from steelyard.simulate.truth import Truth, random_truth
 from steelyard.simulate.virtual_robot import VirtualRobot
 
 MEMORIES = (

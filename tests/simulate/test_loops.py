@@ -13,6 +13,7 @@ from steelyard.model.laws.friction_over_speed import Viscous
 from steelyard.model.laws.laws_without_friction import RigidBody, RotorInertia
 from steelyard.robot.loop_closures import gaps
 from steelyard.robot.robot import Robot
+from steelyard.simulate.ground_truth import random_truth
 from steelyard.simulate.mujoco_plant import MujocoPlant
 from steelyard.simulate.torque_and_mass_scales import (
     closed,
@@ -20,7 +21,6 @@ from steelyard.simulate.torque_and_mass_scales import (
     postures_of,
     typical_masses,
 )
-from steelyard.simulate.truth import random_truth
 from steelyard.simulate.virtual_robot import VirtualRobot
 
 

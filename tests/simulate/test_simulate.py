@@ -11,8 +11,8 @@ from steelyard.excite.trajectories.fourier import random_fourier
 from steelyard.excite.trajectories.trajectory_files import read_motion
 from steelyard.robot.file.robot_file import load_robot
 from steelyard.robot.robot import Robot
+from steelyard.simulate.ground_truth import Truth, random_truth
 from steelyard.simulate.simulate import DemoFiles, demo_runs
-from steelyard.simulate.truth import Truth, random_truth
 from steelyard.simulate.virtual_robot import VirtualRobot, customary_sensors, write_run
 
 

@@ -12,9 +12,9 @@ from steelyard.model.equations.frame_and_point_kinematics import (
     last_frame,
 )
 from steelyard.robot.robot import Robot
+from steelyard.simulate.ground_truth import Truth, random_truth
 from steelyard.simulate.sensors_and_drives import customary_drives
 from steelyard.simulate.track import Tracking, controllers_of, tracking
-from steelyard.simulate.truth import Truth, random_truth
 from steelyard.uses.control.joint_controllers import control_of
 
 

@@ -10,12 +10,12 @@ from steelyard.model.laws.friction_over_speed import Coulomb, Stribeck, Viscous
 from steelyard.model.laws.friction_with_memory import Dahl, LoadDependent, LuGre
 from steelyard.model.laws.laws_without_friction import RigidBody, RotorInertia, Spring
 from steelyard.model.model import Model
-from steelyard.model.terms.axes_and_fields import Find
+from steelyard.model.terms.axes_and_parameters import Find
 from steelyard.robot.inertia_and_placement import Inertia
 from steelyard.robot.robot import Limits, Robot, Transmission
+from steelyard.simulate.ground_truth import Truth, random_truth
 from steelyard.simulate.mujoco_plant import MujocoPlant
 from steelyard.simulate.torque_and_mass_scales import scales_of
-from steelyard.simulate.truth import Truth, random_truth
 
 
 def test_same_seed_same_truth(arm: Robot) -> None:

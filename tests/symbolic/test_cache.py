@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import steelyard
-from steelyard.symbolic.native import cache, compiled_programs, machine
+from steelyard.symbolic.native import cache, compiled_programs, compiler
 from steelyard.symbolic.program import InputArray, Program, Step
 
 DOUBLE = Program((InputArray("x", 1),), (Step("input", (0, 0)), Step("add", (0, 0))), (1,))
@@ -42,7 +42,7 @@ def test_a_second_start_builds_and_compiles_nothing(
     def refuse(*_: object) -> bytes:
         raise AssertionError("compiled again")
 
-    monkeypatch.setattr(machine, "compile_code", refuse)
+    monkeypatch.setattr(compiler, "compile_code", refuse)
     assert run() == 0
 
 

@@ -9,7 +9,7 @@ from rich.console import Console
 from rich.padding import Padding
 from rich.text import Text
 
-from steelyard.base.arguments import checked
+from steelyard.base.checked_arguments import checked
 from steelyard.base.errors import ModelError, OutputError
 from steelyard.base.files import whole_file
 from steelyard.base.progress import Progress, silent

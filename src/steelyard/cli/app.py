@@ -4,7 +4,7 @@ from typing import Annotated
 
 import typer
 
-from steelyard.cli.derived_command import DerivedCommand
+from steelyard.cli.commands_from_functions import DerivedCommand
 from steelyard.cli.doctor_command import doctor
 from steelyard.cli.identify_and_use_commands import (
     compare,

@@ -12,8 +12,8 @@ from pathlib import Path
 
 import typer
 
-from steelyard.cli.command import print_json
-from steelyard.cli.derived_command import from_function
+from steelyard.cli.commands_from_functions import from_function
+from steelyard.cli.shared_by_commands import print_json
 
 EXTRA_PACKAGES = {
     "polars": "logs in Parquet, results as data frames, CSV logs ten times faster",
@@ -130,9 +130,10 @@ def _extra(name: str, use: str) -> Line:
 
 def _compiler() -> Line:
     """Code generator, and the processor that programs are compiled for."""
-    from steelyard.symbolic.native import machine
+    from steelyard.symbolic.native import compiler
 
-    return Line("compiler", f"{machine.version()} for {machine.host()[0]}, {machine.lanes()} lanes")
+    about = f"{compiler.version()} for {compiler.host()[0]}, {compiler.lanes()} lanes"
+    return Line("compiler", about)
 
 
 def _cache() -> Line:

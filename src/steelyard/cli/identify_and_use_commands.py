@@ -8,7 +8,8 @@ import typer
 
 from steelyard.base.progress import Progress
 from steelyard.cli import interrupt
-from steelyard.cli.command import (
+from steelyard.cli.commands_from_functions import from_function
+from steelyard.cli.shared_by_commands import (
     LOG_HELP,
     PlotsFolder,
     ReportFolder,
@@ -21,7 +22,6 @@ from steelyard.cli.command import (
     reported,
     show,
 )
-from steelyard.cli.derived_command import from_function
 
 if TYPE_CHECKING:
     from steelyard.estimate.payload.payload_estimate import PayloadEstimate

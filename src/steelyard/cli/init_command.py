@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from steelyard.cli import interrupt
-from steelyard.cli.command import XACRO_ARGUMENTS_HELP, print_json
-from steelyard.cli.derived_command import from_function
+from steelyard.cli.commands_from_functions import from_function
+from steelyard.cli.shared_by_commands import XACRO_ARGUMENTS_HELP, print_json
 
 if TYPE_CHECKING:
     from steelyard.cli.drive_questions import Stated

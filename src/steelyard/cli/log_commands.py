@@ -11,8 +11,8 @@ import typer
 
 from steelyard.base.visible_text import visible
 from steelyard.cli import interrupt
-from steelyard.cli.command import LOG_HELP, optional_folder, print_json, progress_bar
-from steelyard.cli.derived_command import DerivedCommand, from_function
+from steelyard.cli.commands_from_functions import DerivedCommand, from_function
+from steelyard.cli.shared_by_commands import LOG_HELP, optional_folder, print_json, progress_bar
 
 if TYPE_CHECKING:
     from rich.console import Console

@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from steelyard.cli import interrupt
-from steelyard.cli.command import (
+from steelyard.cli.commands_from_functions import from_function
+from steelyard.cli.shared_by_commands import (
     MODEL_HELP,
     computed,
     file_lines,
@@ -20,7 +21,6 @@ from steelyard.cli.command import (
     say,
     show,
 )
-from steelyard.cli.derived_command import from_function
 
 if TYPE_CHECKING:
     from rich.console import Console

@@ -8,7 +8,8 @@ import typer
 
 from steelyard.base.progress import DESIGN_BUDGET_S
 from steelyard.cli import interrupt
-from steelyard.cli.command import (
+from steelyard.cli.commands_from_functions import from_function
+from steelyard.cli.shared_by_commands import (
     file_lines,
     optional_folder,
     output_folder,
@@ -17,7 +18,6 @@ from steelyard.cli.command import (
     say,
     show,
 )
-from steelyard.cli.derived_command import from_function
 
 if TYPE_CHECKING:
     from steelyard.export.code.export_code import WrittenCode

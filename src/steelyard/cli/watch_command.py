@@ -15,8 +15,8 @@ import typer
 
 from steelyard.base.visible_text import visible
 from steelyard.cli import interrupt
-from steelyard.cli.command import optional_folder, progress_bar
-from steelyard.cli.derived_command import from_function
+from steelyard.cli.commands_from_functions import from_function
+from steelyard.cli.shared_by_commands import optional_folder, progress_bar
 
 if TYPE_CHECKING:
     from steelyard.base.arrays import Array

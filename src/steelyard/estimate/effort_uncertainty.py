@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.base.arrays import Z95, Array
-from steelyard.estimate.band_factors import Calibration
+from steelyard.estimate.effort_band_factors import Calibration
 
 
 @dataclass(frozen=True, eq=False)

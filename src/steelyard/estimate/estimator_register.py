@@ -19,7 +19,7 @@ from steelyard.estimate.closed_loop.simulating_estimators import (
 )
 from steelyard.estimate.consistent.convex_estimator import Consistent
 from steelyard.estimate.consistent.log_cholesky_estimator import LogCholesky
-from steelyard.estimate.consistent.unknowns_and_penalties import Free, Pullback
+from steelyard.estimate.consistent.scaled_parameters_and_penalties import Free, Pullback
 from steelyard.estimate.estimate import Estimate, Estimator
 from steelyard.estimate.information.base_regressor import Layout, Regressor
 from steelyard.estimate.information.filter_and_gram import ParallelFilter

@@ -12,12 +12,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from steelyard.base.arguments import checked
 from steelyard.base.arrays import Array, json_values
+from steelyard.base.checked_arguments import checked
 from steelyard.base.errors import DataError, ModelError, nearest
 from steelyard.base.files import read_json, whole_folder
 from steelyard.base.motion import Motion
-from steelyard.estimate.band_factors import Calibration
+from steelyard.estimate.effort_band_factors import Calibration
 from steelyard.estimate.effort_uncertainty import EffortUncertainty, covariance_root
 from steelyard.estimate.estimate import Estimate
 from steelyard.estimate.external.contact_thresholds import ContactThresholds
@@ -41,7 +41,7 @@ from steelyard.estimate.known_effort_scales import KnownScales
 from steelyard.estimate.rest_speed_and_dead_zone import dead_zone, rest_speed_of
 from steelyard.model.dynamics import Dynamics
 from steelyard.model.model import Model, ValuedModel
-from steelyard.model.stepper import Stepper
+from steelyard.model.sample_by_sample import Stepper
 from steelyard.model.torque_and_quantities import TORQUE, Quantity
 from steelyard.robot.file.signals import Signals, signals_from_dict
 from steelyard.robot.robot import Robot

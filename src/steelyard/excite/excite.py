@@ -16,8 +16,8 @@ from typing import Any
 import numpy as np
 from rich.console import Console
 
-from steelyard.base.arguments import checked
 from steelyard.base.arrays import Array
+from steelyard.base.checked_arguments import checked
 from steelyard.base.errors import DataError, OutputError, advice
 from steelyard.base.files import whole_file
 from steelyard.base.progress import DESIGN_BUDGET_S, Progress, silent

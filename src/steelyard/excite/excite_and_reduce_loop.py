@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from shutil import copytree
 
-from steelyard.base.arguments import checked
+from steelyard.base.checked_arguments import checked
 from steelyard.base.motion import Rig, run
 from steelyard.base.progress import Progress, silent
 from steelyard.estimate.identified_model import IdentifiedModel, load_model
@@ -78,7 +78,7 @@ def reduction_loop(
         SteelyardError: No motion keeps the limits, or a log cannot be used.
 
     Example:
-        >>> from steelyard.simulate.truth import random_truth
+        >>> from steelyard.simulate.ground_truth import random_truth
         >>> from steelyard.simulate.virtual_robot import VirtualRobot
         >>> from steelyard.simulate.virtual_robot import customary_sensors
         >>> arm = load_robot("arm.toml").robot

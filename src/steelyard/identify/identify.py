@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 from html import escape
 from pathlib import Path
 
-from steelyard.base.arguments import checked
 from steelyard.base.arrays import Parameters
+from steelyard.base.checked_arguments import checked
 from steelyard.base.errors import LogError
 from steelyard.base.progress import Progress, silent
 from steelyard.check.all_checks_and_contradictions import Diagnosis

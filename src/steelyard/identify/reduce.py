@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from steelyard.base.arguments import checked
 from steelyard.base.arrays import frozen
+from steelyard.base.checked_arguments import checked
 from steelyard.base.errors import DataError, ModelError, advice
 from steelyard.base.progress import Progress, silent
 from steelyard.estimate.consistent.contradictions_and_prior_weight import (
@@ -28,7 +28,7 @@ from steelyard.estimate.prior.constraint_kinds import knowledge_of
 from steelyard.estimate.reduction.left_out_errors_and_stopping_rules import Tolerance, rule_of
 from steelyard.estimate.reduction.reduction import Reduction, criterion_of
 from steelyard.estimate.reduction.reduction import reduce as reduced_by
-from steelyard.estimate.scores.band_calibration import calibrate
+from steelyard.estimate.scores.effort_band_calibration import calibrate
 from steelyard.identify.page.report_content import ReportContent
 from steelyard.identify.provenance_and_notes import dropped, dropped_rows, notes_of, settings
 from steelyard.identify.repeated_motion import marked_repeats

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from steelyard.base.arguments import checked
+from steelyard.base.checked_arguments import checked
 from steelyard.base.errors import DataError, LogError
 from steelyard.base.progress import report_progress
 from steelyard.estimate.bootstrap_and_sensitivity import (
@@ -30,7 +30,7 @@ from steelyard.report.result import DataFrame, frame
 from steelyard.report.tables import text_table
 from steelyard.report.terminal import terminal
 from steelyard.robot.file.signals import Signals
-from steelyard.runs.cutoffs import MATCHED_HIGHEST, NYQUIST_SHARE, rounded
+from steelyard.runs.cutoff_frequencies import MATCHED_HIGHEST, NYQUIST_SHARE, rounded
 from steelyard.runs.prepare import prepare
 from steelyard.runs.processing_choices import Processing
 from steelyard.runs.run import Run

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import numpy as np
 
-from steelyard.base.arguments import checked
 from steelyard.base.arrays import Array, frozen
+from steelyard.base.checked_arguments import checked
 from steelyard.base.errors import DataError
 from steelyard.base.progress import Progress, silent
 from steelyard.estimate.identified_model import IdentifiedModel, load_model

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from steelyard.base.arguments import checked
+from steelyard.base.checked_arguments import checked
 from steelyard.base.progress import Progress, silent
 from steelyard.check.finding import Finding
 from steelyard.check.findings_text_and_page import finding_dict

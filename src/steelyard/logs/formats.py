@@ -13,8 +13,8 @@ from zipfile import ZIP_DEFLATED, ZipFile
 
 import numpy as np
 
-from steelyard.base.arguments import checked
 from steelyard.base.arrays import Array
+from steelyard.base.checked_arguments import checked
 from steelyard.base.errors import LogError, OutputError
 from steelyard.base.files import csv_lines
 from steelyard.logs.hdf5_matlab import open_hdf5, open_mat

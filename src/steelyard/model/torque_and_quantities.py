@@ -26,8 +26,8 @@ from steelyard.model.equations.inverse_dynamics import (
 )
 from steelyard.model.laws.laws_without_friction import RigidBody, body_efforts
 from steelyard.model.laws.register import description_of
+from steelyard.model.terms.friction_states_along_motion import Scan
 from steelyard.model.terms.presliding import Presliding
-from steelyard.model.terms.scan_of_channels import Scan
 from steelyard.model.terms.term import Columns, StatefulTerm, Term, channels_of, has_memory
 from steelyard.robot.robot import Frame, Robot, robot_to_dict
 from steelyard.symbolic.native.compiled_programs import Code, compiled, compiled_equations

@@ -6,8 +6,8 @@ from typing import Any, Literal
 
 import numpy as np
 
-from steelyard.base.arguments import built
 from steelyard.base.arrays import Array, frozen, set_fields
+from steelyard.base.checked_arguments import built
 from steelyard.robot.inertia_and_placement import Inertia, skew
 
 JointKind = Literal["revolute", "prismatic"]

@@ -13,11 +13,11 @@ import numpy as np
 from steelyard.base.arrays import Array, frozen
 from steelyard.base.errors import LogError
 from steelyard.logs.log import Cut
+from steelyard.runs.first_pass_over_recording import Survey, survey
 from steelyard.runs.processing_chain import evenly_sampled
 from steelyard.runs.recording import LogInMemory, Recording
 from steelyard.runs.rows.clock_and_row_scan import RowScan
 from steelyard.runs.spectrum_and_period import Repetitions, find_period, moving_span
-from steelyard.runs.survey import Survey, survey
 
 ALIGNMENT_ROUNDS = 4  # rounds of the alignment
 MOST_SHIFT = 0.02  # how far a repetition may be moved in a round, in its own lengths

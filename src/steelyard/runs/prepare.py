@@ -8,10 +8,10 @@ import numpy as np
 from steelyard.base.arrays import Array, frozen
 from steelyard.base.errors import LogError
 from steelyard.logs.log import Cut
-from steelyard.runs.cutoffs import SHORTEST_SEGMENT, Cutoffs, cutoffs
-from steelyard.runs.kept_samples import KeptSamples, Source
+from steelyard.runs.cutoff_frequencies import SHORTEST_SEGMENT, Cutoffs, cutoffs
+from steelyard.runs.first_pass_over_recording import Survey, survey
 from steelyard.runs.mean_over_repetitions import MeanMotion, mean_of_periods
-from steelyard.runs.motion_error import motion_responses, noise_gain
+from steelyard.runs.motion_error_from_noise import motion_responses, noise_gain
 from steelyard.runs.processing_chain import Chain
 from steelyard.runs.processing_choices import Processing
 from steelyard.runs.recording import Recording
@@ -25,8 +25,8 @@ from steelyard.runs.rows.faulty_row_detectors import RowVerdict
 from steelyard.runs.rows.marked_rows_and_quality import COUNTS_OF_MARKS, Marked, Quality, Segment
 from steelyard.runs.rows.resampling import sample_count
 from steelyard.runs.run import Moves, Run, lost_ends
+from steelyard.runs.sample_cache import KeptSamples, Source
 from steelyard.runs.smoothing.zero_phase_filters import Butterworth, Choosing, Method
-from steelyard.runs.survey import Survey, survey
 
 SAME_RATE = 1e-6  # relative difference up to which two rates are one
 WHOLE_SAMPLES = 300_000

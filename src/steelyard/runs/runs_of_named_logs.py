@@ -10,7 +10,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from steelyard.base.arguments import checked
+from steelyard.base.checked_arguments import checked
 from steelyard.base.errors import LogError
 from steelyard.base.progress import Progress, report_progress, silent
 from steelyard.logs.formats import open_log

@@ -6,6 +6,7 @@ from numpy.typing import ArrayLike
 from steelyard.base.arrays import Array, frozen
 from steelyard.base.errors import DataError, ModelError
 from steelyard.robot.robot import Frame, Robot
+from steelyard.simulate.ground_truth import Truth
 from steelyard.simulate.laws_beside_mujoco import Laws, LawsInUse, stable_timestep
 from steelyard.simulate.mujoco_model import (
     ADVANCE,
@@ -18,7 +19,6 @@ from steelyard.simulate.mujoco_model import (
 )
 from steelyard.simulate.payloads_and_wrenches import Payload
 from steelyard.simulate.torque_and_mass_scales import closed
-from steelyard.simulate.truth import Truth
 
 _UNREACHED_SIZE = 1e4  # size of positions and of velocities, as vectors, that no robot reaches
 

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from steelyard.base.arguments import checked
 from steelyard.base.arrays import Array, Parameters
+from steelyard.base.checked_arguments import checked
 from steelyard.base.errors import DataError, ModelError
 from steelyard.base.files import whole_folder, write_json
 from steelyard.base.motion import run
@@ -25,9 +25,9 @@ from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
 from steelyard.robot.file.robot_file import load_robot
 from steelyard.robot.file.signals import ROW
 from steelyard.robot.robot import Robot
+from steelyard.simulate.ground_truth import Truth, random_truth, read_truth
 from steelyard.simulate.payloads_and_wrenches import AppliedWrench, Axes, Payload, read_wrench
 from steelyard.simulate.sensors_and_drives import Sensors, customary_drives
-from steelyard.simulate.truth import Truth, random_truth, read_truth
 from steelyard.simulate.virtual_robot import (
     SimulatedFiles,
     VirtualRobot,

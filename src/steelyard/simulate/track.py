@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from rich.console import Console
 
-from steelyard.base.arguments import checked
 from steelyard.base.arrays import Array, Parameters, frozen, set_fields
+from steelyard.base.checked_arguments import checked
 from steelyard.base.motion import Trajectory
 from steelyard.base.progress import Progress, silent
 from steelyard.estimate.identified_model import IdentifiedModel
@@ -22,10 +22,10 @@ from steelyard.report.result import Result
 from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
 from steelyard.robot.file.robot_file import load_robot
 from steelyard.robot.robot import Frame, Robot
+from steelyard.simulate.ground_truth import Truth
 from steelyard.simulate.sensors_and_drives import Drives, customary_drives
 from steelyard.simulate.simulate import true_robot
 from steelyard.simulate.tracking_sections import TRACK_SECTIONS, TrackingContent
-from steelyard.simulate.truth import Truth
 from steelyard.simulate.virtual_robot import VirtualRobot
 from steelyard.uses.control.feedforward import (
     refuse_other_robot,

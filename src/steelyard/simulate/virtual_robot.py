@@ -22,6 +22,7 @@ from steelyard.model.laws.laws_without_friction import RigidBody
 from steelyard.model.model import Model
 from steelyard.robot.file.signals import Signals
 from steelyard.robot.robot import Robot
+from steelyard.simulate.ground_truth import Truth
 from steelyard.simulate.mujoco_model import build
 from steelyard.simulate.mujoco_plant import MujocoPlant
 from steelyard.simulate.payloads_and_wrenches import AppliedWrench, Payload
@@ -34,7 +35,6 @@ from steelyard.simulate.sensors_and_drives import (
     as_declared,
 )
 from steelyard.simulate.torque_and_mass_scales import closed, typical_masses, typical_torque
-from steelyard.simulate.truth import Truth
 from steelyard.uses.control.joint_controllers import PD, Control, ControlTask
 
 _TICK = 1.0 / CONTROL_RATE

@@ -20,10 +20,10 @@ from steelyard.check.decision.judged_explanations import (
     judge_log,
     least_delay,
 )
+from steelyard.check.decision.odds_thresholds import LIKELY, SURE
 from steelyard.check.decision.ranked_readings import HOPELESS_MISFIT, Judged, LogVerdict
 from steelyard.check.decision.robot_file_edits import confirmed, edits_of, velocity_edits
 from steelyard.check.decision.search_of_readings import least_mass
-from steelyard.check.decision.thresholds import LIKELY, SURE
 from steelyard.check.decision.undecided_questions import misfit_hides, undecided, zero_bounds
 from steelyard.check.finding import ComparedHypothesis, Edit, Finding, Fix, Picture, Severity, Trace
 from steelyard.check.hypotheses.position_hypotheses import ZERO_CAUSE

@@ -18,6 +18,21 @@ from steelyard.check.decision.controller_gains_and_gain_advice import (
     LARGEST_GEAR_RATIO,
     LEAST_GEAR_RATIO,
 )
+from steelyard.check.decision.odds_thresholds import (
+    DELAY_ROWS,
+    EXPLAINED_BY_FRICTION,
+    FRICTION_FALL,
+    HEAVIEST_FACTOR,
+    LATE_MARGIN,
+    LEAST_DELAY,
+    LEAST_FALL,
+    LIKELY,
+    MIRROR_FALL,
+    NOTICED_FACTOR,
+    ROUGH_MISFIT,
+    SURE,
+    SURE_MASS,
+)
 from steelyard.check.decision.ranked_readings import (
     Judged,
     LogVerdict,
@@ -35,21 +50,6 @@ from steelyard.check.decision.search_of_readings import (
     least_mass,
     mirror,
     undone,
-)
-from steelyard.check.decision.thresholds import (
-    DELAY_ROWS,
-    EXPLAINED_BY_FRICTION,
-    FRICTION_FALL,
-    HEAVIEST_FACTOR,
-    LATE_MARGIN,
-    LEAST_DELAY,
-    LEAST_FALL,
-    LIKELY,
-    MIRROR_FALL,
-    NOTICED_FACTOR,
-    ROUGH_MISFIT,
-    SURE,
-    SURE_MASS,
 )
 from steelyard.check.finding import Severity
 from steelyard.check.hypotheses.effort_hypotheses import factor_intervals, holds_factors

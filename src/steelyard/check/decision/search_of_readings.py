@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from steelyard.base.arrays import Array
 from steelyard.check.case_and_checked_log import Knowledge
-from steelyard.check.decision.thresholds import LEAST_MASS, LEAST_SHARE, LIKELY
+from steelyard.check.decision.odds_thresholds import LEAST_MASS, LEAST_SHARE, LIKELY
 from steelyard.check.hypotheses.effort_hypotheses import (
     OtherEfforts,
     best_combinations,

@@ -8,6 +8,7 @@ import numpy as np
 
 from steelyard.base.arrays import Z95
 from steelyard.check.decision.judged_explanations import CLEAN
+from steelyard.check.decision.odds_thresholds import ANSWERED, FAIR_BODIES_MISFIT, HEAVIEST_FACTOR
 from steelyard.check.decision.ranked_readings import DECISIVE_GAIN, LogVerdict
 from steelyard.check.decision.search_of_readings import (
     COPIED,
@@ -16,7 +17,6 @@ from steelyard.check.decision.search_of_readings import (
     alike,
     least_mass,
 )
-from steelyard.check.decision.thresholds import ANSWERED, FAIR_BODIES_MISFIT, HEAVIEST_FACTOR
 from steelyard.check.hypotheses.marginal_likelihood import WIDTHS
 from steelyard.check.hypotheses.position_hypotheses import (
     ZERO_CAUSE,

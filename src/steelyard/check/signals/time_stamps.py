@@ -53,9 +53,9 @@ from steelyard.estimate.information.base_regressor import Regressor, base_regres
 from steelyard.estimate.information.gather import gather
 from steelyard.estimate.least_squares.weighted_robust_and_whitened import WeightedLeastSquares
 from steelyard.robot.file.signals import ROW
-from steelyard.runs.kept_samples import BLOCK_SAMPLES
 from steelyard.runs.rows.clock_and_row_scan import GAP_SECONDS, GAP_STEPS
 from steelyard.runs.run import Block, Run
+from steelyard.runs.sample_cache import BLOCK_SAMPLES
 
 STEPS_AROUND_LEAP = 4  # steps on each side that say how fast joints move
 LEAP_FACTOR = 2.5  # factor from which on rows are missing

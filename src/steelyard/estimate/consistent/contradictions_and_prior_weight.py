@@ -21,7 +21,7 @@ from steelyard.estimate.consistent.convex_program import (
     conic_constraints,
     scaled_rows,
 )
-from steelyard.estimate.consistent.unknowns_and_penalties import ONE, apart, scale_of
+from steelyard.estimate.consistent.scaled_parameters_and_penalties import ONE, apart, scale_of
 from steelyard.estimate.prior.body_priors import Knowledge, Row
 from steelyard.estimate.prior.prior_constraints import in_words
 

@@ -32,7 +32,7 @@ from steelyard.estimate.consistent.contradictions_and_prior_weight import (
     weighed,
 )
 from steelyard.estimate.consistent.convex_program import Program, conic_constraints, polished
-from steelyard.estimate.consistent.unknowns_and_penalties import Entropic, Form, unknowns
+from steelyard.estimate.consistent.scaled_parameters_and_penalties import Entropic, Form, unknowns
 from steelyard.estimate.estimate import Estimate, StandardEstimate
 from steelyard.estimate.information.base_regressor import BaseMap
 from steelyard.estimate.information.information import Information

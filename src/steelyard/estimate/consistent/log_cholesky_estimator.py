@@ -23,7 +23,7 @@ from steelyard.base.errors import DataError
 from steelyard.estimate.consistent.contradictions_and_prior_weight import refuse_contradictions
 from steelyard.estimate.consistent.convex_estimator import Consistent
 from steelyard.estimate.consistent.convex_program import Program
-from steelyard.estimate.consistent.unknowns_and_penalties import (
+from steelyard.estimate.consistent.scaled_parameters_and_penalties import (
     BASIS,
     COLUMNS,
     ENTRIES,

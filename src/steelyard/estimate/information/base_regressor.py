@@ -25,8 +25,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.linalg import qr, solve_triangular
 
-from steelyard.base.arguments import checked
 from steelyard.base.arrays import Array, frozen, json_values
+from steelyard.base.checked_arguments import checked
 from steelyard.base.errors import ModelError
 from steelyard.model.equations.passive_joints import random_positions
 from steelyard.model.laws.laws_without_friction import RigidBody

@@ -14,7 +14,7 @@ from steelyard.estimate.information.base_regressor import Layout, Regressor
 from steelyard.estimate.information.filter_and_gram import Accumulator
 from steelyard.estimate.information.gather import Piece, in_order, start_pass
 from steelyard.estimate.information.information import Information, Signature, Window, packed
-from steelyard.runs.motion_error import MotionError, motion_error
+from steelyard.runs.motion_error_from_noise import MotionError, motion_error
 from steelyard.runs.run import Run
 
 Index = NDArray[np.intp]

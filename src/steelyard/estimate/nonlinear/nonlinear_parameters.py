@@ -28,8 +28,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from steelyard.base.arguments import checked
 from steelyard.base.arrays import Z95, Array, finite_json, frozen, json_values
+from steelyard.base.checked_arguments import checked
 from steelyard.base.errors import DataError
 from steelyard.base.progress import Progress, silent
 from steelyard.estimate.estimate import Estimate, Estimator
@@ -49,7 +49,7 @@ from steelyard.estimate.nonlinear.grid_search import (
     with_fields,
 )
 from steelyard.model.model import Model
-from steelyard.model.terms.axes_and_fields import finds_of
+from steelyard.model.terms.axes_and_parameters import finds_of
 from steelyard.model.terms.geometry_and_effort_errors import GeometryErrors
 from steelyard.model.terms.term import Term
 from steelyard.robot.inertia_and_placement import INERTIAL_NAMES

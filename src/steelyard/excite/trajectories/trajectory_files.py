@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from steelyard.base.arguments import checked
 from steelyard.base.arrays import Array
+from steelyard.base.checked_arguments import checked
 from steelyard.base.errors import DataError, LogError, advice
 from steelyard.base.files import read_json, write_json
 from steelyard.excite.trajectories.fourier import FourierMotion

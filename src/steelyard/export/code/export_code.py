@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
-from steelyard.base.arguments import checked
+from steelyard.base.checked_arguments import checked
 from steelyard.base.errors import DataError, ModelError, OutputError, advice
 from steelyard.base.files import refuse_existing, whole_file, whole_folder
 from steelyard.estimate.external.contact_thresholds import FEWEST

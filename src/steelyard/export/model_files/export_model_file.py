@@ -16,8 +16,8 @@ from xml.parsers.expat import ParserCreate
 
 import numpy as np
 
-from steelyard.base.arguments import checked
 from steelyard.base.arrays import Array
+from steelyard.base.checked_arguments import checked
 from steelyard.base.errors import ModelError, OutputError, advice
 from steelyard.base.files import whole_file
 from steelyard.check.fitted.implausible_estimates import light_links

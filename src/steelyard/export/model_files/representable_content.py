@@ -14,10 +14,10 @@ import numpy as np
 
 from steelyard.base.arrays import Array
 from steelyard.base.errors import ModelError
-from steelyard.estimate.band_factors import EDGES
+from steelyard.estimate.effort_band_factors import EDGES
 from steelyard.estimate.identified_model import IdentifiedModel
-from steelyard.model.terms.axes_and_fields import Axis
-from steelyard.model.terms.model_file_form import AxisPartKind, Curve, Placed, Pull, listed, placed
+from steelyard.model.terms.axes_and_parameters import Axis
+from steelyard.model.terms.urdf_mjcf_parts import AxisPartKind, Curve, Placed, Pull, listed, placed
 from steelyard.robot.inertia_and_placement import INERTIAL_NAMES, LEAST_INERTIA, Inertia
 from steelyard.robot.robot import Robot
 

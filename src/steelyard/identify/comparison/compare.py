@@ -9,8 +9,8 @@ from typing import Any, NamedTuple, NoReturn
 
 from rich.console import Console
 
-from steelyard.base.arguments import checked
 from steelyard.base.arrays import json_values, records
+from steelyard.base.checked_arguments import checked
 from steelyard.base.errors import DataError, ModelError
 from steelyard.base.progress import Progress, report_progress, silent
 from steelyard.check.named_logs_and_precheck import notes_of_precheck, prechecked

@@ -10,7 +10,7 @@ import numpy as np
 from steelyard.base.arrays import Parameter
 from steelyard.base.errors import ModelError
 from steelyard.model.equations.inverse_dynamics import JointState, Scalar, Scalars
-from steelyard.model.terms.axes_and_fields import (
+from steelyard.model.terms.axes_and_parameters import (
     DEFAULT_SHAPE,
     Axes,
     Axis,
@@ -27,7 +27,8 @@ from steelyard.model.terms.axes_and_fields import (
     spread,
     unfit,
 )
-from steelyard.model.terms.model_file_form import (
+from steelyard.model.terms.term import ActsOnAxes, Cause, Columns, Dissipation, Role, Term
+from steelyard.model.terms.urdf_mjcf_parts import (
     Place,
     Placed,
     Values,
@@ -36,7 +37,6 @@ from steelyard.model.terms.model_file_form import (
     left_out,
     under,
 )
-from steelyard.model.terms.term import ActsOnAxes, Cause, Columns, Dissipation, Role, Term
 from steelyard.robot.robot import Robot
 
 

@@ -16,7 +16,7 @@ from steelyard.model.equations.inverse_dynamics import (
     carried_point,
     inverse_dynamics,
 )
-from steelyard.model.terms.axes_and_fields import (
+from steelyard.model.terms.axes_and_parameters import (
     Axes,
     Axis,
     Field,
@@ -25,7 +25,8 @@ from steelyard.model.terms.axes_and_fields import (
     refuse_not_positive,
     unfit,
 )
-from steelyard.model.terms.model_file_form import (
+from steelyard.model.terms.term import ActsOnAxes, Cause, Columns, Dissipation, Role, Term
+from steelyard.model.terms.urdf_mjcf_parts import (
     AxisPart,
     Place,
     Placed,
@@ -35,7 +36,6 @@ from steelyard.model.terms.model_file_form import (
     left_out,
     under,
 )
-from steelyard.model.terms.term import ActsOnAxes, Cause, Columns, Dissipation, Role, Term
 from steelyard.robot.inertia_and_placement import INERTIAL_NAMES, INERTIAL_UNITS
 from steelyard.robot.robot import Robot
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from steelyard.base.arrays import Array
 from steelyard.model.equations.inverse_dynamics import JointState, Scalar, Scalars, inverse_dynamics
-from steelyard.model.terms.axes_and_fields import Axes
+from steelyard.model.terms.axes_and_parameters import Axes
 from steelyard.model.terms.term import ActsOnAxes, Cause, StatefulTerm, TermSamples
 from steelyard.robot.robot import Robot
 from steelyard.symbolic.native.compiled_programs import recurrence

@@ -10,8 +10,8 @@ from typing_extensions import Self
 
 from steelyard.base.arrays import Array, Parameter
 from steelyard.model.equations.inverse_dynamics import JointState, Scalar, Scalars
-from steelyard.model.terms.axes_and_fields import Along, Axes, Axis, coordinates, each, spread
-from steelyard.model.terms.model_file_form import Place
+from steelyard.model.terms.axes_and_parameters import Along, Axes, Axis, coordinates, each, spread
+from steelyard.model.terms.urdf_mjcf_parts import Place
 from steelyard.robot.robot import Robot
 
 Columns = Mapping[tuple[int, int], Scalar]

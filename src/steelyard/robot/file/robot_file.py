@@ -6,8 +6,8 @@ from types import MappingProxyType
 
 import numpy as np
 
-from steelyard.base.arguments import checked as checked_arguments
 from steelyard.base.arrays import Array, frozen
+from steelyard.base.checked_arguments import checked as checked_arguments
 from steelyard.base.errors import ModelError, advice
 from steelyard.robot.file.effort_units_and_gears import WITHOUT_TORQUE, Locate, build_transmission
 from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot as LoadedRobot

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from steelyard.base.arrays import Array
-from steelyard.symbolic.native import cache, machine
+from steelyard.symbolic.native import cache, compiler
 from steelyard.symbolic.program import InputArray, Program
 
 TILE_ROWS = 4
@@ -116,12 +116,12 @@ def machine_code(
     description: Any, write: Callable[[], tuple[str, dict[str, Any]]]
 ) -> tuple[dict[str, Any], bytes]:
     """Machine code of LLVM code and what is stated about it, from the cache where possible."""
-    facts = [ENGINE, machine.version(), machine.host(), machine.lanes()]
+    facts = [ENGINE, compiler.version(), compiler.host(), compiler.lanes()]
     key = cache.key_of([*facts, description])
     entry = cache.load(key)
     if entry is None:
         text, about = write()
-        entry = about, machine.compile_code(text)
+        entry = about, compiler.compile_code(text)
         cache.store(key, *entry)
     return entry
 
@@ -140,16 +140,16 @@ def compiled(description: Any, build: Callable[[], tuple[Program, dict[str, Any]
             "n_outputs": len(program.outputs),
             "n_operations": program.n_operations,
         }
-        return _module(program, machine.lanes()), {**about, **facts}
+        return _module(program, compiler.lanes()), {**about, **facts}
 
     about, code = machine_code(description, write)
-    library = machine.Library(code, ["program", "fused", "sample"], loops().module)
+    library = compiler.Library(code, ["program", "fused", "sample"], loops().module)
     n_inputs = len(about["shared"])
     return Code(
         about=about,
         shared=tuple(about["shared"]),
         n_outputs=int(about["n_outputs"]),
-        lanes=machine.lanes(),
+        lanes=compiler.lanes(),
         raw=library.function("program", 2 * n_inputs + 3),
         fused=library.function("fused", 2 * n_inputs + 9),
         sample=library.function("sample", 1, answers=True),
@@ -172,9 +172,9 @@ def compiled_equations(
 @lru_cache
 def loops() -> Any:
     """The small loops that do not depend on the program, and their `module`."""
-    lanes, arguments = machine.lanes(), {"gram": 6, "absolute": 5, "fir": 9, "recurrence": 7}
+    lanes, arguments = compiler.lanes(), {"gram": 6, "absolute": 5, "fir": 9, "recurrence": 7}
     code = machine_code("loops", lambda: (loops_code(lanes), {}))[1]
-    module = machine.Library(code, list(arguments))
+    module = compiler.Library(code, list(arguments))
     functions = {name: module.function(name, count) for name, count in arguments.items()}
     return SimpleNamespace(module=module, **functions)
 

@@ -27,7 +27,7 @@ from typing import Any
 import numpy as np
 
 from steelyard.base.arrays import Array
-from steelyard.symbolic.native import machine
+from steelyard.symbolic.native import compiler
 from steelyard.symbolic.native.compiled_programs import machine_code
 
 KEPT = 11
@@ -72,7 +72,7 @@ def smoothed(kept: Array, steps: Array) -> tuple[Array, Array]:
 @cache
 def _loops() -> tuple[Any, Any]:
     code = machine_code("kalman", lambda: (_forward() + _backward(), {}))[1]
-    library = machine.Library(code, ["kalman_forward", "kalman_backward"])
+    library = compiler.Library(code, ["kalman_forward", "kalman_backward"])
     return library.function("kalman_forward", 5), library.function("kalman_backward", 4)
 
 

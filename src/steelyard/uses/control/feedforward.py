@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from steelyard.base.arguments import checked
 from steelyard.base.arrays import Array
+from steelyard.base.checked_arguments import checked
 from steelyard.base.errors import DataError, ModelError, advice
 from steelyard.base.files import write_table
 from steelyard.base.motion import Motion

@@ -18,7 +18,7 @@ import numpy as np
 from steelyard.base.arrays import Z95, Array
 from steelyard.base.errors import DataError
 from steelyard.estimate.consistent.conic_solver import Block, Conic, solved
-from steelyard.estimate.consistent.unknowns_and_penalties import (
+from steelyard.estimate.consistent.scaled_parameters_and_penalties import (
     BASIS,
     ENTRIES,
     ORDER,

@@ -7,8 +7,8 @@ from typing import Any, Literal
 import numpy as np
 from rich.console import Console
 
-from steelyard.base.arguments import checked
 from steelyard.base.arrays import Array
+from steelyard.base.checked_arguments import checked
 from steelyard.base.files import write_table
 from steelyard.base.progress import Progress, silent
 from steelyard.estimate.external.observer_and_wrench import (

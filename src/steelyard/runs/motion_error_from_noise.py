@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from steelyard.base.arrays import Array, frozen
+from steelyard.runs.first_pass_over_recording import survey
 from steelyard.runs.run import Run
 from steelyard.runs.smoothing.zero_phase_filters import Butterworth, Method
-from steelyard.runs.survey import survey
 
 
 def motion_responses(

@@ -16,7 +16,7 @@ import typer
 import typer.main
 from typer.core import TyperCommand
 
-from steelyard.cli.command import LOG_HELP, MODEL_HELP, XACRO_ARGUMENTS_HELP, guarded
+from steelyard.cli.shared_by_commands import LOG_HELP, MODEL_HELP, XACRO_ARGUMENTS_HELP, guarded
 
 SHARED: Mapping[str, Mapping[str, Any]] = {
     "robot": {
