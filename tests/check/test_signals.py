@@ -28,7 +28,9 @@ from steelyard.check.signals.saturation_and_unsigned_efforts import (
 )
 from steelyard.check.signals.time_stamps import clock_check
 from steelyard.check.signals.velocity_check import velocity_check
-from steelyard.logs.log import Cut, Log, Numbered
+from steelyard.logs.clocks_and_combined_logs import Numbered
+from steelyard.logs.log_and_errors import Log
+from steelyard.logs.log_windows import Cut
 from steelyard.robot.file.robot_file import load_robot
 from steelyard.robot.file.signals import ROW, VELOCITY_UNITS
 from steelyard.robot.file.toml_edits import edited

@@ -9,7 +9,7 @@ from check.conftest import Arm
 from steelyard.check.case_and_checked_log import Case, CheckedLog
 from steelyard.check.finding import Finding, Severity
 from steelyard.check.signals.time_stamps import clock_check
-from steelyard.logs.log import Numbered
+from steelyard.logs.clocks_and_combined_logs import Numbered
 from steelyard.robot.file.robot_file import load_robot
 from steelyard.runs.processing_choices import Processing
 from steelyard.runs.recording import LogInMemory, Recording

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from bag_writers import Note, in_order, joint_state, wrench, write_bag1, write_bag2, write_mcap
 from steelyard.base.errors import LogError
 from steelyard.logs.formats import open_log
-from steelyard.logs.log import Log
+from steelyard.logs.log_and_errors import Log
 from steelyard.logs.messages.message_log import MessageLog
 
 NAMES = tuple(f"arm_{k}_joint" for k in range(1, 7))

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from steelyard.base.errors import LogError
 from steelyard.logs.formats import FORMATS, open_log
-from steelyard.logs.log import Log
+from steelyard.logs.log_and_errors import Log
 
 COLUMNS = ("time_s", "q1_rad", "q2_rad", "current1_A")
 TABLE = np.arange(240.0).reshape(60, 4) / 7.0

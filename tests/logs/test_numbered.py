@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 
+from steelyard.logs.clocks_and_combined_logs import Numbered
 from steelyard.logs.formats import open_log
-from steelyard.logs.log import Numbered
 from steelyard.robot.file.signals import ROW
 
 

@@ -10,16 +10,8 @@ from hypothesis import strategies as st
 
 from invented import tree
 from steelyard.base.arrays import Array
-from steelyard.symbolic.program import (
-    CHUNK,
-    NUMPY,
-    Program,
-    Step,
-    enclosed,
-    program_from_json,
-    program_to_json,
-    run,
-)
+from steelyard.symbolic.interval_bounds import CHUNK, enclosed
+from steelyard.symbolic.program import NUMPY, Program, Step, program_from_json, program_to_json, run
 from steelyard.symbolic.program import InputArray as Input
 
 INPUTS = (Input("x", 3), Input("p", 2, shared=True))

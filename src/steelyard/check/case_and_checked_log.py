@@ -16,7 +16,7 @@ from steelyard.base.progress import Progress, silent
 from steelyard.check.finding import Finding
 from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.estimate.payload.payload_frame import carrier
-from steelyard.logs.log import Log
+from steelyard.logs.log_and_errors import Log
 from steelyard.model.laws.laws_without_friction import RigidBody
 from steelyard.model.model import Model, ValuedModel
 from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot

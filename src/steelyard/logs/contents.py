@@ -14,7 +14,8 @@ from steelyard.base.arrays import Array
 from steelyard.base.errors import LogError
 from steelyard.base.progress import Progress, report_progress, silent
 from steelyard.logs.formats import FORMATS
-from steelyard.logs.log import ROWS_OF_PART, Cut, Log
+from steelyard.logs.log_and_errors import ROWS_OF_PART, Log
+from steelyard.logs.log_windows import Cut
 from steelyard.robot.file.signals import TIME_UNITS
 from steelyard.robot.init.column_names import Column
 from steelyard.robot.init.guess_clock_positions_and_velocities import guess_time

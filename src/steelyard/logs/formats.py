@@ -17,8 +17,9 @@ from steelyard.base.arrays import Array
 from steelyard.base.checked_arguments import checked
 from steelyard.base.errors import LogError, OutputError
 from steelyard.base.files import csv_lines
+from steelyard.logs.clocks_and_combined_logs import WholeClocks
 from steelyard.logs.hdf5_matlab import open_hdf5, open_mat
-from steelyard.logs.log import Log, WholeClocks, require_file
+from steelyard.logs.log_and_errors import Log, require_file
 from steelyard.logs.messages.message_log import MessageLog
 from steelyard.logs.messages.ros2_bag import METADATA
 from steelyard.logs.named_arrays_and_numpy_files import open_npy, open_npz

@@ -14,13 +14,8 @@ import numpy as np
 
 from steelyard.base.arrays import Array
 from steelyard.base.errors import LogError
-from steelyard.logs.log import (
-    logged_columns,
-    require_columns,
-    split_clocks,
-    unreadable,
-    with_clocks,
-)
+from steelyard.logs.clocks_and_combined_logs import logged_columns, split_clocks, with_clocks
+from steelyard.logs.log_and_errors import require_columns, unreadable
 from steelyard.logs.messages.mcap_and_ros1_bag import open_mcap
 from steelyard.logs.messages.message_log import MessageLog
 from steelyard.logs.text_table import HEADER_LINES, by_numpy, read_header, rows_of_numbers, tidied

@@ -22,7 +22,7 @@ import numpy as np
 from steelyard.base.arrays import Array
 from steelyard.base.errors import LogError
 from steelyard.base.progress import module_command
-from steelyard.logs.log import require_file
+from steelyard.logs.log_and_errors import require_file
 from steelyard.logs.named_arrays_and_numpy_files import (
     ArraysLog,
     ColumnPlace,

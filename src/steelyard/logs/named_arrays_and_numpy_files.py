@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from steelyard.base.arrays import Array, by_key
 from steelyard.base.errors import LogError
-from steelyard.logs.log import ROWS_OF_PART, RowRange, require_columns, require_file
+from steelyard.logs.log_and_errors import ROWS_OF_PART, RowRange, require_columns, require_file
 
 MOST_COLUMNS_OF_ARRAY = 4096  # columns that one array may have
 LEAST_ROWS = 2

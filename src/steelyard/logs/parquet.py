@@ -18,7 +18,7 @@ import numpy as np
 
 from steelyard.base.arrays import Array
 from steelyard.base.errors import LogError, require
-from steelyard.logs.log import ROWS_OF_PART, RowRange, require_columns, require_file
+from steelyard.logs.log_and_errors import ROWS_OF_PART, RowRange, require_columns, require_file
 
 if TYPE_CHECKING:
     import polars

@@ -13,7 +13,7 @@ import numpy as np
 
 from steelyard.base.arrays import Array, by_key
 from steelyard.base.errors import LogError, available
-from steelyard.logs.log import (
+from steelyard.logs.log_and_errors import (
     ROWS_OF_PART,
     RowRange,
     ambiguous,

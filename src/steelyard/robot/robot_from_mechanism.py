@@ -8,16 +8,7 @@ from numpy.typing import ArrayLike
 
 from steelyard.base.arrays import frozen
 from steelyard.base.errors import ModelError, advice, listing
-from steelyard.robot.free_coupled_and_mimic_joints import (
-    drive_of,
-    followers_of,
-    limit_notes,
-    merged,
-    narrowed,
-    refuse_coupled,
-    unlimited_if_empty,
-    without_free_joints,
-)
+from steelyard.robot.floating_ball_and_coupled_joints import refuse_coupled, without_free_joints
 from steelyard.robot.inertia_and_placement import LEAST_INERTIA, Inertia, Placement
 from steelyard.robot.loop_closures import Closing, closed_robot, passive_joints
 from steelyard.robot.mechanism import (
@@ -28,6 +19,14 @@ from steelyard.robot.mechanism import (
     Mechanism,
     Mimic,
     ModelNote,
+)
+from steelyard.robot.mimic_joints_and_limits import (
+    drive_of,
+    followers_of,
+    limit_notes,
+    merged,
+    narrowed,
+    unlimited_if_empty,
 )
 from steelyard.robot.robot import Body, Coordinate, Frame, JointKind, Limits, Robot
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from steelyard.base.arrays import Array, frozen
 from steelyard.base.errors import LogError
-from steelyard.logs.log import Cut
+from steelyard.logs.log_windows import Cut
 from steelyard.runs.cutoff_frequencies import SHORTEST_SEGMENT, Cutoffs, cutoffs
 from steelyard.runs.first_pass_over_recording import Survey, survey
 from steelyard.runs.mean_over_repetitions import MeanMotion, mean_of_periods

@@ -13,8 +13,9 @@ import numpy as np
 from steelyard.base.checked_arguments import checked
 from steelyard.base.errors import LogError
 from steelyard.base.progress import Progress, report_progress, silent
+from steelyard.logs.clocks_and_combined_logs import Numbered
 from steelyard.logs.formats import open_log
-from steelyard.logs.log import Cut, Numbered, parse_log_argument
+from steelyard.logs.log_windows import Cut, parse_log_argument
 from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
 from steelyard.robot.file.robot_file import load_robot
 from steelyard.robot.file.signals import ROW, Signals

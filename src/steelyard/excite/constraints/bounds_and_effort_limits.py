@@ -33,7 +33,8 @@ from steelyard.model.model import Model, ValuedModel
 from steelyard.model.terms.term import Term
 from steelyard.robot.inertia_and_placement import INERTIAL_NAMES, Inertia
 from steelyard.robot.robot import Robot
-from steelyard.symbolic.program import Program, enclosed
+from steelyard.symbolic.interval_bounds import enclosed
+from steelyard.symbolic.program import Program
 
 STRETCHES = 512  # stretches of time to begin with
 MOST_STRETCHES = 100_000  # stretches after which a proof ends with the bound that it has

@@ -19,7 +19,7 @@ from steelyard.excite.trajectories.piecewise_polynomials import (
 )
 from steelyard.excite.trajectories.trajectory import ChainedMotion, ExactTrajectory, SlowedMotion
 from steelyard.logs.formats import open_log
-from steelyard.logs.log import Log
+from steelyard.logs.log_and_errors import Log
 from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
 from steelyard.robot.file.robot_file import load_robot
 from steelyard.robot.robot import Robot

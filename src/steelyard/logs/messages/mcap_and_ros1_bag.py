@@ -17,7 +17,7 @@ from typing import Any, ClassVar
 from zlib import crc32
 
 from steelyard.base.errors import LogError
-from steelyard.logs.log import unreadable
+from steelyard.logs.log_and_errors import unreadable
 from steelyard.logs.messages.containers_and_decoding import LARGEST_MESSAGE, Channel, Message
 from steelyard.logs.messages.decompression import (
     LARGEST_CHUNK,

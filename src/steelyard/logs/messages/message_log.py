@@ -24,7 +24,13 @@ import numpy as np
 
 from steelyard.base.arrays import Array, by_key
 from steelyard.base.errors import LogError
-from steelyard.logs.log import ROWS_OF_PART, RowRange, require_columns, require_file, unreadable
+from steelyard.logs.log_and_errors import (
+    ROWS_OF_PART,
+    RowRange,
+    require_columns,
+    require_file,
+    unreadable,
+)
 from steelyard.logs.messages.containers_and_decoding import (
     Channel,
     Container,

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from steelyard.base.errors import LogError
-from steelyard.logs.log import require_file, unreadable
+from steelyard.logs.log_and_errors import require_file, unreadable
 from steelyard.logs.messages.containers_and_decoding import (
     LARGEST_MESSAGE,
     Channel,

@@ -24,7 +24,7 @@ from steelyard.robot.file.sections import (
     ValidationSection,
 )
 from steelyard.robot.file.signals import Signals
-from steelyard.robot.free_coupled_and_mimic_joints import floating_base
+from steelyard.robot.floating_ball_and_coupled_joints import floating_base
 from steelyard.robot.mechanism import JointSpring, Mechanism
 from steelyard.robot.models.denavit_hartenberg import dh_mechanism
 from steelyard.robot.models.urdf import read_urdf

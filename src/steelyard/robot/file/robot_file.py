@@ -27,10 +27,11 @@ from steelyard.robot.file.model_reading_and_loaded_robot import read_mechanism a
 from steelyard.robot.file.sections import RobotFile, RobotSection
 from steelyard.robot.file.signals import build_signals
 from steelyard.robot.file.toml_schema import checked
-from steelyard.robot.free_coupled_and_mimic_joints import floating_base, unlimited_if_empty
+from steelyard.robot.floating_ball_and_coupled_joints import floating_base
 from steelyard.robot.inertia_and_placement import clean_rotation, rpy_rotation
 from steelyard.robot.loop_closures import Closing
 from steelyard.robot.mechanism import Answer, Mechanism, Pin
+from steelyard.robot.mimic_joints_and_limits import unlimited_if_empty
 from steelyard.robot.models.xacro import joined_reference, split_reference
 from steelyard.robot.models.xml_reader import read_bytes
 from steelyard.robot.robot import Limits, Robot

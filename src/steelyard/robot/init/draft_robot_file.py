@@ -19,7 +19,7 @@ from steelyard.robot.file.model_reading_and_loaded_robot import (
 )
 from steelyard.robot.file.sections import Side
 from steelyard.robot.file.toml_edits import toml_key, toml_text
-from steelyard.robot.free_coupled_and_mimic_joints import carried_joints, drive_of, floating_trees
+from steelyard.robot.floating_ball_and_coupled_joints import carried_joints, floating_trees
 from steelyard.robot.init.column_names import Column, by_name, finite, like_finger
 from steelyard.robot.init.draft_tables import (
     Effort,
@@ -44,6 +44,7 @@ from steelyard.robot.init.guess_efforts_and_gears import (
 )
 from steelyard.robot.loop_closures import between
 from steelyard.robot.mechanism import Listed, Mechanism
+from steelyard.robot.mimic_joints_and_limits import drive_of
 from steelyard.robot.models.xacro import split_reference
 from steelyard.robot.models.xml_reader import read_xml
 from steelyard.robot.robot import Coordinate, Robot

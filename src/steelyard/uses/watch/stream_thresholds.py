@@ -12,7 +12,7 @@ from steelyard.estimate.scores.residuals import FORGOTTEN, ResidualTrace, greate
 from steelyard.identify.scores_and_model_report import fitted_before
 from steelyard.logs.contents import windowed
 from steelyard.logs.formats import open_log
-from steelyard.logs.log import parse_log_argument
+from steelyard.logs.log_windows import parse_log_argument
 from steelyard.runs.runs_of_named_logs import LogArgument
 from steelyard.runs.sample_stream import SampleStream
 from steelyard.uses.contact.contact import common_rest_speed, fitted_note, peaks_of_free_motion

@@ -1,4 +1,4 @@
-"""Joints that are not coordinates of a robot: free, ball, coupled and mimic joints.
+"""Joints that are not coordinates of a robot: floating, ball and coupled joints.
 
 A robot here stands on a base at rest, and each of its joints has one degree of freedom. A floating
 body with joints beyond it is a robot once it is the base; one without is a loose object.
@@ -7,11 +7,8 @@ body with joints beyond it is a robot once it is the base; one without is a loos
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 
-import numpy as np
-
 from steelyard.base.errors import ModelError, OpenModelError
-from steelyard.robot.mechanism import Joint, Listed, Mechanism, Mimic
-from steelyard.robot.robot import Limits, Robot
+from steelyard.robot.mechanism import Joint, Listed, Mechanism
 
 
 def floating_trees(mechanism: Mechanism, base: str) -> dict[Joint, int]:
@@ -159,76 +156,3 @@ def refuse_coupled(
             fix=f"lock them: {lines} under [robot.locked] in a robot file, as `steelyard init` "
             "writes it",
         )
-
-
-def drive_of(mechanism: Mechanism, joint: Joint) -> Mimic:
-    """How a joint follows the independent joint behind it, itself if need be; chains resolved."""
-    ratio, offset = 1.0, 0.0
-    while joint.mimic is not None:
-        offset += ratio * joint.mimic.offset
-        ratio *= joint.mimic.ratio
-        joint = mechanism.joint(joint.mimic.master)
-    return Mimic(joint.name, ratio, offset)
-
-
-def followers_of(
-    mechanism: Mechanism, drives: Mapping[str, Mimic], master: str
-) -> list[tuple[Mimic, Limits]]:
-    """The mimic joints behind an independent joint, with their own limits."""
-    following = [n for n, drive in drives.items() if drive.master == master and n != master]
-    return [(drives[name], mechanism.joint(name).limits) for name in following]
-
-
-def narrowed(limits: Limits, followers: Sequence[tuple[Mimic, Limits]]) -> tuple[Limits, bool]:
-    """Limits that keep the followers of a joint within theirs as well, and whether a range is left.
-
-    A follower at `x = ratio * q + offset` within `[lower, upper]` keeps `q` between `(lower -
-    offset) / ratio` and `(upper - offset) / ratio`, and its speed limit counts as `velocity /
-    |ratio|`. A follower with an empty range is unlimited; the joint's range stays if none is left.
-    """
-    lower, upper, velocity = limits.lower, limits.upper, limits.velocity
-    for drive, own in followers:
-        ratio, offset = drive.ratio, drive.offset
-        if ratio == 0.0:
-            continue
-        velocity = min(velocity, own.velocity / abs(ratio))
-        if own.lower < own.upper:
-            ends = sorted(((own.lower - offset) / ratio, (own.upper - offset) / ratio))
-            lower, upper = max(lower, ends[0]), min(upper, ends[1])
-    if left := not followers or lower < upper:
-        return replace(limits, lower=lower, upper=upper, velocity=velocity), left
-    return replace(limits, velocity=velocity), left
-
-
-def merged(given: Limits, model: Limits, narrow: Limits) -> Limits:
-    """Limits that a user gave; those left as the model has them are the narrowed ones."""
-    lower, upper, velocity = (
-        getattr(narrow if getattr(given, side) == getattr(model, side) else given, side)
-        for side in ("lower", "upper", "velocity")
-    )
-    if not lower < upper:
-        lower, upper = given.lower, given.upper
-    return replace(given, lower=lower, upper=upper, velocity=velocity)
-
-
-def unlimited_if_empty(limits: Limits) -> Limits:
-    """A range of one point says nothing."""
-    if limits.lower == limits.upper:
-        return replace(limits, lower=-np.inf, upper=np.inf)
-    return limits
-
-
-def limit_notes(mechanism: Mechanism, drives: Mapping[str, Mimic], robot: Robot) -> list[str]:
-    """What was assumed of the coordinates' limits, a sentence each."""
-    notes = []
-    for c in robot.joints:
-        limits = mechanism.joint(c.name).limits
-        if limits.lower == limits.upper and np.isinf(c.limits.lower):
-            notes.append(f"joint '{c.name}' has an empty range in the model: taken as unlimited")
-        followers = followers_of(mechanism, drives, c.name)
-        if not narrowed(unlimited_if_empty(limits), followers)[1]:
-            notes.append(
-                f"no position of '{c.name}' satisfies the ranges of its mimic joints: "
-                "these are ignored"
-            )
-    return notes

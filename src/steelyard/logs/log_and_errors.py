@@ -1,0 +1,136 @@
+"""What every log can do, and errors for columns and files that are missing or unreadable."""
+
+import re
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Protocol
+
+from steelyard.base.arrays import Array
+from steelyard.base.errors import LogError, advice, listing, names_beside, nearest
+from steelyard.robot.init.column_names import Column
+
+ROWS_OF_PART = 50_000
+"""Rows of a part. Twice as many need 15 MiB more, half as many take twice the time."""
+
+RowRange = tuple[int, int | None]
+"""First row and the row after the last one, counted from zero; `None` is the end of the log."""
+
+
+class Log(Protocol):
+    """A table of numbers on disk, read from front to back in constant memory."""
+
+    @property
+    def path(self) -> Path:
+        """Where it is."""
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Names of its columns."""
+
+    def parts(
+        self, columns: Sequence[str], rows: RowRange = (0, None), size: int = ROWS_OF_PART
+    ) -> Iterator[Array]:
+        """The requested rows, in arrays of shape `(at most size, len(columns))`.
+
+        A cell that is missing or not a number is NaN.
+
+        Raises:
+            LogError: A column does not exist, or the file cannot be read.
+        """
+
+
+MOST_NAMED_COLUMNS = 4  # most missing columns that are named
+TIME_COLUMN = re.compile("(^|_)(t|time|stamp|timestamp)(_|$)", re.IGNORECASE)
+"""Names of columns of time."""
+
+
+def require_columns(path: Path, known: Sequence[str], wanted: Sequence[str]) -> None:
+    """Check that a log has the columns wanted of it, each once."""
+    fix = "name the columns of the log under [signals] of the robot file"
+    twice = next((c for c in wanted if list(known).count(c) > 1), None)
+    missing = [column for column in dict.fromkeys(wanted) if column not in known]
+    if twice is not None and (not missing or wanted.index(twice) < wanted.index(missing[0])):
+        raise ambiguous(path, twice, list(known).count(twice))
+    if not missing:
+        return
+    wrong = f"the log has no column '{missing[0]}'"
+    if len(missing) > 1:
+        wrong = (
+            f"{len(missing)} of the {len(wanted)} columns that are needed are not in the log: "
+            f"{_first_names(missing)}"
+        )
+    used = "all columns of the log are used: log this one too, or leave its joint out"
+    if any(TIME_COLUMN.search(column) for column in missing):
+        used = fix = (
+            "name the column of time, or state rate = HZ instead of time, if rows are evenly "
+            "spaced, under [signals] of the robot file"
+        )
+    free = [column for column in known if column not in wanted]
+    found = f"{_similar_columns(missing, free)}; {fix}" if free else used
+    raise LogError(wrong, where=str(path), fix=found)
+
+
+def ambiguous(path: Path, name: str, count: int) -> LogError:
+    """The error for a wanted name that several columns have."""
+    return LogError(
+        f"the log has {count} columns that are called '{name}'",
+        where=str(path),
+        fix="rename them in the log's header, then name the columns of the log under [signals] of "
+        "the robot file",
+    )
+
+
+def require_file(path: Path) -> None:
+    """Check that there is something to read."""
+    if path.is_dir():
+        raise LogError(
+            "the log is a folder, not a file", where=str(path), fix="name one log file in it"
+        )
+    if not path.exists():
+        raise LogError("there is no such log file", where=str(path), fix=_similar_files(path))
+    if path.stat().st_size == 0:
+        raise LogError("the log file is empty", where=str(path), fix="record or copy it again")
+
+
+def unreadable(path: Path, error: OSError) -> LogError:
+    """The error for a file that the system does not hand out."""
+    return LogError(
+        f"the log cannot be read ({error.strerror or error})",
+        where=str(path),
+        fix="check the file's permissions and the disk",
+    )
+
+
+def _first_names(columns: Sequence[str]) -> str:
+    more = ", ..." * (len(columns) > MOST_NAMED_COLUMNS)
+    return ", ".join(map(repr, columns[:MOST_NAMED_COLUMNS])) + more
+
+
+def _similar_columns(missing: Sequence[str], free: Sequence[str]) -> str:
+    """Columns that may be meant, none of another quantity or unit: one for each that is missing."""
+    alike = {
+        column: [name for name in free if Column(name).may_stand_for(Column(column))]
+        for column in missing
+    }
+    found = [name for column in missing for name in nearest(column, alike[column], 1)]
+    if len(missing) > 1 and len(set(found)) == len(missing):
+        return f"did you mean {_first_names(found)}?"
+    near = nearest(missing[0], alike[missing[0]])
+    if near:
+        return advice(missing[0], near, "columns")
+    return listing(free, "other columns", like=missing[0])
+
+
+def _similar_files(path: Path) -> str:
+    """Files beside a missing one that may be meant: of a similar name, or of the same kind."""
+    if not path.parent.is_dir():
+        return f"check the path: there is no folder '{path.parent}'"
+    if "[" in path.name:
+        return "cut a log with LOG@START:STOP (seconds from its start) or LOG#START:STOP (rows)"
+    near, alike = names_beside(path)
+    if near or alike:
+        return advice(path.name, near or alike, "logs there")
+    if "*" in path.name or "?" in path.name:
+        return f"check the pattern: no file in '{path.parent}' matches it"
+    ending = f"ends in {path.suffix}" if path.suffix else "has no suffix either"
+    return f"check the path: no file in '{path.parent}' has a similar name or {ending}"
