@@ -10,7 +10,7 @@ from proofs.support.claims import Claim, data_folder, main_of
 
 from steelyard.base.progress import silent
 from steelyard.check.all_checks_and_contradictions import Diagnosis, examine
-from steelyard.check.case_and_checked_log import Case
+from steelyard.check.case_logs_and_checks import Case
 from steelyard.check.finding import Finding, Severity
 from steelyard.check.named_logs_and_precheck import case_of, subject_of
 from steelyard.check.signals.motion_units import unit_reading

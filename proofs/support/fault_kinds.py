@@ -7,8 +7,8 @@ import numpy as np
 from proofs.support.faults import Clean, Faulty, with_keys
 
 from steelyard.check.all_checks_and_contradictions import Diagnosis
-from steelyard.check.case_and_checked_log import Knowledge, knowledge_of
 from steelyard.check.finding import Edit
+from steelyard.check.known_efforts_of_robot import Knowledge, knowledge_of
 from steelyard.robot.file.toml_edits import edited
 from steelyard.robot.inertia_and_placement import Inertia
 from steelyard.runs.prepare import prepare

@@ -12,7 +12,7 @@ import pytest
 from check.conftest import MODEL_BASED
 from check.test_model_based import DQ, GAINS, TAU, Q, edits, in_amperes, names, with_payload, wrong
 from steelyard.check.all_checks_and_contradictions import examine
-from steelyard.check.case_and_checked_log import Case, CheckedLog, knowledge_of
+from steelyard.check.case_logs_and_checks import Case, CheckedLog
 from steelyard.check.decision import judged_explanations
 from steelyard.check.decision.controller_gains_and_gain_advice import _listed_sources
 from steelyard.check.decision.judged_explanations import judge_log
@@ -23,6 +23,7 @@ from steelyard.check.finding import Edit, Severity
 from steelyard.check.findings_text_and_page import check_headline
 from steelyard.check.hypotheses.gravity_payload_and_delay import _DirectionResidual
 from steelyard.check.hypotheses.readings_and_likelihood import keeps_evidence
+from steelyard.check.known_efforts_of_robot import knowledge_of
 from steelyard.model.model import Model
 from steelyard.robot.file.toml_edits import edited
 from steelyard.runs.processing_choices import Processing

@@ -9,7 +9,7 @@ import numpy as np
 
 from steelyard.base.arrays import Array
 from steelyard.base.progress import report_progress
-from steelyard.check.case_and_checked_log import Case, CaseCheck, CheckedLog, case_check
+from steelyard.check.case_logs_and_checks import Case, CaseCheck, CheckedLog, case_check
 from steelyard.check.decision.gear_signs_and_couplings import transmission_check
 from steelyard.check.decision.hypothesis_checks import (
     EFFORT_DELAY,

@@ -7,7 +7,7 @@ inertias that are significantly positive say that it is contained.
 from collections.abc import Iterable
 
 from steelyard.base.errors import SteelyardError
-from steelyard.check.case_and_checked_log import Case, case_check
+from steelyard.check.case_logs_and_checks import Case, case_check
 from steelyard.check.finding import Finding, Fix
 from steelyard.check.fitted.fitted_case_and_ranked_causes import FittedCase, post_fit_check
 from steelyard.check.identifiability_and_clean_runs import customary_model, longest_run

@@ -6,7 +6,7 @@ from functools import reduce
 from operator import add
 
 from steelyard.base.errors import SteelyardError
-from steelyard.check.case_and_checked_log import Case, CheckedLog, case_check
+from steelyard.check.case_logs_and_checks import Case, CheckedLog, case_check
 from steelyard.check.finding import Finding, Fix
 from steelyard.estimate.estimate import Unidentifiable
 from steelyard.estimate.information.base_regressor import base_regressor

@@ -1,17 +1,14 @@
-"""All estimators by the names of commands and tables; the requested one, and what it looks at."""
+"""All estimators by the names of commands and tables; the requested one, used on data."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property, reduce
-from operator import add
-from typing import Any, Literal
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from steelyard.base.errors import DataError, ModelError, advice
 from steelyard.base.progress import Progress, silent
 from steelyard.estimate.closed_loop.extended_kalman_filter import KalmanParameters
-from steelyard.estimate.closed_loop.simulated_experiment import Experiment
 from steelyard.estimate.closed_loop.simulating_estimators import (
     ClosedLoopOutputError,
     Didim,
@@ -20,11 +17,10 @@ from steelyard.estimate.closed_loop.simulating_estimators import (
 from steelyard.estimate.consistent.convex_estimator import Consistent
 from steelyard.estimate.consistent.log_cholesky_estimator import LogCholesky
 from steelyard.estimate.consistent.scaled_parameters_and_penalties import Free, Pullback
+from steelyard.estimate.data_for_estimators import Needs, Sources
 from steelyard.estimate.estimate import Estimate, Estimator
 from steelyard.estimate.information.base_regressor import Layout, Regressor
-from steelyard.estimate.information.filter_and_gram import ParallelFilter
-from steelyard.estimate.information.filtered_samples import FilteredSamples, gather_samples
-from steelyard.estimate.information.information import Information, Window
+from steelyard.estimate.information.information import Information
 from steelyard.estimate.least_squares.errors_in_variables import MotionNoise, TotalLeastSquares
 from steelyard.estimate.least_squares.known_bounded_and_ridge import (
     BoundedLeastSquares,
@@ -48,8 +44,6 @@ from steelyard.estimate.reduction.reduction import Reduced
 from steelyard.model.model import Model
 from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
 from steelyard.runs.run import Run, fastest_of
-
-Needs = Literal["information", "samples", "experiment"]  # see `estimate.Estimator`
 
 
 @dataclass(frozen=True, eq=False)
@@ -282,71 +276,6 @@ def per_run_columns(model: Model, layout: Layout) -> tuple[str, ...]:
     """Columns whose parameters every run of a model has for itself."""
     own = set(model.per_run_names)
     return tuple(name for name in layout.columns if name in own)
-
-
-@dataclass(frozen=True, eq=False)
-class Sources:
-    """What estimators look at, of runs: samples and experiments are gathered on first use."""
-
-    regressor: Regressor
-    runs: Sequence[Run]
-    information: Information
-    threads: int
-    progress: Progress
-
-    def data(self, needs: Needs, information: Information) -> Any:
-        """What an estimator is given of the runs in the windows of an information."""
-        if needs == "information":
-            return information
-        return self.samples(information) if needs == "samples" else self.experiment(information)
-
-    def samples(self, information: Information) -> FilteredSamples:
-        """The samples that were summed up in the windows of an information."""
-        given, found = _by_run(information), []
-        for run in self.runs:
-            if run.name in given:
-                # samples are in the middle of the filter, not at its start
-                taps = ParallelFilter.design(run.matched_cutoff, run.rate).taps
-                lag, half = ((len(taps) - 1) // 2) / run.rate, 0.5 / run.rate
-                windows = [
-                    replace(w, start=w.start + lag - half, stop=w.stop + lag + half)
-                    for w in given[run.name]
-                ]
-                found.append(self._gathered[run.name].during(windows))
-        return reduce(add, found)
-
-    def experiment(self, information: Information) -> Experiment:
-        """An experiment of the runs of an information; how they were controlled is not logged."""
-        given, whole = _by_run(information), _by_run(self.information)
-        for name, mine in given.items():
-            if mine != whole[name]:
-                raise DataError(
-                    "it simulates whole runs, and a part of this one is left out",
-                    where=name,
-                    fix="give several logs, or several cuts of this one: LOG@0:10 LOG@10:20",
-                )
-        runs = [run for run in self.runs if run.name in given]
-        return Experiment.of_runs(self.regressor, runs, information=information)
-
-    @cached_property
-    def _gathered(self) -> dict[str, FilteredSamples]:
-        model = self.regressor.model
-        return {
-            run.name: gather_samples(
-                self.regressor,
-                run,
-                rests=model.has_memory,
-                threads=self.threads,
-                progress=self.progress,
-            ).scaled(run.recording.signals.gains, model.robot.effort_units)
-            for run in self.runs
-        }
-
-
-def _by_run(information: Information) -> dict[str, set[Window]]:
-    """The windows of every run."""
-    runs, windows = information.windows_of_runs, information.windows
-    return {run: {windows[k] for k in mine} for run, mine in runs.items()}
 
 
 def on_information(offer: Offer, context: Context, sources: Sources) -> Estimator[Information]:

@@ -270,7 +270,6 @@ def joint_groups_of(shows: InformationEvaluator) -> tuple[JointGroup, ...]:
 
 
 SHOWN_PER_WAVE = 20  # samples of the criterion per wave of the highest frequency
-
 KEPT_PER_WAVE = 40  # of the constraints; between two an extreme is at most 0.3 % higher
 JUMP_WIDTH = 1e-9  # width of speed [rad/s; m/s] below any of a sample: the jumping laws themselves
 

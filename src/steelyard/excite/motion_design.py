@@ -45,11 +45,8 @@ from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
 from steelyard.robot.robot import Robot
 
 ASSUMED_NOISE = 0.01  # assumed without an earlier log, over the joint's greatest effort
-
 ASSUMED_RATE = 20.0  # independent samples a second that are assumed with it
-
 FINISH_SHARE = 0.08  # share of the time for polishing, scaling and proofs; a second at least
-
 HURRY_SECONDS = 1.0  # time for polishing after the user has ended the search [s]
 FEW_SEARCHES = 4  # searches below which a note says that more time would help
 

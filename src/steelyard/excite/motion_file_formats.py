@@ -151,7 +151,6 @@ def _depth_first(robot: Robot, parent: int = -1) -> list[int]:
 
 
 APPROACH_SECONDS = 10  # in which the controller goes from wherever the robot is to the start
-
 SPLINE_TOLERANCE = 5e-7  # what of the 1e-6 rad may be spent between two points [rad; m]
 PEANO_BOUND = 6.2e-3  # bound of $C$, which is 0.006185 and reached at the middle of the step
 BESIDE_JUMP_SECONDS = 1e-6  # how far before and after a jump of the acceleration points are put [s]

@@ -10,6 +10,7 @@ from steelyard.check.fitted.bounds_and_priors_against_data import contradicted_r
 from steelyard.check.fitted.changes_within_run import force_of_run, force_words
 from steelyard.check.gear_side_and_rotors import LINK_SIDE_INSTEAD, rotors_at_zero
 from steelyard.estimate.consistent.convex_estimator import Consistent
+from steelyard.estimate.data_for_estimators import Sources
 from steelyard.estimate.estimate import Estimate, Estimator
 from steelyard.estimate.estimator_register import (
     KNOWLEDGE,
@@ -18,7 +19,6 @@ from steelyard.estimate.estimator_register import (
     WEIGHTS,
     Context,
     Offer,
-    Sources,
     context_of,
     method_of,
     offer_of,

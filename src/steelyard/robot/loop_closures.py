@@ -18,9 +18,7 @@ from steelyard.robot.mechanism import Mechanism, Pin
 from steelyard.robot.robot import Body, Frame, LoopClosure, OpenLoops, Robot
 
 CLOSED = 1e-5  # distance of a pin's two points up to which it counts as closed [m]
-
 _ROUNDING = 1e-15  # closure error that is rounding alone [m]
-
 _RANK = 1e-7  # singular values below this, relative to the largest, are zero
 
 _EYE = frozen(np.eye(3))

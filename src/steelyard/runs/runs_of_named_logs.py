@@ -26,7 +26,6 @@ from steelyard.runs.recording import Recording
 from steelyard.runs.run import Run
 
 SAMPLE_ROWS = 20_000  # rows read to guess units, and whether velocities are good
-
 HASHED_BYTES = 1 << 20  # bytes that are hashed at a time
 
 

@@ -17,8 +17,7 @@ from steelyard.runs.recording import LeftOut, Recording
 from steelyard.runs.rows.marked_rows_and_quality import Segment
 
 BLOCK_SAMPLES = 4096  # samples that are kept, and handed out, at a time
-KEPT = 2**20
-"""Values up to which motion and efforts of a run stay in memory: 8 MiB."""
+KEPT = 2**20  # values up to which motion and efforts of a run stay in memory: 8 MiB
 LEAST_FREE = 4.0  # free space of the disk over what the samples of a run may take there
 MOST_FILES = 128  # temporary files that are open at a time
 

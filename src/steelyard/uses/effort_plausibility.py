@@ -14,9 +14,7 @@ ABSENT = 0.6  # least share of a predicted part of the efforts that an absent pa
 EXPLAINED = 0.5  # share of the squared residual that its absence must explain
 LEAST_PART_STD = 2.0  # root mean square of a part that matters, in standard deviations
 REVERSED = 1.5  # lacking share from which on a part has the opposite sign rather than being absent
-
 OPPOSITE = 0.2  # relative distance from minus the predicted effort that a reversed sign has
-
 REVERSED_SIGN_SHARE = 0.9  # share of a joint's residual variance that a reversed sign explains
 CONSTANT = 1e-9  # relative change up to which an effort never changes
 CHECKED = ("gravity", "friction")  # parts of a trace, by name

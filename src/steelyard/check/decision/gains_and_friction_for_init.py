@@ -6,7 +6,7 @@ import numpy as np
 
 from steelyard.base.arrays import Array
 from steelyard.base.errors import LogError
-from steelyard.check.case_and_checked_log import CheckedLog
+from steelyard.check.case_logs_and_checks import CheckedLog
 from steelyard.check.decision.controller_gains_and_gain_advice import gains_of_logs
 from steelyard.check.hypotheses.log_excerpt import Excerpt, excerpt_of
 from steelyard.estimate.friction.friction_mixes import joint_motions, lacking

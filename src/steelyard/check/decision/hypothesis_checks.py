@@ -6,7 +6,7 @@ from functools import partial
 
 import numpy as np
 
-from steelyard.check.case_and_checked_log import Case, CheckedLog, remembered
+from steelyard.check.case_logs_and_checks import Case, CheckedLog, remembered
 from steelyard.check.decision.controller_gains_and_gain_advice import (
     gains_left,
     gains_of_controller,

@@ -13,7 +13,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from steelyard.check.case_and_checked_log import Case, CheckedLog, remembered
+from steelyard.check.case_logs_and_checks import Case, CheckedLog, remembered
 from steelyard.check.decision.controller_gains_and_gain_advice import (
     LARGEST_GEAR_RATIO,
     LEAST_GEAR_RATIO,

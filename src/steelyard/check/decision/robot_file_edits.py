@@ -14,7 +14,7 @@ import numpy as np
 
 from steelyard.base.arrays import Z95, Array
 from steelyard.base.errors import SteelyardError
-from steelyard.check.case_and_checked_log import Case, CheckedLog
+from steelyard.check.case_logs_and_checks import Case, CheckedLog
 from steelyard.check.decision.ranked_readings import LogVerdict
 from steelyard.check.finding import Edit
 from steelyard.check.hypotheses.effort_hypotheses import PERCENT

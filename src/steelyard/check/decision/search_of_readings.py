@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.base.arrays import Array
-from steelyard.check.case_and_checked_log import Knowledge
 from steelyard.check.decision.odds_thresholds import LEAST_MASS, LEAST_SHARE, LIKELY
 from steelyard.check.hypotheses.effort_hypotheses import (
     OtherEfforts,
@@ -43,6 +42,7 @@ from steelyard.check.hypotheses.readings_and_likelihood import (
     choice_cost,
     keeps_evidence,
 )
+from steelyard.check.known_efforts_of_robot import Knowledge
 from steelyard.estimate.payload.payload_frame import carrier
 from steelyard.estimate.prior.body_priors import model_prior
 

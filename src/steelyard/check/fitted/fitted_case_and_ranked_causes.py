@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 
 from steelyard.base.errors import DataError
-from steelyard.check.case_and_checked_log import CaseCheck
+from steelyard.check.case_logs_and_checks import CaseCheck
 from steelyard.check.finding import Finding
 from steelyard.check.fitted.bounds_and_priors_against_data import (
     BindingConstraints,

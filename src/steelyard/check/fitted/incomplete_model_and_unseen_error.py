@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from steelyard.base.arrays import Array
 from steelyard.check.all_checks_and_contradictions import with_unbounded_friction
-from steelyard.check.case_and_checked_log import Case, CheckedLog
+from steelyard.check.case_logs_and_checks import Case, CheckedLog
 from steelyard.check.decision.joint_zeros_and_quarter_turns import (
     estimated_offsets,
     far_offsets,

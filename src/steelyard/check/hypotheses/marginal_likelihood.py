@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from steelyard.base.arrays import Array
 from steelyard.base.errors import DataError
-from steelyard.check.case_and_checked_log import remembered
+from steelyard.check.case_logs_and_checks import remembered
 from steelyard.check.hypotheses.effort_hypotheses import best_factors
 from steelyard.check.hypotheses.laplace_over_bodies import LENGTHS, averaged, nominal_bodies
 from steelyard.check.hypotheses.nuisance_fit_and_score import (

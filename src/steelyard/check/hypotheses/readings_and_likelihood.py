@@ -19,7 +19,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.base.arrays import Array
-from steelyard.check.case_and_checked_log import Knowledge
 from steelyard.check.hypotheses.log_excerpt import Excerpt
 from steelyard.check.hypotheses.nuisance_fit_and_score import (
     COORDINATE_SWEEPS,
@@ -33,6 +32,7 @@ from steelyard.check.hypotheses.nuisance_fit_and_score import (
     regressors,
     score_of,
 )
+from steelyard.check.known_efforts_of_robot import Knowledge
 from steelyard.robot.file.effort_units_and_gears import MOTOR_KINDS
 from steelyard.robot.file.signals import Signals
 from steelyard.robot.robot import Robot, Transmission
@@ -360,7 +360,6 @@ def keeps_evidence(reading: Reading) -> bool:
 
 
 FITTED_NUMBER_COST = 5.0  # what a fitted number costs [natural units of likelihood]
-
 CLOSE_HYPOTHESES = 3.0  # log-likelihood within which two explanations agree equally well
 
 AS_DECLARED = "as declared"

@@ -22,7 +22,7 @@ import numpy as np
 
 from steelyard.base.arrays import Array
 from steelyard.base.errors import SteelyardError
-from steelyard.check.case_and_checked_log import Case, CheckedLog
+from steelyard.check.case_logs_and_checks import Case, CheckedLog
 from steelyard.check.finding import Edit, Finding, Fix
 from steelyard.check.hypotheses.nuisance_fit_and_score import LikelihoodScore
 from steelyard.check.hypotheses.readings_and_likelihood import Reading

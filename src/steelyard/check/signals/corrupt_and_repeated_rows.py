@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from steelyard.base.arrays import Array
 from steelyard.base.errors import LogError
-from steelyard.check.case_and_checked_log import Case, CheckedLog, case_check, log_check
+from steelyard.check.case_logs_and_checks import Case, CheckedLog, case_check, log_check
 from steelyard.check.finding import Edit, Finding, Fix, Picture, Severity, Trace, percent_of
 from steelyard.check.signals.motion_units import unit_reading
 from steelyard.check.signals.time_stamps import clock_is_irregular

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.base.arrays import Array
-from steelyard.check.case_and_checked_log import Case, CheckedLog, remembered
+from steelyard.check.case_logs_and_checks import Case, CheckedLog, remembered
 from steelyard.check.signals.usable_rows_and_derivatives import (
     PositionSlopes,
     position_slopes,

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.base.arrays import Array
-from steelyard.check.case_and_checked_log import Case, CheckedLog, case_check, log_check
+from steelyard.check.case_logs_and_checks import Case, CheckedLog, case_check, log_check
 from steelyard.check.finding import Finding, Fix, Picture, Severity, of_joints, trace
 from steelyard.check.signals.motion_units import driven_joints, motion_in_units, unit_reading
 from steelyard.check.signals.usable_rows_and_derivatives import (

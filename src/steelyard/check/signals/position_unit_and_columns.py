@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from steelyard.base.arrays import Array
-from steelyard.check.case_and_checked_log import (
+from steelyard.check.case_logs_and_checks import (
     EXCERPT_ROWS,
     Case,
     CheckedLog,

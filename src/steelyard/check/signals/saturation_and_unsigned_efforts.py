@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.base.arrays import Array
-from steelyard.check.case_and_checked_log import Case, CheckedLog, log_check
+from steelyard.check.case_logs_and_checks import Case, CheckedLog, log_check
 from steelyard.check.finding import Finding, Fix, Picture, of_joints, trace
 from steelyard.check.signals.usable_rows_and_derivatives import signal_overview, with_rows
 from steelyard.runs.rows.faulty_row_detectors import stretches

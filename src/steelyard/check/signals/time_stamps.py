@@ -18,7 +18,7 @@ import numpy as np
 
 from steelyard.base.arrays import Array
 from steelyard.base.errors import SteelyardError
-from steelyard.check.case_and_checked_log import Case, CheckedLog, case_check, remembered
+from steelyard.check.case_logs_and_checks import Case, CheckedLog, case_check, remembered
 from steelyard.check.finding import (
     Edit,
     Finding,

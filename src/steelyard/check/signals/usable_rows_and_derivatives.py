@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.base.arrays import Array
-from steelyard.check.case_and_checked_log import Case, CheckedLog, remembered
+from steelyard.check.case_logs_and_checks import Case, CheckedLog, remembered
 from steelyard.runs.recording import Channels
 from steelyard.runs.rows.clock_and_row_scan import GAP_STEPS
 from steelyard.runs.rows.faulty_row_detectors import LARGEST_VALUE

@@ -23,7 +23,6 @@ from steelyard.model.model import Model
 from steelyard.runs.run import Block, Run, closed_parts
 
 MOST_WINDOWS = 128  # windows kept per run; beyond that neighbours are merged
-
 PIECE = 1024  # least number of samples of a piece
 HALOS = 8  # least length of a piece in halos of the filter, which are evaluated twice
 AHEAD = 2  # pieces read ahead per thread

@@ -16,8 +16,9 @@ from numpy.typing import NDArray
 from steelyard.base.arrays import Array, finite_json, frozen
 from steelyard.base.errors import DataError, SteelyardError
 from steelyard.base.progress import Progress, Stopped, report_progress, silent
+from steelyard.estimate.data_for_estimators import Needs
 from steelyard.estimate.estimate import Estimate, Estimator
-from steelyard.estimate.estimator_register import Context, Needs, Offer
+from steelyard.estimate.estimator_register import Context, Offer
 from steelyard.estimate.information.base_regressor import BaseMap
 from steelyard.estimate.information.information import Information
 from steelyard.estimate.least_squares.weighted_robust_and_whitened import WeightedLeastSquares

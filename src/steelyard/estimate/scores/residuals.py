@@ -114,7 +114,6 @@ def noise_floor(signals: Array, rate: float, cutoff: float) -> Array:
 
 
 MOST_KEPT = 5000  # samples of a run that are kept at most
-
 LEAST_RATE = 10.0  # least sampling rate over the cut-off of the residual's low-pass
 
 GRAVITY, FRICTION = PARTS.index("gravity"), PARTS.index("friction")

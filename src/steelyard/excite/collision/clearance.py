@@ -35,7 +35,6 @@ from steelyard.robot.robot import Robot
 
 CLEARANCE_MARGIN = 0.01  # distance that is kept by default [m]
 CLEARANCE_ROOM = 0.05  # beyond the margin by this much distances are not looked at closely [m]
-
 ROOM_REACH_SHARE = 0.1  # the same over the reach, for small ones: fingers are nowhere 50 mm apart
 HEIGHT_ROUNDING = 1e-9  # rounding of a bound that comes from the heights of two solids [m]
 DISTANCE_TOLERANCE = 1e-4  # a bound is at most this far below the least distance found [m]

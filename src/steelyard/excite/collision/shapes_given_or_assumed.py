@@ -23,7 +23,6 @@ from steelyard.robot.inertia_and_placement import Inertia
 from steelyard.robot.robot import Frame, Robot
 
 SLENDER_RADIUS_SHARE = 0.05  # radius of a link of unknown mass, over the robot's length
-
 WIDEST_RADIUS_FACTOR = 3.0  # radii from inertias stay within this factor of that, either way
 SHORT_REACH = 1e-3  # reaches below this [m] are those of frames in one place
 

@@ -28,7 +28,8 @@ from steelyard.excite.collision.convex_solids_and_mesh_files import (
 from steelyard.excite.collision.model_file_shapes import robot_shapes, world_shapes
 from steelyard.excite.collision.shape_kinematics import Shape, ShapeKinematics, axes_along
 from steelyard.excite.collision.workspace_from_tables import tool_of
-from steelyard.excite.page.tool_path_section import all_lines, faces_of, tool_path
+from steelyard.excite.page.drawn_walls import all_lines, faces_of
+from steelyard.excite.page.tool_path_section import tool_path
 from steelyard.robot.loop_closures import all_joints, closest
 from steelyard.robot.robot import Robot
 

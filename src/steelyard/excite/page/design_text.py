@@ -45,9 +45,7 @@ KINDS = {
 MOST_LENGTH_IN_MILLIMETRES = 0.1  # lengths below this [m] are printed in millimetres
 MOST_NAMED_PARAMETERS = 3  # most parameters that a line of advice names
 LEAST_TIGHT_SHARE = 0.9  # share of a limit from which on it is tight
-
 LEAST_HIDING_RATIO = 50.0  # std over what it were with all others known: above, others hide it
-
 LEAST_MARGIN = 1e-6  # margins below this are none: motions are scaled until they reach a limit
 USED_SHARE_HEADING = "Share of the limit used"  # heading of a column
 MOST_EQUAL_DEVIATION = 0.02  # shares of deviations that differ by less are printed as one

@@ -220,7 +220,6 @@ def _read_worker(process: "subprocess.Popen[bytes]", messages: "queue.Queue[Any]
 
 
 RESERVED_SECONDS = 1.4  # processor time of certificate, report and files [s]
-
 RESERVED_EVALUATIONS = 50.0  # what they take beyond that, in times that a look at the motion takes
 MOST_RESERVED_SHARE = 0.25  # share of the whole time that is kept for them at most
 

@@ -29,9 +29,7 @@ _HALVINGS = 7
 FIRST_SHRINK_SHARE = 1e-3  # first share by which a motion is shrunk that cannot be proven
 LEAST_MOTION_SHARE = 0.02  # share of a motion below which it is given up
 REPAIRS = 5  # rounds of optimising again before a motion is made smaller
-
 MOST_REPAIR_DENSITY = 4  # most samples of the constraints in repair, over those in the search
-
 REPAIR_RESERVE = 1.5  # what is reserved for what a proof lacked
 
 

@@ -12,9 +12,7 @@ from steelyard.symbolic.native.compiled_programs import Code, SampleCall, compil
 from steelyard.symbolic.program import InputArray as Input
 
 ITERATIONS = 12  # Newton steps after which a sample counts as open
-
 STRIDE = 0.5  # passive joints that would move farther at once are followed in halves [rad; m]
-
 HALVINGS = 6  # how often a way is halved before its end counts as open
 
 FASTEST = 20.0
@@ -27,7 +25,6 @@ REGULAR = 0.1
 random walk turns back: beyond a singular posture the mechanism may be assembled in another way."""
 
 _CLOSED = 1e-9  # distance of two points of a loop that is closed [m]
-
 _TOLERANCE = 1e-8  # a last Newton step: the error after it is of the order of its square
 
 

@@ -14,11 +14,9 @@ from steelyard.robot.robot import Coordinate, Transmission
 if TYPE_CHECKING:
     from steelyard.robot.file.sections import EffortSection, SignalsSection, TransmissionSection
 
-Locate = Callable[..., str]
-"""Key path in the robot file to the words of a message's `where`."""
+Locate = Callable[..., str]  # key path in the robot file to the words of a message's `where`
 
-WORST = 1e8
-"""Condition number, rows scaled, from which on a matrix counts as singular."""
+WORST = 1e8  # condition number, rows scaled, from which on a matrix counts as singular
 
 
 def build_transmission(

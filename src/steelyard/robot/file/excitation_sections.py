@@ -251,8 +251,7 @@ KINDS: tuple[str, ...] = tuple(get_args(m.model_fields["kind"].annotation)[0] fo
 PerJoint = Positive | Many[Positive] | dict[str, Positive]
 Pairs = Many[Pair]
 
-WATER = 1000.0
-"""Density that a load without a radius is taken to have [kg/m³]."""
+WATER = 1000.0  # density that a load without a radius is taken to have [kg/m³]
 
 
 class MotionLimitsSection(Section):

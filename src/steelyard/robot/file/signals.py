@@ -285,8 +285,7 @@ def _clock(section: SignalsSection, locate: Locate) -> tuple[str, float]:
     )
 
 
-LEAST_DEGREES = 15.0
-"""Offset from which on a multiple of five is taken for degrees."""
+LEAST_DEGREES = 15.0  # offset from which on a multiple of five is taken for degrees
 
 
 def looks_like_degrees(offset: float, coordinate: Coordinate) -> bool:

@@ -186,5 +186,4 @@ def _numbers(values: Array) -> str:
     return " ".join(f"{v:.2g}" for v in values)
 
 
-Rows = tuple[int, int, int]
-"""Joint, first and last row of a stretch."""
+Rows = tuple[int, int, int]  # joint, first and last row of a stretch

@@ -44,7 +44,6 @@ from steelyard.uses.payload.payload_fit import payload_words, unknown_payload
 
 RELEASE = 0.5  # a contact ends below that share of the threshold that was exceeded
 LEAST_TIME_APART = 0.5  # least time between two events [s]
-
 CALIBRATION_STRETCHES = 4  # stretches that a single calibration run is compared in
 EXPECTED_EXCEEDANCES = 0.02  # of thresholds of contact, in all calibration runs together
 SUSPECT_MARGIN = 1.0  # time beside a suspected contact that is left out with it [s]

@@ -172,7 +172,6 @@ OTHER_MOTION = (
 )
 
 UNKNOWN_SCATTER = 4.0  # scatter of windows over their variances that is assumed of few windows
-
 CLEAR_HALF_WIDTHS = 3.0  # half-widths of a large change that is reported of too few windows, too
 
 

@@ -41,9 +41,7 @@ from steelyard.uses.wrench.wrench_along_run import (
 from steelyard.uses.wrench.wrench_kalman_smoother import DURATION, OBSERVABLE, Smoothed
 
 MOST_POINTS_OF_WRENCH = 3000  # points of a line, at most
-
 LEAST_LASTING_SHARE = 1.0 / 3.0  # of the log with a force: something else is likelier than pushes
-
 LEAST_UNEXPECTED_FORCE = 5.0  # over the expected one: something else is likelier than a push
 LEAST_VARIANCE_SHARE = 0.005  # of the expected variance, below which nothing is estimated
 
