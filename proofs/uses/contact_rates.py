@@ -26,7 +26,11 @@ from steelyard.base.arrays import Array
 from steelyard.base.files import write_table
 from steelyard.base.progress import silent
 from steelyard.estimate.external.contact_thresholds import ContactThresholds
-from steelyard.estimate.scores.residuals import ResidualTrace, residual_trace, thresholds_of
+from steelyard.estimate.scores.residuals import (
+    ResidualTrace,
+    residual_trace,
+    thresholds_of,
+)
 from steelyard.identify.scores_and_model_report import runs_for
 from steelyard.runs.runs_of_named_logs import log_files
 from steelyard.uses.contact.contact import common_rest_speed, contacts_in, peaks_of_free_motion

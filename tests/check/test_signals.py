@@ -26,7 +26,7 @@ from steelyard.check.signals.saturation_and_unsigned_efforts import (
     saturation_check,
     signed_efforts_check,
 )
-from steelyard.check.signals.time_stamps import clock_check
+from steelyard.check.signals.time_stamps_and_scale import clock_check
 from steelyard.check.signals.velocity_check import velocity_check
 from steelyard.logs.clocks_and_combined_logs import Numbered
 from steelyard.logs.log_and_errors import Log

@@ -8,7 +8,7 @@ import pytest
 from check.conftest import Arm
 from steelyard.check.case_logs_and_checks import Case, CheckedLog
 from steelyard.check.finding import Finding, Severity
-from steelyard.check.signals.time_stamps import clock_check
+from steelyard.check.signals.time_stamps_and_scale import clock_check
 from steelyard.logs.clocks_and_combined_logs import Numbered
 from steelyard.robot.file.robot_file import load_robot
 from steelyard.runs.processing_choices import Processing

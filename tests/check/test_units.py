@@ -12,7 +12,7 @@ from steelyard.base.arrays import Array
 from steelyard.check.all_checks_and_contradictions import examine
 from steelyard.check.finding import Severity
 from steelyard.check.signals.position_unit_and_columns import position_check
-from steelyard.check.signals.time_stamps import clock_check
+from steelyard.check.signals.time_stamps_and_scale import clock_check
 from steelyard.check.signals.velocity_check import velocity_check
 
 LIMITS = re.compile(r"\[robot.limits\]\n(joint_.*\n)+")

@@ -30,8 +30,8 @@ from steelyard.base.arrays import Array, Parameters
 from steelyard.base.motion import Motion
 from steelyard.export.code.c_code import CCode, commented, identifiers
 from steelyard.export.code.controller_functions import FUNCTIONS, Controller, regrouped
+from steelyard.model.laws.friction_memory_and_load import Dahl
 from steelyard.model.laws.friction_over_speed import Coulomb
-from steelyard.model.laws.friction_with_memory import Dahl
 from steelyard.model.laws.laws_without_friction import RigidBody
 from steelyard.model.laws.register import DEFAULT_TERMS
 from steelyard.model.model import Model

@@ -9,6 +9,7 @@ from invented import tree
 from moving import geared, torque
 from steelyard.base.errors import ModelError
 from steelyard.model.equations.inverse_dynamics import JointState
+from steelyard.model.laws.friction_memory_and_load import Dahl, LuGre, MaxwellSlip
 from steelyard.model.laws.friction_over_speed import (
     Coulomb,
     Coupled,
@@ -21,7 +22,6 @@ from steelyard.model.laws.friction_over_speed import (
     Stribeck,
     Viscous,
 )
-from steelyard.model.laws.friction_with_memory import Dahl, LuGre, MaxwellSlip
 from steelyard.model.laws.register import term_of
 from steelyard.model.model import Model
 from steelyard.model.terms.term import Term

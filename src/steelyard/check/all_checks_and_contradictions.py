@@ -51,7 +51,7 @@ from steelyard.check.signals.saturation_and_unsigned_efforts import (
     saturation_check,
     signed_efforts_check,
 )
-from steelyard.check.signals.time_stamps import clock_check, out_of_order
+from steelyard.check.signals.time_stamps_and_scale import clock_check, out_of_order
 from steelyard.check.signals.velocity_check import velocity_check
 
 SHARED_DIGITS = 4

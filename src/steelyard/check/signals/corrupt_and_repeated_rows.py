@@ -11,7 +11,7 @@ from steelyard.base.errors import LogError
 from steelyard.check.case_logs_and_checks import Case, CheckedLog, case_check, log_check
 from steelyard.check.finding import Edit, Finding, Fix, Picture, Severity, Trace, percent_of
 from steelyard.check.signals.motion_units import unit_reading
-from steelyard.check.signals.time_stamps import clock_is_irregular
+from steelyard.check.signals.time_stamps_and_scale import clock_is_irregular
 from steelyard.check.signals.usable_rows_and_derivatives import (
     JUMP_FACTOR,
     JUMP_ROWS,

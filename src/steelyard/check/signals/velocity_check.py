@@ -20,7 +20,7 @@ from steelyard.check.signals.motion_units import (
     unit_value,
 )
 from steelyard.check.signals.position_unit_and_columns import misplaced_velocities
-from steelyard.check.signals.time_stamps import leaping_rows, time_scale_by_velocities
+from steelyard.check.signals.time_stamps_and_scale import leaping_rows, time_scale_by_velocities
 from steelyard.check.signals.usable_rows_and_derivatives import signal_overview
 from steelyard.check.signals.velocity_against_derivative import (
     VelocityAgreement,

@@ -1,49 +1,22 @@
 """The page of a designed motion and its sections: verdict, joints, accuracy, proof, search."""
 
-from __future__ import annotations
-
 from math import isfinite
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from steelyard.base.arrays import Array
 from steelyard.estimate.parameter_status import WELL
-from steelyard.excite.constraints.certificate import COVERS
-from steelyard.excite.page.design_text import (
-    USED_SHARE_HEADING,
-    DesignContent,
-    Expected,
-    brings,
-    capitalised,
-    design_detail,
-    design_headline,
-    design_level,
-    expected,
-    figure_of,
-    helpful,
-    instead,
-    joint_limits,
-    left_words,
-    margin,
-    margins_of,
-    nearest,
-    rank,
-    scopes,
-    searches,
-    unseen,
-    used_words,
-)
+from steelyard.excite.constraints.certificate import COVERS, Extreme, Proof
+from steelyard.excite.motion_design import Designed
+from steelyard.excite.page import design_text as words
+from steelyard.excite.page.design_text import DesignContent
 from steelyard.excite.page.tool_path_section import DesignToolSection
 from steelyard.identify.page.settings_quality_and_checks import SettingsSection
 from steelyard.report.figures import line, thin
 from steelyard.report.page import Numbers, Section, render_sections, rounded, script_json
 from steelyard.report.tables import PlainTable, Row
 from steelyard.report.words import NONE, count, percent, significant
-
-if TYPE_CHECKING:
-    from steelyard.excite.constraints.certificate import Extreme, Proof
-    from steelyard.excite.motion_design import Designed
 
 
 class DesignVerdictSection(
@@ -55,14 +28,15 @@ class DesignVerdictSection(
         """Everything, if a motion was designed."""
         designed = content.design
         rows = [
-            Row((one.kind, one.name, left_words(one), used_words(one))) for one in nearest(designed)
+            Row((one.kind, one.name, words.left_words(one), words.used_words(one)))
+            for one in words.nearest(designed)
         ]
-        headings = ("Limit", "Where it is nearest", "Left", USED_SHARE_HEADING)
+        headings = ("Limit", "Where it is nearest", "Left", words.USED_SHARE_HEADING)
         return {
-            "level": design_level(designed),
-            "headline": design_headline(designed),
-            "detail": design_detail(designed),
-            "scopes": scopes(designed),
+            "level": words.design_level(designed),
+            "headline": words.design_headline(designed),
+            "detail": words.design_detail(designed),
+            "scopes": words.scopes(designed),
             "facts": _facts(designed),
             "failures": designed.certificate.failures,
             "tables": [PlainTable("Smallest margins", "", headings, rows, (0, 1))],
@@ -75,12 +49,12 @@ class DesignVerdictSection(
 
 def _facts(designed: Designed) -> list[tuple[str, str]]:
     shown, total = designed.shown, len(designed.shown.names)
-    top = max((one.used for one in joint_limits(designed)), default=None)
+    top = max((one.used for one in words.joint_limits(designed)), default=None)
     return [
         (significant(shown.raw), "condition number, raw"),
         (significant(shown.normalised), "condition number, columns of unit length"),
         (f"{designed.trajectory.duration:.4g} s", "duration"),
-        (f"{total - unseen(designed)} of {total}", "base parameters identifiable"),
+        (f"{total - words.unseen(designed)} of {total}", "base parameters identifiable"),
         (NONE if top is None else f"{100.0 * top:.3g} %", "use of the closest joint limit"),
     ]
 
@@ -128,15 +102,15 @@ class DesignJointsSection(
 def _joint_caption(designed: Designed, joint: int) -> str:
     name = designed.robot.coordinates[joint].name
     own = {one.quantity: one for one in designed.certificate.extremes if one.joint == name}
-    words = []
+    shown = []
     if "position" in own:
         far = own["position"]
-        words.append(f"{significant(far.least)} … {significant(far.greatest)} {far.unit}")
+        shown.append(f"{significant(far.least)} … {significant(far.greatest)} {far.unit}")
     for quantity, short in (("velocity", "speed"), ("acceleration", "accel.")):
         share = own[quantity].used if quantity in own else None
         if share is not None:
-            words.append(f"{short}\u00a0{percent(100.0 * share)}")
-    return ", ".join(words)
+            shown.append(f"{short}\u00a0{percent(100.0 * share)}")
+    return ", ".join(shown)
 
 
 def _joint_figure(
@@ -187,7 +161,7 @@ class DesignShownSection(
     def numbers(self, content: DesignContent) -> Numbers | None:
         """All base parameters, the worst shown first."""
         designed = content.design
-        rows = [_accuracy_row(one) for one in expected(designed)]
+        rows = [_accuracy_row(one) for one in words.expected(designed)]
         return {
             "rows": rows[:OPEN_ROWS],
             "more": rows[OPEN_ROWS:],
@@ -198,7 +172,7 @@ class DesignShownSection(
                 (joint.name, f"{significant(float(x), 2)} {joint.effort_unit}")
                 for joint, x in zip(designed.robot.coordinates, designed.noise, strict=True)
             ],
-            "noise_from": capitalised(designed.noise_from),
+            "noise_from": words.capitalised(designed.noise_from),
             "prior": designed.prior is not None,
             "picture": script_json(_singular_values_figure(designed)),
             "raw": designed.shown.raw,
@@ -206,7 +180,7 @@ class DesignShownSection(
         }
 
 
-def _accuracy_row(one: Expected) -> dict[str, Any]:
+def _accuracy_row(one: words.Expected) -> dict[str, Any]:
     share = one.relative_percent
     if not isfinite(one.std):
         grade, bar = "poor", 100.0
@@ -265,11 +239,11 @@ class DesignAdviceSection(
                     one.what,
                     f"{one.seconds:.3g} s",
                     f"{len(one.helps)} of {len(designed.shown.names)}",
-                    brings(designed, one),
-                    instead(designed, one),
+                    words.brings(designed, one),
+                    words.instead(designed, one),
                 )
             )
-            for one in helpful(designed.advice)
+            for one in words.helpful(designed.advice)
         ]
         headings = (
             "Additional motion",
@@ -328,10 +302,17 @@ def _extreme_cell(one: Extreme) -> dict[str, Any]:
 
 def _constraint_margins(proof: Proof) -> dict[str, Any]:
     """A constraint: its margin nearest to its limit, and a table of all, the nearest first."""
-    margins = zip(margins_of(proof), proof.sampled, strict=True)
-    ordered = sorted(margins, key=lambda pair: rank(pair[0]))
+    margins = zip(words.margins_of(proof), proof.sampled, strict=True)
+    ordered = sorted(margins, key=lambda pair: words.rank(pair[0]))
     rows = [
-        Row((one.name, margin(one.left, one.unit), margin(seen, one.unit), used_words(one)))
+        Row(
+            (
+                one.name,
+                words.margin(one.left, one.unit),
+                words.margin(seen, one.unit),
+                words.used_words(one),
+            )
+        )
         for one, seen in ordered
     ]
     near = [one for one, _ in ordered]
@@ -339,13 +320,16 @@ def _constraint_margins(proof: Proof) -> dict[str, Any]:
         "name": proof.name,
         "how": proof.how,
         "scope": proof.scope,
-        "least": margin(near[0].left, proof.unit) if near else None,
+        "least": words.margin(near[0].left, proof.unit) if near else None,
         "label": near[0].name if near else "",
         "level": "good" if all(one.left >= 0.0 for one in near) else "poor",
         "count": count(len(rows), "margin"),
         "tables": [
             PlainTable(
-                "", "", ("Margin", "Proven at all times", "At samples", USED_SHARE_HEADING), rows
+                "",
+                "",
+                ("Margin", "Proven at all times", "At samples", words.USED_SHARE_HEADING),
+                rows,
             )
         ],
     }
@@ -363,12 +347,12 @@ class DesignSearchSection(
             return None
         last = designed.course[-1]
         return {
-            "searches": searches(designed),
+            "searches": words.searches(designed),
             "seconds": f"{designed.seconds:.3g} s",
             "improved": count(len(designed.course), "time"),
             "last": f"{last[0]:.3g} s",
             "best": significant(last[1]),
-            "final": figure_of(designed),
+            "final": words.figure_of(designed),
             "stopped": designed.stopped,
             "picture": script_json(_search_figure(designed)),
         }

@@ -1,20 +1,15 @@
 """Walls of the room as rectangles that are drawn: boxes, planes and the floor."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from steelyard.base.arrays import Array
 from steelyard.excite.collision.shape_kinematics import axes_along
 from steelyard.excite.collision.workspace_from_tables import up_of
+from steelyard.robot.file.excitation_sections import BoxSpans, WorkspaceSection
 from steelyard.robot.robot import Robot
-
-if TYPE_CHECKING:
-    from steelyard.robot.file.excitation_sections import BoxSpans, WorkspaceSection
 
 SPACE_AXES = "xyz"
 OPEN_WALL_LENGTH = 0.1  # a wall without an end is drawn so far beyond what is seen [m]

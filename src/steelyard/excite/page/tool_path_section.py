@@ -1,13 +1,12 @@
 """The path of the tool, in space and from three sides, with the walls of its room."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from steelyard.base.arrays import Array
+from steelyard.excite.constraints.tool_workspace import Marker
 from steelyard.excite.page.design_text import DesignContent
 from steelyard.excite.page.drawn_walls import (
     SPACE_AXES,
@@ -22,9 +21,6 @@ from steelyard.report.page import Numbers, Section, packed, rounded, script_json
 from steelyard.report.words import significant
 from steelyard.robot.loop_closures import all_joints
 from steelyard.robot.robot import Robot, body_frames, frame_origins, sticks
-
-if TYPE_CHECKING:
-    from steelyard.excite.constraints.tool_workspace import Marker
 
 
 def tool_path(robot: Robot, tool: Marker, joints: Array) -> Array:

@@ -5,6 +5,7 @@ from collections.abc import Mapping
 from typing import Any, cast
 
 from steelyard.base.errors import ModelError
+from steelyard.model.laws.friction_memory_and_load import Dahl, LoadDependent, LuGre, MaxwellSlip
 from steelyard.model.laws.friction_over_speed import (
     Coulomb,
     Coupled,
@@ -17,7 +18,6 @@ from steelyard.model.laws.friction_over_speed import (
     Stribeck,
     Viscous,
 )
-from steelyard.model.laws.friction_with_memory import Dahl, LoadDependent, LuGre, MaxwellSlip
 from steelyard.model.laws.laws_without_friction import (
     Cogging,
     GravityCompensator,
