@@ -9,7 +9,7 @@ from scipy.signal import butter, sosfiltfilt
 
 from in_amperes import GAINS, RATE, ROBOT, run_of
 from steelyard.base.arrays import Parameters
-from steelyard.estimate.effort_band_factors import Calibration
+from steelyard.estimate.effort_uncertainty_and_bands import Calibration
 from steelyard.estimate.estimate import StandardEstimate
 from steelyard.estimate.identified_model import Cutoffs, IdentifiedModel, Provenance
 from steelyard.estimate.information.base_regressor import base_regressor

@@ -8,7 +8,7 @@ import pytest
 
 from in_amperes import GAINS, ROBOT, run_of
 from steelyard.base.errors import DataError, LogError, ModelError, SteelyardError
-from steelyard.estimate.effort_band_factors import Calibration, bins
+from steelyard.estimate.effort_uncertainty_and_bands import Calibration, bins
 from steelyard.estimate.identified_model import Cutoffs, IdentifiedModel, Provenance, load_model
 from steelyard.estimate.information.base_regressor import base_regressor
 from steelyard.estimate.information.gather import gather

@@ -17,8 +17,11 @@ from steelyard.base.checked_arguments import checked
 from steelyard.base.errors import DataError, ModelError, nearest
 from steelyard.base.files import read_json, whole_folder
 from steelyard.base.motion import Motion
-from steelyard.estimate.effort_band_factors import Calibration
-from steelyard.estimate.effort_uncertainty import EffortUncertainty, covariance_root
+from steelyard.estimate.effort_uncertainty_and_bands import (
+    Calibration,
+    EffortUncertainty,
+    covariance_root,
+)
 from steelyard.estimate.estimate import Estimate
 from steelyard.estimate.external.contact_thresholds import ContactThresholds
 from steelyard.estimate.external.observer_and_wrench import (

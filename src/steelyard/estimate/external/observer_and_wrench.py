@@ -26,7 +26,7 @@ from numpy.typing import ArrayLike, NDArray
 from steelyard.base.arrays import Z95, Array, frozen
 from steelyard.base.errors import DataError
 from steelyard.base.motion import numbers
-from steelyard.estimate.effort_uncertainty import EffortUncertainty
+from steelyard.estimate.effort_uncertainty_and_bands import EffortUncertainty
 from steelyard.estimate.external.contact_thresholds import ChangeStepper, ContactThresholds
 from steelyard.estimate.external.observer_equations import STATES, StepProgram
 from steelyard.model.compiled_quantity import check_angles

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from steelyard.base.arrays import Z95, Array
 from steelyard.base.errors import DataError, LogError
 from steelyard.base.progress import Progress, report_progress, silent
-from steelyard.estimate.effort_band_factors import BINS, EDGES, Calibration, Kind, bins
+from steelyard.estimate.effort_uncertainty_and_bands import BINS, EDGES, Calibration, Kind, bins
 from steelyard.estimate.estimate import Estimator
 from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.estimate.information.base_regressor import base_regressor

@@ -18,7 +18,7 @@ from steelyard.base.arrays import Array
 from steelyard.base.checked_arguments import checked
 from steelyard.base.errors import DataError, LogError
 from steelyard.base.progress import Progress, silent
-from steelyard.estimate.effort_band_factors import EDGES
+from steelyard.estimate.effort_uncertainty_and_bands import EDGES
 from steelyard.estimate.external.contact_thresholds import ONSET, ContactThresholds, ResidualPeaks
 from steelyard.estimate.identified_model import IdentifiedModel, load_model
 from steelyard.estimate.information.base_regressor import base_regressor
