@@ -20,9 +20,9 @@ from steelyard.model.laws.laws_without_friction import RigidBody
 from steelyard.model.model import Model
 from steelyard.robot.robot import Robot
 from steelyard.simulate.mujoco_model import build, inverse_dynamics
-from steelyard.symbolic import program as numpy_backend
-from steelyard.symbolic.program import InputArray as Input
-from steelyard.symbolic.program import Program
+from steelyard.symbolic import program_and_smoothing as numpy_backend
+from steelyard.symbolic.program_and_smoothing import InputArray as Input
+from steelyard.symbolic.program_and_smoothing import Program
 from steelyard.symbolic.symbols_and_tracing import symbolic
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "tests"))
@@ -71,7 +71,8 @@ def _errors_at(
     dense = standard_regressor(model).dense(q.T, dq.T, ddq.T).transpose(1, 0, 2)
     samples = list(zip(q, dq, ddq, strict=True))
     reference = numpy_backend.run(
-        program, [*(x.T for x in states), np.empty((0, len(q))), robot.nominal.ravel()]
+        program,
+        [*(x.T for x in states), np.empty((0, len(q))), robot.nominal.ravel()],
     ).T
     return (
         _error(dense, np.array([pinocchio_regressor(robot, *s) for s in samples])),

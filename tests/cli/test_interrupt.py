@@ -107,7 +107,7 @@ def test_ctrl_c_at_the_start_leaves_nothing(function: str, work: Path) -> None:
         ("files._beside", IDENTIFY),
         ("gather.gather", IDENTIFY),
         ("section_register.render", IDENTIFY),
-        ("command.progress_bar.<locals>.watch", SIMULATE),
+        ("shared_by_commands.progress_bar.<locals>.watch", SIMULATE),
         ("files.write_table", SIMULATE),
         ("files._remove", SIMULATE),
         ("findings_text_and_page.render_check", (*CHECK, "-o", "out")),

@@ -249,7 +249,7 @@ def test_only_the_mathematical_library_is_needed(tmp_path: Path) -> None:
 
 
 def test_values_of_variables_live_as_long_as_they_are_read() -> None:
-    from steelyard.symbolic.program import InputArray as Input
+    from steelyard.symbolic.program_and_smoothing import InputArray as Input
     from steelyard.symbolic.source_code import variables_of
     from steelyard.symbolic.symbols_and_tracing import symbolic
 

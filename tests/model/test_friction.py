@@ -25,7 +25,7 @@ from steelyard.model.laws.friction_over_speed import (
 from steelyard.model.laws.register import term_of
 from steelyard.model.model import Model
 from steelyard.model.terms.term import Term
-from steelyard.symbolic.program import InputArray, run
+from steelyard.symbolic.program_and_smoothing import InputArray, run
 from steelyard.symbolic.symbols_and_tracing import slopes_of, symbolic
 
 SPEEDS = np.array([0.0, 0.05, -0.1, 2.0])

@@ -21,8 +21,8 @@ from steelyard.model.model import Model
 from steelyard.model.terms.axes_and_parameters import Axis
 from steelyard.model.terms.term import ActsOnAxes, StatefulTerm, Term
 from steelyard.robot.robot import JointKind
-from steelyard.symbolic import program as numpy_backend
-from steelyard.symbolic.program import InputArray
+from steelyard.symbolic import program_and_smoothing as numpy_backend
+from steelyard.symbolic.program_and_smoothing import InputArray
 from steelyard.symbolic.symbols_and_tracing import symbolic
 
 ROBOT = geared()

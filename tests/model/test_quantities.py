@@ -22,7 +22,7 @@ from steelyard.model.model import Model, ValuedModel
 from steelyard.model.terms.geometry_and_effort_errors import EffortReadingErrors
 from steelyard.model.torque_and_quantities import QUANTITIES, Quantity
 from steelyard.robot.robot import Frame, LoopClosure, Robot
-from steelyard.symbolic import program as numpy_backend
+from steelyard.symbolic import program_and_smoothing as numpy_backend
 
 PLACE = np.array([0.2, -0.1, 0.3])
 

@@ -8,7 +8,7 @@ import pytest
 from steelyard.base.errors import ModelError
 from steelyard.estimate.prior.constraint_kinds import KINDS as KNOWLEDGE
 from steelyard.model.laws.register import term_of
-from steelyard.robot.file.values_by_kind import Kinds
+from steelyard.robot.file.tables_by_kind import Kinds
 from steelyard.runs.processing_choices import method_of
 
 

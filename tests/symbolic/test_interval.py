@@ -11,8 +11,15 @@ from hypothesis import strategies as st
 from invented import tree
 from steelyard.base.arrays import Array
 from steelyard.symbolic.interval_bounds import CHUNK, enclosed
-from steelyard.symbolic.program import NUMPY, Program, Step, program_from_json, program_to_json, run
-from steelyard.symbolic.program import InputArray as Input
+from steelyard.symbolic.program_and_smoothing import (
+    NUMPY,
+    Program,
+    Step,
+    program_from_json,
+    program_to_json,
+    run,
+)
+from steelyard.symbolic.program_and_smoothing import InputArray as Input
 
 INPUTS = (Input("x", 3), Input("p", 2, shared=True))
 

@@ -15,7 +15,7 @@ from steelyard.estimate.identified_model import IdentifiedModel, load_model
 from steelyard.estimate.scores.effort_errors import effort_reference
 from steelyard.estimate.scores.score import RunScore, score
 from steelyard.estimate.scores.torque_split_bands_and_traces import Bands, TorqueSplit
-from steelyard.identify.page.error_words import both_words
+from steelyard.identify.page.effort_error_words import both_words
 from steelyard.identify.page.parameters_and_truth import parameter_rows
 from steelyard.identify.page.report_content import ReportContent
 from steelyard.identify.page.section_register import SECTIONS, parameters_csv, print_report, render

@@ -31,8 +31,8 @@ from steelyard.model.terms.presliding import Presliding
 from steelyard.model.terms.term import Columns, StatefulTerm, Term, channels_of, has_memory
 from steelyard.robot.robot import Frame, Robot, robot_to_dict
 from steelyard.symbolic.native.compiled_programs import Code, compiled, compiled_equations
-from steelyard.symbolic.program import InputArray as Input
-from steelyard.symbolic.program import Program
+from steelyard.symbolic.program_and_smoothing import InputArray as Input
+from steelyard.symbolic.program_and_smoothing import Program
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,7 +6,7 @@ from typing import Any
 
 from steelyard.base.errors import ModelError
 from steelyard.robot.file.sections import ProcessingSection
-from steelyard.robot.file.values_by_kind import Kinds
+from steelyard.robot.file.tables_by_kind import Kinds
 from steelyard.runs.rows.resampling import INTERPOLATIONS
 from steelyard.runs.smoothing.auto_and_fourier import Auto, Fourier
 from steelyard.runs.smoothing.kalman_smoother import CausalKalman, Kalman, KalmanSmoother

@@ -2,7 +2,7 @@
 
 One call per integration step takes the positions, velocities and last accelerations of MuJoCo's
 joints and the applied torques, steps the memory of friction, and gives the forces. Laws that
-jump at zero speed are softened, see `symbolic.program`.
+jump at zero speed are softened, see `symbolic.program_and_smoothing`.
 """
 
 from collections.abc import Callable, Sequence
@@ -22,8 +22,8 @@ from steelyard.robot.robot import Robot
 from steelyard.simulate.mujoco_model import TIMESTEP, MujocoModel, mass_matrices
 from steelyard.simulate.torque_and_mass_scales import postures_of
 from steelyard.symbolic.native.compiled_programs import Code, compiled
-from steelyard.symbolic.program import InputArray as Input
-from steelyard.symbolic.program import Program, softened
+from steelyard.symbolic.program_and_smoothing import InputArray as Input
+from steelyard.symbolic.program_and_smoothing import Program, softened
 
 VELOCITY, WIDTHS = 1, 7
 

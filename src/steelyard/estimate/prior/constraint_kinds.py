@@ -21,7 +21,7 @@ from steelyard.estimate.prior.priors_from_tables import given_knowledge
 from steelyard.model.laws.register import TERMS
 from steelyard.model.model import Model
 from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
-from steelyard.robot.file.values_by_kind import Kinds
+from steelyard.robot.file.tables_by_kind import Kinds
 from steelyard.robot.inertia_and_placement import INERTIAL_NAMES
 
 

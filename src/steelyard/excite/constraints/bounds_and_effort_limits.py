@@ -34,7 +34,7 @@ from steelyard.model.terms.term import Term
 from steelyard.robot.inertia_and_placement import INERTIAL_NAMES, Inertia
 from steelyard.robot.robot import Robot
 from steelyard.symbolic.interval_bounds import enclosed
-from steelyard.symbolic.program import Program
+from steelyard.symbolic.program_and_smoothing import Program
 
 STRETCHES = 512  # stretches of time to begin with
 MOST_STRETCHES = 100_000  # stretches after which a proof ends with the bound that it has

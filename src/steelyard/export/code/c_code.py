@@ -19,7 +19,7 @@ from steelyard.model.equations.passive_joints import ITERATIONS, passive_positio
 from steelyard.report.page import templates_of
 from steelyard.robot.loop_closures import loop_equations
 from steelyard.robot.robot import Coordinate
-from steelyard.symbolic.program import run
+from steelyard.symbolic.program_and_smoothing import run
 from steelyard.symbolic.source_code import CFunction, Precision, c_function, c_literal
 
 _SIGNS = str.maketrans({"²": "^2", "³": "^3", "√": "sqrt "})  # signs of units

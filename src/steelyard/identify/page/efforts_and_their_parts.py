@@ -11,7 +11,7 @@ from steelyard.estimate.information.gather import Mask
 from steelyard.estimate.scores.effort_errors import known_efforts
 from steelyard.estimate.scores.score import RunScore
 from steelyard.estimate.scores.torque_split_bands_and_traces import PARTS, TorqueParts, Traces
-from steelyard.identify.page.error_words import below
+from steelyard.identify.page.effort_error_words import below
 from steelyard.identify.page.report_content import ReportContent
 from steelyard.report.figures import Figure, Group, drawn, from_origin, gaps, line, outline
 from steelyard.report.page import (

@@ -10,7 +10,7 @@ from rich.text import Text
 from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.estimate.reduction.reduction import Reduction
 from steelyard.estimate.scores.effort_errors import pooled
-from steelyard.identify.page.error_words import MOVING, WHOLE
+from steelyard.identify.page.effort_error_words import MOVING, WHOLE
 from steelyard.identify.page.report_content import ReportContent
 from steelyard.model.laws.register import law_of
 from steelyard.model.terms.term import StatefulTerm

@@ -10,7 +10,7 @@ from typing import Any
 from steelyard.check.finding import Finding
 from steelyard.estimate.scores.effort_errors import EffortError, as_logged, pooled
 from steelyard.estimate.scores.score import RunScore
-from steelyard.identify.page.error_words import (
+from steelyard.identify.page.effort_error_words import (
     MOST_NAMED_JOINTS,
     basis_words,
     both_words,

@@ -14,8 +14,7 @@ from steelyard.base.arrays import Array
 from steelyard.check.findings_text_and_page import finding_dict
 from steelyard.estimate.scores.effort_errors import EffortError, as_logged, pooled
 from steelyard.estimate.scores.score import RunScore
-from steelyard.identify.page.efforts_and_their_parts import band_text
-from steelyard.identify.page.error_words import (
+from steelyard.identify.page.effort_error_words import (
     basis_words,
     both_words,
     coverage_words,
@@ -25,6 +24,7 @@ from steelyard.identify.page.error_words import (
     relative_errors,
     scale_words,
 )
+from steelyard.identify.page.efforts_and_their_parts import band_text
 from steelyard.identify.page.parameters_and_truth import parameter_rows, usable
 from steelyard.identify.page.report_content import ReportContent
 from steelyard.identify.page.verdict_and_next_steps import (

@@ -16,7 +16,7 @@ import numpy as np
 
 from steelyard.base.arrays import Array
 from steelyard.symbolic.native import cache, compiler
-from steelyard.symbolic.program import InputArray, Program
+from steelyard.symbolic.program_and_smoothing import InputArray, Program
 
 TILE_ROWS = 4
 TILE_COLUMNS = 3
