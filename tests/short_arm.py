@@ -1,6 +1,6 @@
 """The demo arm with its wrist fixed, three joints: a fit takes half of the time of six."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from steelyard.base.files import write_json
@@ -20,12 +20,16 @@ WRIST = ("forearm_roll", "wrist_bend", "flange_roll")
 def without_wrist(folder: Path) -> LoadedRobot:
     """Write URDF and robot file to a folder; the robot they describe."""
     write_demo_arm(folder)
-    urdf = folder / "demo_arm.urdf"
+    fix_joints(folder / "demo_arm.urdf")
+    return load_robot(folder / "demo_arm.toml")
+
+
+def fix_joints(urdf: Path, joints: Sequence[str] = WRIST) -> None:
+    """Fix joints of the demo arm."""
     text = urdf.read_text(encoding="utf-8")
-    for joint in WRIST:
+    for joint in joints:
         text = text.replace(f'"{joint}" type="revolute"', f'"{joint}" type="fixed"')
     urdf.write_text(text, encoding="utf-8")
-    return load_robot(folder / "demo_arm.toml")
 
 
 def short_logs(folder: Path, period: float = 2.0, write: Write = without_wrist) -> None:

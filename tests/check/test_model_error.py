@@ -36,7 +36,7 @@ from steelyard.simulate.ground_truth import random_truth
 
 @pytest.fixture(scope="module")
 def loaded(tmp_path_factory: pytest.TempPathFactory) -> LoadedRobot:
-    return demo_arm(tmp_path_factory.mktemp("arm"))
+    return demo_arm(tmp_path_factory.mktemp("arm"), joints=3)
 
 
 def found(
@@ -44,7 +44,7 @@ def found(
     folder: Path,
     robot: Robot | None = None,
     terms: Sequence[Term] = DEFAULT_TERMS,
-    offset: Sequence[float] = (0.0,) * 6,
+    offset: Sequence[float] = (0.0,),
 ) -> tuple[Finding, ...]:
     """The check of a plain fit of two runs of a robot that is not what its file says."""
     paths = [folder / f"run{seed}.parquet" for seed in (1, 2)]
@@ -96,8 +96,8 @@ def soft(torque: Array) -> Array:
     ("change", "says"),
     [
         (
-            lambda q, tau: changed(tau, 3, tau[3] + 0.15 * tau[2]),
-            "cross-talk of elbow in the effort of forearm_roll (15 % of it)",
+            lambda q, tau: changed(tau, 2, tau[2] + 0.15 * tau[1]),
+            "cross-talk of shoulder_lift in the effort of elbow (15 % of it)",
         ),
         (
             lambda q, tau: changed(tau, 2, play(tau[2], 0.06 * np.abs(tau[2]).max())),
@@ -117,7 +117,7 @@ def test_how_an_effort_is_misread_is_named(
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("cycles", [11.0, 99.0])
+@pytest.mark.parametrize("cycles", [11.0, 60.0])
 def test_an_effort_that_is_periodic_in_the_position_is_named(
     cycles: float, loaded: LoadedRobot, tmp_path: Path
 ) -> None:
@@ -154,23 +154,24 @@ def test_noise_alone_says_nothing(loaded: LoadedRobot, tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_a_zero_offset_is_named_with_its_value(loaded: LoadedRobot, tmp_path: Path) -> None:
-    (finding,) = found(loaded, tmp_path, offset=(0.0, 0.0, 0.1, 0.0, 0.0, 0.0))
-    assert finding.severity == Severity.DOUBTFUL and finding.joints == ("elbow",)
+    (finding,) = found(loaded, tmp_path, offset=(0.0, 0.1, 0.0))
+    assert finding.severity == Severity.DOUBTFUL and finding.joints == ("shoulder_lift",)
     assert (
-        "zero offset of elbow 0.099" in finding.says and "x the measurement noise" in finding.says
+        "zero offset of shoulder_lift 0.099" in finding.says
+        and "x the measurement noise" in finding.says
     )
     assert finding.fix is not None
     (edit,) = finding.fix.edits
     assert edit.path == ("signals", "position_offset")
-    assert edit.value[2] == pytest.approx(0.1, abs=0.005)
-    assert [x for k, x in enumerate(edit.value) if k != 2] == [0.0] * 5
+    assert edit.value[1] == pytest.approx(0.1, abs=0.005)
+    assert [edit.value[0], edit.value[2]] == [0.0] * 2
 
 
 @pytest.mark.slow
 def test_the_last_joint_turns_its_body_and_nothing_else(
     loaded: LoadedRobot, tmp_path: Path
 ) -> None:
-    assert found(loaded, tmp_path, offset=(0.3, 0.0, 0.0, 0.0, 0.0, 0.3)) == ()
+    assert found(loaded, tmp_path, offset=(0.3, 0.0, 0.3)) == ()
 
 
 @pytest.mark.slow
@@ -183,11 +184,11 @@ def test_a_longer_link_is_named(loaded: LoadedRobot, tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_a_tilted_axis_is_named(loaded: LoadedRobot, tmp_path: Path) -> None:
-    body, tilt = loaded.robot.bodies[4], np.deg2rad(5.0)
+    body, tilt = loaded.robot.bodies[2], np.deg2rad(5.0)
     turn = np.array([[1, 0, 0], [0, np.cos(tilt), -np.sin(tilt)], [0, np.sin(tilt), np.cos(tilt)]])
     axes = turn if abs(body.axis[0]) < 0.9 else turn[[1, 2, 0]][:, [1, 2, 0]]
-    (finding,) = found(loaded, tmp_path, with_body(loaded.robot, 4, rotation=body.rotation @ axes))
-    assert finding.severity == Severity.DOUBTFUL and "axis of joint wrist_bend" in finding.says
+    (finding,) = found(loaded, tmp_path, with_body(loaded.robot, 2, rotation=body.rotation @ axes))
+    assert finding.severity == Severity.DOUBTFUL and "axis of joint elbow" in finding.says
 
 
 @pytest.mark.slow
@@ -252,14 +253,13 @@ def left_out_error(first: Information, second: Information, weights: Array) -> f
 
 
 @pytest.mark.slow
-def test_a_term_that_predicts_other_motion_worse_is_not_recommended(
-    loaded: LoadedRobot, tmp_path: Path
-) -> None:
+def test_a_term_that_predicts_other_motion_worse_is_not_recommended(tmp_path: Path) -> None:
+    loaded = demo_arm(tmp_path, joints=4)
     paths = [tmp_path / f"run{seed}.parquet" for seed in (1, 2)]
     for stiffness, seed, path in zip((6.0, 0.0), (1, 2), paths, strict=True):
         log(path, random_truth(loaded.robot, 1), seed)
         table = pl.read_parquet(path)
-        pulled = [pl.col(f"tau{k}_Nm") + stiffness * pl.col(f"q{k}_rad") for k in range(1, 7)]
+        pulled = [pl.col(f"tau{k}_Nm") + stiffness * pl.col(f"q{k}_rad") for k in range(1, 5)]
         table.with_columns(pulled).write_parquet(path)
     fitted = case(loaded, paths)
     (finding,) = model_error_check(fitted)
@@ -275,11 +275,11 @@ def test_a_term_that_predicts_other_motion_worse_is_not_recommended(
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("turns", [(0, 1, -1, 0, 0, 0), (0, 0, 2, 0, -1, 0)])
+@pytest.mark.parametrize("turns", [(0, 1, -1, 0), (0, 2, 0)])
 def test_zeros_that_are_quarter_turns_away_are_found(
-    turns: tuple[int, ...], loaded: LoadedRobot, tmp_path: Path
+    turns: tuple[int, ...], tmp_path: Path
 ) -> None:
-    offset = [0.5 * np.pi * turn for turn in turns]
+    loaded, offset = demo_arm(tmp_path, joints=len(turns)), [0.5 * np.pi * turn for turn in turns]
     (finding,) = found(loaded, tmp_path, offset=offset)
     assert finding.severity == Severity.DOUBTFUL and finding.fix is not None
     assert "joint zeros other than those of the model file: " in finding.brief

@@ -3,6 +3,7 @@
 import re
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import permutations
 from math import inf
 from pathlib import Path
 from typing import Any
@@ -413,10 +414,12 @@ def test_positions_of_one_frequency_are_no_velocities(tmp_path: Path) -> None:
     phase = turn * table[:, :1]
     for sign in (1.0, -1.0):
         table[:, Q], table[:, DQ] = np.sin(phase), sign * turn * np.cos(phase)
-        assert of(diagnosis(tmp_path, table), "position").severity == Severity.OK
+        (found,) = position_check(case_of(tmp_path, table))
+        assert found.severity == Severity.OK
     text = ROBOT.replace('"q{}"', '"dq{}"').replace('velocity = "dq{}"\n', "")
     table[:, DQ] *= sign
-    assert "derivative of 'q1'" in of(diagnosis(tmp_path, table, text), "position").says
+    (found,) = position_check(case_of(tmp_path, table, text))
+    assert "derivative of 'q1'" in found.says
 
 
 @pytest.mark.parametrize(
@@ -532,12 +535,12 @@ def test_the_standard_error_of_the_lag_is_honest(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_every_order_of_the_velocities_is_found(tmp_path: Path) -> None:
-    rng = np.random.default_rng(6)
-    for seed in range(6):
-        order = rng.permutation(3)
-        table = sound(seed=seed)
-        table[:, DQ] = table[:, DQ][:, order]
-        (found,) = velocity_check(case_of(tmp_path, table))
+    # without masses nothing is compared with forces, whose part in it the cases of FAULTS show
+    text = re.sub(r", mass = [\d.]+", "", ROBOT)
+    for order in permutations(range(3)):
+        table = sound(duration=10.0)
+        table[:, DQ] = table[:, DQ][:, list(order)]
+        (found,) = velocity_check(case_of(tmp_path, table, text))
         edits = () if found.fix is None else found.fix.edits
         wanted = [f"dq{k + 1}" for k in np.argsort(order)]
         proposed = edits[0].value if edits else ["dq1", "dq2", "dq3"]
@@ -548,11 +551,11 @@ def test_every_order_of_the_velocities_is_found(tmp_path: Path) -> None:
 def test_slow_stamps_are_distinguished_from_a_slow_log(tmp_path: Path) -> None:
     fast = sound(rate=5000.0, duration=6.0)
     fast[:, 0] *= 1e3
-    found = diagnosis(tmp_path, fast)
-    clock = of(found, "clock")
+    (clock,) = clock_check(case_of(tmp_path, fast))
     assert clock.fix is not None
     assert [e.value for e in clock.fix.edits] == ["ms"]
-    assert of(diagnosis(tmp_path, sound(rate=5.0, duration=200.0)), "clock").severity == 0
+    (clock,) = clock_check(case_of(tmp_path, sound(rate=5.0, duration=200.0)))
+    assert clock.severity == Severity.OK
 
 
 def test_motor_side_positions_are_recognised(tmp_path: Path) -> None:
