@@ -1,17 +1,13 @@
-"""One study in its quick form; what all share; their pages in the documentation."""
+"""What all studies share, and their pages; `proofs/studies/quick.py` runs the studies."""
 
 import os
-import pickle
 import re
 import runpy
 import signal
 import subprocess
 import sys
-from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
-from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
@@ -26,8 +22,6 @@ from studies.support.robots import robot_file
 
 ROOT = Path(__file__).parent.parent
 STUDIES = sorted((ROOT / "studies").glob("p[1-9]_*.py"))
-(SHORT,) = (study for study in STUDIES if study.stem == "p1_reduction")
-"""The study whose quick form is the shortest; `proofs/studies/quick.py` runs that of all."""
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
 
@@ -42,30 +36,6 @@ def started(study: Path, *options: str) -> "subprocess.Popen[str]":
         env={**os.environ, "PYTHONPATH": path, "OMP_NUM_THREADS": "1"},
         preexec_fn=partial(signal.signal, signal.SIGINT, signal.SIG_DFL),  # not in a background job
     )
-
-
-@contextmanager
-def in_this_process(processes: int) -> Iterator[Callable[..., Iterator[Any]]]:
-    """`map` that pickles as processes of their own do, without the time of their start."""
-
-    def mapped(work: Callable[[int], Any], seeds: Iterable[int]) -> Iterator[Any]:
-        for seed in seeds:
-            yield pickle.loads(pickle.dumps(pickle.loads(pickle.dumps(work))(seed)))
-
-    yield mapped
-
-
-@pytest.mark.slow
-@pytest.mark.usefixtures("searches_here")
-def test_quick_form(
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    monkeypatch.setattr("studies.support.study._mapped", in_this_process)
-    monkeypatch.setattr("sys.argv", [str(SHORT), "-o", str(tmp_path / "out"), "--quick"])
-    runpy.run_path(str(SHORT), run_name="__main__")
-    found("p1", tmp_path / "out", capsys.readouterr().out)
 
 
 def found(name: str, folder: Path, out: str) -> None:

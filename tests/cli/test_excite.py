@@ -10,14 +10,17 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from unittest.mock import patch
 
 import numpy as np
 import pytest
 from typer.testing import CliRunner, Result
 
-from excite.tabled import OPEN, QUICK, arm
+from cli.mistakes import PLAIN
+from excite.tabled import OPEN, QUICK, arm, searching_here
 from steelyard.cli.app import app
 from steelyard.cli.options_with_several_values import expanded
+from steelyard.excite.search import parallel_search
 from steelyard.excite.trajectories.trajectory_files import read_motion
 
 FREE = f'{OPEN}without = ["tool"]\n[excitation.limits]\neffort = "any"\n'
@@ -44,7 +47,8 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("excite")
     arm(folder, ANY + QUICK)
     formats = ("--format", "ros2", "mujoco")
-    done = ran("excite", folder / "arm.toml", *ONE, *formats, "-o", folder / "out")
+    with patch.object(parallel_search, "_workers", searching_here):
+        done = ran("excite", folder / "arm.toml", *ONE, *formats, "-o", folder / "out")
     (folder / "output.txt").write_text(done.stdout)
     return folder
 
@@ -214,7 +218,7 @@ def test_after_an_earlier_log(tmp_path: Path) -> None:
     robot, folder = tmp_path / "arm.toml", tmp_path
     ran("simulate", robot, "--period", "6", "-o", folder / "first")
     (log,) = (folder / "first").glob("*.csv")
-    ran("identify", robot, log, "--no-check", "-o", folder / "known")
+    ran("identify", robot, log, *PLAIN, "-o", folder / "known")
     base = ("excite", robot, *ONE, "--criterion", "a_optimal", "--json")
     alone = json.loads(ran(*base, "--earlier", folder / "known", "-o", folder / "out").stdout)
     assert "earlier log" in alone["noise"]
@@ -307,24 +311,8 @@ def best_found(process: "subprocess.Popen[str]", terminal: int) -> bool:
 
 @pytest.mark.slow
 @linux
-def test_ctrl_c_in_a_terminal(tmp_path: Path) -> None:
-    """The bar shows the best so far; the summary says that it was stopped."""
-    ours, theirs = pty.openpty()
-    process = started(tmp_path, terminal=theirs)
-    os.close(theirs)
-    assert best_found(process, ours)
-    process.send_signal(signal.SIGINT)
-    assert process.stdout is not None
-    out = process.stdout.read()
-    assert process.wait(timeout=30) == 0
-    os.close(ours)
-    process.stdout.close()
-    assert "stopped" in out and (tmp_path / "out" / "report.html").is_file()
-
-
-@pytest.mark.slow
-@linux
-def test_ctrl_c_for_all_processes_keeps_the_best_so_far(tmp_path: Path) -> None:
+def test_ctrl_c_in_a_terminal_keeps_the_best_so_far(tmp_path: Path) -> None:
+    """The bar shows the best so far; Ctrl-C, for the whole group, ends all processes."""
     ours, theirs = pty.openpty()
     process = started(tmp_path, "--json", "--processes", "2", terminal=theirs)
     os.close(theirs)
@@ -338,6 +326,7 @@ def test_ctrl_c_for_all_processes_keeps_the_best_so_far(tmp_path: Path) -> None:
     process.stdout.close()
     assert found["stopped"] and found["certified"]
     assert (tmp_path / "out" / "trajectory.json").is_file()
+    assert "stopped early" in (tmp_path / "out" / "report.html").read_text()
     assert names and gone(names)
 
 
@@ -355,25 +344,3 @@ def test_ctrl_c_twice_leaves_nothing(tmp_path: Path) -> None:
     assert (process.returncode, errors) == (130, "stopped: nothing was written\n")
     assert sorted(p.name for p in tmp_path.iterdir()) == ["arm.toml", "arm.urdf"]
     assert gone(names)
-
-
-@pytest.mark.slow
-@linux
-def test_ctrl_c_before_anything_is_found_leaves_nothing(tmp_path: Path) -> None:
-    process = started(tmp_path)
-    names = wait_for(process)
-    process.send_signal(signal.SIGINT)
-    _, errors = process.communicate(timeout=30)
-    assert (process.returncode, errors) == (130, "stopped: nothing was written\n")
-    assert sorted(p.name for p in tmp_path.iterdir()) == ["arm.toml", "arm.urdf"]
-    assert gone(names)
-
-
-@pytest.mark.slow
-@linux
-def test_killed_it_leaves_no_processes(tmp_path: Path) -> None:
-    process = started(tmp_path)
-    names = wait_for(process)
-    process.kill()
-    process.communicate(timeout=30)
-    assert names and gone(names)
