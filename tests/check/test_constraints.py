@@ -13,8 +13,9 @@ import numpy as np
 import polars as pl
 import pytest
 
-import steelyard
 from invented import tree
+from steelyard.base.progress import silent
+from steelyard.check.decision.hypothesis_checks import POSITION_SIGN
 from steelyard.check.finding import Severity
 from steelyard.check.fitted.bounds_and_priors_against_data import (
     BindingConstraints,
@@ -22,12 +23,14 @@ from steelyard.check.fitted.bounds_and_priors_against_data import (
 )
 from steelyard.check.fitted.fitted_case_and_ranked_causes import FittedCase
 from steelyard.check.fitted.post_fit_checks import constraints_check
+from steelyard.check.named_logs_and_precheck import case_of, subject_of
 from steelyard.estimate.consistent.convex_estimator import Consistent
 from steelyard.estimate.information.base_regressor import base_regressor
 from steelyard.estimate.information.filter_and_gram import Accumulator, Stretch
 from steelyard.estimate.information.information import Information, Signature, Window
 from steelyard.estimate.prior.body_priors import Row, default_knowledge
 from steelyard.model.model import Model
+from steelyard.runs.runs_of_named_logs import log_files
 
 MODEL = Model(tree())
 REGRESSOR = base_regressor(MODEL)
@@ -64,7 +67,7 @@ def test_constraints_that_hold_are_not_at_fault() -> None:
 @pytest.mark.slow
 def test_friction_that_drives_is_named_with_its_joint() -> None:
     found = found_in({"viscous.left_joint": -20.0})
-    assert found is not None and not found.of_unseen
+    assert found is not None and not found.of_unseen and found.turned is None
     assert found.bounds == found.negative == ("viscous.left_joint",)
     assert found.joints == ("left_joint",)
     assert found.values[0].startswith("viscous.left_joint -")
@@ -99,8 +102,6 @@ def test_efforts_of_the_opposite_sign_are_named_as_such() -> None:
     (finding,) = constraints_check(cast(FittedCase, SimpleNamespace(binding=found)))
     assert finding.headline and finding.severity.word == "wrong"
     assert finding.says.startswith("all efforts, or all positions, have the opposite sign")
-    one = found_in({"viscous.left_joint": -20.0})
-    assert one is not None and one.turned is None
 
 
 def says(*parameters: str) -> tuple[str, str]:
@@ -147,25 +148,6 @@ gain = [0.034768, 0.034768, -0.034768, 0.013562, 0.013562, 0.013562]
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("few_stretches")
-def test_a_measured_robot_with_efforts_that_fall_with_speed_is_poor(tmp_path: Path) -> None:
-    folder = Path(DATA or "") / "naruton6"
-    if not DATA or not folder.is_dir():
-        pytest.skip("STEELYARD_DATA names no folder with naruton6")
-    robot = tmp_path / "naruton6.toml"
-    robot.write_text(NARUTON.format(folder=folder))
-    logs = [folder / f"naruton6_traj{k}.parquet" for k in (1, 2)]
-    found = steelyard.identify(robot, logs[0], logs[1], check=False, threads=1)
-    assert found.verdict.level == "poor"
-    assert "no better than predicting zero at 3 of 6 joints" in found.verdict.line
-    assert all(joint in found.verdict.line for joint in ("joint4", "joint5", "joint6"))
-    limits = found.to_dict()["limitations"]
-    (constraints,) = [one for one in limits if one["check"] == "constraints"]
-    assert {"joint5", "joint6"} <= set(constraints["joints"])
-    assert "the log contradicts bounds at" in str(found)
-
-
-@pytest.mark.slow
 def test_signs_of_several_joints_are_not_written_where_efforts_turned_fit_better(
     tmp_path: Path,
 ) -> None:
@@ -175,9 +157,10 @@ def test_signs_of_several_joints_are_not_written_where_efforts_turned_fit_better
         pytest.skip("STEELYARD_DATA names no folder with naruton6")
     robot = tmp_path / "naruton6.toml"
     robot.write_text(NARUTON.format(folder=folder).replace("-0.034768", "0.034768"))
-    log = tmp_path / "fewer_rows.parquet"
-    pl.read_parquet(folder / "naruton6_traj1.parquet")[::4].write_parquet(log)
-    found = steelyard.check(robot, log)
-    (sign,) = [one for one in found.last.findings if one.check == "position sign"]
+    pl.read_parquet(folder / "naruton6_traj1.parquet")[::8].write_parquet(
+        tmp_path / "fewer_rows.parquet"
+    )
+    logs = log_files([str(tmp_path / "fewer_rows.parquet")])
+    (sign,) = POSITION_SIGN(case_of(subject_of(str(robot), logs[0]), logs, None, silent)[0])
     assert sign.severity <= Severity.DOUBTFUL and "undecided" in sign.says
     assert sign.fix is None or not sign.fix.edits

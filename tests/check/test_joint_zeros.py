@@ -29,7 +29,7 @@ from steelyard.simulate.ground_truth import random_truth
 def case(folder: Path, offset: tuple[float, ...], line: str = "") -> Case:
     """One log of the demo arm whose encoders are off, read with one more line of `[signals]`."""
     robot, path = folder / "arm.toml", folder / "run.parquet"
-    loaded = demo_arm(folder)
+    loaded = demo_arm(folder, joints=len(offset))
     text = robot.read_text().replace("[signals]\n", f"[signals]\n{line}\n")
     log(path, random_truth(loaded.robot, 1), 1, offset)
     subject = Subject(robot, text, load_robot(robot, text))
@@ -38,23 +38,23 @@ def case(folder: Path, offset: tuple[float, ...], line: str = "") -> Case:
 
 @pytest.mark.slow
 def test_an_offset_is_doubtful_with_the_line_that_corrects_it(tmp_path: Path) -> None:
-    (finding,) = joint_zeros_check(case(tmp_path, (0.0, 0.2, 0.0, 0.0, 0.0, 0.0)))
+    (finding,) = joint_zeros_check(case(tmp_path, (0.0, 0.2, 0.0)))
     assert finding.severity == Severity.DOUBTFUL and finding.joints == ("shoulder_lift",)
     assert finding.fix is not None
     (edit,) = finding.fix.edits
     assert edit.path == ("signals", "position_offset")
-    np.testing.assert_allclose(edit.value, [0.0, 0.2, 0.0, 0.0, 0.0, 0.0], atol=0.01)
+    np.testing.assert_allclose(edit.value, [0.0, 0.2, 0.0], atol=0.01)
 
 
 @pytest.mark.slow
 def test_zeros_that_are_quarter_turns_away_are_doubtful(tmp_path: Path) -> None:
-    (finding,) = joint_zeros_check(case(tmp_path, (0.0, 0.5 * np.pi, -0.5 * np.pi, 0.0, 0.0, 0.0)))
+    (finding,) = joint_zeros_check(case(tmp_path, (0.0, 0.5 * np.pi, -0.5 * np.pi, 0.0)))
     assert finding.severity == Severity.DOUBTFUL and finding.joints == ("shoulder_lift", "elbow")
     assert "of the model file: shoulder_lift +90°, elbow -90° (error on" in finding.says
     assert finding.fix is not None
     (edit,) = finding.fix.edits
     assert edit.path == ("signals", "position_offset")
-    np.testing.assert_allclose(edit.value, [0.0, 1.5708, -1.5708, 0.0, 0.0, 0.0], atol=1e-4)
+    np.testing.assert_allclose(edit.value, [0.0, 1.5708, -1.5708, 0.0], atol=1e-4)
 
 
 def turned_case(folder: Path, joint: int, turn: float) -> Case:
@@ -90,19 +90,19 @@ def test_nominal_masses_are_silent_where_no_joint_is_turned(tmp_path: Path) -> N
 
 @pytest.mark.slow
 def test_with_that_line_no_offset_stands_out(tmp_path: Path) -> None:
-    line = "position_offset = [0.0, 0.2, 0.0, 0.0, 0.0, 0.0]"
-    (finding,) = joint_zeros_check(case(tmp_path, (0.0, 0.2, 0.0, 0.0, 0.0, 0.0), line))
+    line = "position_offset = [0.0, 0.2, 0.0]"
+    (finding,) = joint_zeros_check(case(tmp_path, (0.0, 0.2, 0.0), line))
     assert (
         finding.severity == Severity.OK
         and finding.answered
-        and finding.says.startswith("no significant zero offset of shoulder_lift, elbow, ")
+        and finding.says.startswith("no significant zero offset of shoulder_lift; ")
     )
-    assert "zero offset of shoulder_lift 0.2022 ± 0.00" in finding.figure
-    assert "not identifiable: shoulder_turn, flange_roll" in finding.figure
+    assert "zero offset of shoulder_lift 0.1995 ± 0.00" in finding.figure
+    assert "not identifiable: shoulder_turn, elbow" in finding.figure
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("joint, offset", [(1, 0.15), (1, -0.4), (2, 0.3), (2, 1.5)])
+@pytest.mark.parametrize("joint, offset", [(1, -0.4), (2, 1.5)])
 def test_a_reference_finds_the_joint_and_its_offset(arm, joint: int, offset: float) -> None:
     table = arm.table.copy()
     table[:, arm.at("q{}_rad")[joint]] += offset
@@ -187,13 +187,13 @@ def test_first_joints_along_gravity_and_last_ones_have_no_identifiable_zero(arm)
 
 
 def test_what_is_to_be_identified_is_not_reported(tmp_path: Path) -> None:
-    assert joint_zeros_check(case(tmp_path, (0.0,) * 6, 'position_offset = "identify"')) == ()
+    assert joint_zeros_check(case(tmp_path, (0.0,) * 3, 'position_offset = "identify"')) == ()
 
 
 def test_unknown_gains_leave_the_question_open(tmp_path: Path) -> None:
-    given = case(tmp_path, (0.0,) * 6)
+    given = case(tmp_path, (0.0,) * 3)
     log = given.logs[0]
-    signals = replace(log.recording.signals, unknown_gains=(False,) * 5 + (True,))
+    signals = replace(log.recording.signals, unknown_gains=(False, False, True))
     unknown = replace(log, recording=replace(log.recording, signals=signals))
     case_of_unknown = replace(given, logs=(unknown,))
     (finding,) = joint_zeros_check(case_of_unknown)
@@ -212,9 +212,9 @@ def test_an_offset_that_other_errors_explain_as_well_is_open(
     monkeypatch.setattr(
         joint_zeros_and_quarter_turns, "ranked_causes", lambda *a: replace(found(*a), blamed=())
     )
-    (finding,) = joint_zeros_check(case(tmp_path, (0.0, 0.2, 0.0, 0.0, 0.0, 0.0)))
+    (finding,) = joint_zeros_check(case(tmp_path, (0.0, 0.2, 0.0)))
     assert finding.severity == Severity.OK and not finding.answered
-    assert "zero offset of shoulder_lift 0.2022 ± 0.00" in finding.says
+    assert "zero offset of shoulder_lift 0.1995 ± 0.00" in finding.says
     assert "undecided" in finding.says
 
 
@@ -228,7 +228,7 @@ def test_where_no_offset_is_identifiable_the_question_is_open(
         "estimated_offsets",
         lambda *a: replace(offsets := found(*a), std=np.full_like(offsets.std, np.nan)),
     )
-    (finding,) = joint_zeros_check(case(tmp_path, (0.0,) * 6))
+    (finding,) = joint_zeros_check(case(tmp_path, (0.0,) * 3))
     assert finding.severity == Severity.OK and not finding.answered
     assert finding.says.startswith("not identifiable")
 
@@ -245,7 +245,7 @@ def test_an_inner_joint_that_is_not_identifiable_leaves_the_question_open(
         return replace(offsets, std=np.where(elbow, np.nan, offsets.std))
 
     monkeypatch.setattr(joint_zeros_and_quarter_turns, "estimated_offsets", without_elbow)
-    (finding,) = joint_zeros_check(case(tmp_path, (0.0,) * 6))
+    (finding,) = joint_zeros_check(case(tmp_path, (0.0,) * 4))
     assert finding.severity == Severity.OK and not finding.answered
-    assert finding.says.startswith("no significant zero offset of shoulder_lift, ")
-    assert "not identifiable: shoulder_turn, elbow, flange_roll; a model from" in finding.says
+    assert finding.says.startswith("no significant zero offset of shoulder_lift; ")
+    assert "not identifiable: shoulder_turn, elbow, forearm_roll; a model from" in finding.says
