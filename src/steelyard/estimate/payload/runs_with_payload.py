@@ -89,11 +89,16 @@ def _scatter(
         scores = grams[:, :-1] @ np.append(-values[columns], 1.0)
         inner = covariance[np.ix_(columns, columns)]
         taken = inner @ grams[:, :-1, :-1]
-        square = np.sum(taken * taken.swapaxes(1, 2))
-        expected = np.trace(taken, axis1=1, axis2=2).sum() - square
+        # scores of two windows are correlated by -G_w C G_v, as the fit takes part of both
+        squares = taken @ taken
+        expected = np.trace(taken.sum(axis=0) - squares.sum(axis=0))
+        variance = 2.0 * float(
+            np.sum(squares.sum(axis=0) * squares.sum(axis=0).T)
+            + np.sum((taken - 2.0 * squares) * taken.swapaxes(1, 2))
+        )
         if expected >= FREEDOM and len(windows.windows) > 1:
             factors[row] = np.sum((scores @ inner) * scores) / expected
-            chance[row] = np.sqrt(2.0 * square) / expected
+            chance[row] = np.sqrt(max(variance, 0.0)) / expected
     return factors, chance
 
 
