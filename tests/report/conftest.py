@@ -351,6 +351,11 @@ def comparison(name: str = "", most: float = 9.0) -> Comparison:
 
 @pytest.fixture(scope="session")
 def usual() -> ReportContent:
+    return usual_content()
+
+
+def usual_content() -> ReportContent:
+    """Two joints, all sections."""
     quality = (("rows", "4 012"), ("dropped", "12 (not a number)"), ("rate", "100.0 Hz"))
     return ReportContent(
         title="invented arm: identified dynamics",
@@ -417,7 +422,11 @@ def offsets(joints: tuple[str, str] = ("shoulder", "elbow")) -> ZeroOffsets:
 
 
 @pytest.fixture(scope="session")
-def nasty(usual: ReportContent) -> ReportContent:
+def nasty() -> ReportContent:
+    return nasty_content()
+
+
+def nasty_content() -> ReportContent:
     """Names with markup, numbers that are none, ten long joints, no run kept aside."""
     joints = tuple(f"{k} {EVIL}" for k in range(10))
     score = run_score(EVIL, joints, 20_000)

@@ -1,4 +1,7 @@
-"""All pages on a screen and on a phone, in light and in dark: overflow, contrast, keyboard."""
+"""All pages on a screen and on a phone, in light and in dark: overflow, contrast, keyboard.
+
+`proofs/product/pages.py` has every page in every view, and on paper.
+"""
 
 import json
 import re
@@ -8,64 +11,25 @@ from pathlib import Path
 
 import pytest
 
-from browser import Tab
+from browser import Rendered, Tab
 from report.conftest import friction, identified, rendered_only, robot
-from report.designed import designed_for
-from report.inspected import contact_content, health_content, payload_events, wrench_content
-from report.test_design import content as motion_content
-from report.test_findings import content as check_content
-from report.test_models import models_content
-from report.test_page import own_html
-from report.test_tracking import tracking_content
-from steelyard.check.findings_text_and_page import render_check
-from steelyard.excite.page.design_page import render_design
-from steelyard.identify.comparison.estimators_page import COMPARE_SECTIONS, ComparisonContent
-from steelyard.identify.comparison.models_page import COMPARE_MODELS_SECTIONS
+from report.pages import PAGES, pages_of, unreached, wrong_on_paper, wrong_on_screen
+from report.test_page import OF_ALL, own_html
+from steelyard.identify.comparison.estimators_page import ComparisonContent
 from steelyard.identify.page.report_content import ReportContent
-from steelyard.identify.page.section_register import render
-from steelyard.report.page import TEMPLATES, page_of, render_sections
-from steelyard.simulate.tracking_sections import TRACK_SECTIONS
-from steelyard.uses.payload.payload import render_payload_events
+from steelyard.report.page import TEMPLATES, page_of
 
 pytestmark = pytest.mark.slow
 
-PAGES = (
-    "identification",
-    "comparison",
-    "models",
-    "check",
-    "motion",
-    "tracking",
-    "contact",
-    "wrench",
-    "payload",
-    "health",
-    "strange names",
-)
-PRINTED = PAGES[:-1]
-"""Names without a blank cannot be divided between lines of a narrow table."""
-VIEWS = ((420, True), (1400, True), (1400, False))
-"""Widths of the window and whether it is dark; each next one differs in one of both."""
+VIEWS = ((420, True), (1400, False))
+"""Widths of the window and whether it is dark; the proof has all pairs."""
 
 
 @pytest.fixture(scope="module")
 def pages(
     usual: ReportContent, compared: ComparisonContent, nasty: ReportContent
 ) -> dict[str, str]:
-    models = models_content("full", "better excitation", "reduced")
-    return {
-        "identification": render(usual),
-        "strange names": render(replace(nasty, fitted=nasty.fitted[:2])),
-        "comparison": render_sections(COMPARE_SECTIONS, compared, "compared"),
-        "models": render_sections(COMPARE_MODELS_SECTIONS, models, "compared"),
-        "check": render_check(check_content("arm")),
-        "motion": render_design(motion_content(designed_for(robot()))),
-        "tracking": render_sections(TRACK_SECTIONS, tracking_content(robot()), "simulated"),
-        "contact": contact_content().report(),
-        "wrench": wrench_content().report(),
-        "payload": render_payload_events([payload_events()], "arm"),
-        "health": health_content().report(),
-    }
+    return pages_of(usual, compared, nasty)
 
 
 @pytest.fixture
@@ -90,27 +54,13 @@ def opened(browser: Tab, page: str, folder: Path, width: int = 1400) -> Tab:
 
 
 @pytest.mark.parametrize("name", PAGES, scope="module")
-def test_every_page_fits_is_readable_and_reached_by_the_keyboard(shown: Tab) -> None:
-    for width, dark in VIEWS:
-        shown.show(width, dark)
-        shown.run("drawn()")
-        assert shown.run("overflow()") == [], (width, dark)
-        assert shown.run("cut()") == [], (width, dark)
-        assert shown.run("contrast()") == [], (width, dark)
-    assert unreached(shown) == []
-    assert shown.console == []
-
-
-def unreached(tab: Tab) -> list[str]:
-    """What can be operated but Tab does not reach, or does not show the focus."""
-    names, seen = tab.run("operable()"), dict[int, bool]()
-    for _ in range(len(names) + 1):
-        tab.press("Tab")
-        here = tab.run("focused()")
-        if here is None or here["number"] in seen:
-            break
-        seen[here["number"]] = here["visible"]
-    return [name for number, name in enumerate(names) if not seen.get(number, False)]
+def test_every_page_fits_is_readable_and_reached_by_the_keyboard(shown: Tab, name: str) -> None:
+    assert wrong_on_screen(shown, VIEWS) == []
+    joints = {"identification": 2, "strange names": 10}.get(name)
+    if joints:
+        seen = Rendered(shown.run("document.documentElement.outerHTML"), tuple(shown.console))
+        assert seen.errors == [] and seen.drawn == joints
+        assert [one.name for one in OF_ALL if f'<section id="{one.name}"' not in seen.dom] == []
 
 
 @pytest.mark.parametrize(
@@ -212,7 +162,7 @@ def listening(page: str, event: str, script: str) -> str:
     return page.replace("</body>", f"<script>{keep}</script></body>")
 
 
-FLAT = ("effort", "torque-split", "friction-curves", "residuals", "truth", "check")
+FLAT = ("effort", "residuals", "check")
 """Sections with figures, large, small and folded, none of them in space."""
 
 
@@ -278,23 +228,11 @@ def test_figures_of_another_run_are_drawn_one_by_one_from_the_window_on(
     assert browser.run(runs) == ["1", "1"]
 
 
-@pytest.mark.parametrize("name", PRINTED, scope="module")
-def test_tables_fit_on_paper_and_their_headings_do_not_overlap(shown: Tab) -> None:
-    shown.show(688)
-    shown.run("drawn()")
-    shown.send("Emulation.setEmulatedMedia", media="print")
-    shown.run("dispatchEvent(new Event('beforeprint'))")
-    try:
-        assert shown.run("overflow()") == []
-        out = "one.getBoundingClientRect().right > one.closest('th').getBoundingClientRect().right"
-        assert shown.run(f"[...document.querySelectorAll('.sort')].filter(one => {out})") == []
-        three = "[...document.querySelectorAll('.plots.three')].map(one => [...one.children])"
-        tops = f"{three}.map(row => row.map(one => one.getBoundingClientRect().top))"
-        apart = "row.length === 3 && new Set(row).size > 1"
-        assert shown.run(f"{tops}.filter(row => {apart})") == []
-    finally:
-        shown.send("Emulation.setEmulatedMedia", media="")
-        shown.run("dispatchEvent(new Event('afterprint'))")
+def test_tables_fit_on_paper_and_their_headings_do_not_overlap(
+    browser: Tab, usual: ReportContent, tmp_path: Path
+) -> None:
+    page = rendered_only(usual, "parameters", "residuals")
+    assert wrong_on_paper(opened(browser, page, tmp_path)) == []
 
 
 @pytest.mark.parametrize("width", [1400, 1200])

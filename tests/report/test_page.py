@@ -27,17 +27,11 @@ def own_html(page: str) -> str:
     return re.sub(ARCHIVE + "[^<]*", "", page)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(("which", "joints"), [("usual", 2), ("nasty", 10)])
-def test_the_browser_draws_everything_without_an_error(request, browse, which, joints):
+@pytest.mark.parametrize("which", ["usual", "nasty"])
+def test_the_whole_page_is_small(request, which):
+    """`test_layout.py` has it drawn without an error."""
     page = render(request.getfixturevalue(which))
     assert len(page.encode()) <= 4 * MEGABYTE
-    seen = browse(page)
-    assert seen.console == ()
-    assert seen.errors == []
-    for section in OF_ALL:
-        assert f'<section id="{section.name}"' in seen.dom
-    assert seen.drawn == joints
 
 
 def test_the_test_would_see_an_error_and_a_missing_plot(browse, usual):
