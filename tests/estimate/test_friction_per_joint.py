@@ -62,7 +62,7 @@ def logged_with(
     values = {p.name: p.prior or 0.0 for p in model.parameters} | known
     valued = model.at(Parameters(model.names, model.units, [values[n] for n in model.names]))
     rng = np.random.default_rng(seed)
-    t = np.arange(0.0, 30.0, 1.0 / RATE)
+    t = np.arange(0.0, 20.0, 1.0 / RATE)
     states = np.zeros((3, len(t), 2))
     for w, size in ((0.6, 0.8), (2.1, 0.25), (5.3, 0.02)):
         phase, w = rng.uniform(0.0, 6.0, 2), w * rng.uniform(0.9, 1.1, 2)

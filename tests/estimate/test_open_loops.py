@@ -22,7 +22,7 @@ from steelyard.runs.processing_choices import Processing
 from steelyard.runs.recording import LogInMemory, Recording
 from steelyard.runs.run import Run, open_stretches
 
-RATE = 200.0
+RATE = 100.0
 
 
 def robot(open_loops: str = "drop") -> Robot:

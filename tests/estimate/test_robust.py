@@ -97,7 +97,7 @@ def test_curvature_is_the_slope_of_the_score(loss: Huber | Tukey, u: float) -> N
 @ids
 def test_outliers_hardly_matter(loss: Huber | Tukey) -> None:
     errors = []
-    for seed in range(6):
+    for seed in range(3):
         samples, truth = drawn(TREE, seed)
         for fit in (WeightedLeastSquares()(samples.information()), Reweighted(loss)(samples)):
             errors.append(np.sqrt(np.mean(np.square(fit.parameters.values - truth))))
@@ -110,7 +110,7 @@ def test_outliers_hardly_matter(loss: Huber | Tukey) -> None:
 @pytest.mark.parametrize("outliers", [0.0, 0.05])
 def test_intervals_hold_the_truth(loss: Huber | Tukey, outliers: float) -> None:
     inside = total = 0
-    for seed in range(15):
+    for seed in range(10):
         samples, truth = drawn(SINGLE, seed, 300, outliers)
         found = Reweighted(loss)(samples)
         inside += int(np.sum(np.abs(found.parameters.values - truth) <= found.half_width))

@@ -33,7 +33,7 @@ ROBOT = arm()
 MODEL = Model(ROBOT)
 
 
-def motion(seed: int, count: int = 4000) -> np.ndarray:
+def motion(seed: int, count: int = 2000) -> np.ndarray:
     """Four harmonics at 200 Hz, `(3, n, N)`."""
     rng = np.random.default_rng(seed)
     t = np.arange(count) / 200.0
@@ -110,10 +110,10 @@ def test_what_is_not_wanted_stays() -> None:
 @pytest.mark.slow
 def test_intervals_hold() -> None:
     true, inside = np.array([0.0, 0.2, -0.15, 0.0]), 0
-    for seed in range(20):
+    for seed in range(10):
         found = find_offsets(MODEL, Logged(true, seed), np.zeros(4), [True] * 4)
         inside += int(np.sum(np.abs(found.values - true)[1:3] <= found.half_width[1:3]))
-    assert inside >= 34  # of 40; 38 expected
+    assert inside >= 17  # of 20; 19 expected
 
 
 def test_closed_chains_are_refused() -> None:

@@ -69,7 +69,7 @@ def test_a_tool_that_was_removed_is_weighed(case: Callable[[str], Path]) -> None
 
 
 def test_false_stretches_of_another_arm_cost_no_accuracy(tmp_path: Path) -> None:
-    arm = demo_arm(tmp_path)
+    arm = demo_arm(tmp_path, joints=3)
     truth = random_truth(arm.robot, 5)
     for name, seed in (("fit", 1), ("other", 2)):
         log(tmp_path / f"{name}.parquet", truth, seed)

@@ -42,12 +42,10 @@ def named(found: tuple[HealthChange, ...]) -> list[HealthChange]:
 @pytest.mark.slow
 @pytest.mark.parametrize("stated", [1.0, 3.0])
 def test_constant_quantities_are_not_named(stated: float) -> None:
-    false = 0
-    for seed in range(25):
+    for seed in range(8):
         steady = [np.zeros(24)] * 5
         many = [series(steady, seed=20 * seed + k, joint=f"j{k}", stated=stated) for k in range(6)]
-        false += bool(named(changes_of(many, NAMES)))
-    assert false <= 1
+        assert not named(changes_of(many, NAMES))
 
 
 def test_levels_that_are_equal_have_no_change() -> None:
