@@ -1,14 +1,20 @@
 """Findings of checks after the fit: in the order of their severity, and in the headline."""
 
 from dataclasses import replace
-from typing import ClassVar, cast
+from types import SimpleNamespace
+from typing import Any, ClassVar, cast
+
+import numpy as np
 
 from invented import single
 from steelyard.check.finding import Finding, Fix, Severity
-from steelyard.check.fitted.post_fit_checks import FittedCase, examine_fit
+from steelyard.check.fitted.post_fit_checks import FittedCase, assumed_gains_check, examine_fit
+from steelyard.estimate.payload.drive_gains import GainEstimate
 from steelyard.identify.page.report_content import ReportContent
 from steelyard.identify.page.verdict_and_next_steps import Limitation, Verdict, verdict
 from weighed import identified_of
+
+CASE = FittedCase(cast(Any, None))
 
 
 class Says:
@@ -68,3 +74,34 @@ def test_a_remark_stands_beside_the_headline_and_leaves_the_level() -> None:
     assert judged.level == judged_by(()).level
     text = "residuals are 2 x the noise"
     assert judged.limitations == (Limitation(text, text, "none"),)
+
+
+def test_gains_that_logs_do_not_show_stand_in_the_headline() -> None:
+    def found(assumed: tuple[bool, ...], gains: tuple[float, ...]) -> Finding:
+        count = len(gains)
+        known = (True, *(False,) * (count - 1))
+        estimate = GainEstimate(
+            tuple(f"j{k}" for k in range(count)),
+            np.array(gains),
+            ("Nm/A",) * count,
+            np.zeros((count, count)),
+            known,
+            assumed,
+            False,
+            None,
+            np.ones(count),
+        )
+        signals = SimpleNamespace(effort_units=("A",) * count, gains=np.array(gains))
+        identified = SimpleNamespace(signals=signals, effort_scales=None)
+        case = replace(CASE, identified=cast(Any, identified), gains=estimate)
+        (finding,) = assumed_gains_check(case) or (Finding.ok("nothing"),)
+        return finding
+
+    none, one, most = (False,) * 3, (False, False, True), (False, True, True)
+    assert found(none, (2.0, 3.0, 4.0)).says == "nothing"
+    relative = found(none, (1.0, 3.0, 4.0))
+    assert relative.headline and not relative.severity and "common factor" in relative.says
+    single_one = found(one, (2.0, 3.0, 4.0))
+    assert single_one.headline and not single_one.severity
+    assert "the gain of j2 is assumed" in single_one.says
+    assert found(most, (2.0, 3.0, 4.0)).severity is Severity.DOUBTFUL

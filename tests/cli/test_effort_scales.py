@@ -56,7 +56,7 @@ def test_scales_are_found_and_used_for_other_logs(
     assert found["left_out_error_percent"] < found["left_out_error_without_percent"]
     assert any("a scale of the efforts is estimated per joint" in note for note in result["notes"])
     remarks = [x["says"] for x in result["limitations"] if x["check"] == "effort scales"]
-    assert len(remarks) == 1 and f"shoulder_lift {found['values'][1]:.2f}" in remarks[0]
+    assert len(remarks) == 1 and f"shoulder_lift {str(found['values'][1])[:4]}" in remarks[0]
     assert "explains more" not in remarks[0]
     assert 'id="effort_scales"' in (out / "report.html").read_text()
     written = json.loads((out / "model.json").read_text())

@@ -4,6 +4,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 from functools import reduce
 from operator import add
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -15,7 +17,7 @@ from steelyard.estimate.information.information import Information, Window
 from steelyard.estimate.payload.bilinear_least_squares import Bilinear
 from steelyard.estimate.payload.drive_gains import identified_gains
 from steelyard.estimate.payload.payload_frame import carrier
-from steelyard.estimate.payload.runs_with_payload import load_case
+from steelyard.estimate.payload.runs_with_payload import _scatter, load_case
 
 JOINTS = MODEL.robot.joint_names
 UNLOADED, LOADED = [run(1)], [run(2, LOAD, friction=1.4)]
@@ -221,3 +223,25 @@ def test_the_body_that_carries_matters_not_the_frame() -> None:
     found = identified_gains(MODEL, UNLOADED, LOADED, mass=LOAD.mass)
     assert found.payload is not None and found.payload.frame == "tip"
     assert np.abs(found.payload.ten - there.ten).max() < 1e-6
+
+
+@pytest.mark.parametrize("windows", [2, 8])
+def test_scatter_of_scores_is_known_as_well_as_chance_says(windows: int) -> None:
+    """White residuals scatter by the factor 1; the fit takes much of the scores of few windows."""
+    rng, samples, draws = np.random.default_rng(3), 40, 1500
+    columns = rng.normal(size=(windows, samples, 12)) * rng.uniform(0.3, 2.0, (windows, 1, 12))
+    covariance = np.linalg.inv(np.einsum("wka,wkb->ab", columns, columns))
+    factors = []
+    for effort in rng.normal(size=(draws, windows, samples)):
+        rows = np.concatenate((columns, effort[..., None]), axis=-1)
+        grams = rows.swapaxes(1, 2) @ rows
+        seen = SimpleNamespace(
+            layout=SimpleNamespace(sees=(tuple(range(12)),)),
+            row_grams=lambda row, grams=grams: grams,
+            windows=range(windows),
+        )
+        values = covariance @ np.einsum("wka,wk->a", columns, effort)
+        found, chance = _scatter(cast(Any, seen), values, np.ones(1), covariance)
+        factors.append(float(found[0]))
+    assert np.mean(factors) == pytest.approx(1.0, abs=0.05)
+    assert np.std(factors) == pytest.approx(float(chance[0]), rel=0.1)

@@ -146,8 +146,8 @@ def diagnosis_dict(diagnosis: Diagnosis) -> dict[str, Any]:
 MOST_SHOWN_FINDINGS = 3  # findings of one check and severity that are shown one by one
 PAYLOAD_CHECK = "payload"  # the check whose masses a fitted model corrects
 MASS_ERROR_NOTE = (
-    "; this mass contains the errors of the model file's masses: if a line with ! names another "
-    "one for this log, that is more accurate, as it is by the identified model"
+    "; this mass contains the errors of the model file's masses: where a line with ! names one by "
+    "the identified model, rely on its interval"
 )
 """What a note says of such a mass."""
 MOST_NAMED_LOGS = 4  # logs that are named after them

@@ -307,6 +307,7 @@ def _limitations(
         _doubtful(before, found.runs),
         found.scales,
         found.consistent,
+        found.prepared.gains,
     )
     after = (
         *turned_joints(before),

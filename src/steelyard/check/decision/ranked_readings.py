@@ -8,7 +8,7 @@ import numpy as np
 from steelyard.base.arrays import Array
 from steelyard.base.progress import report_progress
 from steelyard.check.case_logs_and_checks import Case, CheckedLog, remembered
-from steelyard.check.decision.search_of_readings import Search
+from steelyard.check.decision.search_of_readings import SAME_FACTOR, Search
 from steelyard.check.finding import Severity
 from steelyard.check.hypotheses.effort_hypotheses import (
     PERCENT,
@@ -167,7 +167,9 @@ def _others(likelihood: Likelihood, reference: IdentifiedModel | None) -> OtherE
     limits = np.array([c.limits.effort for c in likelihood.knowledge.robot.coordinates])
     if np.isfinite(limits).all() and np.all(limits > 0.0) and likelihood.signals.effort_map is None:
         says = "efforts are percents of the joints' limits"
-        found[says] = PERCENT, 0.01 * limits / np.abs(gains)
+        factors = 0.01 * limits / np.abs(gains)
+        if np.any(np.abs(np.log(factors)) > np.log(SAME_FACTOR)):  # else percents are newton metres
+            found[says] = PERCENT, factors
     return found
 
 

@@ -81,7 +81,9 @@ def hidden_mass(search: Search) -> str:
     most = abs(more) + 2.0 * width * abs(body.inertia.mass) * (width > min(WIDTHS))
     if most <= least_mass(knowledge):
         return ""
-    return f"'{body.name}' may weigh up to {most:.2g} kg more or less than in the model file"
+    mass = body.inertia.mass
+    less = f", or up to {most:.2g} kg less" if most < mass else ", or less"
+    return f"'{body.name}' may weigh up to {most:.2g} kg more than its {mass:.2g} kg{less}"
 
 
 def _gains(search: Search, misfit: str) -> str:

@@ -32,6 +32,7 @@ from steelyard.estimate.least_squares.weighted_robust_and_whitened import Weight
 from steelyard.estimate.nonlinear.effort_scales import EffortScales
 from steelyard.estimate.nonlinear.nonlinear_parameters import information_from
 from steelyard.estimate.scores.residuals import ResidualNoise, residual_noise
+from steelyard.estimate.payload.drive_gains import GainEstimate
 from steelyard.estimate.scores.score import RunScore
 from steelyard.model.model import Model
 from steelyard.runs.run import Run
@@ -149,6 +150,7 @@ class FittedCase:
     unresolved: tuple[Finding, ...] = ()  # doubts of the check before the fit in the fitted runs
     scales: EffortScales | None = None  # scales of the efforts that were estimated, if any
     consistent: Consistent | None = None  # what made the estimate, if it was this, without scales
+    gains: GainEstimate | None = None  # drive gains that were identified, if any
 
     @cached_property
     def examined(self) -> tuple[Run, ...]:

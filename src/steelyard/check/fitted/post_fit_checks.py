@@ -37,11 +37,11 @@ from steelyard.check.gear_side_and_rotors import (
     rotors_at_zero_check,
 )
 from steelyard.estimate.identified_model import IdentifiedModel
-from steelyard.estimate.scores.effort_errors import PROMISED
+from steelyard.estimate.scores.effort_errors import PROMISED, known_efforts
 from steelyard.model.laws.friction_memory_and_load import LoadDependent
 from steelyard.model.laws.laws_without_friction import RotorInertia, Spring
 from steelyard.model.laws.register import law_of
-from steelyard.report.words import first_names
+from steelyard.report.words import first_names, with_interval
 
 
 @post_fit_check("95 % bands")
@@ -147,6 +147,32 @@ TERMS_LIKE_A_SCALE = (Spring.law, LoadDependent.law)  # their efforts change wit
 WRONG_SCALE = 1.3  # factor beyond a scale's interval from which on a gain is doubtful
 
 
+@post_fit_check("gains")
+def assumed_gains_check(case: FittedCase) -> Iterable[Finding]:
+    """Gains that the logs do not show; doubtful if these are most, as nothing then has a scale."""
+    if case.gains is None:
+        return ()
+    unseen = tuple(one.joint for one in case.gains.each if one.assumed)
+    fix = Fix("Give these gains, move these joints faster, or add a log with a load (--loaded)")
+    said = []
+    if unseen:
+        said.append(
+            f"the gain of {first_names(unseen, 3)} is assumed, as these logs do not show it: torques, "
+            "friction and rotor inertia there are relative to it"
+        )
+    if not all(known_efforts(case.identified)):
+        said.append(
+            "a gain of 1 stands for unknown ones: masses, inertias and torques are up to one "
+            "common factor"
+        )
+    says = "; ".join(said)
+    if 2 * len(unseen) > len(case.gains.known) - sum(case.gains.known):
+        return (
+            Finding.doubtful(says, "", unseen, fix, headline=True, brief=f"{says}. {fix.says}"),
+        )
+    return (Finding.ok(says, headline=True, brief=says),) if said else ()
+
+
 @post_fit_check("effort scales")
 def scaled_efforts_check(case: FittedCase) -> Iterable[Finding]:
     """Estimated scales of the efforts; doubtful if one is far off 1, its interval aside."""
@@ -155,7 +181,7 @@ def scaled_efforts_check(case: FittedCase) -> Iterable[Finding]:
         return ()
     beyond = np.abs(np.log(scales.found.values)) - Z95 * scales.found.std
     values = zip(scales.joints, scales.found.values, scales.half_width, beyond, strict=True)
-    off = [f"{joint} {x:.2f} ± {half:.2f}" for joint, x, half, far in values if far > 0.0]
+    off = [f"{name} {with_interval(x, h)}" for name, x, h, far in values if far > 0.0]
     pairs = zip(scales.joints, beyond, strict=True)
     wrong = tuple(joint for joint, far in pairs if far > np.log(WRONG_SCALE))
     listed = ", ".join(off) or "none significant by itself"
@@ -290,6 +316,7 @@ POST_FIT: tuple[PostFitCheck, ...] = (
     change_in_run_check,
     rotors_at_zero_check,
     model_error_check,
+    assumed_gains_check,
     scaled_efforts_check,
     load_friction_check,
     last_link_check,

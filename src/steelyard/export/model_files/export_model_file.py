@@ -26,6 +26,7 @@ from steelyard.robot.inertia_and_placement import INERTIAL_NAMES
 from steelyard.robot.mechanism import Mechanism
 from steelyard.robot.robot import Body, Robot
 from steelyard.robot.robot_from_mechanism import reduced
+from steelyard.uses.control.feedforward import refuse_unknown_gains
 
 LEAST_DATA_SHARE = 0.005  # share from the data below which they do not show a parameter
 
@@ -70,6 +71,7 @@ def exported(
     identified: IdentifiedModel, form: Format, original: str | Path | None = None
 ) -> Exported:
     """A model as the text of a file."""
+    refuse_unknown_gains(identified)
     content, estimate = content_of(identified, form), identified.estimate
     learned, bodies = {}, content.robot.bodies
     if estimate.standard is not None:

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from steelyard.check.finding import Finding
-from steelyard.estimate.scores.effort_errors import EffortError, as_logged, pooled
+from steelyard.estimate.scores.effort_errors import EffortError, as_logged, known_efforts, pooled
 from steelyard.estimate.scores.score import RunScore
 from steelyard.identify.page.effort_error_words import (
     MOST_NAMED_JOINTS,
@@ -260,7 +260,10 @@ def next_steps(content: ReportContent, robot: str, model: Path) -> tuple[Step, .
     if weak > MOST_WEAK_SHARE or (weak and judged.level == "good" and judged.scope):
         command = f"steelyard excite {robot} --earlier {folder} --still-unknown"
         steps.append((command, "a motion for parameters that are poorly identified or not at all"))
-    if judged.level == "good":
+    if judged.level == "good" and not all(known_efforts(content.identified)):
+        command = f"steelyard identify {robot} {logs} --loaded LOG --payload-mass KG"
+        steps.append((command, "gains in Nm per A; until then no torques, no URDF"))
+    elif judged.level == "good":
         uses = "use the model, here as a URDF; also: feedforward, wrench, payload, watch"
         steps.append((f"steelyard export {folder} --to urdf", uses))
     return tuple(steps)
