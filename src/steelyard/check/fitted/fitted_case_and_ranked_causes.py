@@ -31,8 +31,8 @@ from steelyard.estimate.least_squares.covariance_from_residuals import inflation
 from steelyard.estimate.least_squares.weighted_robust_and_whitened import WeightedLeastSquares
 from steelyard.estimate.nonlinear.effort_scales import EffortScales
 from steelyard.estimate.nonlinear.nonlinear_parameters import information_from
-from steelyard.estimate.scores.residuals import ResidualNoise, residual_noise
 from steelyard.estimate.payload.drive_gains import GainEstimate
+from steelyard.estimate.scores.residuals import ResidualNoise, residual_noise
 from steelyard.estimate.scores.score import RunScore
 from steelyard.model.model import Model
 from steelyard.runs.run import Run

@@ -157,8 +157,8 @@ def assumed_gains_check(case: FittedCase) -> Iterable[Finding]:
     said = []
     if unseen:
         said.append(
-            f"the gain of {first_names(unseen, 3)} is assumed, as these logs do not show it: torques, "
-            "friction and rotor inertia there are relative to it"
+            f"the gain of {first_names(unseen, 3)} is assumed, as these logs do not show it: "
+            "torques, friction and rotor inertia there are relative to it"
         )
     if not all(known_efforts(case.identified)):
         said.append(
