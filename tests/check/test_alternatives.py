@@ -23,6 +23,13 @@ def test_torques_in_thousandths_are_offered_their_gain(
     assert "gains and masses cannot be identified together" in says
 
 
+def test_the_torque_of_one_motor_is_offered_its_gear_ratio(arm: Arm) -> None:
+    reading = SimpleNamespace(effort_scale=np.array([1.0, 8.0, 1.0]))
+    hypothesis = cast(Any, SimpleNamespace(cause="gain", reading=reading))
+    says = unwritten_number_advice(arm.case(arm.table), hypothesis, sure=True).says
+    assert says.startswith(f"if the torque of {arm.robot.joint_names[1]} is that of the motor")
+
+
 @pytest.mark.parametrize(
     ("factor", "unit", "names", "proposed"),
     [

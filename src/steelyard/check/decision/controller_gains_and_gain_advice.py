@@ -136,8 +136,8 @@ def _inverse(rows: Array) -> float:
     return float(found[0] / lengths[0])
 
 
-LEAST_GEAR_RATIO, LARGEST_GEAR_RATIO = 20.0, 500.0
-"""Factor on all torques from which, and up to which, they may be those before the gears."""
+LEAST_OWN_RATIO, LEAST_GEAR_RATIO, LARGEST_GEAR_RATIO = 3.0, 20.0, 500.0
+"""Factor on one torque, and on all, from which, and up to which, they may be those before gears."""
 
 
 GO_ON = ". If the masses of the model file are wrong, continue: the efforts are then as declared"
@@ -204,6 +204,12 @@ def _of_other_torques(case: Case, hypothesis: Hypothesis) -> str:
             '"motor_torque", side = "motor" under [signals.effort], and ratios = [...] under '
             "[robot.transmission] (a new robot file: steelyard init MODEL LOG --side motor "
             "--ratios ...); otherwise "
+        )
+    far = np.flatnonzero((factors > LEAST_OWN_RATIO) & (factors < LARGEST_GEAR_RATIO))
+    if 0 < len(far) < len(factors):
+        return (
+            f"if the torque of {case.listed(far.tolist())} is that of the motor, write its gear "
+            "ratio of the data sheet as its gain under [signals.effort]; otherwise "
         )
     return ""
 
