@@ -11,6 +11,7 @@ from copy import copy
 import numpy as np
 
 from steelyard.base.arrays import Array
+from steelyard.check.case_logs_and_checks import remembered
 from steelyard.check.hypotheses.marginal_likelihood import rows_of
 from steelyard.check.hypotheses.nuisance_fit_and_score import (
     MISFIT_FLOOR,
@@ -202,6 +203,7 @@ def _directions(now: Reading) -> list[Array]:
     return found
 
 
+@remembered
 def refined_gravity(found: Reading) -> Array:
     """Gravity as the log fits it best near a direction, or that direction, shape `(3,)` [m/s²].
 
@@ -266,7 +268,7 @@ class _DirectionResidual:
         length = float(np.linalg.norm(v))
         (yy, ye, ee), g = self._all, np.array([1.0, *v / length])
         theta = self._solved(g)
-        turned = np.einsum("akbl,b,l->ak", yy, g, theta, optimize=True)
+        turned = np.tensordot(yy, np.outer(g, theta), 2)
         left = float(ee - g @ ye @ theta) + len(self._ee) * DIRECTION_RESIDUAL_FLOOR**2
         slope = 2.0 * ((turned - ye) @ theta)[1:] / left
         slope = (slope - g[1:] * (g[1:] @ slope)) / length + 2.0 * (length - 1.0) * g[1:]
@@ -283,5 +285,5 @@ class _DirectionResidual:
     def _solved(self, g: Array) -> Array:
         """The bodies and friction that fit best, shape `(k,)`."""
         yy, ye, _ = self._all
-        normal = np.einsum("a,akbl,b->kl", g, yy, g, optimize=True)
+        normal = np.tensordot(np.outer(g, g), yy, ((0, 1), (0, 2)))
         return np.asarray(np.linalg.solve(normal + self._ridge, g @ ye))
