@@ -67,8 +67,9 @@ def test_gains_of_one_are_refused_with_the_controllers(arm):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("weight", [1.0, 0.6])
-@pytest.mark.parametrize(("declared", "unit", "size"), [("mA", "A", 1.0), ("A", "mA", 1e-3)])
+@pytest.mark.parametrize(
+    ("declared", "unit", "size", "weight"), [("mA", "A", 1.0, 1.0), ("A", "mA", 1e-3, 0.6)]
+)
 def test_the_unit_of_currents_is_corrected_before_gains(arm, declared, unit, size, weight):
     text = edited(in_amperes(arm), [Edit(("signals", "effort", "unit"), declared)])
     case = case_with_targets(arm, text, size, weight)

@@ -64,11 +64,11 @@ def test_slopes_of_the_direction_of_gravity(arm):
 @pytest.mark.parametrize("factor", [0.3, 3.5])
 def test_a_clean_log_is_not_refused_for_wrong_masses(arm, factor):
     nominal_times(arm, factor)
-    found = arm.examined(arm.table, known=False)
+    case = arm.case(arm.table, known=False)
+    found = examine(case, checks=MODEL_BASED)
     assert found.severity <= Severity.DOUBTFUL and not found.edits
     for doubtful in (f for f in found.findings if f.severity):
         assert "links are" in doubtful.says and "efforts are off" in doubtful.says
-    case = arm.case(arm.table, known=False)
     ranked = ranking(case, case.logs[0])
     found = ranked.search.best.evidence
     assert found.scale * factor == pytest.approx(1.0, rel=0.3)
@@ -252,7 +252,7 @@ def test_an_order_that_rests_the_joint_in_motion_is_no_explanation(arm):
         assert keeps_evidence(declared.changed(position=order))
     assert not keeps_evidence(declared.changed(position=(1, 0, 2)))
     assert not keeps_evidence(declared.changed(effort=(0, 2, 1)))
-    found = arm.examined(table, known=False)
+    found = examine(case, checks=MODEL_BASED)
     assert "joint order" not in wrong(found)
     assert not {"signals.position", "signals.effort.columns"} & set(edits(found))
 
@@ -323,7 +323,7 @@ def test_reversed_gravity_is_found_beside_an_unknown_gain(arm):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("turned", [(0,), (1,), (0, 1)])
+@pytest.mark.parametrize("turned", [(1,), (0, 1)])
 def test_a_wrong_sign_is_found_beside_an_unknown_gain(arm, turned):
     gains = np.where(np.isin(np.arange(3), turned), -GAINS, GAINS)
     table, text = with_one_unknown_gain(arm, gains)

@@ -52,9 +52,9 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return there
 
 
-def case_with(folder: Path, ratios: tuple[float, ...], coupling: str) -> Case:
-    """The log with these gears in the robot file."""
-    text = f"""[robot]
+def text_with(ratios: tuple[float, ...], coupling: str) -> str:
+    """A robot file with these gears."""
+    return f"""[robot]
 urdf = "demo_arm.urdf"
 [robot.transmission]
 ratios = {list(ratios)}{coupling}
@@ -68,9 +68,19 @@ kind = "motor_torque"
 side = "motor"
 unit = "Nm"
 """
-    (folder / "motors.toml").write_text(text)
+
+
+def case_with(folder: Path, ratios: tuple[float, ...], coupling: str) -> Case:
+    """The log with these gears in the robot file."""
+    (folder / "motors.toml").write_text(text_with(ratios, coupling))
     logs = log_files([str(folder / "motors.parquet")])
     return case_of(subject_of(str(folder / "motors.toml"), logs[0]), logs, None, silent)[0]
+
+
+@pytest.fixture(scope="module")
+def uncoupled(folder: Path) -> Case:
+    """The log without its coupling, judged once."""
+    return case_with(folder, RATIOS, "")
 
 
 def test_the_gears_of_the_log_are_not_doubted(folder: Path) -> None:
@@ -87,8 +97,8 @@ def test_a_wrong_sign_is_found_as_one_of_positions_and_efforts(folder: Path) -> 
 
 
 @pytest.mark.slow
-def test_a_missing_coupling_is_found(folder: Path) -> None:
-    (finding,) = transmission_check(case_with(folder, RATIOS, ""))
+def test_a_missing_coupling_is_found(uncoupled: Case) -> None:
+    (finding,) = transmission_check(uncoupled)
     assert finding.severity == Severity.DOUBTFUL, finding
     assert finding.says.startswith("a coupling of motor_3 with the joint before")
     best, declared = (float(x) for x in re.findall(r"([\d.]+) %", finding.says))
@@ -127,9 +137,8 @@ def test_a_coupling_that_may_be_missing_is_a_remark_unless_couplings_are_stated(
 
 
 @pytest.mark.slow
-def test_the_declared_gears_have_the_misfit_of_the_other_checks(folder: Path) -> None:
-    case = case_with(folder, RATIOS, "")
-    decision = judge_log(case, case.logs[0])
+def test_the_declared_gears_have_the_misfit_of_the_other_checks(uncoupled: Case) -> None:
+    decision = judge_log(uncoupled, uncoupled.logs[0])
     assert decision is not None
     likelihood, declared = decision.likelihood, decision.declared
     assert likelihood.signals.effort_map is None and likelihood.gears is not None
@@ -141,13 +150,12 @@ def test_the_declared_gears_have_the_misfit_of_the_other_checks(folder: Path) ->
 
 @pytest.mark.slow
 def test_gains_of_motors_are_stated_alike_in_a_robot_file_that_is_not_written_yet(
-    folder: Path,
+    folder: Path, uncoupled: Case
 ) -> None:
-    case = case_with(folder, RATIOS, "")
-    decision = judge_log(case, case.logs[0])
+    decision = judge_log(uncoupled, uncoupled.logs[0])
     assert decision is not None
-    text = (folder / "motors.toml").read_text()
-    for loaded in (case.loaded, load_robot(folder / "motors-fixed.toml", text)):
+    fixed = load_robot(folder / "motors-fixed.toml", text_with(RATIOS, ""))
+    for loaded in (uncoupled.loaded, fixed):
         np.testing.assert_allclose(file_gains(decision.likelihood, loaded), 1.0)
 
 

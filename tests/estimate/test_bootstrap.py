@@ -43,7 +43,7 @@ def windows(seed: int, count: int = 40, size: int = 50, spread: float = 0.0) -> 
 @pytest.mark.slow
 @pytest.mark.parametrize("spread", [0.0, 1.0])
 def test_the_scatter_is_that_of_block_means(spread: float) -> None:
-    found = bootstrap(OrdinaryLeastSquares(), windows(0, spread=spread), draws=300)
+    found = bootstrap(OrdinaryLeastSquares(), windows(0, spread=spread), draws=150)
     wanted = np.sqrt((1.0 / 50 + spread**2) / 40)
     assert found.std[0] == pytest.approx(wanted, rel=0.25)
     lower, upper = found.interval()
@@ -53,7 +53,7 @@ def test_the_scatter_is_that_of_block_means(spread: float) -> None:
 
 @pytest.mark.slow
 def test_few_windows_are_not_taken_for_sure() -> None:
-    stds = [bootstrap(OrdinaryLeastSquares(), windows(k, 3), draws=20).std[0] for k in range(60)]
+    stds = [bootstrap(OrdinaryLeastSquares(), windows(k, 3), draws=20).std[0] for k in range(30)]
     wanted = np.sqrt(1.0 / 150)
     assert np.sqrt(np.mean(np.square(stds))) == pytest.approx(wanted, rel=0.15)
 

@@ -112,13 +112,12 @@ def test_the_estimate_is_that_of_efforts_in_the_right_scale_but_less_sure() -> N
 @pytest.mark.slow
 def test_efforts_that_agree_are_not_scaled() -> None:
     assert all(
-        effort_scales(consistent(), information_of(np.ones(len(ROWS)), k)) is None for k in range(8)
+        effort_scales(consistent(), information_of(np.ones(len(ROWS)), k)) is None for k in range(4)
     )
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("factor", [0.5, 1.8])
-@pytest.mark.parametrize("heavier", [0.85, 1.2])
+@pytest.mark.parametrize(("factor", "heavier"), [(0.5, 1.2), (1.8, 0.85)])
 def test_one_joint_that_is_far_off_does_not_change_the_others(
     factor: float, heavier: float
 ) -> None:

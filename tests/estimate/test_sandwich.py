@@ -116,7 +116,7 @@ def test_intervals_hold_whatever_the_noise(
 ) -> None:
     inside: list[bool] = []
     naive: list[bool] = []
-    for seed in range(25):
+    for seed in range(15):
         information, truth, _, _ = data(seed, lag)
         estimate = estimator(information)
         error = np.abs(estimate.parameters.values - truth)
@@ -144,7 +144,7 @@ def test_chance_never_narrows_an_interval() -> None:
 @pytest.mark.slow
 def test_noise_above_the_motion_narrows_intervals_that_still_hold() -> None:
     inside, ratios = [], []
-    for seed in range(25):
+    for seed in range(15):
         information, truth, _, _ = data(seed, 0.0, fast=0.9)
         fit, estimate = (
             WeightedLeastSquares().fit(information),
@@ -238,7 +238,7 @@ def runs_apart(seed: int, apart: float, count: int = 4) -> tuple[Information, np
 def test_intervals_hold_where_runs_disagree(apart: float) -> None:
     inside: list[bool] = []
     of_windows: list[bool] = []
-    for seed in range(20):
+    for seed in range(12):
         information, truth = runs_apart(seed, apart)
         estimate = WeightedLeastSquares()(information)
         error = np.abs(estimate.parameters.values - truth)
