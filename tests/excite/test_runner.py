@@ -60,8 +60,9 @@ def _nobody_stays() -> Iterator[None]:
 
 @pytest.mark.slow
 def test_the_seed_alone_decides(tmp_path: Path) -> None:
-    one, two = (harvest(tmp_path, SearchBudget(60.0, 2, processes)) for processes in (1, 2))
+    two = harvest(tmp_path, SearchBudget(60.0, searches=2, processes=2))
     with patch.object(parallel_search, "_workers", searching_here):
+        one = harvest(tmp_path, SearchBudget(60.0, searches=2))
         other = harvest(tmp_path, SearchBudget(60.0, searches=1, seed=1))
     assert one.searches == two.searches == 2 and not one.stopped
     for mine, theirs in zip(one.best, two.best, strict=True):
@@ -143,7 +144,7 @@ def test_all_of_them_killed_is_reported(tmp_path: Path) -> None:
     assert "--processes" in caught.value.fix
 
 
-@pytest.mark.slow
+@pytest.mark.usefixtures("searches_here")
 def test_an_error_in_a_worker_is_reported(tmp_path: Path) -> None:
     loaded = arm(tmp_path, TABLES.replace("bodies = false", "bodies = true"))
     model = model_with_open_friction(loaded)
@@ -153,7 +154,7 @@ def test_an_error_in_a_worker_is_reported(tmp_path: Path) -> None:
         search_in_parallel((loaded, model, None), problem, "gradient", SearchBudget(60.0))
 
 
-@pytest.mark.slow
+@pytest.mark.usefixtures("searches_here")
 def test_a_flaw_in_a_worker_is_reported_with_its_traceback(tmp_path: Path) -> None:
     loaded = arm(tmp_path, TABLES)
     model = model_with_open_friction(loaded)
