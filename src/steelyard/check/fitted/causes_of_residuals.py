@@ -365,18 +365,17 @@ def strongest_period(sums: Array, counts: Array, cell: float) -> float:
     if n < FEWEST_PERIODS * CELLS_PER_PERIOD:
         return NO_PERIOD
     powers = np.polynomial.legendre.legvander(np.linspace(-1.0, 1.0, n), DEGREE)
-    trend = np.asarray(powers * weights[:, None], dtype=np.float64)
-    right = sums / np.maximum(weights, 1.0)
-
-    def left(columns: Array) -> Array:
-        return right - columns @ np.linalg.lstsq(columns, right, rcond=None)[0]
-
-    power = np.abs(np.fft.rfft(weights * left(trend), FINER * n))
+    trend, size, _ = np.linalg.svd(powers * weights[:, None], full_matrices=False)
+    trend = trend[:, size > n * np.finfo(np.float64).eps * size[0]]
+    left = sums / np.maximum(weights, 1.0)
+    left -= trend @ (trend.T @ left)
+    power = np.abs(np.fft.rfft(weights * left, FINER * n))
     first, last = FINER * FEWEST_PERIODS, FINER * n // CELLS_PER_PERIOD
     near = first + int(np.argmax(power[first : last + 1])) + np.linspace(-FINER, FINER, NEAR)
     phases = 2.0 * np.pi * np.outer(near / (FINER * n), np.arange(n) + 0.5)
-    squares = [
-        float(np.sum(np.square(left(np.column_stack((trend, weights * s, weights * c))))))
-        for s, c in zip(np.sin(phases), np.cos(phases), strict=True)
-    ]
-    return float(FINER * n * cell / near[int(np.argmin(squares))])
+    waves = weights * np.stack((np.sin(phases), np.cos(phases)), axis=1)
+    waves -= waves @ trend @ trend.T
+    products = waves @ left
+    grams = np.linalg.pinv(waves @ waves.swapaxes(1, 2), hermitian=True)
+    explained = np.einsum("ka,kab,kb->k", products, grams, products)
+    return float(FINER * n * cell / near[int(np.argmax(explained))])
