@@ -1,6 +1,6 @@
 """The one error root with its fix lines, help for misspelt names, and optional packages."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from difflib import get_close_matches
 from functools import partial
 from importlib import import_module
@@ -90,10 +90,21 @@ def advice(name: str, names: Iterable[str], what: str, most: int = 12) -> str:
 
 def named(name: str, known: Mapping[str, Named], what: str, plural: str, where: str) -> Named:
     """The one of a name; a `ModelError` lists the others if there is none."""
-    if name not in known:
-        wrong = f"there is no {what} '{name}'"
-        raise ModelError(wrong, where=where, fix=advice(name, known, plural))
+    refuse_unknown(name, known, f"there is no {what} '{name}'", where, plural)
     return known[name]
+
+
+def refuse_unknown(
+    name: str,
+    known: Collection[str],
+    wrong: str,
+    where: str,
+    what: str,
+    error: type[SteelyardError] = ModelError,
+) -> None:
+    """Refuse a name that is not known, and offer those that are, which are `what`."""
+    if name not in known:
+        raise error(wrong, where=where, fix=advice(name, known, what))
 
 
 def listing(names: Iterable[str], what: str, most: int = 12, like: str = "") -> str:

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from steelyard.base.arrays import Array, frozen
-from steelyard.base.errors import DataError, advice
+from steelyard.base.errors import DataError, refuse_unknown
 from steelyard.estimate.information.base_regressor import FAINT, BaseMap, base_parameters, clear_map
 from steelyard.excite.constraints.bounds_and_effort_limits import payload_numbers
 from steelyard.excite.constraints.constraint import Declined
@@ -133,12 +133,8 @@ def cases_of(
     the criterion is relative to them.
     """
     wanted = section.criterion
-    if wanted.kind not in CRITERIA:
-        raise DataError(
-            f"there is no criterion '{wanted.kind}'",
-            where="[excitation.criterion] kind",
-            fix=advice(wanted.kind, CRITERIA, "criteria"),
-        )
+    wrong, where = f"there is no criterion '{wanted.kind}'", "[excitation.criterion] kind"
+    refuse_unknown(wanted.kind, CRITERIA, wrong, where, "criteria", DataError)
     absent = absent_of(wanted, model, earlier)
     weights = weights_of(wanted, model.robot, earlier)
     shows = InformationEvaluator(model, weights, JUMP_SOFTNESS * limits.velocity, absent)
@@ -235,12 +231,9 @@ def _named(wanted: Sequence[str], model: Model, base: BaseMap, key: str) -> set[
         first += count
     found = set[str]()
     for name in wanted:
-        if name not in laws and name not in base.base_names:
-            raise DataError(
-                f"'{name}' is neither a law nor a base parameter of the model",
-                where=f"[excitation.criterion] {key}",
-                fix=advice(name, [*laws, *base.base_names], "laws and parameters"),
-            )
+        wrong = f"'{name}' is neither a law nor a base parameter of the model"
+        known, where = [*laws, *base.base_names], f"[excitation.criterion] {key}"
+        refuse_unknown(name, known, wrong, where, "laws and parameters", DataError)
         found |= laws.get(name, {name})
     return found
 

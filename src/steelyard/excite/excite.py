@@ -18,7 +18,7 @@ from rich.console import Console
 
 from steelyard.base.arrays import Array
 from steelyard.base.checked_arguments import checked
-from steelyard.base.errors import DataError, OutputError, advice
+from steelyard.base.errors import DataError, OutputError, refuse_unknown
 from steelyard.base.files import whole_file
 from steelyard.base.progress import DESIGN_BUDGET_S, Progress, silent
 from steelyard.estimate.identified_model import IdentifiedModel
@@ -111,12 +111,8 @@ def write_export(
 
 
 def _format_of_name(form: str) -> Export:
-    if form not in EXPORTS:
-        raise OutputError(
-            f"there is no format '{form}' for motions",
-            where="format of the export",
-            fix=advice(form, EXPORTS, "formats"),
-        )
+    wrong, where = f"there is no format '{form}' for motions", "format of the export"
+    refuse_unknown(form, EXPORTS, wrong, where, "formats", OutputError)
     return EXPORTS[form]
 
 

@@ -16,7 +16,7 @@ import numpy as np
 from steelyard.base.arrays import Array
 from steelyard.base.checked_arguments import checked
 from steelyard.base.errors import LogError, OutputError
-from steelyard.base.files import csv_lines
+from steelyard.base.files import csv_lines, refuse_existing
 from steelyard.logs.clocks_and_combined_logs import WholeClocks
 from steelyard.logs.hdf5_matlab import open_hdf5, open_mat
 from steelyard.logs.log_and_errors import Log, require_file
@@ -90,10 +90,7 @@ def writer_for(path: Path) -> Writer:
             where=str(path),
             fix=f"end its name in one of {', '.join(WRITERS)}",
         )
-    if path.exists():
-        raise OutputError(
-            "the file exists already", where=str(path), fix="name another one, or remove it"
-        )
+    refuse_existing(path)
     return writer
 
 

@@ -12,7 +12,7 @@ from functools import lru_cache
 import numpy as np
 
 from steelyard.base.arrays import Array, frozen
-from steelyard.base.errors import ModelError, advice
+from steelyard.base.errors import ModelError, refuse_unknown
 from steelyard.robot.inertia_and_placement import skew
 from steelyard.robot.mechanism import Mechanism, Pin
 from steelyard.robot.robot import Body, Frame, LoopClosure, OpenLoops, Robot
@@ -345,13 +345,9 @@ def closed_robot(
     assembly = checked_equations(robot, places).assembly
     names = [c.name for c in robot.joints]
     for name in closing.assembly:
-        if name not in names:
-            raise ModelError(
-                f"the reference configuration gives a position of joint '{name}', which is not "
-                "identified or passive",
-                where=closing.where,
-                fix=advice(name, names, "joints that move"),
-            )
+        wrong = f"the reference configuration gives a position of joint '{name}', which is not "
+        wrong += "identified or passive"
+        refuse_unknown(name, names, wrong, closing.where, "joints that move")
     return robot.changed(assembly=assembly), _note(robot, assembly, closing)
 
 

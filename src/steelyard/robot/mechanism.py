@@ -6,7 +6,7 @@ from types import MappingProxyType
 from typing import Any, Literal
 
 from steelyard.base.arrays import Array, by_key, frozen, set_fields
-from steelyard.base.errors import ModelError, advice
+from steelyard.base.errors import ModelError, advice, refuse_unknown
 from steelyard.robot.inertia_and_placement import DIRT, Inertia, Placement, clean_axis, turn
 from steelyard.robot.robot import Limits
 
@@ -282,12 +282,8 @@ def _check_names(mechanism: Mechanism) -> None:
     links = [link.name for link in mechanism.links]
     for joint in mechanism.joints:
         for role, name in (("parent", joint.parent), ("child", joint.child)):
-            if name not in links:
-                raise ModelError(
-                    f"the {role} link '{name}' of joint '{joint.name}' does not exist",
-                    where=joint.where,
-                    fix=advice(name, links, "links"),
-                )
+            wrong = f"the {role} link '{name}' of joint '{joint.name}' does not exist"
+            refuse_unknown(name, links, wrong, joint.where, "links")
 
 
 def _check_tree(mechanism: Mechanism) -> None:
@@ -333,15 +329,10 @@ def _check_mimics(mechanism: Mechanism) -> None:
             master = followed.get(joint.mimic.master)
             if master is None or not master.movable:
                 fixed = "is fixed" if master else "does not exist"
-                raise ModelError(
-                    f"joint '{joint.name}' mimics joint '{joint.mimic.master}', which {fixed}",
-                    where=joint.where,
-                    fix=advice(
-                        joint.mimic.master,
-                        [j.name for j in mechanism.joints if j.movable and j is not joint],
-                        "joints that move",
-                    ),
-                )
+                wrong = f"joint '{joint.name}' mimics joint '{joint.mimic.master}', which {fixed}"
+                moving = [j.name for j in mechanism.joints if j.movable and j is not joint]
+                fix = advice(joint.mimic.master, moving, "joints that move")
+                raise ModelError(wrong, where=joint.where, fix=fix)
             if master.name in seen:
                 raise ModelError(
                     "mimic joints follow each other in a circle: " + " -> ".join(seen),

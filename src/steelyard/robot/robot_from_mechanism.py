@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from steelyard.base.arrays import frozen
-from steelyard.base.errors import ModelError, advice, listing
+from steelyard.base.errors import ModelError, advice, listing, refuse_unknown
 from steelyard.robot.floating_ball_and_coupled_joints import refuse_coupled, without_free_joints
 from steelyard.robot.inertia_and_placement import LEAST_INERTIA, Inertia, Placement
 from steelyard.robot.loop_closures import Closing, closed_robot, passive_joints
@@ -235,12 +235,8 @@ def _check_links(mechanism: Mechanism, base: str, tips: Sequence[str]) -> None:
     links = [link.name for link in mechanism.links]
     below = {base, *(j.child for j in mechanism.from_link(base))}
     for role, name in [("base", base)] + [("tip", t) for t in tips]:
-        if name not in links:
-            raise ModelError(
-                f"the {role} link '{name}' does not exist",
-                where=mechanism.where,
-                fix=advice(name, links, "links"),
-            )
+        wrong = f"the {role} link '{name}' does not exist"
+        refuse_unknown(name, links, wrong, mechanism.where, "links")
         if name not in below:
             raise ModelError(
                 f"the tip link '{name}' is not beyond the base link '{base}'",

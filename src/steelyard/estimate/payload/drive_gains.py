@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from steelyard.base.arrays import Z95, Array, frozen, json_values
-from steelyard.base.errors import DataError, ModelError, advice
+from steelyard.base.errors import DataError, ModelError, refuse_unknown
 from steelyard.estimate.information.base_regressor import base_parameters
 from steelyard.estimate.information.information import Information
 from steelyard.estimate.payload.bilinear_least_squares import Bilinear, Solution, solved
@@ -146,9 +146,7 @@ def _given(model: Model, known: Mapping[str, float]) -> Array:
     names, given = model.robot.joint_names, np.full(model.robot.n, np.nan)
     for name, gain in known.items():
         where = f"known gains of robot '{model.robot.name}'"
-        if name not in names:
-            fix = advice(name, names, "joints")
-            raise ModelError(f"there is no joint '{name}'", where=where, fix=fix)
+        refuse_unknown(name, names, f"there is no joint '{name}'", where, "joints")
         if not np.isfinite(gain) or gain == 0.0:
             raise ModelError(
                 f"the gain of joint '{name}' is {gain:g}",

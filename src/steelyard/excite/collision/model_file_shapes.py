@@ -8,7 +8,7 @@ from typing import Literal
 
 import numpy as np
 
-from steelyard.base.errors import ModelError, advice, listing
+from steelyard.base.errors import ModelError, listing, refuse_unknown
 from steelyard.excite.collision.convex_solids_and_mesh_files import (
     WITHOUT_MESH_ADVICE,
     Ball,
@@ -109,10 +109,7 @@ def world_shapes(path: Path) -> tuple[Shape, ...]:
 def check_links(skip: Collection[str], links: Collection[str], where: str) -> None:
     """Refuse a link to be left out that does not exist."""
     for name in skip:
-        if name not in links:
-            raise ModelError(
-                f"there is no link '{name}' to skip", where=where, fix=advice(name, links, "links")
-            )
+        refuse_unknown(name, links, f"there is no link '{name}' to skip", where, "links")
 
 
 def _notes(

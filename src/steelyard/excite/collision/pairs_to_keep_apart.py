@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from steelyard.base.arrays import Array, by_key
-from steelyard.base.errors import ModelError, advice
+from steelyard.base.errors import ModelError, refuse_unknown
 from steelyard.excite.collision.convex_solids_and_mesh_files import Hull
 from steelyard.excite.collision.shape_kinematics import Geometry, Shape
 from steelyard.report.words import count
@@ -106,12 +106,9 @@ def _check_names(
             )
     for pair in ignore:
         for name in pair:
-            if name not in groups:
-                raise ModelError(
-                    f"'{name}', which is to be ignored, has no collision shape",
-                    where=f"ignored pair '{pair[0]}', '{pair[1]}'",
-                    fix=advice(name, groups, "bodies with shapes"),
-                )
+            wrong = f"'{name}', which is to be ignored, has no collision shape"
+            where = f"ignored pair '{pair[0]}', '{pair[1]}'"
+            refuse_unknown(name, groups, wrong, where, "bodies with shapes")
 
 
 def _neighbours(robot: Robot, geometry: Geometry, first: Shape, second: Shape) -> bool:

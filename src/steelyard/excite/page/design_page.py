@@ -1,5 +1,7 @@
 """The page of a designed motion and its sections: verdict, joints, accuracy, proof, search."""
 
+from collections.abc import Callable
+from functools import partial
 from math import isfinite
 from typing import Any
 
@@ -12,10 +14,11 @@ from steelyard.excite.motion_design import Designed
 from steelyard.excite.page import design_text as words
 from steelyard.excite.page.design_text import DesignContent
 from steelyard.excite.page.tool_path_section import DesignToolSection
+from steelyard.excite.predicted_accuracy_and_advice import Advice
 from steelyard.identify.page.settings_quality_and_checks import SettingsSection
 from steelyard.report.figures import line, thin
 from steelyard.report.page import Numbers, Section, render_sections, rounded, script_json
-from steelyard.report.tables import PlainTable, Row
+from steelyard.report.tables import PlainTable, Row, table_of
 from steelyard.report.words import NONE, count, percent, significant
 
 
@@ -40,7 +43,6 @@ class DesignVerdictSection(
             "facts": _facts(designed),
             "failures": designed.certificate.failures,
             "tables": [PlainTable("Smallest margins", "", headings, rows, (0, 1))],
-            "title": self.title,
             "share": 100.0 * designed.limits.share,
             "covers": COVERS,
             "uncovered": designed.certificate.uncovered,
@@ -198,29 +200,17 @@ def _singular_values_figure(designed: Designed) -> dict[str, Any]:
     share = np.maximum(singular / top, SINGULAR_VALUES_FLOOR)
     # a bit beyond the values, and a decade at least
     decades = [min(float(np.log10(share.min())) - 0.15, -1.15), 0.15]
-    return {
-        "x": "number",
-        "y": "singular value over the greatest",
-        "traces": [
-            {
-                "name": "singular values",
-                "kind": "points",
-                "x": list(range(1, len(share) + 1)),
-                "y": [rounded(float(x)) for x in share],
-                "more": {
-                    "mode": "lines+markers",
-                    "line": {"color": "--pale", "width": 1.2},
-                    "marker": {"color": "--blue", "size": 6},
-                    "hovertemplate": "%{x}: %{y:.3g}<extra></extra>",
-                },
-            }
-        ],
-        "layout": {
-            "showlegend": False,
-            "xaxis": {"range": [0.0, len(share) + 1.0]},
-            "yaxis": {"type": "log", "dtick": 1, "range": decades},
-        },
+    numbers = np.arange(1.0, len(share) + 1.0)
+    marker, hover = {"color": "--blue", "size": 6}, "%{x}: %{y:.3g}<extra></extra>"
+    more = {"mode": "lines+markers", "marker": marker, "hovertemplate": hover}
+    values = line("singular values", numbers, share, "--pale", width=1.2, **more)
+    layout = {
+        "showlegend": False,
+        "xaxis": {"range": [0.0, len(share) + 1.0]},
+        "yaxis": {"type": "log", "dtick": 1, "range": decades},
     }
+    x, y = "number", "singular value over the greatest"
+    return {"x": x, "y": y, "traces": [values], "layout": layout}
 
 
 class DesignAdviceSection(
@@ -233,26 +223,14 @@ class DesignAdviceSection(
         designed = content.design
         if not designed.advice:
             return None
-        rows = [
-            Row(
-                (
-                    one.what,
-                    f"{one.seconds:.3g} s",
-                    f"{len(one.helps)} of {len(designed.shown.names)}",
-                    words.brings(designed, one),
-                    words.instead(designed, one),
-                )
-            )
-            for one in words.helpful(designed.advice)
-        ]
-        headings = (
-            "Additional motion",
-            "Length",
-            "Parameters improved",
-            "Predicted std",
-            "This motion, extended by the same time",
-        )
-        return {"tables": [PlainTable("", "", headings, rows, (0, 3))], "title": self.title}
+        columns: dict[str, Callable[[Advice], str]] = {
+            "Additional motion": lambda one: one.what,
+            "Length": lambda one: f"{one.seconds:.3g} s",
+            "Parameters improved": lambda one: f"{len(one.helps)} of {len(designed.shown.names)}",
+            "Predicted std": partial(words.brings, designed),
+            "This motion, extended by the same time": partial(words.instead, designed),
+        }
+        return {"tables": [table_of(words.helpful(designed.advice), columns, text=(0, 3))]}
 
 
 QUANTITY_NAMES = {"velocity": "speed"}  # quantities by another name
@@ -304,17 +282,11 @@ def _constraint_margins(proof: Proof) -> dict[str, Any]:
     """A constraint: its margin nearest to its limit, and a table of all, the nearest first."""
     margins = zip(words.margins_of(proof), proof.sampled, strict=True)
     ordered = sorted(margins, key=lambda pair: words.rank(pair[0]))
-    rows = [
-        Row(
-            (
-                one.name,
-                words.margin(one.left, one.unit),
-                words.margin(seen, one.unit),
-                words.used_words(one),
-            )
-        )
-        for one, seen in ordered
-    ]
+    headings = ("Margin", "Proven at all times", "At samples", words.USED_SHARE_HEADING)
+    rows = []
+    for one, seen in ordered:
+        both = (words.margin(value, one.unit) for value in (one.left, seen))
+        rows.append(Row((one.name, *both, words.used_words(one))))
     near = [one for one, _ in ordered]
     return {
         "name": proof.name,
@@ -324,14 +296,7 @@ def _constraint_margins(proof: Proof) -> dict[str, Any]:
         "label": near[0].name if near else "",
         "level": "good" if all(one.left >= 0.0 for one in near) else "poor",
         "count": count(len(rows), "margin"),
-        "tables": [
-            PlainTable(
-                "",
-                "",
-                ("Margin", "Proven at all times", "At samples", words.USED_SHARE_HEADING),
-                rows,
-            )
-        ],
+        "tables": [PlainTable("", "", headings, rows)],
     }
 
 
@@ -361,37 +326,18 @@ class DesignSearchSection(
 def _search_figure(designed: Designed) -> dict[str, Any]:
     """Steps down, and the end after scaling and proof as a point."""
     times, figures = zip(*designed.course, strict=True)
-    end = max(designed.seconds, times[-1])
-    return {
-        "x": "time [s]",
-        "y": designed.criterion,
-        "traces": [
-            {
-                "name": "best found",
-                "kind": "line",
-                "x": [rounded(x) for x in (*times, end)],
-                "y": [rounded(y) for y in (*figures, figures[-1])],
-                "more": {
-                    "mode": "lines+markers",
-                    "line": {"shape": "hv", "color": "--blue", "width": 2},
-                    "marker": {"color": "--blue", "size": [7] * len(times) + [0]},
-                    "hovertemplate": "%{x:.3g} s: %{y:.4g}<extra></extra>",
-                },
-            },
-            {
-                "name": "refined, scaled exactly and proven",
-                "kind": "points",
-                "x": [rounded(end)],
-                "y": [rounded(designed.shown.criterion_value)],
-                "more": {
-                    "marker": {"color": "--green", "size": 11, "symbol": "diamond"},
-                    "hovertemplate": "%{x:.3g} s: %{y:.4g}<extra></extra>",
-                    "cliponaxis": False,
-                },
-            },
-        ],
-        "layout": {"xaxis": {"range": [0.0, rounded(1.03 * end)]}},
-    }
+    end, hover = max(designed.seconds, times[-1]), "%{x:.3g} s: %{y:.4g}<extra></extra>"
+    x, y, final = [*times, end], [*figures, figures[-1]], designed.shown.criterion_value
+    marker = {"color": "--blue", "size": [7] * len(times) + [0]}
+    steps = {"mode": "lines+markers", "marker": marker, "hovertemplate": hover}
+    found = line("best found", np.array(x), np.array(y), "--blue", **steps)
+    found["more"]["line"]["shape"] = "hv"
+    diamond = {"color": "--green", "size": 11, "symbol": "diamond"}
+    at = {"mode": "markers", "marker": diamond, "hovertemplate": hover, "cliponaxis": False}
+    name = "refined, scaled exactly and proven"
+    proven = line(name, np.array([end]), np.array([final]), "--green", **at)
+    layout = {"xaxis": {"range": [0.0, rounded(1.03 * end)]}}
+    return {"x": "time [s]", "y": designed.criterion, "traces": [found, proven], "layout": layout}
 
 
 class DesignRunSection(Section, name="design-run", title="Run it", template="design_run.html"):

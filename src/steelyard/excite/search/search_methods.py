@@ -13,7 +13,7 @@ from types import MappingProxyType
 import numpy as np
 
 from steelyard.base.arrays import Array
-from steelyard.base.errors import DataError, advice
+from steelyard.base.errors import DataError, refuse_unknown
 from steelyard.base.progress import Event, Progress, report_progress, silent
 from steelyard.excite.design_problem_and_information import Problem, composed_motions
 from steelyard.excite.search.feasibility import each_start, random_starts
@@ -303,10 +303,6 @@ METHODS: Mapping[str, Method] = MappingProxyType(
 
 def method_of(name: str) -> Method:
     """The method of a name."""
-    if name not in METHODS:
-        raise DataError(
-            f"there is no search method '{name}'",
-            where="[excitation.search] method",
-            fix=advice(name, METHODS, "methods"),
-        )
+    wrong, where = f"there is no search method '{name}'", "[excitation.search] method"
+    refuse_unknown(name, METHODS, wrong, where, "methods", DataError)
     return METHODS[name]

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from steelyard.base.arrays import Array, frozen
-from steelyard.base.errors import DataError, advice
+from steelyard.base.errors import DataError, refuse_unknown
 from steelyard.excite.trajectories.fourier import FourierMotion, rest_basis
 from steelyard.excite.trajectories.piecewise_polynomials import (
     SMOOTH,
@@ -331,12 +331,8 @@ def _by_joint(given: Any, robot: Robot, where: str, default: Array, fix: str) ->
     if isinstance(given, Mapping):
         values = np.array(default)
         for name, value in given.items():
-            if name not in robot.joint_names:
-                raise DataError(
-                    f"the robot has no joint '{name}'",
-                    where=where,
-                    fix=advice(name, robot.joint_names, "joints"),
-                )
+            wrong = f"the robot has no joint '{name}'"
+            refuse_unknown(name, robot.joint_names, wrong, where, "joints", DataError)
             values[robot.joint_names.index(name)] = value
         return values
     if len(given) != robot.n:

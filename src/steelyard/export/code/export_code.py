@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Literal
 
 from steelyard.base.checked_arguments import checked
-from steelyard.base.errors import DataError, ModelError, OutputError, advice
+from steelyard.base.errors import DataError, ModelError, OutputError, refuse_unknown
 from steelyard.base.files import refuse_existing, whole_file, whole_folder
 from steelyard.estimate.external.contact_thresholds import FEWEST
 from steelyard.estimate.identified_model import IdentifiedModel, load_model
@@ -45,12 +45,8 @@ def controller_of(
     robot = identified.model.robot
     known = (*FUNCTIONS, OBSERVER)
     for name in functions:
-        if name not in known:
-            raise DataError(
-                f"there is no function '{name}'",
-                where="--function",
-                fix=advice(name, known, "functions"),
-            )
+        wrong = f"there is no function '{name}'"
+        refuse_unknown(name, known, wrong, "--function", "functions", DataError)
     for frame in frames:
         frame_of(robot, frame)
     wanted = tuple(name for name in dict.fromkeys(functions) if name != OBSERVER)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from steelyard.base.arrays import Array, frozen
-from steelyard.base.errors import ModelError, advice
+from steelyard.base.errors import ModelError, refuse_unknown
 from steelyard.robot.robot import Coordinate, Transmission
 
 if TYPE_CHECKING:
@@ -87,12 +87,7 @@ def _matrix(
             (coupling.motor, motors, "motors"),
             (coupling.joint, joints, "joints"),
         ):
-            if name not in names:
-                raise ModelError(
-                    f"'{name}' is none of the robot's {kind}",
-                    where=where,
-                    fix=advice(name, list(names), kind),
-                )
+            refuse_unknown(name, names, f"'{name}' is none of the robot's {kind}", where, kind)
         matrix[motors.index(coupling.motor), joints.index(coupling.joint)] += coupling.ratio
     return matrix
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from steelyard.base.arrays import Array, frozen
 from steelyard.base.checked_arguments import checked as checked_arguments
-from steelyard.base.errors import ModelError, advice
+from steelyard.base.errors import ModelError, refuse_unknown
 from steelyard.robot.file.effort_units_and_gears import WITHOUT_TORQUE, Locate, build_transmission
 from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot as LoadedRobot
 from steelyard.robot.file.model_reading_and_loaded_robot import (
@@ -229,13 +229,9 @@ def _reduced(
 
 
 def _check_name(kind: str, name: str, names: list[str], where: str) -> None:
-    if name not in names:
-        moving = " that moves on its own" if kind == "joint" else ""
-        raise ModelError(
-            f"the model has no {kind} '{name}'{moving}",
-            where=where,
-            fix=advice(name, names, f"{kind}s"),
-        )
+    moving = " that moves on its own" if kind == "joint" else ""
+    wrong = f"the model has no {kind} '{name}'{moving}"
+    refuse_unknown(name, names, wrong, where, f"{kind}s")
 
 
 def _limits(name: str, mechanism: Mechanism, section: RobotSection, locate: Locate) -> Limits:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from steelyard.base.arrays import Array, frozen
-from steelyard.base.errors import ModelError, advice
+from steelyard.base.errors import ModelError, refuse_unknown
 from steelyard.robot.file.effort_units_and_gears import (
     Locate,
     check_count,
@@ -214,12 +214,8 @@ def _unactuated(
     names = [c.name for c in coordinates]
     given, where = section.effort.unactuated, locate("signals", "effort", "unactuated")
     for name in given:
-        if name not in names:
-            raise ModelError(
-                f"'{name}' is none of the identified joints",
-                where=where,
-                fix=advice(name, names, "joints"),
-            )
+        wrong = f"'{name}' is none of the identified joints"
+        refuse_unknown(name, names, wrong, where, "joints")
     if given and (len(given) == len(names) or section.effort.side == "motor"):
         raise ModelError(
             "no joint has a motor"

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from dataclasses import MISSING, dataclass
 from typing import Any, get_type_hints
 
-from steelyard.base.errors import ModelError, advice
+from steelyard.base.errors import ModelError, advice, refuse_unknown
 
 
 @dataclass(frozen=True)
@@ -37,12 +37,8 @@ class Kinds:
         kind = self.register[name]
         known = [field.name for field in dataclasses.fields(kind)]
         for key in table:
-            if key not in known:
-                raise ModelError(
-                    f"{self.label} '{name}' does not understand '{key}'",
-                    where=where,
-                    fix=advice(key, known, "keys there"),
-                )
+            wrong = f"{self.label} '{name}' does not understand '{key}'"
+            refuse_unknown(key, known, wrong, where, "keys there")
         for field in dataclasses.fields(kind):
             if field.name not in table and field.default is field.default_factory is MISSING:
                 raise ModelError(

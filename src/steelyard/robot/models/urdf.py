@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import cast, get_args
 
 from steelyard.base.arrays import frozen
-from steelyard.base.errors import ModelError, advice
+from steelyard.base.errors import ModelError, refuse_unknown
 from steelyard.robot.inertia_and_placement import Inertia, Placement, rpy_rotation, symmetric
 from steelyard.robot.mechanism import Joint, Link, Mechanism, MechanismJointKind, Mimic
 from steelyard.robot.models.xml_reader import Element, read_xml, xacro_name
@@ -142,12 +142,8 @@ def _link(element: Element) -> Link:
 
 def _joint(element: Element) -> Joint:
     name, kind = _text(element, "name"), _text(element, "type")
-    if kind not in _KINDS:
-        raise ModelError(
-            f"joint '{name}' is of type '{kind}', which is not known",
-            where=element.where,
-            fix=advice(kind, _KINDS, "joint types"),
-        )
+    wrong = f"joint '{name}' is of type '{kind}', which is not known"
+    refuse_unknown(kind, _KINDS, wrong, element.where, "joint types")
     axis = _only(element, "axis")
     moves = kind in _SINGLE
     mimic, follows = None, _only(element, "mimic") if moves else None

@@ -23,7 +23,7 @@ from types import MappingProxyType
 from typing import Any
 from xml.etree import ElementTree
 
-from steelyard.base.errors import ModelError, advice
+from steelyard.base.errors import ModelError, refuse_unknown
 from steelyard.base.files import cache_folder, whole_file
 from steelyard.robot.models.urdf import of_xacro
 from steelyard.robot.models.xacro_commands import Commands, Packages
@@ -85,12 +85,8 @@ def expand(
     expander = Expander(places, arguments)
     root = expander.root()
     for name in arguments:
-        if name not in expander.commands.declared:
-            raise ModelError(
-                f"the file has no argument '{name}'",
-                where=str(path),
-                fix=advice(name, sorted(expander.commands.declared), "arguments"),
-            )
+        known, wrong = sorted(expander.commands.declared), f"the file has no argument '{name}'"
+        refuse_unknown(name, known, wrong, str(path), "arguments")
     _check_robot(path, root, expander.macros)
     portable = _xml(root, lambda name: name)
     words = " ".join(f"{name}:={value}" for name, value in arguments.items())

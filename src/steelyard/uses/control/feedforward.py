@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from steelyard.base.arrays import Array
 from steelyard.base.checked_arguments import checked
-from steelyard.base.errors import DataError, ModelError, advice
+from steelyard.base.errors import DataError, ModelError, refuse_unknown
 from steelyard.base.files import write_table
 from steelyard.base.motion import Motion
 from steelyard.estimate.identified_model import IdentifiedModel, far_beyond_limits, load_model
@@ -104,12 +104,8 @@ def in_joint_order(
         (joints, robot.joint_names, "model", "the motion moves"),
     ):
         for name in wanted:
-            if name not in known:
-                raise DataError(
-                    f"the {lacks} has no joint '{name}', which {has}",
-                    where=where,
-                    fix=advice(name, known, f"joints of the {lacks}"),
-                )
+            wrong = f"the {lacks} has no joint '{name}', which {has}"
+            refuse_unknown(name, known, wrong, where, f"joints of the {lacks}", DataError)
     order = np.array([list(joints).index(name) for name in robot.joint_names])
     return Motion(motion.t, *(x[:, order] for x in (motion.q, motion.dq, motion.ddq)))
 

@@ -8,7 +8,7 @@ from typing import Any, ClassVar, Protocol
 import numpy as np
 
 from steelyard.base.arrays import Array, frozen, set_fields
-from steelyard.base.errors import ModelError, advice, named
+from steelyard.base.errors import ModelError, named, refuse_unknown
 from steelyard.base.motion import Motion
 from steelyard.model.model import ValuedModel
 from steelyard.model.torque_and_quantities import TORQUE
@@ -255,9 +255,8 @@ def _gain(text: str, kind: type[Any], whole: str) -> tuple[str, float | bool]:
     """Name and value of one gain."""
     name, _, number = text.partition("=")
     known = [field.name for field in fields(kind) if field.name != "model"]
-    if name not in known:
-        wrong, fix = f"controller '{kind.kind}' has no gain '{name}'", advice(name, known, "gains")
-        raise ModelError(wrong, where=f"--control {whole}", fix=fix)
+    wrong = f"controller '{kind.kind}' has no gain '{name}'"
+    refuse_unknown(name, known, wrong, f"--control {whole}", "gains")
     if name == "friction" and number in ("0", "1"):
         return name, number == "1"
     try:
