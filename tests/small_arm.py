@@ -25,7 +25,7 @@ URDF = """<robot name="arm">
 def made(place: Path) -> None:
     """Write all of it to a folder; the logs are of different motions."""
     (place / "arm.urdf").write_text(URDF)
-    short = "[excitation.motion]\nperiod = 5.0\n"
+    short = "[excitation.motion]\nperiod = 4.0\nharmonics = 4\n"
     (place / "arm.toml").write_text(f'[robot]\nurdf = "arm.urdf"\n{short}')
     robot, drawn = place / "arm.toml", place / "drawn.json"
     arm = steelyard.load_robot(robot).robot
