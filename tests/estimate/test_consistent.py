@@ -170,7 +170,8 @@ def test_a_wide_prior_leaves_the_intervals_of_least_squares() -> None:
 def test_a_wrong_prior_is_given_less_weight() -> None:
     def weight(knowledge: Knowledge) -> float:
         consistent = Consistent(REGRESSOR.base, knowledge)
-        return consistent.weighed(consistent.program(whitened(information_of(0.05)))).tried.gamma
+        data = whitened(information_of(0.05))
+        return consistent.weighed(data, consistent.program(data)).tried.gamma
 
     assert weight(known()) > 10.0 * weight(heavier(3.0))
 

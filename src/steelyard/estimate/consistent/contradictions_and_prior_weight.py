@@ -3,10 +3,14 @@ r"""Constraints that contradict each other or the data, their costs, and the wei
 The weight of the prior: stated, $\gamma = 1/s^2$ with the prior's relative uncertainty $s$.
 Otherwise the $\gamma$ under which the data are likeliest, all parameters integrated out (Laplace)
 [MacKay1992], and never so large that the weighted squares rise over those of least squares by more
-than the rank of the data: as much as noise alone moves them.
+than the rank of the data: as much as noise alone moves them. It takes residuals to be noise, and
+all directions to be as far from the prior as those that torques show; masses may be off by more. So
+a prior of less than 32 % must prove better on parts of the data that are left out: the widest is
+taken that is not worse there than the likeliest by more than chance.
 """
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
 
@@ -24,12 +28,15 @@ from steelyard.estimate.consistent.convex_program import (
 from steelyard.estimate.consistent.scaled_parameters_and_penalties import ONE, apart, scale_of
 from steelyard.estimate.prior.body_priors import Knowledge, Row
 from steelyard.estimate.prior.prior_constraints import in_words
+from steelyard.estimate.scores.cross_validation import chance_of
 
 LEAST_PRIOR_WEIGHT, MOST_PRIOR_WEIGHT = 1e-3, 1e4  # uncertainties of 3000 % and 1 %
-FIRST_PRIOR_WEIGHT = 10.0  # weight that is tried first: 32 %
+FIRST_PRIOR_WEIGHT = 10.0  # weight that is tried first, and that more have to prove better: 32 %
 PRIOR_WEIGHT_STEP = 6.0  # factor between weights until the likeliest is between two
 REFINED = 2  # times that a parabola through three weights gives a better one
 SOLVES = 15  # most solutions of a search
+PARTS = 8  # stretches of the data that are left out in turn
+LOSS_PROBABILITY = 0.9  # with which a smaller weight's loss over them must be one
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,22 +55,28 @@ class Weighed:
 
     tried: Tried
     solves: int = 1  # solutions that the search took
-    physics: float = 0.0  # rise without a prior worth the name, if above the rank of the data
 
 
-def weighed(attempt: Callable[[float, Array | None], Tried], rank: int) -> Weighed:
-    """Search the likeliest weight whose rise is allowed, up to `rank`.
+def weighed(
+    attempt: Callable[[float, Array | None], Tried], left_out: Callable[[Tried], Array], rank: int
+) -> Weighed:
+    """Search the likeliest weight whose rise is allowed, up to `rank`, or a less one as good.
 
-    `attempt` solves with a weight, from unknowns of a solution nearby if there are any.
+    `attempt` solves with a weight, from unknowns nearby; `left_out` are squares of left-out parts.
     """
     search = _Search(attempt)
     best = search.likeliest()
-    if search.at(best).rise <= rank:
-        return Weighed(search.at(best), len(search.found))
-    least = search.at(LEAST_PRIOR_WEIGHT).rise
-    physics = least if least > rank else 0.0
-    gamma = search.largest(best, rank + physics)
-    return Weighed(search.at(gamma), len(search.found), physics)
+    if search.at(best).rise > rank:
+        least = search.at(LEAST_PRIOR_WEIGHT).rise
+        best = search.largest(best, rank + (least if least > rank else 0.0))
+    if best > FIRST_PRIOR_WEIGHT:
+        with suppress(DataError):  # nothing can be left out
+            errors, steps = left_out(search.at(best)), PRIOR_WEIGHT_STEP ** np.arange(5)
+            less = (g for g in (FIRST_PRIOR_WEIGHT * steps).tolist() if g < best)
+            losses = ((g, left_out(search.at(g)) - errors) for g in less)
+            fair = (g for g, loss in losses if loss.mean() <= chance_of(loss, LOSS_PROBABILITY))
+            best = next(fair, best)
+    return Weighed(search.at(best), len(search.found))
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,9 +118,8 @@ class _Search:
 
     def largest(self, high: float, allowed: float) -> float:
         """The largest weight below `high` whose rise is allowed, to a few percent."""
-        low = max(
-            (g for g, t in self.found.items() if t.rise <= allowed), default=LEAST_PRIOR_WEIGHT
-        )
+        lower = (g for g, t in self.found.items() if g <= high and t.rise <= allowed)
+        low = max(lower, default=LEAST_PRIOR_WEIGHT)
         high = min((g for g, t in self.found.items() if t.rise > allowed), default=high)
         while len(self.found) < SOLVES and high > 1.1 * low:
             middle = float(np.sqrt(low * high))
@@ -277,6 +289,7 @@ def far_constraints(constraints: ConicConstraints) -> tuple[str, ...]:
 
 
 EDGE = 0.02  # least eigenvalue of a body's `X` below which it is at the edge of consistent bodies
+TERM_MISSING = "a term is missing or wrong"  # the end of a note, and of no other
 CONSTRAINTS_IN_NOTE = 6  # active constraints that a note names
 
 SolveProgram = Callable[[Program, float], Tried]
@@ -303,9 +316,7 @@ def cost_notes(
                     f"{rise - free.rise:.4g}: {'; '.join(against)}"
                 )
             program, rise = bare, free.rise
-        if (found.physics or rise > rank) and (
-            physical := _physical(program, knowledge, attempt, spread)
-        ):
+        if rise > rank and (physical := _physical(program, knowledge, attempt, spread)):
             return [*notes, physical]
     except DataError:
         return notes
@@ -346,7 +357,7 @@ def _physical(
     active = f"; active: {'; '.join(named)}" if named else ""
     return (
         f"physical constraints (valid inertias, bounds such as friction >= 0) raise χ² by "
-        f"{whole.rise:.4g} even without a prior{active}: a term is missing or wrong"
+        f"{whole.rise:.4g} even without a prior{active}: {TERM_MISSING}"
     )
 
 

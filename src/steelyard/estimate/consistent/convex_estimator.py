@@ -23,6 +23,7 @@ from steelyard.estimate.consistent.conic_solver import (
     solved,
 )
 from steelyard.estimate.consistent.contradictions_and_prior_weight import (
+    PARTS,
     Tried,
     Weighed,
     active_bounds,
@@ -36,7 +37,7 @@ from steelyard.estimate.consistent.scaled_parameters_and_penalties import Entrop
 from steelyard.estimate.estimate import Estimate, StandardEstimate
 from steelyard.estimate.information.base_regressor import BaseMap
 from steelyard.estimate.information.information import Information
-from steelyard.estimate.least_squares.normal_equations import Solution, Spread, described
+from steelyard.estimate.least_squares.normal_equations import Runs, Solution, Spread, described
 from steelyard.estimate.least_squares.weighted_robust_and_whitened import Whitened, whitened
 from steelyard.estimate.prior.body_priors import Knowledge
 
@@ -85,7 +86,7 @@ class Consistent:
         """Estimate all standard parameters."""
         data = whitened(information, self.per_run, equal=self.equal)
         program = self.program(data)
-        return self._described(data, program, self.weighed(program))
+        return self._described(data, program, self.weighed(data, program))
 
     def values(
         self, information: Information, gamma: float | None = None, near: Array | None = None
@@ -95,9 +96,10 @@ class Consistent:
         No run has parameters of its own. `gamma` is the weight of the prior, as of a call if
         `None`; `near` are standard parameters of a similar problem, to begin at.
         """
-        program = self.program(whitened(information, equal=self.equal))
+        data = whitened(information, equal=self.equal)
+        program = self.program(data)
         if gamma is None:
-            tried = self.weighed(program).tried
+            tried = self.weighed(data, program).tried
         else:
             begin = None if near is None else program.unknowns.of_standard(near)
             tried = self._tried(program, gamma, begin)
@@ -158,19 +160,34 @@ class Consistent:
     def _where(self) -> str:
         return f"the consistent estimate ({self.form.name} prior)"
 
-    def weighed(self, program: Program) -> Weighed:
+    def weighed(self, data: Whitened, program: Program) -> Weighed:
         """The solution with the weight of the prior that is given, stated or found."""
         stated = self.gamma
         if stated is None and self.knowledge.uncertainty is not None:
             stated = self.knowledge.uncertainty**-2
         if stated is None and self.form.penalises and any(program.unknowns.priors):
-            return weighed(partial(self._tried, program), len(program.unknowns.vector))
+            left_out = partial(self._left_out, data, program)
+            return weighed(partial(self._tried, program), left_out, len(program.unknowns.vector))
         return Weighed(self._tried(program, 0.0 if stated is None else stated))
 
     def _tried(self, program: Program, gamma: float, near: Array | None = None) -> Tried:
         """The solution with one weight."""
         u = self.solve(program, gamma, near)
         return Tried(gamma, u, program.unknowns.chi_squared(u), program.evidence(u, gamma))
+
+    def _left_out(self, data: Whitened, near: Program, tried: Tried) -> Array:
+        """Squares of parts of the data, each predicted without it, but for a constant."""
+        whole, weights, found = data.fit.data.whole, 1.0 / data.fit.variances, list[float]()
+        windows = range(len(whole.windows))
+        for part in np.array_split(windows, min(PARTS, len(windows))):
+            rest = whole.of([k for k in windows if k not in part])
+            program = self.program(whitened(rest, self.per_run, equal=self.equal))
+            begin = program.unknowns.of_standard(near.unknowns.standard(tried.u))
+            standard = program.unknowns.standard(self.solve(program, tried.gamma, begin))
+            x = self.base.values_of(whole.layout.columns, standard)
+            matrix, vector, *_ = Runs.of(whole.of(part.tolist()), self.per_run).normal(weights)
+            found.append(float(x @ matrix @ x - 2.0 * vector @ x))
+        return np.array(found)
 
     def _described(self, data: Whitened, program: Program, found: Weighed) -> Estimate:
         """The estimate: base parameters as the data see them, and all standard ones."""

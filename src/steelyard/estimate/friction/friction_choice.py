@@ -40,6 +40,7 @@ from steelyard.estimate.information.information import Information
 from steelyard.estimate.nonlinear.nonlinear_parameters import information_from, reference_of
 from steelyard.estimate.scores.cross_validation import (
     LEAST_GAIN_PER_PARAMETER,
+    chance_of,
     folding,
     left_out_errors,
     logarithms,
@@ -408,8 +409,5 @@ def _simplest(found: Sequence[tuple[Mix, Array]]) -> Mix:
 
 def worse(error: Array, best: Array, sure: float = LOSS_PROBABILITY) -> bool:
     """Whether a mix loses more to the best than chance explains, and any worth."""
-    from scipy.special import stdtrit
-
     loss = error - best
-    times = float(stdtrit(len(loss) - 1, sure)) if len(loss) > 1 else 0.0
-    return bool(loss.mean() > max(times * standard_error(loss), LEAST_GAIN_PER_PARAMETER))
+    return bool(loss.mean() > max(chance_of(loss, sure), LEAST_GAIN_PER_PARAMETER))

@@ -114,9 +114,10 @@ class Scaled:
         `weigh` finds the weight of the prior anew. Raises as the estimate does.
         """
         wide, gamma = self._wide(at), at.gamma
-        program = wide.program(whitened(self._extended(information, at), equal=wide.equal))
+        data = whitened(self._extended(information, at), equal=wide.equal)
+        program = wide.program(data)
         if weigh:
-            tried = wide.weighed(program).tried
+            tried = wide.weighed(data, program).tried
             u, gamma = tried.u, tried.gamma
         else:
             u = wide.solve(program, gamma, program.unknowns.of_standard(at.standard))

@@ -54,6 +54,13 @@ def standard_error(values: Array) -> float:
     return float(values.std(ddof=1) / np.sqrt(len(values))) if len(values) > 1 else 0.0
 
 
+def chance_of(loss: Array, sure: float) -> float:
+    """Mean loss over parts that chance explains but for the probability `sure` (Student)."""
+    from scipy.special import stdtrit
+
+    return float(stdtrit(len(loss) - 1, sure)) * standard_error(loss) if len(loss) > 1 else 0.0
+
+
 LEAST_GAIN_PER_PARAMETER = 0.005  # gain of an error that is worth another parameter, relative to it
 STILL = 0.05  # speed in a run over the greatest in any, up to which a joint does not move there
 Fold = Callable[[Window], bool]  # whether a window belongs to a fold
