@@ -21,6 +21,7 @@ from steelyard.check.fitted.causes_of_residuals import (
     strongest_period,
 )
 from steelyard.check.fitted.incomplete_model_and_unseen_error import model_error_check
+from steelyard.estimate.consistent.contradictions_and_prior_weight import TERM_MISSING
 from steelyard.estimate.information.base_regressor import base_regressor
 from steelyard.estimate.information.information import Information
 from steelyard.estimate.nonlinear.nonlinear_parameters import information_from
@@ -313,3 +314,21 @@ def test_a_term_is_not_recommended_where_another_cause_predicts_better() -> None
     says = incomplete_model.term_advice(tested, False)
     assert "further with gain of elbow that falls: the logs do not decide" in says
     assert "Add it" not in says
+
+
+def test_what_only_bounds_and_valid_inertias_show_is_said_of_the_intervals(
+    loaded: LoadedRobot, tmp_path: Path
+) -> None:
+    paths = [tmp_path / f"run{seed}.parquet" for seed in (1, 2)]
+    for seed, path in enumerate(paths, start=1):
+        log(path, random_truth(loaded.robot, 1), seed)
+    plain = case(loaded, paths)
+    assert model_error_check(plain) == ()
+    note = f"physical constraints raise χ² by 300 even without a prior: {TERM_MISSING}"
+    estimate = replace(plain.identified.estimate, notes=("another", note))
+    fitted = replace(plain, identified=replace(plain.identified, estimate=estimate))
+    (finding,) = model_error_check(fitted)
+    assert finding.headline
+    assert finding.severity is Severity.OK
+    assert finding.says == f"{note}; {incomplete_model.INCOMPLETE}"
+    assert model_error_check(replace(fitted, fitted=())) == ()

@@ -34,6 +34,7 @@ from steelyard.check.fitted.fitted_case_and_ranked_causes import (
 )
 from steelyard.check.hypotheses.position_hypotheses import ZERO_CAUSE
 from steelyard.check.hypotheses.readings_and_likelihood import Likelihood
+from steelyard.estimate.consistent.contradictions_and_prior_weight import TERM_MISSING
 from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.estimate.scores.residuals import ResidualNoise
 from steelyard.estimate.scores.score import RunScore
@@ -41,6 +42,7 @@ from steelyard.model.laws.laws_without_friction import Cogging
 from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
 from steelyard.runs.run import Run
 
+INCOMPLETE = "the model is incomplete, which the intervals of parameters do not cover"
 INCOMPLETE_RESIDUAL = 2.0  # over the noise's upper bound, of an incomplete model
 LARGE_FIT_ERROR = 10.0  # error of fitted runs [%] from which on unknown noise is reported
 CAUSE_ADVICE = {
@@ -75,26 +77,26 @@ GEOMETRY_ADVICE = (
 def model_error_check(case: FittedCase) -> Iterable[Finding]:
     """Residuals over noise, and the causes in order, of all fitted runs together.
 
-    Doubtful if an error of geometry or efforts stands out; nothing where residuals are noise, in
-    `validate`, and for closed chains.
+    Doubtful if an error of geometry or efforts stands out; nothing where residuals are noise and
+    bounds hold, and in `validate`; of closed chains only what bounds show.
     """
     ranked = case.ranked
     if ranked is None:
-        return ()
+        return _impossible(case)
     ratios, blamed = ranked.beside.ratios, _confirmed(case, ranked)
     if not blamed and not np.isfinite(ratios).any():
         errors = [score.pooled_percent or score.mean_percent for score in case.fitted_scores]
         error, run = max(errors, default=0.0), case.examined[0]
         if not error > LARGE_FIT_ERROR:
-            return ()
+            return _impossible(case)
         says = (
             "residuals could not be compared with noise: the regression cut-off of "
             f"{run.matched_cutoff:g} Hz leaves no band above it at {run.rate:g} Hz, and the fitted "
             f"runs have errors up to {error:.0f} %"
         )
-        return (Finding.ok(says, headline=True),)
+        return (Finding.ok(says, headline=True), *_impossible(case))
     if not blamed and float(np.nanmax(ratios)) < INCOMPLETE_RESIDUAL:
-        return _periodic(case)
+        return (*_periodic(case), *_impossible(case))
     zeros = _zeros(case, ranked)
     if not blamed and zeros is None:
         return (_remark(case, ranked),)
@@ -124,13 +126,17 @@ def _periodic(case: FittedCase) -> tuple[Finding, ...]:
     return (Finding.ok(term_advice(case.tested, case.scales is not None), headline=True),)
 
 
+def _impossible(case: FittedCase) -> tuple[Finding, ...]:
+    """An error that residuals do not show, but bounds and valid inertias, as a note says."""
+    notes = case.identified.estimate.notes if case.fitted and case.binding is None else ()
+    found = (f"{note}; {INCOMPLETE}" for note in notes if note.endswith(TERM_MISSING))
+    return tuple(Finding.ok(says, headline=True) for says in found)
+
+
 def _remark(case: FittedCase, ranked: RankedCauses) -> Finding:
     """What stands beside the headline where no single error is to blame."""
     worst, tested = _worst(ranked.beside), case.tested
-    says = (
-        f"{worst_residual_words(ranked.beside)}: the model is incomplete, which the intervals of "
-        "parameters do not cover"
-    )
+    says = f"{worst_residual_words(ranked.beside)}: {INCOMPLETE}"
     if not tested:
         says += ", or the noise varies slowly"
         brief = f"model incomplete, or the noise varies slowly: residuals {worst}"
