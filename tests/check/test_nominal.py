@@ -15,6 +15,7 @@ from steelyard.check.all_checks_and_contradictions import examine
 from steelyard.check.case_logs_and_checks import Case, CheckedLog
 from steelyard.check.decision import judged_explanations
 from steelyard.check.decision.controller_gains_and_gain_advice import _listed_sources
+from steelyard.check.decision.hypothesis_checks import EFFORT_DELAY, EFFORT_SIGN
 from steelyard.check.decision.judged_explanations import judge_log
 from steelyard.check.decision.odds_thresholds import LIKELY, SURE
 from steelyard.check.decision.ranked_readings import ranking
@@ -133,6 +134,40 @@ def test_logs_that_exclude_each_others_corrections_are_doubtful(arm):
         f.says for f in examine(logs_of(arm, a=turned, b=exchanged), checks=MODEL_BASED).findings
     ]
     assert any("not by b, which is not as declared either" in one for one in says)
+
+
+@pytest.mark.slow
+def test_a_log_that_alone_decides_nothing_supports_what_others_show(arm):
+    late = arm.table.copy()
+    for tau in arm.at(TAU):
+        late[:, tau] = np.interp(late[:, 0] - 0.05, late[:, 0], arm.table[:, tau])
+    short = late[:400]
+
+    def found(**tables):
+        case = logs_of(arm, **tables)
+        return {f.log: f for f in examine(case, checks=[EFFORT_DELAY]).findings}
+
+    alone = logs_of(arm, b=short)
+    assert not judge_log(alone, alone.logs[0]).winners
+    both = found(a=late, b=short)
+    assert [f.severity for f in both.values()] == [Severity.WRONG] * 2
+    assert {f.fix.edits[0].value for f in both.values()} == {0.05}
+    assert "known from a, this log alone does not decide it" in both["b"].figure
+    assert "known from" not in both["a"].figure
+    clean = found(a=late, b=short, c=arm.table)
+    assert clean["c"].severity == Severity.OK
+    assert not clean["a"].fix.edits and "c does not require another" in clean["a"].fix.says
+
+
+def test_a_sign_that_a_log_cannot_show_is_that_of_the_others(arm):
+    turned = arm.table.copy()
+    turned[:, arm.at(TAU)[2]] *= -1.0
+    still = arm.table.copy()
+    still[:, arm.at(TAU)[2]] = 0.0  # a dead column has no sign
+    case = logs_of(arm, a=turned, b=still)
+    found = {f.log: f for f in examine(case, checks=[EFFORT_SIGN]).findings}
+    assert "cannot show" in found["b"].figure and found["b"].severity == Severity.DOUBTFUL
+    assert {tuple(f.fix.edits[0].value) for f in found.values()} == {(1.0, 1.0, -1.0)}
 
 
 def test_a_finding_says_its_log_bayes_factor_and_what_it_needs(arm):

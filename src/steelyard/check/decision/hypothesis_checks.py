@@ -109,7 +109,8 @@ class HypothesisCheck:
         if hypothesis.compared is not None:
             known, then = hypothesis.compared
         if hypothesis.odds is not None:  # free bodies may absorb what is wrong
-            rise = f", log Bayes factor {_log_odds(hypothesis.odds)} to the best reading without it"
+            odds = f"{_log_odds(hypothesis.odds)} to the best reading without it"
+            rise = f", log Bayes factor {odds}{hypothesis.note}"
         elif gain > 0.0:
             rise = f", log-likelihood rises by {gain:.0f}"
         fix, severity = self._fix(case, evidence, decision, mine[-1][1])
@@ -301,9 +302,9 @@ def _gains_not_found(case: Case, found: Findings) -> Findings:
 
 def _short_delays(case: Case, found: Findings) -> Findings:
     """A delay in the residuals of a fit, unless one is known or another cause comes first."""
-    for _, _, (hypothesis, severity) in _winners(case):
-        if hypothesis.cause == EFFORT_DELAY.name or severity is Severity.WRONG:
-            return found
+    winners = [winner for _, _, winner in _winners(case)]
+    if any(h.cause == EFFORT_DELAY.name or severity == Severity.WRONG for h, severity in winners):
+        return found
     if (late := residual_delay(case)) is None:
         return found
     if len(case.logs) > 1:  # the longest log shows one; a line is written if every log does

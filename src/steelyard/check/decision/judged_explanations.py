@@ -4,8 +4,8 @@ With a reference an explanation must agree clearly better than what is declared.
 nominal model is known, that links are heavier or lighter than a model file says is always a
 hypothesis as well: readings are then compared by their evidence, in which bodies are averaged.
 A cause is wrong, or doubtful, by the odds of the best explanation to the best one that does not say
-the same of it; wrong only if no other log that needs a correction excludes it. A factor that is
-estimated by the masses of a model file is never written.
+the same of it; wrong only if no other log that needs a correction excludes it, and then of all logs
+that do not deny it. A factor that is estimated by the masses of a model file is never written.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -68,13 +68,24 @@ STRIKING, CLEAN = 200.0, 12.0
 """Log-likelihood gained, and misfit left [%], of an explanation by a nominal model that counts
 although the declared reading is not bad in itself."""
 FREE_INERTIAS = "free link inertias"
+NEUTRAL = 2.0  # log odds up to which a log does not show what others do
+NUMBERS = ("gain", "mounting", "effort delay")  # not written where a log does not show them
 MIRRORED = "all {} have the opposite sign"
 BOTH_MIRRORS_FIT = ": both fit with free link inertias, and this log cannot distinguish them"
 
 
 @remembered
 def judge_log(case: Case, evidence: CheckedLog) -> LogVerdict | None:
-    """What holds of a log; `None` if it cannot be tried."""
+    """What holds of a log, with what others show that it supports; `None` if it cannot be tried."""
+    found = _alone(case, evidence)
+    if found is None or found.search is None:
+        return found
+    verdicts = {log.name: x for log in case.logs if (x := _alone(case, log)) is not None}
+    return _shared(found, found.search, verdicts)
+
+
+@remembered
+def _alone(case: Case, evidence: CheckedLog) -> LogVerdict | None:
     found = ranking(case, evidence)
     if found is None:
         return None
@@ -188,8 +199,7 @@ def _by_evidence(found: LogVerdict, search: Search, others: Mapping[str, Search]
     reading = _written(best.reading, search.declared.reading, winners)
     winners = [(replace(w, reading=reading) if w.fixed else w, s) for w, s in winners]
     winners += _scale(search, winners)
-    close = best.evidence.percent <= ROUGH_MISFIT
-    return replace(found, winners=tuple(winners), explained=close)
+    return replace(found, winners=tuple(winners), explained=best.evidence.percent <= ROUGH_MISFIT)
 
 
 def _excluding(search: Search, cause: str, others: Mapping[str, Search]) -> str:
@@ -203,6 +213,40 @@ def _excluding(search: Search, cause: str, others: Mapping[str, Search]) -> str:
             if other.loss(reading) > LIKELY:
                 return log
     return ""
+
+
+def _shared(found: LogVerdict, search: Search, verdicts: Mapping[str, LogVerdict]) -> LogVerdict:
+    """A verdict with what is sure in some logs and not denied by this one, as all say it best."""
+    winners, best, declared = found.winners, search.best, search.declared
+    last = (found.written or (found.declared,))[-1].reading
+    searches = [x.search for x in verdicts.values() if x.search is not None]
+    wrong = [(log, w) for log, x in verdicts.items() for w, s in x.winners if s == Severity.WRONG]
+    for cause, copied in COPIED.items():
+        sure = {log: w for log, w in wrong if w.cause == cause and w.fixed}
+        causes = FACTOR_CAUSES if cause in FACTOR_CAUSES else (cause,)
+        if not sure or (len(causes) > 1 and any(found.likelihood.signals.unknown_gains)):
+            continue
+        common = min(
+            sure.values(),
+            key=lambda w: sum(x.loss(copied(x.best.reading, w.reading)) for x in searches),
+        )
+        own = next((w for w, _ in winners if w.cause in causes), None)
+        if own is not None and own.fixed and own.says == common.says:
+            continue
+        reading = copied(best.reading, common.reading)
+        (fitted,), loss = search.of.of([reading]), search.loss(reading)
+        odds = search.loss(undone(best.reading, declared.reading, cause)) - loss
+        if fitted is None or loss > SURE or odds < (NEUTRAL if cause in NUMBERS else -NEUTRAL):
+            continue
+        alone = "does not decide" if odds > NEUTRAL else "cannot show"
+        note = f"; known from {', '.join(sure)}, this log alone {alone} it"
+        scored = replace(common, score=fitted.score, evidence=fitted.log, odds=odds, note=note)
+        one = replace(scored, compared=(FREE_INERTIAS, declared.evidence.percent))
+        severity = Severity.WRONG if odds >= SURE else Severity.DOUBTFUL
+        winners = ((one, severity), *(x for x in winners if x[0] is not own))
+        last = copied(last, common.reading)
+    written = ((replace(w, reading=last) if w.fixed else w, s) for w, s in winners)
+    return replace(found, winners=tuple(written))
 
 
 def _causes(search: Search) -> list[str]:
@@ -308,8 +352,7 @@ def _judged_part(search: Search, one: Hypothesis, odds: float, sure: bool) -> Ju
         far = (low > HEAVIEST_FACTOR) & np.isfinite(high) | (high < 1 / HEAVIEST_FACTOR) & (low > 0)
         sure = odds >= SURE and (one.fixed or bool(most or far.any()))
         return one, Severity.WRONG if sure else Severity.DOUBTFUL
-    wrong = Severity.WRONG if sure else Severity.DOUBTFUL
-    return replace(one, fixed=sure), wrong
+    return replace(one, fixed=sure), Severity.WRONG if sure else Severity.DOUBTFUL
 
 
 def _written(best: Reading, declared: Reading, winners: Sequence[Judged]) -> Reading:

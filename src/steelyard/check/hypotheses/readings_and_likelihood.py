@@ -386,6 +386,7 @@ class Hypothesis:
     compared: tuple[str, float] | None = None
     evidence: float | None = None  # log evidence, where bodies are not known, instead of the score
     odds: float | None = None  # log odds, by evidence, to the best reading without its cause
+    note: str = ""  # where it is known from, if not from this log
 
     @property
     def log_likelihood(self) -> float:
