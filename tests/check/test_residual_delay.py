@@ -67,6 +67,27 @@ def test_presliding_friction_explains_its_own_lag_and_no_delay(arm: Arm) -> None
     assert shares[1][0] < shares[1][1]
 
 
+def test_the_interval_contains_errors_of_the_model(arm: Arm) -> None:
+    table = late(arm, np.array([0.018, 0.02, 0.023]))  # joints that differ by more than their noise
+    finding = residual_delay(arm.case(table, known=False))
+    assert finding is not None and finding.fix is not None
+    (edit,) = finding.fix.edits
+    half = float(finding.says.partition("(± ")[2].partition(")")[0])
+    assert 2.0 < half < 8.0 and half == pytest.approx(2e3 * edit.spread * edit.value, rel=0.05)
+    assert abs(1e3 * edit.value - 20.0) < half
+
+
+def test_friction_near_standstill_is_no_delay(arm: Arm) -> None:
+    table = late(arm, np.full(3, 0.02))
+    for dq, tau in zip(arm.at("dq{}_rad_s"), arm.at("tau{}_Nm"), strict=True):
+        speed, size = table[:, dq], np.std(table[:, tau])
+        slow = np.exp(-np.square(speed / (0.05 * np.max(np.abs(speed)))))  # and early by 40 ms
+        table[:, tau] += 0.2 * size * np.roll(np.sign(speed) * slow, -8)
+    finding = residual_delay(arm.case(table, known=False))
+    assert finding is not None and finding.fix is not None
+    assert finding.fix.edits[0].value == pytest.approx(0.02, abs=2e-3)
+
+
 @pytest.mark.slow
 def test_a_declared_delay_is_counted_in(arm: Arm) -> None:
     text = arm.text.replace('unit = "Nm"', 'unit = "Nm"\ndelay = 0.01')

@@ -11,9 +11,8 @@ the effort or the position of that joint counts the other way.
 
 Each effort row is fitted by least squares of its own at three delays; the sum of squares that is
 left is a parabola of the delay, $S_j(d) = S_j + b_j d + \kappa_j d^2$. Logs that are late have the
-same minimum in all joints, and most of the residual is gone there. Friction that gives way before
-it slips looks late as well, mostly by another time in every joint; where the times agree, the delay
-has to explain more than presliding friction of any length does.
+same minimum in all joints. Joints that move slowly are left out, and the delay has to explain more
+than friction that gives way over any length does, which looks late as well.
 """
 
 from dataclasses import dataclass, replace
@@ -33,7 +32,7 @@ from steelyard.estimate.information.information import Information
 from steelyard.model.laws.friction_memory_and_load import MaxwellSlip
 from steelyard.model.laws.friction_over_speed import Coulomb, Viscous
 from steelyard.model.model import Model
-from steelyard.runs.run import Run
+from steelyard.runs.run import Run, fastest_of
 from steelyard.symbolic.native.compiled_programs import recurrence
 
 PRESLIDING_LENGTHS = (1e-3, 3e-3, 1e-2, 3e-2, 0.1)
@@ -189,14 +188,13 @@ def _friction_of_row(
 
 DELAY_SHIFT = 0.008  # delay that is tried to both sides [s]
 LEAST_RESIDUAL_DELAY, SURE_DELAY = 1e-3, 4.0  # least delay [s], also in standard errors
-SAME_DELAY_SCATTER = 0.15
-"""Scatter of the joints' delays over their mean, up to which they are one delay. Logs of nine real
-robots, whose friction looks late, have 0.3 and more; delays put into simulated logs up to 0.1."""
-EXPLAINED_BY_DELAY = 0.5  # share of the typical squared residual that a delay must explain
-FEWEST_DELAYED_JOINTS = 2  # joints that must agree
-RENEWED, ROUGH_DELAY_SCATTER, FARTHEST = 3, 0.5, 0.05
-"""How often the delay is found anew around the last one, from which scatter on it is not, and how
-far it may be [s]."""
+FAST = 0.3
+"""Share of its top speed from which on a joint is looked at: more slowly, friction that no law has
+looks up to 25 ms late, or 4 ms early."""
+ROW_ERROR = 0.05  # standard error of a delay that is left within a row, in rows
+EXPLAINED_BY_DELAY = 0.25
+"""Share of the typical squared residual that a delay must explain: up to 0.14 on real robots."""
+RENEWED, FARTHEST = 3, 0.05  # how often it is found anew around the last one, and how far [s]
 
 
 @dataclass(frozen=True, eq=False)
@@ -204,7 +202,7 @@ class RowDelays:
     """What the rows of one run say of the delay."""
 
     delay: float  # of all rows together [s]
-    std: float  # its standard error [s]
+    std: float  # its standard error, with `spread` as it is: what biases one row biases others [s]
     spread: float  # of the rows' delays around it [s]
     before: float  # typical squared residual without it
     after: float  # and with it
@@ -216,18 +214,10 @@ class RowDelays:
         return 1.0 - self.after / max(self.before, 1e-300)
 
     @property
-    def scatter(self) -> float:
-        """Of the rows' delays, over the delay of all."""
-        return self.spread / max(abs(self.delay), 1e-12)
-
-    def alike(self, scatter: float) -> bool:
-        """Whether all rows are late, or early, by one time that explains most of the residual."""
-        return (
-            self.rows >= FEWEST_DELAYED_JOINTS
-            and max(LEAST_RESIDUAL_DELAY, SURE_DELAY * self.std) <= abs(self.delay)
-            and self.scatter <= scatter
-            and self.gone >= EXPLAINED_BY_DELAY
-        )
+    def sure(self) -> bool:
+        """Whether all rows are late, or early, by one time that explains much of the residual."""
+        least = max(LEAST_RESIDUAL_DELAY, SURE_DELAY * self.std)
+        return self.rows > 1 and self.gone >= EXPLAINED_BY_DELAY and abs(self.delay) >= least
 
 
 def residual_delay(case: Case) -> Finding | None:
@@ -240,15 +230,15 @@ def residual_delay(case: Case) -> Finding | None:
         if longest is None or len(longest[1].segments) > 1:
             return None
         log, run = longest
+        run = replace(run, rest_speed=np.maximum(run.rest_speed, FAST * fastest_of([run])))
         model = customary_model(case)
         regressor = base_regressor(model)
         found = delays_of(regressor, run)
-        for _ in range(RENEWED if found.alike(ROUGH_DELAY_SCATTER) else 0):
+        for _ in range(RENEWED if found.gone >= 0.5 * EXPLAINED_BY_DELAY else 0):
             more = float(np.clip(found.delay, -FARTHEST, FARTHEST))
             rest = delays_of(regressor, _with_delay(run, more))
             found = replace(rest, delay=more + rest.delay, before=found.before)
-        alike = found.alike(SAME_DELAY_SCATTER)
-        if not alike or by_presliding(model, regressor, run) >= found.gone:
+        if not found.sure or by_presliding(model, regressor, run) >= found.gone:
             return None
     except (SteelyardError, TypeError):
         return None
@@ -269,16 +259,16 @@ def by_presliding(model: Model, regressor: Regressor, run: Run) -> float:
 def _delay_finding(log: CheckedLog, found: RowDelays) -> Finding:
     ms = 1e3 * found.delay
     whole = log.recording.signals.effort_delay + found.delay
-    way = "late" if ms > 0.0 else "early"
+    way, spread = "late" if ms > 0.0 else "early", found.std / max(abs(whole), 1e-6)
     return Finding.wrong(
-        f"efforts are {abs(ms):.3g} ms {way} (± {2e3 * found.std:.1g}): the residuals of a fit of "
+        f"efforts are {abs(ms):.3g} ms {way} (± {2e3 * found.std:.2g}): the residuals of a fit of "
         f"{log.name} indicate this delay in all {found.rows} joints",
         f"a delay explains {100.0 * found.gone:.0f} % of the squared residual (at least "
-        f"{100.0 * EXPLAINED_BY_DELAY:.0f} % required), joints differ by "
-        f"{100.0 * found.scatter:.1g} % (at most {100.0 * SAME_DELAY_SCATTER:.0f} % allowed)",
+        f"{100.0 * EXPLAINED_BY_DELAY:.0f} % required), joints differ by {1e3 * found.spread:.2g} "
+        f"ms (at most {abs(ms) / SURE_DELAY:.2g} allowed)",
         fix=Fix(
             f"efforts are {abs(ms):.3g} ms {way}: state the delay",
-            (Edit(("signals", "effort", "delay"), round(whole, 5)),),
+            (Edit(("signals", "effort", "delay"), round(whole, 4), spread),),
         ),
     )
 
@@ -297,10 +287,12 @@ def delays_of(regressor: Regressor, run: Run) -> RowDelays:
     slope, bend, left, freedom = (x[usable] for x in (slope, bend, left, freedom))
     own = -slope / (2.0 * bend)
     weights = bend * freedom / left
-    delay = float(weights @ own / weights.sum())
-    spread = np.sqrt(weights @ np.square(own - delay) / weights.sum())
+    shares = weights / weights.sum()
+    delay = float(shares @ own)
+    spread = np.sqrt(shares @ np.square(own - delay) / max(1.0 - shares @ shares, 1e-9))
     after = np.clip((left + slope * delay + bend * delay**2) / left, 1e-3, None)
-    std = 1.0 / np.sqrt(np.sum(weights / np.minimum(after, 1.0)))
+    noise = np.sum(weights / np.minimum(after, 1.0)) ** -0.5
+    std = np.linalg.norm([noise, spread, ROW_ERROR / run.rate])
     typical = [float(np.exp(np.mean(np.log(x)))) for x in (left, after * left)]
     return RowDelays(delay, float(std), float(spread), typical[0], typical[1], int(usable.sum()))
 
