@@ -134,11 +134,13 @@ def test_tracebacks_end_at_the_interface_unless_all_frames_are_wanted(
 
     monkeypatch.setenv("STEELYARD_TRACEBACK", "1")
     whole, text = raised()
-    assert whole[:3] == ["test_arguments.py", "arguments.py", "formats.py"] and len(whole) > 3
+    assert (
+        whole[:3] == ["test_arguments.py", "checked_arguments.py", "formats.py"] and len(whole) > 3
+    )
     assert text.count("Traceback") == 2 and "\nValueError: " in text
     monkeypatch.delenv("STEELYARD_TRACEBACK")
     short, text = raised()
-    assert short == ["test_arguments.py", "arguments.py"]
+    assert short == ["test_arguments.py", "checked_arguments.py"]
     assert text.count("Traceback") == 1 and "all frames: STEELYARD_TRACEBACK=1" in text
     assert f"\n  where  {log}\n  fix    " in text and "\nValueError: " not in text
 
