@@ -426,14 +426,14 @@ def nasty() -> ReportContent:
     return nasty_content()
 
 
-def nasty_content() -> ReportContent:
+def nasty_content(samples: int = 20_000) -> ReportContent:
     """Names with markup, numbers that are none, ten long joints, no run kept aside."""
     joints = tuple(f"{k} {EVIL}" for k in range(10))
-    score = run_score(EVIL, joints, 20_000)
+    score = run_score(EVIL, joints, samples)
     broken = score.traces.predicted.copy()
     broken[500:900, 0] = np.nan
     broken[1000, 1] = np.inf
-    two = run_score(EVIL, joints[:2], 20_000).parts
+    two = run_score(EVIL, joints[:2], samples).parts
     broken_parts = two.parts.copy()
     broken_parts[:, 500:900, 0] = np.nan
     broken_parts[2, 1000, 1] = np.inf
