@@ -353,8 +353,8 @@ def test_demo(command: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
         without_wrist(folder)
         text = (folder / "demo_arm.toml").read_text("utf-8")
         for usual, quick in (
-            ("period = 20.0", "period = 6.0"),
-            ("harmonics = 16", "harmonics = 4"),
+            ("period = 20.0", "period = 4.0"),
+            ("harmonics = 16", "harmonics = 3"),
         ):
             assert usual in text
             text = text.replace(usual, quick)
@@ -378,4 +378,4 @@ def test_demo(command: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     assert motion == ["certificate.json", "report.html", "trajectory.csv", "trajectory.json"]
     again = tmp_path / "demo" / "robot" / "demo_arm.toml"
     log = tmp_path / "demo" / "robot" / "validation.csv"
-    assert command("identify", again, f"{log}@0:6", *PLAIN, "-o", tmp_path / "o").exit_code == 0
+    assert command("identify", again, f"{log}@0:3", *PLAIN, "-o", tmp_path / "o").exit_code == 0
