@@ -40,7 +40,7 @@ def logs(given: Path, tmp_path: Path) -> list[Path]:
 
 
 @pytest.mark.slow
-def test_scales_are_found_and_used_for_other_logs(
+def test_scales_are_found_and_used_for_other_logs_unless_they_are_off(
     given: Path, command: Command, tmp_path: Path, logs: list[Path]
 ) -> None:
     robot, out = edited(given, tmp_path), tmp_path / "out"
@@ -78,6 +78,16 @@ def test_scales_are_found_and_used_for_other_logs(
     alone = json.loads(again.stdout)[0]["mean_percent"]
     assert alone == pytest.approx(result["validation"][0]["mean_percent"])
 
+    robot.write_text(robot.read_text() + '\n[estimation]\neffort_scales = "off"\n')
+    arguments = ("identify", robot, logs[0], "--validate", logs[1], "--json", "--no-check")
+    off = json.loads(command(*arguments, "-o", tmp_path / "off").stdout)
+    assert off["effort_scales"] is None and off["validation_without_scales"] == []
+    (plain,), (beside,) = off["validation"], result["validation_without_scales"]
+    known, without = (one["headline"]["pooled"][0] for one in (plain, beside))
+    assert without["error"] == pytest.approx(known["error"], rel=1e-3)
+    page = (out / "report.html").read_text()
+    assert "Without scales (effort_scales =" in unescape(page)
+
 
 @pytest.mark.slow
 def test_scales_are_not_adopted_while_the_side_of_the_gears_is_open(
@@ -103,23 +113,6 @@ def test_scales_are_not_adopted_while_the_side_of_the_gears_is_open(
     assert "with them 2 of 2 rotor inertias are zero" in note
     model = load_model(out)
     assert model.effort_scales is None and model.signals.gains.tolist() == [1.0] * model.robot.n
-
-
-@pytest.mark.slow
-def test_scales_are_off_where_the_robot_file_says_so(
-    given: Path, command: Command, tmp_path: Path, logs: list[Path]
-) -> None:
-    robot = edited(given, tmp_path)
-    arguments = ("identify", robot, logs[0], "--validate", logs[1], "--json", "--no-check", "-o")
-    auto = json.loads(command(*arguments, tmp_path / "auto").stdout)
-    robot.write_text(robot.read_text() + '\n[estimation]\neffort_scales = "off"\n')
-    off = json.loads(command(*arguments, tmp_path / "off").stdout)
-    assert off["effort_scales"] is None and off["validation_without_scales"] == []
-    (plain,), (beside,) = off["validation"], auto["validation_without_scales"]
-    known, found = (one["headline"]["pooled"][0] for one in (plain, beside))
-    assert found["error"] == pytest.approx(known["error"], rel=1e-3)
-    page = (tmp_path / "auto" / "report.html").read_text()
-    assert "Without scales (effort_scales =" in unescape(page)
 
 
 @pytest.mark.slow
