@@ -271,8 +271,8 @@ def test_real_robots(name: str, log: str, prior: str, tmp_path: Path) -> None:
     text = (Path(__file__).parents[2] / f"examples/{name}.toml").read_text("utf-8")
     (tmp_path / "robot.toml").write_text(text + prior, "utf-8")
     file = load_robot(tmp_path / "robot.toml")
-    inputs = comparison_inputs(file, [str(path)], False, 1, silent)
-    information, context = inputs.parts.information, inputs.context
+    context, parts, *_ = comparison_inputs(file, [str(path)], False, 1, silent)
+    information = parts.information
     mine = LogCholesky(context.regressor.base, context.knowledge, per_run=context.per_run)
     theirs = Consistent(mine.base, mine.knowledge, per_run=mine.per_run)
     found, wanted = mine(information), theirs(information)

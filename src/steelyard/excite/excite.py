@@ -9,14 +9,14 @@ $\delta^2 \max|\ddot s - \ddot q| / 8$, and $\ddot s$ is greatest at a point.
 import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from math import inf, isfinite
+from math import inf
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from rich.console import Console
 
-from steelyard.base.arrays import Array
+from steelyard.base.arrays import Array, finite_json
 from steelyard.base.checked_arguments import checked
 from steelyard.base.errors import DataError, OutputError, refuse_unknown
 from steelyard.base.files import whole_file
@@ -268,16 +268,16 @@ class DesignedMotion(Result):
 
     def to_dict(self) -> dict[str, Any]:
         """The numbers as JSON values, as `steelyard excite --json` prints them."""
-        designed = self.designed
-        shown = designed.shown
+        designed, shown = self.designed, self.designed.shown
+        std = shown.std(designed.prior)
         return {
             "robot": designed.robot.name,
             "motion": designed.kind,
             "duration_s": designed.trajectory.duration,
             "criterion": designed.criterion,
-            "figure": shown.criterion_value if isfinite(shown.criterion_value) else None,
-            "condition": shown.raw if isfinite(shown.raw) else None,
-            "condition_normalised": shown.normalised if isfinite(shown.normalised) else None,
+            "figure": finite_json(shown.criterion_value),
+            "condition": finite_json(shown.raw),
+            "condition_normalised": finite_json(shown.normalised),
             "certified": designed.certificate.holds,
             "headline": design_headline(designed),
             "limits": scopes(designed),
@@ -288,10 +288,7 @@ class DesignedMotion(Result):
             "searches": designed.searches,
             "seconds": designed.seconds,
             "stopped": designed.stopped,
-            "predicted_std": {
-                name: float(value) if isfinite(value) else None
-                for name, value in zip(shown.names, shown.std(designed.prior), strict=True)
-            },
+            "predicted_std": dict(zip(shown.names, finite_json(std), strict=True)),
             "noise": designed.noise_from,
             "notes": list(designed.notes),
         }

@@ -36,6 +36,7 @@ _CLOCK = re.compile(
     rb"(?<![\w:.+/-])(?:(\d{4})[-/](\d\d)[-/](\d\d)[T ])?(\d\d):(\d\d):(\d\d)(\.\d+)?"
     rb"(?: ?(?:Z|UTC)|([+-]\d\d):?(\d\d))?(?![\w:.])"
 )
+DAY_1970 = date(1970, 1, 1).toordinal()
 _BRACKETED = re.compile(r"\[[^\]]*\]|\([^)]*\)")
 
 
@@ -170,7 +171,7 @@ def clocks_in_seconds(text: bytes, mark: bytes) -> bytes:
     def seconds(found: re.Match[bytes]) -> bytes:
         *day_of, hour, minute, second, fraction, zone, beyond = found.groups()
         try:
-            day = _days(*map(int, day_of)) if day_of[0] else 0
+            day = date(*map(int, day_of)).toordinal() - DAY_1970 if day_of[0] else 0
         except ValueError:
             return found[0]
         whole = 86400 * day + 3600 * int(hour) + 60 * int(minute) + int(second)
@@ -181,12 +182,6 @@ def clocks_in_seconds(text: bytes, mark: bytes) -> bytes:
         return f"{whole + float(fraction):.9f}".encode().replace(b".", mark)
 
     return _CLOCK.sub(seconds, text)
-
-
-@lru_cache
-def _days(year: int, month: int, day: int) -> int:
-    """Days since 1970."""
-    return date(year, month, day).toordinal() - date(1970, 1, 1).toordinal()
 
 
 def _is_row(row: Sequence[str], after: Sequence[str]) -> bool:

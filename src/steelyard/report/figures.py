@@ -59,24 +59,27 @@ class Key:
         return f"background: var({self.colour}); {sizes[self.shape]}"
 
 
+def traced(kind: Literal["line", "points"], name: str, x: Any, y: Any, **more: Any) -> Traced:
+    """A trace; beside its name and values, what Plotly's own trace has."""
+    return {"name": name, "kind": kind, "x": x, "y": y, "more": more}
+
+
 def line(name: str, x: Array, y: Array, colour: str, **more: Any) -> Traced:
     """A line; `dash` and `width` are those of the line, other arguments those of the trace."""
     style = {"color": colour, "width": more.pop("width", 2), "dash": more.pop("dash", "solid")}
-    given = {"mode": "lines", "line": style, **more}
-    return {"name": name, "kind": "line", "x": packed(x), "y": packed(y), "more": given}
+    return traced("line", name, packed(x), packed(y), **{"mode": "lines", "line": style, **more})
 
 
 def in_space(name: str, points: Array, **more: Any) -> Traced:
     """Points `(N, 3)` in space, joined by lines unless the trace's `type` or `mode` is another."""
     x, y, z = (packed(axis) for axis in points.T)
-    given = {"type": "scatter3d", "z": z, **more}
-    return {"name": name, "kind": "line", "x": x, "y": y, "more": given}
+    return traced("line", name, x, y, **{"type": "scatter3d", "z": z, **more})
 
 
 def points(name: str, x: Array, y: Array, colour: str, size: float = 3.5) -> Traced:
     """A cloud of points."""
-    more = {"marker": {"color": colour, "size": size, "opacity": 0.55}, "hoverinfo": "skip"}
-    return {"name": name, "kind": "points", "x": packed(x), "y": packed(y), "more": more}
+    marker = {"color": colour, "size": size, "opacity": 0.55}
+    return traced("points", name, packed(x), packed(y), marker=marker, hoverinfo="skip")
 
 
 def dots(
@@ -96,7 +99,7 @@ def dots(
     if half_widths is not None:
         array = [rounded(half) for half in half_widths]
         more["error_x"] = {"type": "data", "array": array, "color": colour, "width": 4}
-    return {"name": name, "kind": "points", "x": [rounded(v) for v in x], "y": y, "more": more}
+    return traced("points", name, [rounded(v) for v in x], y, **more)
 
 
 def row_height(rows: int, each: int) -> int:
@@ -117,14 +120,9 @@ def area(
     name: str, x: Array, lower: Array, upper: Array, colour: str, opacity: float = 1.0
 ) -> Traced:
     """The area between two lines, without an outline."""
+    around = (packed(np.concatenate(ends)) for ends in ([x, x[::-1]], [lower, upper[::-1]]))
     style = {"fill": "toself", "fillcolor": colour, "opacity": opacity}
-    return {
-        "name": name,
-        "kind": "line",
-        "x": packed(np.concatenate([x, x[::-1]])),
-        "y": packed(np.concatenate([lower, upper[::-1]])),
-        "more": {"mode": "none", "hoverinfo": "skip", **style},
-    }
+    return traced("line", name, *around, mode="none", hoverinfo="skip", **style)
 
 
 def evenly(count: int, most: int) -> slice:

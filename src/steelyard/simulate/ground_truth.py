@@ -13,7 +13,7 @@ from typing import Any, cast
 
 import numpy as np
 
-from steelyard.base.arrays import Array, Parameters, frozen, set_fields
+from steelyard.base.arrays import Array, Parameters, frozen, records, set_fields
 from steelyard.base.errors import ModelError
 from steelyard.base.files import read_json
 from steelyard.model.laws.laws_without_friction import RigidBody
@@ -117,19 +117,14 @@ class Truth:
 
     def to_dict(self) -> dict[str, Any]:
         """As values for JSON, by the names of parameters and joints; the robot by its name."""
-        names, units, values = self.values.names, self.values.units, self.values.values.tolist()
+        own, joints = self.values, [joint.name for joint in self.robot.joints]
+        each = records(value=own.values, unit=own.units)
         return {
             "schema": SCHEMA,
             "robot": self.robot.name,
             "terms": [description_of(term) for term in self.model.terms],
-            "parameters": {
-                name: {"value": value, "unit": unit}
-                for name, unit, value in zip(names, units, values, strict=True)
-            },
-            "smoothing": {
-                joint.name: speed
-                for joint, speed in zip(self.robot.joints, self.smoothing.tolist(), strict=True)
-            },
+            "parameters": dict(zip(own.names, each, strict=True)),
+            "smoothing": dict(zip(joints, self.smoothing.tolist(), strict=True)),
         }
 
     @classmethod

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from steelyard.base.arrays import Array
+from steelyard.base.arrays import Array, finite_json, records
 from steelyard.identify.page.settings_quality_and_checks import SettingsSection
 from steelyard.report.figures import Figure, Group, Key, evenly, line, thin
 from steelyard.report.page import FigureSection, Numbers, PageContent, Section
@@ -118,21 +118,15 @@ def _row(name: str, unit: str, values: Sequence[float], *, total: bool = False) 
 
 def _run_values(found: Tracking, run: TrackedRun, joints: Sequence[Coordinate]) -> dict[str, Any]:
     """One controller as JSON values."""
-    ratios: Array = found.ratios(run)
     return {
         "name": run.name,
-        "joints": [
-            {
-                "name": joint.name,
-                "unit": joint.unit,
-                "rms": rms,
-                "largest": largest,
-                "ratio": ratio if np.isfinite(ratio) else None,
-            }
-            for joint, rms, largest, ratio in zip(
-                joints, run.rms.tolist(), run.largest.tolist(), ratios.tolist(), strict=True
-            )
-        ],
+        "joints": records(
+            name=(joint.name for joint in joints),
+            unit=(joint.unit for joint in joints),
+            rms=run.rms,
+            largest=run.largest,
+            ratio=finite_json(found.ratios(run)),
+        ),
         "tool": {
             "frame": found.frame.name,
             "unit": "m",

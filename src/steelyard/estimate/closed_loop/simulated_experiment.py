@@ -131,7 +131,12 @@ class Experiment:
         if information is None:
             information = information_from(runs)(regressor)
         if loops is None:
-            return with_assumed_controller(cls(regressor, parts, (), information))
+            found = cls(regressor, parts, (), information)
+            q, start = found.postures, found.start_values
+            still = np.zeros_like(q)
+            masses, _ = found.dynamics.mass_and_bias(q, still, start.values, start.widths)
+            own = tuple(_assumed_loop(run, masses) for run in parts)
+            return replace(found, loops=own, notes=(ASSUMED_CONTROLLER_NOTE,))
         each = [loop for loop, of_run in zip(loops, stretches, strict=True) for _ in of_run]
         return cls(regressor, parts, tuple(each), information)
 
@@ -218,14 +223,6 @@ ASSUMED_CONTROLLER_NOTE = (
     f"the log contains no controller data: a joint controller of {BANDWIDTH:g} Hz is assumed, "
     "which follows the log's smoothed motion and adds its smoothed torque"
 )
-
-
-def with_assumed_controller(experiment: Experiment) -> Experiment:
-    """The experiment with loops of our own."""
-    q, start = experiment.postures, experiment.start_values
-    masses, _ = experiment.dynamics.mass_and_bias(q, np.zeros_like(q), start.values, start.widths)
-    loops = tuple(_assumed_loop(run, masses) for run in experiment.runs)
-    return replace(experiment, loops=loops, notes=(*experiment.notes, ASSUMED_CONTROLLER_NOTE))
 
 
 def _assumed_loop(run: Measured, masses: Array) -> RunController:

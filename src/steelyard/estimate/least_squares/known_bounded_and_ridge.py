@@ -85,16 +85,11 @@ class WithKnownValues:
         known = {name: self.values[name] for name in columns if name in self.values}
         if not known:
             return self.inner(information)
-        return _joined(self.inner(without_known(information, known)), information.layout, known)
-
-
-def without_known(information: Information, known: Mapping[str, float]) -> Information:
-    """The data of the other columns, the known part taken from the efforts."""
-    columns, units = information.layout.columns, information.layout.units
-    left = [k for k, name in enumerate(columns) if name not in known]
-    names, kept = ([of[k] for k in left] for of in (columns, units))
-    given = np.array([known.get(name, 0.0) for name in columns])
-    return information.map(np.eye(len(columns))[:, left], names, kept, given)
+        left = [k for k, name in enumerate(columns) if name not in known]
+        names, units = ([of[k] for k in left] for of in (columns, information.layout.units))
+        given = np.array([known.get(name, 0.0) for name in columns])
+        others = information.map(np.eye(len(columns))[:, left], names, units, given)
+        return _joined(self.inner(others), information.layout, known)
 
 
 def _joined(estimate: Estimate, layout: Layout, known: Mapping[str, float]) -> Estimate:

@@ -241,7 +241,7 @@ def sliding_friction(identified: IdentifiedModel, speed: Array) -> Array:
 ROUNDED = 0.95  # of the least rate that is refused: the least is printed with two digits
 
 
-def supported_rate(peaks: ResidualPeaks, wanted: float | None, usual: float = 1.0) -> float:
+def supported_rate(peaks: ResidualPeaks, wanted: float | None) -> float:
     """False alarms per hour to use: those wanted, or the usual, or the least that is supported."""
     least = peaks.lowest_rate
     if not (peaks.visits >= FEWEST).any():
@@ -251,7 +251,7 @@ def supported_rate(peaks: ResidualPeaks, wanted: float | None, usual: float = 1.
             fix="give longer logs of motion without contact with --calibrate",
         )
     if wanted is None:
-        return max(usual, least)
+        return max(1.0, least)
     if wanted < ROUNDED * least:
         minutes = peaks.duration / 60.0
         raise DataError(

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from steelyard.base.arrays import Array
+from steelyard.base.arrays import Array, finite_json, records
 from steelyard.base.files import write_json
 from steelyard.excite.constraints.constraint import PROOF_SAMPLES, Constraint, Declined, Gap
 from steelyard.excite.constraints.motion_limits import MotionLimits
@@ -130,12 +130,12 @@ class Proof:
 
     def to_dict(self) -> dict[str, Any]:
         """As values for JSON; a margin without a bound is `None`."""
-        margins = [
-            {"label": label, "proven": least if np.isfinite(least) else None, "sampled": seen}
-            for label, least, seen in zip(self.labels, self.proven, self.sampled, strict=True)
-        ]
-        for values, distance in zip(margins, self.activation_distance, strict=True):
-            values["room"] = distance
+        margins = records(
+            label=self.labels,
+            proven=finite_json(self.proven),
+            sampled=self.sampled,
+            room=self.activation_distance,
+        )
         head = {"name": self.name, "unit": self.unit, "how": self.how, "scope": self.scope}
         return {**head, "margins": margins}
 

@@ -39,15 +39,6 @@ from steelyard.robot.robot import Frame, Robot
 _FIRST_STRETCHES = 64  # stretches of time that a proof begins with
 
 
-@dataclass(frozen=True)
-class Extent:
-    """Bounds over all times of the tool's speed [m/s], acceleration [m/s²], way off a line [m]."""
-
-    speed: float
-    acceleration: float
-    deviation: float
-
-
 class ToolWay:
     """The way of a frame's origin."""
 
@@ -77,8 +68,8 @@ class ToolWay:
         motion: ExactTrajectory,
         tolerances: tuple[float, float, float],
         ends: Array | None = None,
-    ) -> Extent:
-        """Bounds that hold at all times.
+    ) -> list[float]:
+        """Bounds of speed [m/s], acceleration [m/s²] and way off a line [m] at all times.
 
         They may stay the tolerances above what is reached, of speed, acceleration and deviation;
         infinite where a rough bound will do. The straight line is through two `ends`, `(2, 3)` [m],
@@ -100,7 +91,7 @@ class ToolWay:
             return -middle, -over
 
         least = proven_minimum(motion, bound, np.array(tolerances), count=_FIRST_STRETCHES)
-        return Extent(*(float(x) for x in -least))
+        return np.negative(least).tolist()
 
 
 def _greatest_length(bounds: Array) -> Array:
@@ -147,13 +138,6 @@ class MovePace:
     limit: str
 
 
-def joint_move(start: Array, end: Array) -> Move:
-    """All joints together, straight in joint space."""
-    coefficients = np.outer(SMOOTH, end - start)
-    coefficients[0] = start
-    return Move(PiecewiseMotion(np.array([0.0, 1.0]), coefficients[None]))
-
-
 def line_move(followed: Followed, way: ToolWay, where: str) -> Move:
     """Along a straight line of the tool, as a quintic spline through exact postures.
 
@@ -175,7 +159,7 @@ def line_move(followed: Followed, way: ToolWay, where: str) -> Move:
         if missed > _SAMPLED_SHARE * STRAIGHTNESS:
             continue
         rough = (np.inf, np.inf, _PROOF_EXCESS * STRAIGHTNESS)
-        return Move(curve, way.proven(curve, rough, followed.ends).deviation)
+        return Move(curve, way.proven(curve, rough, followed.ends)[2])
     raise unfollowable_error(
         "the postures along the straight line change so fast that no smooth motion was found that "
         f"keeps to it within {1e3 * STRAIGHTNESS:.3g} mm; it is missed by {1e3 * missed:.3g} mm",
@@ -198,11 +182,10 @@ def pace(
     speed, bend = way.seen(move.curve, _samples(move.curve))
     tool_times = (speed / guidance.speed, np.sqrt(bend / guidance.acceleration))
     if max(tool_times) * (1.0 + _TIME_TOLERANCE) > duration:
-        extent = way.proven(
-            move.curve, (_TIME_TOLERANCE * speed, 2.0 * _TIME_TOLERANCE * bend, np.inf)
-        )
-        times.append((extent.speed / guidance.speed, "speed of the tool"))
-        root = float(np.sqrt(extent.acceleration / guidance.acceleration))
+        tolerances = (_TIME_TOLERANCE * speed, 2.0 * _TIME_TOLERANCE * bend, np.inf)
+        most_speed, most_bend, _ = way.proven(move.curve, tolerances)
+        times.append((most_speed / guidance.speed, "speed of the tool"))
+        root = float(np.sqrt(most_bend / guidance.acceleration))
         times.append((root, "acceleration of the tool"))
     return MovePace(*max(times))
 
@@ -372,7 +355,9 @@ class _Planner:
                 if not found.reached[0]:
                     raise unfollowable_error("no posture was found for its end", where, 0.0)
                 q = self._solver.drawn(ends[1], found.q[0], rest)
-            move = joint_move(start, q)
+            coefficients = np.outer(SMOOTH, q - start)
+            coefficients[0] = start
+            move = Move(PiecewiseMotion(np.array([0.0, 1.0]), coefficients[None]))
         else:
             joints = self._robot.joint_names
             followed = follow(self._solver, ends, start, rest, joints, to=to, where=where)

@@ -5,7 +5,7 @@ import os
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, NamedTuple, NoReturn
+from typing import Any, NoReturn
 
 from rich.console import Console
 
@@ -71,16 +71,6 @@ def _refuse_one_run(information: Information) -> NoReturn:
     )
 
 
-class ComparisonInputs(NamedTuple):
-    """What estimators are given, the model with its runs, and what was decided on the way."""
-
-    context: Context
-    parts: Parts
-    ground: PreparedFit
-    notes: tuple[str, ...]
-    details: tuple[str, ...]
-
-
 def offers_of(names: Sequence[str], everything: bool) -> tuple[Offer, ...]:
     """The named estimators, several in one name with commas; else those that do not search."""
     if names and everything:
@@ -97,8 +87,8 @@ def offers_of(names: Sequence[str], everything: bool) -> tuple[Offer, ...]:
 
 def comparison_inputs(
     file: LoadedRobot, logs: Sequence[str], check: bool, threads: int, progress: Progress
-) -> ComparisonInputs:
-    """Clean runs, the model with all that its file leaves open, and what the runs say of it."""
+) -> tuple[Context, Parts, PreparedFit, tuple[str, ...], tuple[str, ...]]:
+    """What estimators are given, the model with its runs, notes, and details."""
     files = log_files(logs)
     refuse_overlaps(files, ())
     signals, reasons = signals_of(file, files[0])
@@ -127,7 +117,7 @@ def comparison_inputs(
     sources = Sources(regressor, runs, information, threads, progress)
     experiment = sources.experiment if len(runs) > 1 else _refuse_one_run
     parts = Parts.of(runs, information, {"samples": sources.samples, "experiment": experiment})
-    return ComparisonInputs(context, parts, ground, notes, (*details, *context.knowledge.notes))
+    return context, parts, ground, notes, (*details, *context.knowledge.notes)
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -16,7 +16,7 @@ from steelyard.estimate.scores.estimator_comparison import Comparison, Estimator
 from steelyard.identify.page.friction_and_residuals import FrictionSection
 from steelyard.identify.page.gains_effort_scales_and_zero_offsets import DrivesSection
 from steelyard.identify.page.settings_quality_and_checks import QualitySection, SettingsSection
-from steelyard.report.figures import dots
+from steelyard.report.figures import dots, traced
 from steelyard.report.page import Numbers, PageContent, Section, rounded, script_json
 from steelyard.report.tables import PlainTable, Row, light_table, table_of
 from steelyard.report.words import NONE, first_names, percent, significant
@@ -179,11 +179,12 @@ def _figure(drawn: Sequence[EstimatorScore], comparison: Comparison) -> dict[str
         "x": "error [%]",
         "y": "",
         "traces": [
-            _dots(
+            traced(
+                "points",
                 f"one {comparison.left_out} left out",
                 [rounded(float(x)) for score in drawn for x in score.means],
                 [score.name for score in drawn for _ in score.means],
-                {"size": 6, "opacity": 0.45, "color": "--arm"},
+                marker={"size": 6, "opacity": 0.45, "color": "--arm"},
                 text=[part for _ in drawn for part in comparison.parts],
                 hovertemplate="%{y}, %{text}: %{x:.3g} %<extra></extra>",
             ),
@@ -196,11 +197,12 @@ def _figure(drawn: Sequence[EstimatorScore], comparison: Comparison) -> dict[str
                 size=10,
                 half_widths=[score.standard_error or 0.0 for score in drawn],
             ),
-            _dots(
+            traced(
+                "points",
                 "time of one fit",
                 [None if t.seconds is None else rounded(max(t.seconds, 1e-6)) for t in drawn],
                 names,
-                {"size": 9, "symbol": "square", "color": "--vermillion"},
+                marker={"size": 9, "symbol": "square", "color": "--vermillion"},
                 xaxis="x2",
                 hovertemplate="%{y}: %{x:.3g} s<extra></extra>",
             ),
@@ -211,12 +213,6 @@ def _figure(drawn: Sequence[EstimatorScore], comparison: Comparison) -> dict[str
             "yaxis": {"type": "category", "categoryarray": names, "autorange": "reversed"},
         },
     }
-
-
-def _dots(
-    name: str, x: Sequence[float | None], y: Sequence[str], marker: dict[str, Any], **more: Any
-) -> dict[str, Any]:
-    return {"name": name, "kind": "points", "x": x, "y": y, "more": {"marker": marker, **more}}
 
 
 def _times(seconds: Sequence[float]) -> dict[str, Any]:

@@ -1,14 +1,13 @@
 """Sections of the report on conditioning, correlations, and parameters that data do not show."""
 
 from math import hypot
-from typing import Any
 
 import numpy as np
 
 from steelyard.base.arrays import Array
 from steelyard.estimate.estimate import Estimate
 from steelyard.identify.page.report_content import ReportContent
-from steelyard.report.figures import Figure, Group, row_height
+from steelyard.report.figures import Figure, Group, row_height, traced
 from steelyard.report.page import FigureSection, Numbers, Section, packed
 from steelyard.robot.inertia_and_placement import INERTIAL_NAMES
 
@@ -128,20 +127,18 @@ def correlations(
 
 def _correlation_map(names: tuple[str, ...], matrix: Array) -> Figure:
     """In percent, a byte each."""
-    trace: dict[str, Any] = {
-        "name": "correlation",
-        "kind": "points",
-        "x": list(names),
-        "y": list(names),
-        "more": {
-            "type": "heatmap",
-            "z": {**packed(np.rint(100.0 * matrix), "i1"), "shape": f"{len(names)}, {len(names)}"},
-            **{"zmin": -100, "zmax": 100},
-            "colorscale": [[0.0, "--blue"], [0.5, "--card"], [1.0, "--vermillion"]],
-            "colorbar": COLOUR_BAR,
-            "hovertemplate": "%{y}, %{x}: %{z} %<extra></extra>",
-        },
-    }
+    trace = traced(
+        "points",
+        "correlation",
+        [*names],
+        [*names],
+        type="heatmap",
+        z={**packed(np.rint(100.0 * matrix), "i1"), "shape": f"{len(names)}, {len(names)}"},
+        **{"zmin": -100, "zmax": 100},
+        colorscale=[[0.0, "--blue"], [0.5, "--card"], [1.0, "--vermillion"]],
+        colorbar=COLOUR_BAR,
+        hovertemplate="%{y}, %{x}: %{z} %<extra></extra>",
+    )
     layout = {
         "xaxis": {"showticklabels": False, "showgrid": False, "ticks": ""},
         "yaxis": {

@@ -99,11 +99,6 @@ def _centre(link: IdentifiedLink) -> str:
     return words if link.inertia.mass else NONE
 
 
-def _margin(link: IdentifiedLink) -> str:
-    possible = "" if link.margin > 0.0 else ": not physically consistent"
-    return f"{significant(link.margin, 2)}{possible}"
-
-
 LINK_COLUMNS: dict[str, Callable[[IdentifiedLink], str]] = {
     "Link": lambda x: x.name,
     "Mass ± [kg]": lambda x: with_interval(x.inertia.mass, x.mass_half_width),
@@ -113,7 +108,9 @@ LINK_COLUMNS: dict[str, Callable[[IdentifiedLink], str]] = {
         map(significant, np.linalg.eigvalsh(x.inertia.inertia_com).tolist())
     ),
     "From data (mean of ten)": lambda x: share(100.0 * x.learned),
-    "Margin": _margin,
+    "Margin": lambda x: (
+        significant(x.margin, 2) + ("" if x.margin > 0.0 else ": not physically consistent")
+    ),
 }
 
 
@@ -190,19 +187,11 @@ def _true(links: list[IdentifiedLink], truth: Parameters | None) -> dict[str, In
 def _masses(links: list[IdentifiedLink], true: dict[str, Inertia]) -> Figure:
     names = [link.name for link in links]
     file = {link.name: link.nominal.mass for link in links if link.nominal is not None}
-    bars: Traced = {
-        "name": "prior",
-        "kind": "points",
-        "x": [rounded(100.0 * (1.0 - link.learned)) for link in links],
-        "y": names,
-        "more": {
-            "type": "bar",
-            "orientation": "h",
-            "xaxis": "x2",
-            "marker": {"color": "--arm"},
-            "hovertemplate": "%{y}: %{x:.0f} % from the prior<extra></extra>",
-        },
-    }
+    priors = [rounded(100.0 * (1.0 - link.learned)) for link in links]
+    hover = "%{y}: %{x:.0f} % from the prior<extra></extra>"
+    style = {"orientation": "h", "marker": {"color": "--arm"}, "hovertemplate": hover}
+    more = {"type": "bar", "xaxis": "x2", **style}
+    bars: Traced = {"name": "prior", "kind": "points", "x": priors, "y": names, "more": more}
     masses = [link.inertia.mass for link in links]
     half = [link.mass_half_width for link in links]
     crosses = {name: body.mass for name, body in true.items()}

@@ -124,9 +124,7 @@ def fourier_series(
     return replace(series, noise=frozen(np.sqrt(np.square(left).sum(axis=0) / (len(t) - columns))))
 
 
-def refined_frequency(
-    t: Array, values: Array, near: float, harmonics: int = REFINING_HARMONICS
-) -> float:
+def refined_frequency(t: Array, values: Array, near: float) -> float:
     """The base frequency near a guess at which channels `(N, C)` fit best [Hz].
 
     Every channel counts relative to its own size. The guess is right to a tenth of a period over
@@ -137,7 +135,7 @@ def refined_frequency(
     every = max(1, len(t) // HARMONIC_SAMPLES)
     t, values = t[::every], values[::every]
     size = np.maximum(values.std(axis=0), 1e-12)
-    harmonics = min(harmonics, (len(t) - 4) // 4)
+    harmonics = min(REFINING_HARMONICS, (len(t) - 4) // 4)
 
     def loss(frequency: float) -> float:
         noise = fourier_series(t, values, frequency, harmonics).noise

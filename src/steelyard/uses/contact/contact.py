@@ -63,8 +63,21 @@ class JointLoad:
     change: bool
 
 
+class OnLinks:
+    """What is on one of some links."""
+
+    links: tuple[str, ...]
+
+    @property
+    def place(self) -> str:
+        """Where the contact is, for people to read."""
+        if not self.links:
+            return "several branches"
+        return self.links[0] if len(self.links) == 1 else f"{self.links[0]} or beyond"
+
+
 @dataclass(frozen=True)
-class ContactEvent:
+class ContactEvent(OnLinks):
     """A stretch in which residuals exceed their thresholds."""
 
     start: float  # when a threshold was exceeded first, from the log's start [s]
@@ -72,11 +85,6 @@ class ContactEvent:
     known: float  # when it can be known [s]: changes at rest are decided a little later
     joints: tuple[JointLoad, ...]  # joints that exceed their thresholds, the clearest first
     links: tuple[str, ...]  # links that the contact may be on: those that all these joints carry
-
-    @property
-    def place(self) -> str:
-        """Where the contact is, for people to read."""
-        return place_of(self.links)
 
     def to_dict(self) -> dict[str, Any]:
         """As JSON values; `link` is known where only one is possible."""
@@ -91,26 +99,14 @@ class ContactEvent:
         }
 
 
-def place_of(links: Sequence[str]) -> str:
-    """Where a contact on one of some links is, for people to read."""
-    if not links:
-        return "several branches"
-    return links[0] if len(links) == 1 else f"{links[0]} or beyond"
-
-
 @dataclass(frozen=True)
-class ContactStart:
+class ContactStart(OnLinks):
     """A residual exceeds its threshold, and none did just before."""
 
     time: float
     known: float  # when that is known [s]: a change at rest is decided a little later
     joint: JointLoad
     links: tuple[str, ...]
-
-    @property
-    def place(self) -> str:
-        """Where the contact is, for people to read."""
-        return place_of(self.links)
 
 
 CHANGE_TEST = 1  # row of changes at rest in the tests of a sample, below the residual's

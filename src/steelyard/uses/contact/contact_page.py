@@ -12,11 +12,11 @@ from steelyard.estimate.external.contact_thresholds import RANGES
 from steelyard.report.figures import Figure, Group, Key, area, line
 from steelyard.report.page import figures, inspected_page, notes
 from steelyard.report.result import Result, print_verdict
-from steelyard.report.tables import PlainTable, Row, narrow_table
+from steelyard.report.tables import PlainTable, Row, narrow_table, table_of
 from steelyard.report.words import NONE, signed, significant
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Callable, Iterator, Sequence
 
     from rich.console import Console
 
@@ -26,10 +26,6 @@ if TYPE_CHECKING:
     from steelyard.uses.contact.contact import ContactEvent, SuspectedContact
 
 MOST_POINTS_OF_RESIDUAL = 4000  # of a line; every one is the largest of those that it stands for
-
-EVENT_HEADINGS = (
-    "start [s]", "length [s]", "largest at", "residual", "size", "link", "× threshold", "joints",
-)  # fmt: skip
 
 TERMINAL_COLUMNS = (0, 1, 2, 3, 4, 5)  # those for which a terminal has room
 
@@ -238,23 +234,21 @@ class Contacts(Result):
 
 def events_table(content: Contacts) -> PlainTable:
     """One row per event."""
-    rows, changed = [], False
-    for event in content.events:
-        load = event.joints[0]
-        changed |= load.change
-        cells = (
-            f"{event.start:.2f}",
-            f"{event.end - event.start:.2f}",
-            load.joint,
-            f"{signed(load.peak)} {load.unit}{' *' if load.change else ''}",
-            f"{load.sigmas:.0f} σ",
-            event.place,
-            f"{load.ratio:.2g}",
-            f"{len(event.joints)}",
-        )
-        rows.append(Row(cells))
-    words = "* change of the residual while the robot rests" if changed else ""
-    return PlainTable("", words, EVENT_HEADINGS, rows, (2, 5))
+    columns: dict[str, Callable[[ContactEvent], str]] = {
+        "start [s]": lambda x: f"{x.start:.2f}",
+        "length [s]": lambda x: f"{x.end - x.start:.2f}",
+        "largest at": lambda x: x.joints[0].joint,
+        "residual": lambda x: (
+            f"{signed(x.joints[0].peak)} {x.joints[0].unit}" + " *" * x.joints[0].change
+        ),
+        "size": lambda x: f"{x.joints[0].sigmas:.0f} σ",
+        "link": lambda x: x.place,
+        "× threshold": lambda x: f"{x.joints[0].ratio:.2g}",
+        "joints": lambda x: f"{len(x.joints)}",
+    }
+    changed = any(event.joints[0].change for event in content.events)
+    words = "* change of the residual while the robot rests" * changed
+    return table_of(content.events, columns, words=words, text=(2, 5))
 
 
 def thresholds_table(content: Contacts, *, relative: bool) -> PlainTable:

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from steelyard.base.arrays import Array
+from steelyard.base.arrays import Array, records
 from steelyard.base.checked_arguments import checked
 from steelyard.base.errors import DataError, ModelError, refuse_unknown
 from steelyard.base.files import write_table
@@ -232,12 +232,12 @@ class FeedforwardTorques:
         return {
             "duration_s": float(self.motion.t[-1] - self.motion.t[0]),
             "samples": len(self.motion),
-            "joints": [
-                {"name": joint.name, "unit": joint.effort_unit, "rms": rms, "peak": peak}
-                for joint, rms, peak in zip(
-                    self.joints, self.rms.tolist(), self.peaks.tolist(), strict=True
-                )
-            ],
+            "joints": records(
+                name=(joint.name for joint in self.joints),
+                unit=(joint.effort_unit for joint in self.joints),
+                rms=self.rms,
+                peak=self.peaks,
+            ),
             "notes": list(self.notes),
             "warnings": list(self.warnings),
         }
