@@ -19,6 +19,7 @@ from steelyard.robot.models.xacro import (
     split_reference,
     stem_of,
 )
+from steelyard.robot.models.xacro_values_and_functions import Budget
 
 Write = Callable[[str, str], Path]
 HEAD = '<robot xmlns:xacro="http://www.ros.org/wiki/xacro" name="r">'
@@ -432,7 +433,9 @@ def test_a_file_that_includes_itself(write: Write) -> None:
 
 
 @pytest.mark.slow
-def test_macros_that_double(write: Write) -> None:
+def test_macros_that_double(write: Write, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Other tests here spend the whole of the work that an expansion may take."""
+    monkeypatch.setattr(Budget.__init__, "__defaults__", (200_000,))
     doubled = "".join(macro(f"m{k}", f"<xacro:m{k + 1}/>" * 2) for k in range(60))
     path = write(
         "a.xacro", HEAD + doubled + macro("m60", "<link name='a'/>") + "<xacro:m0/></robot>"
