@@ -81,9 +81,9 @@ def test_same_seed_same_log_and_runs_differ(arm: Robot, tmp_path: Path) -> None:
     truth, motion = random_truth(arm, 0), motion_of(arm, 0.5)
     sensors = Sensors(torque_noise=0.1, clock_jitter=1e-4)
     logs = {}
-    for name, seed in (("a", 1), ("b", 1), ("c", 2)):
+    for name, seed, runs in (("a", 1, 2), ("b", 1, 2), ("c", 2, 1)):
         rig: Rig = VirtualRobot(arm, truth, sensors, seed=seed, rest=0.2)
-        for number in (1, 2):
+        for number in range(1, runs + 1):
             run(rig, motion, tmp_path / f"{name}{number}.parquet")
             logs[f"{name}{number}"] = pl.read_parquet(tmp_path / f"{name}{number}.parquet")
     assert logs["a1"].equals(logs["b1"]) and logs["a2"].equals(logs["b2"])
