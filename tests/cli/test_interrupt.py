@@ -163,7 +163,7 @@ def test_the_reduced_model_stays_when_the_next_motion_is_stopped(
 @pytest.mark.slow
 def test_ctrl_c_from_outside_while_it_works(work: Path) -> None:
     process = subprocess.Popen(
-        [sys.executable, "-m", "steelyard", "simulate", ROBOT, "--period", "200"],
+        [sys.executable, "-m", "steelyard", "simulate", SMALL, "--period", "200"],
         cwd=work,
         stderr=subprocess.PIPE,
         text=True,
@@ -197,7 +197,7 @@ main()
 @pytest.mark.slow
 def test_ctrl_c_that_a_callback_swallows_is_not_lost(work: Path) -> None:
     done = subprocess.run(
-        [sys.executable, "-c", SWALLOWED, *IDENTIFY],
+        [sys.executable, "-c", SWALLOWED, *SIMULATE],
         cwd=work,
         capture_output=True,
         text=True,
