@@ -50,7 +50,9 @@ def products(seed: int) -> tuple[Array, Array]:
 def test_without_samples_the_evidence_is_that_of_a_density(width: float) -> None:
     yy, ye = products(1)
     gamma = np.full((1, 1, 1), width**-2.0)
-    found = averaged(yy[None, None], ye[None, None], np.zeros((1, 1)), POSITIVE, gamma, 20)
+    found = averaged(
+        yy[None, None], ye[None, None], np.ones((1, 1)), np.zeros((1, 1)), POSITIVE, gamma, 20
+    )
     # Laplace's method misses 0.27 for each friction, whose density is wide and skew
     assert abs(float(found.logs[0, 0]) + 3.0 * 0.27) < 0.3
     np.testing.assert_allclose(found.bodies[0, 0], nominal_bodies(1), atol=1e-6)
@@ -63,7 +65,8 @@ def test_the_evidence_is_the_mean_likelihood_of_bodies_that_can_exist(
 ) -> None:
     yy, ye = products(seed)
     counts, gamma = np.array([[12.0]]), np.full((1, 1, 1), width**-2.0)
-    found = averaged(yy[None, None], ye[None, None], counts, POSITIVE, gamma, 60)
+    one = np.ones((1, 1))
+    found = averaged(yy[None, None], ye[None, None], one, counts, POSITIVE, gamma, 60)
     unknowns = drawn(width, 60_000, np.random.default_rng(100 + seed))
     squares = 1.0 + np.einsum("ka,ab,kb->k", unknowns, yy, unknowns) - 2.0 * unknowns @ ye
     variance = float(found.misfits[0, 0, 0]) ** 2
@@ -80,8 +83,9 @@ def test_an_offset_may_balance_what_bodies_weigh_and_the_log_lacks(weight: float
     unit = nominal_bodies(1) / np.square(nominal_bodies(1)).sum()
     yy[0, :k, :k] = weight**2 * np.outer(unit, unit)  # the nominal bodies' effort has this size
     yy[0, range(k, k + NUISANCES), range(k, k + NUISANCES)] = 1.0
-    products = _Products(yy, ye, np.full((1, 1), 4.0), np.array([50.0]))  # an effort of 2
-    reading = cast(Any, SimpleNamespace(effort=(0,), effort_scale=np.ones(1)))
+    none = np.zeros((1, k + NUISANCES)), np.zeros((1, 1)), np.zeros(1)
+    products = _Products(yy, ye, np.full((1, 1), 4.0), np.array([50.0]), *none)  # an effort of 2
+    reading = cast(Any, SimpleNamespace(effort=(0,), effort_scale=np.ones(1), held=0.0))
     found = _normalised(reading, products, POSITIVE, 1.0)
     sizes = np.sqrt(np.einsum("kk->k", found.yy[0, k:, k:]))
     others = [column for column in range(NUISANCES) if column != OFFSET_COLUMN]

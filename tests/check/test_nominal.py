@@ -10,7 +10,18 @@ import numpy as np
 import pytest
 
 from check.conftest import MODEL_BASED
-from check.test_model_based import DQ, GAINS, TAU, Q, edits, in_amperes, names, with_payload, wrong
+from check.test_model_based import (
+    DQ,
+    GAINS,
+    TAU,
+    Q,
+    edits,
+    in_amperes,
+    names,
+    with_payload,
+    without_gravity,
+    wrong,
+)
 from steelyard.check.all_checks_and_contradictions import examine
 from steelyard.check.case_logs_and_checks import Case, CheckedLog
 from steelyard.check.decision import judged_explanations
@@ -23,6 +34,7 @@ from steelyard.check.decision.undecided_questions import misfit_hides
 from steelyard.check.finding import Edit, Severity
 from steelyard.check.findings_text_and_page import check_headline
 from steelyard.check.hypotheses.gravity_payload_and_delay import _DirectionResidual
+from steelyard.check.hypotheses.marginal_likelihood import EvidenceOfLog
 from steelyard.check.hypotheses.readings_and_likelihood import keeps_evidence
 from steelyard.check.known_efforts_of_robot import knowledge_of
 from steelyard.model.model import Model
@@ -438,6 +450,71 @@ def test_a_constant_pull_is_not_called_a_mounting(arm):
     table[:, arm.at(TAU)] += pulls * np.cos(2.0 * q + 0.7)
     found = arm.examined(table, known=False)
     assert not any(f.check == "mounting" and f.severity is Severity.WRONG for f in found.findings)
+
+
+def held_up(arm, share: float, heavier: float) -> np.ndarray:
+    """The log of an arm whose links weigh more, less a share of the gravity of the nominal ones."""
+    m, known = arm.motion, knowledge_of(None, arm.robot)
+    q, dq, ddq = m.q.T, m.dq.T, m.ddq.T
+    nominal = known.torque(q, dq, ddq, arm.robot.gravity)
+    weight = np.einsum("a,ajb->jb", arm.robot.gravity, known.pulls(q))
+    noise = 0.02 * nominal.std(axis=1)[:, None] * np.random.default_rng(0).standard_normal(q.shape)
+    table = arm.table.copy()
+    table[:, arm.at(TAU)] = (heavier * nominal + dq + noise - share * weight).T
+    return table
+
+
+def test_the_effort_that_holds_the_nominal_bodies_is_added_to_that_logged(arm):
+    """Any bodies under gravity, their weight taken away and added again, fit as they did."""
+    found = []
+    for share in (0.0, 0.6, 1.0):
+        case = arm.case(held_up(arm, share, 0.8), known=False)
+        likelihood = ranking(case, case.logs[0]).likelihood
+        of = EvidenceOfLog(likelihood, np.zeros(3, dtype=np.bool_))
+        reading = likelihood.declared.changed(held=share)
+        products = of._products_of(reading)
+        efforts = np.sqrt(products.logged(reading)[1])
+        (evidence,) = of.of([reading])
+        rms = np.sqrt(products.logged(reading)[2])
+        found.append((efforts, products.nominal(reading.changed(held=0.0)), evidence.scale))
+        assert (evidence.misfits * rms < 0.06 * efforts).all()
+    for one in found[1:]:
+        np.testing.assert_allclose(one[0], found[0][0], rtol=1e-6)
+        np.testing.assert_allclose(one[1], found[0][1], rtol=1e-6)
+        assert one[2] == pytest.approx(found[0][2], rel=0.1)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("share", "heavier", "gravity"),
+    [
+        (1.0, 0.7, ""),
+        (1.0, 0.7, "[9.81, 0.0, 0.0]"),
+        (1.0, 1.4, "[0.0, 0.0, 9.81]"),
+        (0.8, 0.7, ""),
+        (0.6, 0.7, "[9.81, 0.0, 0.0]"),
+    ],
+)
+def test_the_gravity_that_a_controller_removes_is_no_mounting(arm, share, heavier, gravity):
+    mounted = f"[robot]\ngravity = {gravity}" if gravity else "[robot]"
+    text = arm.text.replace("[robot]", mounted, 1)
+    found = arm.examined(held_up(arm, share, heavier), text, known=False)
+    assert "mounting" not in wrong(found)
+    assert not {"robot.gravity", "robot.mounting"} & set(edits(found))
+    if share == 1.0:
+        kind = next(f for f in found.findings if f.check == "effort kind")
+        assert kind.severity == Severity.WRONG and not found.edits
+        assert "lack the gravity of the model file's masses" in kind.says
+        assert "add the gravity torque that the controller subtracts" in kind.fix.says
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("factor", [0.7, 1.4])
+def test_the_gravity_of_the_true_bodies_that_a_controller_removes_is_written(arm, factor):
+    nominal_times(arm, factor)
+    found = arm.examined(without_gravity(arm), known=False)
+    assert wrong(found) == ["effort kind"]
+    assert edits(found) == {"signals.effort.kind": "gravity_compensated_torque"}
 
 
 @pytest.mark.parametrize("size", [0.0, 1e-12])

@@ -37,6 +37,11 @@ TORQUE_WORDS = frozenset("tau torque torques moment moments".split())
 CURRENT_WORDS = frozenset("current currents curr i".split())
 FRICTION_KNOTS = 24  # speeds between which friction is linear
 INTERVAL_PARTS = 12  # parts of the time for intervals
+LACKS_WEIGHT = (
+    "log the whole effort of the drives, or add the gravity torque that the controller subtracts: "
+    'with kind = "gravity_compensated_torque" the weight of what its masses are off by would be '
+    "missing from the model"
+)
 NARROW_INTERVAL = 0.05  # half-width of a gain's 95 % interval over it, to be written
 
 
@@ -148,6 +153,8 @@ CAUSES_THAT_SCALE = ("gain", "effort kind", "effort unit")  # causes that are a 
 
 def unwritten_number_advice(case: Case, hypothesis: Hypothesis, *, sure: bool) -> Fix:
     """What to do about an explanation without numbers; `sure` if efforts are wrong."""
+    if hypothesis.reading.held and hypothesis.cause == "effort kind":
+        return Fix(LACKS_WEIGHT)
     if hypothesis.cause in CAUSES_THAT_SCALE:
         if unit := _of_names(case, hypothesis):
             return unit

@@ -279,7 +279,7 @@ def _part(search: Search, cause: str) -> Hypothesis | None:
         # a direction of gravity that lies along no axis may as well be a force from outside
         gravity = best.reading.gravity
         along = axis_near(gravity / np.linalg.norm(gravity)) is not None if gravity.any() else False
-        return replace(one, fixed=along or not best.poor)
+        return replace(one, fixed=(along or not best.poor) and not best.reading.held)
     if cause in FACTOR_CAUSES:
         factors = np.abs(best.reading.effort_scale / declared.effort_scale)
         fitted = any(
@@ -352,7 +352,8 @@ def _judged_part(search: Search, one: Hypothesis, odds: float, sure: bool) -> Ju
         far = (low > HEAVIEST_FACTOR) & np.isfinite(high) | (high < 1 / HEAVIEST_FACTOR) & (low > 0)
         sure = odds >= SURE and (one.fixed or bool(most or far.any()))
         return one, Severity.WRONG if sure else Severity.DOUBTFUL
-    return replace(one, fixed=sure), Severity.WRONG if sure else Severity.DOUBTFUL
+    kept = sure and not (one.cause == "effort kind" and one.reading.held)
+    return replace(one, fixed=kept), Severity.WRONG if sure else Severity.DOUBTFUL
 
 
 def _written(best: Reading, declared: Reading, winners: Sequence[Judged]) -> Reading:

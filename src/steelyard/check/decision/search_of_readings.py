@@ -20,8 +20,10 @@ from steelyard.check.hypotheses.effort_hypotheses import (
     holds_factors,
 )
 from steelyard.check.hypotheses.gravity_payload_and_delay import (
+    COMPENSATED,
     gravity_directions,
     gravity_hypotheses,
+    held_hypothesis,
 )
 from steelyard.check.hypotheses.marginal_likelihood import (
     Evidence,
@@ -54,6 +56,7 @@ WORSE_TO_EXPAND = 40.0  # evidence below the best one up to which a reading is c
 POOR = 0.1  # misfit of a joint from which combinations are searched too
 COMPARED_ANYWAY = ("effort unit", "effort kind")  # screening does not tell sizes of all efforts
 LARGEST_FACTOR = 1000.0  # on one joint's effort: friction fits what is off by more
+HELD_SHARES = (1.0, 0.8, 0.6)  # of the nominal weight that efforts may lack beside a mounting
 SAME_FACTOR = 1.25  # factors on efforts up to which they are one
 SAME_UNIT = 10.0  # typical factors up to which they are of one unit
 SAME_DIRECTION = np.cos(np.deg2rad(8.0))  # of gravity
@@ -160,7 +163,7 @@ class Search:
         """The likeliest one; of those that hardly differ from it, that with the fewest changes."""
         least = max(x.log for x in self.found.values()) - LIKELY
         near = [x for x in self.found.values() if x.log > least]
-        return min(near, key=lambda x: (len(x.changes), -x.log))
+        return min(near, key=lambda x: (len(x.changes), x.reading.held > 0.0, -x.log))
 
     def ordered(self) -> list[Explanation]:
         """The best first."""
@@ -190,6 +193,9 @@ class Search:
     def without(self, cause: str) -> float:
         """Log odds of the best explanation to the best that says something else of a cause."""
         best, declared = self.best, self.declared.reading
+        if cause == "mounting" or best.reading.kind == COMPENSATED:
+            self._compare_best(list(self._held()))
+            best = self.best
         alone = undone(best.reading, declared, cause)
         self.compare([(alone, tuple(c for c in best.changes if c.cause != cause))])
         others = [
@@ -199,6 +205,26 @@ class Search:
             and not (cause == "effort delay" and _as_late(x.reading, best.reading, declared))
         ]
         return best.log - max(others, default=-np.inf)
+
+    def _held(self) -> Iterator[Tried]:
+        """Efforts that lack some of the nominal weight, under any mounting.
+
+        Instead of the mounting of the best explanation, and of the factors on its efforts or beside
+        them, as factors fit what such efforts lack.
+        """
+        best, declared = self.best, self.declared.reading
+        same = best.reading.kind != COMPENSATED
+        kept = tuple(c for c in best.changes if same or c.cause != "effort kind")
+        plain = tuple(c for c in best.changes if c.cause not in FACTOR_CAUSES)
+        bases = (best.reading, kept), (undone(best.reading, declared, "gain"), plain)
+        for base, changes in {key_of(base): (base, changes) for base, changes in bases}.values():
+            rest = tuple(c for c in changes if c.cause != "mounting")
+            own = undone(base, declared, "mounting")
+            turned = ((h.reading, (*rest, h)) for h in gravity_directions(own, search=False))
+            for reading, before in ((own, rest), (base, changes), *turned):
+                for share in HELD_SHARES if reading.gravity.any() else ():
+                    held = held_hypothesis(reading, share)
+                    yield held.reading, (*before, held)
 
     def loss(self, reading: Reading) -> float:
         """Log evidence of a reading below that of the best explanation."""
@@ -309,7 +335,8 @@ COPIED: dict[str, Callable[[Reading, Reading], Reading]] = {
         effort_scale=np.copysign(b.effort_scale, a.effort_scale),
         ratios=b.ratios,
         kind=b.kind,
-        gravity=b.gravity if a.kind == "gravity_compensated_torque" != b.kind else a.gravity,
+        gravity=a.gravity if a.gravity.any() and b.gravity.any() else b.gravity,
+        held=b.held,
     ),
 )
 """What a reading becomes if what it says of a cause is replaced by what another one says."""
@@ -335,6 +362,8 @@ def alike(cause: str, a: Reading, b: Reading) -> bool:
         return abs(a.delay - b.delay) < DELAY_STEPS[0]
     if cause == "payload":
         return (a.payload is None) == (b.payload is None)
+    if cause == "effort kind" and COMPENSATED in (a.kind, b.kind):
+        return a.kind == b.kind
     if cause in FACTOR_CAUSES:
         far = np.log(np.abs(a.effort_scale * a.ratios / b.effort_scale / b.ratios))
         typical = float(np.median(far))

@@ -29,6 +29,7 @@ from steelyard.check.hypotheses.readings_and_likelihood import (
 from steelyard.estimate.payload.payload_frame import carrier
 from steelyard.robot.inertia_and_placement import Inertia
 
+COMPENSATED = "gravity_compensated_torque"
 POSSIBLE_BODY = 3.0
 """Standard deviations of moments of inertia by which second moments may be below zero."""
 NEAR_AXIS_ANGLE = np.deg2rad(8.0)  # angle up to which gravity is taken to lie along an axis
@@ -61,9 +62,22 @@ def gravity_hypotheses(reading: Reading) -> Iterator[Hypothesis]:
         if not np.allclose(gravity, reading.gravity):
             yield _hypothesis("mounting", says, reading.changed(gravity=gravity), cost)
     if np.any(reading.gravity != 0.0):
-        without = reading.changed(gravity=np.zeros(3), kind="gravity_compensated_torque")
+        without = reading.changed(gravity=np.zeros(3), kind=COMPENSATED, held=0.0)
         says = "efforts are gravity compensated"
         yield _hypothesis("effort kind", says, without, choice_cost(4))
+        if not reading.knowledge.identified and not reading.held:
+            yield held_hypothesis(reading, 1.0)
+
+
+def held_hypothesis(reading: Reading, share: float) -> Hypothesis:
+    """That a controller removed the weight of the nominal bodies, or a share of it; not scored."""
+    part = "" if share == 1.0 else f"{100.0 * share:.0f} % of "
+    says = (
+        f"efforts lack {part}the gravity of the model file's masses, not that of the robot's "
+        "(gravity compensated)"
+    )
+    changed = reading.changed(held=share, kind=COMPENSATED)
+    return Hypothesis("effort kind", says, changed, choice_cost(4), ())
 
 
 def payload_hypotheses(reading: Reading) -> Iterator[Hypothesis]:
@@ -171,7 +185,8 @@ def gravity_directions(reading: Reading, *, search: bool) -> Iterator[Hypothesis
     """Gravity along every axis, not scored; and, if asked, directions that fit any bodies."""
     size = float(np.linalg.norm(reading.gravity)) or 9.81
     axes = [*np.eye(3), *-np.eye(3)]
-    fits = _directions(reading)[:FEW_DIRECTIONS] if search and reading.gravity.any() else []
+    search = search and bool(reading.gravity.any()) and not reading.held
+    fits = _directions(reading)[:FEW_DIRECTIONS] if search else []
     for fitted in (*axes, *fits):
         says, direction, cost = _direction(fitted)
         if not np.allclose(size * direction, reading.gravity):

@@ -56,14 +56,21 @@ class Averaged:
 
 
 def averaged(
-    yy: Array, ye: Array, counts: Array, positive: NDArray[np.bool_], gamma: Array, steps: int
+    yy: Array,
+    ye: Array,
+    ee: Array,
+    counts: Array,
+    positive: NDArray[np.bool_],
+    gamma: Array,
+    steps: int,
 ) -> Averaged:
     """Of products of columns `(h, n, k + 4, k + 4)`, and of these with efforts `(h, n, k + 4)`.
 
-    `counts` are samples of joints `(h, n)`, `positive` says which of a joint's own unknowns are
-    `(n, 4)`, `gamma` is the density of each body `(h, w, k / 10)`, `steps` the most of Newton's.
+    `ee` are mean squares of efforts `(h, n)`, 1 where no known effort was added; `counts` are
+    samples of joints `(h, n)`, `positive` says which of a joint's own unknowns are `(n, 4)`,
+    `gamma` is the density of each body `(h, w, k / 10)`, `steps` the most of Newton's.
     """
-    fit = _Fit(yy, ye, counts, positive, gamma)
+    fit = _Fit(yy, ye, ee, counts, positive, gamma)
     for step in range(steps):
         rise = fit.step()
         if step < steps - 1:
@@ -77,7 +84,13 @@ class _Fit:
     """The state of Newton's method: unknowns and variances of all problems and widths."""
 
     def __init__(
-        self, yy: Array, ye: Array, counts: Array, positive: NDArray[np.bool_], gamma: Array
+        self,
+        yy: Array,
+        ye: Array,
+        ee: Array,
+        counts: Array,
+        positive: NDArray[np.bool_],
+        gamma: Array,
     ) -> None:
         h, n, k = *ye.shape[:2], ye.shape[2] - NUISANCES
         w, count = gamma.shape[1:]
@@ -86,7 +99,8 @@ class _Fit:
         self._mixed, self._own = (
             np.ascontiguousarray(yy[..., s, k:]) for s in (slice(k), slice(k, None))
         )
-        self._ye, self._counts, self._positive, self._gamma = ye, counts, positive, gamma
+        self._ye, self._ee, self._counts = ye, ee[:, None], counts
+        self._positive, self._gamma = positive, gamma
         self.u = np.tile(nominal_bodies(count), (h, w, 1))
         self.theta = np.tile(np.where(positive, TYPICAL_FRICTION, 0.0), (h, w, 1, 1))
         self.variance = np.full((h, w, n), FIRST_VARIANCE)
@@ -179,7 +193,8 @@ class _Fit:
         """Mean squares that are left, `(h, w, n)`."""
         k, (left, own_left), ye = self._k, self._slopes(), self._ye[:, None]
         bodies = ((left - ye[..., :k]) @ self.u[..., None])[..., 0]
-        return np.asarray(1.0 + bodies + np.sum((own_left - ye[..., k:]) * self.theta, axis=-1))
+        own = np.sum((own_left - ye[..., k:]) * self.theta, axis=-1)
+        return np.asarray(self._ee + bodies + own)
 
     def _factorise(self) -> None:
         """Bodies as matrices; `factor` turns a change into one relative to them."""

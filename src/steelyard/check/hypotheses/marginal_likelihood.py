@@ -87,6 +87,26 @@ class _Products:
     ye: Array  # of these with all effort columns, shape `(n, K, n)`
     ee: Array  # squares of effort columns where the joint moves, shape `(n, n)`
     count: Array  # independent samples, shape `(n,)`
+    # of the effort that holds the nominal bodies with columns `(n, K)`, efforts `(n, n)`, itself
+    hy: Array
+    he: Array
+    hh: Array
+
+    def logged(self, reading: Reading) -> tuple[Array, Array, Array]:
+        """Products of columns with each joint's effort `(n, K)`, its squares, and those logged."""
+        joints, effort, s = np.arange(len(self.ee)), list(reading.effort), reading.effort_scale
+        ye = self.ye[joints, :, effort] * s[:, None] + reading.held * self.hy
+        ee, held = self.ee[joints, effort] * s**2, 2.0 * s * self.he[joints, effort]
+        return ye, ee + reading.held * (held + reading.held * self.hh), ee
+
+    def nominal(self, reading: Reading) -> Array:
+        """Root mean square effort of each joint by the nominal bodies, shape `(n,)`."""
+        k = self.yy.shape[1] - NUISANCES
+        one, share = nominal_bodies(k // 10), reading.held
+        squares = self.yy[:, :k, :k] @ one @ one + share * (
+            share * self.hh - 2.0 * self.hy[:, :k] @ one
+        )
+        return np.asarray(np.sqrt(np.maximum(squares, 0.0)))
 
     def with_columns(self, combined: Array) -> "_Products":
         """With combinations of the bodies' columns beside them, `(k, m)`."""
@@ -94,7 +114,7 @@ class _Products:
         of = np.block([[np.eye(k), combined, np.zeros((k, NUISANCES))]])
         own = np.eye(NUISANCES, k + m + NUISANCES, k + m)
         of = np.concatenate((of, own))
-        return replace(self, yy=of.T @ self.yy @ of, ye=of.T @ self.ye)
+        return replace(self, yy=of.T @ self.yy @ of, ye=of.T @ self.ye, hy=self.hy @ of)
 
 
 class EvidenceOfLog:
@@ -111,7 +131,7 @@ class EvidenceOfLog:
         self._carried[part] = np.linalg.solve(self._map[part, part], payload_map(robot))
         self._products: dict[Key, _Products | None] = {}
         self._rough: dict[Key, Evidence | None] = {}
-        self._columns: tuple[Key, tuple[Array, Array] | None] | None = None
+        self._columns: tuple[Key, tuple[Array, Array, Array] | None] | None = None
         lower, upper = likelihood.bounds
         self._turned = np.where(upper <= 0.0, -1.0, 1.0) * np.where(lower == upper, 0.0, 1.0)
         self._positive = np.isfinite(lower) | np.isfinite(upper)
@@ -175,7 +195,7 @@ class EvidenceOfLog:
         return reading.with_factors(np.where(self._unknown, best / common, 1.0))
 
     def _products_of(self, reading: Reading) -> "_Products | None":
-        motion = (*reading.of_motion, np.round(reading.gravity, 6).tobytes())
+        motion = (*reading.of_motion, np.round(reading.gravity, 6).tobytes(), reading.held > 0.0)
         if reading.likelihood.signals.effort_map is not None:
             motion += (reading.ratios.tobytes(),)
         key = (*motion, reading.delay)
@@ -186,8 +206,11 @@ class EvidenceOfLog:
             self._products[key] = None if columns is None else self._made(*columns, reading.delay)
         return self._products[key]
 
-    def _columns_of(self, reading: Reading) -> tuple[Array, Array] | None:
-        """Columns of bodies and of a joint's own `(n, K, N)`, and where joints move `(n, N)`."""
+    def _columns_of(self, reading: Reading) -> tuple[Array, Array, Array] | None:
+        """Columns of bodies and of a joint's own `(n, K, N)`, and where joints move `(n, N)`.
+
+        And the efforts that hold the nominal bodies, zero where nobody asks, `(n, N)`.
+        """
         knowledge, motion = reading.knowledge, reading.motion()
         y, moving = reading.columns()
         try:
@@ -195,13 +218,18 @@ class EvidenceOfLog:
             bodies = knowledge.under_any(reading.gravity, dense_regressor, *motion)
         except (DataError, ValueError):
             return None
+        held = np.zeros_like(moving)
+        if reading.held:
+            held = reading.into_logged() @ np.einsum(
+                "a,ajb->jb", reading.gravity, knowledge.pulls(motion[0])
+            )
         bodies = np.einsum("ij,kjb->ikb", reading.into_logged(), bodies) * moving[:, None]
         if not (np.isfinite(bodies).all() and moving.any()):
             return None
         own = y[:, :NUISANCES] * self._turned[..., None]
-        return np.concatenate((self._map.T @ bodies, own), axis=1), moving
+        return np.concatenate((self._map.T @ bodies, own), axis=1), moving, held * moving
 
-    def _made(self, columns: Array, moving: Array, delay: float) -> "_Products":
+    def _made(self, columns: Array, moving: Array, held: Array, delay: float) -> "_Products":
         # shifted before they are thinned, as few samples do not show what is between them
         efforts = self._whole.later([delay])[0][:, :: self._whole.step(EVIDENCE_SAMPLES)]
         seen = np.maximum(moving.sum(axis=1), 1.0)[:, None, None]
@@ -209,7 +237,10 @@ class EvidenceOfLog:
         ye = columns @ efforts.T / seen
         ee = moving @ np.square(efforts).T / seen[..., 0]
         count = moving.sum(axis=1) * self._log.excerpt.worth
-        return _Products(yy, ye, ee, np.where(count >= LEAST_SAMPLE_COUNT, count, 0.0))
+        seen = seen[..., 0]
+        hy, he = (columns @ held[..., None])[..., 0] / seen, held @ efforts.T / seen
+        count = np.where(count >= LEAST_SAMPLE_COUNT, count, 0.0)
+        return _Products(yy, ye, ee, count, hy, he, np.sum(held**2, axis=1) / seen[:, 0])
 
 
 def key_of(reading: Reading) -> Key:
@@ -222,23 +253,16 @@ def key_of(reading: Reading) -> Key:
         round(reading.delay, 3),
         round(float(np.log(reading.time)), 3),
         reading.payload is None,
+        reading.held,
         None if reading.zeros is None else tuple(np.round(reading.zeros, 3)),
     )
 
 
 def _nominal_scale(reading: Reading, products: "_Products") -> float:
     """Typical effort of a reading over that of the nominal bodies."""
-    joints, nominal = np.arange(len(products.ee)), _nominal_efforts(products)
-    logged = np.sqrt(products.ee[joints, list(reading.effort)]) * np.abs(reading.effort_scale)
+    nominal, logged = products.nominal(reading), np.sqrt(products.logged(reading)[1])
     seen = (products.count > 0.0) & (nominal > 1e-6 * nominal.max(initial=0.0)) & (logged > 0.0)
     return float(np.exp(np.median(np.log(logged[seen] / nominal[seen])))) if seen.any() else 1.0
-
-
-def _nominal_efforts(products: "_Products") -> Array:
-    """Root mean square effort of each joint by the nominal bodies, shape `(n,)`."""
-    k = products.yy.shape[1] - NUISANCES
-    one = nominal_bodies(k // 10)
-    return np.asarray(np.sqrt(np.maximum(products.yy[:, :k, :k] @ one @ one, 0.0)))
 
 
 def _mixed(nominal: Evidence | None, sized: Evidence | None) -> Evidence | None:
@@ -275,6 +299,7 @@ class _Problem:
 
     yy: Array  # of bodies and a joint's own unknowns, shape `(n, k + 4, k + 4)`
     ye: Array  # shape `(n, k + 4)`
+    ee: Array  # shape `(n,)`
     count: Array
     # which of the joints' own unknowns are not negative, shape `(n, 4)`
     positive: NDArray[np.bool_]
@@ -286,31 +311,32 @@ def _normalised(
     reading: Reading, products: _Products, positive: NDArray[np.bool_], scale: float
 ) -> _Problem:
     n, k = products.yy.shape[0], products.yy.shape[1] - NUISANCES
-    joints, effort = np.arange(n), np.array(reading.effort)
-    ee = products.ee[joints, effort] * reading.effort_scale**2
+    ye, squares, ee = products.logged(reading)
     count = np.where(ee > 0.0, np.minimum(products.count, MOST_EVIDENCE_SAMPLES), 0.0)
     rms = np.sqrt(np.where(count > 0.0, ee, 1.0))
     own = np.sqrt(np.einsum("jkk->jk", products.yy[:, k:, k:]))
     sizes = np.where(own > 1e-12, 1.0 / np.maximum(own, 1e-12), 0.0)  # unit effort of each column
     # an offset may balance what bodies weigh, which the logged effort then lacks
-    balanced = scale * _nominal_efforts(products) / rms
+    balanced = scale * products.nominal(reading) / rms
     sizes[:, OFFSET_COLUMN] *= np.maximum(balanced, 1.0)
     factors = np.concatenate((np.full((n, k), scale), sizes * rms[:, None]), axis=1) / rms[:, None]
     yy = products.yy * factors[:, :, None] * factors[:, None, :]
-    ye = products.ye[joints, :, effort] * factors * (reading.effort_scale / rms)[:, None]
-    return _Problem(yy, ye, count, positive, scale)
+    ee = np.where(ee > 0.0, squares / rms**2, 0.0)
+    return _Problem(yy, ye * factors / rms[:, None], ee, count, positive, scale)
 
 
 def _averaged(problems: Sequence[_Problem], widths: Sequence[float], steps: int) -> list[Evidence]:
     """Evidence of problems of one number of bodies, averaged over the widths."""
     h, k = len(problems), problems[0].ye.shape[1] - NUISANCES
-    yy, ye, counts = (np.array([getattr(p, x) for p in problems]) for x in ("yy", "ye", "count"))
+    yy, ye, ee, counts = (
+        np.array([getattr(p, x) for p in problems]) for x in ("yy", "ye", "ee", "count")
+    )
     gamma = np.tile(np.array(widths)[:, None] ** -2.0, (h, 1, k // 10))
     arm = k - 10 * (problems[0].carrier >= 0)
     if problems[0].carrier >= 0:
         unknown = [problems[0].carrier, -1]  # the last link may weigh less, too
         gamma[..., unknown] = np.minimum(gamma[..., unknown], CARRIED_WIDTH**-2)
-    fit = averaged(yy, ye, counts, problems[0].positive, gamma, steps)
+    fit = averaged(yy, ye, ee, counts, problems[0].positive, gamma, steps)
     found = []
     for i, best in enumerate(np.argmax(fit.logs, axis=1)):
         top = fit.logs[i, best]

@@ -150,6 +150,7 @@ class Reading:
     time: float = 1.0  # seconds per declared second
     payload: Array | None = None  # ten numbers of what the last body carries, in its frame
     zeros: Array | None = None  # added to joint positions beside declared offsets, `(n,)` [rad; m]
+    held: float = 0.0  # share of the known bodies' weight that a controller removed from efforts
 
     @property
     def knowledge(self) -> Knowledge:
@@ -235,7 +236,7 @@ class Reading:
 
     def predicted(self, q: Array, dq: Array, ddq: Array) -> Array:
         """What the efforts should be without friction, in base units, shape `(n, N)`."""
-        torque = self.knowledge.torque(q, dq, ddq, self.gravity)
+        torque = self.knowledge.torque(q, dq, ddq, (1.0 - self.held) * self.gravity)
         if self.payload is not None:
             columns = self.knowledge.payload(q, dq, ddq, self.gravity)
             torque = torque + np.einsum("k,knb->nb", self.payload, columns)
