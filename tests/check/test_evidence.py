@@ -79,12 +79,14 @@ def test_the_evidence_is_the_mean_likelihood_of_bodies_that_can_exist(
 def test_an_offset_may_balance_what_bodies_weigh_and_the_log_lacks(weight: float) -> None:
     """A lift whose controller subtracts its weight logs what is left."""
     k = 10
-    yy, ye = np.zeros((1, k + NUISANCES, k + NUISANCES)), np.zeros((1, k + NUISANCES, 1))
+    yy, ye = (
+        np.zeros((1, k + NUISANCES + 1, k + NUISANCES + 1)),
+        np.zeros((1, k + NUISANCES + 1, 1)),
+    )
     unit = nominal_bodies(1) / np.square(nominal_bodies(1)).sum()
     yy[0, :k, :k] = weight**2 * np.outer(unit, unit)  # the nominal bodies' effort has this size
     yy[0, range(k, k + NUISANCES), range(k, k + NUISANCES)] = 1.0
-    none = np.zeros((1, k + NUISANCES)), np.zeros((1, 1)), np.zeros(1)
-    products = _Products(yy, ye, np.full((1, 1), 4.0), np.array([50.0]), *none)  # an effort of 2
+    products = _Products(yy, ye, np.full((1, 1), 4.0), np.array([50.0]))  # an effort of 2
     reading = cast(Any, SimpleNamespace(effort=(0,), effort_scale=np.ones(1), held=0.0))
     found = _normalised(reading, products, POSITIVE, 1.0)
     sizes = np.sqrt(np.einsum("kk->k", found.yy[0, k:, k:]))

@@ -505,7 +505,7 @@ def test_the_gravity_that_a_controller_removes_is_no_mounting(arm, share, heavie
         kind = next(f for f in found.findings if f.check == "effort kind")
         assert kind.severity == Severity.WRONG and not found.edits
         assert "lack the gravity of the model file's masses" in kind.says
-        assert "add the gravity torque that the controller subtracts" in kind.fix.says
+        assert "the gravity torque that the controller subtracts" in kind.fix.says
 
 
 @pytest.mark.slow

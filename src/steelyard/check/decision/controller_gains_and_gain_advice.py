@@ -37,11 +37,7 @@ TORQUE_WORDS = frozenset("tau torque torques moment moments".split())
 CURRENT_WORDS = frozenset("current currents curr i".split())
 FRICTION_KNOTS = 24  # speeds between which friction is linear
 INTERVAL_PARTS = 12  # parts of the time for intervals
-LACKS_WEIGHT = (
-    "log the whole effort of the drives, or add the gravity torque that the controller subtracts: "
-    'with kind = "gravity_compensated_torque" the weight of what its masses are off by would be '
-    "missing from the model"
-)
+LACKS_WEIGHT = "log whole efforts, or add to them the gravity torque that the controller subtracts"
 NARROW_INTERVAL = 0.05  # half-width of a gain's 95 % interval over it, to be written
 
 

@@ -183,12 +183,8 @@ def _by_evidence(found: LogVerdict, search: Search, others: Mapping[str, Search]
         odds = search.without(cause)
         hypothesis = _part(search, cause)
         # numbers that are fitted to the nominal bodies also fit what friction and they lack
-        least = (
-            SURE
-            if cause in FACTOR_CAUSES and hypothesis is not None and not hypothesis.fixed
-            else LIKELY
-        )
-        if hypothesis is not None and odds >= least:
+        fitted = cause in FACTOR_CAUSES and hypothesis is not None and not hypothesis.fixed
+        if hypothesis is not None and odds >= (SURE if fitted else LIKELY):
             sure = odds >= SURE and best.evidence.percent <= ROUGH_MISFIT and hypothesis.fixed
             hypothesis = replace(hypothesis, odds=odds)
             one, severity = _judged_part(search, hypothesis, odds, sure)
@@ -414,13 +410,10 @@ def _scale(search: Search, winners: Sequence[Judged]) -> Iterator[Judged]:
     if far and "A" not in signals.effort_units:
         says = f"{factor_words(reading)}; {says}"
     cause = "gain" if "A" in signals.effort_units else "effort kind"
-    cost, joints = FITTED_NUMBER_COST, tuple(range(signals.n))
-    hypothesis = Hypothesis(
-        cause, says, changed, cost, joints, found.score, fixed=False, evidence=found.log
-    )
-    compared = FREE_INERTIAS, search.declared.evidence.percent
-    hypothesis = replace(hypothesis, compared=compared, odds=found.sized)
-    yield hypothesis, Severity.WRONG if far else Severity.DOUBTFUL
+    joints, compared = tuple(range(signals.n)), (FREE_INERTIAS, search.declared.evidence.percent)
+    own = {"cause": cause, "says": says, "reading": changed, "joints": joints, "fixed": False}
+    own |= {"cost": FITTED_NUMBER_COST, "compared": compared, "odds": found.sized}
+    yield best.as_hypothesis(**own), Severity.WRONG if far else Severity.DOUBTFUL
 
 
 def factor_words(reading: Reading) -> str:

@@ -7,6 +7,7 @@ best is changed again. Each change costs what its choice among its kind and its 
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -95,15 +96,8 @@ class Explanation:
         says = ", and ".join(change.says for change in self.changes if change.says) or AS_DECLARED
         cause = self.changes[-1].cause if self.changes else ""
         joints = self.changes[-1].joints if self.changes else ()
-        one = Hypothesis(
-            cause,
-            says,
-            self.reading,
-            self.cost,
-            joints,
-            self.evidence.score,
-            evidence=self.evidence.log,
-        )
+        score, log = self.evidence.score, self.evidence.log
+        one = Hypothesis(cause, says, self.reading, self.cost, joints, score, evidence=log)
         return replace(one, **named)  # type: ignore[arg-type]
 
 
@@ -207,11 +201,7 @@ class Search:
         return best.log - max(others, default=-np.inf)
 
     def _held(self) -> Iterator[Tried]:
-        """Efforts that lack some of the nominal weight, under any mounting.
-
-        Instead of the mounting of the best explanation, and of the factors on its efforts or beside
-        them, as factors fit what such efforts lack.
-        """
+        """Efforts that lack nominal weight, any mounting; also without factors, which fit that."""
         best, declared = self.best, self.declared.reading
         same = best.reading.kind != COMPENSATED
         kept = tuple(c for c in best.changes if same or c.cause != "effort kind")
@@ -221,10 +211,9 @@ class Search:
             rest = tuple(c for c in changes if c.cause != "mounting")
             own = undone(base, declared, "mounting")
             turned = ((h.reading, (*rest, h)) for h in gravity_directions(own, search=False))
-            for reading, before in ((own, rest), (base, changes), *turned):
-                for share in HELD_SHARES if reading.gravity.any() else ():
-                    held = held_hypothesis(reading, share)
-                    yield held.reading, (*before, held)
+            for (reading, before), share in product([(own, rest), *turned], HELD_SHARES):
+                held = held_hypothesis(reading, share)
+                yield held.reading, (*before, held)
 
     def loss(self, reading: Reading) -> float:
         """Log evidence of a reading below that of the best explanation."""

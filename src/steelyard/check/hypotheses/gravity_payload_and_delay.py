@@ -63,8 +63,7 @@ def gravity_hypotheses(reading: Reading) -> Iterator[Hypothesis]:
             yield _hypothesis("mounting", says, reading.changed(gravity=gravity), cost)
     if np.any(reading.gravity != 0.0):
         without = reading.changed(gravity=np.zeros(3), kind=COMPENSATED, held=0.0)
-        says = "efforts are gravity compensated"
-        yield _hypothesis("effort kind", says, without, choice_cost(4))
+        yield _hypothesis("effort kind", "efforts are gravity compensated", without, choice_cost(4))
         if not reading.knowledge.identified and not reading.held:
             yield held_hypothesis(reading, 1.0)
 
@@ -72,10 +71,7 @@ def gravity_hypotheses(reading: Reading) -> Iterator[Hypothesis]:
 def held_hypothesis(reading: Reading, share: float) -> Hypothesis:
     """That a controller removed the weight of the nominal bodies, or a share of it; not scored."""
     part = "" if share == 1.0 else f"{100.0 * share:.0f} % of "
-    says = (
-        f"efforts lack {part}the gravity of the model file's masses, not that of the robot's "
-        "(gravity compensated)"
-    )
+    says = f"efforts lack {part}the gravity of the model file's masses, not that of the true ones"
     changed = reading.changed(held=share, kind=COMPENSATED)
     return Hypothesis("effort kind", says, changed, choice_cost(4), ())
 
@@ -185,8 +181,8 @@ def gravity_directions(reading: Reading, *, search: bool) -> Iterator[Hypothesis
     """Gravity along every axis, not scored; and, if asked, directions that fit any bodies."""
     size = float(np.linalg.norm(reading.gravity)) or 9.81
     axes = [*np.eye(3), *-np.eye(3)]
-    search = search and bool(reading.gravity.any()) and not reading.held
-    fits = _directions(reading)[:FEW_DIRECTIONS] if search else []
+    free = search and reading.gravity.any() and not reading.held
+    fits = _directions(reading)[:FEW_DIRECTIONS] if free else []
     for fitted in (*axes, *fits):
         says, direction, cost = _direction(fitted)
         if not np.allclose(size * direction, reading.gravity):

@@ -33,6 +33,7 @@ INSIDE = 0.9  # share of the way to where no body exists that one step goes
 CONVERGED = 1e-2  # rise of the log-likelihood that a further step promises, at which it is one
 FIRST_VARIANCE = 0.1  # of residuals, before any are known
 
+Flags = NDArray[np.bool_]
 DIAGONAL = np.array([1, 0, 1, 0, 0, 1, 0, 0, 0, 1], dtype=np.bool_)
 LENGTHS = np.where(DIAGONAL, 1.0, np.sqrt(0.5))
 _ENTRIES = BASIS * LENGTHS[:, None, None]  # of `X` per unknown, shape `(10, 4, 4)`
@@ -56,19 +57,12 @@ class Averaged:
 
 
 def averaged(
-    yy: Array,
-    ye: Array,
-    ee: Array,
-    counts: Array,
-    positive: NDArray[np.bool_],
-    gamma: Array,
-    steps: int,
+    yy: Array, ye: Array, ee: Array, counts: Array, positive: Flags, gamma: Array, steps: int
 ) -> Averaged:
     """Of products of columns `(h, n, k + 4, k + 4)`, and of these with efforts `(h, n, k + 4)`.
 
-    `ee` are mean squares of efforts `(h, n)`, 1 where no known effort was added; `counts` are
-    samples of joints `(h, n)`, `positive` says which of a joint's own unknowns are `(n, 4)`,
-    `gamma` is the density of each body `(h, w, k / 10)`, `steps` the most of Newton's.
+    `ee` are mean squares of efforts and `counts` samples `(h, n)`, `positive` says which of a
+    joint's unknowns are `(n, 4)`; `gamma`: density of bodies `(h, w, k / 10)`, `steps`: most steps.
     """
     fit = _Fit(yy, ye, ee, counts, positive, gamma)
     for step in range(steps):
@@ -84,13 +78,7 @@ class _Fit:
     """The state of Newton's method: unknowns and variances of all problems and widths."""
 
     def __init__(
-        self,
-        yy: Array,
-        ye: Array,
-        ee: Array,
-        counts: Array,
-        positive: NDArray[np.bool_],
-        gamma: Array,
+        self, yy: Array, ye: Array, ee: Array, counts: Array, positive: Flags, gamma: Array
     ) -> None:
         h, n, k = *ye.shape[:2], ye.shape[2] - NUISANCES
         w, count = gamma.shape[1:]
@@ -193,8 +181,8 @@ class _Fit:
         """Mean squares that are left, `(h, w, n)`."""
         k, (left, own_left), ye = self._k, self._slopes(), self._ye[:, None]
         bodies = ((left - ye[..., :k]) @ self.u[..., None])[..., 0]
-        own = np.sum((own_left - ye[..., k:]) * self.theta, axis=-1)
-        return np.asarray(self._ee + bodies + own)
+        bodies += np.sum((own_left - ye[..., k:]) * self.theta, axis=-1)
+        return np.asarray(self._ee + bodies)
 
     def _factorise(self) -> None:
         """Bodies as matrices; `factor` turns a change into one relative to them."""

@@ -83,38 +83,30 @@ class Evidence:
 class _Products:
     """Products of samples of one motion under one gravity, in the logged base unit."""
 
-    yy: Array  # columns of bodies and of a joint's own with each other, shape `(n, K, K)`
-    ye: Array  # of these with all effort columns, shape `(n, K, n)`
+    yy: Array  # columns of bodies, a joint's own and the nominal weight, `(n, K + 1, K + 1)`
+    ye: Array  # of these with all effort columns, shape `(n, K + 1, n)`
     ee: Array  # squares of effort columns where the joint moves, shape `(n, n)`
     count: Array  # independent samples, shape `(n,)`
-    # of the effort that holds the nominal bodies with columns `(n, K)`, efforts `(n, n)`, itself
-    hy: Array
-    he: Array
-    hh: Array
 
     def logged(self, reading: Reading) -> tuple[Array, Array, Array]:
         """Products of columns with each joint's effort `(n, K)`, its squares, and those logged."""
         joints, effort, s = np.arange(len(self.ee)), list(reading.effort), reading.effort_scale
-        ye = self.ye[joints, :, effort] * s[:, None] + reading.held * self.hy
-        ee, held = self.ee[joints, effort] * s**2, 2.0 * s * self.he[joints, effort]
-        return ye, ee + reading.held * (held + reading.held * self.hh), ee
+        ye, ee = self.ye[joints, :, effort] * s[:, None], self.ee[joints, effort] * s**2
+        held = reading.held * self.yy[:, -1]
+        return (ye + held)[:, :-1], ee + reading.held * (2.0 * ye[:, -1] + held[:, -1]), ee
 
     def nominal(self, reading: Reading) -> Array:
         """Root mean square effort of each joint by the nominal bodies, shape `(n,)`."""
-        k = self.yy.shape[1] - NUISANCES
-        one, share = nominal_bodies(k // 10), reading.held
-        squares = self.yy[:, :k, :k] @ one @ one + share * (
-            share * self.hh - 2.0 * self.hy[:, :k] @ one
-        )
-        return np.asarray(np.sqrt(np.maximum(squares, 0.0)))
+        bodies = nominal_bodies(self.yy.shape[1] // 10)
+        one = np.concatenate((bodies, np.zeros(NUISANCES), [-reading.held]))
+        return np.asarray(np.sqrt(np.maximum(self.yy @ one @ one, 0.0)))
 
     def with_columns(self, combined: Array) -> "_Products":
         """With combinations of the bodies' columns beside them, `(k, m)`."""
-        k, m = combined.shape
-        of = np.block([[np.eye(k), combined, np.zeros((k, NUISANCES))]])
-        own = np.eye(NUISANCES, k + m + NUISANCES, k + m)
-        of = np.concatenate((of, own))
-        return replace(self, yy=of.T @ self.yy @ of, ye=of.T @ self.ye, hy=self.hy @ of)
+        (k, m), rest = combined.shape, NUISANCES + 1
+        of = np.block([[np.eye(k), combined, np.zeros((k, rest))]])
+        of = np.concatenate((of, np.eye(rest, k + m + rest, k + m)))
+        return replace(self, yy=of.T @ self.yy @ of, ye=of.T @ self.ye)
 
 
 class EvidenceOfLog:
@@ -131,7 +123,7 @@ class EvidenceOfLog:
         self._carried[part] = np.linalg.solve(self._map[part, part], payload_map(robot))
         self._products: dict[Key, _Products | None] = {}
         self._rough: dict[Key, Evidence | None] = {}
-        self._columns: tuple[Key, tuple[Array, Array, Array] | None] | None = None
+        self._columns: tuple[Key, tuple[Array, Array] | None] | None = None
         lower, upper = likelihood.bounds
         self._turned = np.where(upper <= 0.0, -1.0, 1.0) * np.where(lower == upper, 0.0, 1.0)
         self._positive = np.isfinite(lower) | np.isfinite(upper)
@@ -206,11 +198,8 @@ class EvidenceOfLog:
             self._products[key] = None if columns is None else self._made(*columns, reading.delay)
         return self._products[key]
 
-    def _columns_of(self, reading: Reading) -> tuple[Array, Array, Array] | None:
-        """Columns of bodies and of a joint's own `(n, K, N)`, and where joints move `(n, N)`.
-
-        And the efforts that hold the nominal bodies, zero where nobody asks, `(n, N)`.
-        """
+    def _columns_of(self, reading: Reading) -> tuple[Array, Array] | None:
+        """Columns of products, `(n, K + 1, N)`, the last 0 if not asked; where joints move."""
         knowledge, motion = reading.knowledge, reading.motion()
         y, moving = reading.columns()
         try:
@@ -218,18 +207,17 @@ class EvidenceOfLog:
             bodies = knowledge.under_any(reading.gravity, dense_regressor, *motion)
         except (DataError, ValueError):
             return None
-        held = np.zeros_like(moving)
+        weight = np.zeros_like(y[:, :1])
         if reading.held:
-            held = reading.into_logged() @ np.einsum(
-                "a,ajb->jb", reading.gravity, knowledge.pulls(motion[0])
-            )
+            pulls = reading.into_logged() @ knowledge.pulls(motion[0])
+            weight = np.tensordot(reading.gravity, pulls, 1)[:, None] * moving[:, None]
         bodies = np.einsum("ij,kjb->ikb", reading.into_logged(), bodies) * moving[:, None]
         if not (np.isfinite(bodies).all() and moving.any()):
             return None
         own = y[:, :NUISANCES] * self._turned[..., None]
-        return np.concatenate((self._map.T @ bodies, own), axis=1), moving, held * moving
+        return np.concatenate((self._map.T @ bodies, own, weight), axis=1), moving
 
-    def _made(self, columns: Array, moving: Array, held: Array, delay: float) -> "_Products":
+    def _made(self, columns: Array, moving: Array, delay: float) -> "_Products":
         # shifted before they are thinned, as few samples do not show what is between them
         efforts = self._whole.later([delay])[0][:, :: self._whole.step(EVIDENCE_SAMPLES)]
         seen = np.maximum(moving.sum(axis=1), 1.0)[:, None, None]
@@ -237,10 +225,7 @@ class EvidenceOfLog:
         ye = columns @ efforts.T / seen
         ee = moving @ np.square(efforts).T / seen[..., 0]
         count = moving.sum(axis=1) * self._log.excerpt.worth
-        seen = seen[..., 0]
-        hy, he = (columns @ held[..., None])[..., 0] / seen, held @ efforts.T / seen
-        count = np.where(count >= LEAST_SAMPLE_COUNT, count, 0.0)
-        return _Products(yy, ye, ee, count, hy, he, np.sum(held**2, axis=1) / seen[:, 0])
+        return _Products(yy, ye, ee, np.where(count >= LEAST_SAMPLE_COUNT, count, 0.0))
 
 
 def key_of(reading: Reading) -> Key:
@@ -310,17 +295,17 @@ class _Problem:
 def _normalised(
     reading: Reading, products: _Products, positive: NDArray[np.bool_], scale: float
 ) -> _Problem:
-    n, k = products.yy.shape[0], products.yy.shape[1] - NUISANCES
+    n, k = products.yy.shape[0], products.yy.shape[1] - NUISANCES - 1
     ye, squares, ee = products.logged(reading)
     count = np.where(ee > 0.0, np.minimum(products.count, MOST_EVIDENCE_SAMPLES), 0.0)
     rms = np.sqrt(np.where(count > 0.0, ee, 1.0))
-    own = np.sqrt(np.einsum("jkk->jk", products.yy[:, k:, k:]))
+    own = np.sqrt(np.einsum("jkk->jk", products.yy[:, k:-1, k:-1]))
     sizes = np.where(own > 1e-12, 1.0 / np.maximum(own, 1e-12), 0.0)  # unit effort of each column
     # an offset may balance what bodies weigh, which the logged effort then lacks
     balanced = scale * products.nominal(reading) / rms
     sizes[:, OFFSET_COLUMN] *= np.maximum(balanced, 1.0)
     factors = np.concatenate((np.full((n, k), scale), sizes * rms[:, None]), axis=1) / rms[:, None]
-    yy = products.yy * factors[:, :, None] * factors[:, None, :]
+    yy = products.yy[:, :-1, :-1] * factors[:, :, None] * factors[:, None, :]
     ee = np.where(ee > 0.0, squares / rms**2, 0.0)
     return _Problem(yy, ye * factors / rms[:, None], ee, count, positive, scale)
 
@@ -328,9 +313,8 @@ def _normalised(
 def _averaged(problems: Sequence[_Problem], widths: Sequence[float], steps: int) -> list[Evidence]:
     """Evidence of problems of one number of bodies, averaged over the widths."""
     h, k = len(problems), problems[0].ye.shape[1] - NUISANCES
-    yy, ye, ee, counts = (
-        np.array([getattr(p, x) for p in problems]) for x in ("yy", "ye", "ee", "count")
-    )
+    names = "yy", "ye", "ee", "count"
+    yy, ye, ee, counts = (np.array([getattr(p, x) for p in problems]) for x in names)
     gamma = np.tile(np.array(widths)[:, None] ** -2.0, (h, 1, k // 10))
     arm = k - 10 * (problems[0].carrier >= 0)
     if problems[0].carrier >= 0:
