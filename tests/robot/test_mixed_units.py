@@ -97,7 +97,7 @@ def test_a_simulated_scara_is_identified_without_a_change(tmp_path: Path) -> Non
         assert done.exit_code == 0, done.output
 
     log = run / "log.csv"
-    steelyard("simulate", urdf, "--period", 6, "--seed", 1, "-o", run)
+    steelyard("simulate", urdf, "--period", 4, "--seed", 1, "-o", run)
     steelyard("init", urdf, log, "-o", robot)
     steelyard("identify", robot, log, "-o", tmp_path / "out")
     estimate = json.loads((tmp_path / "out" / "model.json").read_text())["estimate"]
