@@ -1,6 +1,5 @@
 """What a first pass over a recording finds: clock, band of the motion, rows that are left out."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -64,18 +63,16 @@ def survey(recording: Recording, processing: Processing | None = None) -> Survey
     """Read a recording once, and once more without rows in which an encoder was found frozen."""
     found = _survey(recording, processing)
     known = recording.left_out
-    found_now = tuple(s for s in found.left_out if not _among(s, known))
+    found_now = tuple(
+        s
+        for s in found.left_out
+        if not any(
+            k.start <= s.start and s.stop <= k.stop and {*s.joints} <= {*k.joints} for k in known
+        )
+    )
     if any(not s.joints for s in found_now):
         found = _survey(replace(recording, left_out=(*known, *found_now)), processing)
     return replace(found, left_out=(*known, *found_now))
-
-
-def _among(stretch: LeftOut, known: Sequence[LeftOut]) -> bool:
-    """Whether a stretch lies in one that is known, of the same joints."""
-    return any(
-        s.start <= stretch.start and stretch.stop <= s.stop and {*stretch.joints} <= {*s.joints}
-        for s in known
-    )
 
 
 def _survey(recording: Recording, processing: Processing | None) -> Survey:

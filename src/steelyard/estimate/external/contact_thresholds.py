@@ -241,18 +241,14 @@ class ContactThresholds:
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> "ContactThresholds":
         """The thresholds that `to_dict` wrote."""
-        limits, changes = (
-            frozen([[np.nan if x is None else float(x) for x in row] for row in rows])
-            for rows in (data["thresholds"], [data["changes_at_rest"]])
-        )
         return cls(
             frozen(data["speed_edges"]),
             float(data["cutoff_hz"]),
             float(data["false_alarms_per_hour"]),
             float(data["free_motion_s"]),
-            limits,
+            frozen(data["thresholds"]),
             tuple(tuple(bool(x) for x in row) for row in data["own"]),
-            changes[0],
+            frozen(data["changes_at_rest"]),
         )
 
 

@@ -64,12 +64,11 @@ def unrest(trajectory: ExactTrajectory, limit: Array) -> tuple[str, ...]:
     """A sentence for each end at which the motion does not rest; speeds are limited to `limit`."""
     speeds = np.abs(trajectory.derivative([0.0, trajectory.duration], 1))
     begins, ends = np.any(speeds > ROUNDING_JUMP_SHARE * limit, axis=1)
-    notes = []
-    if begins:
-        notes.append("the motion does not start at rest: the robot must already be moving")
-    if ends:
-        notes.append("the motion does not end at rest: the robot must be stopped afterwards")
-    return tuple(notes)
+    said = {
+        "the motion does not start at rest: the robot must already be moving": begins,
+        "the motion does not end at rest: the robot must be stopped afterwards": ends,
+    }
+    return tuple(note for note, moving in said.items() if moving)
 
 
 HOLD_TEST_PLACES = (0.1, 0.5, 0.9)  # between two breaks, at which a hold is tested

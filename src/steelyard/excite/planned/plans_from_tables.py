@@ -195,12 +195,9 @@ def pick_and_place(s: PickAndPlaceSection, robot: Robot, seed: int) -> Tour:
             dwells += [0.0, s.dwell, 0.0] if s.lift else [s.dwell]
     lifts = np.outer([0.0, 1.0] if s.lift else [0.0], up)[:, None]
     corners = [np.stack(np.meshgrid(*box.T, indexing="ij"), axis=-1) for _, box in boxes]
+    which = "corners and raised corners"
     required = tuple(
-        (
-            (lifts + own.reshape(8, 3)).reshape(-1, 3),
-            f"the {what} box",
-            "corners and raised corners",
-        )
+        ((lifts + own.reshape(8, 3)).reshape(-1, 3), f"the {what} box", which)
         for own, (what, _) in zip(corners, boxes, strict=True)
     )
     return Tour(np.array(places), tuple(names), np.array(dwells), s.cycles, required)

@@ -91,7 +91,7 @@ class ToolWay:
             return -middle, -over
 
         least = proven_minimum(motion, bound, np.array(tolerances), count=_FIRST_STRETCHES)
-        return np.negative(least).tolist()
+        return [-float(x) for x in least]
 
 
 def _greatest_length(bounds: Array) -> Array:

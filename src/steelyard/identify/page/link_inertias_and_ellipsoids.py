@@ -121,15 +121,10 @@ def _total(identified: IdentifiedModel, standard: StandardEstimate) -> Row:
     mine = [place[f"m.{body.name}"] for body in bodies]
     variance = max(float(standard.covariance[np.ix_(mine, mine)].sum()), 0.0)
     nominal = sum(body.inertia.mass for body in bodies)
-    return Row(
-        (
-            "all links",
-            with_interval(float(standard.parameters.values[mine].sum()), Z95 * sqrt(variance)),
-            significant(nominal) if all(body.known for body in bodies) else NONE,
-            *("",) * 4,
-        ),
-        total=True,
-    )
+    mass = float(standard.parameters.values[mine].sum())
+    file = significant(nominal) if all(body.known for body in bodies) else NONE
+    cells = ("all links", with_interval(mass, Z95 * sqrt(variance)), file, *("",) * 4)
+    return Row(cells, total=True)
 
 
 MASSES_WORDS = (
@@ -362,7 +357,11 @@ def _placed(
 def _figure(arm: Array, solids: Sequence[Solid], file: Sequence[Solid]) -> Figure:
     unit, faces = _sphere()
     points = np.concatenate([solid.moved(unit) for solid in solids])
-    traces = [_arm(arm), _surfaces(points, faces, len(solids))]
+    every = np.concatenate([faces + number * len(unit) for number in range(len(solids))])
+    i, j, k = every.T.tolist()
+    style = {"color": "--vermillion", "opacity": 0.45, "hoverinfo": "skip", "showlegend": True}
+    surfaces = in_space("identified", points, type="mesh3d", i=i, j=j, k=k, **style)
+    traces = [_arm(arm), surfaces]
     traces += [_centres("identified centres", solids, "--vermillion", "diamond")]
     if file:
         traces += [_wires(file), _centres("centres in the file", file, "--measured", "circle")]
@@ -388,13 +387,6 @@ def _axes(points: Array) -> dict[str, Any]:
         title = {"text": f"{axis} [m]"}
         found[f"{axis}axis"] = {"title": title, "backgroundcolor": "--ground", "range": bounds}
     return found
-
-
-def _surfaces(points: Array, faces: Array, count: int) -> Traced:
-    every = np.concatenate([faces + k * (len(points) // count) for k in range(count)])
-    i, j, k = every.T.tolist()
-    style = {"color": "--vermillion", "opacity": 0.45, "hoverinfo": "skip", "showlegend": True}
-    return in_space("identified", points, type="mesh3d", i=i, j=j, k=k, **style)
 
 
 def _wires(solids: Sequence[Solid]) -> Traced:

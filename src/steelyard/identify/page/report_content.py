@@ -32,9 +32,7 @@ class ReportContent(PageContent):
     findings: tuple[FieldFinding, ...] = ()
     gains: GainEstimate | None = None
     zero_offsets: ZeroOffsets | None = None  # zero offsets of joints that were estimated, if any
-    effort_scales: EffortScales | None = (
-        None  # scales of the joints' efforts that were estimated, if any
-    )
+    effort_scales: EffortScales | None = None  # estimated scales of the joints' efforts, if any
     diagnosis: Diagnosis | None = None  # what the logs were checked for before
     limitations: tuple[Finding, ...] = ()  # checks of the fitted model; they qualify the headline
     sensitivity: Sensitivity | None = None  # fits with other cut-offs, if they were asked for

@@ -5,7 +5,7 @@ import os
 import re
 import subprocess
 import sys
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -68,7 +68,10 @@ class Compiled:
 
 def compiled(path: Path) -> Compiled:
     """MuJoCo's model; what is absent is replaced, all other bodies' inertias are the same."""
-    if _is_costly(_elements(path, (), set())):
+    elements = _elements(path, (), set())
+    values = ((e.tag, text) for e in elements for text in e.attributes.values())
+    # a number may be a count that fills the memory
+    if any(tag in _REPEATING or _LARGE.search(text) for tag, text in values):
         _refuse_endless(path)
     try:
         return Compiled(mujoco.MjModel.from_xml_path(str(path)))
@@ -134,15 +137,6 @@ def _elements(path: Path, above: tuple[Path, ...], fine: set[Path]) -> list[Elem
                     refuse_device(path.parent / folder / file)
     fine.add(resolved)
     return found
-
-
-def _is_costly(elements: Iterable[Element]) -> bool:
-    """Whether a number in a model may be a count that fills the memory."""
-    return any(
-        element.tag in _REPEATING or _LARGE.search(text)
-        for element in elements
-        for text in element.attributes.values()
-    )
 
 
 def _refuse_endless(path: Path) -> None:

@@ -47,15 +47,8 @@ def smoothed(quantity: Quantity, width: float) -> Quantity:
     """A quantity with its jumps at zero velocity spread over a speed; zero leaves it as it is."""
     if width == 0.0:
         return quantity
-    return SmoothedQuantity(
-        f"{quantity.name}, smoothed",
-        quantity.arguments,
-        quantity.enters,
-        quantity.build,
-        quantity.shape,
-        (*quantity.key, width),
-        width=width,
-    )
+    own = vars(quantity) | {"name": f"{quantity.name}, smoothed", "key": (*quantity.key, width)}
+    return SmoothedQuantity(**own, width=width)
 
 
 def feedforward_torque(

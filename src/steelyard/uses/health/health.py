@@ -10,7 +10,7 @@ import numpy as np
 from rich.console import Console
 from rich.text import Text
 
-from steelyard.base.arrays import Z95
+from steelyard.base.arrays import Z95, by_key
 from steelyard.base.checked_arguments import checked
 from steelyard.base.errors import LogError
 from steelyard.base.progress import Progress, silent
@@ -91,11 +91,9 @@ class Health(Result):
         """What qualifies the result."""
         if not self.unproven:
             return self.warnings
-        by: dict[str, dict[str, None]] = {}
-        for change in self.unproven:
-            by.setdefault(change.joint, {})[change.quantity] = None
+        by = by_key((change.joint, change.quantity) for change in self.unproven)
         logs = "one log" if len(self.logs) == 1 else f"these {len(self.logs)} logs"
-        joints = "; ".join(f"{joint} ({', '.join(what)})" for joint, what in by.items())
+        joints = "; ".join(f"{joint} ({', '.join(dict.fromkeys(x))})" for joint, x in by.items())
         return (
             f"{logs} cannot tell drift from an error of the model in other motions or from other "
             f"efforts; beyond {CLEAR_HALF_WIDTHS:g} half-widths: {joints}. Give longer logs, or "

@@ -86,17 +86,10 @@ class ComponentSummary:
             return Row((name, NONE, "assumed zero", NONE, NONE, NONE, NONE))
         if self.data_share < LEAST_VARIANCE_SHARE:
             return Row((name, NONE, NONE, NONE, width, NONE, "0 %"))
-        return Row(
-            (
-                name,
-                significant(self.rms),
-                f"{significant(self.peak)} ± {significant(self.peak_half_width, 2)}",
-                f"{self.peak_time_s:.2f}",
-                width,
-                f"{100.0 * self.nonzero_share:.0f} %",
-                f"{100.0 * self.data_share:.0f} %",
-            )
-        )
+        peak = f"{significant(self.peak)} ± {significant(self.peak_half_width, 2)}"
+        shares = (f"{100.0 * share:.0f} %" for share in (self.nonzero_share, self.data_share))
+        at = f"{self.peak_time_s:.2f}"
+        return Row((name, significant(self.rms), peak, at, width, *shares))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
