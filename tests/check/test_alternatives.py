@@ -16,7 +16,7 @@ from steelyard.check.finding import Edit
 def test_torques_in_thousandths_are_offered_their_gain(
     arm: Arm, factor: float, offered: bool
 ) -> None:
-    reading = SimpleNamespace(effort_scale=np.full(3, factor))
+    reading = SimpleNamespace(effort_scale=np.full(3, factor), held=0.0)
     hypothesis = cast(Any, SimpleNamespace(cause="effort kind", reading=reading))
     says = unwritten_number_advice(arm.case(arm.table), hypothesis, sure=True).says
     assert says.startswith("if efforts are in mNm, write gain = 0.001") == offered
@@ -24,7 +24,7 @@ def test_torques_in_thousandths_are_offered_their_gain(
 
 
 def test_the_torque_of_one_motor_is_offered_its_gear_ratio(arm: Arm) -> None:
-    reading = SimpleNamespace(effort_scale=np.array([1.0, 8.0, 1.0]))
+    reading = SimpleNamespace(effort_scale=np.array([1.0, 8.0, 1.0]), held=0.0)
     hypothesis = cast(Any, SimpleNamespace(cause="gain", reading=reading))
     says = unwritten_number_advice(arm.case(arm.table), hypothesis, sure=True).says
     assert says.startswith(f"if the torque of {arm.robot.joint_names[1]} is that of the motor")
@@ -50,7 +50,7 @@ def test_the_unit_in_the_names_of_currents_is_proposed_where_it_is_the_factor(
     case = replace(arm, columns=tuple(columns)).case(arm.table, text)
     assert case.loaded.signals is not None
     scaled = factor * case.loaded.signals.effort_scale
-    reading = SimpleNamespace(effort_scale=scaled)
+    reading = SimpleNamespace(effort_scale=scaled, held=0.0)
     hypothesis = cast(Any, SimpleNamespace(cause="gain", reading=reading))
     found = unwritten_number_advice(case, hypothesis, sure=True)
     wanted = (Edit(("signals", "effort", "unit"), proposed),) if proposed else ()
