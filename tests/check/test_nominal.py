@@ -164,7 +164,7 @@ def test_a_log_that_alone_decides_nothing_supports_what_others_show(arm):
     both = found(a=late, b=short)
     assert [f.severity for f in both.values()] == [Severity.WRONG] * 2
     assert {f.fix.edits[0].value for f in both.values()} == {0.05}
-    assert "known from a, this log alone does not decide it" in both["b"].figure
+    assert "known from a, for this log as well" in both["b"].figure
     assert "known from" not in both["a"].figure
     clean = found(a=late, b=short, c=arm.table)
     assert clean["c"].severity == Severity.OK

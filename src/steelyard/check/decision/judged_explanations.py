@@ -235,7 +235,8 @@ def _shared(found: LogVerdict, search: Search, verdicts: Mapping[str, LogVerdict
         if fitted is None or loss > SURE or odds < (NEUTRAL if cause in NUMBERS else -NEUTRAL):
             continue
         alone = "does not decide" if odds > NEUTRAL else "cannot show"
-        note = f"; known from {', '.join(sure)}, this log alone {alone} it"
+        note = f"; known from {', '.join(sure)}"
+        note += f", this log alone {alone} it" if odds < SURE else ", for this log as well"
         scored = replace(common, score=fitted.score, evidence=fitted.log, odds=odds, note=note)
         one = replace(scored, compared=(FREE_INERTIAS, declared.evidence.percent))
         severity = Severity.WRONG if odds >= SURE else Severity.DOUBTFUL
