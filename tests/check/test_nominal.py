@@ -503,7 +503,7 @@ def test_the_gravity_that_a_controller_removes_is_no_mounting(arm, share, heavie
     assert not {"robot.gravity", "robot.mounting"} & set(edits(found))
     if share == 1.0:
         kind = next(f for f in found.findings if f.check == "effort kind")
-        assert kind.severity == Severity.WRONG and not found.edits
+        assert kind.severity == Severity.DOUBTFUL and not found.edits
         assert "lack the gravity of the model file's masses" in kind.says
         assert "the gravity torque that the controller subtracts" in kind.fix.says
 

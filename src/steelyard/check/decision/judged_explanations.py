@@ -185,7 +185,9 @@ def _by_evidence(found: LogVerdict, search: Search, others: Mapping[str, Search]
         # numbers that are fitted to the nominal bodies also fit what friction and they lack
         fitted = cause in FACTOR_CAUSES and hypothesis is not None and not hypothesis.fixed
         if hypothesis is not None and odds >= (SURE if fitted else LIKELY):
-            sure = odds >= SURE and best.evidence.percent <= ROUGH_MISFIT and hypothesis.fixed
+            # removed weight is rare, and with free bodies fits other mistakes: nothing is sure by it
+            explained = best.evidence.percent <= ROUGH_MISFIT and not best.reading.held
+            sure = odds >= SURE and explained and hypothesis.fixed
             hypothesis = replace(hypothesis, odds=odds)
             one, severity = _judged_part(search, hypothesis, odds, sure)
             if severity is Severity.WRONG and (log := _excluding(search, cause, others)):
@@ -347,10 +349,9 @@ def _judged_part(search: Search, one: Hypothesis, odds: float, sure: bool) -> Ju
         # unknown factors are wrong only where most intervals, or one by far, exclude the declared
         most = np.mean((low > 1.0) | (high < 1.0)) > 0.5
         far = (low > HEAVIEST_FACTOR) & np.isfinite(high) | (high < 1 / HEAVIEST_FACTOR) & (low > 0)
-        sure = odds >= SURE and (one.fixed or bool(most or far.any()))
+        sure = odds >= SURE and not one.reading.held and (one.fixed or bool(most or far.any()))
         return one, Severity.WRONG if sure else Severity.DOUBTFUL
-    kept = sure and not (one.cause == "effort kind" and one.reading.held)
-    return replace(one, fixed=kept), Severity.WRONG if sure else Severity.DOUBTFUL
+    return replace(one, fixed=sure), Severity.WRONG if sure else Severity.DOUBTFUL
 
 
 def _written(best: Reading, declared: Reading, winners: Sequence[Judged]) -> Reading:
