@@ -185,7 +185,7 @@ def _by_evidence(found: LogVerdict, search: Search, others: Mapping[str, Search]
         # numbers that are fitted to the nominal bodies also fit what friction and they lack
         fitted = cause in FACTOR_CAUSES and hypothesis is not None and not hypothesis.fixed
         if hypothesis is not None and odds >= (SURE if fitted else LIKELY):
-            # removed weight is rare, and with free bodies fits other mistakes: nothing is sure by it
+            # removed weight with free bodies fits other mistakes too: nothing is sure by it
             explained = best.evidence.percent <= ROUGH_MISFIT and not best.reading.held
             sure = odds >= SURE and explained and hypothesis.fixed
             hypothesis = replace(hypothesis, odds=odds)
