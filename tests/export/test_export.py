@@ -588,3 +588,15 @@ def test_a_file_that_reads_otherwise_is_refused(tmp_path: Path) -> None:
         path.write_text(made.text.replace(old, new))
         with pytest.raises(ModelError, match=words):
             refuse_changed(path, made)
+
+
+@pytest.mark.parametrize("form", ["urdf", "mjcf"])
+def test_a_model_whose_masses_are_up_to_one_factor_is_refused(form: Format) -> None:
+    """One gain of 1 of currents stands for unknown ones."""
+    model = identified_of(tree())
+    gains = np.array([1.0, 0.5, 0.7, 0.2])
+    signals = replace(model.signals, effort_units=("A",) * 4, gains=gains)
+    with pytest.raises(ModelError, match="gain of joint 'trunk_joint' is unknown"):
+        exported(replace(model, signals=signals), form)
+    known = replace(signals, gains=3.0 * gains)
+    assert exported(replace(model, signals=known), form).text

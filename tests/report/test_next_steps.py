@@ -39,6 +39,21 @@ def test_a_good_model_is_to_be_used(usual):
     assert commands(usual) == ["steelyard export out --to urdf"]
 
 
+def test_a_model_of_relative_gains_is_to_get_a_load_before_it_is_exported(usual):
+    identified = usual.identified
+    count = len(identified.signals.gains)
+    gains = np.append(1.0, np.full(count - 1, 0.4))
+    signals = replace(identified.signals, effort_units=("A",) * count, gains=gains)
+    content = replace(
+        usual,
+        identified=replace(identified, signals=signals),
+        logs={"a": "a.csv", "b": "b.csv"},
+    )
+    (command,) = (one for one in commands(content) if "--loaded" in one)
+    wanted = "steelyard identify arm.toml a.csv --validate b.csv --loaded LOG --payload-mass KG"
+    assert command == wanted and not any("export" in one for one in commands(content))
+
+
 def test_without_a_run_that_was_not_fitted_one_is_to_be_logged(usual):
     assert commands(replace(usual, scores=())) == ["steelyard validate out OTHER_LOG"]
 

@@ -243,6 +243,7 @@ def next_steps(content: ReportContent, robot: str, model: Path) -> tuple[Step, .
     judged, table = verdict(content), parameter_rows(content.identified)
     weak = sum(row.status in WEAK_STATUSES for row in table) / max(len(table), 1)
     steps = list(fix_commands(content, str(model), robot))
+    weigh = f"{identify_command(robot, [*content.logs.values()])} --loaded LOG --payload-mass KG"
     robot, folder = path_word(robot), path_word(model)
     logs = " ".join(path_word(log) for log in content.logs.values())
     if content.diagnosis is not None and content.diagnosis.inconclusive:
@@ -261,8 +262,7 @@ def next_steps(content: ReportContent, robot: str, model: Path) -> tuple[Step, .
         command = f"steelyard excite {robot} --earlier {folder} --still-unknown"
         steps.append((command, "a motion for parameters that are poorly identified or not at all"))
     if judged.level == "good" and not all(known_efforts(content.identified)):
-        command = f"steelyard identify {robot} {logs} --loaded LOG --payload-mass KG"
-        steps.append((command, "gains in Nm per A; until then no torques, no URDF"))
+        steps.append((weigh, "gains in Nm per A; until then no torques, no URDF"))
     elif judged.level == "good":
         uses = "use the model, here as a URDF; also: feedforward, wrench, payload, watch"
         steps.append((f"steelyard export {folder} --to urdf", uses))
