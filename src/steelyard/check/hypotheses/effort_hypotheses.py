@@ -7,7 +7,6 @@ the unit is wrong too.
 
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import permutations, product
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -193,14 +192,23 @@ UNLOADED_SHARE = 0.05  # share of an effort that bodies must make for its sign t
 
 
 def best_combinations(likelihood: Likelihood) -> list[Hypothesis]:
-    """Readings that differ in order and signs at once, by nominal bodies with free gains."""
-    if not 2 <= likelihood.signals.n <= MOST_PERMUTED_JOINTS:
+    """Readings that differ in order and signs at once, by nominal bodies with free gains.
+
+    Joints in every order, efforts with them or as declared, and efforts alone; then every set of
+    signs of positions for the likeliest of these.
+    """
+    declared, n = likelihood.declared, likelihood.signals.n
+    if not 2 <= n <= MOST_PERMUTED_JOINTS:
         return []
     coarse = likelihood.thinned(COARSE_SAMPLES)
-    best = _best_combinations(coarse, list(filter(keeps_evidence, _orders(likelihood.declared))))
-    signs = [np.array(signs) for signs in product((1.0, -1.0), repeat=likelihood.signals.n)]
+    orders = np.array(list(permutations(range(n))))
+    efforts = [orders, *(np.stack((orders[0], order)) for order in orders[1:])]
+    best = _best_combinations(
+        coarse, [declared.ordered(order, efforts=False) for order in orders.tolist()], efforts
+    )
+    signs = [np.array(signs) for signs in product((1.0, -1.0), repeat=n)]
     tried = [r.changed(position_scale=s * r.position_scale) for r in best for s in signs]
-    best = _best_combinations(coarse, tried)
+    best = _best_combinations(coarse, tried, [np.array([r.effort]) for r in tried])
     return [
         _combined_of(reading.on(likelihood))
         for reading in (*best, *filter(None, map(_all_turned, best)))
@@ -223,48 +231,42 @@ def _all_turned(reading: Reading) -> Reading | None:
     return reading.with_factors(-signs) if most else None
 
 
-def _orders(reading: Reading) -> Iterator[Reading]:
-    """Joints in every order, efforts with them or as declared; and efforts alone."""
-    for order in permutations(every := range(len(reading.position))):
-        yield reading.ordered(order, efforts=False)
-        if order != tuple(every):
-            yield reading.ordered(order)
-            yield reading.ordered(order, positions=False)
-
-
-def _best_combinations(coarse: Likelihood, readings: Sequence[Reading]) -> list[Reading]:
+def _best_combinations(
+    coarse: Likelihood, motions: Sequence[Reading], efforts: Sequence[NDArray[np.intp]]
+) -> list[Reading]:
     """The likeliest readings with gains of their own, efforts turned where that fits.
 
-    Products are made once for all readings of one motion.
+    Readings of motions of their own, each with several orders of effort columns, `(k, n)`.
     """
-    motions: dict[tuple[Any, ...], list[int]] = {}
-    for number, reading in enumerate(readings):
-        motions.setdefault(reading.of_motion, []).append(number)
-    groups, size = list(motions.values()), max(1, SAMPLE_BATCH // len(coarse.excerpt.t))
-    costs, turned = np.empty(len(readings)), np.empty((len(readings), coarse.signals.n))
-    for start in range(0, len(groups), size):
-        part = groups[start : start + size]
-        sums = coarse.sums([readings[numbers[0]] for numbers in part])
-        of, which = np.concatenate(part), np.repeat(np.arange(len(part)), [len(x) for x in part])
-        misfits, turned[of], counts = _with_gains(sums.of(which), [readings[k] for k in of])
-        costs[of] = 0.5 * np.sum(counts * np.log(misfits**2 + SMALL_FREE_MISFIT**2), axis=1)
-    best = np.argsort(costs, kind="stable")[:FEW_COMBINATIONS]
-    return [readings[k].with_factors(turned[k]) for k in best]
+    joints, size = np.arange(coarse.signals.n), max(1, SAMPLE_BATCH // len(coarse.excerpt.t))
+    costs, turned = np.empty((2, len(motions), len(joints), len(joints)))
+    for start in range(0, len(motions), size):
+        part = slice(start, start + size)
+        costs[part], turned[part] = _with_gains(coarse.sums(motions[part]), motions[part])
+    of = np.repeat(np.arange(len(motions)), [len(one) for one in efforts])[:, None]
+    columns = np.concatenate(efforts)
+    best: list[Reading] = []
+    for k in np.argsort(costs[of, joints, columns].sum(axis=1), kind="stable"):
+        reading = motions[of[k, 0]].changed(effort=tuple(columns[k].tolist()))
+        if keeps_evidence(reading):
+            best.append(reading.with_factors(turned[of[k, 0], joints, columns[k]]))
+        if len(best) == FEW_COMBINATIONS:
+            break
+    return best
 
 
-def _with_gains(sums: EffortProducts, readings: Sequence[Reading]) -> tuple[Array, Array, Array]:
-    """Misfits with a gain per joint, its sign where the bodies show it, and counts, `(h, n)`."""
-    effort = np.array([r.effort for r in readings])
-    h, j = np.ogrid[: effort.shape[0], : effort.shape[1]]
-    ee = np.maximum(sums.ee[h, j, effort], 1e-300)
-    ye = sums.ye[h, j, :, effort]
+def _with_gains(sums: EffortProducts, motions: Sequence[Reading]) -> tuple[Array, Array]:
+    """Costs of every joint's misfit to every effort column, and their signs, `(h, n, n)` each.
+
+    With a gain per joint, which is negative where the bodies show it.
+    """
     sizes = np.sqrt(np.maximum(np.diagonal(sums.yy, axis1=-2, axis2=-1), 1e-300))
     normal = sums.yy / sizes[..., None] / sizes[..., None, :] + 1e-9 * np.eye(5)
-    right = ye / sizes
-    theta = np.linalg.solve(normal, right[..., None])[..., 0]
-    left = 1.0 - np.sum(right * theta, axis=-1) / ee
-    scale = np.array([r.effort_scale for r in readings])
-    share = theta[..., 4] / np.sqrt(ee) * np.sign(scale)
-    signs = np.where(share < -UNLOADED_SHARE, -1.0, 1.0)
-    counts = np.where(sums.count >= LEAST_SAMPLE_COUNT, sums.count, 0.0)
-    return np.sqrt(np.maximum(left, 0.0)), signs, counts
+    right, ee = sums.ye / sizes[..., None], np.maximum(sums.ee, 1e-300)
+    theta = np.linalg.solve(normal, right)
+    left = np.maximum(1.0 - np.sum(right * theta, axis=-2) / ee, 0.0)
+    counts = np.where(sums.count >= LEAST_SAMPLE_COUNT, sums.count, 0.0)[..., None]
+    scale = np.array([r.effort_scale for r in motions])[..., None]
+    share = theta[..., 4, :] / np.sqrt(ee) * np.sign(scale)
+    costs = 0.5 * counts * np.log(left + SMALL_FREE_MISFIT**2)
+    return costs, np.where(share < -UNLOADED_SHARE, -1.0, 1.0)
