@@ -5,6 +5,7 @@ import pytest
 from scipy import signal
 
 from steelyard.base.errors import LogError
+from steelyard.estimate.information.filter_and_gram import ParallelFilter
 from steelyard.runs.cutoff_frequencies import MATCHED_FACTOR, Processing, cutoffs
 from steelyard.runs.rest_speed import SpeedHistogram, default_rest_speed, given_rest_speed
 from steelyard.runs.spectrum_and_period import motion_band, welch
@@ -84,6 +85,15 @@ def test_requested_cutoffs_are_taken() -> None:
     assert (other.motion, other.matched) == (12.0, 4.0)
 
 
+def test_without_parallel_filter_nothing_is_cut_off() -> None:
+    usual = cutoffs(Processing(), 0.5, 100.0, "log")
+    for matched in (None, 50.0, 125.0):  # such as were found of another log
+        none = cutoffs(Processing(parallel_filter=False, matched_cutoff=matched), 0.5, 100.0, "log")
+        assert (none.motion, none.matched) == (usual.motion, 50.0)
+    assert ParallelFilter.design(50.0, 100.0).taps.tolist() == [1.0]
+    assert ParallelFilter.design(125.0, 100.0).inflation == 1.0
+
+
 @pytest.mark.parametrize(
     ("processing", "words"),
     [
@@ -104,8 +114,9 @@ def test_rest_speeds_are_one_or_one_per_joint() -> None:
     assert given_rest_speed(Processing(), 3) is None
     with pytest.raises(LogError, match="does not fit 3 joints"):
         given_rest_speed(Processing(rest_speed=(1.0, 2.0)), 3)
+    assert given_rest_speed(Processing(rest_speed=0.0), 3).tolist() == [0.0] * 3  # none rests
     with pytest.raises(LogError, match="does not fit"):
-        given_rest_speed(Processing(rest_speed=0.0), 3)
+        given_rest_speed(Processing(rest_speed=(0.0, 1.0, 1.0)), 3)
 
 
 def test_rest_speed_is_the_largest_of_its_reasons() -> None:

@@ -95,7 +95,9 @@ def commanded_note(identified: IdentifiedModel, scores: Sequence[RunScore]) -> t
 def notes_of(runs: Sequence[Run]) -> tuple[str, ...]:
     """The cut-offs, the chain, and one line for whatever else of each run could not be used."""
     first = runs[0]
-    cut = f"cut-offs: motion {first.motion_cutoff:g} Hz, regression {first.matched_cutoff:g} Hz"
+    cut = f"cut-offs: motion {first.motion_cutoff:g} Hz, "
+    parallel = first.chain.processing.parallel_filter
+    cut += f"regression {first.matched_cutoff:g} Hz" if parallel else "no parallel filter"
     chains = {f"processing: {run.chain.words}": run.name for run in runs}
     steps = (words if len(chains) == 1 else f"{name}: {words}" for words, name in chains.items())
     return (cut, *steps, *(f"{run.name}: {loss}" for run in runs for loss in run.quality.losses))

@@ -152,6 +152,8 @@ def fits_with_other_cutoffs(
     for factor in FACTORS:
         motion = rounded(min(factor * now.motion, NYQUIST_SHARE * rate))
         matched = rounded(min(factor * now.matched, MATCHED_HIGHEST * rate, motion))
+        if not identified.processing.parallel_filter:
+            matched = now.matched
         other = replace(processing_of(identified), motion_cutoff=motion, matched_cutoff=matched)
         try:
             same = replace(other, repetitions=identified.processing.repetitions)

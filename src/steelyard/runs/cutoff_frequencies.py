@@ -39,10 +39,11 @@ def cutoffs(
 ) -> Cutoffs:
     """The requested cut-offs, or those that fit the motion's band and its noise floor [Hz].
 
+    Without a parallel filter that cut-off is half the rate, all that a log can hold.
     The motion's cut-off is never below `floor`, where the spectrum of the positions meets its
     noise: nothing that can be distinguished from noise is removed.
     """
-    matched = processing.matched_cutoff
+    matched = processing.matched_cutoff if processing.parallel_filter else None
     if matched is None:
         highest = min(MATCHED_HIGHEST * rate, processing.motion_cutoff or np.inf)
         matched = rounded(min(max(MATCHED_FACTOR * band, MATCHED_LOWEST), highest))
@@ -66,7 +67,7 @@ def cutoffs(
                 if slow
                 else usual,
             )
-    return Cutoffs(motion, matched)
+    return Cutoffs(motion, matched if processing.parallel_filter else 0.5 * rate)
 
 
 def rounded(value: float) -> float:

@@ -71,14 +71,16 @@ def prepare(
     given = given_rest_speed(processing, recording.channels.joints)
     read = replace(loaded, log=recording.log)
     kept = KeptSamples()
-    references = [np.ones(recording.channels.joints), *([] if given is None else [given])]
+    limited = given is not None and given.any()
+    references = [np.ones(recording.channels.joints), *([given] if limited else [])]
     histograms, marked = _speeds(loaded, found, kept, Source(read, chain, segments), references)
     speeds = histograms[0]
     rest = speeds.edge_above(_rest_speed(recording, found, chain, speeds.quantile(0.99)))
-    whole = (found.segments[0].start, found.segments[-1].stop) if at_rest else None
+    every = found.segments[0].start, found.segments[-1].stop
+    whole = every if at_rest else None
     judged = used = _moves(speeds, rest, whole)
     if given is not None:
-        used = _moves(histograms[-1], given, whole)
+        used = _moves(histograms[-1], given, whole) if limited else Moves(given, every)
         judged = used if judged is None else judged
     if used is None or judged is None:
         raise _static(recording)
@@ -308,12 +310,15 @@ def _choices_for_quality(
         "" if cutoff is None else " (not chosen from this log)"
         for cutoff in (requested.motion_cutoff, requested.matched_cutoff)
     )
+    parallel = f"regression cut-off {chain.matched_cutoff:g} Hz{matched}"
+    if not requested.parallel_filter:
+        parallel = "no parallel filter"
+    rests = "at rest below " + " ".join(f"{s:.2g}" for s in rest_speed) + " rad/s or m/s"
     return (
         f"resampled to {found.rate:g} Hz (steps {1e3 * mean:.4g} ms mean, {1e3 * least:.4g} to "
         f"{1e3 * most:.4g} ms)",
         f"motion up to {found.band.frequency:.2g} Hz, noise above {found.band.floor:.2g} Hz: "
-        f"motion cut-off {chain.motion_cutoff:g} Hz{motion}, "
-        f"regression cut-off {chain.matched_cutoff:g} Hz{matched}",
+        f"motion cut-off {chain.motion_cutoff:g} Hz{motion}, {parallel}",
         f"processing: {chain.words}; {marked.words or 'nothing corrected'}",
-        "at rest below " + " ".join(f"{s:.2g}" for s in rest_speed) + " rad/s or m/s",
+        rests if rest_speed.any() else "no joint counts as at rest",
     )

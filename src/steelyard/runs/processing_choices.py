@@ -88,7 +88,7 @@ class Processing:
     motion_cutoff: float | None = None  # low-pass of positions and velocities [Hz]
     # low-pass that the pass applies to regressor and effort alike [Hz]
     matched_cutoff: float | None = None
-    # speed up to which a joint rests, one for all or one per joint [rad/s; m/s]
+    # speed up to which a joint rests, one for all or one per joint [rad/s; m/s]; 0: none rests
     rest_speed: float | tuple[float, ...] | None = None
     rate: float | None = None  # of the uniform clock [Hz]
     resampling: str = "cubic"  # name of the interpolation, see `INTERPOLATIONS`
@@ -104,6 +104,7 @@ class Processing:
     leave_out_saturated: bool = True  # whether efforts that stay at a limit count for nothing
     # that the motion is repeated, and only its mean is wanted
     repetitions: Repetitions | None = None
+    parallel_filter: bool = True  # whether regressor and effort are low-passed at all
 
     def __post_init__(self) -> None:
         if self.motion is BY_CUTOFF:
@@ -167,14 +168,15 @@ def requested_processing(section: ProcessingSection, where: Callable[..., str]) 
         repetitions = Repetitions(*given)
     wanted = Processing(
         motion_cutoff=section.motion_cutoff,
-        matched_cutoff=section.matched_cutoff,
-        rest_speed=section.rest_speed,
+        matched_cutoff=None if section.matched_cutoff == "off" else section.matched_cutoff,
+        rest_speed=0.0 if section.rest_speed == "off" else section.rest_speed,
         rate=section.rate,
         resampling=section.resampling,
         outliers=None if section.outliers == "keep" else section.outliers,
         bridge_repeats=section.repeats == "bridge",
         leave_out_saturated=section.saturation == "leave_out",
         repetitions=repetitions,
+        parallel_filter=section.matched_cutoff != "off",
     )
     if section.motion is not None:
         wanted = replace(wanted, motion=method_of(section.motion, where("processing", "motion")))

@@ -95,11 +95,12 @@ def given_rest_speed(processing: Processing, joints: int) -> Array | None:
     if processing.rest_speed is None:
         return None
     speeds = np.atleast_1d(np.asarray(processing.rest_speed, dtype=np.float64))
-    if len(speeds) not in (1, joints) or not (np.isfinite(speeds) & (speeds > 0.0)).all():
+    known = (np.isfinite(speeds) & (speeds > 0.0)).all() or not speeds.any()
+    if len(speeds) not in (1, joints) or not known:
         raise LogError(
             f"rest speed {processing.rest_speed} does not fit {joints} joints",
             where="processing",
-            fix=f"give one speed above 0 for all joints, or {joints} of them",
+            fix=f"give one speed for all joints, or {joints} of them; 0: no joint rests",
         )
     return frozen(np.broadcast_to(speeds, (joints,)))
 

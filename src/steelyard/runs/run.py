@@ -100,7 +100,8 @@ class Run:
         name: The recording's name, with its cut as written.
         chain: What is done with its rows.
         segments: Stretches without gaps that are long enough for the filters.
-        rest_speed: Speed up to which each joint rests, shape `(n,)` [rad/s; m/s].
+        rest_speed: Speed below which each joint rests, shape `(n,)` [rad/s; m/s]; 0 where none
+            does.
         span: Times of the first and last motion of any joint, from the log's start [s].
         judged: Where the joints move by the log alone, whatever rest speed is set: errors count
             these samples.
@@ -180,7 +181,7 @@ class Run:
         q, dq, ddq, effort = values.reshape(4, n, -1)
         first = part.first + inside.start
         t = part.segment.start + np.arange(first, first + values.shape[1]) / self.rate
-        moving = np.abs(dq) > self.rest_speed[:, None]
+        moving = np.abs(dq) >= self.rest_speed[:, None]
         out = efforts_left_out(t, n, self.recording.left_out, self._spread)
         moving = moving if out is None else moving & ~out
         weights = None if part.weights is None else part.weights[:, inside].copy()

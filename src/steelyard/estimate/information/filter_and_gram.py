@@ -19,6 +19,7 @@ from steelyard.runs.smoothing.zero_phase_filters import kaiser_lowpass
 from steelyard.symbolic.native.compiled_programs import FIR_OUTPUTS, TILE_COLUMNS, TILE_ROWS, loops
 
 SUPPRESSION = 60.0  # attenuation above twice the cut-off [dB]
+ALL_PASSES = 0.5  # cut-off over sampling rate from which on nothing is filtered
 FINE = 40.0  # sampling rate over cut-off at which the noise bandwidth is taken
 
 
@@ -36,8 +37,11 @@ class ParallelFilter:
     def design(cls, cutoff: float, rate: float) -> "ParallelFilter":
         """Kaiser-windowed low-pass, `SUPPRESSION` dB down from twice the cut-off on.
 
-        The cut-off [Hz] is below a quarter of the rate [Hz].
+        The cut-off [Hz] is below a quarter of the rate [Hz]; at half the rate or above, every
+        sample passes unchanged.
         """
+        if cutoff >= ALL_PASSES * rate:
+            return cls(cutoff, rate, frozen(np.ones(1)), 1)
         taps = kaiser_lowpass(SUPPRESSION, 2.0 * cutoff / rate, 2.0 * cutoff / rate)
         return cls(cutoff, rate, frozen(taps), max(1, int(rate / (4.0 * cutoff))))
 

@@ -269,9 +269,9 @@ class ProcessingSection(Section):
             data if left out.
         effort: Filter of efforts, like `motion`; as logged if left out.
         matched_cutoff: Cut-off of the parallel filter, the low-pass of regressor and efforts [Hz];
-            chosen from the data if left out.
-        rest_speed: Speed up to which a joint is at standstill [rad/s; m/s]; chosen from the data if
-            left out.
+            chosen from the data if left out; `off`: no parallel filter.
+        rest_speed: Speed up to which a joint is at standstill, where its effort is not fitted
+            [rad/s; m/s]; chosen from the data if left out; `off`: all samples are fitted.
         repetitions: `find`, or a table, if a log repeats one motion.
     """
 
@@ -283,8 +283,8 @@ class ProcessingSection(Section):
     motion: Name | dict[str, Any] | None = None
     motion_cutoff: Positive | None = None
     effort: Name | dict[str, Any] | None = None
-    matched_cutoff: Positive | None = None
-    rest_speed: Positive | None = None
+    matched_cutoff: Positive | Literal["off"] | None = None
+    rest_speed: Positive | Literal["off"] | None = None
     repetitions: Literal["find"] | RepetitionsTable | None = None
 
 
