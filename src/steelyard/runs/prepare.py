@@ -71,8 +71,10 @@ def prepare(
     given = given_rest_speed(processing, recording.channels.joints)
     read = replace(loaded, log=recording.log)
     kept = KeptSamples()
-    limited = given is not None and given.any()
-    references = [np.ones(recording.channels.joints), *([given] if limited else [])]
+    limited = given is not None and bool(given.any())
+    references = [np.ones(recording.channels.joints)]
+    if given is not None and limited:
+        references.append(given)
     histograms, marked = _speeds(loaded, found, kept, Source(read, chain, segments), references)
     speeds = histograms[0]
     rest = speeds.edge_above(_rest_speed(recording, found, chain, speeds.quantile(0.99)))
