@@ -24,7 +24,7 @@ from steelyard.excite.search.search_methods import minimised_by_genes
 from steelyard.model.equations.inverse_dynamics import JointState
 from steelyard.model.laws.friction_over_speed import Coulomb, Stribeck, Viscous
 from steelyard.model.model import Model
-from steelyard.model.terms.axes_and_parameters import Find
+from steelyard.model.terms.axes_and_fields import Find
 from steelyard.model.terms.term import Cause, Columns, Dissipation, Term
 from steelyard.robot.robot import Coordinate, Robot
 

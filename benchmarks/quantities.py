@@ -12,7 +12,7 @@ import pinocchio as pin
 from oracles import pinocchio_model
 from steelyard.base.arrays import Parameters
 from steelyard.model.equations.frame_and_point_kinematics import last_frame
-from steelyard.model.laws.friction_memory_and_load import Dahl
+from steelyard.model.laws.friction_with_memory import Dahl
 from steelyard.model.model import Model, ValuedModel
 
 STEPS, SAMPLES = 100, 50_000

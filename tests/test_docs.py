@@ -11,7 +11,7 @@ from steelyard.cli.app import app
 from steelyard.estimate.estimator_register import ESTIMATORS
 from steelyard.logs.formats import FORMATS
 from steelyard.model.laws.register import term_of
-from steelyard.model.terms.axes_and_parameters import finds_of
+from steelyard.model.terms.axes_and_fields import finds_of
 from steelyard.robot.file.sections import RobotFile
 from steelyard.robot.file.toml_schema import Section, checked, meanings_of
 

@@ -45,7 +45,7 @@ ONE_FILE = {
     "pymoo": {"excite/search/search_methods.py"},
     "cma": {"excite/search/search_methods.py"},
     "llvmlite": {"symbolic/native/compiler.py"},
-    "jinja2": {"report/page.py"},
+    "jinja2": {"base/templates.py"},
     "viser": {"excite/page/browser_replay.py"},
     "pydantic": {
         "robot/file/excitation_sections.py",

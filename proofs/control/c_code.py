@@ -25,13 +25,13 @@ from steelyard.export.code.c_code import CCode
 from steelyard.export.code.controller_functions import FUNCTIONS, Controller, ObserverNumbers
 from steelyard.export.code.export_code import end_frames
 from steelyard.model.equations.passive_joints import passive_positions, random_positions
-from steelyard.model.laws.friction_memory_and_load import Dahl
 from steelyard.model.laws.friction_over_speed import (
     DirectionalCoulomb,
     DirectionalViscous,
     Stribeck,
     Viscous,
 )
+from steelyard.model.laws.friction_with_memory import Dahl
 from steelyard.model.laws.laws_without_friction import RigidBody, Spring
 from steelyard.model.laws.register import DEFAULT_TERMS
 from steelyard.model.model import Model

@@ -12,7 +12,7 @@ from proofs.support.claims import Claim, main_of
 from steelyard.base.motion import Motion
 from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.export.code.export_code import write_code
-from steelyard.model.laws.friction_memory_and_load import Dahl
+from steelyard.model.laws.friction_with_memory import Dahl
 from steelyard.model.laws.register import DEFAULT_TERMS
 from steelyard.robot.robot import Robot
 

@@ -28,8 +28,8 @@ from steelyard.base.errors import SteelyardError
 from steelyard.base.motion import Motion
 from steelyard.excite.trajectories.fourier import random_fourier
 from steelyard.identify.identify import identify
-from steelyard.model.laws.friction_memory_and_load import Dahl, LoadDependent
 from steelyard.model.laws.friction_over_speed import Coulomb, Quadratic, Root, Stribeck, Viscous
+from steelyard.model.laws.friction_with_memory import Dahl, LoadDependent
 from steelyard.model.laws.laws_without_friction import Offset, RigidBody, RotorInertia
 from steelyard.model.laws.register import description_of
 from steelyard.model.terms.term import Term

@@ -217,7 +217,7 @@ def of_information() -> list[Claim]:
     from steelyard.estimate.information.base_regressor import base_regressor
     from steelyard.estimate.information.filter_and_gram import Accumulator, Stretch
     from steelyard.estimate.information.information import Information, Signature, Window
-    from steelyard.model.laws.friction_memory_and_load import Dahl
+    from steelyard.model.laws.friction_with_memory import Dahl
     from steelyard.model.laws.register import DEFAULT_TERMS
     from steelyard.model.model import Model
 

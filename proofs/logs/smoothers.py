@@ -26,8 +26,8 @@ from steelyard.robot.robot import Robot
 from steelyard.runs.prepare import prepare
 from steelyard.runs.processing_choices import Processing
 from steelyard.runs.recording import LogInMemory, Recording
-from steelyard.runs.smoothing.auto_and_fourier import Fourier
 from steelyard.runs.smoothing.kalman_smoother import Kalman
+from steelyard.runs.smoothing.likeliest_cutoffs_and_fourier import Fourier
 from steelyard.runs.smoothing.spline_and_finite_windows import SmoothingSpline
 from steelyard.runs.smoothing.zero_phase_filters import Butterworth, Method
 from steelyard.simulate.ground_truth import random_truth

@@ -20,9 +20,9 @@ from steelyard.model.laws.laws_without_friction import RigidBody
 from steelyard.model.model import Model
 from steelyard.robot.robot import Robot
 from steelyard.simulate.mujoco_model import build, inverse_dynamics
-from steelyard.symbolic import program_and_smoothing as numpy_backend
-from steelyard.symbolic.program_and_smoothing import InputArray as Input
-from steelyard.symbolic.program_and_smoothing import Program
+from steelyard.symbolic import program_and_softening as numpy_backend
+from steelyard.symbolic.program_and_softening import InputArray as Input
+from steelyard.symbolic.program_and_softening import Program
 from steelyard.symbolic.symbols_and_tracing import symbolic
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "tests"))

@@ -17,7 +17,7 @@ from steelyard.estimate.information.base_regressor import base_parameters
 from steelyard.model.model import Model
 from steelyard.symbolic.native import compiler
 from steelyard.symbolic.native.compiled_programs import _module
-from steelyard.symbolic.program_and_smoothing import Program
+from steelyard.symbolic.program_and_softening import Program
 
 
 def program_of(model: Model, names: tuple[str, ...]) -> tuple[Program, int]:

@@ -12,8 +12,8 @@ import numpy as np
 from steelyard.base.arrays import Array
 from steelyard.base.motion import Motion
 from steelyard.excite.trajectories.fourier import random_fourier
-from steelyard.model.laws.friction_memory_and_load import LoadDependent
 from steelyard.model.laws.friction_over_speed import Coulomb, Stribeck
+from steelyard.model.laws.friction_with_memory import LoadDependent
 from steelyard.model.laws.register import DEFAULT_TERMS
 from steelyard.model.terms.term import Term
 from steelyard.robot.file.robot_file import LoadedRobot, load_robot

@@ -25,8 +25,8 @@ from steelyard.estimate.consistent.contradictions_and_prior_weight import TERM_M
 from steelyard.estimate.information.base_regressor import base_regressor
 from steelyard.estimate.information.information import Information
 from steelyard.estimate.nonlinear.nonlinear_parameters import information_from
-from steelyard.model.laws.friction_memory_and_load import LoadDependent
 from steelyard.model.laws.friction_over_speed import Stribeck
+from steelyard.model.laws.friction_with_memory import LoadDependent
 from steelyard.model.laws.laws_without_friction import Cogging
 from steelyard.model.laws.register import DEFAULT_TERMS, term_of
 from steelyard.model.terms.term import Term

@@ -16,7 +16,7 @@ from steelyard.base.files import write_json
 from steelyard.estimate.known_effort_scales import KnownScales
 from steelyard.excite.trajectories.trajectory_files import read_motion
 from steelyard.export.code.export_code import origin_of
-from steelyard.model.laws.friction_memory_and_load import Dahl
+from steelyard.model.laws.friction_with_memory import Dahl
 from steelyard.robot.file.robot_file import load_robot
 from steelyard.uses.control.feedforward import feedforward, remarks_on_torques
 

@@ -15,7 +15,6 @@ from steelyard.estimate.information.filter_and_gram import Accumulator, Stretch
 from steelyard.estimate.information.information import Information, Signature, Window
 from steelyard.estimate.prior.body_priors import Knowledge, Row, default_knowledge
 from steelyard.estimate.prior.dissipative_friction import REACH, dissipation_rows, shaped
-from steelyard.model.laws.friction_memory_and_load import Dahl, LuGre, MaxwellSlip
 from steelyard.model.laws.friction_over_speed import (
     Coulomb,
     Cubic,
@@ -26,6 +25,7 @@ from steelyard.model.laws.friction_over_speed import (
     Stribeck,
     Viscous,
 )
+from steelyard.model.laws.friction_with_memory import Dahl, LuGre, MaxwellSlip
 from steelyard.model.laws.laws_without_friction import Offset, RigidBody
 from steelyard.model.model import Model
 from steelyard.model.terms.term import Term

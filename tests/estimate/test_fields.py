@@ -22,11 +22,11 @@ from steelyard.estimate.information.filter_and_gram import Accumulator, Stretch
 from steelyard.estimate.information.information import Information, Signature, Window
 from steelyard.estimate.nonlinear.grid_search import unknowns_of
 from steelyard.estimate.nonlinear.nonlinear_parameters import FoundFields, find_fields
-from steelyard.model.laws.friction_memory_and_load import Dahl, LuGre
 from steelyard.model.laws.friction_over_speed import Coulomb, Coupled, Stribeck, Viscous
+from steelyard.model.laws.friction_with_memory import Dahl, LuGre
 from steelyard.model.laws.register import DEFAULT_TERMS, TERMS, description_of, term_of
 from steelyard.model.model import Model
-from steelyard.model.terms.axes_and_parameters import Find
+from steelyard.model.terms.axes_and_fields import Find
 from steelyard.model.terms.candidate_terms import CandidateTerms
 from steelyard.model.terms.term import Term
 from steelyard.robot.file.robot_file import load_robot

@@ -17,8 +17,8 @@ from steelyard.estimate.closed_loop.feedback_and_forward_dynamics import (
     Integration,
 )
 from steelyard.estimate.information.base_regressor import base_parameters
-from steelyard.model.laws.friction_memory_and_load import Dahl
 from steelyard.model.laws.friction_over_speed import Coulomb, Viscous
+from steelyard.model.laws.friction_with_memory import Dahl
 from steelyard.model.laws.laws_without_friction import RigidBody, RotorInertia
 from steelyard.model.model import Model
 from steelyard.robot.robot import Robot

@@ -18,7 +18,6 @@ from steelyard.estimate.information.base_regressor import base_regressor
 from steelyard.estimate.least_squares.weighted_robust_and_whitened import WeightedLeastSquares
 from steelyard.estimate.nonlinear.nonlinear_parameters import information_from
 from steelyard.estimate.scores.cross_validation import logarithms
-from steelyard.model.laws.friction_memory_and_load import Dahl, LoadDependent, MaxwellSlip
 from steelyard.model.laws.friction_over_speed import (
     Coulomb,
     Cubic,
@@ -28,6 +27,7 @@ from steelyard.model.laws.friction_over_speed import (
     Stribeck,
     Viscous,
 )
+from steelyard.model.laws.friction_with_memory import Dahl, LoadDependent, MaxwellSlip
 from steelyard.model.laws.laws_without_friction import Offset, RigidBody
 from steelyard.model.model import Model, ValuedModel
 from steelyard.model.terms.term import Term, has_memory

@@ -12,8 +12,8 @@ from steelyard.base.motion import Motion
 from steelyard.estimate.friction_curves import friction_curves
 from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.estimate.information.base_regressor import base_parameters
-from steelyard.model.laws.friction_memory_and_load import Dahl
 from steelyard.model.laws.friction_over_speed import Coulomb, Viscous
+from steelyard.model.laws.friction_with_memory import Dahl
 from steelyard.model.laws.laws_without_friction import RigidBody
 from steelyard.model.model import Model
 from steelyard.model.terms.term import Term

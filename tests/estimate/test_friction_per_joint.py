@@ -15,8 +15,8 @@ from steelyard.estimate.friction.friction_choice import FrictionChoice, choose_f
 from steelyard.estimate.information.base_regressor import BaseMap
 from steelyard.estimate.least_squares.weighted_robust_and_whitened import WeightedLeastSquares
 from steelyard.estimate.prior.body_priors import default_knowledge
-from steelyard.model.laws.friction_memory_and_load import PLAUSIBLE, Dahl, LoadDependent
 from steelyard.model.laws.friction_over_speed import Coulomb, Viscous
+from steelyard.model.laws.friction_with_memory import PLAUSIBLE, Dahl, LoadDependent
 from steelyard.model.laws.laws_without_friction import RigidBody
 from steelyard.model.model import Model
 from steelyard.model.terms.term import Term

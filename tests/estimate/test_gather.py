@@ -10,8 +10,8 @@ from invented import single
 from steelyard.estimate.information.base_regressor import base_regressor
 from steelyard.estimate.information.gather import MOST_WINDOWS, gather
 from steelyard.estimate.information.information import Window
-from steelyard.model.laws.friction_memory_and_load import Dahl
 from steelyard.model.laws.friction_over_speed import Coulomb
+from steelyard.model.laws.friction_with_memory import Dahl
 from steelyard.model.laws.laws_without_friction import RigidBody
 from steelyard.model.model import Model
 from steelyard.robot.file.signals import Signals

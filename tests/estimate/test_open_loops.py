@@ -12,7 +12,7 @@ from steelyard.estimate.information.base_regressor import base_regressor
 from steelyard.estimate.information.gather import gather
 from steelyard.estimate.scores.score import score
 from steelyard.identify.provenance_and_notes import dropped, first_dropped
-from steelyard.model.laws.friction_memory_and_load import Dahl
+from steelyard.model.laws.friction_with_memory import Dahl
 from steelyard.model.laws.laws_without_friction import RigidBody
 from steelyard.model.model import Model
 from steelyard.robot.file.signals import Signals

@@ -18,8 +18,8 @@ from steelyard.estimate.nonlinear.nonlinear_parameters import (
     reference_of,
     with_references,
 )
-from steelyard.model.laws.friction_memory_and_load import LoadDependent
 from steelyard.model.laws.friction_over_speed import Coulomb
+from steelyard.model.laws.friction_with_memory import LoadDependent
 from steelyard.model.laws.laws_without_friction import RigidBody
 from steelyard.model.model import Model
 

@@ -12,8 +12,8 @@ from steelyard.base.motion import Motion
 from steelyard.estimate.scores.residuals import MOST_KEPT
 from steelyard.estimate.scores.score import score
 from steelyard.estimate.scores.torque_split_bands_and_traces import PARTS, TorqueSplit
-from steelyard.model.laws.friction_memory_and_load import Dahl, LoadDependent
 from steelyard.model.laws.friction_over_speed import Coulomb, Viscous
+from steelyard.model.laws.friction_with_memory import Dahl, LoadDependent
 from steelyard.model.laws.laws_without_friction import Offset, RigidBody, RotorInertia, Spring
 from steelyard.model.model import Model, ValuedModel
 from steelyard.model.terms.term import Term

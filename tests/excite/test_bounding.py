@@ -12,8 +12,8 @@ from steelyard.excite.constraints.bounds_and_effort_limits import (
     proven_minimum,
 )
 from steelyard.excite.trajectories.fourier import FourierMotion
-from steelyard.symbolic.program_and_smoothing import InputArray as Input
-from steelyard.symbolic.program_and_smoothing import Program, Step
+from steelyard.symbolic.program_and_softening import InputArray as Input
+from steelyard.symbolic.program_and_softening import Program, Step
 
 KIND = pytest.mark.parametrize("make", MAKERS, ids=lambda make: make.__name__)
 

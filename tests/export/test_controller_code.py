@@ -30,8 +30,8 @@ from steelyard.base.arrays import Array, Parameters
 from steelyard.base.motion import Motion
 from steelyard.export.code.c_code import CCode, commented, identifiers
 from steelyard.export.code.controller_functions import FUNCTIONS, Controller, regrouped
-from steelyard.model.laws.friction_memory_and_load import Dahl
 from steelyard.model.laws.friction_over_speed import Coulomb
+from steelyard.model.laws.friction_with_memory import Dahl
 from steelyard.model.laws.laws_without_friction import RigidBody
 from steelyard.model.laws.register import DEFAULT_TERMS
 from steelyard.model.model import Model
@@ -249,7 +249,7 @@ def test_only_the_mathematical_library_is_needed(tmp_path: Path) -> None:
 
 
 def test_values_of_variables_live_as_long_as_they_are_read() -> None:
-    from steelyard.symbolic.program_and_smoothing import InputArray as Input
+    from steelyard.symbolic.program_and_softening import InputArray as Input
     from steelyard.symbolic.source_code import variables_of
     from steelyard.symbolic.symbols_and_tracing import symbolic
 

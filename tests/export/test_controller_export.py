@@ -14,7 +14,7 @@ from moving import cycles
 from steelyard.base.errors import DataError, ModelError
 from steelyard.base.motion import Motion
 from steelyard.export.code.export_code import controller_of, end_frames, origin_of, write_code
-from steelyard.model.laws.friction_memory_and_load import Dahl
+from steelyard.model.laws.friction_with_memory import Dahl
 from steelyard.model.laws.register import DEFAULT_TERMS
 from steelyard.robot.robot import Frame, LoopClosure, Robot
 from weighed import identified_of

@@ -23,7 +23,6 @@ from steelyard.estimate.information.base_regressor import base_parameters
 from steelyard.estimate.known_effort_scales import KnownScales
 from steelyard.export.model_files.export_model_file import exported, refuse_changed
 from steelyard.export.model_files.representable_content import FIT_HEADING, Format, content_of
-from steelyard.model.laws.friction_memory_and_load import MaxwellSlip
 from steelyard.model.laws.friction_over_speed import (
     Coulomb,
     Cubic,
@@ -32,6 +31,7 @@ from steelyard.model.laws.friction_over_speed import (
     Stribeck,
     Viscous,
 )
+from steelyard.model.laws.friction_with_memory import MaxwellSlip
 from steelyard.model.laws.laws_without_friction import RigidBody, RotorInertia, Spring
 from steelyard.model.laws.register import DEFAULT_TERMS, TERMS
 from steelyard.model.model import Model

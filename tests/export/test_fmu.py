@@ -16,7 +16,7 @@ from steelyard.base.errors import OutputError
 from steelyard.base.motion import Motion
 from steelyard.export.code import python_fmu_ros2_simulink
 from steelyard.export.code.export_code import write_code
-from steelyard.model.laws.friction_memory_and_load import Dahl
+from steelyard.model.laws.friction_with_memory import Dahl
 from steelyard.model.laws.register import DEFAULT_TERMS
 from steelyard.robot.robot import Robot
 from weighed import identified_of

@@ -21,11 +21,11 @@ from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.export.code.export_code import write_code
 from steelyard.export.code.python_fmu_ros2_simulink import text_literal
 from steelyard.model.equations.inverse_dynamics import JointState
-from steelyard.model.laws.friction_memory_and_load import Dahl
 from steelyard.model.laws.friction_over_speed import Viscous
+from steelyard.model.laws.friction_with_memory import Dahl
 from steelyard.model.laws.laws_without_friction import RigidBody
 from steelyard.model.laws.register import DEFAULT_TERMS
-from steelyard.model.terms.axes_and_parameters import spread
+from steelyard.model.terms.axes_and_fields import spread
 from steelyard.model.terms.term import Columns
 from steelyard.robot.robot import LoopClosure, Robot
 from weighed import identified_of

@@ -12,7 +12,7 @@ from invented import tree
 from moving import cycles
 from steelyard.base.motion import Motion
 from steelyard.export.code.export_code import write_code
-from steelyard.model.laws.friction_memory_and_load import Dahl
+from steelyard.model.laws.friction_with_memory import Dahl
 from steelyard.model.laws.register import DEFAULT_TERMS
 from steelyard.robot.robot import Robot
 from weighed import identified_of

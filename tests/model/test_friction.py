@@ -9,7 +9,6 @@ from invented import tree
 from moving import geared, torque
 from steelyard.base.errors import ModelError
 from steelyard.model.equations.inverse_dynamics import JointState
-from steelyard.model.laws.friction_memory_and_load import Dahl, LuGre, MaxwellSlip
 from steelyard.model.laws.friction_over_speed import (
     Coulomb,
     Coupled,
@@ -22,10 +21,11 @@ from steelyard.model.laws.friction_over_speed import (
     Stribeck,
     Viscous,
 )
+from steelyard.model.laws.friction_with_memory import Dahl, LuGre, MaxwellSlip
 from steelyard.model.laws.register import term_of
 from steelyard.model.model import Model
 from steelyard.model.terms.term import Term
-from steelyard.symbolic.program_and_smoothing import InputArray, run
+from steelyard.symbolic.program_and_softening import InputArray, run
 from steelyard.symbolic.symbols_and_tracing import slopes_of, symbolic
 
 SPEEDS = np.array([0.0, 0.05, -0.1, 2.0])

@@ -18,11 +18,11 @@ from steelyard.model.equations.inverse_dynamics import JointState
 from steelyard.model.laws.laws_without_friction import RigidBody
 from steelyard.model.laws.register import TERMS, description_of, term_of
 from steelyard.model.model import Model
-from steelyard.model.terms.axes_and_parameters import Axis
+from steelyard.model.terms.axes_and_fields import Axis
 from steelyard.model.terms.term import ActsOnAxes, StatefulTerm, Term
 from steelyard.robot.robot import JointKind
-from steelyard.symbolic import program_and_smoothing as numpy_backend
-from steelyard.symbolic.program_and_smoothing import InputArray
+from steelyard.symbolic import program_and_softening as numpy_backend
+from steelyard.symbolic.program_and_softening import InputArray
 from steelyard.symbolic.symbols_and_tracing import symbolic
 
 ROBOT = geared()

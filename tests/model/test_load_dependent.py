@@ -10,7 +10,7 @@ from oracles import pinocchio_torque
 from steelyard.base.arrays import Parameters
 from steelyard.base.errors import ModelError
 from steelyard.base.motion import Motion
-from steelyard.model.laws.friction_memory_and_load import Dahl, LoadDependent
+from steelyard.model.laws.friction_with_memory import Dahl, LoadDependent
 from steelyard.model.laws.laws_without_friction import RigidBody
 from steelyard.model.model import Model
 from steelyard.robot.inertia_and_placement import Inertia

@@ -15,14 +15,14 @@ from steelyard.base.arrays import Array, Parameters
 from steelyard.base.errors import DataError, ModelError
 from steelyard.base.motion import Motion
 from steelyard.model.equations.passive_joints import passive_positions
-from steelyard.model.laws.friction_memory_and_load import Dahl
 from steelyard.model.laws.friction_over_speed import Coulomb, Viscous
+from steelyard.model.laws.friction_with_memory import Dahl
 from steelyard.model.laws.laws_without_friction import Offset, RigidBody, RotorInertia
 from steelyard.model.model import Model, ValuedModel
 from steelyard.model.terms.geometry_and_effort_errors import EffortReadingErrors
 from steelyard.model.torque_and_quantities import QUANTITIES, Quantity
 from steelyard.robot.robot import Frame, LoopClosure, Robot
-from steelyard.symbolic import program_and_smoothing as numpy_backend
+from steelyard.symbolic import program_and_softening as numpy_backend
 
 PLACE = np.array([0.2, -0.1, 0.3])
 

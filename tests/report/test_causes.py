@@ -16,8 +16,8 @@ from steelyard.identify.page.gains_effort_scales_and_zero_offsets import (
     PerRunSection,
 )
 from steelyard.identify.page.report_content import ReportContent
-from steelyard.model.laws.friction_memory_and_load import Dahl
 from steelyard.model.laws.friction_over_speed import Viscous
+from steelyard.model.laws.friction_with_memory import Dahl
 from steelyard.report.page import Section
 from steelyard.report.tables import PlainTable
 

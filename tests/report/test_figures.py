@@ -35,7 +35,7 @@ from steelyard.identify.page.link_inertias_and_ellipsoids import (
 from steelyard.identify.page.parameters_and_truth import TruthSection
 from steelyard.identify.page.report_content import ReportContent, fitted_samples, unseen_samples
 from steelyard.identify.page.section_register import render
-from steelyard.report.figures import Figure
+from steelyard.report.plotly_figures import Figure
 from steelyard.robot.inertia_and_placement import Inertia
 from steelyard.robot.robot import Frame, frame_origins
 

@@ -4,8 +4,12 @@ import numpy as np
 import pytest
 
 from steelyard.base.errors import LogError
-from steelyard.runs.smoothing.auto_and_fourier import Auto, LowPasses, likeliest_cutoffs
 from steelyard.runs.smoothing.kalman_smoother import kalman_smoothed
+from steelyard.runs.smoothing.likeliest_cutoffs_and_fourier import (
+    Auto,
+    LowPasses,
+    likeliest_cutoffs,
+)
 from steelyard.runs.smoothing.zero_phase_filters import Butterworth, Choosing, continued_at_ends
 
 RATE = 250.0

@@ -4,7 +4,11 @@ import numpy as np
 import pytest
 
 from steelyard.base.errors import LogError, ModelError
-from steelyard.runs.smoothing.auto_and_fourier import Fourier, fourier_series, refined_frequency
+from steelyard.runs.smoothing.likeliest_cutoffs_and_fourier import (
+    Fourier,
+    fourier_series,
+    refined_frequency,
+)
 from steelyard.runs.spectrum_and_period import moving_span
 
 RATE = 100.0

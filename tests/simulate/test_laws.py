@@ -13,13 +13,8 @@ from law_cases import CASES, LawCase, name_of
 from steelyard.base.motion import Motion
 from steelyard.excite.trajectories.fourier import random_fourier
 from steelyard.model.equations.passive_joints import all_joints
-from steelyard.model.laws.friction_memory_and_load import (
-    Dahl,
-    LoadDependent,
-    LuGre,
-    MaxwellSlip,
-)
 from steelyard.model.laws.friction_over_speed import Coulomb, Coupled, DirectionalCoulomb, Root
+from steelyard.model.laws.friction_with_memory import Dahl, LoadDependent, LuGre, MaxwellSlip
 from steelyard.model.laws.laws_without_friction import RigidBody, RotorInertia
 from steelyard.model.laws.register import term_of
 from steelyard.model.model import Model

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from steelyard.base.errors import ModelError
-from steelyard.model.laws.friction_memory_and_load import Dahl, LuGre
 from steelyard.model.laws.friction_over_speed import Viscous
+from steelyard.model.laws.friction_with_memory import Dahl, LuGre
 from steelyard.model.laws.laws_without_friction import Spring
 from steelyard.robot.robot import Robot
 from steelyard.simulate.mujoco_plant import MujocoPlant

@@ -6,11 +6,11 @@ import pytest
 
 from law_cases import CASES, LawCase, name_of
 from steelyard.base.errors import ModelError
-from steelyard.model.laws.friction_memory_and_load import Dahl, LoadDependent, LuGre
 from steelyard.model.laws.friction_over_speed import Coulomb, Stribeck, Viscous
+from steelyard.model.laws.friction_with_memory import Dahl, LoadDependent, LuGre
 from steelyard.model.laws.laws_without_friction import RigidBody, RotorInertia, Spring
 from steelyard.model.model import Model
-from steelyard.model.terms.axes_and_parameters import Find
+from steelyard.model.terms.axes_and_fields import Find
 from steelyard.robot.inertia_and_placement import Inertia
 from steelyard.robot.robot import Limits, Robot, Transmission
 from steelyard.simulate.ground_truth import Truth, random_truth

@@ -8,7 +8,7 @@ import pytest
 
 import steelyard
 from steelyard.symbolic.native import cache, compiled_programs, compiler
-from steelyard.symbolic.program_and_smoothing import InputArray, Program, Step
+from steelyard.symbolic.program_and_softening import InputArray, Program, Step
 
 DOUBLE = Program((InputArray("x", 1),), (Step("input", (0, 0)), Step("add", (0, 0))), (1,))
 

@@ -24,8 +24,8 @@ from steelyard.model.laws.laws_without_friction import RigidBody
 from steelyard.model.model import Model
 from steelyard.robot.loop_closures import gaps, loop_equations
 from steelyard.robot.robot import Coordinate, Limits, LoopClosure, Robot
-from steelyard.symbolic import program_and_smoothing as numpy_backend
-from steelyard.symbolic.program_and_smoothing import InputArray as Input
+from steelyard.symbolic import program_and_softening as numpy_backend
+from steelyard.symbolic.program_and_softening import InputArray as Input
 from steelyard.symbolic.symbols_and_tracing import symbolic
 
 REACH = 0.25

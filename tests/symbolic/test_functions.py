@@ -11,10 +11,10 @@ import pytest
 from steelyard.model.laws.laws_without_friction import RigidBody
 from steelyard.model.model import Model
 from steelyard.robot.file.robot_file import load_robot
-from steelyard.symbolic import program_and_smoothing as numpy_backend
+from steelyard.symbolic import program_and_softening as numpy_backend
 from steelyard.symbolic.native.compiled_programs import compiled
 from steelyard.symbolic.native.llvm_vector_code import CHUNK
-from steelyard.symbolic.program_and_smoothing import InputArray, Program, Step
+from steelyard.symbolic.program_and_softening import InputArray, Program, Step
 from steelyard.symbolic.symbols_and_tracing import symbolic
 
 WIDE = np.concatenate(

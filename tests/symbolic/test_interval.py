@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from invented import tree
 from steelyard.base.arrays import Array
 from steelyard.symbolic.interval_bounds import CHUNK, enclosed
-from steelyard.symbolic.program_and_smoothing import (
+from steelyard.symbolic.program_and_softening import (
     NUMPY,
     Program,
     Step,
@@ -19,7 +19,7 @@ from steelyard.symbolic.program_and_smoothing import (
     program_to_json,
     run,
 )
-from steelyard.symbolic.program_and_smoothing import InputArray as Input
+from steelyard.symbolic.program_and_softening import InputArray as Input
 
 INPUTS = (Input("x", 3), Input("p", 2, shared=True))
 

@@ -5,7 +5,7 @@ import pytest
 
 from steelyard.base.arrays import Array as Values
 from steelyard.symbolic.native.compiled_programs import compiled
-from steelyard.symbolic.program_and_smoothing import NUMPY, InputArray, Program, Step, run
+from steelyard.symbolic.program_and_softening import NUMPY, InputArray, Program, Step, run
 from steelyard.symbolic.symbols_and_tracing import pulled_back
 
 KINKED = ("abs", "sign", "less", "less_equal", "minimum", "maximum")

@@ -10,7 +10,7 @@ from invented import tree
 from steelyard.estimate.information.base_regressor import base_regressor
 from steelyard.model.model import Model
 from steelyard.symbolic import symbols_and_tracing as trace
-from steelyard.symbolic.program_and_smoothing import InputArray, Program, Step, run
+from steelyard.symbolic.program_and_softening import InputArray, Program, Step, run
 from steelyard.symbolic.symbols_and_tracing import affine, carried_along, slopes_of, symbolic
 
 X = np.random.default_rng(2).normal(size=(3, 40))

@@ -6,7 +6,7 @@ import pytest
 from steelyard.base.arrays import Parameters
 from steelyard.base.errors import ModelError
 from steelyard.base.motion import Motion
-from steelyard.model.laws.friction_memory_and_load import Dahl
+from steelyard.model.laws.friction_with_memory import Dahl
 from steelyard.model.laws.laws_without_friction import RotorInertia
 from steelyard.model.model import ValuedModel
 from steelyard.uses.control.feedforward import friction_torque

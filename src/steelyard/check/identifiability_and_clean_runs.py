@@ -15,7 +15,7 @@ from steelyard.estimate.least_squares.weighted_robust_and_whitened import Weight
 from steelyard.model.laws.friction_over_speed import Coulomb, Viscous
 from steelyard.model.laws.register import DEFAULT_TERMS, law_of, term_of
 from steelyard.model.model import Model
-from steelyard.model.terms.axes_and_parameters import finds_of
+from steelyard.model.terms.axes_and_fields import finds_of
 from steelyard.runs.prepare import prepare
 from steelyard.runs.run import Run
 

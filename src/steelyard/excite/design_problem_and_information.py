@@ -30,8 +30,8 @@ from steelyard.model.equations.inverse_dynamics import JointState, completed
 from steelyard.model.model import Model
 from steelyard.robot.robot import Robot
 from steelyard.symbolic.native.compiled_programs import Code, compiled
-from steelyard.symbolic.program_and_smoothing import InputArray as Input
-from steelyard.symbolic.program_and_smoothing import Program, softened
+from steelyard.symbolic.program_and_softening import InputArray as Input
+from steelyard.symbolic.program_and_softening import Program, softened
 
 
 @dataclass(frozen=True, eq=False)

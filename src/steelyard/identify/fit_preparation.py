@@ -39,7 +39,7 @@ from steelyard.estimate.payload.drive_gains import GainEstimate, identified_gain
 from steelyard.estimate.prior.constraint_kinds import knowledge_of
 from steelyard.estimate.scores.cross_validation import TooShortError
 from steelyard.model.model import Model, model_with_open_friction, with_friction
-from steelyard.model.terms.axes_and_parameters import finds_of
+from steelyard.model.terms.axes_and_fields import finds_of
 from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
 from steelyard.robot.file.signals import Signals
 from steelyard.runs.run import Run, fastest_of

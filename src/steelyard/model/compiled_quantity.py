@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from steelyard.base.arrays import Array
 from steelyard.base.errors import DataError
 from steelyard.base.motion import check_finite, shaped
-from steelyard.model.terms.friction_states_along_motion import Scan
+from steelyard.model.terms.channels_along_motion import Scan
 from steelyard.model.torque_and_quantities import Equations, Quantity
 from steelyard.symbolic.native.compiled_programs import Code
 from steelyard.symbolic.native.llvm_vector_code import MAX_ANGLE

@@ -11,7 +11,7 @@ from steelyard.base.errors import DataError
 from steelyard.model.compiled_quantity import CompiledQuantity
 from steelyard.model.dynamics import Dynamics
 from steelyard.model.equations.inverse_dynamics import JointState
-from steelyard.model.terms.friction_states_along_motion import Scan
+from steelyard.model.terms.channels_along_motion import Scan
 from steelyard.model.torque_and_quantities import TORQUE, Equations, Quantity
 from steelyard.robot.robot import Robot
 from steelyard.symbolic.native.compiled_programs import SampleCall

@@ -26,13 +26,13 @@ from steelyard.model.equations.inverse_dynamics import (
 )
 from steelyard.model.laws.laws_without_friction import RigidBody, body_efforts
 from steelyard.model.laws.register import description_of
-from steelyard.model.terms.friction_states_along_motion import Scan
-from steelyard.model.terms.presliding import Presliding
+from steelyard.model.terms.channels_along_motion import Scan
+from steelyard.model.terms.presliding_term import Presliding
 from steelyard.model.terms.term import Columns, StatefulTerm, Term, channels_of, has_memory
 from steelyard.robot.robot import Frame, Robot, robot_to_dict
 from steelyard.symbolic.native.compiled_programs import Code, compiled, compiled_equations
-from steelyard.symbolic.program_and_smoothing import InputArray as Input
-from steelyard.symbolic.program_and_smoothing import Program
+from steelyard.symbolic.program_and_softening import InputArray as Input
+from steelyard.symbolic.program_and_softening import Program
 
 
 @dataclass(frozen=True, eq=False)

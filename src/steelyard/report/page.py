@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 import numpy as np
 
 from steelyard.base.arrays import Array
+from steelyard.base.templates import templates_of
 from steelyard.report import words
 from steelyard.report.tables import PlainTable, text_table
 
@@ -28,19 +29,6 @@ PLOTLY = Path(__file__).parent / "plotly" / "plotly.min.js.gz"
 `tools/update_plotly.py` replaces it."""
 
 PICTURE = 'class="picture'  # what marks a picture in the page
-
-
-def templates_of(folder: Path, **options: Any) -> Environment:
-    """The templates of a folder; a value that is missing is an error."""
-    from jinja2 import Environment, FileSystemLoader, StrictUndefined
-
-    return Environment(
-        loader=FileSystemLoader(folder, encoding="utf-8"),
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        **options,
-    )
 
 
 @cache

@@ -26,8 +26,8 @@ from steelyard.runs.rows.resampling import (
     interpolated,
     sample_count,
 )
-from steelyard.runs.smoothing.auto_and_fourier import Auto
 from steelyard.runs.smoothing.kalman_smoother import CausalKalman
+from steelyard.runs.smoothing.likeliest_cutoffs_and_fourier import Auto
 from steelyard.runs.smoothing.zero_phase_filters import continued_at_ends
 
 SAMPLES_OF_PART = 8192  # samples of a part; more where margins are long

@@ -8,8 +8,8 @@ from steelyard.base.errors import ModelError
 from steelyard.robot.file.sections import ProcessingSection
 from steelyard.robot.file.tables_by_kind import Kinds
 from steelyard.runs.rows.resampling import INTERPOLATIONS
-from steelyard.runs.smoothing.auto_and_fourier import Auto, Fourier
 from steelyard.runs.smoothing.kalman_smoother import CausalKalman, Kalman, KalmanSmoother
+from steelyard.runs.smoothing.likeliest_cutoffs_and_fourier import Auto, Fourier
 from steelyard.runs.smoothing.spline_and_finite_windows import (
     FIR,
     MovingAverage,

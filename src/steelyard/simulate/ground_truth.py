@@ -19,7 +19,7 @@ from steelyard.base.files import read_json
 from steelyard.model.laws.laws_without_friction import RigidBody
 from steelyard.model.laws.register import DEFAULT_TERMS, description_of, term_of
 from steelyard.model.model import Model
-from steelyard.model.terms.axes_and_parameters import Axis, Find
+from steelyard.model.terms.axes_and_fields import Axis, Find
 from steelyard.model.terms.term import INVENTED_TORQUE_SHARE, ActsOnAxes, Role, StatefulTerm, Term
 from steelyard.robot.inertia_and_placement import Inertia
 from steelyard.robot.robot import Robot

@@ -2,7 +2,7 @@
 
 One call per integration step takes the positions, velocities and last accelerations of MuJoCo's
 joints and the applied torques, steps the memory of friction, and gives the forces. Laws that
-jump at zero speed are softened, see `symbolic.program_and_smoothing`.
+jump at zero speed are softened, see `symbolic.program_and_softening`.
 """
 
 from collections.abc import Callable, Sequence
@@ -16,14 +16,14 @@ from steelyard.base.arrays import Array
 from steelyard.base.errors import ModelError
 from steelyard.model.equations.inverse_dynamics import JointState, Scalar
 from steelyard.model.model import Model
-from steelyard.model.terms.presliding import Presliding
+from steelyard.model.terms.presliding_term import Presliding
 from steelyard.model.terms.term import StatefulTerm, Term, TermSamples, channels_of
 from steelyard.robot.robot import Robot
 from steelyard.simulate.mujoco_model import TIMESTEP, MujocoModel, mass_matrices
 from steelyard.simulate.torque_and_mass_scales import postures_of
 from steelyard.symbolic.native.compiled_programs import Code, compiled
-from steelyard.symbolic.program_and_smoothing import InputArray as Input
-from steelyard.symbolic.program_and_smoothing import Program, softened
+from steelyard.symbolic.program_and_softening import InputArray as Input
+from steelyard.symbolic.program_and_softening import Program, softened
 
 VELOCITY, WIDTHS = 1, 7
 

@@ -10,7 +10,7 @@ from steelyard.base.errors import ModelError
 from steelyard.excite.constraints.motion_limits import motion_limits
 from steelyard.model.equations.inverse_dynamics import JointState
 from steelyard.model.model import Model
-from steelyard.model.terms.axes_and_parameters import Axis
+from steelyard.model.terms.axes_and_fields import Axis
 from steelyard.model.terms.term import StatefulTerm, Term, TermSamples
 from steelyard.robot.loop_closures import CLOSED, closest, gaps, residual
 from steelyard.robot.robot import Coordinate, Robot

@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from steelyard.base.arrays import Array
-from steelyard.symbolic.program_and_smoothing import Program
+from steelyard.symbolic.program_and_softening import Program
 
 Interval = Array | float
 """Bounds, shape `(2, B)` or `(2, 1)`: lower, upper; or one number that is exact."""

@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 
 from steelyard.base.arrays import by_key
-from steelyard.symbolic.program_and_smoothing import Program
+from steelyard.symbolic.program_and_softening import Program
 
 
 @dataclass(frozen=True)

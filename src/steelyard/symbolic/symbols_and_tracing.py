@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from steelyard.symbolic.program_and_smoothing import NUMPY, InputArray, Program
+from steelyard.symbolic.program_and_softening import NUMPY, InputArray, Program
 from steelyard.symbolic.tape_and_derivatives import Tape, backward, edges, forward
 
 Scalar = Any

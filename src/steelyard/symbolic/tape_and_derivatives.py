@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 
-from steelyard.symbolic.program_and_smoothing import NUMPY, InputArray, Program, Step
+from steelyard.symbolic.program_and_softening import NUMPY, InputArray, Program, Step
 
 _CURRENT: ContextVar["Tape"] = ContextVar("tape")
 

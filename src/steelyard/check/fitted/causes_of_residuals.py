@@ -38,8 +38,8 @@ from steelyard.estimate.scores.cross_validation import (
     per_fold,
 )
 from steelyard.estimate.scores.residuals import residual_blocks
-from steelyard.model.laws.friction_memory_and_load import Dahl, LoadDependent
 from steelyard.model.laws.friction_over_speed import Quadratic, Stribeck
+from steelyard.model.laws.friction_with_memory import Dahl, LoadDependent
 from steelyard.model.laws.laws_without_friction import Cogging, Spring
 from steelyard.model.model import Model, ValuedModel
 from steelyard.model.terms.geometry_and_effort_errors import EffortReadingErrors, GeometryErrors

@@ -18,8 +18,8 @@ from steelyard.base.errors import DataError
 from steelyard.check.finding import Finding, Fix, Severity
 from steelyard.check.fitted.fitted_case_and_ranked_causes import FittedCase, post_fit_check
 from steelyard.estimate.identified_model import IdentifiedModel
-from steelyard.model.laws.friction_memory_and_load import PLAUSIBLE, LoadDependent
 from steelyard.model.laws.friction_over_speed import Coulomb, Viscous
+from steelyard.model.laws.friction_with_memory import PLAUSIBLE, LoadDependent
 from steelyard.model.model import Model
 from steelyard.model.terms.term import ActsOnAxes
 from steelyard.robot.robot import Robot

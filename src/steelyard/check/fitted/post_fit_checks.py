@@ -38,7 +38,7 @@ from steelyard.check.gear_side_and_rotors import (
 )
 from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.estimate.scores.effort_errors import PROMISED, known_efforts
-from steelyard.model.laws.friction_memory_and_load import LoadDependent
+from steelyard.model.laws.friction_with_memory import LoadDependent
 from steelyard.model.laws.laws_without_friction import RotorInertia, Spring
 from steelyard.model.laws.register import law_of
 from steelyard.report.words import first_names, with_interval

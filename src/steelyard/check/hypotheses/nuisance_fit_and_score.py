@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from steelyard.base.arrays import Array
 from steelyard.model.equations.inverse_dynamics import Scalar
 from steelyard.symbolic.native.compiled_programs import Code, compiled
-from steelyard.symbolic.program_and_smoothing import InputArray as Input
-from steelyard.symbolic.program_and_smoothing import Program
+from steelyard.symbolic.program_and_softening import InputArray as Input
+from steelyard.symbolic.program_and_softening import Program
 
 FRICTION_DRIFT = (0.5, 1.8)  # range of a log's friction relative to the reference's
 REST_SPEED = 0.03  # speed up to which a joint rests, relative to its fastest

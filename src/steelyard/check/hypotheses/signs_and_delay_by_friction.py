@@ -29,8 +29,8 @@ from steelyard.check.identifiability_and_clean_runs import clean_runs, customary
 from steelyard.estimate.information.base_regressor import Regressor, base_regressor
 from steelyard.estimate.information.gather import gather
 from steelyard.estimate.information.information import Information
-from steelyard.model.laws.friction_memory_and_load import MaxwellSlip
 from steelyard.model.laws.friction_over_speed import Coulomb, Viscous
+from steelyard.model.laws.friction_with_memory import MaxwellSlip
 from steelyard.model.model import Model
 from steelyard.runs.run import Run, fastest_of
 from steelyard.symbolic.native.compiled_programs import recurrence

@@ -20,7 +20,7 @@ from steelyard.model.equations.inverse_dynamics import JointState, Scalar, Scala
 from steelyard.model.model import Model
 from steelyard.model.torque_and_quantities import Efforts, accelerations
 from steelyard.symbolic.native.compiled_programs import Code, compiled
-from steelyard.symbolic.program_and_smoothing import InputArray, Program, softened
+from steelyard.symbolic.program_and_softening import InputArray, Program, softened
 
 
 @dataclass(frozen=True, eq=False)

@@ -36,8 +36,8 @@ from steelyard.model.torque_and_quantities import (
 )
 from steelyard.robot.robot import Frame, Robot
 from steelyard.symbolic.native.compiled_programs import Code, compiled
-from steelyard.symbolic.program_and_smoothing import InputArray as Input
-from steelyard.symbolic.program_and_smoothing import Program
+from steelyard.symbolic.program_and_softening import InputArray as Input
+from steelyard.symbolic.program_and_softening import Program
 
 Axes = Literal["frame", "base"]  # whose axes a wrench is given along
 

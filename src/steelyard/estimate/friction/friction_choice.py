@@ -49,7 +49,7 @@ from steelyard.estimate.scores.cross_validation import (
     too_short,
     values_by,
 )
-from steelyard.model.laws.friction_memory_and_load import PLAUSIBLE, Dahl, LoadDependent
+from steelyard.model.laws.friction_with_memory import PLAUSIBLE, Dahl, LoadDependent
 from steelyard.model.model import Model
 from steelyard.model.terms.candidate_terms import CandidateTerms
 from steelyard.model.terms.term import StatefulTerm, Term, has_memory

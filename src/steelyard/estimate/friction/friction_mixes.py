@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 
 from steelyard.base.arrays import Array
 from steelyard.estimate.scores.cross_validation import FOLDS
-from steelyard.model.laws.friction_memory_and_load import Dahl, LoadDependent, LuGre, MaxwellSlip
 from steelyard.model.laws.friction_over_speed import (
     Coulomb,
     Cubic,
@@ -29,6 +28,7 @@ from steelyard.model.laws.friction_over_speed import (
     Stribeck,
     Viscous,
 )
+from steelyard.model.laws.friction_with_memory import Dahl, LoadDependent, LuGre, MaxwellSlip
 from steelyard.model.laws.laws_without_friction import Offset, Spring
 from steelyard.model.model import Model
 from steelyard.model.terms.term import Term

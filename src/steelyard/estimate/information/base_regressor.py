@@ -36,8 +36,8 @@ from steelyard.robot.inertia_and_placement import INERTIAL_NAMES
 from steelyard.robot.robot import Robot
 from steelyard.symbolic.native import cache
 from steelyard.symbolic.native.compiled_programs import Code, compiled
-from steelyard.symbolic.program_and_smoothing import InputArray as Input
-from steelyard.symbolic.program_and_smoothing import Program, Step, run
+from steelyard.symbolic.program_and_softening import InputArray as Input
+from steelyard.symbolic.program_and_softening import Program, Step, run
 
 NEW = 1e-2  # part of a column's norm that must be new for it to be taken in natural order
 UNSEEN = 1e-9  # norm of a column, over the largest, that is zero but for rounding

@@ -49,7 +49,7 @@ from steelyard.estimate.nonlinear.grid_search import (
     with_fields,
 )
 from steelyard.model.model import Model
-from steelyard.model.terms.axes_and_parameters import finds_of
+from steelyard.model.terms.axes_and_fields import finds_of
 from steelyard.model.terms.geometry_and_effort_errors import GeometryErrors
 from steelyard.model.terms.term import Term
 from steelyard.robot.inertia_and_placement import INERTIAL_NAMES

@@ -18,8 +18,8 @@ from steelyard.base.arrays import Array
 from steelyard.estimate.prior.body_priors import Row
 from steelyard.model.equations.inverse_dynamics import JointState
 from steelyard.model.model import Model
-from steelyard.model.terms.axes_and_parameters import Axis
-from steelyard.model.terms.presliding import LENGTHS_TO_FORGET, Presliding
+from steelyard.model.terms.axes_and_fields import Axis
+from steelyard.model.terms.presliding_term import LENGTHS_TO_FORGET, Presliding
 from steelyard.model.terms.term import ActsOnAxes, StatefulTerm, TermSamples
 from steelyard.robot.robot import Robot
 

@@ -27,7 +27,7 @@ from steelyard.estimate.information.information import Information, Window
 from steelyard.estimate.least_squares.weighted_robust_and_whitened import WeightedLeastSquares
 from steelyard.estimate.nonlinear.nonlinear_parameters import information_from
 from steelyard.model.model import Model
-from steelyard.model.terms.axes_and_parameters import finds_of
+from steelyard.model.terms.axes_and_fields import finds_of
 from steelyard.runs.cutoff_frequencies import rounded
 from steelyard.runs.run import Run
 

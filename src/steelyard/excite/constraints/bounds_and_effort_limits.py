@@ -26,7 +26,7 @@ from steelyard.base.arrays import Array, Parameters, frozen, set_fields
 from steelyard.base.errors import ModelError
 from steelyard.excite.constraints.constraint import Constraint, Margins
 from steelyard.excite.trajectories.trajectory import ExactTrajectory
-from steelyard.model.equations.effort_bounds import EffortBounds, effort_bounds
+from steelyard.model.equations.effort_range_over_friction_signs import EffortBounds, effort_bounds
 from steelyard.model.equations.frame_and_point_kinematics import frame_of
 from steelyard.model.equations.inverse_dynamics import JointState, Scalar
 from steelyard.model.model import Model, ValuedModel
@@ -34,7 +34,7 @@ from steelyard.model.terms.term import Term
 from steelyard.robot.inertia_and_placement import INERTIAL_NAMES, Inertia
 from steelyard.robot.robot import Robot
 from steelyard.symbolic.interval_bounds import enclosed
-from steelyard.symbolic.program_and_smoothing import Program
+from steelyard.symbolic.program_and_softening import Program
 
 STRETCHES = 512  # stretches of time to begin with
 MOST_STRETCHES = 100_000  # stretches after which a proof ends with the bound that it has

@@ -16,8 +16,8 @@ from steelyard.excite.page.design_text import DesignContent
 from steelyard.excite.page.tool_path_section import DesignToolSection
 from steelyard.excite.predicted_accuracy_and_advice import Advice
 from steelyard.identify.page.settings_quality_and_checks import SettingsSection
-from steelyard.report.figures import line, thin
 from steelyard.report.page import Numbers, Section, render_sections, rounded, script_json
+from steelyard.report.plotly_figures import line, thin
 from steelyard.report.tables import PlainTable, Row, table_of
 from steelyard.report.words import NONE, count, percent, significant
 

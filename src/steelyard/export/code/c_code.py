@@ -12,14 +12,14 @@ from typing import Any
 import numpy as np
 
 from steelyard.base.arrays import Array
+from steelyard.base.templates import templates_of
 from steelyard.estimate.external.contact_thresholds import HOLD, SETTLED
 from steelyard.estimate.external.observer_and_wrench import GAP, PER_PERIOD
 from steelyard.export.code.controller_functions import Controller, Function
 from steelyard.model.equations.passive_joints import ITERATIONS, passive_positions, random_positions
-from steelyard.report.page import templates_of
 from steelyard.robot.loop_closures import loop_equations
 from steelyard.robot.robot import Coordinate
-from steelyard.symbolic.program_and_smoothing import run
+from steelyard.symbolic.program_and_softening import run
 from steelyard.symbolic.source_code import CFunction, Precision, c_function, c_literal
 
 _SIGNS = str.maketrans({"²": "^2", "³": "^3", "√": "sqrt "})  # signs of units

@@ -35,8 +35,8 @@ from steelyard.model.torque_and_quantities import (
 )
 from steelyard.robot.inertia_and_placement import INERTIAL_NAMES, Inertia
 from steelyard.robot.robot import Body, Robot
-from steelyard.symbolic.program_and_smoothing import InputArray as Input
-from steelyard.symbolic.program_and_smoothing import Program
+from steelyard.symbolic.program_and_softening import InputArray as Input
+from steelyard.symbolic.program_and_softening import Program
 from steelyard.symbolic.symbols_and_tracing import symbolic
 
 DIAGONAL = tuple(INERTIAL_NAMES.index(name) for name in ("Ixx", "Iyy", "Izz"))

@@ -16,7 +16,7 @@ from steelyard.base.arrays import Array
 from steelyard.base.errors import ModelError
 from steelyard.estimate.effort_uncertainty_and_bands import EDGES
 from steelyard.estimate.identified_model import IdentifiedModel
-from steelyard.model.terms.axes_and_parameters import Axis
+from steelyard.model.terms.axes_and_fields import Axis
 from steelyard.model.terms.urdf_mjcf_parts import AxisPartKind, Curve, Placed, Pull, listed, placed
 from steelyard.robot.inertia_and_placement import INERTIAL_NAMES, LEAST_INERTIA, Inertia
 from steelyard.robot.robot import Robot

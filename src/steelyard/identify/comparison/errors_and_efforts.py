@@ -10,7 +10,8 @@ from rich.text import Text
 from steelyard.estimate.scores.effort_errors import EffortError
 from steelyard.estimate.scores.model_comparison import ModelComparison
 from steelyard.identify.page.efforts_and_their_parts import drawn_efforts
-from steelyard.report.figures import (
+from steelyard.report.page import FigureSection, Numbers, PageContent
+from steelyard.report.plotly_figures import (
     Figure,
     Group,
     Key,
@@ -21,7 +22,6 @@ from steelyard.report.figures import (
     from_origin,
     line,
 )
-from steelyard.report.page import FigureSection, Numbers, PageContent
 from steelyard.report.tables import PlainTable, Row, narrow_table
 from steelyard.report.words import NONE, count, percent, significant
 

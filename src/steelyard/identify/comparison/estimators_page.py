@@ -16,8 +16,8 @@ from steelyard.estimate.scores.estimator_comparison import Comparison, Estimator
 from steelyard.identify.page.friction_and_residuals import FrictionSection
 from steelyard.identify.page.gains_effort_scales_and_zero_offsets import DrivesSection
 from steelyard.identify.page.settings_quality_and_checks import QualitySection, SettingsSection
-from steelyard.report.figures import dots, traced
 from steelyard.report.page import Numbers, PageContent, Section, rounded, script_json
+from steelyard.report.plotly_figures import dots, traced
 from steelyard.report.tables import PlainTable, Row, light_table, table_of
 from steelyard.report.words import NONE, first_names, percent, significant
 

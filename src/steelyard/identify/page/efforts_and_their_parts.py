@@ -13,7 +13,6 @@ from steelyard.estimate.scores.score import RunScore
 from steelyard.estimate.scores.torque_split_bands_and_traces import PARTS, TorqueParts, Traces
 from steelyard.identify.page.effort_error_words import below
 from steelyard.identify.page.report_content import ReportContent
-from steelyard.report.figures import Figure, Group, drawn, from_origin, gaps, line, outline
 from steelyard.report.page import (
     FigureSection,
     Numbers,
@@ -23,6 +22,7 @@ from steelyard.report.page import (
     rounded,
     script_json,
 )
+from steelyard.report.plotly_figures import Figure, Group, drawn, from_origin, gaps, line, outline
 from steelyard.report.tables import PlainTable, Row
 from steelyard.report.words import percent, significant
 from steelyard.robot.robot import Coordinate

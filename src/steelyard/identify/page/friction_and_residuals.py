@@ -15,8 +15,8 @@ from steelyard.estimate.nonlinear.nonlinear_parameters import Finding
 from steelyard.estimate.scores.torque_split_bands_and_traces import PARTS, TorqueParts
 from steelyard.identify.page.report_content import ReportContent, fitted_samples, unseen_samples
 from steelyard.model.terms.term import StatefulTerm
-from steelyard.report.figures import Figure, Group, Key, area, evenly, line, points
 from steelyard.report.page import FigureSection, Numbers, TableSection, rounded
+from steelyard.report.plotly_figures import Figure, Group, Key, area, evenly, line, points
 from steelyard.report.tables import PlainTable, Row, table_of
 from steelyard.report.words import NONE, count, percent, significant
 from steelyard.robot.robot import Coordinate

@@ -35,8 +35,8 @@ from steelyard.model.equations.inverse_dynamics import (
 from steelyard.model.equations.passive_joints import passive_positions
 from steelyard.robot.robot import Frame, Robot, body_frames, robot_to_dict
 from steelyard.symbolic.native.compiled_programs import Code, compiled, compiled_equations
-from steelyard.symbolic.program_and_smoothing import InputArray as Input
-from steelyard.symbolic.program_and_smoothing import (
+from steelyard.symbolic.program_and_softening import InputArray as Input
+from steelyard.symbolic.program_and_softening import (
     Program,
     program_from_json,
     program_to_json,

@@ -9,7 +9,7 @@ from steelyard.model.equations.inverse_dynamics import JointState, completed, co
 from steelyard.robot.loop_closures import CLOSED, closest, gaps, loop_equations, residual
 from steelyard.robot.robot import Robot, robot_to_dict
 from steelyard.symbolic.native.compiled_programs import Code, SampleCall, compiled_equations
-from steelyard.symbolic.program_and_smoothing import InputArray as Input
+from steelyard.symbolic.program_and_softening import InputArray as Input
 
 ITERATIONS = 12  # Newton steps after which a sample counts as open
 STRIDE = 0.5  # passive joints that would move farther at once are followed in halves [rad; m]

@@ -10,7 +10,7 @@ import numpy as np
 from steelyard.base.arrays import Parameter
 from steelyard.base.errors import ModelError
 from steelyard.model.equations.inverse_dynamics import JointState, Scalar, Scalars
-from steelyard.model.terms.axes_and_parameters import (
+from steelyard.model.terms.axes_and_fields import (
     DEFAULT_SHAPE,
     Axes,
     Axis,

@@ -16,7 +16,7 @@ from steelyard.model.equations.inverse_dynamics import (
     carried_point,
     inverse_dynamics,
 )
-from steelyard.model.terms.axes_and_parameters import (
+from steelyard.model.terms.axes_and_fields import (
     Axes,
     Axis,
     Field,

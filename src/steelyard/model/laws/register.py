@@ -5,7 +5,6 @@ from collections.abc import Mapping
 from typing import Any, cast
 
 from steelyard.base.errors import ModelError
-from steelyard.model.laws.friction_memory_and_load import Dahl, LoadDependent, LuGre, MaxwellSlip
 from steelyard.model.laws.friction_over_speed import (
     Coulomb,
     Coupled,
@@ -18,6 +17,7 @@ from steelyard.model.laws.friction_over_speed import (
     Stribeck,
     Viscous,
 )
+from steelyard.model.laws.friction_with_memory import Dahl, LoadDependent, LuGre, MaxwellSlip
 from steelyard.model.laws.laws_without_friction import (
     Cogging,
     GravityCompensator,
@@ -27,8 +27,8 @@ from steelyard.model.laws.laws_without_friction import (
     RotorInertia,
     Spring,
 )
-from steelyard.model.terms.axes_and_parameters import Find, finds_of, is_search, search_of
-from steelyard.model.terms.presliding import Presliding
+from steelyard.model.terms.axes_and_fields import Find, finds_of, is_search, search_of
+from steelyard.model.terms.presliding_term import Presliding
 from steelyard.model.terms.term import ActsOnAxes, StatefulTerm, Term, columns_at_rest
 from steelyard.robot.file.tables_by_kind import Kinds
 from steelyard.robot.inertia_and_placement import INERTIAL_NAMES

@@ -18,7 +18,7 @@ from steelyard.model.laws.laws_without_friction import RigidBody
 from steelyard.model.terms.term import Columns, Dissipation, StatefulTerm, Term, TermSamples
 from steelyard.robot.robot import Body, Coordinate, Robot, robot_to_dict
 from steelyard.symbolic.native.compiled_programs import Code, compiled_equations, recurrence
-from steelyard.symbolic.program_and_smoothing import InputArray as Input
+from steelyard.symbolic.program_and_softening import InputArray as Input
 
 MOVES = 6  # of each joint frame: along its x, y, z [m], then about them [rad]
 

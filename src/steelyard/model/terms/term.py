@@ -10,7 +10,7 @@ from typing_extensions import Self
 
 from steelyard.base.arrays import Array, Parameter
 from steelyard.model.equations.inverse_dynamics import JointState, Scalar, Scalars
-from steelyard.model.terms.axes_and_parameters import Along, Axes, Axis, coordinates, each, spread
+from steelyard.model.terms.axes_and_fields import Along, Axes, Axis, coordinates, each, spread
 from steelyard.model.terms.urdf_mjcf_parts import Place
 from steelyard.robot.robot import Robot
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from steelyard.base.arrays import Array
 from steelyard.model.equations.inverse_dynamics import JointState
-from steelyard.model.terms.axes_and_parameters import Axis
+from steelyard.model.terms.axes_and_fields import Axis
 from steelyard.robot.robot import Robot
 
 AxisPartKind = Literal["rotor", "dry", "viscous", "quadratic", "cubic", "stiffness", "preload"]

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from steelyard.report.page import templates_of
+from steelyard.base.templates import templates_of
 from steelyard.robot.file.sections import EffortKind, EffortUnit, Gain
 from steelyard.robot.file.signals import expanded
 from steelyard.robot.file.toml_edits import comment, toml_key, toml_text

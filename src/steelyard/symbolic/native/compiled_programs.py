@@ -15,8 +15,9 @@ from typing import Any
 import numpy as np
 
 from steelyard.base.arrays import Array
+from steelyard.base.templates import templates_of
 from steelyard.symbolic.native import cache, compiler
-from steelyard.symbolic.program_and_smoothing import InputArray, Program
+from steelyard.symbolic.program_and_softening import InputArray, Program
 
 TILE_ROWS = 4
 TILE_COLUMNS = 3
@@ -43,8 +44,6 @@ def around_program(inputs: int) -> str:
 
 
 def _filled(template: str, **values: Any) -> str:
-    from steelyard.report.page import templates_of
-
     folder = Path(__file__).parent / "templates"
     return str(templates_of(folder).get_template(template).render(values))
 

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 from functools import partialmethod
 
 from steelyard.base.arrays import by_key
-from steelyard.symbolic.program_and_smoothing import Program
+from steelyard.symbolic.program_and_softening import Program
 
 MAX_ANGLE = 1e5
 

@@ -26,7 +26,7 @@ from steelyard.excite.trajectories.trajectory_files import read_named, read_tabl
 from steelyard.model.model import ValuedModel
 from steelyard.model.torque_and_quantities import FRICTION, TORQUE, Equations, Quantity
 from steelyard.robot.robot import Coordinate, Robot
-from steelyard.symbolic.program_and_smoothing import Program, softened
+from steelyard.symbolic.program_and_softening import Program, softened
 
 SIGN_SMOOTHING = 1e-3  # speed within which friction by the plain sign turns [rad/s; m/s]
 

@@ -20,8 +20,8 @@ from steelyard.estimate.information.gather import gather
 from steelyard.estimate.scores.residuals import residual_cutoff, residual_trace
 from steelyard.identify.provenance_and_notes import notes_of
 from steelyard.identify.scores_and_model_report import runs_for
-from steelyard.report.figures import Figure, Group, Key, area, line
 from steelyard.report.page import figures, inspected_page, notes
+from steelyard.report.plotly_figures import Figure, Group, Key, area, line
 from steelyard.report.result import Result, print_verdict
 from steelyard.report.tables import PlainTable, Row, narrow_table
 from steelyard.report.words import NONE

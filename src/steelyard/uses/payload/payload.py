@@ -22,8 +22,8 @@ from steelyard.estimate.payload.payload_frame import carrier
 from steelyard.estimate.scores.residuals import residual_cutoff, residual_trace
 from steelyard.identify.provenance_and_notes import dropped
 from steelyard.identify.scores_and_model_report import fitted_before, runs_for
-from steelyard.report.figures import Figure, Group, Key, area, evenly, line
 from steelyard.report.page import figures, inspected_page, notes
+from steelyard.report.plotly_figures import Figure, Group, Key, area, evenly, line
 from steelyard.report.tables import PlainTable, Row, light_table
 from steelyard.report.words import rounded_to_uncertainty
 from steelyard.robot.inertia_and_placement import INERTIAL_NAMES, INERTIAL_UNITS

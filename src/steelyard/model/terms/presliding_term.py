@@ -1,4 +1,4 @@
-r"""Friction with memory: states that follow the position, and what samples need of those before.
+r"""What laws with memory share: states along the position, and what samples need of earlier ones.
 
 Over every monotone step between samples a state becomes $\operatorname{clip}(a\,s + b, \pm c)$;
 states are handed on from block to block. A law gives $a, b, c$ over arrays or symbols: along a log,
@@ -14,7 +14,7 @@ import numpy as np
 
 from steelyard.base.arrays import Array
 from steelyard.model.equations.inverse_dynamics import JointState, Scalar, Scalars, inverse_dynamics
-from steelyard.model.terms.axes_and_parameters import Axes
+from steelyard.model.terms.axes_and_fields import Axes
 from steelyard.model.terms.term import ActsOnAxes, Cause, StatefulTerm, TermSamples
 from steelyard.robot.robot import Robot
 from steelyard.symbolic.native.compiled_programs import recurrence

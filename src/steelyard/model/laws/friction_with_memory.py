@@ -24,7 +24,7 @@ from steelyard.model.equations.inverse_dynamics import (
     projected,
 )
 from steelyard.model.laws.laws_without_friction import RigidBody
-from steelyard.model.terms.axes_and_parameters import (
+from steelyard.model.terms.axes_and_fields import (
     Axes,
     Axis,
     Field,
@@ -33,7 +33,7 @@ from steelyard.model.terms.axes_and_parameters import (
     refuse_not_positive,
     unfit,
 )
-from steelyard.model.terms.presliding import Presliding, RigidTorque, StateStep, relaxed
+from steelyard.model.terms.presliding_term import Presliding, RigidTorque, StateStep, relaxed
 from steelyard.model.terms.term import INVENTED_TORQUE_SHARE, Dissipation
 from steelyard.model.terms.urdf_mjcf_parts import Place, full_sliding, left_out
 from steelyard.robot.inertia_and_placement import INERTIAL_NAMES

@@ -1,4 +1,4 @@
-"""Figures as a page draws them, and signals with fewer points for them."""
+"""Figures of Plotly, as a page draws them, and signals with fewer points for them."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field

@@ -18,8 +18,8 @@ import numpy as np
 
 from steelyard.model.equations.inverse_dynamics import Scalar, Scalars
 from steelyard.symbolic.native.compiled_programs import Code, compiled
-from steelyard.symbolic.program_and_smoothing import InputArray as Input
-from steelyard.symbolic.program_and_smoothing import Program, program_from_json, program_to_json
+from steelyard.symbolic.program_and_softening import InputArray as Input
+from steelyard.symbolic.program_and_softening import Program, program_from_json, program_to_json
 
 Efforts = Callable[..., Scalars]
 """Position, velocity, acceleration and parameters to the effort of every joint."""

@@ -1,4 +1,4 @@
-r"""A traced program as a value: in JSON, run by NumPy, composed, smoothed at jumps.
+r"""A traced program as a value: in JSON, run by NumPy, composed, softened at jumps.
 
 In a traced program, what asks for the sign of a speed $v$ gets $\tanh(v/w)$, and what holds a
 speed above next to nothing, $\max(|v|, \epsilon)$, holds it above $w$. A speed is any $c \cdot
