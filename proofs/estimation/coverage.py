@@ -23,8 +23,8 @@ from steelyard.check.fitted.incomplete_model_and_unseen_error import model_error
 from steelyard.check.signals.velocity_against_derivative import one_sided_differences
 from steelyard.estimate.consistent.convex_program import Program
 from steelyard.estimate.identified_model import Provenance
+from steelyard.estimate.scores.parts_and_bands_along_run import Bands
 from steelyard.estimate.scores.score import score
-from steelyard.estimate.scores.torque_split_bands_and_traces import Bands
 from steelyard.identify.fit import Fit, calibrated, fit
 from steelyard.identify.fit_preparation import FitTask
 from steelyard.model.model import model_with_open_friction

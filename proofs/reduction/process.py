@@ -22,7 +22,7 @@ from studies.support.robots import ROBOTS
 from drawn import samples_of
 from steelyard.base.arrays import Array
 from steelyard.estimate.information.base_regressor import Regressor, base_regressor
-from steelyard.estimate.information.filtered_samples import FilteredSamples
+from steelyard.estimate.information.kept_filtered_samples import FilteredSamples
 from steelyard.estimate.least_squares.normal_equations import condition_of
 from steelyard.estimate.reduction.backward_elimination import State
 from steelyard.estimate.reduction.left_out_errors_and_stopping_rules import Tolerance

@@ -26,7 +26,7 @@ from steelyard.base.arrays import Array
 from steelyard.base.files import write_table
 from steelyard.base.progress import silent
 from steelyard.estimate.external.contact_thresholds import ContactThresholds
-from steelyard.estimate.scores.residuals import (
+from steelyard.estimate.scores.residual_noise_and_traces import (
     ResidualTrace,
     residual_trace,
     thresholds_of,

@@ -12,7 +12,7 @@ from cli.conftest import Command
 from cli.mistakes import leftovers
 from short_arm import without_wrist
 from steelyard.base.motion import Motion
-from steelyard.estimate.scores.torque_split_bands_and_traces import only
+from steelyard.estimate.scores.parts_and_bands_along_run import only
 from steelyard.simulate.ground_truth import random_truth
 from steelyard.uses.health.drift_detection import QUANTITIES
 

@@ -9,15 +9,15 @@ from scipy.signal import butter, sosfiltfilt
 
 from in_amperes import GAINS, RATE, ROBOT, run_of
 from steelyard.base.arrays import Parameters
-from steelyard.estimate.effort_uncertainty_and_bands import Calibration
+from steelyard.estimate.covariance_and_band_widths import Calibration
 from steelyard.estimate.estimate import StandardEstimate
 from steelyard.estimate.identified_model import Cutoffs, IdentifiedModel, Provenance
 from steelyard.estimate.information.base_regressor import base_regressor
 from steelyard.estimate.information.filter_and_gram import ParallelFilter
 from steelyard.estimate.information.gather import blocks_with_channels, gather
 from steelyard.estimate.least_squares.weighted_robust_and_whitened import WeightedLeastSquares
+from steelyard.estimate.scores.parts_and_bands_along_run import Bands
 from steelyard.estimate.scores.score import RunScore, score
-from steelyard.estimate.scores.torque_split_bands_and_traces import Bands
 from steelyard.model.model import Model
 from steelyard.runs.run import Block, Run
 from steelyard.runs.smoothing.zero_phase_filters import apply, low_pass

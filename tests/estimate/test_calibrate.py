@@ -8,17 +8,21 @@ import pytest
 
 from in_amperes import GAINS, ROBOT, run_of
 from steelyard.base.errors import DataError, LogError, ModelError, SteelyardError
-from steelyard.estimate.effort_uncertainty_and_bands import Calibration, bins
+from steelyard.estimate.covariance_and_band_widths import Calibration, bins
 from steelyard.estimate.identified_model import Cutoffs, IdentifiedModel, Provenance, load_model
 from steelyard.estimate.information.base_regressor import base_regressor
 from steelyard.estimate.information.gather import gather
 from steelyard.estimate.information.information import Information
 from steelyard.estimate.least_squares.weighted_robust_and_whitened import WeightedLeastSquares
+from steelyard.estimate.scores.band_calibration_on_left_out_motion import (
+    calibrate,
+    correlation_of,
+    quantile,
+)
 from steelyard.estimate.scores.cross_validation import runs_left_out, stretches_left_out
-from steelyard.estimate.scores.effort_band_calibration import calibrate, correlation_of, quantile
-from steelyard.estimate.scores.residuals import residual_trace
+from steelyard.estimate.scores.parts_and_bands_along_run import Bands
+from steelyard.estimate.scores.residual_noise_and_traces import residual_trace
 from steelyard.estimate.scores.score import score
-from steelyard.estimate.scores.torque_split_bands_and_traces import Bands
 from steelyard.model.laws.friction_over_speed import Stribeck
 from steelyard.model.laws.register import DEFAULT_TERMS
 from steelyard.model.model import Model
@@ -174,7 +178,9 @@ def test_of_long_runs_the_first_samples_are_predicted(monkeypatch: pytest.Monkey
         return residual_trace(identified, run, cutoff, at_rest=at_rest)
 
     monkeypatch.setattr("steelyard.estimate.scores.cross_validation.LONGEST", 4.0 * unseen.rate)
-    monkeypatch.setattr("steelyard.estimate.scores.effort_band_calibration.residual_trace", watched)
+    monkeypatch.setattr(
+        "steelyard.estimate.scores.band_calibration_on_left_out_motion.residual_trace", watched
+    )
     assert 90.0 <= coverage(calibrated(tuple(fitted)), unseen) <= 99.0
     assert durations and max(durations) <= 4.0
 
@@ -186,7 +192,9 @@ def test_motion_whose_residual_cannot_be_had_still_makes_bands(
     def refuse(*_: object, **__: object) -> None:
         raise kind("a loop cannot close at rest", where="run", fix="correct it")
 
-    monkeypatch.setattr("steelyard.estimate.scores.effort_band_calibration.residual_trace", refuse)
+    monkeypatch.setattr(
+        "steelyard.estimate.scores.band_calibration_on_left_out_motion.residual_trace", refuse
+    )
     known = calibrated(runs_of(1, 2)).calibration
     assert known is not None and known.peaks is None
     assert np.isfinite(known.factors).all()

@@ -16,7 +16,7 @@ from steelyard.base.errors import DataError
 from steelyard.estimate.estimate import Estimate
 from steelyard.estimate.estimator_register import ESTIMATORS, Context, Offer
 from steelyard.estimate.information.base_regressor import Regressor, base_regressor
-from steelyard.estimate.information.filtered_samples import FilteredSamples
+from steelyard.estimate.information.kept_filtered_samples import FilteredSamples
 from steelyard.estimate.prior.body_priors import Knowledge, default_knowledge
 from steelyard.model.model import Model
 from steelyard.robot.inertia_and_placement import Inertia

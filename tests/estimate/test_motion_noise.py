@@ -9,7 +9,7 @@ from drawn import motion_of, samples_of
 from invented import dh_arm, single
 from steelyard.base.errors import DataError
 from steelyard.estimate.information.base_regressor import Regressor, base_regressor
-from steelyard.estimate.information.filtered_samples import FilteredSamples
+from steelyard.estimate.information.kept_filtered_samples import FilteredSamples
 from steelyard.estimate.least_squares.errors_in_variables import MotionNoise, motion_roots, slopes
 from steelyard.estimate.least_squares.weighted_robust_and_whitened import WeightedLeastSquares
 from steelyard.model.laws.friction_over_speed import Viscous

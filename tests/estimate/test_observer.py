@@ -12,7 +12,7 @@ from in_amperes import ROBOT
 from oracles import pinocchio_model
 from steelyard.base.arrays import Z95, Array
 from steelyard.base.errors import DataError, ModelError
-from steelyard.estimate.effort_uncertainty_and_bands import Calibration
+from steelyard.estimate.covariance_and_band_widths import Calibration
 from steelyard.estimate.external.contact_thresholds import ContactThresholds
 from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.estimate.information.base_regressor import base_parameters, base_regressor

@@ -11,14 +11,14 @@ import pytest
 
 from invented import ball, tree
 from steelyard.base.errors import DataError, ModelError
-from steelyard.estimate.consistent.contradictions_and_prior_weight import (
+from steelyard.estimate.consistent.prior_weight_and_contradictions import (
     contradictions,
     irreducible,
     refuse_contradictions,
 )
 from steelyard.estimate.prior.body_priors import Knowledge, Row, default_knowledge
-from steelyard.estimate.prior.constraint_kinds import CONSTRAINTS, constraint_of, knowledge_of
-from steelyard.estimate.prior.prior_constraints import ConstraintContext
+from steelyard.estimate.prior.prior_constraint_kinds import CONSTRAINTS, constraint_of, knowledge_of
+from steelyard.estimate.prior.prior_constraint_protocol import ConstraintContext
 from steelyard.model.laws.friction_over_speed import Viscous
 from steelyard.model.laws.register import DEFAULT_TERMS, term_of
 from steelyard.model.model import Model

@@ -14,8 +14,8 @@ from steelyard.estimate.information.base_regressor import base_parameters, base_
 from steelyard.estimate.information.filter_and_gram import Accumulator, Stretch
 from steelyard.estimate.information.information import Information, Signature, Window
 from steelyard.estimate.prior.body_priors import Knowledge, default_knowledge
-from steelyard.estimate.prior.constraint_kinds import constraint_of
-from steelyard.estimate.prior.prior_constraints import ConstraintContext
+from steelyard.estimate.prior.prior_constraint_kinds import constraint_of
+from steelyard.estimate.prior.prior_constraint_protocol import ConstraintContext
 from steelyard.model.model import Model
 from steelyard.robot.inertia_and_placement import Inertia
 

@@ -10,12 +10,12 @@ import pytest
 
 from steelyard.base.arrays import Z95, Array
 from steelyard.base.errors import DataError
-from steelyard.estimate.consistent.contradictions_and_prior_weight import (
+from steelyard.estimate.consistent.convex_estimator import Consistent
+from steelyard.estimate.consistent.prior_weight_and_contradictions import (
     FIRST_PRIOR_WEIGHT,
     Tried,
     weighed,
 )
-from steelyard.estimate.consistent.convex_estimator import Consistent
 from steelyard.estimate.information.base_regressor import base_regressor
 from steelyard.estimate.information.filter_and_gram import Accumulator, Stretch
 from steelyard.estimate.information.information import Information, Signature, Window

@@ -14,7 +14,7 @@ from steelyard.base.arrays import Array
 from steelyard.base.errors import DataError, ModelError, SteelyardError
 from steelyard.estimate.estimate import Estimate
 from steelyard.estimate.information.base_regressor import base_regressor
-from steelyard.estimate.information.filtered_samples import FilteredSamples
+from steelyard.estimate.information.kept_filtered_samples import FilteredSamples
 from steelyard.estimate.least_squares.weighted_robust_and_whitened import WeightedLeastSquares
 from steelyard.estimate.reduction.backward_elimination import CRITERIA, FullModel, State, backward
 from steelyard.estimate.reduction.left_out_errors_and_stopping_rules import (

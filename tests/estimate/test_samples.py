@@ -10,9 +10,9 @@ from invented import single
 from steelyard.base.errors import DataError, LogError
 from steelyard.estimate.information.base_regressor import base_regressor
 from steelyard.estimate.information.filter_and_gram import ParallelFilter
-from steelyard.estimate.information.filtered_samples import gather_samples
 from steelyard.estimate.information.gather import gather
 from steelyard.estimate.information.information import Information, Window
+from steelyard.estimate.information.kept_filtered_samples import gather_samples
 from steelyard.model.model import Model
 from steelyard.robot.file.signals import Signals
 from steelyard.runs.motion_error_from_noise import motion_error

@@ -16,7 +16,7 @@ from law_cases import CASES, LawCase, name_of
 from moving import geared
 from steelyard.base.errors import ModelError
 from steelyard.base.motion import Motion
-from steelyard.estimate.effort_uncertainty_and_bands import EDGES, Calibration
+from steelyard.estimate.covariance_and_band_widths import EDGES, Calibration
 from steelyard.estimate.estimate import Unidentifiable
 from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.estimate.information.base_regressor import base_parameters

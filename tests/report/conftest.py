@@ -30,8 +30,8 @@ from steelyard.estimate.payload.drive_gains import GainEstimate
 from steelyard.estimate.prior.body_priors import Knowledge
 from steelyard.estimate.scores.effort_errors import BandErrors, JointError
 from steelyard.estimate.scores.estimator_comparison import Comparison, EstimatorScore, Failure
+from steelyard.estimate.scores.parts_and_bands_along_run import TorqueParts
 from steelyard.estimate.scores.score import JointScore, RunScore, Traces
-from steelyard.estimate.scores.torque_split_bands_and_traces import TorqueParts
 from steelyard.identify.comparison.estimators_page import ComparisonContent
 from steelyard.identify.page.report_content import ReportContent
 from steelyard.identify.page.section_register import render, sections_of

@@ -10,7 +10,7 @@ import pytest
 from invented import ball
 from report.conftest import rendered_only
 from steelyard.base.arrays import Z95, Parameters
-from steelyard.estimate.scores.torque_split_bands_and_traces import PARTS
+from steelyard.estimate.scores.parts_and_bands_along_run import PARTS
 from steelyard.identify.page import efforts_and_their_parts
 from steelyard.identify.page.conditioning_correlations_and_unseen import (
     CorrelationsSection,

@@ -6,7 +6,7 @@ from typing import Any, ClassVar
 import pytest
 
 from steelyard.base.errors import ModelError
-from steelyard.estimate.prior.constraint_kinds import KINDS as KNOWLEDGE
+from steelyard.estimate.prior.prior_constraint_kinds import KINDS as KNOWLEDGE
 from steelyard.model.laws.register import term_of
 from steelyard.robot.file.tables_by_kind import Kinds
 from steelyard.runs.processing_choices import method_of

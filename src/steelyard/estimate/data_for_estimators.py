@@ -11,8 +11,8 @@ from steelyard.base.progress import Progress
 from steelyard.estimate.closed_loop.simulated_experiment import Experiment
 from steelyard.estimate.information.base_regressor import Regressor
 from steelyard.estimate.information.filter_and_gram import ParallelFilter
-from steelyard.estimate.information.filtered_samples import FilteredSamples, gather_samples
 from steelyard.estimate.information.information import Information, Window
+from steelyard.estimate.information.kept_filtered_samples import FilteredSamples, gather_samples
 from steelyard.runs.run import Run
 
 Needs = Literal["information", "samples", "experiment"]  # see `estimate.Estimator`

@@ -39,7 +39,7 @@ from steelyard.estimate.least_squares.weighted_robust_and_whitened import (
     WeightedLeastSquares,
 )
 from steelyard.estimate.prior.body_priors import Knowledge
-from steelyard.estimate.prior.constraint_kinds import knowledge_of
+from steelyard.estimate.prior.prior_constraint_kinds import knowledge_of
 from steelyard.estimate.reduction.reduction import Reduced
 from steelyard.model.model import Model
 from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot

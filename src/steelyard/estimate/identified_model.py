@@ -17,12 +17,19 @@ from steelyard.base.checked_arguments import checked
 from steelyard.base.errors import DataError, ModelError, nearest
 from steelyard.base.files import read_json, whole_folder
 from steelyard.base.motion import Motion
-from steelyard.estimate.effort_uncertainty_and_bands import (
+from steelyard.estimate.covariance_and_band_widths import (
     Calibration,
     EffortUncertainty,
     covariance_root,
 )
+from steelyard.estimate.dead_zone_and_stream_rest_speed import dead_zone, rest_speed_of
 from steelyard.estimate.estimate import Estimate
+from steelyard.estimate.external.compiled_observer_step import (
+    Axes,
+    StepProgram,
+    columns_quantity,
+    moved_frame,
+)
 from steelyard.estimate.external.contact_thresholds import ContactThresholds
 from steelyard.estimate.external.observer_and_wrench import (
     FORCE,
@@ -32,16 +39,9 @@ from steelyard.estimate.external.observer_and_wrench import (
     Observer,
     check_bandwidth,
 )
-from steelyard.estimate.external.observer_equations import (
-    Axes,
-    StepProgram,
-    columns_quantity,
-    moved_frame,
-)
 from steelyard.estimate.information.base_regressor import BaseMap
 from steelyard.estimate.information.filter_and_gram import noise_bandwidth
 from steelyard.estimate.known_effort_scales import KnownScales
-from steelyard.estimate.rest_speed_and_dead_zone import dead_zone, rest_speed_of
 from steelyard.model.dynamics import Dynamics
 from steelyard.model.model import Model, ValuedModel
 from steelyard.model.sample_by_sample import Stepper

@@ -35,8 +35,8 @@ from steelyard.estimate.least_squares.weighted_robust_and_whitened import (
 )
 from steelyard.estimate.nonlinear.effort_scales import EffortScales, effort_scales
 from steelyard.estimate.prior.body_priors import Knowledge
+from steelyard.estimate.scores.band_calibration_on_left_out_motion import calibrate
 from steelyard.estimate.scores.cross_validation import choose_cutoff
-from steelyard.estimate.scores.effort_band_calibration import calibrate
 from steelyard.identify.fit_preparation import (
     TOO_SHORT,
     FitTask,

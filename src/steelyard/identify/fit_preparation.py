@@ -36,7 +36,7 @@ from steelyard.estimate.nonlinear.nonlinear_parameters import (
     with_offsets,
 )
 from steelyard.estimate.payload.drive_gains import GainEstimate, identified_gains
-from steelyard.estimate.prior.constraint_kinds import knowledge_of
+from steelyard.estimate.prior.prior_constraint_kinds import knowledge_of
 from steelyard.estimate.scores.cross_validation import TooShortError
 from steelyard.model.model import Model, model_with_open_friction, with_friction
 from steelyard.model.terms.axes_and_fields import finds_of

@@ -12,11 +12,11 @@ from steelyard.base.arrays import frozen
 from steelyard.base.checked_arguments import checked
 from steelyard.base.errors import DataError, ModelError, advice
 from steelyard.base.progress import Progress, silent
-from steelyard.estimate.consistent.contradictions_and_prior_weight import (
+from steelyard.estimate.consistent.convex_estimator import Consistent
+from steelyard.estimate.consistent.prior_weight_and_contradictions import (
     contradictions,
     refuse_contradictions,
 )
-from steelyard.estimate.consistent.convex_estimator import Consistent
 from steelyard.estimate.estimate import Estimate, StandardEstimate
 from steelyard.estimate.identified_model import IdentifiedModel, load_model
 from steelyard.estimate.information.base_regressor import base_parameters, base_regressor
@@ -24,11 +24,11 @@ from steelyard.estimate.information.information import Information
 from steelyard.estimate.least_squares.weighted_robust_and_whitened import WeightedLeastSquares
 from steelyard.estimate.nonlinear.nonlinear_parameters import information_from
 from steelyard.estimate.prior.body_priors import Row
-from steelyard.estimate.prior.constraint_kinds import knowledge_of
+from steelyard.estimate.prior.prior_constraint_kinds import knowledge_of
 from steelyard.estimate.reduction.left_out_errors_and_stopping_rules import Tolerance, rule_of
 from steelyard.estimate.reduction.reduction import Reduction, criterion_of
 from steelyard.estimate.reduction.reduction import reduce as reduced_by
-from steelyard.estimate.scores.effort_band_calibration import calibrate
+from steelyard.estimate.scores.band_calibration_on_left_out_motion import calibrate
 from steelyard.identify.page.report_content import ReportContent
 from steelyard.identify.provenance_and_notes import dropped, dropped_rows, notes_of, settings
 from steelyard.identify.repeated_motion import marked_repeats

@@ -13,8 +13,8 @@ from steelyard.base.errors import DataError, advice
 from steelyard.base.progress import Progress, report_progress
 from steelyard.estimate.identified_model import IdentifiedModel, load_model
 from steelyard.estimate.scores.effort_errors import effort_reference
+from steelyard.estimate.scores.parts_and_bands_along_run import Bands, TorqueSplit
 from steelyard.estimate.scores.score import RunScore, score
-from steelyard.estimate.scores.torque_split_bands_and_traces import Bands, TorqueSplit
 from steelyard.identify.page.effort_error_words import both_words
 from steelyard.identify.page.parameters_and_truth import parameter_rows
 from steelyard.identify.page.report_content import ReportContent

@@ -22,7 +22,8 @@ from steelyard.estimate.consistent.conic_solver import (
     Unsolved,
     solved,
 )
-from steelyard.estimate.consistent.contradictions_and_prior_weight import (
+from steelyard.estimate.consistent.convex_program import Program, conic_constraints, polished
+from steelyard.estimate.consistent.prior_weight_and_contradictions import (
     PARTS,
     Tried,
     Weighed,
@@ -32,7 +33,6 @@ from steelyard.estimate.consistent.contradictions_and_prior_weight import (
     refuse_contradictions,
     weighed,
 )
-from steelyard.estimate.consistent.convex_program import Program, conic_constraints, polished
 from steelyard.estimate.consistent.scaled_parameters_and_penalties import Entropic, Form, unknowns
 from steelyard.estimate.estimate import Estimate, StandardEstimate
 from steelyard.estimate.information.base_regressor import BaseMap

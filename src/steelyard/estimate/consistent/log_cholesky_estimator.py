@@ -20,9 +20,9 @@ from numpy.typing import NDArray
 
 from steelyard.base.arrays import Array, Parameters
 from steelyard.base.errors import DataError
-from steelyard.estimate.consistent.contradictions_and_prior_weight import refuse_contradictions
 from steelyard.estimate.consistent.convex_estimator import Consistent
 from steelyard.estimate.consistent.convex_program import Program
+from steelyard.estimate.consistent.prior_weight_and_contradictions import refuse_contradictions
 from steelyard.estimate.consistent.scaled_parameters_and_penalties import (
     BASIS,
     COLUMNS,

@@ -26,9 +26,9 @@ from numpy.typing import ArrayLike, NDArray
 from steelyard.base.arrays import Z95, Array, frozen
 from steelyard.base.errors import DataError
 from steelyard.base.motion import numbers
-from steelyard.estimate.effort_uncertainty_and_bands import EffortUncertainty
+from steelyard.estimate.covariance_and_band_widths import EffortUncertainty
+from steelyard.estimate.external.compiled_observer_step import STATES, StepProgram
 from steelyard.estimate.external.contact_thresholds import ChangeStepper, ContactThresholds
-from steelyard.estimate.external.observer_equations import STATES, StepProgram
 from steelyard.model.compiled_quantity import check_angles
 from steelyard.symbolic.native.compiled_programs import SampleCall
 from steelyard.symbolic.native.llvm_vector_code import MAX_ANGLE

@@ -23,8 +23,8 @@ import numpy as np
 
 from steelyard.base.arrays import Array, frozen
 from steelyard.estimate.estimate import Estimate, Estimator
-from steelyard.estimate.information.filtered_samples import FilteredSamples
 from steelyard.estimate.information.information import Information
+from steelyard.estimate.information.kept_filtered_samples import FilteredSamples
 from steelyard.estimate.least_squares.covariance_from_residuals import (
     inflations,
     moved,

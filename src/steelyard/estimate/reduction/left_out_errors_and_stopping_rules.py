@@ -15,8 +15,8 @@ import numpy as np
 
 from steelyard.base.arrays import Array, frozen
 from steelyard.base.errors import DataError, ModelError, named
-from steelyard.estimate.information.filtered_samples import FilteredSamples
 from steelyard.estimate.information.information import Information
+from steelyard.estimate.information.kept_filtered_samples import FilteredSamples
 from steelyard.estimate.reduction.backward_elimination import FullModel, Path, State
 from steelyard.estimate.scores.cross_validation import FEWEST, FOLDS, logarithms, standard_error
 

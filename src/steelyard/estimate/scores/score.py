@@ -24,8 +24,7 @@ from steelyard.estimate.scores.effort_errors import (
     band_of,
     relative_percent,
 )
-from steelyard.estimate.scores.residuals import MOST_KEPT
-from steelyard.estimate.scores.torque_split_bands_and_traces import (
+from steelyard.estimate.scores.parts_and_bands_along_run import (
     MOST_DRAWN,
     PARTS,
     Bands,
@@ -34,6 +33,7 @@ from steelyard.estimate.scores.torque_split_bands_and_traces import (
     TorqueSplit,
     Traces,
 )
+from steelyard.estimate.scores.residual_noise_and_traces import MOST_KEPT
 from steelyard.model.model import ValuedModel
 from steelyard.runs.run import Block, Run
 from steelyard.runs.smoothing.zero_phase_filters import (

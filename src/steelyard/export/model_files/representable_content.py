@@ -14,7 +14,7 @@ import numpy as np
 
 from steelyard.base.arrays import Array
 from steelyard.base.errors import ModelError
-from steelyard.estimate.effort_uncertainty_and_bands import EDGES
+from steelyard.estimate.covariance_and_band_widths import EDGES
 from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.model.terms.axes_and_fields import Axis
 from steelyard.model.terms.urdf_mjcf_parts import AxisPartKind, Curve, Placed, Pull, listed, placed

@@ -9,8 +9,8 @@ from steelyard.base.arrays import Z95, Array
 from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.estimate.information.gather import Mask
 from steelyard.estimate.scores.effort_errors import known_efforts
+from steelyard.estimate.scores.parts_and_bands_along_run import PARTS, TorqueParts, Traces
 from steelyard.estimate.scores.score import RunScore
-from steelyard.estimate.scores.torque_split_bands_and_traces import PARTS, TorqueParts, Traces
 from steelyard.identify.page.effort_error_words import below
 from steelyard.identify.page.report_content import ReportContent
 from steelyard.report.page import (

@@ -10,9 +10,9 @@ from rich.text import Text
 
 from steelyard.base.arrays import Array
 from steelyard.estimate.friction.friction_choice import FrictionChoice
-from steelyard.estimate.friction_curves import FrictionCurve, friction_curves
+from steelyard.estimate.friction.friction_curves import FrictionCurve, friction_curves
 from steelyard.estimate.nonlinear.nonlinear_parameters import Finding
-from steelyard.estimate.scores.torque_split_bands_and_traces import PARTS, TorqueParts
+from steelyard.estimate.scores.parts_and_bands_along_run import PARTS, TorqueParts
 from steelyard.identify.page.report_content import ReportContent, fitted_samples, unseen_samples
 from steelyard.model.terms.term import StatefulTerm
 from steelyard.report.page import FigureSection, Numbers, TableSection, rounded

@@ -14,8 +14,8 @@ from steelyard.estimate.nonlinear.nonlinear_parameters import Finding as FieldFi
 from steelyard.estimate.nonlinear.nonlinear_parameters import ZeroOffsets
 from steelyard.estimate.payload.drive_gains import GainEstimate
 from steelyard.estimate.reduction.reduction import Reduction
+from steelyard.estimate.scores.parts_and_bands_along_run import TorqueParts
 from steelyard.estimate.scores.score import RunScore
-from steelyard.estimate.scores.torque_split_bands_and_traces import TorqueParts
 from steelyard.report.page import PageContent
 from steelyard.report.words import count
 

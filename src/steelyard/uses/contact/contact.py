@@ -18,14 +18,14 @@ from steelyard.base.arrays import Array
 from steelyard.base.checked_arguments import checked
 from steelyard.base.errors import DataError, LogError
 from steelyard.base.progress import Progress, silent
-from steelyard.estimate.effort_uncertainty_and_bands import EDGES
+from steelyard.estimate.covariance_and_band_widths import EDGES
+from steelyard.estimate.dead_zone_and_stream_rest_speed import rest_speed_of
 from steelyard.estimate.external.contact_thresholds import ONSET, ContactThresholds, ResidualPeaks
 from steelyard.estimate.identified_model import IdentifiedModel, load_model
 from steelyard.estimate.information.base_regressor import base_regressor
 from steelyard.estimate.information.gather import gather
-from steelyard.estimate.rest_speed_and_dead_zone import rest_speed_of
 from steelyard.estimate.scores.effort_errors import effort_reference
-from steelyard.estimate.scores.residuals import (
+from steelyard.estimate.scores.residual_noise_and_traces import (
     ResidualTrace,
     residual_cutoff,
     residual_trace,

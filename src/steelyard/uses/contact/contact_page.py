@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
     from steelyard.base.arrays import Array
     from steelyard.estimate.external.contact_thresholds import ContactThresholds
-    from steelyard.estimate.scores.residuals import ResidualTrace
+    from steelyard.estimate.scores.residual_noise_and_traces import ResidualTrace
     from steelyard.uses.contact.contact import ContactEvent, SuspectedContact
 
 MOST_POINTS_OF_RESIDUAL = 4000  # of a line; every one is the largest of those that it stands for

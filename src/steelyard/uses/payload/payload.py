@@ -15,11 +15,11 @@ from steelyard.base.errors import DataError
 from steelyard.base.progress import Progress, silent
 from steelyard.estimate.identified_model import IdentifiedModel, load_model
 from steelyard.estimate.information.base_regressor import base_regressor
-from steelyard.estimate.information.filtered_samples import gather_samples
 from steelyard.estimate.information.gather import gather
+from steelyard.estimate.information.kept_filtered_samples import gather_samples
 from steelyard.estimate.payload.payload_estimate import PayloadEstimate
 from steelyard.estimate.payload.payload_frame import carrier
-from steelyard.estimate.scores.residuals import residual_cutoff, residual_trace
+from steelyard.estimate.scores.residual_noise_and_traces import residual_cutoff, residual_trace
 from steelyard.identify.provenance_and_notes import dropped
 from steelyard.identify.scores_and_model_report import fitted_before, runs_for
 from steelyard.report.page import figures, inspected_page, notes

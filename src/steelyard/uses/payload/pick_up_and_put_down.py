@@ -10,8 +10,8 @@ import numpy as np
 from steelyard.base.arrays import Z95
 from steelyard.base.errors import DataError
 from steelyard.estimate.identified_model import IdentifiedModel
-from steelyard.estimate.information.filtered_samples import FilteredSamples
 from steelyard.estimate.information.information import Window
+from steelyard.estimate.information.kept_filtered_samples import FilteredSamples
 from steelyard.estimate.payload.payload_estimate import PayloadEstimate
 from steelyard.estimate.payload.payload_frame import carrier, payload_lift
 from steelyard.estimate.payload.runs_with_payload import combined, drifting

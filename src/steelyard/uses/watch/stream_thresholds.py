@@ -8,7 +8,12 @@ from steelyard.base.errors import DataError, LogError
 from steelyard.base.progress import Progress, report_progress
 from steelyard.estimate.external.contact_thresholds import HOLD, SETTLED, ContactThresholds
 from steelyard.estimate.identified_model import IdentifiedModel
-from steelyard.estimate.scores.residuals import FORGOTTEN, ResidualTrace, greatest, thresholds_of
+from steelyard.estimate.scores.residual_noise_and_traces import (
+    FORGOTTEN,
+    ResidualTrace,
+    greatest,
+    thresholds_of,
+)
 from steelyard.identify.scores_and_model_report import fitted_before
 from steelyard.logs.contents import windowed
 from steelyard.logs.formats import open_log

@@ -12,9 +12,9 @@ from steelyard.estimate.external.contact_thresholds import ContactThresholds
 from steelyard.estimate.external.observer_and_wrench import PER_PERIOD
 from steelyard.estimate.identified_model import IdentifiedModel, load_model
 from steelyard.estimate.information.base_regressor import base_regressor
-from steelyard.estimate.information.filtered_samples import gather_samples
+from steelyard.estimate.information.kept_filtered_samples import gather_samples
 from steelyard.estimate.payload.payload_frame import carrier
-from steelyard.estimate.scores.residuals import thresholds_of
+from steelyard.estimate.scores.residual_noise_and_traces import thresholds_of
 from steelyard.identify.scores_and_model_report import processing_of
 from steelyard.runs.prepare import prepare
 from steelyard.runs.recording import LogInMemory, Recording

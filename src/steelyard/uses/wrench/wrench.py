@@ -11,6 +11,7 @@ from steelyard.base.arrays import Array
 from steelyard.base.checked_arguments import checked
 from steelyard.base.files import write_table
 from steelyard.base.progress import Progress, silent
+from steelyard.estimate.external.compiled_observer_step import Axes, moved_frame
 from steelyard.estimate.external.observer_and_wrench import (
     FORCE,
     LEVER,
@@ -19,7 +20,6 @@ from steelyard.estimate.external.observer_and_wrench import (
     Weighted,
     WrenchMethod,
 )
-from steelyard.estimate.external.observer_equations import Axes, moved_frame
 from steelyard.estimate.identified_model import IdentifiedModel, load_model
 from steelyard.identify.provenance_and_notes import left_out, notes_of
 from steelyard.identify.scores_and_model_report import fitted_before, runs_for

@@ -18,6 +18,12 @@ from numpy.typing import NDArray
 from steelyard.base.arrays import Z95, Array
 from steelyard.base.errors import DataError
 from steelyard.base.progress import Progress, report_progress, silent
+from steelyard.estimate.external.compiled_observer_step import (
+    Axes,
+    Observed,
+    moved_frame,
+    observed_quantity,
+)
 from steelyard.estimate.external.observer_and_wrench import (
     PER_PERIOD,
     Expected,
@@ -29,16 +35,10 @@ from steelyard.estimate.external.observer_and_wrench import (
     condition_numbers,
     momentum_residual,
 )
-from steelyard.estimate.external.observer_equations import (
-    Axes,
-    Observed,
-    moved_frame,
-    observed_quantity,
-)
 from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.estimate.information.gather import blocks_with_channels
-from steelyard.estimate.scores.residuals import FORGOTTEN, FRICTION, residual_trace
-from steelyard.estimate.scores.torque_split_bands_and_traces import TorqueSplit
+from steelyard.estimate.scores.parts_and_bands_along_run import TorqueSplit
+from steelyard.estimate.scores.residual_noise_and_traces import FORGOTTEN, FRICTION, residual_trace
 from steelyard.model.torque_and_quantities import Quantity
 from steelyard.runs.run import Block, Run
 from steelyard.runs.smoothing.zero_phase_filters import noise_bandwidth, zero_phase

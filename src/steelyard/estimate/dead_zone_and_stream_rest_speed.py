@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from steelyard.base.arrays import Array, frozen
-from steelyard.estimate.effort_uncertainty_and_bands import EDGES, Calibration
+from steelyard.estimate.covariance_and_band_widths import EDGES, Calibration
 from steelyard.model.model import ValuedModel
 from steelyard.model.torque_and_quantities import FRICTION
 from steelyard.robot.loop_closures import loop_equations

@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.base.arrays import Z95, Array, Parameters, frozen
-from steelyard.estimate.effort_uncertainty_and_bands import Calibration, covariance_root
+from steelyard.estimate.covariance_and_band_widths import Calibration, covariance_root
 from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.estimate.information.base_regressor import Layout, Regressor, base_regressor
 from steelyard.estimate.information.gather import Mask

@@ -37,7 +37,7 @@ from steelyard.estimate.external.contact_thresholds import (
 from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.estimate.information.filter_and_gram import ParallelFilter
 from steelyard.estimate.information.gather import blocks_with_channels
-from steelyard.estimate.scores.torque_split_bands_and_traces import PARTS, TorqueSplit
+from steelyard.estimate.scores.parts_and_bands_along_run import PARTS, TorqueSplit
 from steelyard.model.model import ValuedModel
 from steelyard.runs.run import Block, Run
 from steelyard.runs.spectrum_and_period import welch

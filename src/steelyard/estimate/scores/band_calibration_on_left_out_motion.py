@@ -17,22 +17,26 @@ from numpy.typing import NDArray
 from steelyard.base.arrays import Z95, Array
 from steelyard.base.errors import DataError, LogError
 from steelyard.base.progress import Progress, report_progress, silent
-from steelyard.estimate.effort_uncertainty_and_bands import BINS, EDGES, Calibration, Kind, bins
+from steelyard.estimate.covariance_and_band_widths import BINS, EDGES, Calibration, Kind, bins
+from steelyard.estimate.dead_zone_and_stream_rest_speed import rest_speed_of
 from steelyard.estimate.estimate import Estimator
 from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.estimate.information.base_regressor import base_regressor
 from steelyard.estimate.information.information import Information
 from steelyard.estimate.nonlinear.nonlinear_parameters import information_from
-from steelyard.estimate.rest_speed_and_dead_zone import rest_speed_of
 from steelyard.estimate.scores.cross_validation import (
     FOLDS,
     LeftOut,
     runs_left_out,
     stretches_left_out,
 )
-from steelyard.estimate.scores.residuals import ResidualTrace, residual_cutoff, residual_trace
+from steelyard.estimate.scores.parts_and_bands_along_run import Bands
+from steelyard.estimate.scores.residual_noise_and_traces import (
+    ResidualTrace,
+    residual_cutoff,
+    residual_trace,
+)
 from steelyard.estimate.scores.score import score
-from steelyard.estimate.scores.torque_split_bands_and_traces import Bands
 from steelyard.runs.rest_speed import rest_speed_of_runs
 from steelyard.runs.run import Run
 

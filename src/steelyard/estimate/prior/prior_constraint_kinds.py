@@ -8,10 +8,10 @@ import numpy as np
 
 from steelyard.base.arrays import Array
 from steelyard.base.errors import ModelError
-from steelyard.estimate.consistent.contradictions_and_prior_weight import refuse_contradictions
+from steelyard.estimate.consistent.prior_weight_and_contradictions import refuse_contradictions
 from steelyard.estimate.prior.body_priors import Knowledge, Row
 from steelyard.estimate.prior.dissipative_friction import dissipation_rows, shaped
-from steelyard.estimate.prior.prior_constraints import (
+from steelyard.estimate.prior.prior_constraint_protocol import (
     Bounded,
     ConstraintContext,
     PriorConstraint,

@@ -27,7 +27,7 @@ from steelyard.estimate.consistent.convex_program import (
 )
 from steelyard.estimate.consistent.scaled_parameters_and_penalties import ONE, apart, scale_of
 from steelyard.estimate.prior.body_priors import Knowledge, Row
-from steelyard.estimate.prior.prior_constraints import in_words
+from steelyard.estimate.prior.prior_constraint_protocol import in_words
 from steelyard.estimate.scores.cross_validation import chance_of
 
 LEAST_PRIOR_WEIGHT, MOST_PRIOR_WEIGHT = 1e-3, 1e4  # uncertainties of 3000 % and 1 %
