@@ -5,14 +5,14 @@ import pytest
 
 from steelyard.base.arrays import Array
 from steelyard.base.errors import DataError
-from steelyard.estimate.external.observer_and_wrench import (
+from steelyard.estimate.external.momentum_observer import momentum_residual
+from steelyard.estimate.external.wrench_methods import (
     Expected,
     ExternalEfforts,
     InverseJacobian,
     Weighted,
     condition_numbers,
     learned_of,
-    momentum_residual,
 )
 from steelyard.uses.wrench import wrench_kalman_smoother as smoothing
 from steelyard.uses.wrench.wrench_along_run import name_of, unobservable_directions

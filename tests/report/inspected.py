@@ -3,7 +3,7 @@
 import numpy as np
 
 from steelyard.estimate.external.contact_thresholds import RANGES, ContactThresholds
-from steelyard.estimate.external.observer_and_wrench import Expected
+from steelyard.estimate.external.wrench_methods import Expected
 from steelyard.estimate.payload.payload_estimate import PayloadEstimate
 from steelyard.estimate.scores.residual_noise_and_traces import ResidualTrace
 from steelyard.uses.contact.contact import ContactEvent, JointLoad

@@ -9,7 +9,7 @@ from steelyard.base.arrays import Array
 from steelyard.base.errors import DataError
 from steelyard.base.progress import Progress, silent
 from steelyard.estimate.external.contact_thresholds import ContactThresholds
-from steelyard.estimate.external.observer_and_wrench import PER_PERIOD
+from steelyard.estimate.external.momentum_observer import PER_PERIOD
 from steelyard.estimate.identified_model import IdentifiedModel, load_model
 from steelyard.estimate.information.base_regressor import base_regressor
 from steelyard.estimate.information.kept_filtered_samples import gather_samples

@@ -11,7 +11,7 @@ from steelyard.base.arrays import Array
 from steelyard.base.errors import LogError
 from steelyard.estimate.dead_zone_and_stream_rest_speed import rest_speed_of
 from steelyard.estimate.external.contact_thresholds import ChangeStepper, ContactThresholds
-from steelyard.estimate.external.observer_and_wrench import Observer
+from steelyard.estimate.external.momentum_observer import Observer
 from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.runs.sample_stream import SampleStream, StreamSample
 from steelyard.uses.contact.contact import ContactEvent, ContactStart, ContactStream

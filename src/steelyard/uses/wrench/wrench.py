@@ -12,7 +12,7 @@ from steelyard.base.checked_arguments import checked
 from steelyard.base.files import write_table
 from steelyard.base.progress import Progress, silent
 from steelyard.estimate.external.compiled_observer_step import Axes, moved_frame
-from steelyard.estimate.external.observer_and_wrench import (
+from steelyard.estimate.external.wrench_methods import (
     FORCE,
     LEVER,
     Expected,

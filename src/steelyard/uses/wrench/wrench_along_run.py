@@ -24,16 +24,18 @@ from steelyard.estimate.external.compiled_observer_step import (
     moved_frame,
     observed_quantity,
 )
-from steelyard.estimate.external.observer_and_wrench import (
+from steelyard.estimate.external.momentum_observer import (
     PER_PERIOD,
+    check_bandwidth,
+    momentum_residual,
+)
+from steelyard.estimate.external.wrench_methods import (
     Expected,
     ExternalEfforts,
     InverseJacobian,
     Wrenches,
     WrenchMethod,
-    check_bandwidth,
     condition_numbers,
-    momentum_residual,
 )
 from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.estimate.information.gather import blocks_with_channels

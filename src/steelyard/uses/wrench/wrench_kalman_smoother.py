@@ -19,7 +19,7 @@ import numpy as np
 
 from steelyard.base.arrays import Array
 from steelyard.base.errors import DataError
-from steelyard.estimate.external.observer_and_wrench import (
+from steelyard.estimate.external.wrench_methods import (
     Expected,
     ExternalEfforts,
     Wrenches,
