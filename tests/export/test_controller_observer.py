@@ -19,7 +19,7 @@ from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.export.code.c_code import CCode
 from steelyard.export.code.controller_functions import Controller, ObserverNumbers
 from steelyard.export.code.export_code import controller_of, write_code
-from steelyard.export.code.python_fmu_ros2_simulink import python_code
+from steelyard.export.code.python_code import python_code
 from steelyard.model.laws.friction_with_memory import Dahl
 from steelyard.model.laws.register import DEFAULT_TERMS
 from steelyard.robot.robot import Robot

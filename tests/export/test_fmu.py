@@ -14,7 +14,7 @@ from invented import tree
 from moving import cycles
 from steelyard.base.errors import OutputError
 from steelyard.base.motion import Motion
-from steelyard.export.code import python_fmu_ros2_simulink
+from steelyard.export.code import fmu_ros2_simulink
 from steelyard.export.code.export_code import write_code
 from steelyard.model.laws.friction_with_memory import Dahl
 from steelyard.model.laws.register import DEFAULT_TERMS
@@ -94,7 +94,7 @@ def test_the_interface_compiles_without_warnings(
     case: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     make, terms = CASES[case]
-    monkeypatch.setattr(python_fmu_ros2_simulink, "compiler", lambda: None)
+    monkeypatch.setattr(fmu_ros2_simulink, "compiler", lambda: None)
     path = tmp_path / "arm.fmu"
     names = write_code(identified_of(make(), terms), path, "fmu").files
     assert not any(name.startswith("binaries") for name in names), "sources alone"
@@ -108,7 +108,7 @@ def test_the_interface_compiles_without_warnings(
 
 
 def test_the_same_model_is_the_same_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(python_fmu_ros2_simulink, "compiler", lambda: None)
+    monkeypatch.setattr(fmu_ros2_simulink, "compiler", lambda: None)
     paths = [tmp_path / name for name in ("a.fmu", "b.fmu")]
     for path in paths:
         write_code(identified_of(tree()), path, "fmu")
@@ -119,9 +119,9 @@ def test_a_compiler_that_fails_is_named(tmp_path: Path, monkeypatch: pytest.Monk
     broken = tmp_path / "cc"
     broken.write_text("#!/bin/sh\necho no licence >&2\nexit 1\n")
     broken.chmod(0o755)
-    monkeypatch.setattr(python_fmu_ros2_simulink, "compiler", lambda: str(broken))
-    monkeypatch.setattr(python_fmu_ros2_simulink.platform, "system", lambda: "Linux")
-    monkeypatch.setattr(python_fmu_ros2_simulink.platform, "machine", lambda: "x86_64")
+    monkeypatch.setattr(fmu_ros2_simulink, "compiler", lambda: str(broken))
+    monkeypatch.setattr(fmu_ros2_simulink.platform, "system", lambda: "Linux")
+    monkeypatch.setattr(fmu_ros2_simulink.platform, "machine", lambda: "x86_64")
     with pytest.raises(OutputError, match="the compiler fails: no licence"):
         write_code(identified_of(tree()), tmp_path / "arm.fmu", "fmu")
     assert not (tmp_path / "arm.fmu").exists()

@@ -19,7 +19,7 @@ from steelyard.base.errors import ModelError
 from steelyard.base.motion import Motion
 from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.export.code.export_code import write_code
-from steelyard.export.code.python_fmu_ros2_simulink import text_literal
+from steelyard.export.code.fmu_ros2_simulink import text_literal
 from steelyard.model.equations.inverse_dynamics import JointState
 from steelyard.model.laws.friction_over_speed import Viscous
 from steelyard.model.laws.friction_with_memory import Dahl

@@ -20,13 +20,9 @@ from steelyard.export.code.controller_functions import (
     Controller,
     ObserverNumbers,
 )
-from steelyard.export.code.python_fmu_ros2_simulink import ROS2_FUNCTIONS as OF_ROS2
-from steelyard.export.code.python_fmu_ros2_simulink import (
-    python_code,
-    ros2_files,
-    simulink_files,
-    write_fmu,
-)
+from steelyard.export.code.fmu_ros2_simulink import ROS2_FUNCTIONS as OF_ROS2
+from steelyard.export.code.fmu_ros2_simulink import ros2_files, simulink_files, write_fmu
+from steelyard.export.code.python_code import python_code
 from steelyard.model.equations.frame_and_point_kinematics import frame_of
 from steelyard.robot.robot import Robot
 from steelyard.symbolic.source_code import Precision
