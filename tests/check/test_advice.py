@@ -2,7 +2,7 @@
 
 import pytest
 
-from steelyard.check.identifiability_and_clean_runs import _advice
+from steelyard.check.identifiability_check import _advice
 from steelyard.estimate.estimate import Unidentifiable
 
 

@@ -20,7 +20,7 @@ from steelyard.check.decision.judged_explanations import judge_log
 from steelyard.check.decision.ranked_readings import COMPARING_PHASE
 from steelyard.check.finding import Edit, Finding, Fix, Severity
 from steelyard.check.hypotheses.nuisance_fit_and_score import fit_nuisances, shared_fit
-from steelyard.check.identifiability_and_clean_runs import identifiability_check
+from steelyard.check.identifiability_check import identifiability_check
 from steelyard.check.known_efforts_of_robot import knowledge_of
 from steelyard.estimate.known_effort_scales import KnownScales
 from steelyard.robot.file.toml_edits import edited

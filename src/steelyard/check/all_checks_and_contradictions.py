@@ -30,7 +30,7 @@ from steelyard.check.finding import Edit, Finding, Fix, Picture, Severity, Trace
 from steelyard.check.gear_side_and_rotors import gear_side_check
 from steelyard.check.hypotheses.nuisance_fit_and_score import LEAST_SAMPLE_COUNT
 from steelyard.check.hypotheses.readings_and_likelihood import Likelihood
-from steelyard.check.identifiability_and_clean_runs import identifiability_check
+from steelyard.check.identifiability_check import identifiability_check
 from steelyard.check.signals.corrupt_and_repeated_rows import (
     corrupt_rows_check,
     repeated_rows_check,

@@ -8,9 +8,9 @@ from collections.abc import Iterable
 
 from steelyard.base.errors import SteelyardError
 from steelyard.check.case_logs_and_checks import Case, case_check
+from steelyard.check.clean_runs_and_customary_model import customary_model, longest_run
 from steelyard.check.finding import Finding, Fix
 from steelyard.check.fitted.fitted_case_and_ranked_causes import FittedCase, post_fit_check
-from steelyard.check.identifiability_and_clean_runs import customary_model, longest_run
 from steelyard.estimate.estimate import Estimate
 from steelyard.estimate.information.base_regressor import base_regressor
 from steelyard.estimate.information.gather import gather

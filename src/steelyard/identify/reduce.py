@@ -32,7 +32,8 @@ from steelyard.estimate.scores.band_calibration_on_left_out_motion import calibr
 from steelyard.identify.page.report_content import ReportContent
 from steelyard.identify.provenance_and_notes import dropped, dropped_rows, notes_of, settings
 from steelyard.identify.repeated_motion import marked_repeats
-from steelyard.identify.scores_and_model_report import ModelReport, runs_for, scored
+from steelyard.identify.runs_for_model import runs_for
+from steelyard.identify.scores_and_model_report import ModelReport, scored
 from steelyard.model.model import Model
 from steelyard.model.terms.term import Term
 from steelyard.report.result import Result

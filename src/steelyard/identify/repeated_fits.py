@@ -25,7 +25,8 @@ from steelyard.estimate.scores.score import RunScore
 from steelyard.identify.fit import Fit
 from steelyard.identify.page.bootstrap_repeats_and_sensitivity import repeated_table
 from steelyard.identify.page.effort_error_words import relative_errors
-from steelyard.identify.scores_and_model_report import processing_of, scored
+from steelyard.identify.runs_for_model import processing_of
+from steelyard.identify.scores_and_model_report import scored
 from steelyard.report.result import DataFrame, frame
 from steelyard.report.tables import text_table
 from steelyard.report.terminal import terminal

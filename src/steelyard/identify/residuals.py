@@ -18,7 +18,7 @@ from steelyard.estimate.scores.effort_errors import (
     known_efforts,
 )
 from steelyard.estimate.scores.score import low_passed, no_closed_sample
-from steelyard.identify.scores_and_model_report import runs_for
+from steelyard.identify.runs_for_model import runs_for
 from steelyard.report.result import DataFrame, frame
 from steelyard.runs.runs_of_named_logs import log_files, paths_of
 

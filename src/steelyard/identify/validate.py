@@ -24,13 +24,8 @@ from steelyard.identify.provenance_and_notes import (
     settings,
 )
 from steelyard.identify.repeated_motion import marked_repeats
-from steelyard.identify.scores_and_model_report import (
-    ModelReport,
-    fitted_before,
-    runs_for,
-    scored,
-    scored_from_commanded,
-)
+from steelyard.identify.runs_for_model import fitted_before, runs_for
+from steelyard.identify.scores_and_model_report import ModelReport, scored, scored_from_commanded
 from steelyard.identify.validation_split import holds_fitted_rows
 from steelyard.report.result import Result
 from steelyard.runs.run import Run

@@ -19,11 +19,11 @@ from numpy.typing import NDArray
 from steelyard.base.arrays import Array
 from steelyard.base.errors import DataError, SteelyardError
 from steelyard.check.case_logs_and_checks import Case, CheckedLog, remembered
+from steelyard.check.clean_runs_and_customary_model import clean_runs, customary_model
 from steelyard.check.finding import Edit, Finding, Fix, Severity
 from steelyard.check.hypotheses.log_excerpt import excerpt_of
 from steelyard.check.hypotheses.nuisance_fit_and_score import REST_SPEED
 from steelyard.check.hypotheses.readings_and_likelihood import Hypothesis
-from steelyard.check.identifiability_and_clean_runs import clean_runs, customary_model
 from steelyard.estimate.friction.friction_mixes import with_any_speed
 from steelyard.estimate.information.base_regressor import base_regressor
 from steelyard.estimate.information.gather import gather

@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from steelyard.base.arrays import Z95, Array
 from steelyard.base.errors import DataError, SteelyardError
 from steelyard.check.case_logs_and_checks import Case, CheckedLog, case_check
+from steelyard.check.clean_runs_and_customary_model import clean_runs, customary_model
 from steelyard.check.decision.judged_explanations import CLEAN, STRIKING, judge_log
 from steelyard.check.decision.ranked_readings import DECISIVE_GAIN
 from steelyard.check.decision.robot_file_edits import zero_edits
@@ -42,7 +43,6 @@ from steelyard.check.hypotheses.position_hypotheses import (
     zeros_without_effect,
 )
 from steelyard.check.hypotheses.readings_and_likelihood import Reading
-from steelyard.check.identifiability_and_clean_runs import clean_runs, customary_model
 from steelyard.estimate.information.base_regressor import Regressor, base_parameters, base_regressor
 from steelyard.estimate.least_squares.weighted_robust_and_whitened import WeightedLeastSquares
 from steelyard.estimate.nonlinear.nonlinear_parameters import (

@@ -22,10 +22,10 @@ import numpy as np
 from steelyard.base.arrays import Array
 from steelyard.base.errors import SteelyardError
 from steelyard.check.case_logs_and_checks import Case, CheckedLog
+from steelyard.check.clean_runs_and_customary_model import clean_runs, customary_model, longest_run
 from steelyard.check.finding import Edit, Finding, Fix
 from steelyard.check.hypotheses.nuisance_fit_and_score import LikelihoodScore
 from steelyard.check.hypotheses.readings_and_likelihood import Reading
-from steelyard.check.identifiability_and_clean_runs import clean_runs, customary_model, longest_run
 from steelyard.estimate.information.base_regressor import Regressor, base_regressor
 from steelyard.estimate.information.gather import gather
 from steelyard.estimate.information.information import Information

@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from steelyard.base.arrays import Array
 from steelyard.base.errors import SteelyardError
 from steelyard.check.case_logs_and_checks import Case, CheckedLog, log_check
+from steelyard.check.clean_runs_and_customary_model import clean_runs, customary_model
 from steelyard.check.finding import Finding, Fix, Severity, percent_of
-from steelyard.check.identifiability_and_clean_runs import clean_runs, customary_model
 from steelyard.check.signals.motion_units import driven_joints, unit_reading
 from steelyard.check.signals.usable_rows_and_derivatives import signal_overview, with_rows
 from steelyard.estimate.information.base_regressor import base_regressor

@@ -19,6 +19,7 @@ import numpy as np
 from steelyard.base.arrays import Array
 from steelyard.base.errors import SteelyardError
 from steelyard.check.case_logs_and_checks import Case, CheckedLog, case_check, remembered
+from steelyard.check.clean_runs_and_customary_model import customary_model, longest_run
 from steelyard.check.finding import (
     Edit,
     Finding,
@@ -30,7 +31,6 @@ from steelyard.check.finding import (
     trace,
 )
 from steelyard.check.hypotheses.readings_and_likelihood import likeliest
-from steelyard.check.identifiability_and_clean_runs import customary_model, longest_run
 from steelyard.check.signals.motion_units import (
     LONGEST_STEP,
     SHORTEST_STEP,

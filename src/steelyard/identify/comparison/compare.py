@@ -46,7 +46,7 @@ from steelyard.identify.comparison.estimators_page import (
 from steelyard.identify.comparison.models_page import COMPARE_MODELS_SECTIONS
 from steelyard.identify.fit_preparation import FitTask, PreparedFit, model_to_fit, prepare_fit
 from steelyard.identify.provenance_and_notes import dropped, dropped_rows, notes_of
-from steelyard.identify.scores_and_model_report import fitted_before, runs_for
+from steelyard.identify.runs_for_model import fitted_before, runs_for
 from steelyard.identify.validation_split import holds_fitted_rows
 from steelyard.report.page import render_sections
 from steelyard.report.result import DataFrame, Result, frame

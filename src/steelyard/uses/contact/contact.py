@@ -32,7 +32,7 @@ from steelyard.estimate.scores.residual_noise_and_traces import (
     thresholds_of,
 )
 from steelyard.identify.provenance_and_notes import left_out, notes_of
-from steelyard.identify.scores_and_model_report import fitted_before, runs_for
+from steelyard.identify.runs_for_model import fitted_before, runs_for
 from steelyard.identify.validation_split import holds_fitted_rows
 from steelyard.robot.robot import Robot
 from steelyard.runs.rest_speed import rest_speed_of_runs

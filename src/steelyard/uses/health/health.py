@@ -19,7 +19,7 @@ from steelyard.estimate.information.base_regressor import base_regressor
 from steelyard.estimate.information.gather import gather
 from steelyard.estimate.scores.residual_noise_and_traces import residual_cutoff, residual_trace
 from steelyard.identify.provenance_and_notes import notes_of
-from steelyard.identify.scores_and_model_report import runs_for
+from steelyard.identify.runs_for_model import runs_for
 from steelyard.report.page import figures, inspected_page, notes
 from steelyard.report.plotly_figures import Figure, Group, Key, area, line
 from steelyard.report.result import Result, print_verdict

@@ -21,7 +21,7 @@ from steelyard.estimate.payload.payload_estimate import PayloadEstimate
 from steelyard.estimate.payload.payload_frame import carrier
 from steelyard.estimate.scores.residual_noise_and_traces import residual_cutoff, residual_trace
 from steelyard.identify.provenance_and_notes import dropped
-from steelyard.identify.scores_and_model_report import fitted_before, runs_for
+from steelyard.identify.runs_for_model import fitted_before, runs_for
 from steelyard.report.page import figures, inspected_page, notes
 from steelyard.report.plotly_figures import Figure, Group, Key, area, evenly, line
 from steelyard.report.tables import PlainTable, Row, light_table

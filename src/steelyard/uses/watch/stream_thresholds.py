@@ -14,7 +14,7 @@ from steelyard.estimate.scores.residual_noise_and_traces import (
     greatest,
     thresholds_of,
 )
-from steelyard.identify.scores_and_model_report import fitted_before
+from steelyard.identify.runs_for_model import fitted_before
 from steelyard.logs.contents import windowed
 from steelyard.logs.formats import open_log
 from steelyard.logs.log_windows import parse_log_argument

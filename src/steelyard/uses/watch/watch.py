@@ -15,7 +15,7 @@ from steelyard.estimate.information.base_regressor import base_regressor
 from steelyard.estimate.information.kept_filtered_samples import gather_samples
 from steelyard.estimate.payload.payload_frame import carrier
 from steelyard.estimate.scores.residual_noise_and_traces import thresholds_of
-from steelyard.identify.scores_and_model_report import processing_of
+from steelyard.identify.runs_for_model import processing_of
 from steelyard.runs.prepare import prepare
 from steelyard.runs.recording import LogInMemory, Recording
 from steelyard.runs.runs_of_named_logs import log_files, paths_of

@@ -22,7 +22,7 @@ from steelyard.estimate.external.wrench_methods import (
 )
 from steelyard.estimate.identified_model import IdentifiedModel, load_model
 from steelyard.identify.provenance_and_notes import left_out, notes_of
-from steelyard.identify.scores_and_model_report import fitted_before, runs_for
+from steelyard.identify.runs_for_model import fitted_before, runs_for
 from steelyard.identify.validation_split import holds_fitted_rows
 from steelyard.report.page import figures, inspected_page, notes
 from steelyard.report.plotly_figures import Figure, Group, Key, Traced, area, evenly, line

@@ -1,0 +1,45 @@
+"""Logs as runs for an identified model: read as for its fit, and whether they were in it."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from steelyard.base.progress import Progress
+from steelyard.estimate.identified_model import IdentifiedModel
+from steelyard.robot.file.signals import Signals
+from steelyard.runs.processing_choices import Processing
+from steelyard.runs.run import Run
+from steelyard.runs.runs_of_named_logs import LogArgument, _overlap, prepared, recording_of, sha256
+
+
+def fitted_before(identified: IdentifiedModel, log: LogArgument) -> bool:
+    """Whether the model was identified from samples of this log, whatever it is called now."""
+    origin = identified.provenance
+    inputs = {h for role, h in origin.inputs.items() if role.startswith("identification ")}
+    if sha256(log.path) not in inputs:
+        return False
+    names = [run.rpartition("/")[2] for run in origin.runs]
+    cuts = [name.removeprefix(log.path.stem) for name in names if name.startswith(log.path.stem)]
+    return not cuts or any(_overlap(log, LogArgument(f"{log.path}{cut}", log.path)) for cut in cuts)
+
+
+def processing_of(identified: IdentifiedModel) -> Processing:
+    """How logs are read for a model: as those were that it was identified from, without a mean."""
+    return replace(
+        identified.processing,
+        motion_cutoff=identified.cutoffs.motion,
+        matched_cutoff=identified.cutoffs.matched,
+        repetitions=None,
+    )
+
+
+def runs_for(
+    identified: IdentifiedModel,
+    logs: Sequence[LogArgument],
+    progress: Progress,
+    *,
+    signals: Signals | None = None,
+    at_rest: bool = True,
+) -> tuple[Run, ...]:
+    """Logs as runs for a model, read by its signals unless others are given."""
+    recordings = [recording_of(log, signals or identified.signals) for log in logs]
+    return prepared(recordings, processing_of(identified), progress, at_rest=at_rest)
