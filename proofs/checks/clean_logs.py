@@ -17,7 +17,7 @@ import numpy as np
 from proofs.support.claims import Claim, main_of
 from proofs.support.safety_robots import Arm, Link, arm_urdf, random_arm
 
-from steelyard.check.all_checks_and_contradictions import examine
+from steelyard.check.all_checks import examine
 from steelyard.check.case_logs_and_checks import Case, CheckedLog
 from steelyard.check.named_logs_and_precheck import refusal
 from steelyard.excite.trajectories.fourier import random_fourier

@@ -9,7 +9,7 @@ import numpy as np
 from proofs.support.claims import Claim, data_folder, main_of
 
 from steelyard.base.progress import silent
-from steelyard.check.all_checks_and_contradictions import Diagnosis, examine
+from steelyard.check.all_checks import Diagnosis, examine
 from steelyard.check.case_logs_and_checks import Case
 from steelyard.check.finding import Finding, Severity
 from steelyard.check.named_logs_and_precheck import case_of, subject_of

@@ -6,7 +6,7 @@ from collections.abc import Callable
 import numpy as np
 from proofs.support.faults import Clean, Faulty, with_keys
 
-from steelyard.check.all_checks_and_contradictions import Diagnosis
+from steelyard.check.all_checks import Diagnosis
 from steelyard.check.finding import Edit
 from steelyard.check.known_efforts_of_robot import Knowledge, knowledge_of
 from steelyard.robot.file.toml_edits import edited

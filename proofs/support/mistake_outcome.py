@@ -14,7 +14,7 @@ from proofs.support.mistakes import Arm, Job
 from steelyard.base.arrays import Array
 from steelyard.base.errors import SteelyardError
 from steelyard.base.progress import silent
-from steelyard.check.all_checks_and_contradictions import Diagnosis
+from steelyard.check.all_checks import Diagnosis
 from steelyard.check.corrected_robot_file import correct_robot_file
 from steelyard.check.named_logs_and_precheck import diagnosed, subject_of
 from steelyard.identify.identify import identify

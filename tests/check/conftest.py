@@ -10,7 +10,7 @@ import pytest
 from short_arm import without_wrist
 from steelyard.base.arrays import Array
 from steelyard.base.motion import Motion
-from steelyard.check.all_checks_and_contradictions import Check, Diagnosis, examine
+from steelyard.check.all_checks import Check, Diagnosis, examine
 from steelyard.check.case_logs_and_checks import Case, CheckedLog
 from steelyard.check.decision.hypothesis_checks import (
     EFFORT_DELAY,

@@ -9,7 +9,7 @@ from check.fitted import case as fitted_case
 from check.fitted import demo_arm, log
 from steelyard.base.arrays import Parameters
 from steelyard.base.progress import silent
-from steelyard.check.all_checks_and_contradictions import Diagnosis
+from steelyard.check.all_checks import Diagnosis
 from steelyard.check.case_logs_and_checks import Case
 from steelyard.check.check import CheckResult
 from steelyard.check.finding import Severity

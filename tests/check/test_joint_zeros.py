@@ -10,7 +10,7 @@ import pytest
 from check.conftest import MODEL_BASED
 from check.fitted import demo_arm, log
 from steelyard.base.progress import silent
-from steelyard.check.all_checks_and_contradictions import examine
+from steelyard.check.all_checks import examine
 from steelyard.check.case_logs_and_checks import Case
 from steelyard.check.decision import joint_zeros_and_quarter_turns
 from steelyard.check.decision.hypothesis_checks import JOINT_ZEROS

@@ -9,15 +9,12 @@ import numpy as np
 import pytest
 from scipy.optimize import lsq_linear
 
-from steelyard.check.all_checks_and_contradictions import (
-    Diagnosis,
-    edits_that_serve_all_logs,
-    examine,
-    friction_drift_check,
-)
+from steelyard.check.all_checks import Diagnosis, examine
+from steelyard.check.decision.friction_drift_check import friction_drift_check
 from steelyard.check.decision.hypothesis_checks import MOUNTING, PAYLOAD, UNKNOWN_BODIES
 from steelyard.check.decision.judged_explanations import judge_log
 from steelyard.check.decision.ranked_readings import COMPARING_PHASE
+from steelyard.check.edits_that_serve_all_logs import edits_that_serve_all_logs
 from steelyard.check.finding import Edit, Finding, Fix, Severity
 from steelyard.check.hypotheses.nuisance_fit_and_score import fit_nuisances, shared_fit
 from steelyard.check.identifiability_check import identifiability_check

@@ -8,7 +8,7 @@ from typer.testing import CliRunner
 
 from steelyard.base.arrays import Array
 from steelyard.base.progress import silent
-from steelyard.check.all_checks_and_contradictions import Diagnosis, examine
+from steelyard.check.all_checks import Diagnosis, examine
 from steelyard.check.finding import Finding, Severity
 from steelyard.check.findings_text_and_page import check_headline
 from steelyard.check.named_logs_and_precheck import case_of, subject_of

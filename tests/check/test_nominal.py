@@ -22,7 +22,7 @@ from check.test_model_based import (
     without_gravity,
     wrong,
 )
-from steelyard.check.all_checks_and_contradictions import examine
+from steelyard.check.all_checks import examine
 from steelyard.check.case_logs_and_checks import Case, CheckedLog
 from steelyard.check.decision import judged_explanations
 from steelyard.check.decision.controller_gains_and_gain_advice import _listed_sources

@@ -7,9 +7,9 @@ import pytest
 
 from check.conftest import Arm
 from steelyard.base.arrays import Array
-from steelyard.check.all_checks_and_contradictions import edits_that_serve_all_logs
 from steelyard.check.clean_runs_and_customary_model import clean_runs, customary_model
 from steelyard.check.decision.hypothesis_checks import EFFORT_DELAY
+from steelyard.check.edits_that_serve_all_logs import edits_that_serve_all_logs
 from steelyard.check.finding import Severity
 from steelyard.check.hypotheses.signs_and_delay_by_friction import (
     by_presliding,

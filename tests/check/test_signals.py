@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from steelyard.base.arrays import Array
-from steelyard.check.all_checks_and_contradictions import CHECKS, OF_SIGNALS, Diagnosis, examine
+from steelyard.check.all_checks import CHECKS, OF_SIGNALS, Diagnosis, examine
 from steelyard.check.case_logs_and_checks import Case, CheckedLog
 from steelyard.check.finding import Finding, Severity, percent_of
 from steelyard.check.signals.corrupt_and_repeated_rows import (

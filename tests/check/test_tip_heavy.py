@@ -7,7 +7,7 @@ import pytest
 from typer.testing import CliRunner
 
 from steelyard.base.arrays import Array
-from steelyard.check.all_checks_and_contradictions import Diagnosis, examine
+from steelyard.check.all_checks import Diagnosis, examine
 from steelyard.check.case_logs_and_checks import Case, CheckedLog
 from steelyard.check.decision.hypothesis_checks import EFFORT_KIND, EFFORT_SIGN, PAYLOAD
 from steelyard.check.finding import Finding, Severity

@@ -12,7 +12,7 @@ from check.fitted import log
 from short_arm import without_wrist
 from steelyard.base.arrays import Array
 from steelyard.base.progress import silent
-from steelyard.check.all_checks_and_contradictions import Diagnosis, examine
+from steelyard.check.all_checks import Diagnosis, examine
 from steelyard.check.case_logs_and_checks import Case
 from steelyard.check.check import CheckResult
 from steelyard.check.decision.gear_signs_and_couplings import (

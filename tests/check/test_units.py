@@ -9,7 +9,7 @@ import pytest
 
 from check.test_signals import COLUMNS, DEGREES, DOUBTFUL, ROBOT, WRONG, Q, case_of, scaled, sound
 from steelyard.base.arrays import Array
-from steelyard.check.all_checks_and_contradictions import examine
+from steelyard.check.all_checks import examine
 from steelyard.check.finding import Severity
 from steelyard.check.signals.position_unit_and_columns import position_check
 from steelyard.check.signals.time_stamps_and_scale import clock_check

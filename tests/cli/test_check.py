@@ -20,7 +20,7 @@ from steelyard.check.finding import Edit, Finding, Fix, Picture, Severity, Trace
 from steelyard.cli.options_with_several_values import expanded
 from steelyard.robot.file.robot_file import load_robot
 
-EXAMINE = import_module("steelyard.check.all_checks_and_contradictions")
+EXAMINE = import_module("steelyard.check.all_checks")
 
 OTHER = "../given/validation.csv"
 

@@ -13,7 +13,7 @@ import pytest
 from cli.conftest import Command
 from cli.river_files import edited
 from steelyard.check import named_logs_and_precheck
-from steelyard.check.all_checks_and_contradictions import (
+from steelyard.check.all_checks import (
     CHECKS,
     CORRECTED_BY_FIX,
     MOTION_CHECKS_NAME,

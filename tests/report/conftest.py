@@ -10,7 +10,7 @@ import pytest
 
 from browser import Rendered, Tab, look
 from steelyard.base.arrays import Parameters
-from steelyard.check.all_checks_and_contradictions import Diagnosis
+from steelyard.check.all_checks import Diagnosis
 from steelyard.check.finding import ComparedHypothesis, Edit, Fix, Picture, Severity, Trace
 from steelyard.check.finding import Finding as SaidFinding
 from steelyard.estimate.bootstrap_and_sensitivity import (

@@ -7,7 +7,7 @@ import pytest
 from rich.console import Console
 
 from report.conftest import EVIL, diagnosis
-from steelyard.check.all_checks_and_contradictions import Diagnosis
+from steelyard.check.all_checks import Diagnosis
 from steelyard.check.finding import ComparedHypothesis, Edit, Finding, Fix, Severity
 from steelyard.check.findings_text_and_page import (
     CheckContent,

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from steelyard.base.arrays import Parameters
-from steelyard.check.all_checks_and_contradictions import Diagnosis
+from steelyard.check.all_checks import Diagnosis
 from steelyard.check.finding import Finding, Fix, Severity
 from steelyard.check.gear_side_and_rotors import rotors_at_zero_check
 from steelyard.identify.page.report_content import ReportContent

@@ -11,8 +11,8 @@ from rich.text import Text
 
 from steelyard.base.checked_arguments import checked
 from steelyard.base.progress import Progress, silent
-from steelyard.check import all_checks_and_contradictions
-from steelyard.check.all_checks_and_contradictions import Diagnosis
+from steelyard.check import all_checks
+from steelyard.check.all_checks import Diagnosis
 from steelyard.check.corrected_robot_file import CorrectedFile, correct_robot_file, target_of
 from steelyard.check.findings_text_and_page import (
     CheckContent,
@@ -145,7 +145,7 @@ def check(
         tuple(file.text for file in files),
         named,
         diagnosis,
-        {check.name: check.question for check in all_checks_and_contradictions.CHECKS},
+        {check.name: check.question for check in all_checks.CHECKS},
         subject.notes,
     )
     return CheckResult(content, corrected)

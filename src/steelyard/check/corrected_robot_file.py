@@ -7,7 +7,7 @@ from typing import Any
 
 from steelyard.base.errors import ModelError, OutputError
 from steelyard.base.files import whole_file
-from steelyard.check.all_checks_and_contradictions import Diagnosis
+from steelyard.check.all_checks import Diagnosis
 from steelyard.check.finding import Edit, Finding, Severity
 from steelyard.check.findings_text_and_page import diagnosis_dict, edit_dict
 from steelyard.check.named_logs_and_precheck import Subject

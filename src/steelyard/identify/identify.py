@@ -10,7 +10,7 @@ from steelyard.base.arrays import Parameters
 from steelyard.base.checked_arguments import checked
 from steelyard.base.errors import LogError
 from steelyard.base.progress import Progress, silent
-from steelyard.check.all_checks_and_contradictions import Diagnosis
+from steelyard.check.all_checks import Diagnosis
 from steelyard.check.decision.gear_signs_and_couplings import missing_coupling
 from steelyard.check.decision.joint_zeros_and_quarter_turns import turned_joints
 from steelyard.check.finding import Finding, Severity

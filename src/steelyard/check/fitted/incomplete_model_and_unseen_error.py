@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.base.arrays import Array
-from steelyard.check.all_checks_and_contradictions import with_unbounded_friction
 from steelyard.check.case_logs_and_checks import Case, CheckedLog
+from steelyard.check.decision.friction_drift_check import with_unbounded_friction
 from steelyard.check.decision.joint_zeros_and_quarter_turns import (
     estimated_offsets,
     far_offsets,
