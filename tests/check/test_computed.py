@@ -6,7 +6,10 @@ import pytest
 from check.conftest import Arm
 from steelyard.base.arrays import Array
 from steelyard.check.finding import Finding, Severity
-from steelyard.check.signals.measured_or_computed import computed_efforts_check, noise_levels
+from steelyard.check.signals.computed_efforts_and_set_points import (
+    computed_efforts_check,
+    noise_levels,
+)
 
 STEP = 2.0 * np.pi / 2**17
 

@@ -17,10 +17,7 @@ from invented import tree
 from steelyard.base.progress import silent
 from steelyard.check.decision.hypothesis_checks import POSITION_SIGN
 from steelyard.check.finding import Severity
-from steelyard.check.fitted.bounds_and_priors_against_data import (
-    BindingConstraints,
-    binding_constraints,
-)
+from steelyard.check.fitted.binding_constraints import BindingConstraints, binding_constraints
 from steelyard.check.fitted.fitted_case_and_ranked_causes import FittedCase
 from steelyard.check.fitted.post_fit_checks import constraints_check
 from steelyard.check.named_logs_and_precheck import case_of, subject_of

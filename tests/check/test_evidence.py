@@ -9,6 +9,7 @@ from scipy.special import logsumexp
 from scipy.stats import wishart
 
 from steelyard.base.arrays import Array
+from steelyard.check.hypotheses.evidence_with_unknown_bodies import _normalised, _Products
 from steelyard.check.hypotheses.laplace_over_bodies import (
     FRICTION_WIDTH,
     LENGTHS,
@@ -17,7 +18,6 @@ from steelyard.check.hypotheses.laplace_over_bodies import (
     averaged,
     nominal_bodies,
 )
-from steelyard.check.hypotheses.marginal_likelihood import _normalised, _Products
 from steelyard.check.hypotheses.nuisance_fit_and_score import NUISANCES, OFFSET_COLUMN
 from steelyard.estimate.consistent.scaled_parameters_and_penalties import COLUMNS, ROWS
 

@@ -12,13 +12,13 @@ from scipy.optimize import lsq_linear
 from steelyard.check.all_checks import Diagnosis, examine
 from steelyard.check.decision.friction_drift_check import friction_drift_check
 from steelyard.check.decision.hypothesis_checks import MOUNTING, PAYLOAD, UNKNOWN_BODIES
-from steelyard.check.decision.judged_explanations import judge_log
 from steelyard.check.decision.ranked_readings import COMPARING_PHASE
+from steelyard.check.decision.verdict_of_log import judge_log
 from steelyard.check.edits_that_serve_all_logs import edits_that_serve_all_logs
 from steelyard.check.finding import Edit, Finding, Fix, Severity
 from steelyard.check.hypotheses.nuisance_fit_and_score import fit_nuisances, shared_fit
 from steelyard.check.identifiability_check import identifiability_check
-from steelyard.check.known_efforts_of_robot import knowledge_of
+from steelyard.check.predicted_efforts_of_robot import knowledge_of
 from steelyard.estimate.known_effort_scales import KnownScales
 from steelyard.robot.file.toml_edits import edited
 from steelyard.robot.inertia_and_placement import Inertia

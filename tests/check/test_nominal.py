@@ -24,19 +24,19 @@ from check.test_model_based import (
 )
 from steelyard.check.all_checks import examine
 from steelyard.check.case_logs_and_checks import Case, CheckedLog
-from steelyard.check.decision import judged_explanations
+from steelyard.check.decision import verdict_of_log
 from steelyard.check.decision.controller_gains_and_gain_advice import _listed_sources
 from steelyard.check.decision.hypothesis_checks import EFFORT_DELAY, EFFORT_SIGN
-from steelyard.check.decision.judged_explanations import judge_log
 from steelyard.check.decision.odds_thresholds import LIKELY, SURE
 from steelyard.check.decision.ranked_readings import ranking
 from steelyard.check.decision.undecided_questions import misfit_hides
+from steelyard.check.decision.verdict_of_log import judge_log
 from steelyard.check.finding import Edit, Severity
 from steelyard.check.findings_text_and_page import check_headline
+from steelyard.check.hypotheses.evidence_with_unknown_bodies import EvidenceOfLog
 from steelyard.check.hypotheses.gravity_payload_and_delay import _DirectionResidual
-from steelyard.check.hypotheses.marginal_likelihood import EvidenceOfLog
 from steelyard.check.hypotheses.readings_and_likelihood import keeps_evidence
-from steelyard.check.known_efforts_of_robot import knowledge_of
+from steelyard.check.predicted_efforts_of_robot import knowledge_of
 from steelyard.model.model import Model
 from steelyard.robot.file.toml_edits import edited
 from steelyard.runs.processing_choices import Processing
@@ -332,7 +332,7 @@ def test_an_order_is_written_with_a_margin_only(arm, monkeypatch):
     case = arm.case(table, known=False)
     ((hypothesis, severity),) = judge_log(case, case.logs[0]).winners
     assert hypothesis.fixed and severity == Severity.WRONG
-    monkeypatch.setattr(judged_explanations, "SURE", 1e9)
+    monkeypatch.setattr(verdict_of_log, "SURE", 1e9)
     case = arm.case(table, known=False)
     ((hypothesis, severity),) = judge_log(case, case.logs[0]).winners
     assert not hypothesis.fixed and severity == Severity.DOUBTFUL

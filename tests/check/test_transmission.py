@@ -21,8 +21,8 @@ from steelyard.check.decision.gear_signs_and_couplings import (
     transmission_check,
     with_gears,
 )
-from steelyard.check.decision.judged_explanations import judge_log
 from steelyard.check.decision.robot_file_edits import file_gains
+from steelyard.check.decision.verdict_of_log import judge_log
 from steelyard.check.finding import Finding, Severity
 from steelyard.check.findings_text_and_page import CheckContent
 from steelyard.check.named_logs_and_precheck import case_of, subject_of

@@ -23,16 +23,16 @@ from steelyard.check.decision.hypothesis_checks import (
 from steelyard.check.decision.joint_zeros_and_quarter_turns import joint_zeros_check
 from steelyard.check.edits_that_serve_all_logs import edits_that_serve_all_logs
 from steelyard.check.finding import Edit, Finding, Severity
-from steelyard.check.gear_side_and_rotors import gear_side_check
+from steelyard.check.fitted.gear_side_and_rotors import gear_side_check
 from steelyard.check.identifiability_check import identifiability_check
-from steelyard.check.signals.corrupt_and_repeated_rows import (
-    corrupt_rows_check,
-    repeated_rows_check,
-)
-from steelyard.check.signals.measured_or_computed import (
+from steelyard.check.signals.computed_efforts_and_set_points import (
     computed_efforts_check,
     measured_instead,
     set_points_check,
+)
+from steelyard.check.signals.corrupt_and_repeated_rows import (
+    corrupt_rows_check,
+    repeated_rows_check,
 )
 from steelyard.check.signals.movement_rests_and_moving_base import (
     excitation_check,

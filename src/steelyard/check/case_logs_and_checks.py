@@ -13,7 +13,7 @@ from steelyard.base.arrays import Array
 from steelyard.base.errors import LogError
 from steelyard.base.progress import Progress, silent
 from steelyard.check.finding import Finding
-from steelyard.check.known_efforts_of_robot import Knowledge, knowledge_of
+from steelyard.check.predicted_efforts_of_robot import Knowledge, knowledge_of
 from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.logs.log_and_errors import Log
 from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot

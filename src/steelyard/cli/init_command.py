@@ -146,7 +146,7 @@ def examined(
     asking: bool,
 ) -> "tuple[Assignment, Known]":
     """Joints with their columns, and what else logs and answers contain."""
-    from steelyard.check.decision.gains_and_friction_for_init import (
+    from steelyard.check.decision.what_init_learns_from_logs import (
         known_from_logs,
         refuse_other_columns,
     )

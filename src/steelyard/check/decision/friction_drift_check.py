@@ -7,7 +7,7 @@ import numpy as np
 
 from steelyard.base.arrays import Array
 from steelyard.check.case_logs_and_checks import Case, CheckedLog, case_check
-from steelyard.check.decision.judged_explanations import judge_log
+from steelyard.check.decision.verdict_of_log import judge_log
 from steelyard.check.finding import Finding, Fix, Picture, Trace
 from steelyard.check.hypotheses.nuisance_fit_and_score import LEAST_SAMPLE_COUNT
 from steelyard.check.hypotheses.readings_and_likelihood import Likelihood

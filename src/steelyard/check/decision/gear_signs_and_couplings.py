@@ -12,9 +12,9 @@ import numpy as np
 
 from steelyard.base.arrays import Array
 from steelyard.check.case_logs_and_checks import Case, CheckedLog, log_check
-from steelyard.check.decision.judged_explanations import judge_log
 from steelyard.check.decision.ranked_readings import DECISIVE_GAIN
 from steelyard.check.decision.undecided_questions import misfit_hides
+from steelyard.check.decision.verdict_of_log import judge_log
 from steelyard.check.finding import Finding, Fix
 from steelyard.check.hypotheses.readings_and_likelihood import Likelihood
 from steelyard.robot.file.effort_units_and_gears import MOTOR_KINDS

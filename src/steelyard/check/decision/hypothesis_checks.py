@@ -13,18 +13,18 @@ from steelyard.check.decision.controller_gains_and_gain_advice import (
     unwritten_number_advice,
 )
 from steelyard.check.decision.joint_zeros_and_quarter_turns import quarter_turns
-from steelyard.check.decision.judged_explanations import (
+from steelyard.check.decision.odds_thresholds import LIKELY, SURE
+from steelyard.check.decision.ranked_readings import HOPELESS_MISFIT, Judged, LogVerdict
+from steelyard.check.decision.robot_file_edits import confirmed, edits_of, velocity_edits
+from steelyard.check.decision.search_with_unknown_bodies import least_mass
+from steelyard.check.decision.undecided_questions import misfit_hides, undecided, zero_bounds
+from steelyard.check.decision.verdict_of_log import (
     CLEAN,
     FREE_INERTIAS,
     friction_alone_explains,
     judge_log,
     least_delay,
 )
-from steelyard.check.decision.odds_thresholds import LIKELY, SURE
-from steelyard.check.decision.ranked_readings import HOPELESS_MISFIT, Judged, LogVerdict
-from steelyard.check.decision.robot_file_edits import confirmed, edits_of, velocity_edits
-from steelyard.check.decision.search_of_readings import least_mass
-from steelyard.check.decision.undecided_questions import misfit_hides, undecided, zero_bounds
 from steelyard.check.finding import ComparedHypothesis, Edit, Finding, Fix, Picture, Severity, Trace
 from steelyard.check.hypotheses.position_hypotheses import ZERO_CAUSE
 from steelyard.check.hypotheses.readings_and_likelihood import Hypothesis

@@ -1,8 +1,8 @@
 """Thresholds of the decision between readings of a log, on natural logarithms of odds.
 
-Where bodies are not known, odds are those of `hypotheses.marginal_likelihood`, which counts a joint
-for a limited number of samples and never leaves less than a floor; with a reference they are those
-of the nominal misfits.
+Where bodies are not known, odds are those of `hypotheses.evidence_with_unknown_bodies`, which
+counts a joint for a limited number of samples and never leaves less than a floor; with a reference
+they are those of the nominal misfits.
 """
 
 SURE = 20.0

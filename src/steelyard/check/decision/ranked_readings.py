@@ -8,7 +8,7 @@ import numpy as np
 from steelyard.base.arrays import Array
 from steelyard.base.progress import report_progress
 from steelyard.check.case_logs_and_checks import Case, CheckedLog, remembered
-from steelyard.check.decision.search_of_readings import SAME_FACTOR, Search
+from steelyard.check.decision.search_with_unknown_bodies import SAME_FACTOR, Search
 from steelyard.check.finding import Severity
 from steelyard.check.hypotheses.effort_hypotheses import (
     PERCENT,

@@ -7,17 +7,17 @@ explanation, is clearly less: whatever bodies weigh that can exist.
 import numpy as np
 
 from steelyard.base.arrays import Z95
-from steelyard.check.decision.judged_explanations import CLEAN
 from steelyard.check.decision.odds_thresholds import ANSWERED, FAIR_BODIES_MISFIT, HEAVIEST_FACTOR
 from steelyard.check.decision.ranked_readings import DECISIVE_GAIN, LogVerdict
-from steelyard.check.decision.search_of_readings import (
+from steelyard.check.decision.search_with_unknown_bodies import (
     COPIED,
     FACTOR_CAUSES,
     Search,
     alike,
     least_mass,
 )
-from steelyard.check.hypotheses.marginal_likelihood import WIDTHS
+from steelyard.check.decision.verdict_of_log import CLEAN
+from steelyard.check.hypotheses.evidence_with_unknown_bodies import WIDTHS
 from steelyard.check.hypotheses.position_hypotheses import (
     ZERO_CAUSE,
     zero_offsets,

@@ -20,7 +20,7 @@ from steelyard.base.errors import ModelError, SteelyardError
 from steelyard.check.finding import Finding, Fix
 from steelyard.check.fitted.disagreeing_runs_and_heavy_last_link import FINE_WINDOW
 from steelyard.check.fitted.fitted_case_and_ranked_causes import FittedCase, post_fit_check
-from steelyard.check.fitted.transient_external_force import PassingForce, passing_force
+from steelyard.check.fitted.passing_force import PassingForce, passing_force
 from steelyard.check.hypotheses.signs_and_delay_by_friction import whitened_columns
 from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.estimate.information.base_regressor import BaseMap, base_regressor

@@ -9,10 +9,7 @@ import numpy as np
 from steelyard.base.errors import DataError
 from steelyard.check.case_logs_and_checks import CaseCheck
 from steelyard.check.finding import Finding
-from steelyard.check.fitted.bounds_and_priors_against_data import (
-    BindingConstraints,
-    binding_constraints,
-)
+from steelyard.check.fitted.binding_constraints import BindingConstraints, binding_constraints
 from steelyard.check.fitted.causes_of_residuals import (
     GEOMETRY,
     Cause,

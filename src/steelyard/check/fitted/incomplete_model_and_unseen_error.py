@@ -20,9 +20,9 @@ from steelyard.check.decision.joint_zeros_and_quarter_turns import (
     offset_line,
     turned_zeros,
 )
-from steelyard.check.decision.judged_explanations import judge_log
 from steelyard.check.decision.ranked_readings import LogVerdict
 from steelyard.check.decision.robot_file_edits import zero_edits
+from steelyard.check.decision.verdict_of_log import judge_log
 from steelyard.check.finding import Finding, Fix, Severity
 from steelyard.check.fitted.causes_of_residuals import Cause, LeftOutGain
 from steelyard.check.fitted.fitted_case_and_ranked_causes import (

@@ -21,6 +21,12 @@ from steelyard.check.fitted.fitted_case_and_ranked_causes import (
     PostFitCheck,
     post_fit_check,
 )
+from steelyard.check.fitted.gear_side_and_rotors import (
+    LINK_SIDE_INSTEAD,
+    SEPARABLE_ROTORS,
+    rotors_at_zero,
+    rotors_at_zero_check,
+)
 from steelyard.check.fitted.implausible_estimates import (
     absurd_bodies_check,
     light_links_check,
@@ -29,12 +35,6 @@ from steelyard.check.fitted.implausible_estimates import (
 from steelyard.check.fitted.incomplete_model_and_unseen_error import (
     model_error_check,
     unseen_reason_check,
-)
-from steelyard.check.gear_side_and_rotors import (
-    LINK_SIDE_INSTEAD,
-    SEPARABLE_ROTORS,
-    rotors_at_zero,
-    rotors_at_zero_check,
 )
 from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.estimate.scores.effort_errors import PROMISED, known_efforts

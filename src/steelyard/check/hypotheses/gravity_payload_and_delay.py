@@ -12,7 +12,7 @@ import numpy as np
 
 from steelyard.base.arrays import Array
 from steelyard.check.case_logs_and_checks import remembered
-from steelyard.check.hypotheses.marginal_likelihood import rows_of
+from steelyard.check.hypotheses.evidence_with_unknown_bodies import rows_of
 from steelyard.check.hypotheses.nuisance_fit_and_score import (
     MISFIT_FLOOR,
     SHARP_DELAY_FLOOR,

@@ -32,7 +32,7 @@ from steelyard.check.hypotheses.nuisance_fit_and_score import (
     regressors,
     score_of,
 )
-from steelyard.check.known_efforts_of_robot import Knowledge
+from steelyard.check.predicted_efforts_of_robot import Knowledge
 from steelyard.robot.file.effort_units_and_gears import MOTOR_KINDS
 from steelyard.robot.file.signals import Signals
 from steelyard.robot.robot import Robot, Transmission

@@ -5,7 +5,7 @@ import numpy as np
 from steelyard.base.arrays import Array
 from steelyard.check.case_logs_and_checks import Case, CheckedLog, log_check
 from steelyard.check.finding import Finding, Fix, Picture, Severity, trace
-from steelyard.check.signals.measured_or_computed import with_others
+from steelyard.check.signals.computed_efforts_and_set_points import with_others
 from steelyard.check.signals.motion_units import driven_joints, unit_reading
 from steelyard.check.signals.usable_rows_and_derivatives import (
     SignalOverview,

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from steelyard.base.arrays import Array
 from steelyard.check.case_logs_and_checks import Case, CheckedLog, log_check
-from steelyard.check.decision.judged_explanations import positions_at_fault
+from steelyard.check.decision.verdict_of_log import positions_at_fault
 from steelyard.check.finding import Edit, Finding, Fix, Picture, Severity, trace
 from steelyard.check.signals.motion_units import (
     SAME_SCALE,
@@ -22,7 +22,7 @@ from steelyard.check.signals.motion_units import (
 from steelyard.check.signals.position_unit_and_columns import misplaced_velocities
 from steelyard.check.signals.time_stamps_and_scale import leaping_rows, time_scale_by_velocities
 from steelyard.check.signals.usable_rows_and_derivatives import signal_overview
-from steelyard.check.signals.velocity_against_derivative import (
+from steelyard.check.signals.velocity_scale_lag_and_rate import (
     VelocityAgreement,
     one_sided_differences,
 )

@@ -20,19 +20,19 @@ from steelyard.check.hypotheses.effort_hypotheses import (
     effort_hypotheses,
     holds_factors,
 )
-from steelyard.check.hypotheses.gravity_payload_and_delay import (
-    COMPENSATED,
-    gravity_directions,
-    gravity_hypotheses,
-    held_hypothesis,
-)
-from steelyard.check.hypotheses.marginal_likelihood import (
+from steelyard.check.hypotheses.evidence_with_unknown_bodies import (
     Evidence,
     EvidenceOfLog,
     Key,
     body_map,
     key_of,
     payload_map,
+)
+from steelyard.check.hypotheses.gravity_payload_and_delay import (
+    COMPENSATED,
+    gravity_directions,
+    gravity_hypotheses,
+    held_hypothesis,
 )
 from steelyard.check.hypotheses.position_hypotheses import position_changes, ratio_hypotheses
 from steelyard.check.hypotheses.readings_and_likelihood import (
@@ -45,7 +45,7 @@ from steelyard.check.hypotheses.readings_and_likelihood import (
     choice_cost,
     keeps_evidence,
 )
-from steelyard.check.known_efforts_of_robot import Knowledge
+from steelyard.check.predicted_efforts_of_robot import Knowledge
 from steelyard.estimate.payload.payload_frame import carrier
 from steelyard.estimate.prior.body_priors import model_prior
 

@@ -41,7 +41,7 @@ from steelyard.check.decision.ranked_readings import (
     mirrors,
     ranking,
 )
-from steelyard.check.decision.search_of_readings import (
+from steelyard.check.decision.search_with_unknown_bodies import (
     COPIED,
     FACTOR_CAUSES,
     Explanation,
