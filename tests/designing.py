@@ -6,7 +6,7 @@ import numpy as np
 
 from invented import dh_arm
 from steelyard.base.arrays import Parameters
-from steelyard.excite.constraints.bounds_and_effort_limits import torque_limit
+from steelyard.excite.constraints.bounds_in_time_and_effort_limits import torque_limit
 from steelyard.excite.constraints.constraint import Constraint
 from steelyard.excite.constraints.motion_limits import MotionLimits
 from steelyard.excite.constraints.tool_workspace import Marker, tool_box

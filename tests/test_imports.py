@@ -53,7 +53,7 @@ ONE_FILE = {
         "robot/file/toml_schema.py",
     },
     "mujoco": {
-        "excite/collision/mujoco_shapes_and_distances.py",
+        "excite/collision/mjcf_geoms_and_solid_distances.py",
         "robot/models/mjcf.py",
         "robot/models/mjcf_equalities.py",
         "robot/models/mjcf_forces.py",

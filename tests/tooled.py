@@ -14,13 +14,13 @@ from numpy.typing import ArrayLike
 from oracles import body_positions, pinocchio_model
 from steelyard.base.arrays import Array
 from steelyard.excite.constraints.motion_limits import MotionLimits, motion_limits
-from steelyard.excite.planned.inverse_kinematics import Pointing
-from steelyard.excite.planned.plans_from_tables import TASKS
-from steelyard.excite.planned.tool_moves_and_tours import (
+from steelyard.excite.planned.fastest_moves_and_tours import (
     ProcessMotion,
     ToolGuidance,
     planned_tour,
 )
+from steelyard.excite.planned.inverse_kinematics import Pointing
+from steelyard.excite.planned.plans_from_tables import TASKS
 from steelyard.model.equations.frame_and_point_kinematics import frame_of
 from steelyard.robot.file.excitation_sections import (
     BoxSpans,

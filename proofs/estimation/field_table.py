@@ -49,7 +49,7 @@ from steelyard.runs.run import Run
 from steelyard.runs.smoothing.spline_and_finite_windows import SavitzkyGolay
 from steelyard.simulate.ground_truth import Truth, random_truth
 from steelyard.simulate.mujoco_model import build
-from steelyard.simulate.torque_and_mass_scales import typical_torque
+from steelyard.simulate.typical_torques_and_masses import typical_torque
 from steelyard.simulate.virtual_robot import VirtualRobot
 
 NOISES = (1e-5, 1e-4, 5e-4)

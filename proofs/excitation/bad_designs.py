@@ -119,8 +119,8 @@ CASES = (
 
 def designed(tables: str, folder: Path) -> tuple[float, bool]:
     """Figure of the best motion of one search, and whether all is proven."""
-    from steelyard.excite.motion_design import design
     from steelyard.excite.search.parallel_search import SearchBudget
+    from steelyard.excite.searched_or_planned_motion import design
     from steelyard.model.model import model_with_open_friction
     from steelyard.robot.file.robot_file import load_robot
 

@@ -22,8 +22,8 @@ from steelyard.estimate.information.base_regressor import Regressor, base_regres
 from steelyard.estimate.information.gather import gather
 from steelyard.estimate.least_squares.weighted_robust_and_whitened import WeightedLeastSquares
 from steelyard.excite.earlier_model import Earlier
-from steelyard.excite.motion_design import design
 from steelyard.excite.search.parallel_search import SearchBudget
+from steelyard.excite.searched_or_planned_motion import design
 from steelyard.excite.trajectories.fourier import random_fourier
 from steelyard.excite.trajectories.trajectory import ExactTrajectory
 from steelyard.logs.formats import open_log

@@ -34,7 +34,7 @@ from steelyard.runs.recording import LogInMemory, Recording
 from steelyard.simulate.ground_truth import random_truth
 from steelyard.simulate.mujoco_model import build
 from steelyard.simulate.sensors_and_drives import Reading, Sensors
-from steelyard.simulate.torque_and_mass_scales import typical_torque
+from steelyard.simulate.typical_torques_and_masses import typical_torque
 from steelyard.simulate.virtual_robot import VirtualRobot
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "tests"))

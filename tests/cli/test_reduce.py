@@ -21,7 +21,7 @@ from steelyard.robot.file.robot_file import load_robot
 from steelyard.runs.runs_of_named_logs import load_runs
 from steelyard.simulate.ground_truth import random_truth
 from steelyard.simulate.virtual_robot import VirtualRobot, customary_sensors
-from steelyard.uses.payload.payload_fit import identify_payload
+from steelyard.uses.payload.payload_fit import fit_payload
 
 pytestmark = pytest.mark.usefixtures("searches_here")
 
@@ -86,7 +86,7 @@ def test_a_removed_parameter_is_zero_and_not_unknown(
     removed = {one.name for one in small.estimate.removed}
     assert not removed & {one.name for one in small.estimate.blind}
     runs = [information(small.model, [one]) for one in load_runs(robot, log)]
-    weight = identify_payload(small, runs)
+    weight = fit_payload(small, runs)
     assert abs(weight.mass) < 2.0 * weight.half_width[0]
 
 

@@ -17,7 +17,6 @@ from steelyard.excite.constraints.certificate import certify
 from steelyard.excite.design_problem_and_information import Problem
 from steelyard.excite.design_problem_from_tables import Tables, build
 from steelyard.excite.earlier_model import Earlier
-from steelyard.excite.motion_design import Designed, design
 from steelyard.excite.search import parallel_search as parallel_search
 from steelyard.excite.search import worker_process as worker
 from steelyard.excite.search.feasibility import (
@@ -28,6 +27,7 @@ from steelyard.excite.search.feasibility import (
 )
 from steelyard.excite.search.parallel_search import SearchBudget
 from steelyard.excite.search.repair_until_proven import Kept, finished
+from steelyard.excite.searched_or_planned_motion import Designed, design
 from steelyard.excite.trajectories.trajectory import ExactTrajectory
 from steelyard.model.model import Model, with_friction
 from steelyard.model.model import model_with_open_friction as model_with_rigid_bodies

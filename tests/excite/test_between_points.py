@@ -9,8 +9,8 @@ from scipy.interpolate import CubicSpline
 from excite.exportable import arm as plain_arm
 from excite.exportable import motions
 from excite.tabled import problem_of
+from steelyard.excite.controller_file_formats import even_times
 from steelyard.excite.excite import error_between
-from steelyard.excite.motion_file_formats import even_times
 
 WALLS = """
 [excitation.limits]

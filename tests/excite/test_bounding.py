@@ -5,7 +5,7 @@ import pytest
 
 from exact_motions import MAKERS, piecewise
 from steelyard.base.arrays import Array
-from steelyard.excite.constraints.bounds_and_effort_limits import (
+from steelyard.excite.constraints.bounds_in_time_and_effort_limits import (
     MOST_STRETCHES,
     Course,
     Stretches,

@@ -9,7 +9,7 @@ import pytest
 from exact_motions import chained, raw_fourier, rest_fourier, several, table
 from invented import dh_arm
 from steelyard.base.arrays import Array
-from steelyard.excite.constraints.bounds_and_effort_limits import power_limit, torque_limit
+from steelyard.excite.constraints.bounds_in_time_and_effort_limits import power_limit, torque_limit
 from steelyard.excite.constraints.certificate import certify, trajectory_hash
 from steelyard.excite.constraints.constraint import Constraint, Margins
 from steelyard.excite.constraints.motion_limits import MotionLimits

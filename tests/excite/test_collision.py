@@ -20,7 +20,7 @@ from steelyard.excite.collision.convex_solids_and_mesh_files import (
     Ellipsoid,
     Hull,
 )
-from steelyard.excite.collision.model_file_shapes import world_shapes
+from steelyard.excite.collision.robot_and_cell_shapes_from_files import world_shapes
 from steelyard.excite.collision.shape_kinematics import Shape, obstacle, placed, rates, wall
 from steelyard.robot.file.robot_file import LoadedRobot, load_robot
 

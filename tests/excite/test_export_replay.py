@@ -11,8 +11,8 @@ from ruamel.yaml import YAML
 from excite.exportable import NAMES, TOLERANCE, Jumps, Swings, arm, motions
 from excite.interpreters import Follower, URController, moments
 from steelyard.base.errors import OutputError
+from steelyard.excite.controller_file_formats import PEANO_BOUND
 from steelyard.excite.excite import exported
-from steelyard.excite.motion_file_formats import PEANO_BOUND
 from steelyard.excite.trajectories.fourier import random_fourier
 from steelyard.excite.trajectories.trajectory import ExactTrajectory
 

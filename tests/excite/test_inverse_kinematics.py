@@ -5,13 +5,13 @@ import pytest
 
 from invented import dh_arm, tree
 from steelyard.base.errors import ModelError
+from steelyard.excite.planned.followed_lines_and_reachability import least_shift
 from steelyard.excite.planned.inverse_kinematics import (
     Attitude,
     InverseKinematics,
     Pointing,
     within,
 )
-from steelyard.excite.planned.straight_lines_and_reach import least_shift
 from steelyard.model.equations.frame_and_point_kinematics import frame_kinematics, frame_of
 from steelyard.robot.file.sections import DHRow
 from steelyard.robot.models.denavit_hartenberg import dh_mechanism

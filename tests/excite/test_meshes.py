@@ -14,7 +14,7 @@ from steelyard.excite.collision.convex_solids_and_mesh_files import (
     height,
     mesh_points,
 )
-from steelyard.excite.collision.model_file_shapes import robot_shapes
+from steelyard.excite.collision.robot_and_cell_shapes_from_files import robot_shapes
 from steelyard.robot.file.robot_file import load_robot
 
 CORNERS = np.array([[0, 0, 0], [0.4, 0, 0], [0, 0.3, 0], [0, 0, 0.2], [0.05, 0.05, 0.05]])

@@ -16,9 +16,9 @@ from steelyard.base.arrays import Array
 from steelyard.base.errors import DataError
 from steelyard.base.files import write_json
 from steelyard.excite.design_problem_from_tables import limits_of
-from steelyard.excite.motion_design import design
 from steelyard.excite.planned.plans_from_tables import PLANS, planned
 from steelyard.excite.search.parallel_search import SearchBudget
+from steelyard.excite.searched_or_planned_motion import design
 from steelyard.excite.trajectories.fourier import FourierMotion
 from steelyard.excite.trajectories.motion_families import FAMILIES
 from steelyard.excite.trajectories.trajectory import ExactTrajectory

@@ -8,13 +8,13 @@ from steelyard.base.arrays import Array
 from steelyard.base.errors import DataError
 from steelyard.excite.collision.workspace_from_tables import up_of
 from steelyard.excite.constraints.motion_limits import MotionLimits
-from steelyard.excite.planned.inverse_kinematics import Attitude
-from steelyard.excite.planned.plans_from_tables import TASKS
-from steelyard.excite.planned.tool_moves_and_tours import (
+from steelyard.excite.planned.fastest_moves_and_tours import (
     STRAIGHTNESS,
     ProcessMotion,
     ToolGuidance,
 )
+from steelyard.excite.planned.inverse_kinematics import Attitude
+from steelyard.excite.planned.plans_from_tables import TASKS
 from tooled import DOWN, Arm, arm, boxes, carried, invented_arm, plan, square, waypoints
 
 

@@ -3,8 +3,8 @@ import pytest
 from pydantic import ValidationError
 
 from steelyard.base.errors import DataError
-from steelyard.excite.planned.straight_lines_and_reach import UnfollowableWay
-from steelyard.excite.planned.tool_moves_and_tours import ToolGuidance
+from steelyard.excite.planned.fastest_moves_and_tours import ToolGuidance
+from steelyard.excite.planned.followed_lines_and_reachability import UnfollowableWay
 from tooled import DOWN, arm, box, carried, plan, square, waypoints
 
 JOINT = ToolGuidance("joint")

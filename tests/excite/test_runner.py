@@ -213,7 +213,7 @@ def test_a_worker_that_is_done_says_nothing_else(tmp_path: Path) -> None:
 SCRIPT = """
 import sys
 from steelyard.model.model import model_with_open_friction
-from steelyard.excite.motion_design import design
+from steelyard.excite.searched_or_planned_motion import design
 from steelyard.excite.search.parallel_search import SearchBudget
 from steelyard.robot.file.robot_file import load_robot
 

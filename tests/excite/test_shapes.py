@@ -11,7 +11,7 @@ from excite.colliding import SNAKE, joint, link, panda, snake, urdf, written
 from steelyard.base.errors import ModelError
 from steelyard.excite.collision.clearance import self_clearance
 from steelyard.excite.collision.convex_solids_and_mesh_files import Ball
-from steelyard.excite.collision.model_file_shapes import robot_shapes, world_shapes
+from steelyard.excite.collision.robot_and_cell_shapes_from_files import robot_shapes, world_shapes
 from steelyard.excite.collision.shape_kinematics import obstacle, placed, wall
 from steelyard.robot.file.robot_file import load_robot
 

@@ -10,9 +10,9 @@ from closed_chains import Oracle, bar, five_bar, palletizer, parallelogram
 from steelyard.base.arrays import Array
 from steelyard.base.errors import DataError, ModelError
 from steelyard.excite.constraints.motion_limits import MotionLimits, motion_limits
+from steelyard.excite.planned.followed_lines_and_reachability import UnfollowableWay
 from steelyard.excite.planned.joints_along_path import PathMotion, along_path
-from steelyard.excite.planned.straight_lines_and_reach import UnfollowableWay
-from steelyard.excite.planned.tool_paths import (
+from steelyard.excite.planned.timed_paths import (
     Circle,
     Reaches,
     ToolPath,

@@ -9,7 +9,7 @@ from oracles import pinocchio_torque
 from steelyard.base.arrays import Array, Parameters
 from steelyard.base.errors import ModelError
 from steelyard.base.motion import Motion
-from steelyard.excite.constraints.bounds_and_effort_limits import (
+from steelyard.excite.constraints.bounds_in_time_and_effort_limits import (
     TORQUE_TOLERANCE,
     EffortLimit,
     power_limit,

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from steelyard.excite.collision.model_file_shapes import world_shapes
 from steelyard.excite.collision.pairs_to_keep_apart import find_srdf
+from steelyard.excite.collision.robot_and_cell_shapes_from_files import world_shapes
 from steelyard.robot.file.robot_file import load_robot
 
 CELL = """<robot xmlns:xacro="http://www.ros.org/wiki/xacro" name="cell">

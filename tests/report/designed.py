@@ -8,9 +8,9 @@ from steelyard.excite.constraints.certificate import certify
 from steelyard.excite.constraints.motion_limits import motion_limits
 from steelyard.excite.constraints.tool_workspace import Marker, tool_box
 from steelyard.excite.design_problem_and_information import Case, InformationEvaluator
-from steelyard.excite.motion_design import Designed
 from steelyard.excite.optimality_criteria import CRITERIA, Measure
 from steelyard.excite.predicted_accuracy_and_advice import advised_motions, predicted_accuracy
+from steelyard.excite.searched_or_planned_motion import Designed
 from steelyard.excite.trajectories.fourier import random_fourier
 from steelyard.model.laws.friction_over_speed import Coulomb, Viscous
 from steelyard.model.laws.laws_without_friction import RigidBody

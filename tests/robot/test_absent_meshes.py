@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from steelyard.base.errors import ModelError
-from steelyard.excite.collision.model_file_shapes import robot_shapes
+from steelyard.excite.collision.robot_and_cell_shapes_from_files import robot_shapes
 from steelyard.robot.file.robot_file import load_robot
 from steelyard.robot.models.mjcf import compiled, read_mjcf
 from steelyard.robot.robot_from_mechanism import reduced

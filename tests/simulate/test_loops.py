@@ -15,7 +15,7 @@ from steelyard.robot.loop_closures import gaps
 from steelyard.robot.robot import Robot
 from steelyard.simulate.ground_truth import random_truth
 from steelyard.simulate.mujoco_plant import MujocoPlant
-from steelyard.simulate.torque_and_mass_scales import (
+from steelyard.simulate.typical_torques_and_masses import (
     closed,
     passive_slopes,
     postures_of,

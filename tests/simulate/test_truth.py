@@ -15,7 +15,7 @@ from steelyard.robot.inertia_and_placement import Inertia
 from steelyard.robot.robot import Limits, Robot, Transmission
 from steelyard.simulate.ground_truth import Truth, random_truth
 from steelyard.simulate.mujoco_plant import MujocoPlant
-from steelyard.simulate.torque_and_mass_scales import scales_of
+from steelyard.simulate.typical_torques_and_masses import scales_of
 
 
 def test_same_seed_same_truth(arm: Robot) -> None:

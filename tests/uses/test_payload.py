@@ -23,7 +23,7 @@ from steelyard.model.model import Model
 from steelyard.robot.file.signals import Signals
 from steelyard.robot.inertia_and_placement import Inertia
 from steelyard.uses.payload.payload import payload_headline
-from steelyard.uses.payload.payload_fit import identify_payload
+from steelyard.uses.payload.payload_fit import fit_payload
 
 NAMES = tuple(f"c{k}" for k in range(9))
 SIGNALS = Signals(
@@ -50,7 +50,7 @@ EXACT = model_of(run(1))
 
 
 def test_a_payload_is_recovered_exactly_from_a_model() -> None:
-    found = identify_payload(EXACT, [run(2, LOAD)], "tool")
+    found = fit_payload(EXACT, [run(2, LOAD)], "tool")
     assert np.abs(found.ten - LOAD.ten).max() < 1e-6
     assert np.abs(found.com - LOAD.com).max() < 1e-6
     assert np.abs(found.inertia_com - LOAD.inertia_com).max() < 1e-6
@@ -59,13 +59,13 @@ def test_a_payload_is_recovered_exactly_from_a_model() -> None:
 
 def test_a_payload_is_recovered_exactly_from_runs_together() -> None:
     wrong = model_of(run(1, ball(3)))
-    found = identify_payload(wrong, [run(2, LOAD), run(3, LOAD)], "tool", unloaded=[run(4)])
+    found = fit_payload(wrong, [run(2, LOAD), run(3, LOAD)], "tool", unloaded=[run(4)])
     assert np.abs(found.ten - LOAD.ten).max() < 1e-6
     assert "together" in found.notes[0]
 
 
 def test_the_frame_of_the_last_link_is_the_default() -> None:
-    found = identify_payload(EXACT, [run(2, LOAD)])
+    found = fit_payload(EXACT, [run(2, LOAD)])
     assert (found.frame, found.body) == ("tip", "tip")
     assert np.abs(found.ten - LOAD.moved(TOOL.rotation, TOOL.position).ten).max() < 1e-6
 
@@ -75,7 +75,7 @@ def test_friction_of_another_day_does_not_weigh(together: bool) -> None:
     noisy = model_of(*(run(k, noise=0.05) for k in (1, 2)))
     unloaded = [run(4, noise=0.05)] if together else []
     loaded = [run(3, LOAD, noise=0.05, friction=1.4)]
-    free = identify_payload(noisy, loaded, "tool", unloaded=unloaded)
+    free = fit_payload(noisy, loaded, "tool", unloaded=unloaded)
     error = np.abs(free.ten - LOAD.ten)
     assert np.all(error < 2.0 * free.half_width)
 
@@ -89,7 +89,7 @@ def test_friction_offset_and_what_is_per_run_may_drift() -> None:
 
 def test_an_empty_hand_weighs_nothing() -> None:
     noisy = model_of(*(run(k, noise=0.3) for k in (1, 2)))
-    found = identify_payload(noisy, [run(3, noise=0.3)], "tool")
+    found = fit_payload(noisy, [run(3, noise=0.3)], "tool")
     assert not found.weighs
     assert abs(found.mass) < 1.5 * found.half_width[0]
     assert found.remarks == ("the interval of the mass contains zero: no payload is detected",)
@@ -104,7 +104,7 @@ def test_intervals_hold_the_truth() -> None:
     for draw in range(draws):
         noisy = model_of(run(3 * draw, noise=0.5))
         seed = 3 * draw + 1
-        found = identify_payload(noisy, [run(seed, LOAD, noise=0.5, friction=1.1)], "tool")
+        found = fit_payload(noisy, [run(seed, LOAD, noise=0.5, friction=1.1)], "tool")
         errors = (
             (found.ten - LOAD.ten, found.half_width),
             (found.com - LOAD.com, found.com_half_width),
@@ -117,7 +117,7 @@ def test_intervals_hold_the_truth() -> None:
 
 
 def test_the_delta_method_is_the_slope_of_the_numbers() -> None:
-    found = identify_payload(model_of(run(1, noise=0.2)), [run(2, LOAD, noise=0.2)], "tool")
+    found = fit_payload(model_of(run(1, noise=0.2)), [run(2, LOAD, noise=0.2)], "tool")
     draws = np.random.default_rng(0).multivariate_normal(found.ten, found.covariance, 20000)
     bodies = [Inertia.from_ten(ten) for ten in draws]
     centre = Z95 * np.std([body.com for body in bodies], axis=0)
@@ -128,7 +128,7 @@ def test_the_delta_method_is_the_slope_of_the_numbers() -> None:
 
 def test_what_the_data_do_not_see_is_named() -> None:
     still = {1: 0.3, 3: -0.4}
-    found = identify_payload(EXACT, [run(2, LOAD, still=still)], "tip")
+    found = fit_payload(EXACT, [run(2, LOAD, still=still)], "tip")
     seen = LOAD.moved(TOOL.rotation, TOOL.position).ten
     assert "Ixx" in found.not_seen and "mass" not in found.remarks[0]
     kept = ~np.isnan(found.ten)
@@ -142,7 +142,7 @@ def test_an_arm_never_seen_moving_without_its_payload_hides_it() -> None:
     with pytest.raises(
         DataError, match="no parameter of the payload is identifiable from the data"
     ):
-        identify_payload(EXACT, [run(2, LOAD)], "left", unloaded=[run(3, still=posture)])
+        fit_payload(EXACT, [run(2, LOAD)], "left", unloaded=[run(3, still=posture)])
 
 
 @pytest.mark.slow
@@ -152,7 +152,7 @@ def test_intervals_hold_the_error_of_the_gains() -> None:
         wrong = GAINS * (1.0 + 0.02 * np.random.default_rng(seed).standard_normal(4))
         model = model_of(run(2 * seed + 100, noise=0.01), gains=wrong)
         loaded = [run(2 * seed + 101, LOAD, noise=0.01)]
-        found, naive = (identify_payload(model, loaded, "tool", gain=g) for g in (0.02, 0.0))
+        found, naive = (fit_payload(model, loaded, "tool", gain=g) for g in (0.02, 0.0))
         assert abs(found.mass - naive.mass) < 0.5 * found.half_width[0]
         inside.append(abs(found.mass - LOAD.mass) <= found.half_width[0])
         exact.append(abs(found.mass - LOAD.mass) <= naive.half_width[0])
@@ -175,7 +175,7 @@ def test_intervals_hold_the_error_of_scales_of_any_unit(together: bool) -> None:
         loaded = [run(3 * seed + 101, LOAD, noise=0.01)]
         unloaded = [run(3 * seed + 102, noise=0.01)] if together else []
         found, naive = (
-            identify_payload(some, loaded, "tool", unloaded=unloaded, gain=gain)
+            fit_payload(some, loaded, "tool", unloaded=unloaded, gain=gain)
             for some, gain in ((scaled, None), (model, 0.0))
         )
         assert abs(found.mass - naive.mass) < 0.5 * found.half_width[0]
@@ -190,7 +190,7 @@ def test_scales_say_how_well_gains_are_known() -> None:
     scales = KnownScales(EXACT.joints, np.ones(4), SPREAD)
     scaled = replace(model_of(run(1, noise=0.01)), effort_scales=scales)
     loaded = [run(2, LOAD, noise=0.01)]
-    alone, beside = (identify_payload(scaled, loaded, "tool", gain=gain) for gain in (None, 0.04))
+    alone, beside = (fit_payload(scaled, loaded, "tool", gain=gain) for gain in (None, 0.04))
     assert alone.half_width[0] == pytest.approx(Z95 * 0.05 * LOAD.mass, rel=0.05)
     assert beside.half_width[0] > 1.05 * alone.half_width[0]
     assert "uncertainty of 4 %" in beside.notes[-1] and "drive gain" not in alone.notes[-1]
@@ -200,19 +200,19 @@ def test_what_the_model_lacks_widens_the_intervals() -> None:
     plain = [run(2, LOAD, noise=0.05)]
     heavier = run(3, LOAD + ball(4), noise=0.05)
     apart, alike = (
-        identify_payload(EXACT, [*plain, other], "tool", gain=0.0)
+        fit_payload(EXACT, [*plain, other], "tool", gain=0.0)
         for other in (heavier, run(3, LOAD, noise=0.05))
     )
     assert apart.half_width[0] > 2.0 * alike.half_width[0]
 
 
 def test_remarks_tell_a_seen_inertia_from_a_poor_one() -> None:
-    good = identify_payload(EXACT, [run(2, LOAD, noise=0.01)], "tool", gain=0.0)
+    good = fit_payload(EXACT, [run(2, LOAD, noise=0.01)], "tool", gain=0.0)
     assert (
         good.remarks[0]
         == "the inertia is identified: no interval of a moment of inertia contains zero"
     )
-    poor = identify_payload(model_of(run(1, noise=2.0)), [run(2, LOAD, noise=2.0)], "tool")
+    poor = fit_payload(model_of(run(1, noise=2.0)), [run(2, LOAD, noise=2.0)], "tool")
     assert poor.remarks[0].startswith("the inertia is poorly identified: the interval of ")
 
 
@@ -224,11 +224,11 @@ def test_a_body_that_cannot_be_is_reported() -> None:
         "Ixx have intervals entirely below zero, which is physically impossible" in found.remarks[0]
     )
     assert found.to_dict()["consistent_body"] is False and found.to_dict()["flaw"] == found.flaw
-    assert identify_payload(EXACT, [run(2, LOAD)], "tool").to_dict()["consistent_body"] is True
+    assert fit_payload(EXACT, [run(2, LOAD)], "tool").to_dict()["consistent_body"] is True
 
 
 def test_a_payload_is_printed_with_its_intervals() -> None:
-    found = identify_payload(EXACT, [run(2, LOAD, noise=0.01)], "tool")
+    found = fit_payload(EXACT, [run(2, LOAD, noise=0.01)], "tool")
     first, mass, centre, *rest = str(found).splitlines()
     assert first == "payload in frame 'tool', with 95 % intervals"
     assert mass == f"mass    {found.mass:.4g} ± {found.half_width[0]:.2g} kg"
@@ -240,14 +240,14 @@ def test_a_payload_is_printed_with_its_intervals() -> None:
 
 
 def test_a_noisy_payload_is_a_body_that_can_exist() -> None:
-    found = identify_payload(model_of(run(1, noise=2.0)), [run(2, LOAD, noise=2.0)], "tool")
+    found = fit_payload(model_of(run(1, noise=2.0)), [run(2, LOAD, noise=2.0)], "tool")
     assert found.flaw is None and found.to_dict()["consistent_body"] is True
     assert found.chi_squared > 0.0
 
 
 def test_gains_too_small_ask_for_a_negative_mass() -> None:
     weaker = replace(EXACT, signals=replace(SIGNALS, gains=0.8 * GAINS))
-    found = identify_payload(weaker, [run(2, noise=0.01)], "tool")
+    found = fit_payload(weaker, [run(2, noise=0.01)], "tool")
     assert found.negative_mass is not None and found.negative_mass < 0.0 <= found.mass
     assert f"a negative mass of about {found.negative_mass:.2g} kg: gains, tool" in found.remarks[1]
     assert found.remarks[0] == found.unexplained != ""
@@ -255,14 +255,14 @@ def test_gains_too_small_ask_for_a_negative_mass() -> None:
         "No payload: the data ask for a negative mass of about -"
     )
     assert found.to_dict()["negative_mass"] == found.negative_mass
-    right = identify_payload(EXACT, [run(2, LOAD, noise=0.01)], "tool")
+    right = fit_payload(EXACT, [run(2, LOAD, noise=0.01)], "tool")
     assert right.negative_mass is None and "negative" not in " ".join(right.remarks)
 
 
 def test_a_large_cost_of_the_physical_constraint_is_reported() -> None:
     """No noise explains what errors of a model do to moments of inertia."""
     odd = Inertia.about_com(LOAD.mass, LOAD.com, -0.3 * np.eye(3))
-    found = identify_payload(EXACT, [run(2, odd, noise=0.05)], "tool", gain=0.0)
+    found = fit_payload(EXACT, [run(2, odd, noise=0.05)], "tool", gain=0.0)
     assert found.flaw is None
     assert found.chi_squared > 18.3 and "raises χ²" in found.remarks[-1]
     assert found.to_dict()["chi_squared_rise"] == found.chi_squared
@@ -274,7 +274,7 @@ def test_a_large_cost_of_the_physical_constraint_is_reported() -> None:
 )
 def test_frames_that_cannot_carry(frame: str, words: str) -> None:
     with pytest.raises(ModelError) as caught:
-        identify_payload(EXACT, [run(2, LOAD)], frame)
+        fit_payload(EXACT, [run(2, LOAD)], frame)
     assert words in str(caught.value)
 
 
@@ -285,7 +285,7 @@ def foreign(information: Information, **fields: object) -> Information:
 
 def refusal(*args: object, **options: object) -> SteelyardError:
     with pytest.raises(DataError) as caught:
-        identify_payload(EXACT, *args, **options)  # type: ignore[arg-type]
+        fit_payload(EXACT, *args, **options)  # type: ignore[arg-type]
     return caught.value
 
 

@@ -25,9 +25,7 @@ from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.excite.collision.workspace_from_tables import WALL_RESERVE
 from steelyard.excite.constraints.certificate import COVERS
 from steelyard.excite.constraints.constraint import Gap
-from steelyard.excite.earlier_model import Earlier, earlier_of, identified_before
-from steelyard.excite.motion_design import Designed, design
-from steelyard.excite.motion_file_formats import (
+from steelyard.excite.controller_file_formats import (
     csv_of,
     even_times,
     grid_times,
@@ -37,9 +35,11 @@ from steelyard.excite.motion_file_formats import (
     rapid_of,
     urscript_of,
 )
+from steelyard.excite.earlier_model import Earlier, earlier_of, identified_before
 from steelyard.excite.page.design_page import render_design
 from steelyard.excite.page.design_text import DesignContent, design_headline, print_design, scopes
 from steelyard.excite.search.parallel_search import SearchBudget
+from steelyard.excite.searched_or_planned_motion import Designed, design
 from steelyard.excite.trajectories.motion_families import FAMILIES, basis_of
 from steelyard.excite.trajectories.piecewise_polynomials import through_postures
 from steelyard.excite.trajectories.trajectory import ExactTrajectory

@@ -12,8 +12,8 @@ from steelyard.base.progress import Progress, silent
 from steelyard.estimate.identified_model import IdentifiedModel, load_model
 from steelyard.estimate.reduction.reduction import criterion_of
 from steelyard.excite.excite import design_task
-from steelyard.excite.motion_design import condition_of_motion
 from steelyard.excite.search.parallel_search import SearchBudget
+from steelyard.excite.searched_or_planned_motion import condition_of_motion
 from steelyard.excite.trajectories.trajectory_files import read_trajectory
 from steelyard.identify.identify import identify
 from steelyard.identify.reduce import reduce

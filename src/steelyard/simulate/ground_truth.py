@@ -24,7 +24,7 @@ from steelyard.model.terms.term import INVENTED_TORQUE_SHARE, ActsOnAxes, Role, 
 from steelyard.robot.inertia_and_placement import Inertia
 from steelyard.robot.robot import Robot
 from steelyard.simulate.mujoco_model import TIMESTEP, Brake, Rotor
-from steelyard.simulate.torque_and_mass_scales import Scales, scales_of
+from steelyard.simulate.typical_torques_and_masses import Scales, scales_of
 
 SCHEMA = "steelyard-truth/2"
 _WHERE = "truth of the virtual robot"

@@ -20,7 +20,7 @@ from steelyard.model.terms.presliding_term import Presliding
 from steelyard.model.terms.term import StatefulTerm, Term, TermSamples, channels_of
 from steelyard.robot.robot import Robot
 from steelyard.simulate.mujoco_model import TIMESTEP, MujocoModel, mass_matrices
-from steelyard.simulate.torque_and_mass_scales import postures_of
+from steelyard.simulate.typical_torques_and_masses import postures_of
 from steelyard.symbolic.native.compiled_programs import Code, compiled
 from steelyard.symbolic.program_and_softening import InputArray as Input
 from steelyard.symbolic.program_and_softening import Program, softened

@@ -18,7 +18,7 @@ from steelyard.simulate.mujoco_model import (
     push,
 )
 from steelyard.simulate.payloads_and_wrenches import Payload
-from steelyard.simulate.torque_and_mass_scales import closed
+from steelyard.simulate.typical_torques_and_masses import closed
 
 _UNREACHED_SIZE = 1e4  # size of positions and of velocities, as vectors, that no robot reaches
 

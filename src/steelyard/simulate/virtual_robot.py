@@ -34,7 +34,7 @@ from steelyard.simulate.sensors_and_drives import (
     TrueRun,
     as_declared,
 )
-from steelyard.simulate.torque_and_mass_scales import closed, typical_masses, typical_torque
+from steelyard.simulate.typical_torques_and_masses import closed, typical_masses, typical_torque
 from steelyard.uses.control.joint_controllers import PD, Control, ControlTask
 
 _TICK = 1.0 / CONTROL_RATE

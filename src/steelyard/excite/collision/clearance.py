@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 from steelyard.base.arrays import Array, frozen, set_fields
 from steelyard.base.errors import ModelError
 from steelyard.excite.collision.convex_solids_and_mesh_files import height
-from steelyard.excite.collision.model_file_shapes import robot_shapes
 from steelyard.excite.collision.pairs_to_keep_apart import (
     Pair,
     candidate_pairs,
@@ -25,9 +24,10 @@ from steelyard.excite.collision.pairs_to_keep_apart import (
     random_postures,
     separable,
 )
+from steelyard.excite.collision.robot_and_cell_shapes_from_files import robot_shapes
 from steelyard.excite.collision.shape_kinematics import Poses, Shape, ShapeKinematics, rates, sides
 from steelyard.excite.collision.shapes_given_or_assumed import reach
-from steelyard.excite.constraints.bounds_and_effort_limits import cut, goals
+from steelyard.excite.constraints.bounds_in_time_and_effort_limits import cut, goals
 from steelyard.excite.constraints.constraint import PROOF_BY_BOUNDS, Constraint, Margins
 from steelyard.excite.trajectories.trajectory import ExactTrajectory
 from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
@@ -56,7 +56,7 @@ class Scene:
     def __init__(
         self, robot: Robot, shapes: Sequence[Shape], ways: Sequence[tuple[int, int]]
     ) -> None:
-        from steelyard.excite.collision.mujoco_shapes_and_distances import Distances
+        from steelyard.excite.collision.mjcf_geoms_and_solid_distances import Distances
 
         flat = [shape.flat for shape in shapes]
         ordered = [(j, i) if flat[i] else (i, j) for i, j in ways]

@@ -13,7 +13,7 @@ import numpy as np
 from steelyard.base.arrays import Array
 from steelyard.base.errors import ModelError
 from steelyard.excite.collision.convex_solids_and_mesh_files import Ball, Capsule
-from steelyard.excite.collision.model_file_shapes import check_links, readable_shapes
+from steelyard.excite.collision.robot_and_cell_shapes_from_files import check_links, readable_shapes
 from steelyard.excite.collision.shape_kinematics import Origin, Shape, axes_along, placed
 from steelyard.excite.constraints.constraint import Declined, Gap
 from steelyard.excite.constraints.tool_workspace import Marker

@@ -16,7 +16,7 @@ from steelyard.excite.collision.workspace_from_tables import (
     world_of,
     written,
 )
-from steelyard.excite.constraints.bounds_and_effort_limits import (
+from steelyard.excite.constraints.bounds_in_time_and_effort_limits import (
     EffortLimit,
     power_limit,
     torque_limit,

@@ -25,7 +25,7 @@ from steelyard.excite.collision.convex_solids_and_mesh_files import (
     Hull,
     Solid,
 )
-from steelyard.excite.collision.model_file_shapes import robot_shapes, world_shapes
+from steelyard.excite.collision.robot_and_cell_shapes_from_files import robot_shapes, world_shapes
 from steelyard.excite.collision.shape_kinematics import Shape, ShapeKinematics, axes_along
 from steelyard.excite.collision.workspace_from_tables import tool_of
 from steelyard.excite.page.drawn_walls import all_lines, faces_of

@@ -10,11 +10,11 @@ import numpy as np
 from steelyard.base.arrays import Array
 from steelyard.estimate.parameter_status import WELL
 from steelyard.excite.constraints.certificate import COVERS, Extreme, Proof
-from steelyard.excite.motion_design import Designed
 from steelyard.excite.page import design_text as words
 from steelyard.excite.page.design_text import DesignContent
 from steelyard.excite.page.tool_path_section import DesignToolSection
 from steelyard.excite.predicted_accuracy_and_advice import Advice
+from steelyard.excite.searched_or_planned_motion import Designed
 from steelyard.identify.page.settings_quality_and_checks import SettingsSection
 from steelyard.report.page import Numbers, Section, render_sections, rounded, script_json
 from steelyard.report.plotly_figures import line, thin

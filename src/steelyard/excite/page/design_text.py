@@ -21,8 +21,8 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from steelyard.excite.constraints.certificate import Proof
-    from steelyard.excite.motion_design import Designed
     from steelyard.excite.predicted_accuracy_and_advice import Advice
+    from steelyard.excite.searched_or_planned_motion import Designed
     from steelyard.robot.file.excitation_sections import WorkspaceSection
 
 KINDS = {

@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 from steelyard.base.arrays import Array, frozen
 from steelyard.base.errors import DataError
 from steelyard.excite.constraints.motion_limits import MotionLimits
+from steelyard.excite.planned.followed_lines_and_reachability import UnfollowableWay
 from steelyard.excite.planned.inverse_kinematics import (
     Attitude,
     InverseKinematics,
@@ -23,8 +24,7 @@ from steelyard.excite.planned.inverse_kinematics import (
     refuse_fixed,
     weights_of,
 )
-from steelyard.excite.planned.straight_lines_and_reach import UnfollowableWay
-from steelyard.excite.planned.tool_paths import ToolPath
+from steelyard.excite.planned.timed_paths import ToolPath
 from steelyard.excite.trajectories.piecewise_polynomials import PiecewiseMotion, quintic
 from steelyard.model.equations.frame_and_point_kinematics import FrameKinematics, frame_of
 from steelyard.model.equations.passive_joints import Follower, random_positions

@@ -20,10 +20,10 @@ from steelyard.base.arrays import Array, frozen
 from steelyard.base.errors import DataError
 from steelyard.excite.collision.workspace_from_tables import tool_of, up_of
 from steelyard.excite.constraints.motion_limits import MotionLimits
+from steelyard.excite.planned.fastest_moves_and_tours import ToolGuidance, Tour, planned_tour
 from steelyard.excite.planned.inverse_kinematics import Attitude, Pointing
 from steelyard.excite.planned.joints_along_path import along_path
-from steelyard.excite.planned.tool_moves_and_tours import ToolGuidance, Tour, planned_tour
-from steelyard.excite.planned.tool_paths import Circle, Reaches, ToolPath, on_circle, out_and_back
+from steelyard.excite.planned.timed_paths import Circle, Reaches, ToolPath, on_circle, out_and_back
 from steelyard.excite.trajectories.motion_families import posture_of
 from steelyard.excite.trajectories.piecewise_polynomials import (
     SMOOTH,

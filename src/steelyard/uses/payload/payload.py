@@ -32,7 +32,7 @@ from steelyard.runs.runs_of_named_logs import LogArgument, log_files, paths_of, 
 from steelyard.uses.effort_plausibility import refuse_without
 from steelyard.uses.payload.change_detection import CHANGE_SPAN
 from steelyard.uses.payload.consistent_payload_body import PayloadKnowledge, SolidShape
-from steelyard.uses.payload.payload_fit import identify_payload as payload_of_informations
+from steelyard.uses.payload.payload_fit import fit_payload
 from steelyard.uses.payload.pick_up_and_put_down import PayloadEvents, find_payload_events
 
 
@@ -361,7 +361,7 @@ def identify_payload(
     of_runs = [
         gather(regressor, run, rests=rests, threads=threads, progress=progress) for run in runs
     ]
-    found = payload_of_informations(
+    found = fit_payload(
         identified,
         of_runs[: len(loaded)],
         frame,

@@ -79,7 +79,7 @@ class CaseFit:
     variances: Array
 
 
-def identify_payload(
+def fit_payload(
     identified: IdentifiedModel,
     loaded: Sequence[Information],
     frame: str | None = None,
@@ -160,7 +160,7 @@ def unknown_payload(identified: IdentifiedModel, run: Information) -> PayloadEst
     if identified.signals.effort_kind == "gravity_compensated_torque":
         return None
     try:
-        found = identify_payload(identified, [run])
+        found = fit_payload(identified, [run])
     except SteelyardError:
         return None
     least = LEAST_PAYLOAD_SHARE * sum(body.inertia.mass for body in identified.model.robot.bodies)

@@ -15,11 +15,10 @@ import numpy as np
 from steelyard.base.arrays import Array, frozen
 from steelyard.base.errors import DataError
 from steelyard.excite.collision.shape_kinematics import axes_along
-from steelyard.excite.constraints.bounds_and_effort_limits import Stretches, proven_minimum
+from steelyard.excite.constraints.bounds_in_time_and_effort_limits import Stretches, proven_minimum
 from steelyard.excite.constraints.motion_limits import MotionLimits
 from steelyard.excite.constraints.tool_workspace import paths
-from steelyard.excite.planned.inverse_kinematics import Attitude, InverseKinematics, within
-from steelyard.excite.planned.straight_lines_and_reach import (
+from steelyard.excite.planned.followed_lines_and_reachability import (
     Followed,
     UnfollowableWay,
     follow,
@@ -27,6 +26,7 @@ from steelyard.excite.planned.straight_lines_and_reach import (
     refuse_out_of_reach,
     unfollowable_error,
 )
+from steelyard.excite.planned.inverse_kinematics import Attitude, InverseKinematics, within
 from steelyard.excite.trajectories.piecewise_polynomials import SMOOTH, PiecewiseMotion, from_scipy
 from steelyard.excite.trajectories.trajectory import ORDERS, ExactTrajectory
 from steelyard.model.equations.frame_and_point_kinematics import (

@@ -50,7 +50,7 @@ def robot_shapes(robot: Robot, model: Path, skip: Collection[str] = ()) -> Geome
     frames = {frame.name: frame for frame in robot.frames}
     root = read_xml(model)
     if root.tag == "mujoco":
-        from steelyard.excite.collision.mujoco_shapes_and_distances import mjcf_shapes
+        from steelyard.excite.collision.mjcf_geoms_and_solid_distances import mjcf_shapes
 
         shapes, never, outside = mjcf_shapes(model, frames, skip)
     else:
@@ -80,7 +80,7 @@ def world_shapes(path: Path) -> tuple[Shape, ...]:
         path = expansion.path
     root = read_xml(path)
     if root.tag == "mujoco":
-        from steelyard.excite.collision.mujoco_shapes_and_distances import mjcf_world
+        from steelyard.excite.collision.mjcf_geoms_and_solid_distances import mjcf_world
 
         shapes = mjcf_world(path)
     else:
@@ -144,7 +144,7 @@ def readable_shapes(
     root, frames = read_xml(model), {frame.name: frame for frame in robot.frames}
     found = list[Shape]()
     if root.tag == "mujoco":
-        from steelyard.excite.collision.mujoco_shapes_and_distances import mjcf_shapes
+        from steelyard.excite.collision.mjcf_geoms_and_solid_distances import mjcf_shapes
 
         with suppress(ModelError):
             every = mjcf_shapes(model, frames, ())[0] if kind == "collision" else ()
