@@ -19,8 +19,8 @@ from steelyard.check.corrected_robot_file import correct_robot_file
 from steelyard.check.named_logs_and_precheck import diagnosed, subject_of
 from steelyard.identify.identify import identify
 from steelyard.identify.page.report_content import ReportContent
-from steelyard.identify.page.verdict_and_next_steps import verdict
 from steelyard.identify.validate import validate
+from steelyard.identify.verdict_and_next_steps import verdict
 from steelyard.robot.file.robot_file import load_robot
 from steelyard.runs.runs_of_named_logs import log_files
 

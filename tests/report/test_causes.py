@@ -10,7 +10,7 @@ from rich.console import Console
 
 from steelyard.estimate.friction.friction_choice import MixScore
 from steelyard.estimate.payload.payload_estimate import PayloadEstimate
-from steelyard.identify.page.friction_and_residuals import FrictionSection
+from steelyard.identify.page.friction_choice_and_curves import FrictionSection
 from steelyard.identify.page.gains_effort_scales_and_zero_offsets import (
     DrivesSection,
     PerRunSection,

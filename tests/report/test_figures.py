@@ -21,12 +21,7 @@ from steelyard.identify.page.efforts_and_their_parts import (
     TORQUE_PART_NAMES,
     TorqueSplitSection,
 )
-from steelyard.identify.page.friction_and_residuals import (
-    FrictionCurvesSection,
-    ResidualsSection,
-    binned,
-    curves_of,
-)
+from steelyard.identify.page.friction_choice_and_curves import FrictionCurvesSection, curves_of
 from steelyard.identify.page.link_inertias_and_ellipsoids import (
     EllipsoidsSection,
     MassesSection,
@@ -34,6 +29,7 @@ from steelyard.identify.page.link_inertias_and_ellipsoids import (
 )
 from steelyard.identify.page.parameters_and_truth import TruthSection
 from steelyard.identify.page.report_content import ReportContent, fitted_samples, unseen_samples
+from steelyard.identify.page.residuals_over_motion import ResidualsSection, binned
 from steelyard.identify.page.section_register import render
 from steelyard.report.plotly_figures import Figure
 from steelyard.robot.inertia_and_placement import Inertia

@@ -15,7 +15,7 @@ from steelyard.identify.page.parameters_and_truth import parameter_rows
 from steelyard.identify.page.reduction_and_removals import samples_of
 from steelyard.identify.page.report_content import ReportContent
 from steelyard.identify.page.section_register import SECTIONS
-from steelyard.identify.page.verdict_and_next_steps import exit_code, level_of, verdict
+from steelyard.identify.verdict_and_next_steps import exit_code, level_of, verdict
 from steelyard.report.page import PageContent, Section
 from steelyard.report.words import percent
 

@@ -19,7 +19,7 @@ from steelyard.identify.page.section_register import (
     print_report,
     render,
 )
-from steelyard.identify.page.verdict_and_next_steps import verdict
+from steelyard.identify.verdict_and_next_steps import verdict
 from steelyard.uses.payload.payload import event_lines
 from steelyard.uses.watch.stream_output import summary_lines
 

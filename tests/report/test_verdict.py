@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from steelyard.identify.page.verdict_and_next_steps import verdict
+from steelyard.identify.verdict_and_next_steps import verdict
 
 
 @pytest.fixture

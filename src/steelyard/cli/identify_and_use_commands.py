@@ -51,7 +51,7 @@ def identify(
     Example: steelyard identify ur10e.toml run1.csv run2.csv --validate run3.csv
     """
     from steelyard.base.files import new_folder
-    from steelyard.identify.page.verdict_and_next_steps import exit_code, next_steps, step_lines
+    from steelyard.identify.verdict_and_next_steps import exit_code, next_steps, step_lines
     from steelyard.robot.models.xacro import stem_of
 
     robot = call.keywords["robot"]
@@ -86,7 +86,7 @@ def validate(
 
     Example: steelyard validate steelyard-ur10e other_motion.csv
     """
-    from steelyard.identify.page.verdict_and_next_steps import (
+    from steelyard.identify.verdict_and_next_steps import (
         error_limit_words,
         exit_code,
         fix_commands,

@@ -262,11 +262,7 @@ def _beyond_columns(draft: "Draft", known: "Known") -> Iterator[str]:
 
 def next_steps(draft: "Draft", named: Sequence[str], parts: "ProposedCut") -> list[str]:
     """Commands that follow, with the real names; the arguments are those of `show`."""
-    from steelyard.identify.page.verdict_and_next_steps import (
-        identify_command,
-        path_word,
-        step_lines,
-    )
+    from steelyard.identify.verdict_and_next_steps import identify_command, path_word, step_lines
 
     target = path_word(named[1])
     given = " ".join(path_word(log) for log in named[2:]) or "LOG..."

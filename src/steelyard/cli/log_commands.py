@@ -125,7 +125,7 @@ def hints(
     says why the log that validates ends before its last row. Without known drive gains a robot
     file is needed for them.
     """
-    from steelyard.identify.page.verdict_and_next_steps import (
+    from steelyard.identify.verdict_and_next_steps import (
         gear_side_steps,
         identify_command,
         path_word,

@@ -63,7 +63,7 @@ def reduce(
     """
     from steelyard.base.files import new_folder, whole_folder
     from steelyard.excite.excite import design_excitation
-    from steelyard.identify.page.verdict_and_next_steps import exit_code
+    from steelyard.identify.verdict_and_next_steps import exit_code
 
     _refuse_missing(robot, {"--bodies": bodies, "--next": following is not None}, last)
     folder, motion_folder = new_folder(output, "steelyard-reduced"), optional_folder(following)

@@ -14,7 +14,6 @@ from steelyard.check.fitted.post_fit_checks import examine_fit, kept_doubts
 from steelyard.estimate.identified_model import IdentifiedModel, load_model
 from steelyard.estimate.scores.score import RunScore
 from steelyard.identify.page.report_content import ReportContent
-from steelyard.identify.page.verdict_and_next_steps import verdict
 from steelyard.identify.provenance_and_notes import (
     commanded_note,
     dropped,
@@ -27,6 +26,7 @@ from steelyard.identify.repeated_motion import marked_repeats
 from steelyard.identify.runs_for_model import fitted_before, runs_for
 from steelyard.identify.scores_and_model_report import ModelReport, scored, scored_from_commanded
 from steelyard.identify.validation_split import holds_fitted_rows
+from steelyard.identify.verdict_and_next_steps import verdict
 from steelyard.report.result import Result
 from steelyard.runs.run import Run
 from steelyard.runs.runs_of_named_logs import log_files, paths_of

@@ -37,12 +37,12 @@ from steelyard.estimate.scores.model_comparison import (
     refuse_different,
     same_efforts,
 )
-from steelyard.identify.comparison.errors_and_efforts import ModelsContent
 from steelyard.identify.comparison.estimators_page import (
     COMPARE_SECTIONS,
     ComparisonContent,
     comparison_lines,
 )
+from steelyard.identify.comparison.model_errors_and_efforts import ModelsContent
 from steelyard.identify.comparison.models_page import COMPARE_MODELS_SECTIONS
 from steelyard.identify.fit_preparation import FitTask, PreparedFit, model_to_fit, prepare_fit
 from steelyard.identify.provenance_and_notes import dropped, dropped_rows, notes_of

@@ -13,7 +13,7 @@ from steelyard.estimate.friction.friction_choice import FrictionChoice
 from steelyard.estimate.nonlinear.nonlinear_parameters import Finding
 from steelyard.estimate.payload.drive_gains import GainEstimate
 from steelyard.estimate.scores.estimator_comparison import Comparison, EstimatorScore, Failure
-from steelyard.identify.page.friction_and_residuals import FrictionSection
+from steelyard.identify.page.friction_choice_and_curves import FrictionSection
 from steelyard.identify.page.gains_effort_scales_and_zero_offsets import DrivesSection
 from steelyard.identify.page.settings_quality_and_checks import QualitySection, SettingsSection
 from steelyard.report.page import Numbers, PageContent, Section, rounded, script_json

@@ -27,7 +27,7 @@ from steelyard.identify.page.effort_error_words import (
 from steelyard.identify.page.efforts_and_their_parts import band_text
 from steelyard.identify.page.parameters_and_truth import parameter_rows, usable
 from steelyard.identify.page.report_content import ReportContent
-from steelyard.identify.page.verdict_and_next_steps import (
+from steelyard.identify.verdict_and_next_steps import (
     MOST_FAIR_PERCENT,
     MOST_GOOD_PERCENT,
     level_of,
