@@ -1,4 +1,4 @@
-r"""A virtual robot runs a motion and writes a log: what `steelyard simulate` does."""
+r"""A virtual robot runs a motion and writes a log, as `steelyard simulate` and the demo do."""
 
 import json
 from collections.abc import Callable
