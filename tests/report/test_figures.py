@@ -31,7 +31,7 @@ from steelyard.identify.page.parameters_and_truth import TruthSection
 from steelyard.identify.page.report_content import ReportContent, fitted_samples, unseen_samples
 from steelyard.identify.page.residuals_over_motion import ResidualsSection, binned
 from steelyard.identify.page.section_register import render
-from steelyard.report.plotly_figures import Figure
+from steelyard.report.page_figures import Figure
 from steelyard.robot.inertia_and_placement import Inertia
 from steelyard.robot.robot import Frame, frame_origins
 

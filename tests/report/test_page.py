@@ -11,7 +11,7 @@ from report.conftest import rendered_only, run_score
 from steelyard.identify.page.efforts_and_their_parts import EffortSection
 from steelyard.identify.page.report_content import ReportContent
 from steelyard.identify.page.section_register import SECTIONS, render
-from steelyard.report.plotly_figures import thin
+from steelyard.report.page_figures import thin
 
 MEGABYTE = 1_000_000
 ARCHIVE = '<script type="application/gzip" id="plotly">'

@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from steelyard.report.plotly_figures import drawn, gaps, thin
+from steelyard.report.page_figures import drawn, gaps, thin
 
 
 @given(st.integers(0, 5000), st.integers(4, 2000), st.integers(0, 2**32 - 1))

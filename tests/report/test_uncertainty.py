@@ -19,7 +19,7 @@ from steelyard.identify.page.link_inertias_and_ellipsoids import (
 from steelyard.identify.page.parameters_and_truth import ParametersSection, parameter_rows
 from steelyard.identify.page.report_content import ReportContent
 from steelyard.identify.page.section_register import parameters_csv, print_report, render
-from steelyard.report.plotly_figures import outline
+from steelyard.report.page_figures import outline
 from steelyard.robot.inertia_and_placement import Inertia
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from steelyard.base.arrays import by_key, json_values
 from steelyard.check.finding import OPEN_WORD, Edit, Finding, Fix, Picture, Trace
 from steelyard.report.page import Numbers, Shown, fill, packed, page_of, script_json
-from steelyard.report.plotly_figures import thin
+from steelyard.report.page_figures import thin
 from steelyard.report.words import COLOURS, Level, count, percent
 from steelyard.robot.file.toml_edits import lines_of
 

@@ -22,7 +22,7 @@ from steelyard.check.signals.usable_rows_and_derivatives import (
     position_slopes,
     signal_overview,
 )
-from steelyard.check.signals.velocity_scale_lag_and_rate import (
+from steelyard.check.signals.velocity_scale_and_lag import (
     FEWEST_RATE_JOINTS,
     RATE_TOLERANCE,
     UNEVEN_RATE,

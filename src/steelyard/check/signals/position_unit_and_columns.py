@@ -27,7 +27,7 @@ from steelyard.check.signals.usable_rows_and_derivatives import (
     signal_overview,
     with_rows,
 )
-from steelyard.check.signals.velocity_scale_lag_and_rate import AGREEING_CORRELATION
+from steelyard.check.signals.velocity_scale_and_lag import AGREEING_CORRELATION
 from steelyard.robot.file.signals import POSITION_UNITS
 from steelyard.robot.init.column_names import Column
 from steelyard.robot.init.guess_efforts_and_gears import beyond_range

@@ -43,7 +43,7 @@ from steelyard.check.signals.usable_rows_and_derivatives import (
     LATE_STEP,
     signal_overview,
 )
-from steelyard.check.signals.velocity_scale_lag_and_rate import (
+from steelyard.check.signals.velocity_scale_and_lag import (
     FEWEST_RATE_JOINTS,
     MOST_OFF,
     RATE_TOLERANCE,

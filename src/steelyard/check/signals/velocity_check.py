@@ -22,10 +22,7 @@ from steelyard.check.signals.motion_units import (
 from steelyard.check.signals.position_unit_and_columns import misplaced_velocities
 from steelyard.check.signals.time_stamps_and_scale import leaping_rows, time_scale_by_velocities
 from steelyard.check.signals.usable_rows_and_derivatives import signal_overview
-from steelyard.check.signals.velocity_scale_lag_and_rate import (
-    VelocityAgreement,
-    one_sided_differences,
-)
+from steelyard.check.signals.velocity_scale_and_lag import VelocityAgreement, one_sided_differences
 from steelyard.robot.file.signals import VELOCITY_UNITS
 
 LATE_STEPS, LATE_ERRORS = 1.5, 3.0

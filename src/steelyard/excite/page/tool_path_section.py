@@ -17,7 +17,7 @@ from steelyard.excite.page.drawn_walls import (
     faces_of,
 )
 from steelyard.report.page import Numbers, Section, packed, rounded, script_json
-from steelyard.report.plotly_figures import in_space, line
+from steelyard.report.page_figures import in_space, line
 from steelyard.report.words import significant
 from steelyard.robot.loop_closures import all_joints
 from steelyard.robot.robot import Robot, body_frames, frame_origins, sticks

@@ -17,7 +17,7 @@ from steelyard.identify.page.friction_choice_and_curves import FrictionSection
 from steelyard.identify.page.gains_effort_scales_and_zero_offsets import DrivesSection
 from steelyard.identify.page.settings_quality_and_checks import QualitySection, SettingsSection
 from steelyard.report.page import Numbers, PageContent, Section, rounded, script_json
-from steelyard.report.plotly_figures import dots, traced
+from steelyard.report.page_figures import dots, traced
 from steelyard.report.tables import PlainTable, Row, light_table, table_of
 from steelyard.report.words import NONE, first_names, percent, significant
 

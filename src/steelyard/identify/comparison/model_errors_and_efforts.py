@@ -11,7 +11,7 @@ from steelyard.estimate.scores.effort_errors import EffortError
 from steelyard.estimate.scores.model_comparison import ModelComparison
 from steelyard.identify.page.efforts_and_their_parts import drawn_efforts
 from steelyard.report.page import FigureSection, Numbers, PageContent
-from steelyard.report.plotly_figures import (
+from steelyard.report.page_figures import (
     Figure,
     Group,
     Key,

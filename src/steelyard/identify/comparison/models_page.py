@@ -28,7 +28,7 @@ from steelyard.identify.page.link_inertias_and_ellipsoids import (
 from steelyard.identify.page.settings_quality_and_checks import QualitySection, SettingsSection
 from steelyard.model.laws.register import description_of
 from steelyard.report.page import FigureSection, Numbers, Section, TableSection
-from steelyard.report.plotly_figures import Group, figure_of_rows
+from steelyard.report.page_figures import Group, figure_of_rows
 from steelyard.report.tables import PlainTable, Row, narrow_table, table_of
 from steelyard.report.words import NONE, count, fixed, significant, with_interval
 

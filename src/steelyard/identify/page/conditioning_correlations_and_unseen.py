@@ -8,7 +8,7 @@ from steelyard.base.arrays import Array
 from steelyard.estimate.estimate import Estimate
 from steelyard.identify.page.report_content import ReportContent
 from steelyard.report.page import FigureSection, Numbers, Section, packed
-from steelyard.report.plotly_figures import Figure, Group, row_height, traced
+from steelyard.report.page_figures import Figure, Group, row_height, traced
 from steelyard.robot.inertia_and_placement import INERTIAL_NAMES
 
 MOST_CORRELATED_PAIRS = 6  # most pairs of correlated parameters that are named

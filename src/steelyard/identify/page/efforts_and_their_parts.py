@@ -22,7 +22,7 @@ from steelyard.report.page import (
     rounded,
     script_json,
 )
-from steelyard.report.plotly_figures import Figure, Group, drawn, from_origin, gaps, line, outline
+from steelyard.report.page_figures import Figure, Group, drawn, from_origin, gaps, line, outline
 from steelyard.report.tables import PlainTable, Row
 from steelyard.report.words import percent, significant
 from steelyard.robot.robot import Coordinate

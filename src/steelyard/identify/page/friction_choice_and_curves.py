@@ -14,7 +14,7 @@ from steelyard.estimate.scores.parts_and_bands_along_run import PARTS, TorquePar
 from steelyard.identify.page.report_content import ReportContent, fitted_samples
 from steelyard.model.terms.term import StatefulTerm
 from steelyard.report.page import FigureSection, Numbers, TableSection, rounded
-from steelyard.report.plotly_figures import Figure, Group, Key, area, evenly, line, points
+from steelyard.report.page_figures import Figure, Group, Key, area, evenly, line, points
 from steelyard.report.tables import PlainTable, Row, table_of
 from steelyard.report.words import count, significant
 from steelyard.robot.robot import Coordinate

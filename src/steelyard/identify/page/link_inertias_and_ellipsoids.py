@@ -13,15 +13,7 @@ from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.estimate.prior.body_priors import model_prior, rigid_bodies
 from steelyard.identify.page.report_content import ReportContent, fitted_samples
 from steelyard.report.page import FigureSection, Numbers, TableSection, rounded
-from steelyard.report.plotly_figures import (
-    Figure,
-    Group,
-    Key,
-    Traced,
-    dots,
-    figure_of_rows,
-    in_space,
-)
+from steelyard.report.page_figures import Figure, Group, Key, Traced, dots, figure_of_rows, in_space
 from steelyard.report.tables import PlainTable, Row, table_of
 from steelyard.report.words import NONE, fixed, share, significant, with_interval
 from steelyard.robot.inertia_and_placement import INERTIAL_NAMES, Inertia

@@ -16,7 +16,7 @@ from steelyard.estimate.parameter_status import FROM_DATA, SMALL, WELL, Paramete
 from steelyard.identify.page.report_content import ReportContent
 from steelyard.model.laws.register import description_of
 from steelyard.report.page import FigureSection, Numbers, Section
-from steelyard.report.plotly_figures import Figure, Group, Key, dots, figure_of_rows
+from steelyard.report.page_figures import Figure, Group, Key, dots, figure_of_rows
 from steelyard.report.tables import table_of
 from steelyard.report.words import count, first_names, rounded_to_uncertainty, significant
 

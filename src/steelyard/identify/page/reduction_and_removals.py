@@ -15,7 +15,7 @@ from steelyard.identify.page.report_content import ReportContent
 from steelyard.model.laws.register import law_of
 from steelyard.model.terms.term import StatefulTerm
 from steelyard.report.page import FigureSection, Numbers, TableSection
-from steelyard.report.plotly_figures import Figure, Group, Key, area, line, points
+from steelyard.report.page_figures import Figure, Group, Key, area, line, points
 from steelyard.report.tables import PlainTable, Row
 from steelyard.report.words import count, significant
 

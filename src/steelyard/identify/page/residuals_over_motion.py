@@ -9,7 +9,7 @@ from steelyard.base.arrays import Array
 from steelyard.estimate.scores.parts_and_bands_along_run import TorqueParts
 from steelyard.identify.page.report_content import ReportContent, unseen_samples
 from steelyard.report.page import FigureSection, Numbers, rounded
-from steelyard.report.plotly_figures import Figure, Group, Key, area, evenly, line, points
+from steelyard.report.page_figures import Figure, Group, Key, area, evenly, line, points
 from steelyard.report.tables import PlainTable, Row
 from steelyard.report.words import NONE, percent, significant
 from steelyard.robot.robot import Coordinate

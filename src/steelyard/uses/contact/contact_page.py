@@ -10,7 +10,7 @@ from rich.text import Text
 
 from steelyard.estimate.external.contact_thresholds import RANGES
 from steelyard.report.page import figures, inspected_page, notes
-from steelyard.report.plotly_figures import Figure, Group, Key, area, line
+from steelyard.report.page_figures import Figure, Group, Key, area, line
 from steelyard.report.result import Result, print_verdict
 from steelyard.report.tables import PlainTable, Row, narrow_table, table_of
 from steelyard.report.words import NONE, signed, significant

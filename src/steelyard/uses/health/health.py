@@ -21,7 +21,7 @@ from steelyard.estimate.scores.residual_noise_and_traces import residual_cutoff,
 from steelyard.identify.provenance_and_notes import notes_of
 from steelyard.identify.runs_for_model import runs_for
 from steelyard.report.page import figures, inspected_page, notes
-from steelyard.report.plotly_figures import Figure, Group, Key, area, line
+from steelyard.report.page_figures import Figure, Group, Key, area, line
 from steelyard.report.result import Result, print_verdict
 from steelyard.report.tables import PlainTable, Row, narrow_table
 from steelyard.report.words import NONE

@@ -23,7 +23,7 @@ from steelyard.estimate.scores.residual_noise_and_traces import residual_cutoff,
 from steelyard.identify.provenance_and_notes import dropped
 from steelyard.identify.runs_for_model import fitted_before, runs_for
 from steelyard.report.page import figures, inspected_page, notes
-from steelyard.report.plotly_figures import Figure, Group, Key, area, evenly, line
+from steelyard.report.page_figures import Figure, Group, Key, area, evenly, line
 from steelyard.report.tables import PlainTable, Row, light_table
 from steelyard.report.words import rounded_to_uncertainty
 from steelyard.robot.inertia_and_placement import INERTIAL_NAMES, INERTIAL_UNITS

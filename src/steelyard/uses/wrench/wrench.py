@@ -25,7 +25,7 @@ from steelyard.identify.provenance_and_notes import left_out, notes_of
 from steelyard.identify.runs_for_model import fitted_before, runs_for
 from steelyard.identify.validation_split import holds_fitted_rows
 from steelyard.report.page import figures, inspected_page, notes
-from steelyard.report.plotly_figures import Figure, Group, Key, Traced, area, evenly, line
+from steelyard.report.page_figures import Figure, Group, Key, Traced, area, evenly, line
 from steelyard.report.result import Result, print_verdict
 from steelyard.report.tables import PlainTable, Row, narrow_table
 from steelyard.report.words import NONE, significant
