@@ -191,10 +191,30 @@ def test_what_is_to_be_dropped_is_dropped(
     assert found["models"][0]["parameters"] == len(found["kept"]) + len(found["removed"]) - 1
 
 
+def test_the_contribution_of_every_parameter_is_printed(
+    identified: Path, log: Path, command: Command, work: Path
+) -> None:
+    options = ("--criterion", "contribution", "--stop", "one_fewer")
+    done = command("reduce", identified, log, *options, "-o", work / "a")
+    assert done.exit_code == 0, done.output
+    assert "Relative contribution by parameter" in done.output
+    page = (work / "a" / "report.html").read_text(encoding="utf-8")
+    assert "Relative contribution by parameter" in page
+    shown = reduce(identified, log, criterion="contribution", stop="one_fewer")
+    rows = shown.to_dict()["criterion"]["parameters"]
+    assert shown.criterion_table.to_dicts() == rows
+    assert [row["step"] for row in rows] == [1] + [None] * (len(rows) - 1)
+    assert rows[0]["last"] == rows[0]["before"] == min(row["before"] for row in rows)
+    assert sum(row["before"] for row in rows) == pytest.approx(1.0)
+    assert sum(row["last"] for row in rows[1:]) == pytest.approx(1.0)
+    for row in rows:
+        assert row["name"] in done.output
+
+
 def test_every_field_of_the_json_output_has_one_section(identified: Path, log: Path) -> None:
     content = reduce(identified, log, stop="one_fewer").content
     fields = Counter(field for section in SECTIONS for field in section.to_dict(content))
-    assert {"kept", "removed", "models"} <= fields.keys()
+    assert {"kept", "removed", "criterion", "models"} <= fields.keys()
     assert [field for field, number in fields.items() if number > 1] == []
 
 

@@ -16,7 +16,13 @@ from steelyard.estimate.estimate import Estimate
 from steelyard.estimate.information.base_regressor import base_regressor
 from steelyard.estimate.information.kept_filtered_samples import FilteredSamples
 from steelyard.estimate.least_squares.weighted_robust_and_whitened import WeightedLeastSquares
-from steelyard.estimate.reduction.backward_elimination import CRITERIA, FullModel, State, backward
+from steelyard.estimate.reduction.backward_elimination import (
+    CRITERIA,
+    Criterion,
+    FullModel,
+    State,
+    backward,
+)
 from steelyard.estimate.reduction.left_out_errors_and_stopping_rules import (
     RULES,
     Bic,
@@ -115,6 +121,36 @@ def test_contributions_and_mean_columns_are_those_of_the_papers() -> None:
     torques = np.linalg.norm(A * state.values, axis=0)
     np.testing.assert_allclose(CONTRIBUTION.worth(state), torques / torques.sum(), rtol=1e-9)
     np.testing.assert_allclose(MEAN_COLUMN.worth(state), np.abs(A).mean(axis=0), rtol=1e-9)
+
+
+@pytest.mark.parametrize("criterion", [CONTRIBUTION, MEAN_COLUMN], ids=lambda c: c.name)
+def test_the_criterion_of_every_parameter_is_that_of_the_model_it_last_was_in(
+    criterion: Criterion,
+) -> None:
+    found = reduce(DATA, criterion, Count(len(NAMES) - 3), drop=NAMES[:1])
+    rows = {row["name"]: row for row in found.worth()}
+    assert list(rows)[:3] == [one.name for one in found.estimate.removed]
+    assert rows.keys() == set(NAMES)
+
+    def by_hand(columns: list[int]) -> Array:
+        if criterion is MEAN_COLUMN:
+            return np.asarray(np.abs(A[:, columns]).mean(axis=0))
+        torques = np.linalg.norm(A[:, columns] * fitted(columns)[0], axis=0)
+        return np.asarray(torques / torques.sum())
+
+    left = list(range(len(NAMES)))
+    np.testing.assert_allclose([rows[name]["before"] for name in NAMES], by_hand(left), rtol=1e-7)
+    for one in found.estimate.removed:
+        place = left.index(NAMES.index(one.name))
+        assert rows[one.name]["last"] == one.worth == pytest.approx(by_hand(left)[place], rel=1e-7)
+        assert rows[one.name]["step"] == one.step
+        assert one.step == 1 or by_hand(left).argmin() == place
+        del left[place]
+    kept = [rows[NAMES[k]] for k in left]
+    np.testing.assert_allclose([row["last"] for row in kept], by_hand(left), rtol=1e-7)
+    assert all(row["step"] is None for row in kept)
+    again = Estimate.from_dict(found.estimate.to_dict())
+    assert again.removed == found.estimate.removed
 
 
 def test_algorithm_1_on_a_case_by_hand() -> None:

@@ -38,6 +38,8 @@ class Removed:
     name: str
     step: int  # number of the step that removed it, from 1 on
     cost: float  # rise of chi-squared by its removal, residuals counted by their correlation
+    criterion: str = ""  # name of the criterion that chose it, empty in files of earlier versions
+    worth: float | None = None  # its value of that criterion before its removal
 
 
 @dataclass(frozen=True, eq=False)
@@ -179,7 +181,13 @@ class Estimate:
             at_bound=tuple(data["at_bound"]),
             notes=tuple(data["notes"]),
             removed=tuple(
-                Removed(str(r["name"]), int(r["step"]), float(r["cost"]))
+                Removed(
+                    str(r["name"]),
+                    int(r["step"]),
+                    float(r["cost"]),
+                    str(r.get("criterion", "")),
+                    None if r.get("worth") is None else float(r["worth"]),
+                )
                 for r in data.get("removed", ())
             ),
             known=tuple(data.get("known", ())),

@@ -36,7 +36,7 @@ from steelyard.identify.runs_for_model import runs_for
 from steelyard.identify.scores_and_model_report import ModelReport, scored
 from steelyard.model.model import Model
 from steelyard.model.terms.term import Term
-from steelyard.report.result import Result
+from steelyard.report.result import DataFrame, Result, frame
 from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
 from steelyard.robot.file.robot_file import load_robot
 from steelyard.runs.run import Run, fastest_of, motion_samples
@@ -55,6 +55,18 @@ class ReducedModel(ModelReport):
     def kept(self) -> tuple[str, ...]:
         """Names of the base parameters that are left."""
         return self.model.estimate.parameters.names
+
+    @property
+    def criterion_table(self) -> DataFrame:
+        """The criterion's value of every parameter: `name`, `step`, `before` and `last`.
+
+        `before` any removal, and the `last` one: before its removal in that step, or of a parameter
+        that is kept (`step` is null) in the reduced model.
+
+        Raises:
+            PackageError: Polars is not installed.
+        """
+        return frame(self.reduction.worth(), "criterion_table")
 
     __repr__ = Result.__repr__
 

@@ -150,6 +150,7 @@ class Criterion:
 
     name: str  # short name, as options know it
     about: str  # what it is, in a few words
+    heading: str  # what a table calls its values
     # worth of each parameter that is left, `(k,)`; the least one is removed
     worth: Callable[[State], Array]
 
@@ -161,15 +162,26 @@ def _contribution(state: State) -> Array:
 
 
 CRITERIA: tuple[Criterion, ...] = (
-    Criterion("loss", "rise of χ² by the removal, residuals correlated", lambda s: s.losses),
-    Criterion("contribution", "relative torque contribution [Wang], eqs. 6 to 9", _contribution),
+    Criterion(
+        "loss", "rise of χ² by the removal, residuals correlated", "Loss", lambda s: s.losses
+    ),
+    Criterion(
+        "contribution",
+        "relative torque contribution [Wang], eqs. 6 to 9",
+        "Relative contribution",
+        _contribution,
+    ),
     Criterion(
         "mean_column",
         "mean absolute column of the regressor [Volkmann], eq. 10",
+        "Mean |column|",
         lambda s: s.full.means[list(s.active)],
     ),
     Criterion(
-        "deviation", "relative standard deviation, the largest first [Pham1991]", lambda s: s.ratios
+        "deviation",
+        "value over standard deviation [Pham1991]",
+        "Value / std",
+        lambda s: s.ratios,
     ),
 )
 """All criteria, the default one first."""
@@ -183,6 +195,8 @@ class Step:
 
     name: str
     cost: float  # rise of chi-squared by it, see `State.losses`
+    # value of the criterion before it; `None` of a column that the data do not show
+    worth: float | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -250,5 +264,5 @@ def _without_least(state: State, free: Collection[str], criterion: Criterion) ->
     """The removal of the parameter that is worth least of some, and the model without it."""
     worth = criterion.worth(state)
     place = min((state.names.index(name) for name in free), key=lambda k: worth[k])
-    step = Step(state.names[place], float(state.losses[place]))
+    step = Step(state.names[place], float(state.losses[place]), float(worth[place]))
     return step, State(state.full, (*state.active[:place], *state.active[place + 1 :]))

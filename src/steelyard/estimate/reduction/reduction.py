@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import Any
 
 from steelyard.base.arrays import Array, frozen
 from steelyard.base.errors import DataError, named
@@ -39,6 +40,7 @@ class Reduction:
     """A reduced model, and the path it lies on."""
 
     path: Path
+    criterion: Criterion  # what chose the parameters to remove
     chosen: int  # place of the one that was taken
     # errors on left-out data; `None` where there are too few windows for them
     left_out: LeftOutErrors | None
@@ -51,6 +53,28 @@ class Reduction:
     def state(self) -> State:
         """The model that was taken."""
         return self.path.states[self.chosen]
+
+    def worth(self) -> list[dict[str, Any]]:
+        """The criterion's value of every parameter; what was removed first, then from least on.
+
+        Each row has the `name`, the `step` that removed it (`None` if it is left), its value in the
+        model `before` any removal of this reduction, and the `last` one: before its own removal, or
+        in the model that was taken. `None` where there is no value.
+        """
+        whole = State(self.path.full, tuple(range(len(self.path.full.names))))
+        at_first, at_last = (
+            dict(zip(state.names, self.criterion.worth(state).tolist(), strict=True))
+            for state in (whole, self.state)
+        )
+        removed = [
+            (one.name, one.step, one.worth if one.criterion == self.criterion.name else None)
+            for one in self.estimate.removed
+        ]
+        left = [(name, None, at_last[name]) for name in sorted(at_last, key=at_last.__getitem__)]
+        return [
+            {"name": name, "step": step, "before": at_first.get(name), "last": last}
+            for name, step, last in (*removed, *left)
+        ]
 
     def after(self, before: Sequence[Removed]) -> "Reduction":
         """The reduction of a model that was reduced before: earlier removals are listed first."""
@@ -86,7 +110,8 @@ def reduce(
     path = follow(full)
     place = rule.choose(path, left_out)
     errors = None if unseen is None else frozen(path_errors(path, unseen)[0])
-    return Reduction(path, place, left_out, estimated(path, place, drop), errors, rule.tolerance)
+    estimate = estimated(path, place, criterion, drop)
+    return Reduction(path, criterion, place, left_out, estimate, errors, rule.tolerance)
 
 
 @dataclass(frozen=True)
@@ -98,7 +123,7 @@ class Reduced:
         return reduce(information).estimate
 
 
-def estimated(path: Path, place: int, drop: Sequence[str] = ()) -> Estimate:
+def estimated(path: Path, place: int, criterion: Criterion, drop: Sequence[str] = ()) -> Estimate:
     """The estimate of a path's model; what it lacks or is dropped unseen is known to be zero."""
     state, full = path.states[place], path.full
     hidden = (Step(one.name, 0.0) for one in full.blind if one.name in drop)
@@ -108,6 +133,7 @@ def estimated(path: Path, place: int, drop: Sequence[str] = ()) -> Estimate:
         estimator=f"reduced weighted least squares ({len(full.names)} to {len(state.active)})",
         blind=tuple(one for one in full.blind if one.name not in drop),
         removed=tuple(
-            Removed(step.name, number, step.cost) for number, step in enumerate(steps, start=1)
+            Removed(step.name, number, step.cost, criterion.name, step.worth)
+            for number, step in enumerate(steps, start=1)
         ),
     )

@@ -8,6 +8,7 @@ from rich.console import RenderableType
 from rich.text import Text
 
 from steelyard.estimate.identified_model import IdentifiedModel
+from steelyard.estimate.reduction.backward_elimination import CRITERIA
 from steelyard.estimate.reduction.reduction import Reduction
 from steelyard.estimate.scores.effort_errors import pooled
 from steelyard.identify.page.effort_error_words import MOVING, WHOLE
@@ -16,7 +17,7 @@ from steelyard.model.laws.register import law_of
 from steelyard.model.terms.term import StatefulTerm
 from steelyard.report.page import FigureSection, Numbers, TableSection
 from steelyard.report.page_figures import Figure, Group, Key, area, line, points
-from steelyard.report.tables import PlainTable, Row
+from steelyard.report.tables import PlainTable, Row, table_of, text_table
 from steelyard.report.words import count, significant
 
 HOLDS_ONLY = (
@@ -58,6 +59,11 @@ class ReductionSection(FigureSection, name="reduction", title="Reduction"):
         unseen = None if found.unseen is None else found.unseen.mean(axis=1).tolist()
         return {
             "kept": list(found.estimate.parameters.names),
+            "criterion": {
+                "name": found.criterion.name,
+                "about": found.criterion.about,
+                "parameters": found.worth(),
+            },
             "models": [
                 {
                     "parameters": len(state.active),
@@ -70,18 +76,21 @@ class ReductionSection(FigureSection, name="reduction", title="Reduction"):
         }
 
     def printed(self, content: ReportContent) -> Iterable[RenderableType]:
-        """The choice in a few lines."""
-        if content.reduction is not None:
-            yield Text(_summary(content, content.reduction))
+        """The choice in a few lines, and the criterion of every parameter if one was named."""
+        found = content.reduction
+        if found is not None:
+            yield Text(_summary(content, found))
+            if found.criterion != CRITERIA[0]:
+                yield text_table(_worth(found), self.title)
 
 
 class RemovalsSection(TableSection, name="removals", title="Removed parameters"):
     """What was removed, and the motions that it was removed for."""
 
     def tables(self, content: ReportContent) -> Sequence[PlainTable]:
-        """Both tables; none without a reduction."""
+        """The three tables; none without a reduction."""
         found, identified = content.reduction, content.identified
-        return () if found is None else (_removals(found), _ranges(identified))
+        return () if found is None else (_removals(found), _worth(found), _ranges(identified))
 
 
 def _summary(content: ReportContent, found: Reduction) -> str:
@@ -224,6 +233,25 @@ def _removals(found: Reduction) -> PlainTable:
         ("Step", "Parameter", "Cost", "Folds"),
         rows,
         text=(1,),
+    )
+
+
+def _worth(found: Reduction) -> PlainTable:
+    """The criterion's value of every parameter, in the full model and last."""
+    about = f"{found.criterion.heading}: {found.criterion.about}."
+    last = "Last: before the removal, or in the model that was taken."
+    return table_of(
+        found.worth(),
+        {
+            "Parameter": lambda row: str(row["name"]),
+            "Step": lambda row: "kept" if row["step"] is None else str(row["step"]),
+            "Before any removal": lambda row: significant(row["before"]),
+            "Last": lambda row: significant(row["last"]),
+        },
+        caption=f"{found.criterion.heading} by parameter",
+        words=f"{about} {last}",
+        text=(0, 1),
+        note=f"{about} {last}",
     )
 
 
