@@ -66,6 +66,23 @@ def test_an_option_of_a_payload_needs_its_mass(command: Command, tmp_path: Path)
         assert done.exit_code == 2 and "--payload-mass" in done.stderr
 
 
+@pytest.mark.parametrize("rate", [33.333, 1.0 / 0.03])
+def test_a_log_at_a_rate_that_is_no_whole_number_is_identified(
+    rate: float, command: Command, tmp_path: Path
+) -> None:
+    options = ("--period", 10, "--rate", rate, "--noise", 0, "-o", tmp_path / "run")
+    done = command("simulate", ROBOT, *options)
+    assert done.exit_code == 0, done.stderr
+    t = pl.read_csv(tmp_path / "run" / "log.csv")["time_s"].to_numpy()
+    np.testing.assert_allclose(t, np.arange(len(t)) / rate, rtol=0.0, atol=1e-6)
+    assert len(t) == int(12.0 * rate + 1e-9) + 1
+    log, out = tmp_path / "run" / "log.csv", tmp_path / "out"
+    done = command("identify", ROBOT, log, "--no-check", "--method", "WLS", "-o", out, "--json")
+    assert done.exit_code == 0, done.stderr
+    (joints,) = (run["joints"] for run in json.loads(done.stdout)["identification"])
+    assert max(joint["relative_percent"] for joint in joints) < 5.0
+
+
 def test_causes_of_torque_are_those_of_the_robot_file(
     given: Path, command: Command, tmp_path: Path
 ) -> None:

@@ -60,8 +60,20 @@ def test_rate_takes_every_nth_tick(arm: Robot) -> None:
     np.testing.assert_array_equal(columns["q3_rad"], true.q[::8, 2])
 
 
-@pytest.mark.parametrize("rate", [0.0, -5.0, 300.0, 2000.0, np.nan])
-def test_rates_that_do_not_divide_are_refused(rate: float) -> None:
+@pytest.mark.parametrize("rate", [33.333, 1.0 / 0.03, 300.0, 47.5])
+def test_rows_lie_between_ticks_where_the_rate_wants_them(rate: float, arm: Robot) -> None:
+    columns = read(Sensors(rate=rate), arm)
+    t = columns["time_s"]
+    np.testing.assert_allclose(t, np.arange(len(t)) / rate, rtol=0.0, atol=1e-9)
+    assert 40.0 - 1.0 / rate < t[-1] <= 40.0
+    wave = np.sin(t[:, None] * np.linspace(0.3, 0.9, 6))
+    # a line between ticks of 1 ms leaves an arc of at most 1e-6 / 8 of the second derivative
+    np.testing.assert_allclose(stacked(columns, "q"), wave, rtol=0.0, atol=0.81e-6 / 8.0)
+    np.testing.assert_allclose(stacked(columns, "tau"), 10.0 * wave, rtol=0.0, atol=8.1e-6 / 8.0)
+
+
+@pytest.mark.parametrize("rate", [0.0, -5.0, 2000.0, np.nan])
+def test_rates_above_that_of_the_controller_are_refused(rate: float) -> None:
     with pytest.raises(DataError, match="rows a second"):
         Sensors(rate=rate)
 

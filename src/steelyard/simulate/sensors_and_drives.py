@@ -203,7 +203,8 @@ class Sensors:
     `dataclasses.replace` changes some of it.
     """
 
-    rate: float = 250.0  # rows per second; divides the controller's 1000
+    # rows per second, at most the controller's 1000; between its ticks values are interpolated
+    rate: float = 250.0
     resolution: Array | float = 0.0  # step of the encoders [rad; m]; 0 is perfect
     position_noise: Array | float = 0.0  # standard deviation of white noise [rad; m]
     velocity_noise: Array | float = 0.0  # standard deviation of white noise [rad/s; m/s]
@@ -222,12 +223,11 @@ class Sensors:
     effort: EffortKind = "joint_torque"
 
     def __post_init__(self) -> None:
-        every = CONTROL_RATE / self.rate if self.rate > 0.0 else 0.0
-        if every < 1.0 or abs(every - round(every)) > 1e-9:
+        if not 0.0 < self.rate <= CONTROL_RATE:
             raise DataError(
                 f"a log cannot have {self.rate:g} rows a second",
                 where=f"sensors of the virtual robot, controlled at {CONTROL_RATE:g} Hz",
-                fix="take a rate that divides it: 1000, 500, 250, 200, 125, 100, ...",
+                fix=f"give a rate above 0 and at most {CONTROL_RATE:g}",
             )
         for name in (*ERRORS, "clock_jitter"):
             if not np.all(np.asarray(getattr(self, name)) >= 0.0):
@@ -242,13 +242,12 @@ class Sensors:
         self, run: TrueRun, rng: np.random.Generator, kind: EffortKind | None = None
     ) -> Reading:
         """What the sensors say, of the kind of effort that is theirs if `None`."""
-        rows = slice(None, None, round(CONTROL_RATE / self.rate))
-        effort = run.effort(self.effort if kind is None else kind)[rows]
-        t, q, dq = run.t[rows], run.q[rows], run.dq[rows]
+        effort = run.effort(self.effort if kind is None else kind)
+        t, q, dq, effort = map(self._sampled, (run.t, run.q, run.dq, effort))
         noise_t, noise_q, noise_dq, noise_tau = (
             rng.standard_normal(values.shape) for values in (t, q, dq, effort)
         )
-        wrench = None if run.wrench is None else run.wrench[rows]
+        wrench = None if run.wrench is None else self._sampled(run.wrench)
         if wrench is not None:
             wrench = wrench + self.wrench_noise * rng.standard_normal(wrench.shape)
         bound = 0.45 / self.rate
@@ -257,9 +256,19 @@ class Sensors:
             _stepped(q + self.position_noise * noise_q, self.resolution),
             dq + self.velocity_noise * noise_dq,
             effort + self.torque_noise * noise_tau,
-            run.commanded[:, rows if self.commanded else slice(0)],
+            np.array([self._sampled(x) if self.commanded else x[:0] for x in run.commanded]),
             wrench,
         )
+
+    def _sampled(self, values: Array) -> Array:
+        """Values at the controller's ticks, `(N, ...)`, linearly interpolated at those of rows."""
+        every, last = CONTROL_RATE / self.rate, len(values) - 1
+        every = round(every) if abs(every - round(every)) < 1e-9 else every
+        places = every * np.arange(int(last / every + 1e-9) + 1)
+        before = np.minimum(places.astype(np.intp), last)
+        share = (places - before).reshape(-1, *(1,) * (values.ndim - 1))
+        after = values[np.minimum(before + 1, last)]
+        return np.where(share > 0.0, values[before] * (1.0 - share) + after * share, values[before])
 
     def read(self, run: TrueRun, robot: Robot, rng: np.random.Generator) -> dict[str, Array]:
         """The columns of the log under customary names."""

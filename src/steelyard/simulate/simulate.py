@@ -173,7 +173,8 @@ def simulate(
         release: Time [s] at which it is released; never by default.
         truth: `truth.json` of another simulation: the same robot again.
         friction_drift: Factor on the true friction, such as 1.2.
-        rate: Rows per second of the log; 250 if `None`, or as the robot file says.
+        rate: Rows per second of the log, such as 33.333; at most 1000; 250 if `None`, or as the
+            robot file says.
         control: `pd`, `pid`, `cascade` or `computed_torque`, with encoders, delay and lag of real
             drives; gains follow: `cascade,kv=20`. If `None`, joint PD control with ideal encoders
             and drives.
