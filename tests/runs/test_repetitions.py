@@ -95,6 +95,8 @@ def test_dropping(recording: Callable[..., Recording]) -> None:
     assert few.averaged.starts[0] == pytest.approx(6.0 * RATE, abs=0.1 * RATE)
     with pytest.raises(LogError, match="of 6 whole repetitions of 3 s in this log 1 are left"):
         mean_of_periods(log, Repetitions(period=3.0, drop_first=3, drop_last=2))
+    with pytest.raises(LogError, match="of 0 whole repetitions of 30 s"):
+        mean_of_periods(log, Repetitions(period=30.0))
 
 
 def test_a_motion_without_period_is_reported(recording: Callable[..., Recording]) -> None:
@@ -104,6 +106,42 @@ def test_a_motion_without_period_is_reported(recording: Callable[..., Recording]
     with pytest.raises(LogError, match="no period was found") as caught:
         prepare(recording(t, q, q), Processing(repetitions=Repetitions()))
     assert "repetitions = {period" in caught.value.fix
+
+
+def process(standing: int, cycles: int = 6) -> np.ndarray:
+    """Six joints, so many standing: cycles of 3.4 s, of which the last 0.9 s are a pause."""
+    rng = np.random.default_rng(7)
+    places = rng.uniform(-1.0, 1.0, (5, 6))
+    s = np.arange(100) / 100.0
+    course = (s**3 * (10.0 - 15.0 * s + 6.0 * s**2))[:, None]
+    moves = [a + course * (b - a) for a, b in zip(places, np.roll(places, -1, axis=0), strict=True)]
+    cycle = np.vstack([*moves, np.tile(places[0], (180, 1))])
+    q = np.vstack([np.tile(places[0], (150, 1)), np.tile(cycle, (cycles, 1))])
+    pushed = 3e-4 * (q[:, 5:] - q[0, 5]) if standing < 6 else 0.0
+    q[:, :standing] = q[0, :standing] + pushed
+    bit = 2.0 * np.pi / 2**17
+    return np.round(q / bit + rng.standard_normal(q.shape)) * bit
+
+
+@pytest.mark.parametrize("standing", [0, 1, 3, 5])
+def test_joints_that_stand_do_not_hide_repetitions(
+    recording: Callable[..., Recording], standing: int
+) -> None:
+    q = process(standing)
+    t = np.arange(len(q)) / RATE
+    mean = mean_of_periods(recording(t, q, q), Repetitions(drop_first=0, drop_last=0))
+    assert len(mean.averaged.starts) == 6
+    assert np.diff(mean.averaged.starts).mean() == pytest.approx(3.4 * RATE, rel=1e-4)
+    assert 0.0 <= mean.averaged.starts[0] <= 160.0
+    assert mean.averaged.apart.max() < 5e-4
+
+
+@pytest.mark.parametrize("wanted", [Repetitions(), Repetitions(period=3.4)])
+def test_all_joints_stand(recording: Callable[..., Recording], wanted: Repetitions) -> None:
+    q = process(6)
+    with pytest.raises(LogError, match="no joint moves in this log") as caught:
+        mean_of_periods(recording(np.arange(len(q)) / RATE, q, q), wanted)
+    assert "record a motion" in caught.value.fix
 
 
 def test_logs_of_one_motion(recording: Callable[..., Recording], tmp_path: Path) -> None:

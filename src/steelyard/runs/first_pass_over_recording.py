@@ -59,6 +59,15 @@ class Survey:
         return self.segments[-1].stop - self.segments[0].start
 
 
+def no_joint_moves(recording: Recording) -> LogError:
+    """The error of a log at standstill."""
+    return LogError(
+        "no joint moves in this log",
+        where=recording.where,
+        fix="record a motion of all joints; a log at standstill does not identify a robot",
+    )
+
+
 def survey(recording: Recording, processing: Processing | None = None) -> Survey:
     """Read a recording once, and once more without rows in which an encoder was found frozen."""
     found = _survey(recording, processing)

@@ -13,7 +13,7 @@ import numpy as np
 from steelyard.base.arrays import Array, frozen
 from steelyard.base.errors import LogError
 from steelyard.logs.log_windows import Cut
-from steelyard.runs.first_pass_over_recording import Survey, survey
+from steelyard.runs.first_pass_over_recording import Survey, no_joint_moves, survey
 from steelyard.runs.processing_chain import evenly_sampled
 from steelyard.runs.recording import LogInMemory, Recording
 from steelyard.runs.rows.clock_and_row_scan import RowScan
@@ -142,17 +142,21 @@ def mean_of_periods(recording: Recording, wanted: Repetitions) -> MeanMotion:
     """The mean over the periods in one log."""
     loaded = recording.in_memory()
     x, rate = _evenly_sampled(loaded)
-    c = loaded.channels
-    period = find_period(x[c.q], rate) if wanted.period is None else wanted.period
+    q = x[loaded.channels.q]
+    start, stop = moving_span(q)
+    if start == stop:
+        raise no_joint_moves(recording)
+    period = find_period(q, rate) if wanted.period is None else wanted.period
     if period is None:
         raise LogError(
             "no period was found in this log: the motion does not return to its start",
             where=recording.where,
             fix="state it: repetitions = {period = ...} under [processing], or leave it out",
         )
-    start, stop = moving_span(x[c.q])
     length = period * rate
-    count = int((stop - start) / length + SLOW_ENDS)
+    one = q[:, start : start + int(length)]
+    pause = one.shape[1] - moving_span(one)[1]  # the rest behind each, which the span lacks
+    count = int((stop - start + pause) / length + SLOW_ENDS)
     first, last = wanted.drop_first, count - wanted.drop_last
     if last - first < 2:
         raise LogError(

@@ -9,7 +9,7 @@ from steelyard.base.arrays import Array, frozen
 from steelyard.base.errors import LogError
 from steelyard.logs.log_windows import Cut
 from steelyard.runs.cutoff_frequencies import SHORTEST_SEGMENT, Cutoffs, cutoffs
-from steelyard.runs.first_pass_over_recording import Survey, survey
+from steelyard.runs.first_pass_over_recording import Survey, no_joint_moves, survey
 from steelyard.runs.mean_over_repetitions import MeanMotion, mean_of_periods
 from steelyard.runs.motion_error_from_noise import motion_responses, noise_gain
 from steelyard.runs.processing_chain import Chain
@@ -56,7 +56,7 @@ def prepare(
     found = survey(loaded, processing) if known is None else known
     loaded, recording = (replace(one, left_out=found.left_out) for one in (loaded, recording))
     if found.band.frequency == 0.0 and not at_rest:
-        raise _static(recording)
+        raise no_joint_moves(recording)
     band = found.band
     cut = cutoffs(processing, band.frequency, found.rate, recording.where, band.floor)
     _long_enough(recording, found, cut)
@@ -85,7 +85,7 @@ def prepare(
         used = _moves(histograms[-1], given, whole) if limited else Moves(given, every)
         judged = used if judged is None else judged
     if used is None or judged is None:
-        raise _static(recording)
+        raise no_joint_moves(recording)
     span = min(used.span[0], judged.span[0]), max(used.span[1], judged.span[1])
     return Run(
         recording=read,
@@ -134,14 +134,6 @@ def _chain(processing: Processing, found: Survey, cut: Cutoffs) -> Chain:
         thinning=int(np.ceil(found.logged_rate / found.rate)) if slower else 1,
         row_checks=found.row_checks,
         flagged=False,
-    )
-
-
-def _static(recording: Recording) -> LogError:
-    return LogError(
-        "no joint moves in this log",
-        where=recording.where,
-        fix="record a motion of all joints; a log at standstill does not identify a robot",
     )
 
 

@@ -101,6 +101,10 @@ RETURN_DISTANCE = 2e-3  # distance at the period, at most: 6 % of the motion's s
 SEEN_TWICE = 0.25  # share of the period that the log must hold twice
 REST_RANGE_SHARE = 0.01
 """A joint has departed when it is this share of its range from where it started or ends."""
+STANDING_RANGE_SHARE = 2e-3
+"""The same as a share of the widest range of a joint, at least: others push joints that stand."""
+REST_OVER_NOISE = 10.0  # the same over the standard deviation of its position's noise, at least
+NOISE_WINDOW = 1000  # samples of the windows in whose spectra that noise is seen
 WRAPPED_POINTS = 20  # points beyond a period by which it is closed before it is interpolated
 
 
@@ -124,8 +128,16 @@ class Repetitions:
 
 
 def moving_span(q: Array) -> tuple[int, int]:
-    """First sample and the one after the last between the rests at both ends, of `(n, N)`."""
-    far = REST_RANGE_SHARE * np.maximum(np.ptp(q, axis=1, keepdims=True), 1e-12)
+    """First sample and the one after the last between the rests at both ends, of `(n, N)`.
+
+    Joints that stand, but for noise and what the others push them, do not count; `(0, 0)` if all
+    do.
+    """
+    span = np.maximum(np.ptp(q, axis=1, keepdims=True), 1e-12)
+    density = welch(q, 1.0, NOISE_WINDOW)[1]
+    noise = np.sqrt(0.5 * np.median(density[:, density.shape[1] // 2 :], axis=1, keepdims=True))
+    far = np.maximum(REST_RANGE_SHARE * span, STANDING_RANGE_SHARE * span.max())
+    far = np.maximum(far, REST_OVER_NOISE * noise)
     left = (np.abs(q - q[:, :1]) > far).any(axis=0)
     right = (np.abs(q - q[:, -1:]) > far).any(axis=0)
     if not left.any():
