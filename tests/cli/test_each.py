@@ -1,4 +1,4 @@
-"""`identify --each` and `steelyard.repeated`: estimations of single logs beside each other."""
+"""`identify --each`, `reduce --each`, `steelyard.repeated`: estimations of single logs."""
 
 import csv
 from dataclasses import replace
@@ -9,6 +9,7 @@ import pytest
 from typer.testing import CliRunner
 
 import steelyard
+from cli.conftest import Command
 from steelyard.base.errors import DataError
 from steelyard.cli.app import app
 
@@ -74,6 +75,37 @@ def test_one_log_alone_has_no_scatter(robot: Path, logs: list[str]) -> None:
     assert any(
         "no scatter over logs: 1 estimation has no scatter" in n for n in found.content.notes
     )
+
+
+def test_a_reduced_model_is_estimated_from_each_log(
+    done: Path, logs: list[str], command: Command, work: Path
+) -> None:
+    options = ("--criterion", "contribution", "--stop", "one_fewer", "--each")
+    made = command("reduce", done / "out", *logs, *options, "-o", work / "small")
+    assert made.exit_code == 0, made.output
+    assert "Estimates from each log alone: 2 estimations" in " ".join(made.output.split())
+    assert "Estimates from each log alone" in (work / "small" / "report.html").read_text()
+    small = steelyard.load_model(work / "small")
+    alone = [
+        steelyard.reduce(small, log, stop="refit").model.estimate.parameters.as_dict()
+        for log in logs
+    ]
+    with (work / "small" / "repeated.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert [row["name"] for row in rows] == list(small.estimate.parameters.names)
+    for row in rows:
+        own = [values[row["name"]] for values in alone]
+        listed = [float(row[name]) for name in ("identification", "validation")]
+        np.testing.assert_allclose(listed, own, rtol=1e-6, atol=1e-9)
+        assert float(row["mean"]) == pytest.approx(np.mean(own), rel=1e-6, abs=1e-9)
+        relative = 100.0 * np.std(own, ddof=1) / abs(np.mean(own))
+        assert float(row["relative_percent"]) == pytest.approx(relative, rel=1e-5)
+
+
+def test_a_reduced_model_of_one_log_has_no_scatter(done: Path, logs: list[str]) -> None:
+    found = steelyard.reduce(done / "out", logs[0], stop="one_fewer", each=True)
+    assert found.repeated is None and found.to_dict()["repeated"] is None
+    assert any("no scatter over logs" in note for note in found.content.notes)
 
 
 def test_models_that_were_identified_one_by_one(

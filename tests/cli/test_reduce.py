@@ -92,11 +92,13 @@ def test_a_removed_parameter_is_zero_and_not_unknown(
 
 @pytest.mark.slow
 def test_bodies_that_can_exist(
-    identified: Path, robot: Path, log: Path, command: Command, work: Path
+    identified: Path, robot: Path, log: Path, other: Path, command: Command, work: Path
 ) -> None:
-    options = ("--bodies", "--robot", robot, "-o", work / "small")
-    assert command("reduce", identified, log, *options).exit_code == 0
+    options = ("--bodies", "--robot", robot, "--each", "-o", work / "small")
+    assert command("reduce", identified, log, other, *options).exit_code == 0
     small = load_model(work / "small")
+    rows = (work / "small" / "repeated.csv").read_text().splitlines()[1:]
+    assert [row.partition(",")[0] for row in rows] == list(small.estimate.parameters.names)
     estimate, base = small.estimate, small.base
     assert estimate.standard is not None and estimate.removed
     lifted = dict(

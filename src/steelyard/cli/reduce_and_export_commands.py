@@ -60,6 +60,8 @@ def reduce(
         budget: Time limit of that design in seconds.
 
     Example: steelyard reduce steelyard-ur10e run1.parquet run2.parquet --validate run3.parquet
+
+    Example: steelyard reduce steelyard-leg run*.csv --criterion contribution --each
     """
     from steelyard.base.files import new_folder, whole_folder
     from steelyard.excite.excite import design_excitation

@@ -36,14 +36,13 @@ from steelyard.identify.provenance_and_notes import (
     settings,
 )
 from steelyard.identify.repeated_fits import (
-    Repeated,
+    ReportOfLogs,
     bootstrap_of,
     fits_with_other_cutoffs,
     of_each_log,
 )
 from steelyard.identify.repeated_motion import marked_repeats
 from steelyard.identify.scores_and_model_report import (
-    ModelReport,
     parameter_table,
     scored,
     scored_from_commanded,
@@ -65,7 +64,7 @@ from steelyard.runs.runs_of_named_logs import (
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Identification(ModelReport):
+class Identification(ReportOfLogs):
     """An identified model, and how well it predicts.
 
     Attributes:
@@ -83,21 +82,9 @@ class Identification(ModelReport):
         """The base parameters, one a row: value, standard deviation, 95 % interval, status."""
         return parameter_table(self.model)
 
-    @property
-    def repeated(self) -> Repeated | None:
-        """Mean and scatter of the estimates from each log alone, if they were asked for."""
-        found = self.content.repeated
-        return None if found is None else Repeated(found)
-
     def beside(self, truth: Parameters) -> "Identification":
         """The same with the true standard parameters of a simulated robot in the report."""
         return Identification(replace(self.content, truth=truth))
-
-    def write(self, folder: Path) -> None:
-        """Write `model.json`, `parameters.csv`, `report.html`; with `each` also `repeated.csv`."""
-        super().write(folder)
-        if self.repeated is not None:
-            (folder / "repeated.csv").write_text(self.repeated.csv(), encoding="utf-8")
 
     def _repr_html_(self) -> str:
         tables = f"{self.scores._repr_html_()}{self.parameters._repr_html_()}"
@@ -220,7 +207,11 @@ def identify(
         columns = identified.signals.of_commanded() if commanded else identified.signals
         varied = fits_with_other_cutoffs(found, known, unknown, columns, (fitted, fresh))
     drawn, failed_draws = bootstrap_of(found, bootstrap)
-    repeated, failed_logs = of_each_log(found) if each else (None, ())
+    repeated, failed_logs = None, tuple[str, ...]()
+    if each:
+        repeated, failed_logs = of_each_log(
+            found.runs, found.information, found.fitted.estimating, progress
+        )
     open_loops, files = dropped(model, (*clean, *unseen)), [*known, *carrying, *unknown]
     return Identification(
         ReportContent(

@@ -31,9 +31,10 @@ from steelyard.estimate.reduction.reduction import reduce as reduced_by
 from steelyard.estimate.scores.band_calibration_on_left_out_motion import calibrate
 from steelyard.identify.page.report_content import ReportContent
 from steelyard.identify.provenance_and_notes import dropped, dropped_rows, notes_of, settings
+from steelyard.identify.repeated_fits import ReportOfLogs, of_each_log
 from steelyard.identify.repeated_motion import marked_repeats
 from steelyard.identify.runs_for_model import runs_for
-from steelyard.identify.scores_and_model_report import ModelReport, scored
+from steelyard.identify.scores_and_model_report import scored
 from steelyard.model.model import Model
 from steelyard.model.terms.term import Term
 from steelyard.report.result import DataFrame, Result, frame
@@ -46,7 +47,7 @@ STILL_SPEED_SHARE = 0.05  # speed over that of the fastest joint of its kind: ha
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class ReducedModel(ModelReport):
+class ReducedModel(ReportOfLogs):
     """A reduced model, the path it lies on, and how well it predicts."""
 
     reduction: Reduction  # the path, the errors along it and the choice
@@ -82,6 +83,7 @@ def reduce(
     keep: Iterable[str] = (),
     drop: Iterable[str] = (),
     bodies: str | Path | LoadedRobot | None = None,
+    each: bool = False,
     threads: int | None = None,
     progress: Progress = silent,
 ) -> ReducedModel:
@@ -110,6 +112,8 @@ def reduce(
         drop: Base parameters that are removed first, whatever the stopping rule.
         bodies: Robot file; then the values are physically consistent, with its priors,
             and the model can be exported.
+        each: Also estimate the reduced model from each log alone: mean and standard deviation of
+            every parameter over the logs.
         threads: Native threads; as many as the machine has cores if `None`.
         progress: Receives events of progress; an exception from it stops the work.
 
@@ -156,8 +160,19 @@ def reduce(
     )
     found = found.after(before)
     estimate = found.estimate
+
+    def estimating(data: Information) -> Estimate:
+        if bodies is not None:
+            return _with_bodies(identified, bodies, runs, data, found)
+        return WeightedLeastSquares()(data.select(found.estimate.parameters.names))
+
+    repeated, failed_logs = None, tuple[str, ...]()
+    if each:
+        repeated, failed_logs = of_each_log(
+            runs, everything, lambda _runs, _data: estimating, progress
+        )
     if bodies is not None:
-        estimate = _with_bodies(identified, bodies, runs, everything, found)
+        estimate = estimating(everything)
     smaller = replace(
         _without_empty_terms(replace(identified, estimate=estimate)),
         reference=(WeightedLeastSquares()(information),),
@@ -190,11 +205,12 @@ def reduce(
         scores=marked_repeats(smaller, unseen, scored(smaller, unseen, progress)),
         fitted=scored(smaller, runs, progress),
         qualities=tuple((run.name, run.quality.rows_of_text) for run in both),
-        notes=dropped_rows(both),
+        notes=(*dropped_rows(both), *failed_logs),
         details=(*notes_of(both), *dropped(smaller.model, both)),
         settings=settings(smaller),
         reduction=found,
         before=scored(identified, unseen, progress),
+        repeated=repeated,
     )
     return ReducedModel(content, found)
 

@@ -9,7 +9,7 @@ from typing import Any
 
 from steelyard.base.checked_arguments import checked
 from steelyard.base.errors import DataError, LogError
-from steelyard.base.progress import report_progress
+from steelyard.base.progress import Progress, report_progress
 from steelyard.estimate.bootstrap_and_sensitivity import (
     FACTORS,
     Bootstrap,
@@ -21,12 +21,13 @@ from steelyard.estimate.bootstrap_and_sensitivity import (
 from steelyard.estimate.estimate import Estimate
 from steelyard.estimate.identified_model import IdentifiedModel, load_model
 from steelyard.estimate.information.base_regressor import base_regressor
+from steelyard.estimate.information.information import Information
 from steelyard.estimate.scores.score import RunScore
-from steelyard.identify.fit import Fit
+from steelyard.identify.fit import EstimatorOf, Fit
 from steelyard.identify.page.bootstrap_repeats_and_sensitivity import repeated_table
 from steelyard.identify.page.effort_error_words import relative_errors
 from steelyard.identify.runs_for_model import processing_of
-from steelyard.identify.scores_and_model_report import scored
+from steelyard.identify.scores_and_model_report import ModelReport, scored
 from steelyard.report.result import DataFrame, frame
 from steelyard.report.tables import text_table
 from steelyard.report.terminal import terminal
@@ -117,14 +118,32 @@ def _refuse_other_groups(models: Sequence[IdentifiedModel]) -> None:
                 )
 
 
-def of_each_log(fit: Fit) -> tuple[RepeatedEstimates | None, tuple[str, ...]]:
-    """Estimates from each log alone with the laws, fields and gains of a fit; notes on failures."""
+class ReportOfLogs(ModelReport):
+    """A model with its scores, and the estimates from each log alone if they were asked for."""
+
+    @property
+    def repeated(self) -> Repeated | None:
+        """Mean and scatter of the estimates from each log alone, if they were asked for."""
+        found = self.content.repeated
+        return None if found is None else Repeated(found)
+
+    def write(self, folder: Path) -> None:
+        """Write `model.json`, `parameters.csv`, `report.html`; with `each` also `repeated.csv`."""
+        super().write(folder)
+        if self.repeated is not None:
+            (folder / "repeated.csv").write_text(self.repeated.csv(), encoding="utf-8")
+
+
+def of_each_log(
+    runs: Sequence[Run], data: Information, estimating: EstimatorOf, progress: Progress
+) -> tuple[RepeatedEstimates | None, tuple[str, ...]]:
+    """Estimates from each log alone, with all else as for the runs together; notes on failures."""
     estimates, notes = dict[str, Estimate](), list[str]()
-    for number, run in enumerate(fit.runs):
-        report_progress(fit.task.progress, "estimating from each log", number, len(fit.runs))
-        information = fit.information.of(fit.information.windows_of_runs[run.name])
+    for number, run in enumerate(runs):
+        report_progress(progress, "estimating from each log", number, len(runs))
+        information = data.of(data.windows_of_runs[run.name])
         try:
-            estimates[run.name] = fit.fitted.estimating((run,), information)(information)
+            estimates[run.name] = estimating((run,), information)(information)
         except DataError as error:
             notes.append(f"no estimate from {run.name} alone: {error.wrong}")
     try:
