@@ -22,7 +22,7 @@ from steelyard.model.model import Model
 from steelyard.robot.inertia_and_placement import Inertia
 from steelyard.robot.robot import Robot
 
-OFFERS = [offer for offer in ESTIMATORS if offer.needs != "experiment"]
+OFFERS = [offer for offer in ESTIMATORS if not offer.slow]
 
 NEARLY = {"log-Cholesky": 1e-4, "consistent": 1e-6, "pullback": 1e-6}
 """Noise of exact data for those that need some, relative to the torque; ten times that is their

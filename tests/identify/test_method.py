@@ -20,6 +20,17 @@ pytestmark = pytest.mark.usefixtures("few_stretches")
 BODIES = {"consistent", "pullback", "SDP", "log-Cholesky"}
 """Estimators that give values of all standard parameters."""
 
+BOUNDED = "[estimation.genetic]\npopulation = 100\ngenerations = 1000\n" + "".join(
+    f'[[knowledge]]\nkind = "parameter"\nparameter = "{name}.*"\nlower = {low}\nupper = {high}\n'
+    for name, low, high in (
+        ("viscous", 0.0, 2.0),
+        ("coulomb", 0.0, 4.0),
+        ("rotor_inertia", 0.0, 0.5),
+        ("offset", -1.0, 1.0),
+    )
+)
+"""What the genetic algorithm needs: bounds of all but the links."""
+
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
@@ -45,7 +56,7 @@ def found(folder: Path, robot: str = "", **options: object) -> Identification:
 @pytest.mark.slow
 @pytest.mark.parametrize("offer", ESTIMATORS, ids=lambda offer: offer.name)
 def test_a_model_comes_of_every_estimator(folder: Path, offer, tmp_path: Path) -> None:
-    result = found(folder, method=offer.name)
+    result = found(folder, BOUNDED if offer.name == "genetic" else "", method=offer.name)
     estimate = result.model.estimate
     assert (estimate.standard is not None) == (offer.name in BODIES)
     assert result.scores["percent_of_used"].max() < 2.0
@@ -159,3 +170,19 @@ def test_runs_too_short_for_a_choice_have_coulomb_and_viscous_friction(folder: P
     laws = [term.law for term in result.model.model.terms]
     assert laws == ["rigid_body", "rotor_inertia", "offset", "coulomb", "viscous"]
     assert any("too short to compare friction laws" in note for note in result.content.notes)
+
+
+@pytest.mark.slow
+def test_the_genetic_algorithm_shows_bounds_and_generations(folder: Path) -> None:
+    few = BOUNDED.replace("1000", "40")
+    result = found(folder, f'[estimation]\nmethod = "genetic"\n{few}')
+    search = result.model.estimate.evolution
+    assert search is not None and len(search.best) == 40
+    shown = result.to_dict()["evolution"]
+    assert shown["best"] == search.best.tolist() and shown["names"] == list(search.names)
+    page = result.report()
+    assert "Bounds of the search" in page and "Best and mean root mean square error" in page
+    with pytest.raises(SteelyardError, match="no bounds to search between for rotor_inertia"):
+        found(folder, method="genetic")
+    with pytest.raises(SteelyardError, match="population"):
+        found(folder, "[estimation.genetic]\npopulation = 1\n")

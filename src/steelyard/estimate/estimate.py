@@ -83,6 +83,24 @@ def _from_dict(data: Mapping[str, Any]) -> Parameters:
     return Parameters(data["names"], data["units"], data["values"])
 
 
+@dataclass(frozen=True, eq=False)
+class Evolution:
+    """Bounds and generations of the genetic algorithm that an estimate is from."""
+
+    names: tuple[str, ...]  # parameters that were searched, `p` of them
+    lower: Array  # lower bounds of the parameters, shape `(p,)`
+    upper: Array  # upper bounds, likewise
+    best: Array  # least root mean square error after each generation, shape `(g,)` [Nm; N]
+    mean: Array  # its mean over the individuals of each generation, likewise
+    least_squares: float  # the same error of least squares without bounds [Nm; N]
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> "Evolution":
+        """The search that `Estimate.to_dict` wrote."""
+        arrays = {name: frozen(data[name]) for name in ("lower", "upper", "best", "mean")}
+        return cls(tuple(data["names"]), **arrays, least_squares=float(data["least_squares"]))
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Estimate:
     """Estimated base parameters.
@@ -109,6 +127,7 @@ class Estimate:
             zero, and in none of the other lists.
         known: Those of `parameters` that were not estimated, as prior constraints give their value;
             they have no uncertainty.
+        evolution: How the genetic algorithm came to them, if they are from it.
 
     Example:
         >>> estimate = load_model("arm-model").estimate
@@ -131,6 +150,7 @@ class Estimate:
     notes: tuple[str, ...] = ()
     removed: tuple[Removed, ...] = ()
     known: tuple[str, ...] = ()
+    evolution: Evolution | None = None
 
     def __repr__(self) -> str:
         return f"Estimate({self.estimator}: {len(self.parameters)} parameters)"
@@ -191,4 +211,5 @@ class Estimate:
                 for r in data.get("removed", ())
             ),
             known=tuple(data.get("known", ())),
+            evolution=Evolution.from_dict(data["evolution"]) if data.get("evolution") else None,
         )

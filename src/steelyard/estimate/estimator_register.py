@@ -22,6 +22,7 @@ from steelyard.estimate.estimate import Estimate, Estimator
 from steelyard.estimate.information.base_regressor import Layout, Regressor
 from steelyard.estimate.information.information import Information
 from steelyard.estimate.least_squares.errors_in_variables import MotionNoise, TotalLeastSquares
+from steelyard.estimate.least_squares.genetic_algorithm import Genetic
 from steelyard.estimate.least_squares.known_bounded_and_ridge import (
     BoundedLeastSquares,
     Ridge,
@@ -43,6 +44,7 @@ from steelyard.estimate.prior.prior_constraint_kinds import knowledge_of
 from steelyard.estimate.reduction.reduction import Reduced
 from steelyard.model.model import Model
 from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
+from steelyard.robot.file.sections import GeneticSection
 from steelyard.runs.run import Run, fastest_of
 
 
@@ -55,6 +57,7 @@ class Context:
     per_run: tuple[str, ...] = ()  # columns whose parameters every run has for itself
     progress: Progress = silent  # told by estimators that search or simulate how far they are
     equal: bool = False  # whether the consistent estimates weigh all rows the same
+    genetic: GeneticSection = GeneticSection()
 
 
 @dataclass(frozen=True)
@@ -87,14 +90,19 @@ Making = Callable[[Context], Estimator[Any]]
 
 
 def _least_squares(kind: type[OrdinaryLeastSquares | WeightedLeastSquares]) -> Making:
-    """Least squares without the columns whose values prior constraints give."""
+    return lambda c: _without_known(kind(per_run=c.per_run), c)
 
-    def make(context: Context) -> Estimator[Information]:
-        estimator = kind(per_run=context.per_run)
-        fixed = fixed_values(context.regressor.base, context.knowledge).values
-        return WithKnownValues(estimator, fixed) if fixed else estimator
 
-    return make
+def _without_known(estimator: Estimator[Information], context: Context) -> Estimator[Information]:
+    """The estimator without the columns whose values prior constraints give."""
+    fixed = fixed_values(context.regressor.base, context.knowledge).values
+    return WithKnownValues(estimator, fixed) if fixed else estimator
+
+
+def _genetic(context: Context) -> Estimator[Information]:
+    keys = context.genetic.model_dump()
+    searched = Genetic(context.regressor.base, context.knowledge, **keys, progress=context.progress)
+    return _without_known(searched, context)
 
 
 def _consistent(context: Context, kind: type[Consistent] = Consistent, **more: Any) -> Consistent:
@@ -210,6 +218,15 @@ ESTIMATORS: tuple[Offer, ...] = (
         lambda c: _consistent(c, LogCholesky),
         ALL_KNOWN,
     ),
+    Offer(
+        "genetic",
+        "least squares by a genetic algorithm within bounds",
+        "information",
+        _genetic,
+        (PRIOR, KNOWLEDGE),
+        slow=True,
+        per_run=False,
+    ),
     _simulating("IV", "instruments from the simulated closed loop", InstrumentalVariables),
     _simulating("DIDIM", "simulated against measured torques", Didim),
     _simulating(
@@ -269,7 +286,8 @@ def context_of(
     model = regressor.model
     knowledge = knowledge_of(model, loaded, fastest_of(runs))
     equal = loaded.estimation.weights == "equal"
-    return Context(regressor, knowledge, per_run_columns(model, regressor.layout), progress, equal)
+    own, genetic = per_run_columns(model, regressor.layout), loaded.estimation.genetic
+    return Context(regressor, knowledge, own, progress, equal, genetic)
 
 
 def per_run_columns(model: Model, layout: Layout) -> tuple[str, ...]:

@@ -288,6 +288,14 @@ class ProcessingSection(Section):
     repetitions: Literal["find"] | RepetitionsTable | None = None
 
 
+class GeneticSection(Section):
+    """The genetic algorithm of `method = "genetic"`."""
+
+    population: Annotated[int, Field(ge=4, le=10_000)] = key(30, "Individuals of a generation.")
+    generations: Annotated[int, Field(ge=1, le=100_000)] = key(100, "Generations.")
+    seed: Annotated[int, Field(ge=0, lt=2**32)] = key(0, "Of all random choices.")
+
+
 class EstimationSection(Section):
     """How parameters are estimated.
 
@@ -297,11 +305,13 @@ class EstimationSection(Section):
         weights: `noise`: joints are weighted by the variance of their residuals; or `equal`.
         effort_scales: `auto`: a scale of each joint's efforts is estimated if it is significant; or
             `off`.
+        genetic: Settings of `method = "genetic"`.
     """
 
     method: Name = "consistent"
     weights: Literal["noise", "equal"] = "noise"
     effort_scales: Literal["auto", "off"] = "auto"
+    genetic: GeneticSection = GeneticSection()
 
 
 class BoxSection(Section):
