@@ -14,6 +14,7 @@ from steelyard.base.errors import ModelError, SteelyardError
 from steelyard.cli.app import app
 from steelyard.estimate.identified_model import load_model
 from steelyard.estimate.nonlinear.nonlinear_parameters import information
+from steelyard.excite.trajectories.trajectory_files import read_trajectory
 from steelyard.export.model_files.export_model_file import exported
 from steelyard.identify.page.section_register import SECTIONS
 from steelyard.identify.reduce import matching, reduce
@@ -256,12 +257,31 @@ def test_the_next_motion_is_of_the_smaller_model(
     done = command("reduce", identified, log, *options, "-o", "small")
     assert done.exit_code == 0, done.output
     assert "motion/trajectory.json" in done.stdout
-    again = ("--robot", brief, "--next", "motion2", "--last", "motion/trajectory.json")
-    done = command(
-        "reduce", "small", log, *again, "--budget", 1, "--stop", "one_fewer", "-o", "smaller"
-    )
+    again = ("--robot", brief, "--last", "motion/trajectory.json", "--budget", 1)
+    again += ("--stop", "one_fewer")
+    options = ("--next", "motion2", "--limit", 1e6, "-o", "smaller")
+    done = command("reduce", "small", log, *again, *options)
     assert done.exit_code == 0, done.output
     assert load_robot(brief).robot.n == load_model("smaller").model.robot.n
+    words = " ".join(done.output.split())
+    assert "at most 1e+06: the reduction is finished" in words
+
+    # its condition number is that of the regressor along the motion that was written
+    small = load_model("smaller")
+    motion = read_trajectory(Path("motion2/trajectory.json"), load_robot(brief))
+    end = motion.duration * (1.0 - 1e-9)
+    values = motion.sample(np.linspace(0.0, end, 20_000))
+    nominal, base = small.model.prior, small.base
+    assert nominal is not None
+    kept = [base.base_names.index(name) for name in small.estimate.parameters.names]
+    columns = nominal.regressor(values)[:, :, [base.independent[k] for k in kept]]
+    singular = np.linalg.svd(columns.reshape(-1, len(kept)), compute_uv=False)
+    options = ("--next", "motion3", "--limit", 1, "-o", "smallest", "--json")
+    shown = float(words.partition("(not normalised): ")[2].split()[0])
+    assert shown == pytest.approx(singular[0] / singular[-1], rel=0.01)
+    done = command("reduce", "small", log, *again, *options)
+    found = json.loads(done.stdout)["next"]
+    assert found["limit"] == 1.0 and found["finished"] is False and found["condition"] > 1.0
 
 
 @pytest.mark.slow
@@ -316,6 +336,7 @@ def test_the_loop_goes_on_where_it_was_interrupted(
         (("--criterion", "los"), "there is no criterion 'los'"),
         (("--bodies",), "--bodies without a robot file"),
         (("--last", "x.json"), "--last is given, but no motion is designed"),
+        (("--limit", "100"), "--limit is given, but no motion is designed"),
     ],
 )
 def test_bad_input(

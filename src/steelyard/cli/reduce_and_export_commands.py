@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     robot={"metavar": "ROBOT"},
     following={"name": "--next", "metavar": "DIR"},
     last={"metavar": "MOTION"},
+    limit={"min": 1.0, "metavar": "NUMBER"},
     budget={"min": 1.0},
 )
 def reduce(
@@ -40,6 +41,7 @@ def reduce(
     bodies: bool = False,
     following: Path | None = None,
     last: Path | None = None,
+    limit: float | None = None,
     budget: float = DESIGN_BUDGET_S,
     output: Annotated[Path | None, output_folder("steelyard-reduced")] = None,
     verbose: bool = False,
@@ -57,17 +59,22 @@ def reduce(
             parameters equal to zero; such a model can be exported.
         following: Also design the motion that excites the smaller model best, into this folder.
         last: trajectory.json of the motion that was logged: the next one is improved from it.
+        limit: Condition number of the next motion's observation matrix, not normalised, at which
+            the reduction is finished; the last lines and --json say whether it is reached.
         budget: Time limit of that design in seconds.
 
     Example: steelyard reduce steelyard-ur10e run1.parquet run2.parquet --validate run3.parquet
 
     Example: steelyard reduce steelyard-leg run*.csv --criterion contribution --each
     """
+    from steelyard.base.arrays import finite_json
     from steelyard.base.files import new_folder, whole_folder
     from steelyard.excite.excite import design_excitation
     from steelyard.identify.verdict_and_next_steps import exit_code
 
-    _refuse_missing(robot, {"--bodies": bodies, "--next": following is not None}, last)
+    _refuse_missing(robot, {"--bodies": bodies, "--next": following is not None})
+    if following is None:
+        _refuse_without_design({"--last": last, "--limit": limit})
     folder, motion_folder = new_folder(output, "steelyard-reduced"), optional_folder(following)
     with progress_bar() as progress:
         found = call(bodies=robot if bodies else None, progress=progress)
@@ -79,6 +86,7 @@ def reduce(
     if not as_json:
         show(found, verbose)
         typer.echo("\n" + file_lines(folder, model="model.json", report="report.html"))
+    designed: dict[str, object] | None = None
     if motion_folder is not None and robot is not None:
         with progress_bar() as progress, whole_folder(motion_folder) as place:
             motion = design_excitation(
@@ -86,16 +94,38 @@ def reduce(
             )
             motion.write(place)
             interrupt.too_late()
+        condition = motion.designed.shown.raw
+        finished = None if limit is None else bool(condition <= limit)
+        designed = {"condition": finite_json(condition), "limit": limit, "finished": finished}
         if not as_json:
+            say("\n".join(_next_lines(condition, limit)))
             typer.echo(file_lines(motion_folder, motion="trajectory.json"))
     if as_json:
         written = {"output": str(folder), "motion": motion_folder and str(motion_folder)}
-        print_json({**found.to_dict(), **written})
+        print_json({**found.to_dict(), **written, "next": designed})
     raise typer.Exit(exit_code(found.content))
 
 
-def _refuse_missing(robot: str | None, asking: dict[str, bool], last: Path | None) -> None:
-    """Refuse options `asking` for a robot file without one, and `--last` without `--next`."""
+def _next_lines(condition: float, limit: float | None) -> list[str]:
+    """The condition number of the next motion, and whether the reduction is finished."""
+    from steelyard.report.words import significant
+
+    lines = [f"condition number of the next motion (not normalised): {significant(condition, 4)}"]
+    if limit is not None and condition <= limit:
+        lines.append(
+            f"at most {limit:g}: the reduction is finished; for the final estimate run this motion "
+            "and estimate from its log with --stop refit"
+        )
+    elif limit is not None:
+        lines.append(
+            f"above {limit:g}: run this motion and reduce further from its log with "
+            "--stop one_fewer"
+        )
+    return lines
+
+
+def _refuse_missing(robot: str | None, asking: dict[str, bool]) -> None:
+    """Refuse options `asking` for a robot file without one."""
     from steelyard.base.errors import ModelError
 
     if robot is None and any(asking.values()):
@@ -104,12 +134,19 @@ def _refuse_missing(robot: str | None, asking: dict[str, bool], last: Path | Non
             where="--robot",
             fix="give the robot file that the model was identified with: --robot ROBOT",
         )
-    if last is not None and not asking["--next"]:
-        raise ModelError(
-            "--last is given, but no motion is designed",
-            where="--last",
-            fix="add --next DIR, or leave --last out",
-        )
+
+
+def _refuse_without_design(given: dict[str, object]) -> None:
+    """Refuse options of the next motion where none is designed."""
+    from steelyard.base.errors import ModelError
+
+    for option, value in given.items():
+        if value is not None:
+            raise ModelError(
+                f"{option} is given, but no motion is designed",
+                where=option,
+                fix=f"add --next DIR, or leave {option} out",
+            )
 
 
 Kind = Literal["urdf", "mjcf", "c", "python", "fmu", "ros2", "simulink"]
