@@ -25,7 +25,9 @@ from steelyard.estimate.information.base_regressor import Regressor, base_regres
 from steelyard.estimate.information.kept_filtered_samples import FilteredSamples
 from steelyard.estimate.least_squares.normal_equations import condition_of
 from steelyard.estimate.reduction.backward_elimination import State
-from steelyard.estimate.reduction.left_out_errors_and_stopping_rules import Tolerance
+from steelyard.estimate.reduction.left_out_errors_and_stopping_rules import (
+    MeanAbsoluteTolerance,
+)
 from steelyard.estimate.reduction.reduction import Reduction, criterion_of, reduce
 from steelyard.excite.design_problem_from_tables import limits_of
 from steelyard.excite.planned.plans_from_tables import planned
@@ -148,7 +150,7 @@ def reduced(samples: FilteredSamples) -> Reduction:
     moving = [row for row, speed in zip(rows, speeds, strict=True) if speed > STILL * speeds.max()]
     information = samples.information().select(left)
     keep = [f"{law}.{row}" for row in moving for law in ("coulomb", "viscous")]
-    rule = Tolerance(TOLERANCE, samples)
+    rule = MeanAbsoluteTolerance(TOLERANCE, samples=samples)
     return reduce(information, criterion_of("mean_column"), rule, keep=keep)
 
 

@@ -124,6 +124,52 @@ def test_friction_of_moving_joints_stays_with_a_tolerance(
     assert friction and friction <= kept
 
 
+def test_mean_absolute_errors_and_an_empty_essential_set(
+    identified: Path, log: Path, command: Command, work: Path
+) -> None:
+    options = ("--criterion", "mean_column", "--stop", "tolerance=300", "--error", "mean_absolute")
+    done = command("reduce", identified, log, *options, "--essential", "none", "-o", "a", "--json")
+    assert done.exit_code == 0, done.output
+    found = json.loads(done.stdout)
+    friction = ("coulomb", "viscous")
+    assert any(one["name"].startswith(friction) for one in found["removed"])
+    assert found["joint_errors"]["measure"] == "mean_absolute"
+    for joint in found["joint_errors"]["joints"]:
+        assert joint["full"] < joint["reduced"] <= 4.0 * joint["full"]
+        effort = 100.0 * joint["full"] / joint["full_percent"]
+        assert 100.0 * joint["reduced"] / joint["reduced_percent"] == pytest.approx(effort)
+    kept = json.loads(command("reduce", identified, log, *options, "-o", "b", "--json").stdout)
+    names = [row["name"] for row in found["parameter_comparison"]]
+    assert {name for name in names if name.startswith(friction)} <= set(kept["kept"])
+
+
+def test_both_models_are_shown_with_standard_deviations(
+    identified: Path, log: Path, command: Command, work: Path
+) -> None:
+    done = command("reduce", identified, log, "--stop", "one_fewer", "-o", work / "a")
+    page = (work / "a" / "report.html").read_text(encoding="utf-8")
+    for caption in ("Parameters", "Errors"):
+        words = f"{caption} of the full and the reduced model"
+        assert words in " ".join(done.output.split()) and words in page
+    whole = reduce(identified, log, stop="refit").model.estimate
+    fewer = reduce(identified, log, stop="one_fewer")
+    rows = fewer.parameter_comparison.to_dicts()
+    assert rows == fewer.to_dict()["parameter_comparison"]
+    assert [row["name"] for row in rows] == list(whole.parameters.names)
+    for label, one in (("full", whole), ("reduced", fewer.model.estimate)):
+        known = {row["name"]: row for row in rows if row[label] is not None}
+        assert list(known) == list(one.parameters.names)
+        for name, value, std in zip(known, one.parameters.values, one.std, strict=True):
+            row = known[name]
+            assert row[label] == pytest.approx(value)
+            assert row[f"{label}_std"] == pytest.approx(std)
+            relative = pytest.approx(100.0 * std / abs(value))
+            assert row[f"{label}_relative_std_percent"] == relative
+    removed = [row["name"] for row in rows if row["reduced"] is None]
+    assert removed == [fewer.model.estimate.removed[0].name]
+    assert fewer.joint_errors.to_dicts() == fewer.to_dict()["joint_errors"]["joints"]
+
+
 @pytest.mark.slow
 def test_keep_and_drop_by_pattern(identified: Path, log: Path, command: Command) -> None:
     names = load_model(identified).estimate.parameters.names
@@ -217,7 +263,7 @@ def test_the_contribution_of_every_parameter_is_printed(
 def test_every_field_of_the_json_output_has_one_section(identified: Path, log: Path) -> None:
     content = reduce(identified, log, stop="one_fewer").content
     fields = Counter(field for section in SECTIONS for field in section.to_dict(content))
-    assert {"kept", "removed", "criterion", "models"} <= fields.keys()
+    assert {"kept", "criterion", "models", "joint_errors"} <= fields.keys()
     assert [field for field, number in fields.items() if number > 1] == []
 
 
@@ -333,6 +379,7 @@ def test_the_loop_goes_on_where_it_was_interrupted(
         (("--keep", "viscous.*", "--drop", "viscous.*"), "is to be kept and to be removed"),
         (("--stop", "tolerance=-1"), "is no number that stopping rule"),
         (("--stop", "condition=0.5"), "no model has a condition number"),
+        (("--stop", "bic", "--error", "mean_absolute"), "compares no mean absolute errors"),
         (("--criterion", "los"), "there is no criterion 'los'"),
         (("--bodies",), "--bodies without a robot file"),
         (("--last", "x.json"), "--last is given, but no motion is designed"),

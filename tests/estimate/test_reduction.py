@@ -29,6 +29,7 @@ from steelyard.estimate.reduction.left_out_errors_and_stopping_rules import (
     ConditionLimit,
     Count,
     DeviationRatio,
+    MeanAbsoluteTolerance,
     OneFewer,
     OneStandardError,
     Refit,
@@ -317,11 +318,47 @@ def test_tolerance_of_mean_absolute_errors() -> None:
         for rows, seen in zip(some.rows, some.layout.sees, strict=True)
     ]
     np.testing.assert_allclose(mean_absolute_errors(some, state), wanted, rtol=1e-12)
-    rule = Tolerance(0.05, some)
+    rule = MeanAbsoluteTolerance(0.05, samples=some)
     found = reduce(DATA, MEAN_COLUMN, rule)
     before, after = (mean_absolute_errors(some, s) for s in (state, found.state))
     assert np.all(after <= 1.05 * before)
     assert len(found.state.active) < len(NAMES)
+
+
+def test_algorithm_1_of_volkmann_against_dense_least_squares() -> None:
+    """Mean absolute errors and no essential parameters: the printed loop, by plain arrays."""
+    included, essential = list(range(len(NAMES))), set[int]()
+    rows = np.repeat(np.arange(JOINTS), [len(x) for x in samples().rows])
+
+    def errors(columns: list[int]) -> Array:
+        rest = np.abs(B - A[:, columns] @ fitted(columns)[0])
+        return np.array([rest[rows == row].mean() for row in range(JOINTS)])
+
+    first = errors(included)
+    while free := [k for k in included if k not in essential]:
+        least = min(free, key=lambda k: float(np.abs(A[:, k]).sum()))
+        fewer = [k for k in included if k != least]
+        if np.all(errors(fewer) <= 1.05 * first):
+            included = fewer
+        else:
+            essential.add(least)
+    found = reduce(DATA, MEAN_COLUMN, MeanAbsoluteTolerance(0.05, samples=samples()))
+    assert found.state.names == tuple(NAMES[k] for k in included)
+    rows_of = found.joint_errors()
+    efforts = [np.abs(B[rows == row]).mean() for row in range(JOINTS)]
+    for label, wanted in (("full", first), ("reduced", errors(included))):
+        np.testing.assert_allclose([row[label] for row in rows_of], wanted, rtol=1e-9)
+        percent = [row[f"{label}_percent"] for row in rows_of]
+        np.testing.assert_allclose(percent, 100.0 * wanted / efforts, rtol=1e-9)
+
+
+def test_folds_are_judged_by_their_own_samples() -> None:
+    some = samples()
+    rule = MeanAbsoluteTolerance(0.05, samples=some)
+    part = DATA.of(range(24))
+    assert part.windows_of_runs.keys() == {"run0"}
+    assert rule.during(part.windows).samples.runs[0] == "run0"
+    assert len(rule.during(part.windows).samples) == len(samples(runs=1))
 
 
 def test_what_is_kept_stays_and_what_is_dropped_goes_first() -> None:

@@ -4,7 +4,10 @@ import os
 import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from functools import reduce as sum_of
+from operator import add
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
@@ -21,14 +24,20 @@ from steelyard.estimate.estimate import Estimate, StandardEstimate
 from steelyard.estimate.identified_model import IdentifiedModel, load_model
 from steelyard.estimate.information.base_regressor import base_parameters, base_regressor
 from steelyard.estimate.information.information import Information
+from steelyard.estimate.information.kept_filtered_samples import gather_samples
 from steelyard.estimate.least_squares.weighted_robust_and_whitened import WeightedLeastSquares
 from steelyard.estimate.nonlinear.nonlinear_parameters import information_from
 from steelyard.estimate.prior.body_priors import Row
 from steelyard.estimate.prior.prior_constraint_kinds import knowledge_of
-from steelyard.estimate.reduction.left_out_errors_and_stopping_rules import Tolerance, rule_of
+from steelyard.estimate.reduction.left_out_errors_and_stopping_rules import (
+    MeanAbsoluteTolerance,
+    Tolerance,
+    rule_of,
+)
 from steelyard.estimate.reduction.reduction import Reduction, criterion_of
 from steelyard.estimate.reduction.reduction import reduce as reduced_by
 from steelyard.estimate.scores.band_calibration_on_left_out_motion import calibrate
+from steelyard.identify.page.reduction_and_removals import parameter_comparison
 from steelyard.identify.page.report_content import ReportContent
 from steelyard.identify.provenance_and_notes import dropped, dropped_rows, notes_of, settings
 from steelyard.identify.repeated_fits import ReportOfLogs, of_each_log
@@ -69,6 +78,27 @@ class ReducedModel(ReportOfLogs):
         """
         return frame(self.reduction.worth(), "criterion_table")
 
+    @property
+    def parameter_comparison(self) -> DataFrame:
+        """The parameters of the full model and of the reduced one, with standard deviations.
+
+        Columns are `name`, `unit`, `full`, `full_std`, `full_relative_std_percent` and the same for
+        `reduced`; what the data do not identify or what was removed has no value there.
+
+        Raises:
+            PackageError: Polars is not installed.
+        """
+        return frame(parameter_comparison(self.model), "parameter_comparison")
+
+    @property
+    def joint_errors(self) -> DataFrame:
+        """Errors of both models on the fitted motion by joint, see `Reduction.joint_errors`.
+
+        Raises:
+            PackageError: Polars is not installed.
+        """
+        return frame(self.reduction.joint_errors(), "joint_errors")
+
     __repr__ = Result.__repr__
 
 
@@ -80,6 +110,8 @@ def reduce(
     *,
     criterion: str = "loss",
     stop: str = "one_standard_error",
+    error: Literal["rms", "mean_absolute"] = "rms",
+    essential: Literal["moving_friction", "none"] | None = None,
     keep: Iterable[str] = (),
     drop: Iterable[str] = (),
     bodies: str | Path | LoadedRobot | None = None,
@@ -107,8 +139,11 @@ def reduce(
             in percent), `bic`, `condition=30` (normalised condition number), `ratio=30` (greatest
             over least relative standard deviation), `count=25` (parameters), `one_fewer` (removes
             one besides those of `drop`) or `refit` (none besides those).
-        keep: Base parameters that stay, such as 'viscous.*'; with `tolerance`, friction of joints
-            that move stays too.
+        error: Error of a joint that `tolerance` compares: `rms`, or `mean_absolute` and on the
+            fitted motion alone, as in algorithm 1 [Volkmann].
+        essential: Parameters that are essential from the start: `moving_friction` (of joints that
+            move) or `none`; if unset, `moving_friction` with `tolerance`, `none` otherwise.
+        keep: Base parameters that stay besides, such as 'viscous.*'.
         drop: Base parameters that are removed first, whatever the stopping rule.
         bodies: Robot file; then the values are physically consistent, with its priors,
             and the model can be exported.
@@ -128,7 +163,13 @@ def reduce(
     """
     identified = load_model(model)
     _refuse_unreducible(identified)
-    measure, rule = criterion_of(criterion), rule_of(stop)
+    chosen_by, rule = criterion_of(criterion), rule_of(stop)
+    if error == "mean_absolute" and not isinstance(rule, Tolerance):
+        raise ModelError(
+            f"stopping rule '{rule.name}' compares no mean absolute errors",
+            where="--error mean_absolute",
+            fix="add --stop tolerance=5, or leave --error out",
+        )
     known, unknown = log_files(paths_of(logs, least=1)), log_files(paths_of(validate))
     refuse_overlaps(known, unknown)
     every = runs_for(identified, [*known, *unknown], progress, at_rest=False)
@@ -140,19 +181,28 @@ def reduce(
         rests = identified.model.has_memory
         return information_from(some, rests=rests, threads=cores, progress=progress)(regressor)
 
+    if error == "mean_absolute":
+        units = identified.model.robot.effort_units
+        samples = (
+            gather_samples(
+                regressor, run, rests=identified.model.has_memory, threads=cores, progress=progress
+            ).scaled(run.recording.signals.gains, units)
+            for run in runs
+        )
+        rule = MeanAbsoluteTolerance(rule.tolerance, samples=sum_of(add, samples))
     before = identified.estimate.removed
     gone = {one.name for one in before}
     columns = [name for name in regressor.layout.columns if name not in gone]
     kept, dropped_first = matching(keep, columns, "--keep"), matching(drop, columns, "--drop")
     _refuse_contradiction(kept, dropped_first, columns)
-    if isinstance(rule, Tolerance):
+    if essential == "moving_friction" or (essential is None and isinstance(rule, Tolerance)):
         friction = moving_friction(identified.model, runs, columns)
         kept += tuple(name for name in friction if name not in dropped_first)
     everything = information_of(runs)
     information = everything.select(columns)
     found = reduced_by(
         information,
-        measure,
+        chosen_by,
         rule,
         keep=kept,
         drop=dropped_first,

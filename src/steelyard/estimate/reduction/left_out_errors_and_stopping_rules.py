@@ -6,8 +6,8 @@ the left-out fold does not need it would make that fold's error too small [Hasti
 
 from abc import ABC, abstractmethod
 from collections import Counter
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from math import isfinite
 from typing import ClassVar
 
@@ -15,7 +15,7 @@ import numpy as np
 
 from steelyard.base.arrays import Array, frozen
 from steelyard.base.errors import DataError, ModelError, named
-from steelyard.estimate.information.information import Information
+from steelyard.estimate.information.information import Information, Window
 from steelyard.estimate.information.kept_filtered_samples import FilteredSamples
 from steelyard.estimate.reduction.backward_elimination import FullModel, Path, State
 from steelyard.estimate.scores.cross_validation import FEWEST, FOLDS, logarithms, standard_error
@@ -148,9 +148,19 @@ class StoppingRule(ABC):
     needs_left_out: ClassVar[bool] = False  # whether it looks at errors on left-out data
     tolerance: float = RISE  # rise of a joint's left-out error from which the report names it
 
+    measure: ClassVar[str] = "rms"
+
     def accepts(self, full: State, smaller: State) -> bool:
         """Whether a model may be one of the path; else the parameter it lost is essential."""
         return True
+
+    def errors(self, state: State) -> Array:
+        """Error of each effort row on the fitted motion, shape `(rows,)` [Nm; N]."""
+        return state.rms
+
+    def during(self, windows: Sequence[Window]) -> "StoppingRule":
+        """The rule for a part of the data."""
+        return self
 
     @abstractmethod
     def choose(self, path: Path, left_out: LeftOutErrors | None) -> int:
@@ -190,17 +200,15 @@ class Tolerance(StoppingRule):
 
     $e_{k,j} \le (1 + e_\mathrm{tol})\, e_{0,j}$ for every joint $j$, as the text of the paper says
     (line 10 of its algorithm 1 refuses a removal only if all joints exceed it). The error is the
-    root mean square of the residuals, or their mean absolute value (eq. 11) where samples are
-    given; the relative error (eq. 12) has the same ratio. It holds on the fitted motion along the
-    path and, where there is any, for each joint's error on left-out motion too.
+    root mean square of the residuals; the relative error (eq. 12) has the same ratio. It holds on
+    the fitted motion along the path and, where there is any, for each joint's error on left-out
+    motion too.
     """
 
     name: ClassVar[str] = "tolerance"
     about: ClassVar[str] = "no joint's error grows by more than this [%]"
 
     tolerance: float = RISE  # $e_\mathrm{tol}$, above zero
-    # samples whose mean absolute residuals count; `None` for the root mean square
-    samples: FilteredSamples | None = None
 
     def __post_init__(self) -> None:
         if not self.tolerance > 0.0:
@@ -212,8 +220,8 @@ class Tolerance(StoppingRule):
 
     def accepts(self, full: State, smaller: State) -> bool:
         """Whether no joint's error grows by more than the tolerance."""
-        allowed = (1.0 + self.tolerance) * self._errors(full)
-        return bool(np.all(self._errors(smaller) <= allowed))
+        allowed = (1.0 + self.tolerance) * self.errors(full)
+        return bool(np.all(self.errors(smaller) <= allowed))
 
     def choose(self, path: Path, left_out: LeftOutErrors | None) -> int:
         """The last one that left-out motion, if there is any, does not refuse for some joint."""
@@ -221,10 +229,26 @@ class Tolerance(StoppingRule):
         fit = [n for n in sizes if left_out is None or not left_out.worse(n, self.tolerance)]
         return max((path.sizes.index(n) for n in fit if n in path.sizes), default=0)
 
-    def _errors(self, state: State) -> Array:
-        if self.samples is None:
-            return state.rms
+
+@dataclass(frozen=True, kw_only=True)
+class MeanAbsoluteTolerance(Tolerance):
+    """Algorithm 1 of [Volkmann] as it is printed: mean absolute errors of the fitted motion."""
+
+    measure: ClassVar[str] = "mean_absolute"
+
+    samples: FilteredSamples  # those whose residuals count
+
+    def errors(self, state: State) -> Array:
+        """See `StoppingRule`."""
         return mean_absolute_errors(self.samples, state)
+
+    def during(self, windows: Sequence[Window]) -> "MeanAbsoluteTolerance":
+        """See `StoppingRule`."""
+        return replace(self, samples=self.samples.during(windows))
+
+    def choose(self, path: Path, left_out: LeftOutErrors | None) -> int:
+        """The last one."""
+        return len(path.steps)
 
 
 def mean_absolute_errors(samples: FilteredSamples, state: State) -> Array:
@@ -232,8 +256,7 @@ def mean_absolute_errors(samples: FilteredSamples, state: State) -> Array:
     columns = samples.layout.columns
     values = np.zeros(len(columns))
     values[[columns.index(name) for name in state.names]] = state.values
-    pairs = zip(samples.residuals(values), samples.weights, strict=True)
-    return np.array([np.abs(e) @ w / max(float(w.sum()), 1e-300) for e, w in pairs])
+    return np.array([np.abs(e).mean() if len(e) else 0.0 for e in samples.residuals(values)])
 
 
 @dataclass(frozen=True)

@@ -1,9 +1,11 @@
 """A full model made smaller along a path of removals."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any
+
+import numpy as np
 
 from steelyard.base.arrays import Array, frozen
 from steelyard.base.errors import DataError, named
@@ -48,6 +50,10 @@ class Reduction:
     # errors of all models on other data, `(states, rows)` [%]; `None` without
     unseen: Array | None = None
     tolerance: float = RISE  # relative rise of a joint's error from which it is named
+    measure: str = StoppingRule.measure  # which errors of the joints these are
+    # errors of the full model, of the reduced one and of none (the effort itself) on the fitted
+    # motion, shape `(3, rows)` [Nm; N]
+    fitted: Array = field(default_factory=lambda: np.zeros((3, 0)))
 
     @property
     def state(self) -> State:
@@ -76,6 +82,28 @@ class Reduction:
             for name, step, last in (*removed, *left)
         ]
 
+    def joint_errors(self) -> list[dict[str, Any]]:
+        """Errors of each joint on the fitted motion, as the stopping rule measures them.
+
+        Each row has the `joint`, `unit`, error of the `full` and of the `reduced` model in that
+        unit, and both relative to the effort in percent, `full_percent` and `reduced_percent`
+        ([Volkmann], eqs. 11 and 12, if the measure is `mean_absolute`).
+        """
+        information = self.path.full.information
+        percent = 100.0 * self.fitted[:2] / np.maximum(self.fitted[2], 1e-300)
+        pairs = zip(information.layout.rows, information.signature.effort, strict=True)
+        return [
+            {
+                "joint": joint,
+                "unit": unit,
+                "full": float(self.fitted[0, k]),
+                "full_percent": float(percent[0, k]),
+                "reduced": float(self.fitted[1, k]),
+                "reduced_percent": float(percent[1, k]),
+            }
+            for k, (joint, unit) in enumerate(pairs)
+        ]
+
     def after(self, before: Sequence[Removed]) -> "Reduction":
         """The reduction of a model that was reduced before: earlier removals are listed first."""
         later = (replace(one, step=len(before) + one.step) for one in self.estimate.removed)
@@ -99,19 +127,35 @@ def reduce(
     parameter, or that no model is as the rule wants it.
     """
     rule = OneStandardError() if rule is None else rule
-    follow = partial(backward, criterion=criterion, keep=keep, drop=drop, accepts=rule.accepts)
+    follow = partial(backward, criterion=criterion, keep=keep, drop=drop)
+
+    def part(full: FullModel) -> Path:
+        return follow(full, accepts=rule.during(full.information.windows).accepts)
+
     full = FullModel.of(information)
     left_out: LeftOutErrors | None = None
     try:
-        left_out = left_out_errors(information, follow)
+        left_out = left_out_errors(information, part)
     except DataError:
         if rule.needs_left_out:
             raise
-    path = follow(full)
+    path = follow(full, accepts=rule.accepts)
     place = rule.choose(path, left_out)
     errors = None if unseen is None else frozen(path_errors(path, unseen)[0])
     estimate = estimated(path, place, criterion, drop)
-    return Reduction(path, criterion, place, left_out, estimate, errors, rule.tolerance)
+    whole = State(full, tuple(range(len(full.names))))
+    fitted = [rule.errors(state) for state in (whole, path.states[place], State(full, ()))]
+    return Reduction(
+        path,
+        criterion,
+        place,
+        left_out,
+        estimate,
+        errors,
+        rule.tolerance,
+        rule.measure,
+        frozen(np.array(fitted)),
+    )
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,6 @@
 """Sections of the report on a reduced model: its path, and what was removed."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -18,7 +18,7 @@ from steelyard.model.terms.term import StatefulTerm
 from steelyard.report.page import FigureSection, Numbers, TableSection
 from steelyard.report.page_figures import Figure, Group, Key, area, line, points
 from steelyard.report.tables import PlainTable, Row, table_of, text_table
-from steelyard.report.words import count, significant
+from steelyard.report.words import count, rounded_to_uncertainty, significant
 
 HOLDS_ONLY = (
     "The reduced model describes motions like those of the fitted logs only: speeds and positions "
@@ -64,6 +64,8 @@ class ReductionSection(FigureSection, name="reduction", title="Reduction"):
                 "about": found.criterion.about,
                 "parameters": found.worth(),
             },
+            "joint_errors": {"measure": found.measure, "joints": found.joint_errors()},
+            "parameter_comparison": parameter_comparison(content.identified),
             "models": [
                 {
                     "parameters": len(state.active),
@@ -76,10 +78,12 @@ class ReductionSection(FigureSection, name="reduction", title="Reduction"):
         }
 
     def printed(self, content: ReportContent) -> Iterable[RenderableType]:
-        """The choice in a few lines, and the criterion of every parameter if one was named."""
+        """The choice in a few lines, errors and values of both models, the criterion if named."""
         found = content.reduction
         if found is not None:
             yield Text(_summary(content, found))
+            yield text_table(_joints(found), self.title)
+            yield text_table(_compared(content.identified), self.title)
             if found.criterion != CRITERIA[0]:
                 yield text_table(_worth(found), self.title)
 
@@ -88,9 +92,12 @@ class RemovalsSection(TableSection, name="removals", title="Removed parameters")
     """What was removed, and the motions that it was removed for."""
 
     def tables(self, content: ReportContent) -> Sequence[PlainTable]:
-        """The three tables; none without a reduction."""
+        """The five tables; none without a reduction."""
         found, identified = content.reduction, content.identified
-        return () if found is None else (_removals(found), _worth(found), _ranges(identified))
+        if found is None:
+            return ()
+        both = _joints(found), _compared(identified)
+        return (*both, _removals(found), _worth(found), _ranges(identified))
 
 
 def _summary(content: ReportContent, found: Reduction) -> str:
@@ -211,6 +218,96 @@ def _conditions(found: Reduction) -> Figure:
     ]
     label, layout = "Condition number by the number of parameters", {"showlegend": False}
     return Figure("Condition number", label, "parameters", "condition number", traces, layout)
+
+
+MEASURES = {"rms": "root mean square", "mean_absolute": "mean absolute"}
+"""Measures of errors in words."""
+
+
+def _joints(found: Reduction) -> PlainTable:
+    """Errors of the full and of the reduced model by joint."""
+    measure = MEASURES[found.measure]
+    words = (
+        f"{measure.capitalize()} errors of the fitted motion, in the joint's unit and relative to "
+        f"the {measure} effort; both models by weighted least squares."
+    )
+    return table_of(
+        found.joint_errors(),
+        {
+            "Joint": lambda row: row["joint"],
+            "Full": lambda row: significant(row["full"]),
+            "Reduced": lambda row: significant(row["reduced"]),
+            "Unit": lambda row: row["unit"],
+            "Full [%]": lambda row: significant(row["full_percent"]),
+            "Reduced [%]": lambda row: significant(row["reduced_percent"]),
+        },
+        caption="Errors of the full and the reduced model",
+        words=words,
+        text=(0, 3),
+        note=words,
+    )
+
+
+def parameter_comparison(reduced: IdentifiedModel) -> list[dict[str, Any]]:
+    """Parameters of the full model beside those of the reduced one, a row each.
+
+    Each row has `name`, `unit`, the value, its standard deviation and the latter in percent of the
+    value ([Volkmann], eq. 14) of the full model by weighted least squares, `full`, `full_std` and
+    `full_relative_std_percent`, and the same of the `reduced` one; `None` where there is no value.
+    """
+    (full,) = reduced.reference
+    models = {"full": full, "reduced": reduced.estimate}
+    names = dict.fromkeys(name for one in models.values() for name in one.parameters.names)
+    units = {}
+    for one in models.values():
+        units |= dict(zip(one.parameters.names, one.parameters.units, strict=True))
+    rows = [{"name": name, "unit": units[name]} for name in names]
+    for label, one in models.items():
+        figures = zip(one.parameters.values.tolist(), one.std.tolist(), strict=True)
+        known = dict(zip(one.parameters.names, figures, strict=True))
+        for row in rows:
+            value, std = known.get(row["name"], (None, None))
+            row |= {label: value, f"{label}_std": std, f"{label}_relative_std_percent": None}
+            if value and std is not None:
+                row[f"{label}_relative_std_percent"] = 100.0 * std / abs(value)
+    return rows
+
+
+def _compared(reduced: IdentifiedModel) -> PlainTable:
+    """Values and standard deviations of the full and of the reduced model."""
+
+    def value(label: str) -> Callable[[dict[str, Any]], str]:
+        def cell(row: dict[str, Any]) -> str:
+            if row[label] is None:
+                return "–"
+            return rounded_to_uncertainty(row[label], row[f"{label}_std"])
+
+        return cell
+
+    def std(label: str) -> Callable[[dict[str, Any]], str]:
+        return lambda row: "–" if row[label] is None else significant(row[label], 2)
+
+    words = (
+        "A dash: not identifiable in the full model, removed from the reduced one. Standard "
+        "deviations count the residuals and their correlation, but not the choice of parameters."
+    )
+    return table_of(
+        parameter_comparison(reduced),
+        {
+            "Parameter": lambda row: row["name"],
+            "Unit": lambda row: row["unit"],
+            "Full": value("full"),
+            "Std": std("full_std"),
+            "Std [%]": std("full_relative_std_percent"),
+            "Reduced": value("reduced"),
+            "Std of it": std("reduced_std"),
+            "In %": std("reduced_relative_std_percent"),
+        },
+        caption="Parameters of the full and the reduced model",
+        words=words,
+        text=(0, 1),
+        note=words,
+    )
 
 
 def _removals(found: Reduction) -> PlainTable:
