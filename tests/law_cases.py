@@ -133,6 +133,7 @@ CASES: tuple[LawCase, ...] = (
     ),
     LawCase("viscous", in_urdf=True, units=RATE, simulated="recovered", beside=()),
     LawCase("viscous", {"joints": CHOSEN}, in_urdf=True),
+    LawCase("viscous", {"threshold": 0.1}, continuous=False, left_out="begins above"),
     LawCase("viscous", {"motors": LAST}),
     LawCase("viscous", {"per_run": True}, left_out="single runs"),
     LawCase(

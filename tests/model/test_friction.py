@@ -54,6 +54,17 @@ def test_the_threshold_is_a_dead_zone() -> None:
     assert at(each, [0.2, 0.02, 0.2, -3.1]).tolist() == [1.0, 1.0, 0.0, -1.0]
 
 
+def test_coulomb_and_viscous_friction_begin_above_one_threshold() -> None:
+    # eq. 3 of [Liu]: f_c sign(v) + f_v v from the threshold on, zero below it
+    speeds = np.array([0.099, -0.101, 0.3, -2.0])
+    printed = np.where(np.abs(speeds) < 0.1, 0.0, 0.7 * np.sign(speeds) + 0.4 * speeds)
+    found = at(Coulomb(threshold=0.1), speeds, 0.7) + at(Viscous(threshold=0.1), speeds, 0.4)
+    assert close(found, printed)
+    each = Viscous(threshold=(0.1, 0.2, 0.4, 3.0))
+    assert at(each, speeds).tolist() == [0.0, 0.0, 0.0, 0.0]
+    assert at(each, speeds * 2.0).tolist() == [0.198, -0.202, 0.6, -4.0]
+
+
 @pytest.mark.parametrize(("shape", "law"), SMOOTH.items())
 def test_smooth_coulomb_friction(shape: str, law: Any) -> None:
     assert close(at(Coulomb(smoothing=0.05, shape=shape)), law(SPEEDS / 0.05))
@@ -173,6 +184,7 @@ def test_both_couplings_of_a_pair_fit_into_one_model() -> None:
 NOT_ONE_PER_COORDINATE: list[Term] = [
     Coulomb(smoothing=(0.1, 0.2)),
     Coulomb(threshold=(0.1, 0.2, 0.3)),
+    Viscous(threshold=(0.1, 0.2, 0.3)),
     Coulomb(smoothing=(0.1, 0.2, 0.0, 0.1)),
     DirectionalCoulomb(smoothing=(0.1,)),
     Stribeck(speed=(0.1, 0.2)),
@@ -200,6 +212,7 @@ def test_lists_fit_the_pairs() -> None:
         ({"law": "viscous", "speed": 3}, "does not understand 'speed'"),
         ({"law": "coulomb", "threshold": 0.1, "smoothing": 0.1}, "give one of the two"),
         ({"law": "coulomb", "threshold": -0.1}, "threshold = -0.1"),
+        ({"law": "viscous", "threshold": -0.1}, "threshold = -0.1"),
         ({"law": "coulomb", "smoothing": [0.1, -0.1]}, "smoothing = -0.1"),
         ({"law": "coulomb", "smoothing": 0.1, "shape": "sine"}, "'tanh', 'arctan', 'logistic'"),
         ({"law": "directional_coulomb", "smoothing": -1.0}, "smoothing = -1.0"),

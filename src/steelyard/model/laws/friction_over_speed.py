@@ -2,7 +2,7 @@
 
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
 import numpy as np
@@ -96,10 +96,7 @@ class Coulomb(_Directed):
 
     def sizes(self, axes: Axes, state: JointState) -> Scalars | None:
         """Nothing up to the threshold."""
-        if is_zero(self.threshold):
-            return None
-        pairs = zip(axes, per_axis(self.threshold, axes, self.law), strict=True)
-        return [np.abs(axis.of(state.dq)) > rest for axis, rest in pairs]
+        return None if is_zero(self.threshold) else _moving(self, axes, state)
 
     def in_model_files(self, robot: Robot, values: Values) -> Placed:
         """Dry friction by the plain sign."""
@@ -113,6 +110,12 @@ class Coulomb(_Directed):
             if any(part.value for part in parts) and not is_zero(getattr(self, name))
         )
         return Placed(parts, unsupported=unsupported)
+
+
+def _moving(term: "Coulomb | Viscous", axes: Axes, state: JointState) -> Scalars:
+    """Whether the speed along every coordinate is above the threshold."""
+    pairs = zip(axes, per_axis(term.threshold, axes, term.law), strict=True)
+    return [np.abs(axis.of(state.dq)) > rest for axis, rest in pairs]
 
 
 @dataclass(frozen=True)
@@ -151,17 +154,36 @@ class _OfSpeed(ActsOnAxes):
 
 @dataclass(frozen=True)
 class Viscous(_OfSpeed):
-    r"""Viscous friction, $f = f_v\,v$ [N m s/rad; N s/m if prismatic]."""
+    r"""Viscous friction, $f = f_v\,v$ [N m s/rad; N s/m if prismatic], zero up to `threshold`."""
 
     law: ClassVar[str] = "viscous"
     dissipation: ClassVar[Dissipation] = "each"
-    in_model_files: ClassVar[Place] = as_one("viscous")
     units: ClassVar[Mapping[str, str]] = {"": "{rate}"}
     symbol: ClassVar[str] = "FV"
+    # speed up to which the friction is zero, one for all or one per coordinate [rad/s; m/s]
+    threshold: Field = 0.0
+
+    def __post_init__(self) -> None:
+        refuse_negative(self.law, threshold=self.threshold)
+
+    def efforts(self, axes: Axes, state: JointState) -> Scalars:
+        """The velocity above the threshold."""
+        speeds = super().efforts(axes, state)
+        if is_zero(self.threshold):
+            return speeds
+        return [v * on for v, on in zip(speeds, _moving(self, axes, state), strict=True)]
 
     def curve(self, speed: Scalar) -> Scalar:
         """The velocity."""
         return speed
+
+    def in_model_files(self, robot: Robot, values: Values) -> Placed:
+        """Viscous friction from zero speed on."""
+        placed = as_one("viscous")(self, robot, values)
+        if is_zero(self.threshold) or not any(part.value for part in placed.parts):
+            return placed
+        words = f"that viscous friction begins above {self.threshold} rad/s or m/s ({self.law})"
+        return replace(placed, unsupported=(*placed.unsupported, words))
 
 
 @dataclass(frozen=True)
