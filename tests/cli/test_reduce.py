@@ -260,6 +260,17 @@ def test_the_contribution_of_every_parameter_is_printed(
         assert row["name"] in done.output
 
 
+def test_joints_weigh_the_same_where_it_is_asked_for(
+    identified: Path, log: Path, command: Command, work: Path
+) -> None:
+    options = ("--stop", "refit", "--weights", "equal")
+    assert command("reduce", identified, log, *options, "-o", work / "a").exit_code == 0
+    printed = load_model(work / "a").estimate
+    weighted = reduce(identified, log, stop="refit").model.estimate
+    assert printed.estimator.startswith("reduced ordinary least squares")
+    assert not np.allclose(printed.parameters.values, weighted.parameters.values)
+
+
 def test_every_field_of_the_json_output_has_one_section(identified: Path, log: Path) -> None:
     content = reduce(identified, log, stop="one_fewer").content
     fields = Counter(field for section in SECTIONS for field in section.to_dict(content))

@@ -88,6 +88,7 @@ def dense(some: FilteredSamples) -> tuple[Array, Array, Array]:
 
 
 A, B, W = dense(samples())
+ROWS = [len(rows) for rows in samples().rows]
 
 
 def fitted(columns: list[int]) -> tuple[Array, float]:
@@ -152,6 +153,26 @@ def test_the_criterion_of_every_parameter_is_that_of_the_model_it_last_was_in(
     assert all(row["step"] is None for row in kept)
     again = Estimate.from_dict(found.estimate.to_dict())
     assert again.removed == found.estimate.removed
+
+
+def test_joints_that_weigh_the_same_are_ordinary_least_squares() -> None:
+    found = reduce(DATA, CONTRIBUTION, Count(len(NAMES) - 2), equal=True)
+    left = list(range(len(NAMES)))
+    for one in found.estimate.removed:
+        torques = np.linalg.norm(A[:, left] * np.linalg.lstsq(A[:, left], B)[0], axis=0)
+        place = int(torques.argmin())
+        assert one.name == NAMES[left[place]]
+        assert one.worth == pytest.approx(torques[place] / torques.sum(), rel=1e-7)
+        del left[place]
+    wanted = np.linalg.lstsq(A[:, left], B)[0]
+    np.testing.assert_allclose(found.estimate.parameters.values, wanted, rtol=1e-7)
+    np.testing.assert_allclose(found.state.values, wanted, rtol=1e-7)
+    assert found.estimate.estimator.startswith("reduced ordinary least squares")
+    # losses are of the variance that each row's own noise has: of A⁺ R A⁺ᵀ
+    state = State(FullModel.of(DATA, equal=True), tuple(range(len(NAMES))))
+    noise, inverse = np.repeat(FULL.variances * FULL.factors, ROWS), np.linalg.pinv(A)
+    variances = np.sum(np.square(inverse) * noise, axis=1)
+    np.testing.assert_allclose(state.losses, np.square(inverse @ B) / variances, rtol=1e-6)
 
 
 def test_algorithm_1_on_a_case_by_hand() -> None:

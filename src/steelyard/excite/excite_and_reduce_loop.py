@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from shutil import copytree
+from typing import Literal
 
 from steelyard.base.checked_arguments import checked
 from steelyard.base.motion import Rig, run
@@ -58,7 +59,7 @@ def reduction_loop(
     where it was interrupted: what is in the folder is not made again.
 
     Args:
-        robot: Robot file with the limits of motions.
+        robot: Robot file with the limits of motions; joints weigh as `[estimation] weights` says.
         rig: What runs a motion and logs it.
         folder: Folder of the rounds; made if it does not exist.
         criterion: What a parameter is worth, see `reduce`.
@@ -98,7 +99,8 @@ def reduction_loop(
         or len(done[-1].model.estimate.parameters) < 2
     ):
         place = Path(folder) / f"round_{len(done):02d}"
-        smaller = _smaller(done[-1], criterion, progress) if done else None
+        weights = loaded.estimation.weights
+        smaller = _smaller(done[-1], criterion, weights, progress) if done else None
         condition = _motion(loaded, place, smaller, done, effort, progress)
         log = place / "log.csv"
         if not log.exists():
@@ -113,13 +115,20 @@ def _motion_file(place: Path) -> Path:
     return place / "motion" / "trajectory.json"
 
 
-def _smaller(last: Round, criterion: str, progress: Progress) -> IdentifiedModel:
+def _smaller(
+    last: Round, criterion: str, weights: Literal["noise", "equal"], progress: Progress
+) -> IdentifiedModel:
     folder = last.folder / "smaller"
     if not folder.exists():
         log = last.folder / "log.csv"
-        reduce(last.model, log, criterion=criterion, stop="one_fewer", progress=progress).save(
-            folder
-        )
+        reduce(
+            last.model,
+            log,
+            criterion=criterion,
+            stop="one_fewer",
+            weights=weights,
+            progress=progress,
+        ).save(folder)
     return load_model(folder)
 
 
@@ -154,7 +163,9 @@ def _model(
     folder, log = place / "model", place / "log.csv"
     if not folder.exists():
         if smaller is None:
-            identify(loaded, log, method="WLS", check=check, progress=progress).save(folder)
+            method = "least_squares"
+            identify(loaded, log, method=method, check=check, progress=progress).save(folder)
         else:
-            reduce(smaller, log, stop="refit", progress=progress).save(folder)
+            weights = loaded.estimation.weights
+            reduce(smaller, log, stop="refit", weights=weights, progress=progress).save(folder)
     return load_model(folder)

@@ -25,7 +25,6 @@ from steelyard.estimate.identified_model import IdentifiedModel, load_model
 from steelyard.estimate.information.base_regressor import base_parameters, base_regressor
 from steelyard.estimate.information.information import Information
 from steelyard.estimate.information.kept_filtered_samples import gather_samples
-from steelyard.estimate.least_squares.weighted_robust_and_whitened import WeightedLeastSquares
 from steelyard.estimate.nonlinear.nonlinear_parameters import information_from
 from steelyard.estimate.prior.body_priors import Row
 from steelyard.estimate.prior.prior_constraint_kinds import knowledge_of
@@ -34,7 +33,7 @@ from steelyard.estimate.reduction.left_out_errors_and_stopping_rules import (
     Tolerance,
     rule_of,
 )
-from steelyard.estimate.reduction.reduction import Reduction, criterion_of
+from steelyard.estimate.reduction.reduction import Reduction, criterion_of, least_squares
 from steelyard.estimate.reduction.reduction import reduce as reduced_by
 from steelyard.estimate.scores.band_calibration_on_left_out_motion import calibrate
 from steelyard.identify.page.reduction_and_removals import parameter_comparison
@@ -116,6 +115,7 @@ def reduce(
     drop: Iterable[str] = (),
     bodies: str | Path | LoadedRobot | None = None,
     each: bool = False,
+    weights: Literal["noise", "equal"] = "noise",
     threads: int | None = None,
     progress: Progress = silent,
 ) -> ReducedModel:
@@ -149,6 +149,8 @@ def reduce(
             and the model can be exported.
         each: Also estimate the reduced model from each log alone: mean and standard deviation of
             every parameter over the logs.
+        weights: How joints weigh: by the inverse variance of their `noise`, or all `equal`, as
+            `[estimation] weights` of the robot file.
         threads: Native threads; as many as the machine has cores if `None`.
         progress: Receives events of progress; an exception from it stops the work.
 
@@ -164,6 +166,8 @@ def reduce(
     identified = load_model(model)
     _refuse_unreducible(identified)
     chosen_by, rule = criterion_of(criterion), rule_of(stop)
+    equal = weights == "equal"
+    estimator = least_squares(equal)
     if error == "mean_absolute" and not isinstance(rule, Tolerance):
         raise ModelError(
             f"stopping rule '{rule.name}' compares no mean absolute errors",
@@ -207,14 +211,15 @@ def reduce(
         keep=kept,
         drop=dropped_first,
         unseen=information_of(unseen).select(columns) if unseen else None,
+        equal=equal,
     )
     found = found.after(before)
     estimate = found.estimate
 
     def estimating(data: Information) -> Estimate:
         if bodies is not None:
-            return _with_bodies(identified, bodies, runs, data, found)
-        return WeightedLeastSquares()(data.select(found.estimate.parameters.names))
+            return _with_bodies(identified, bodies, runs, data, found, equal)
+        return estimator(data.select(found.estimate.parameters.names))
 
     repeated, failed_logs = None, tuple[str, ...]()
     if each:
@@ -225,7 +230,7 @@ def reduce(
         estimate = estimating(everything)
     smaller = replace(
         _without_empty_terms(replace(identified, estimate=estimate)),
-        reference=(WeightedLeastSquares()(information),),
+        reference=(estimator(information),),
         motions=motion_samples(runs),
         provenance=replace(
             identified.provenance,
@@ -242,7 +247,7 @@ def reduce(
         smaller,
         runs,
         information.select(names),
-        lambda part: WeightedLeastSquares()(part.select(names)),
+        lambda part: estimator(part.select(names)),
         threads=cores,
         progress=progress,
     )
@@ -330,6 +335,7 @@ def _with_bodies(
     runs: Sequence[Run],
     information: Information,
     found: Reduction,
+    equal: bool,
 ) -> Estimate:
     """The consistent estimate with the removed base parameters equal to zero."""
     base, loaded = base_parameters(identified.model), load_robot(robot_file)
@@ -357,7 +363,7 @@ def _with_bodies(
             break
         del possible[clashing[-1]]
     rows = (*knowledge.rows, *possible.values())
-    estimate = Consistent(base, replace(knowledge, rows=rows))(information)
+    estimate = Consistent(base, replace(knowledge, rows=rows), equal=equal)(information)
     at = [k for k, name in enumerate(estimate.parameters.names) if name not in possible]
     learned = estimate.learned
     positive = [name for name in zeros if name not in possible]

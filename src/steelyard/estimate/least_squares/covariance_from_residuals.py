@@ -185,15 +185,20 @@ def honest_covariance(
     inverse of the second derivative of what was minimised, of which $P$, that of the prior, is part
     in a regularised estimate.
     """
-    middle = score_covariance(fit, scatter(fit) if factors is None else factors)
+    known = scatter(fit) if factors is None else factors
+    middle = score_covariance(fit, known, 1.0 / fit.variances)
     covariance = inverse @ (middle if prior is None else middle + prior) @ inverse
     return np.asarray(0.5 * (covariance + covariance.T))
 
 
-def score_covariance(fit: Fit, factors: Array) -> Array:
-    r"""Covariance of the normal vector, $\sum_j \varphi_j G_j + s s^T$, see `honest_covariance`."""
-    middle = scores_of(fit.data, fit.solution.locals, fit.solution.kept, factors / fit.variances)
-    shift = moved_scores(fit, 1.0 / fit.variances, middle)
+def score_covariance(fit: Fit, factors: Array, weights: Array) -> Array:
+    r"""Covariance of the normal vector, $\sum_j w_j^2 \sigma_j^2 \varphi_j A_j^T A_j + s s^T$.
+
+    With weights of the rows, `(rows,)`; $s$ see `moved_scores`.
+    """
+    noise = factors * fit.variances * np.square(weights)
+    middle = scores_of(fit.data, fit.solution.locals, fit.solution.kept, noise)
+    shift = moved_scores(fit, weights, middle)
     return np.asarray(middle + np.outer(shift, shift))
 
 

@@ -1,6 +1,7 @@
 r"""Backward elimination: a model with some base parameters, which one is removed next, the path.
 
-All states of a path share the weights of the full model's rows, $1/\sigma_j^2$: with weights that
+All states of a path share the weights of the full model's rows, $1/\sigma_j^2$ or all the same:
+with weights that
 followed each removal, a row that lost a parameter would count less, and the next removal there
 would seem cheaper than it is.
 """
@@ -25,7 +26,8 @@ class FullModel:
     """The data of a full model, and the weights that its least squares found."""
 
     information: Information  # the data, in the columns that they show, `p` of them
-    variances: Array  # residual variance per effort row of the full model, `(rows,)`
+    # residual variance per effort row of the full model, or their mean if rows weigh the same
+    variances: Array  # `(rows,)`
     factors: Array  # how many times more the estimate scatters than by white residuals, `(rows,)`
     matrix: Array  # normal matrix $A^T W A$, columns of unit length, `(p, p)`
     vector: Array  # $A^T W b$ of the same columns, `(p,)`
@@ -34,23 +36,26 @@ class FullModel:
     blind: tuple[Unidentifiable, ...]  # columns that the data do not show; they have no value
 
     @classmethod
-    def of(cls, information: Information) -> "FullModel":
-        """Weighted least squares of all columns that the data show."""
+    def of(cls, information: Information, *, equal: bool = False) -> "FullModel":
+        """Weighted least squares of all columns that the data show; `equal` weighs rows alike."""
         blind = WeightedLeastSquares().fit(information).solution.blind
         hidden = {one.name for one in blind}
         shown = [name for name in information.layout.columns if name not in hidden]
         seen = information.select(shown) if blind else information
         fit = WeightedLeastSquares().fit(seen)
         factors = scatter(fit)
-        matrix, vector, _ = seen.normal(1.0 / fit.variances)
+        variances, counts = fit.variances, seen.n_samples
+        if equal:
+            variances = np.full(len(counts), variances @ counts / counts.sum())
+        matrix, vector, _ = seen.normal(1.0 / variances)
         unit, lengths = unit_length(matrix)
         return cls(
             seen,
-            fit.variances,
+            variances,
             factors,
             frozen(unit),
             frozen(vector / lengths),
-            frozen(score_covariance(fit, factors) / lengths[:, None] / lengths),
+            frozen(score_covariance(fit, factors, 1.0 / variances) / lengths[:, None] / lengths),
             frozen(lengths),
             blind,
         )

@@ -98,13 +98,15 @@ def folds_of(information: Information) -> tuple[tuple[str, tuple[int, ...]], ...
     return tuple(zip(names, parts, strict=True))
 
 
-def left_out_errors(information: Information, path_of: PathOf) -> LeftOutErrors:
+def left_out_errors(
+    information: Information, path_of: PathOf, *, equal: bool = False
+) -> LeftOutErrors:
     """Errors of the models of a path, each fold predicted by a path of the others."""
     folds = folds_of(information)
     results = []
     for _name, mine in folds:
         others = [k for k in range(len(information.windows)) if k not in set(mine)]
-        path = path_of(FullModel.of(information.of(others)))
+        path = path_of(FullModel.of(information.of(others), equal=equal))
         results.append((path, path_errors(path, information.of(mine))))
     shared = set.intersection(*(set(path.sizes) for path, _ in results))
     sizes = tuple(sorted(shared, reverse=True))

@@ -9,9 +9,12 @@ import numpy as np
 
 from steelyard.base.arrays import Array, frozen
 from steelyard.base.errors import DataError, named
-from steelyard.estimate.estimate import Estimate, Removed
+from steelyard.estimate.estimate import Estimate, Estimator, Removed
 from steelyard.estimate.information.information import Information
-from steelyard.estimate.least_squares.weighted_robust_and_whitened import WeightedLeastSquares
+from steelyard.estimate.least_squares.weighted_robust_and_whitened import (
+    OrdinaryLeastSquares,
+    WeightedLeastSquares,
+)
 from steelyard.estimate.reduction.backward_elimination import (
     CRITERIA,
     Criterion,
@@ -118,12 +121,14 @@ def reduce(
     keep: Sequence[str] = (),
     drop: Sequence[str] = (),
     unseen: Information | None = None,
+    equal: bool = False,
 ) -> Reduction:
     """Remove parameters one by one, and take the model that the stopping rule chooses.
 
     The data are in the base columns of the full model; `OneStandardError` is the rule if there is
     none. Parameters to keep stay, those to drop are removed first, and in any case. On `unseen`
-    data the models are scored and nothing is chosen. A `DataError` says that the data show no
+    data the models are scored and nothing is chosen. With `equal` all rows weigh the same, as
+    [Wang] has it (eqs. 5 and 12). A `DataError` says that the data show no
     parameter, or that no model is as the rule wants it.
     """
     rule = OneStandardError() if rule is None else rule
@@ -132,17 +137,17 @@ def reduce(
     def part(full: FullModel) -> Path:
         return follow(full, accepts=rule.during(full.information.windows).accepts)
 
-    full = FullModel.of(information)
+    full = FullModel.of(information, equal=equal)
     left_out: LeftOutErrors | None = None
     try:
-        left_out = left_out_errors(information, part)
+        left_out = left_out_errors(information, part, equal=equal)
     except DataError:
         if rule.needs_left_out:
             raise
     path = follow(full, accepts=rule.accepts)
     place = rule.choose(path, left_out)
     errors = None if unseen is None else frozen(path_errors(path, unseen)[0])
-    estimate = estimated(path, place, criterion, drop)
+    estimate = estimated(path, place, criterion, least_squares(equal), drop)
     whole = State(full, tuple(range(len(full.names))))
     fitted = [rule.errors(state) for state in (whole, path.states[place], State(full, ()))]
     return Reduction(
@@ -167,14 +172,26 @@ class Reduced:
         return reduce(information).estimate
 
 
-def estimated(path: Path, place: int, criterion: Criterion, drop: Sequence[str] = ()) -> Estimate:
+def least_squares(equal: bool) -> Estimator[Information]:
+    """Least squares with rows weighted alike, or by their noise."""
+    return OrdinaryLeastSquares() if equal else WeightedLeastSquares()
+
+
+def estimated(
+    path: Path,
+    place: int,
+    criterion: Criterion,
+    estimator: Estimator[Information],
+    drop: Sequence[str] = (),
+) -> Estimate:
     """The estimate of a path's model; what it lacks or is dropped unseen is known to be zero."""
     state, full = path.states[place], path.full
     hidden = (Step(one.name, 0.0) for one in full.blind if one.name in drop)
     steps = (*path.requested, *hidden, *path.steps[:place])
+    estimate = estimator(full.information.select(state.names))
     return replace(
-        WeightedLeastSquares()(full.information.select(state.names)),
-        estimator=f"reduced weighted least squares ({len(full.names)} to {len(state.active)})",
+        estimate,
+        estimator=f"reduced {estimate.estimator} ({len(full.names)} to {len(state.active)})",
         blind=tuple(one for one in full.blind if one.name not in drop),
         removed=tuple(
             Removed(step.name, number, step.cost, criterion.name, step.worth)
