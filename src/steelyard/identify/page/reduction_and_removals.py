@@ -258,10 +258,10 @@ def parameter_comparison(reduced: IdentifiedModel) -> list[dict[str, Any]]:
     (full,) = reduced.reference
     models = {"full": full, "reduced": reduced.estimate}
     names = dict.fromkeys(name for one in models.values() for name in one.parameters.names)
-    units = {}
+    units: dict[str, str] = {}
     for one in models.values():
         units |= dict(zip(one.parameters.names, one.parameters.units, strict=True))
-    rows = [{"name": name, "unit": units[name]} for name in names]
+    rows: list[dict[str, Any]] = [{"name": name, "unit": units[name]} for name in names]
     for label, one in models.items():
         figures = zip(one.parameters.values.tolist(), one.std.tolist(), strict=True)
         known = dict(zip(one.parameters.names, figures, strict=True))
