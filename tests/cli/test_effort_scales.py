@@ -120,6 +120,10 @@ def test_scales_are_not_adopted_while_the_side_of_the_gears_is_open(
     ("written", "words"),
     [
         ('method = "least_squares"\neffort_scales = "auto"', 'with method = "least_squares"'),
+        (
+            'weights = "equal"\neffort_scales = "auto"',
+            'with weights = "equal", which small scales of the largest residuals lessen',
+        ),
         ('method = "least_squares"', None),
         ('method = "least_squares"\neffort_scales = "off"', None),
     ],

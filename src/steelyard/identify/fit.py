@@ -249,6 +249,8 @@ def _unscaled_because(loaded: LoadedRobot, prepared: PreparedFit, estimator: Est
         return f'with method = "{loaded.estimation.method}"'
     if estimator.per_run:
         return "together with terms that are estimated per run"
+    if estimator.equal:
+        return 'with weights = "equal", which small scales of the largest residuals lessen'
     if prepared.runs[0].recording.signals.effort_map is not None:
         return "with coupled gears, where a scale belongs to a motor and not to a joint"
     return ""
