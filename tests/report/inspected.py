@@ -1,17 +1,27 @@
 """Contents of the pages of `contact`, `wrench`, `payload --when` and `health`."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from steelyard.estimate.external.contact_thresholds import RANGES, ContactThresholds
 from steelyard.estimate.external.wrench_methods import Expected
 from steelyard.estimate.payload.payload_estimate import PayloadEstimate
 from steelyard.estimate.scores.residual_noise_and_traces import ResidualTrace
+from steelyard.robot.inertia_and_placement import Placement
+from steelyard.robot.robot import Frame
 from steelyard.uses.contact.contact import ContactEvent, JointLoad
 from steelyard.uses.contact.contact_page import Contacts
 from steelyard.uses.health.drift_detection import QUANTITIES, Series, changes_of
 from steelyard.uses.health.health import Health
 from steelyard.uses.payload.change_detection import SlidingMass
 from steelyard.uses.payload.pick_up_and_put_down import Carried, Kind, PayloadEvent, PayloadEvents
+from steelyard.uses.wrench.measured_wrench import (
+    MeasuredWrench,
+    Sensor,
+    SensorLoad,
+    component_errors,
+)
 from steelyard.uses.wrench.wrench import ExternalWrench
 from steelyard.uses.wrench.wrench_along_run import WrenchEstimate
 
@@ -126,3 +136,21 @@ def wrench_content(frame: str = "tool0") -> ExternalWrench:
         condition=np.full(len(t), np.inf),
     )
     return ExternalWrench("arm", estimate, 8.0, True, (), ("cut-offs: motion 18 Hz",))
+
+
+def measured_wrench_content() -> ExternalWrench:
+    """The same beside a sensor that is turned."""
+    content = wrench_content()
+    estimate = content.estimate
+    wrench = 0.9 * estimate.wrench
+    base = Frame("tool0", 1, np.eye(3), np.zeros(3))
+    columns = tuple(f"a_long_topic/wrench.force_torque_{k}" for k in range(6))
+    measured = MeasuredWrench(
+        Sensor(columns, base, Placement(position=(0.0, 0.0, 0.05)), "by_robot", ()),
+        wrench,
+        SensorLoad(np.arange(6.0), 1.5, 1.2, np.array([0.0, 0.0, 0.1])),
+        component_errors(estimate, wrench),
+        'other axes of the sensor would fit much better: with --sensor-at "0 0 0.05 0 0 1.571" '
+        "forces differ by 3.1 N (RMS) instead of 22 N",
+    )
+    return replace(content, measured=measured)

@@ -9,7 +9,13 @@ from dataclasses import replace
 from browser import Tab
 from report.conftest import robot
 from report.designed import designed_for
-from report.inspected import contact_content, health_content, payload_events, wrench_content
+from report.inspected import (
+    contact_content,
+    health_content,
+    measured_wrench_content,
+    payload_events,
+    wrench_content,
+)
 from report.test_design import content as motion_content
 from report.test_findings import content as check_content
 from report.test_models import models_content
@@ -33,6 +39,7 @@ PAGES = (
     "tracking",
     "contact",
     "wrench",
+    "measured wrench",
     "payload",
     "health",
     "strange names",
@@ -54,6 +61,7 @@ def pages_of(
         "tracking": render_sections(TRACK_SECTIONS, tracking_content(robot()), "simulated"),
         "contact": contact_content().report(),
         "wrench": wrench_content().report(),
+        "measured wrench": measured_wrench_content().report(),
         "payload": render_payload_events([payload_events()], "arm"),
         "health": health_content().report(),
     }

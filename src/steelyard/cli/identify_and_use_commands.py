@@ -266,13 +266,16 @@ def contact(call: "partial[Contacts]", output: ReportFolder = None, as_json: boo
     reported(call, output, as_json, report="report.html")
 
 
-@from_function("steelyard:external_wrench")
+@from_function(
+    "steelyard:external_wrench", sensor_at={"type": str | None, "metavar": '"X Y Z R P Y"'}
+)
 def wrench(
     call: "partial[ExternalWrench]", output: Path | None = None, as_json: bool = False
 ) -> None:
     """Estimate force and moment on a frame along a log, without a force sensor.
 
-    With 95 % intervals, finite in singular postures; names what is not observable.
+    With 95 % intervals, finite in singular postures; names what is not observable. With --measured
+    it is compared with a sensor of the log.
 
     Options:
         output: Output folder for report.html, wrench.csv and wrench.json; none if unset.

@@ -14,6 +14,8 @@ MANY_VALUED_OPTIONS = (
     "--estimators",
     "--on",
     "--keep",
+    "--measured",
+    "--sensor-rest",
     "--drop",
 )
 """Options that take all that follows up to the next option."""

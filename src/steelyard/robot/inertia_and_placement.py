@@ -166,6 +166,18 @@ def rpy_rotation(roll: float, pitch: float, yaw: float) -> Array:
     return turn(z, yaw) @ turn(y, pitch) @ turn(x, roll)
 
 
+def rpy_of(rotation: Array) -> Array:
+    r"""Angles of $R_z(y) R_y(p) R_x(r)$, in the order `r, p, y`, shape `(3,)` [rad].
+
+    The yaw is taken off first, so that the others are exact where yaw and roll turn alike.
+    """
+    yaw = np.arctan2(rotation[1, 0], rotation[0, 0])
+    c, s = np.cos(yaw), np.sin(yaw)
+    rest = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]]) @ rotation
+    pitch = np.arctan2(-rest[2, 0], rest[0, 0])
+    return np.array([np.arctan2(-rest[1, 2], rest[1, 1]), pitch, yaw])
+
+
 def clean_rotation(rotation: ArrayLike, dirt: float = DIRT) -> Array:
     r"""The rotation with entries below `dirt` set to zero, orthonormal to rounding.
 

@@ -26,7 +26,7 @@ from steelyard.export.model_files.representable_content import (
 )
 from steelyard.model.equations.frame_and_point_kinematics import frame_of
 from steelyard.model.terms.urdf_mjcf_parts import AxisPartKind
-from steelyard.robot.inertia_and_placement import Inertia, six_numbers, turn
+from steelyard.robot.inertia_and_placement import Inertia, rpy_of, six_numbers, turn
 from steelyard.robot.robot import Body, Frame, Limits, Robot
 
 SOLVER_ROUNDING = 1e-14  # what a solver leaves of zero, relative to the body it is of
@@ -150,18 +150,6 @@ def dynamics_of(effects: Effects) -> list[ET.Element]:
 def origin_of(rotation: Array, position: Array) -> ET.Element:
     """Where a frame is in its parent's."""
     return ET.Element("origin", xyz=numbers(position), rpy=numbers(rpy_of(rotation)))
-
-
-def rpy_of(rotation: Array) -> Array:
-    r"""Angles of $R_z(y) R_y(p) R_x(r)$, in the order `r, p, y`, shape `(3,)` [rad].
-
-    The yaw is taken off first, so that the others are exact where yaw and roll turn alike.
-    """
-    yaw = np.arctan2(rotation[1, 0], rotation[0, 0])
-    c, s = np.cos(yaw), np.sin(yaw)
-    rest = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]]) @ rotation
-    pitch = np.arctan2(-rest[2, 0], rest[0, 0])
-    return np.array([np.arctan2(-rest[1, 2], rest[1, 1]), pitch, yaw])
 
 
 def _joint(

@@ -1,5 +1,6 @@
 """External wrench along a log, without a force sensor: `steelyard wrench`, with its page."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -9,6 +10,7 @@ from rich.console import Console
 
 from steelyard.base.arrays import Array
 from steelyard.base.checked_arguments import checked
+from steelyard.base.errors import DataError
 from steelyard.base.files import write_table
 from steelyard.base.progress import Progress, silent
 from steelyard.estimate.external.compiled_observer_step import Axes, moved_frame
@@ -24,6 +26,9 @@ from steelyard.estimate.identified_model import IdentifiedModel, load_model
 from steelyard.identify.provenance_and_notes import left_out, notes_of
 from steelyard.identify.runs_for_model import fitted_before, runs_for
 from steelyard.identify.validation_split import holds_fitted_rows
+from steelyard.logs.formats import open_log
+from steelyard.logs.log_windows import parse_log_argument
+from steelyard.model.equations.frame_and_point_kinematics import last_frame
 from steelyard.report.page import figures, inspected_page, notes
 from steelyard.report.page_figures import Figure, Group, Key, Traced, area, evenly, line
 from steelyard.report.result import Result, print_verdict
@@ -31,6 +36,14 @@ from steelyard.report.tables import PlainTable, Row, narrow_table
 from steelyard.report.words import NONE, significant
 from steelyard.runs.runs_of_named_logs import log_files
 from steelyard.uses.control.feedforward import refuse_unknown_gains
+from steelyard.uses.wrench.measured_wrench import (
+    UNITS,
+    WRENCH_TABLE_COLUMNS,
+    MeasuredWrench,
+    SensorSign,
+    measured_wrench,
+    sensor_of,
+)
 from steelyard.uses.wrench.wrench_along_run import (
     COMPONENTS,
     ResidualKind,
@@ -44,11 +57,6 @@ MOST_POINTS_OF_WRENCH = 3000  # points of a line, at most
 LEAST_LASTING_SHARE = 1.0 / 3.0  # of the log with a force: something else is likelier than pushes
 LEAST_UNEXPECTED_FORCE = 5.0  # over the expected one: something else is likelier than a push
 LEAST_VARIANCE_SHARE = 0.005  # of the expected variance, below which nothing is estimated
-
-WRENCH_TABLE_COLUMNS = ("fx_N", "fy_N", "fz_N", "tx_Nm", "ty_Nm", "tz_Nm")
-"""Force and moment in tables; `steelyard simulate --wrench` reads the same names."""
-
-UNITS = ("N", "N", "N", "Nm", "Nm", "Nm")
 
 SOURCES = {
     "momentum": "generalised momentum, without accelerations",
@@ -102,6 +110,7 @@ class ExternalWrench(Result):
     fitted: bool
     left_out: tuple[str, ...]  # rows and times that were not examined, for people to read
     details: tuple[str, ...]
+    measured: MeasuredWrench | None = None  # by a force/torque sensor, if one is named
     json_name = "wrench.json"
 
     @property
@@ -168,6 +177,8 @@ class ExternalWrench(Result):
     def warnings(self) -> tuple[str, ...]:
         """What qualifies the result."""
         found, warnings = self.estimate, list(self.left_out)
+        if self.measured is not None:
+            warnings += self.measured.warnings
         inverse = found.method == InverseJacobian.name
         if found.unobservable:
             names = "; ".join(
@@ -241,19 +252,24 @@ class ExternalWrench(Result):
     def report(self) -> str:
         """The report as one self-contained HTML page."""
         found = self.estimate
-        components, least, torques = _figures(found)
+        components, least, torques = _figures(found, self.measured)
+        tables = [components_table(self)]
+        legend = [Key("--measured", "estimate"), Key("--interval", "95 % interval", "area")]
+        if self.measured is not None:
+            tables.append(self.measured.table())
+            legend.append(Key("--predicted", "sensor"))
         sections = (
             figures(
                 "wrench",
                 "Wrench",
                 words=f"{self.headline}. {self.claim}",
-                tables=[components_table(self)],
+                tables=tables,
             ),
             notes("notes", "Limits of this result", self.warnings),
             figures(
                 "over-time",
                 "Wrench over time",
-                legend=[Key("--measured", "estimate"), Key("--interval", "95 % interval", "area")],
+                legend=legend,
                 groups=[Group(components, columns="one")],
             ),
             figures(
@@ -297,6 +313,7 @@ class ExternalWrench(Result):
             "start_s": float(found.t[0]),
             "end_s": float(found.t[-1]),
             "components": [vars(row) for row in self.components],
+            "measured": None if self.measured is None else self.measured.to_dict(),
             "unobservable": [
                 {
                     "name": name_of(one),
@@ -311,7 +328,10 @@ class ExternalWrench(Result):
         }
 
     def table(self) -> dict[str, Array]:
-        """Columns of `wrench.csv`: time, wrench, half-widths, external efforts, data share."""
+        """Columns of `wrench.csv`: time, wrench, half-widths, external efforts, data share.
+
+        With a sensor, what it measured too.
+        """
         found = self.estimate
         joints = zip(found.joints, found.units, strict=True)
         names = (
@@ -321,7 +341,11 @@ class ExternalWrench(Result):
         )
         own = np.hstack([found.wrench, found.half_width, found.torque]).T
         columns = dict(zip(names, own, strict=True))
-        return {"time_s": found.t, **columns, "least_data_share": found.least_data_share}
+        table = {"time_s": found.t, **columns, "least_data_share": found.least_data_share}
+        if self.measured is not None:
+            measured = zip(WRENCH_TABLE_COLUMNS, self.measured.wrench.T, strict=True)
+            table |= {f"measured_{name}": own for name, own in measured}
+        return table
 
     def write(self, folder: Path) -> None:
         """Write `report.html`, `wrench.csv` and `wrench.json`."""
@@ -332,6 +356,8 @@ class ExternalWrench(Result):
         """Print the components and what qualifies them."""
         print_verdict(console, self.headline, self.settings, self.warnings)
         console.print(narrow_table(components_table(self)))
+        if self.measured is not None:
+            console.print(narrow_table(self.measured.table()))
 
 
 def components_table(content: ExternalWrench) -> PlainTable:
@@ -345,7 +371,9 @@ def components_table(content: ExternalWrench) -> PlainTable:
     return PlainTable("", words, headings, [one.row for one in content.components])
 
 
-def _figures(found: WrenchEstimate) -> tuple[list[Figure], Figure, list[Figure]]:
+def _figures(
+    found: WrenchEstimate, measured: MeasuredWrench | None
+) -> tuple[list[Figure], Figure, list[Figure]]:
     """Components of the wrench, the least observable direction, and external torques over time."""
     at = evenly(len(found.t), MOST_POINTS_OF_WRENCH)
     t, components, torques = found.t[at], [], []
@@ -353,8 +381,12 @@ def _figures(found: WrenchEstimate) -> tuple[list[Figure], Figure, list[Figure]]
         own, half = found.wrench[at, k], found.half_width[at, k]
         interval = area("95 % interval", t, own - half, own + half, "--interval")
         estimate = line("estimate", t, own, "--measured", width=1.5)
+        traces = [interval, estimate]
+        if measured is not None:
+            sensor = measured.wrench[at, k]
+            traces.append(line("sensor", t, sensor, "--predicted", width=1.2, dash="dash"))
         y = f"{name.split()[0]} [{unit}]"
-        components.append(_figure(name.capitalize(), y, [interval, estimate]))
+        components.append(_figure(name.capitalize(), y, traces))
     for j, (joint, unit) in enumerate(zip(found.joints, found.units, strict=True)):
         half = found.torque_half_width[at, j]
         interval = area("95 % interval of the model's error", t, -half, half, "--interval")
@@ -387,6 +419,11 @@ def external_wrench(
     lever: float = LEVER,
     duration: float = DURATION,
     axes: Axes = "frame",
+    measured: str | Sequence[str] = (),
+    sensor: str | None = None,
+    sensor_at: str | Sequence[float] = (),
+    sensor_sign: SensorSign = "on_robot",
+    sensor_rest: Sequence[str] = (),
     progress: Progress = silent,
 ) -> ExternalWrench:
     """Estimate the wrench that acts on a frame along a log, with 95 % intervals.
@@ -406,6 +443,16 @@ def external_wrench(
             origin, moments then count as zero.
         duration: Usual duration of a push [s], for `smoothed`.
         axes: Axes of the components.
+        measured: The log's columns of a force/torque sensor, with which the estimate is compared:
+            force x, y, z [N], then moment x, y, z [Nm]; or a pattern such as `ft_{}`; or `auto` for
+            `fx_N` to `tz_Nm` and other usual names.
+        sensor: Link or frame of the sensor, on the same link as `frame`; `frame` if `None`.
+        sensor_at: Place of the sensor in that frame, if it is another: x, y, z [m] and, if it is
+            turned, roll, pitch, yaw [rad], such as "0 0 0.05 0 0 1.57".
+        sensor_sign: Whether the sensor reads the wrench on the robot or that by the robot.
+        sensor_rest: Stretches START:STOP from the log's start [s] where the robot rests and nothing
+            touches the sensor. Its bias is estimated there and, if it is turned between them, the
+            weight of what it carries; of the rest at the start, the bias alone.
         progress: Receives events of progress; an exception from it stops the work.
 
     Raises:
@@ -427,6 +474,19 @@ def external_wrench(
     else:
         chosen = (Weighted if method == "weighted" else InverseJacobian)(expected)
     (file,) = log_files([str(log)])
+    columns = [measured] if isinstance(measured, str) else list(measured)
+    if columns:
+        place = sensor or frame or last_frame(identified.robot)
+        known = open_log(file.path).columns
+        reader = sensor_of(
+            identified, known, columns, place, sensor_at, sensor_sign, sensor_rest, file.text
+        )
+    elif sensor is not None or sensor_at or sensor_sign != "on_robot" or sensor_rest:
+        raise DataError(
+            "a sensor is described, but none of its columns is named",
+            where=file.text,
+            fix="name the six columns of the force/torque sensor with --measured",
+        )
     (run,) = runs_for(identified, [file], progress, at_rest=True)
     estimate = estimated_wrench(
         identified,
@@ -436,6 +496,7 @@ def external_wrench(
         method=chosen,
         bandwidth=bandwidth,
         axes=axes,
+        window=parse_log_argument(file.text)[1].seconds,
         progress=progress,
     )
     return ExternalWrench(
@@ -445,4 +506,5 @@ def external_wrench(
         fitted=fitted_before(identified, file) or holds_fitted_rows(identified, run),
         left_out=left_out(run),
         details=notes_of([run]),
+        measured=measured_wrench(identified, run, file, reader, estimate) if columns else None,
     )

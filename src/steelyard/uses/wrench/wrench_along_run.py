@@ -259,9 +259,10 @@ def estimated_wrench(
     method: WrenchMethod | None = None,
     bandwidth: float | None = None,
     axes: Axes = "frame",
+    window: tuple[float, float] = (-np.inf, np.inf),
     progress: Progress = silent,
 ) -> WrenchEstimate:
-    """Estimate the external wrench along a run, from its first to its last row.
+    """Estimate the external wrench along a run, from its first to its last row in a window [s].
 
     `Smoothed` for the usual size by default, on the frame of the robot's end. The bandwidth of
     the efforts [Hz] is by default the cut-off of the model's scores, or a tenth of the log's rate
@@ -293,7 +294,8 @@ def estimated_wrench(
             "learned": found.learned,
             "condition": condition_numbers(efforts.jacobian),
         }
-        parts.append(part)
+        inside = (t >= window[0]) & (t < window[1])  # the run has context around it
+        parts.append({name: values[inside] for name, values in part.items()})
     return WrenchEstimate(
         run=run.name,
         frame=place.name,
