@@ -342,7 +342,7 @@ def test_a_log_with_commands_is_read_as_any_other(command: Command, tmp_path: Pa
     [
         (("--truth", "none.json"), "the truth cannot be read"),
         (("--truth", ROBOT), "the file is no truth"),
-        (("--rate", "300"), "a log cannot have 300 rows a second"),
+        (("--rate", "1300"), "a log cannot have 1300 rows a second"),
         (("--control", "bang"), "there is no controller 'bang'"),
         (("--control", "computed_torque"), "computes with a model"),
         (("--wrench-frame", "tool"), "add --wrench FILE"),

@@ -60,7 +60,8 @@ def reduce(
         following: Also design the motion that excites the smaller model best, into this folder.
         last: trajectory.json of the motion that was logged: the next one is improved from it.
         limit: Condition number of the next motion's observation matrix, not normalised, at which
-            the reduction is finished; the last lines and --json say whether it is reached.
+            the reduction is finished; the last lines and --json say whether it is reached. The
+            motion is then designed for this condition number, whatever the robot file says.
         budget: Time limit of that design in seconds.
 
     Example: steelyard reduce steelyard-ur10e run1.parquet run2.parquet --validate run3.parquet
@@ -90,7 +91,12 @@ def reduce(
     if motion_folder is not None and robot is not None:
         with progress_bar() as progress, whole_folder(motion_folder) as place:
             motion = design_excitation(
-                robot, earlier=found.model, start=last, budget=budget, progress=progress
+                robot,
+                earlier=found.model,
+                start=last,
+                criterion=None if limit is None else "condition",
+                budget=budget,
+                progress=progress,
             )
             motion.write(place)
             interrupt.too_late()
