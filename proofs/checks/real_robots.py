@@ -10,7 +10,7 @@ import json
 import sys
 import tempfile
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Container, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -160,10 +160,14 @@ KINDS: dict[str, tuple[Callable[[Given, int, int, Random], Planted], str]] = {
 """How a mistake is planted, and the checks that may call it wrong."""
 PAIRS = ("effort sign, late", "joints exchanged, thousandths", "mounting, gain of one")
 CLEAN = "nothing"
+TRUE = {"krang_lwa3": {"clock", "repeats", "saturation"}}
+"""Checks whose doubts the data's README confirms: rows 10 to 33 ms apart, of which 23 % repeat."""
 
 
-def judged(found: CheckResult, planted: dict[str, Planted], joints: Sequence[str]) -> str:
-    """A word for what is said of a log."""
+def judged(
+    found: CheckResult, planted: dict[str, Planted], joints: Sequence[str], true: Container[str]
+) -> str:
+    """A word for what is said of a log; what checks named in `true` find is so."""
     fixed = found.fixed
     changes = [] if fixed is None else list(fixed.changes)
     findings = [*found.content.diagnosis.findings, *(c.finding for c in changes)]
@@ -182,7 +186,7 @@ def judged(found: CheckResult, planted: dict[str, Planted], joints: Sequence[str
     if any(not of(f) for f in wrong):
         return "false reason"
     if not planted:
-        return "doubt" if any(f.severity for f in findings) else "right"
+        return "doubt" if any(f.severity and f.check not in true for f in findings) else "right"
     named = {name for f in findings if f.severity for name in of(f)}
     open_ = {f.check for f in findings if not f.answered}
     left = [x for x in planted if x not in named]
@@ -210,7 +214,7 @@ def one(robot: str, kinds: str, seed: int) -> dict[str, Any]:
         found = check(file, f"{log}{window}", quick=True, fix=Path(folder) / "fixed.toml")
     joints = own.subject.loaded.robot.joint_names
     said = [f"{f.word} {f.check}: {f.says}" for f in found.content.diagnosis.findings if f.severity]
-    verdict = judged(found, planted, joints)
+    verdict = judged(found, planted, joints, TRUE.get(robot, ()))
     return {"robot": robot, "planted": kinds, "verdict": verdict, "said": said}
 
 

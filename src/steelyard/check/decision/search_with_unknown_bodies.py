@@ -185,7 +185,7 @@ class Search:
                 yield one, self._rough(one.reading) - one.cost - own
 
     def without(self, cause: str) -> float:
-        """Log odds of the best explanation to the best that says something else of a cause."""
+        """Log odds of the best that says of a cause what the best does to the best of all others."""
         best, declared = self.best, self.declared.reading
         if cause == "mounting" or best.reading.kind == COMPENSATED:
             self._compare_best(list(self._held()))
@@ -193,12 +193,13 @@ class Search:
         alone = undone(best.reading, declared, cause)
         self.compare([(alone, tuple(c for c in best.changes if c.cause != cause))])
         others = [
-            x.log
+            x
             for x in self.found.values()
             if not any(alike(cause, y, best.reading) for y in (x.reading, mirror(x.reading)))
             and not (cause == "effort delay" and _as_late(x.reading, best.reading, declared))
         ]
-        return best.log - max(others, default=-np.inf)
+        most = max(x.log for x in self.found.values() if x not in others)
+        return most - max((x.log for x in others), default=-np.inf)
 
     def _held(self) -> Iterator[Tried]:
         """Efforts that lack nominal weight, any mounting; also without factors, which fit that."""
