@@ -185,7 +185,7 @@ class Search:
                 yield one, self._rough(one.reading) - one.cost - own
 
     def without(self, cause: str) -> float:
-        """Log odds of the best that says of a cause what the best does to the best of all others."""
+        """Log odds of all that say of a cause what the best does, by their best, to the others."""
         best, declared = self.best, self.declared.reading
         if cause == "mounting" or best.reading.kind == COMPENSATED:
             self._compare_best(list(self._held()))

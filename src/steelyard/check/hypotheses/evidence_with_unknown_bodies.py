@@ -49,7 +49,8 @@ from the last link's frame [m]: masses of 0.05 to 0.4 of the arm's are expected.
 SCALE_WIDTH, SCALE_COST, LEAST_SCALE = 0.9, 4.0, 0.3
 """Standard deviation of the logarithm of a common factor on all bodies of a model file; what its
 estimate costs; the logarithm from which on bodies of that size are a case of their own."""
-BATCH = 96  # problems that are solved at once
+BATCH = 96  # problems that are solved at once, if there is room for them
+ROOM = 2**28  # for products of motions that are kept, and for problems solved at once [bytes]
 
 Key = tuple[object, ...]
 
@@ -121,6 +122,8 @@ class EvidenceOfLog:
         part = slice(10 * self._last, 10 * self._last + 10)
         self._carried = np.zeros((len(self._map), 10))
         self._carried[part] = np.linalg.solve(self._map[part, part], payload_map(robot))
+        count = len(self._map) + NUISANCES + 1
+        self._room = max(1, ROOM // (8 * robot.n * count**2))
         self._products: dict[Key, _Products | None] = {}
         self._rough: dict[Key, Evidence | None] = {}
         self._columns: tuple[Key, tuple[Array, Array] | None] | None = None
@@ -131,12 +134,8 @@ class EvidenceOfLog:
     def screened(self, readings: Sequence[Reading]) -> list[Evidence | None]:
         """Rough evidence: bodies of one width about nominal ones of the size that efforts have."""
         new = {key: r for r in readings if (key := key_of(r)) not in self._rough}
-        products = [self._products_of(reading) for reading in new.values()]
-        problems = [
-            None if x is None else self._problem(r, _nominal_scale(r, x))
-            for r, x in zip(new.values(), products, strict=True)
-        ]
-        found = self._solved(problems, SCREENED_WIDTHS, SCREENING_STEPS)
+        sizes = [None] * len(new)
+        found = self._solved(list(new.values()), sizes, SCREENED_WIDTHS, SCREENING_STEPS)
         self._rough.update(zip(new, found, strict=True))
         return [self._rough[key_of(reading)] for reading in readings]
 
@@ -145,33 +144,44 @@ class EvidenceOfLog:
         rough = self.screened(readings)
         both = []
         for sized in (False, True):
-            problems = [
-                None
-                if x is None or (sized and abs(np.log(x.scale)) < LEAST_SCALE)
-                else self._problem(r, x.scale if sized else 1.0)
-                for r, x in zip(readings, rough, strict=True)
-            ]
-            both.append(self._solved(problems, WIDTHS, STEPS))
+            tried = {
+                k: x.scale if sized else 1.0
+                for k, x in enumerate(rough)
+                if x is not None and not (sized and abs(np.log(x.scale)) < LEAST_SCALE)
+            }
+            some = [readings[k] for k in tried]
+            solved = self._solved(some, [*tried.values()], WIDTHS, STEPS)
+            found = dict(zip(tried, solved, strict=True))
+            both.append([found.get(k) for k in range(len(readings))])
         return [_mixed(*pair) for pair in zip(*both, strict=True)]
 
     def _solved(
-        self, problems: Sequence["_Problem | None"], widths: Sequence[float], steps: int
+        self,
+        readings: Sequence[Reading],
+        scales: Sequence[float | None],
+        widths: Sequence[float],
+        steps: int,
     ) -> list[Evidence | None]:
-        found: list[Evidence | None] = [None] * len(problems)
-        size = max(1, BATCH // len(widths))
-        for body in {p.carrier for p in problems if p is not None}:
-            used = [(k, p) for k, p in enumerate(problems) if p and p.carrier == body]
-            for start in range(0, len(used), size):
-                part = used[start : start + size]
-                solved = _averaged([p for _, p in part], widths, steps)
-                for (k, _), one in zip(part, solved, strict=True):
+        """Evidence about nominal bodies of given scales; those that efforts have if `None`."""
+        found: list[Evidence | None] = [None] * len(readings)
+        size = max(1, min(BATCH // len(widths), self._room))
+        waiting: dict[int, dict[int, _Problem]] = {}
+        for number, (reading, scale) in enumerate(zip(readings, scales, strict=True)):
+            if (problem := self._problem(reading, scale)) is not None:
+                waiting.setdefault(problem.carrier, {})[number] = problem
+            last = number + 1 == len(readings)
+            for part in [one for one in waiting.values() if len(one) == size or (last and one)]:
+                solved = _averaged(list(part.values()), widths, steps)
+                for k, one in zip(part, solved, strict=True):
                     found[k] = one if np.max(one.misfits) < ABSURD else None
+                part.clear()
         return found
 
-    def _problem(self, reading: Reading, scale: float) -> "_Problem | None":
+    def _problem(self, reading: Reading, scale: float | None) -> "_Problem | None":
         products = self._products_of(reading)
         if products is None:
             return None
+        scale = _nominal_scale(reading, products) if scale is None else scale
         if self._unknown.any():
             reading = self._with_gains(reading)
         if reading.payload is None:
@@ -196,6 +206,8 @@ class EvidenceOfLog:
                 self._columns = motion, self._columns_of(reading.on(self._log))
             columns = self._columns[1]
             self._products[key] = None if columns is None else self._made(*columns, reading.delay)
+            if len(self._products) > self._room:
+                self._products.pop(next(iter(self._products)))
         return self._products[key]
 
     def _columns_of(self, reading: Reading) -> tuple[Array, Array] | None:
