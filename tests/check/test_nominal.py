@@ -33,6 +33,7 @@ from steelyard.check.decision.undecided_questions import misfit_hides
 from steelyard.check.decision.verdict_of_log import judge_log
 from steelyard.check.finding import Edit, Severity
 from steelyard.check.findings_text_and_page import check_headline
+from steelyard.check.hypotheses import evidence_with_unknown_bodies
 from steelyard.check.hypotheses.evidence_with_unknown_bodies import EvidenceOfLog
 from steelyard.check.hypotheses.gravity_payload_and_delay import _DirectionResidual
 from steelyard.check.hypotheses.readings_and_likelihood import keeps_evidence
@@ -106,6 +107,19 @@ def test_a_dead_effort_is_not_that_of_another_joint(six):
     moved = likelihood.declared.changed(effort=(2, 1, 0, 3, 4, 5))
     assert not keeps_evidence(moved) and keeps_evidence(likelihood.declared)
     assert "joint order" not in wrong(six.examined(table, known=False))
+
+
+@pytest.mark.parametrize("limits", [{"ROOM": 1}, {"MOST_WORK": 1.0, "LEAST_SCREENED": 12}])
+def test_what_a_robot_with_many_joints_has_no_room_for_changes_no_finding(arm, monkeypatch, limits):
+    table = arm.table.copy()
+    table[:, arm.at(TAU)[1]] *= -1.0
+    usual = arm.examined(table, known=False)
+    for name, value in limits.items():
+        monkeypatch.setattr(evidence_with_unknown_bodies, name, value)
+    less = arm.examined(table, known=False)
+    assert wrong(less) == wrong(usual) == ["effort sign"] and less.edits == usual.edits
+    if "ROOM" in limits:
+        assert [f.says for f in less.findings] == [f.says for f in usual.findings]
 
 
 def logs_of(arm, **tables) -> Case:

@@ -44,6 +44,7 @@ from steelyard.check.hypotheses.readings_and_likelihood import (
     Reading,
     choice_cost,
     keeps_evidence,
+    scored,
 )
 from steelyard.check.predicted_efforts_of_robot import Knowledge
 from steelyard.estimate.payload.payload_frame import carrier
@@ -237,6 +238,8 @@ class Search:
 
     def _expand(self, start: Explanation) -> None:
         single = list(_changes(start, self._others))
+        if len(single) > self.of.most:  # of robots with many joints, those likely by nominal bodies
+            single = sorted(scored(single), key=lambda h: -h.log_likelihood)[: self.of.most]
         self._alternatives[key_of(start.reading)] = single
         forced = [h for h in single if h.cause in COMPARED_ANYWAY]
         self._compare_best([(h.reading, (*start.changes, h)) for h in single if h not in forced])

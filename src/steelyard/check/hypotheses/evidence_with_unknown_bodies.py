@@ -50,6 +50,9 @@ SCALE_WIDTH, SCALE_COST, LEAST_SCALE = 0.9, 4.0, 0.3
 """Standard deviation of the logarithm of a common factor on all bodies of a model file; what its
 estimate costs; the logarithm from which on bodies of that size are a case of their own."""
 BATCH = 96  # problems that are solved at once, if there is room for them
+MOST_WORK, LEAST_SCREENED = 1e9, 40
+"""Of readings that are screened at once: their number times the cube of that of the unknowns; so
+many are in any case."""
 ROOM = 2**28  # for products of motions that are kept, and for problems solved at once [bytes]
 
 Key = tuple[object, ...]
@@ -123,6 +126,7 @@ class EvidenceOfLog:
         self._carried = np.zeros((len(self._map), 10))
         self._carried[part] = np.linalg.solve(self._map[part, part], payload_map(robot))
         count = len(self._map) + NUISANCES + 1
+        self.most = max(LEAST_SCREENED, int(MOST_WORK / len(self._map) ** 3))
         self._room = max(1, ROOM // (8 * robot.n * count**2))
         self._products: dict[Key, _Products | None] = {}
         self._rough: dict[Key, Evidence | None] = {}
