@@ -63,7 +63,8 @@ def reduction_loop(
         rig: What runs a motion and logs it.
         folder: Folder of the rounds; made if it does not exist.
         criterion: What a parameter is worth, see `reduce`.
-        limit: Condition number at which the loop ends.
+        limit: Condition number at which the loop ends: of the observation matrix of a round's
+            motion, designed for the parameters that are left, not normalised.
         rounds: Most rounds; as many as there are parameters if `None`.
         budget: Time of each design [s].
         searches: Number of searches after which a design ends; `None` for no limit.
