@@ -171,6 +171,34 @@ def test_both_models_are_shown_with_standard_deviations(
 
 
 @pytest.mark.slow
+def test_the_mean_over_repetitions_is_reduced(
+    robot: Path, log: Path, command: Command, work: Path
+) -> None:
+    rows = np.genfromtxt(log, delimiter=",", names=True)
+    names, once = rows.dtype.names, np.array(rows.tolist())
+    assert names is not None and names[0] == "time_s"
+    several = np.tile(once, (4, 1))
+    step = (once[-1, 0] - once[0, 0]) / (len(once) - 1)
+    several[:, 0] = step * np.arange(len(several))
+    random = np.random.default_rng(0)
+    for k, name in enumerate(names):
+        if name.startswith("tau"):
+            several[:, k] += 0.05 * random.standard_normal(len(several))
+    np.savetxt("several.csv", several, delimiter=",", header=",".join(names), comments="")
+    robot.write_text(robot.read_text() + '\n[processing]\nrepetitions = "find"\n')
+    options = ("--method", "WLS", "--no-check", "-o", work / "full")
+    done = command("identify", robot, "several.csv", *options)
+    assert done.exit_code in (0, 1), done.output
+    done = command("reduce", work / "full", "several.csv", "--stop", "refit", "-o", work / "again")
+    assert done.exit_code in (0, 1), done.output
+    first, again = (load_model(work / name).estimate for name in ("full", "again"))
+    np.testing.assert_array_equal(again.n_samples, first.n_samples)
+    assert again.parameters.names == first.parameters.names
+    np.testing.assert_allclose(again.parameters.values, first.parameters.values, rtol=1e-9)
+    np.testing.assert_allclose(again.std, first.std, rtol=1e-9)
+
+
+@pytest.mark.slow
 def test_keep_and_drop_by_pattern(identified: Path, log: Path, command: Command) -> None:
     names = load_model(identified).estimate.parameters.names
     offsets = [name for name in names if name.startswith("offset")]

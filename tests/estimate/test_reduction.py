@@ -365,6 +365,8 @@ def test_algorithm_1_of_volkmann_against_dense_least_squares() -> None:
             essential.add(least)
     found = reduce(DATA, MEAN_COLUMN, MeanAbsoluteTolerance(0.05, samples=samples()))
     assert found.state.names == tuple(NAMES[k] for k in included)
+    words = _joints_judged(replace(found, left_out=None))
+    assert "on fitted motion, as none is left out the error of no joint rises" in words
     rows_of = found.joint_errors()
     efforts = [np.abs(B[rows == row]).mean() for row in range(JOINTS)]
     for label, wanted in (("full", first), ("reduced", errors(included))):

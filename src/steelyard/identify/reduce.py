@@ -176,8 +176,9 @@ def reduce(
         )
     known, unknown = log_files(paths_of(logs, least=1)), log_files(paths_of(validate))
     refuse_overlaps(known, unknown)
-    every = runs_for(identified, [*known, *unknown], progress, at_rest=False)
-    runs, unseen = every[: len(known)], every[len(known) :]
+    repetitions = identified.processing.repetitions
+    runs = runs_for(identified, known, progress, at_rest=False, repetitions=repetitions)
+    unseen = runs_for(identified, unknown, progress, at_rest=False)
     cores = threads or os.cpu_count() or 1
     regressor = base_regressor(identified.model)
 

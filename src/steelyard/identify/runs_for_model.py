@@ -9,6 +9,7 @@ from steelyard.robot.file.signals import Signals
 from steelyard.runs.processing_choices import Processing
 from steelyard.runs.run import Run
 from steelyard.runs.runs_of_named_logs import LogArgument, _overlap, prepared, recording_of, sha256
+from steelyard.runs.spectrum_and_period import Repetitions
 
 
 def fitted_before(identified: IdentifiedModel, log: LogArgument) -> bool:
@@ -39,7 +40,9 @@ def runs_for(
     *,
     signals: Signals | None = None,
     at_rest: bool = True,
+    repetitions: Repetitions | None = None,
 ) -> tuple[Run, ...]:
-    """Logs as runs for a model, read by its signals unless others are given."""
+    """Logs as runs for a model, read by its signals unless others are given, and averaged if so."""
     recordings = [recording_of(log, signals or identified.signals) for log in logs]
-    return prepared(recordings, processing_of(identified), progress, at_rest=at_rest)
+    processing = replace(processing_of(identified), repetitions=repetitions)
+    return prepared(recordings, processing, progress, at_rest=at_rest)

@@ -145,7 +145,7 @@ def _joints_judged(found: Reduction) -> str:
         first, last = np.maximum(found.unseen[[0, found.chosen]], 1e-9)
         rises["unseen motion"] = last / first - 1.0
     if not rises:
-        first, last = (np.maximum(s.rms, 1e-300) for s in (found.path.states[0], found.state))
+        first, last = np.maximum(found.fitted[:2], 1e-300)
         rises["fitted motion, as none is left out"] = last / first - 1.0
     sentences = []
     for motion, rise in rises.items():
