@@ -74,7 +74,7 @@ def searching_here(tables: Tables, method: str, effort: SearchBudget) -> Iterato
     messages: Queue[Any] = Queue()
     for number in range(effort.useful):
         task = pickle.loads(parallel_search.task_of(tables, method, effort, number))
-        for line in worker.explained_answers(*task):
+        for line in worker.explained_answers(*task, tell=messages.put):
             messages.put(json.loads(json.dumps(line)))
         messages.put({"ended": 0})
     yield messages

@@ -17,7 +17,7 @@ from excite.tabled import OPEN, arm, model_with_open_friction, searching_here
 from steelyard.base.errors import DataError
 from steelyard.base.progress import Event, Progress, Stopped, silent
 from steelyard.excite.design_problem_from_tables import build
-from steelyard.excite.search import parallel_search
+from steelyard.excite.search import parallel_search, worker_process
 from steelyard.excite.search.parallel_search import SearchBudget, SearchResult, search_in_parallel
 
 pytestmark = pytest.mark.skipif(not Path("/proc").is_dir(), reason="looks at processes in /proc")
@@ -71,6 +71,21 @@ def test_the_seed_alone_decides(tmp_path: Path) -> None:
     assert other.best[0].criterion_value != one.best[0].criterion_value
     figures = [figure for _, figure in two.course]
     assert figures == sorted(figures, reverse=True) and figures[-1] == two.best[0].criterion_value
+
+
+@pytest.mark.usefixtures("searches_here")
+def test_the_course_shows_improvements_within_a_search(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    plain = harvest(tmp_path, SearchBudget(60.0, searches=1))
+    monkeypatch.setattr(worker_process, "TELLING_SECONDS", 0.0)
+    monkeypatch.setattr(parallel_search, "LOOKING_SECONDS", 0.0)
+    found = harvest(tmp_path, SearchBudget(60.0, searches=1))
+    (best,) = found.best
+    np.testing.assert_array_equal(best.x, plain.best[0].x)
+    figures = [figure for _, figure in found.course]
+    assert len(figures) > 5 and figures[0] > 1.1 * figures[-1]
+    assert figures == sorted(figures, reverse=True) and figures[-1] == best.criterion_value
 
 
 @pytest.mark.slow

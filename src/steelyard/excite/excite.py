@@ -286,6 +286,7 @@ class DesignedMotion(Result):
             "not_covered_as_asked": list(designed.certificate.declined),
             "failures": list(designed.certificate.failures),
             "searches": designed.searches,
+            "improvements": [list(one) for one in designed.course],
             "seconds": designed.seconds,
             "stopped": designed.stopped,
             "predicted_std": dict(zip(shown.names, finite_json(std), strict=True)),

@@ -28,6 +28,8 @@ from steelyard.excite.search.feasibility import NoMotion
 
 KEPT_MOTIONS = 4  # best motions that are kept for the end
 
+LOOKING_SECONDS = 0.1  # between two looks at what searches have reached
+
 _POLL_SECONDS = 0.05
 _GRACE_SECONDS = 2.0
 
@@ -49,8 +51,8 @@ class Found:
 class SearchResult:
     """What the searches found, the best first, and how many of them came to their end.
 
-    The `course` is time [s] and criterion of every improvement. The user `stopped` the searches
-    before the time; something else `killed` so many processes.
+    The `course` is time [s] and criterion of every improvement, also within a search. The user
+    `stopped` the searches before the time; something else `killed` so many processes.
     """
 
     best: tuple[Found, ...]
@@ -88,14 +90,19 @@ def search_in_parallel(
     """
     begun = time.monotonic()
     found, course, stopped = list[Found](), list[tuple[float, float]](), False
-    ends, refused = list[int](), list[DataError]()
+    ends, refused, looked = list[int](), list[DataError](), 0.0
     with _workers(tables, method, effort) as messages:
         try:
             for line in _lines(messages, effort, begun, found, ends, refused, progress):
+                passed = time.monotonic() - begun
+                if "reached" in line:
+                    if passed - looked >= LOOKING_SECONDS:
+                        course.append((passed, problem.criterion_value(np.array(line["reached"]))))
+                        looked = time.monotonic() - begun
+                    continue
                 x = np.array(line["x"])
                 value = problem.criterion_value(x)
-                if not found or value < found[0].criterion_value:
-                    course.append((time.monotonic() - begun, value))
+                course.append((passed, value))
                 found.append(Found(line["number"], x, value, line["whole"]))
                 found.sort(key=lambda f: (f.criterion_value, f.number))
         except Stopped:
@@ -106,7 +113,19 @@ def search_in_parallel(
     if not found:
         raise refused[0] if refused else _no_motion_error(killed)
     whole = sum(f.whole for f in found)
-    return SearchResult(tuple(found[:KEPT_MOTIONS]), whole, tuple(course), stopped, len(killed))
+    steps = _improvements(course, found[0].criterion_value)
+    return SearchResult(tuple(found[:KEPT_MOTIONS]), whole, steps, stopped, len(killed))
+
+
+def _improvements(
+    course: Sequence[tuple[float, float]], least: float
+) -> tuple[tuple[float, float], ...]:
+    """Times at which a value was below all before, down to that of the best motion."""
+    steps = list[tuple[float, float]]()
+    for passed, value in course:
+        if value >= least and (not steps or value < steps[-1][1]):
+            steps.append((passed, value))
+    return tuple(steps)
 
 
 def _no_motion_error(exit_codes: Sequence[int]) -> DataError:

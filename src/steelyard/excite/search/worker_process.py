@@ -1,7 +1,8 @@
 """A process of its own that searches: `python -m steelyard.excite.search.worker_process`.
 
 It reads one pickle, the task, and writes one line of JSON per search, `{"number", "x", "whole"}`;
-when its time is spent it writes what it has reached, and ends. What goes wrong is a line too. It
+when its time is spent it writes what it has reached, and ends. On the way it writes lines
+`{"reached"}`, the coefficients of a search so far. What goes wrong is a line too. It
 ends when its standard input is closed: nobody reads it any more.
 """
 
@@ -13,9 +14,10 @@ import sys
 import threading
 import time
 import traceback
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from typing import TYPE_CHECKING, Any
 
+from steelyard.base.arrays import Array
 from steelyard.base.errors import SteelyardError
 from steelyard.base.progress import Stopped
 
@@ -23,26 +25,42 @@ if TYPE_CHECKING:
     from steelyard.excite.design_problem_from_tables import Tables
 
 
+TELLING_SECONDS = 0.1  # between two lines of what a search has reached
+
+
 def main() -> None:
     """Search until the end of the time."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     answer = os.fdopen(os.dup(1), "w", encoding="utf-8")
     os.dup2(2, 1)
-    task = pickle.load(sys.stdin.buffer)
+    tables, method, seed, until, searches = pickle.load(sys.stdin.buffer)
     threading.Thread(target=_end_with_parent, daemon=True).start()
-    for line in explained_answers(*task):
+
+    def tell(line: dict[str, Any]) -> None:
         answer.write(json.dumps(line) + "\n")
         answer.flush()
 
+    for line in explained_answers(tables, method, seed, until, searches, tell):
+        tell(line)
+
 
 def explained_answers(
-    tables: "Tables", method: str, seed: int, until: float, searches: Iterable[int]
+    tables: "Tables",
+    method: str,
+    seed: int,
+    until: float,
+    searches: Iterable[int],
+    tell: Callable[[dict[str, Any]], None] = lambda line: None,
 ) -> Iterator[dict[str, Any]]:
-    """Do a task of `parallel_search` until a time of `time.time`; say last what went wrong."""
+    """Do a task of `parallel_search` until a time of `time.time`; say last what went wrong.
+
+    What a search has reached is told now and then.
+    """
     from steelyard.excite.search.feasibility import NoMotion
 
     try:
-        yield from _answers(tables, method, seed, until - time.time() + time.monotonic(), searches)
+        deadline = until - time.time() + time.monotonic()
+        yield from _answers(tables, method, seed, deadline, searches, tell)
     except SteelyardError as error:
         message = {"error": error.wrong, "where": error.where, "fix": error.fix}
         yield {**message, "none": isinstance(error, NoMotion)}
@@ -51,16 +69,29 @@ def explained_answers(
 
 
 def _answers(
-    tables: "Tables", method: str, seed: int, deadline: float, searches: Iterable[int]
+    tables: "Tables",
+    method: str,
+    seed: int,
+    deadline: float,
+    searches: Iterable[int],
+    tell: Callable[[dict[str, Any]], None],
 ) -> Iterator[dict[str, Any]]:
     from steelyard.excite.design_problem_from_tables import build
     from steelyard.excite.search.margins_barrier_and_newton import Deadline
     from steelyard.excite.search.search_methods import method_of, seeded
 
-    problem, watch = build(*tables), Deadline(deadline)
+    problem, watch, told = build(*tables), Deadline(deadline), time.monotonic()
+
+    def watched(x: Array) -> None:
+        nonlocal told
+        watch(x)
+        if time.monotonic() - told >= TELLING_SECONDS:
+            told = time.monotonic()
+            tell({"reached": x.tolist()})
+
     for number in searches:
         try:
-            x = method_of(method)(problem, seeded(seed, number), watch)
+            x = method_of(method)(problem, seeded(seed, number), watched)
         except Stopped:
             if watch.latest:
                 yield {"number": number, "x": watch.latest[0].tolist(), "whole": False}
