@@ -556,7 +556,10 @@ def page(found: Sequence[Found]) -> Page:
         evolution_picture(first),
         *(
             torque_picture(first, *which)
-            for which in (("least-squares", 1, "7", "fig. 4"), ("genetic", 2, "11", "fig. 5"))
+            for which in (
+                ("least-squares", 1, "7", "fig. 4"),
+                ("genetic-algorithm", 2, "11", "fig. 5"),
+            )
         ),
         Text("Coloured noise", NOISES),
         noise_table(found),
@@ -647,15 +650,15 @@ NOISES = (
     f"The same reaches with noise of the same standard deviation whose correlation from row to row "
     f"is {REMEMBERED}, as slow disturbances have. The genetic algorithm minimises the squares that "
     "least squares minimises, so the noise moves both alike: eq. 24 has no term that would take "
-    "the colour out. Weights by the spectrum of the residuals would.",
+    "the colour out.",
 )
 
 ERRORS = (
     "Root mean square of measured minus predicted torque on reaches to targets 5 to 8 (eq. 25), "
     "torques behind the zero-phase filter. The paper's method: Kalman filter, all samples, then "
     "least squares as printed (eq. 20; 7 parameters) or its genetic algorithm (9 and 11: 30 "
-    'individuals, 100 generations; here steelyard\'s `method = "genetic"`). Constrained: least squares on '
-    "the same rows, no parameter below zero; exact in one step. Ours: Kalman smoother, "
+    'individuals, 100 generations; here with steelyard\'s estimator "genetic"). Constrained: least '
+    "squares on the same rows, no parameter below zero; exact in one step. Ours: Kalman smoother, "
     "regressor and torque behind the same filter, joints weighted by their residuals, bodies that "
     "can exist, dissipative friction. With 9 parameters it is not better in every seed.",
 )
