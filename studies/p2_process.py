@@ -867,8 +867,7 @@ def story() -> Text:
             "fewer entries of θ than the 35 of the tables.",
             "Ours is the consistent estimate (valid bodies, friction >= 0, the same symmetries) of "
             "all parameters from the same log, without a reduction. Where it is not better, the "
-            "tables say so: on another motion of the same process it predicts and tracks about as "
-            "well as the reduced model. The bounds on "
+            "tables say so. The bounds on "
             "overshoot and on the friction of joint 4 were first set for every seed. Algorithm 1 "
             "misses the first where it keeps an inertia that joint 4 hardly excites, and neither "
             "estimate of that friction is usable; so both are bounds of medians. Algorithm 1 "
