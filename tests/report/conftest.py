@@ -20,7 +20,13 @@ from steelyard.estimate.bootstrap_and_sensitivity import (
     Variation,
 )
 from steelyard.estimate.consistent.convex_estimator import Consistent
-from steelyard.estimate.estimate import Estimate, RunParameters, StandardEstimate, Unidentifiable
+from steelyard.estimate.estimate import (
+    Estimate,
+    Evolution,
+    RunParameters,
+    StandardEstimate,
+    Unidentifiable,
+)
 from steelyard.estimate.friction.friction_choice import FrictionChoice, MixScore
 from steelyard.estimate.identified_model import Cutoffs, IdentifiedModel, Provenance
 from steelyard.estimate.information.base_regressor import BaseMap, base_parameters
@@ -88,6 +94,13 @@ def estimate(base: BaseMap, name: str = "weighted least squares", step: float = 
     )
 
 
+def evolution(found: Parameters) -> Evolution:
+    """A search within bounds that the first value lies at."""
+    best = 0.1 + np.exp(-np.arange(30.0) / 5.0)
+    lower, upper = found.values - 0.5, found.values + np.arange(len(found.values))
+    return Evolution(found.names, lower, upper, best, 1.2 * best, 0.09)
+
+
 def standard(model: Model) -> StandardEstimate:
     """The nominal values, of which the data tell the second body's mass least."""
     values = np.array([p.prior if p.prior is not None else 0.5 for p in model.parameters])
@@ -132,6 +145,7 @@ def identified(arm: Robot) -> IdentifiedModel:
             per_run=drift,
             learned=np.append(np.full(len(base) - 2, 0.93), 0.125),
             standard=standard(model),
+            evolution=evolution(estimate(base).parameters),
         ),
         (estimate(base, "ordinary least squares", 1.5),),
         signals,

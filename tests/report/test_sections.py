@@ -268,8 +268,8 @@ def test_settings_show_hashes_and_notes_once(usual):
 def test_sections_without_anything_to_show_are_left_out():
     plain = ReportContent("title", "arm", identified=identified(robot()))
     left = [s.name for s in SECTIONS if s.numbers(plain) is not None]
-    of_the_model = ["parameters", "masses", "ellipsoids", "bodies", "per-run", "unseen"]
-    assert left == ["verdict", *of_the_model, "conditioning", "correlations", "settings"]
+    of_the_model = ["parameters", "masses", "ellipsoids", "bodies", "per-run", "evolution"]
+    assert left == ["verdict", *of_the_model, "unseen", "conditioning", "correlations", "settings"]
     some = replace(plain, settings=(("a", "b"),))
     assert "<dt>a</dt><dd>b</dd>" in shown("settings", some)
     empty = PageContent("title", "arm")
