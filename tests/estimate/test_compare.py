@@ -377,7 +377,7 @@ def test_equal_weights_reach_the_consistent_estimates() -> None:
 
 def test_what_keeps_no_parameters_of_single_runs_says_so() -> None:
     context = replace(CONTEXT, per_run=(COLUMNS[-1],))
-    refusing = {"RLS", "IV", "DIDIM", "CLOE", "EKF", "reduced"}
+    refusing = {"RLS", "IV", "DIDIM", "CLOE", "EKF", "reduced", "genetic"}
     for one in ESTIMATORS:
         if one.name in refusing:
             with pytest.raises(DataError, match="does not estimate parameters per run") as caught:

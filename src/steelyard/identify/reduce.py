@@ -150,7 +150,7 @@ def reduce(
         each: Also estimate the reduced model from each log alone: mean and standard deviation of
             every parameter over the logs.
         weights: How joints weigh: by the inverse variance of their `noise`, or all `equal`, as
-            `[estimation] weights` of the robot file.
+            weights under estimation in the robot file says it for `identify`.
         threads: Native threads; as many as the machine has cores if `None`.
         progress: Receives events of progress; an exception from it stops the work.
 

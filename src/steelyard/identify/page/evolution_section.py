@@ -93,5 +93,5 @@ def _bounds(content: ReportContent) -> PlainTable:
         "twice the mass and the second moments.",
         text=(0, 4),
         marked=lambda row: row[0] in estimate.at_bound,
-        note="bold: at a bound",
+        note="bold: at a bound" if estimate.at_bound else "",
     )
