@@ -108,6 +108,20 @@ def test_a_turned_sensor_with_bias_reads_the_wrench_that_was_applied(
     assert np.array_equal(found.wrench, plain.wrench)
 
 
+def test_another_place_of_the_sensor_is_named(
+    turned: Path, model: steelyard.IdentifiedModel
+) -> None:
+    found = steelyard.external_wrench(
+        model, turned, FRAME, measured="ft_{}", sensor=FLANGE, sensor_sign="by_robot",
+        sensor_at=(PLACE[0] + 0.1, PLACE[1], PLACE[2] - 0.3, *ANGLES),
+    )  # fmt: skip
+    assert found.measured is not None
+    (warning,) = found.measured.warnings
+    assert "another place of the sensor would fit much better" in warning
+    named = warning.split('"')[1].split()
+    assert [float(x) for x in named] == pytest.approx([*PLACE, *ANGLES], abs=0.02)
+
+
 def test_differences_are_those_of_the_table(
     turned: Path, six_identified: Path, command: Command, tmp_path: Path
 ) -> None:
@@ -132,7 +146,7 @@ def test_differences_are_those_of_the_table(
     page = (out / "report.html").read_text(encoding="utf-8")
     assert page.count("sensor") > 6 and "wrench by the robot" in page
     words = " ".join(command(*arguments).stdout.split())
-    assert "relative absolute" in words and "inside 95 %" in words
+    assert "of spread" in words and "inside 95 %" in words
 
 
 def test_axes_of_the_base(turned: Path, model: steelyard.IdentifiedModel) -> None:

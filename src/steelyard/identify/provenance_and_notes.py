@@ -98,6 +98,7 @@ def notes_of(runs: Sequence[Run]) -> tuple[str, ...]:
     cut = f"cut-offs: motion {first.motion_cutoff:g} Hz, "
     parallel = first.chain.processing.parallel_filter
     cut += f"regression {first.matched_cutoff:g} Hz" if parallel else "no parallel filter"
+    cut += "" if first.rest_speed.any() else "; samples at standstill are fitted too"
     chains = {f"processing: {run.chain.words}": run.name for run in runs}
     steps = (words if len(chains) == 1 else f"{name}: {words}" for words, name in chains.items())
     return (cut, *steps, *(f"{run.name}: {loss}" for run in runs for loss in run.quality.losses))

@@ -41,7 +41,7 @@ from steelyard.estimate.scores.effort_errors import PROMISED, known_efforts
 from steelyard.model.laws.friction_with_memory import LoadDependent
 from steelyard.model.laws.laws_without_friction import RotorInertia, Spring
 from steelyard.model.laws.register import law_of
-from steelyard.report.words import first_names, with_interval
+from steelyard.report.words import first_names, significant, with_interval
 
 
 @post_fit_check("95 % bands")
@@ -171,6 +171,38 @@ def assumed_gains_check(case: FittedCase) -> Iterable[Finding]:
             Finding.doubtful(says, "", unseen, fix, headline=True, brief=f"{says}. {fix.says}"),
         )
     return (Finding.ok(says, headline=True, brief=says),) if said else ()
+
+
+MUCH_WORSE = 1.1  # error of a search over that of least squares from which on it has not ended
+
+
+@post_fit_check("genetic search")
+def unfinished_search_check(case: FittedCase) -> Iterable[Finding]:
+    """A genetic algorithm that ends far from least squares without bounds."""
+    found = case.identified.estimate.evolution
+    if found is None or found.best[-1] <= MUCH_WORSE * found.least_squares:
+        return
+    worse = found.best[-1] / max(found.least_squares, 1e-300)
+    says = (
+        f"the genetic search ended at {significant(worse)} times the root mean square error of "
+        "least squares without bounds: it has not converged, or its bounds exclude the optimum"
+    )
+    fix = Fix(
+        "Give more generations or a larger population in [estimation.genetic], wider bounds, or "
+        'take method = "WLS"'
+    )
+    yield Finding.doubtful(says, "", (), fix, headline=True, brief=f"{says}. {fix.says}")
+
+
+@post_fit_check("standstill")
+def standstill_check(case: FittedCase) -> Iterable[Finding]:
+    """Samples at standstill that are fitted as the robot file requests it."""
+    if case.fitted and not any(run.rest_speed.any() for run in case.fitted):
+        says = (
+            'samples at standstill are fitted (rest_speed = "off"): friction there is anything up '
+            "to breakaway, so residuals, and causes named for them, contain it"
+        )
+        yield Finding.ok(says, headline=True, brief=says)
 
 
 @post_fit_check("effort scales")
@@ -315,6 +347,8 @@ POST_FIT: tuple[PostFitCheck, ...] = (
     runs_disagree_check,
     change_in_run_check,
     rotors_at_zero_check,
+    unfinished_search_check,
+    standstill_check,
     model_error_check,
     assumed_gains_check,
     scaled_efforts_check,

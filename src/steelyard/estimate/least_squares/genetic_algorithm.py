@@ -111,7 +111,7 @@ def _up_to_twice(body: Inertia) -> tuple[Array, Array]:
     return np.array(lower), np.array(upper)
 
 
-AT_BOUND = 0.1  # distance from a bound, in standard deviations, up to which a value lies on it
+AT_BOUND = 1e-3  # distance from a bound, over the range, up to which a value lies on it
 
 
 @dataclass(frozen=True, eq=False)
@@ -162,7 +162,7 @@ class Genetic:
         made = described("genetic algorithm", fit, spread_of(fit, factors * fit.variances, ones))
         end = float(np.sqrt(max(least, 0.0) / count))
         room = np.minimum(values - lower, upper - values)
-        held = np.flatnonzero(room <= AT_BOUND * made.std)
+        held = np.flatnonzero(room <= AT_BOUND * (upper - lower))
         unused = [row.label for row in self.knowledge.rows if len(row.coefficients) > 1]
         return replace(
             made,

@@ -35,6 +35,13 @@ class FullModel:
     lengths: Array  # lengths of the weighted columns, `(p,)`
     blind: tuple[Unidentifiable, ...]  # columns that the data do not show; they have no value
 
+    @property
+    def method(self) -> str:
+        """How it is estimated, in words."""
+        if len(self.variances) > 1 and np.ptp(self.variances) == 0.0:
+            return "ordinary least squares (all joints weigh the same)"
+        return "weighted least squares"
+
     @classmethod
     def of(cls, information: Information, *, equal: bool = False) -> "FullModel":
         """Weighted least squares of all columns that the data show; `equal` weighs rows alike."""

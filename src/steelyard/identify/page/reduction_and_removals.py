@@ -144,9 +144,8 @@ def _joints_judged(found: Reduction) -> str:
     if found.unseen is not None:
         first, last = np.maximum(found.unseen[[0, found.chosen]], 1e-9)
         rises["unseen motion"] = last / first - 1.0
-    if not rises:
-        first, last = np.maximum(found.fitted[:2], 1e-300)
-        rises["fitted motion, as none is left out"] = last / first - 1.0
+    first, last = np.maximum(found.fitted[:2], 1e-300)
+    rises["fitted motion" + ", as none is left out" * (not rises)] = last / first - 1.0
     sentences = []
     for motion, rise in rises.items():
         worse = [
@@ -229,7 +228,7 @@ def _joints(found: Reduction) -> PlainTable:
     measure = MEASURES[found.measure]
     words = (
         f"{measure.capitalize()} errors of the fitted motion, in the joint's unit and relative to "
-        f"the {measure} effort; both models by weighted least squares."
+        f"the {measure} effort; both models by {found.path.full.method}."
     )
     return table_of(
         found.joint_errors(),

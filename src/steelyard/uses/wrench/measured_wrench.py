@@ -208,7 +208,8 @@ class MeasuredWrench:
     def words(self) -> str:
         """Where it was measured, and what was taken off."""
         own, force = self.carried, significant(float(np.linalg.norm(self.carried.bias[:3])))
-        text = f"Sensor {self.sensor.words}; bias {force} N of {own.duration:.3g} s at rest"
+        rest = f"its bias, {force} N, is the mean of {own.duration:.3g} s at rest"
+        text = f"Sensor {self.sensor.words}; {rest}"
         if own.mass is None:
             return f"{text}, with the weight of what it carries in that posture"
         return f"{text}; it carries {significant(own.mass)} kg, which is taken off"
@@ -227,11 +228,11 @@ class MeasuredWrench:
     def table(self) -> PlainTable:
         """One row per component."""
         words = (
-            f"{self.words}. Estimate minus measured. Relative absolute: sum of absolute "
-            "differences over that of the measured values' deviations from their mean; relative: "
-            "over that of the measured values."
+            f"{self.words}. Estimate minus measured. Of spread: sum of absolute differences over "
+            "that of the measured values' deviations from their mean; of size: over that of the "
+            "measured values."
         )
-        headings = ("", "mean", "std", "relative absolute", "relative", "inside 95 %")
+        headings = ("", "mean", "std", "of spread", "of size", "inside 95 %")
         return PlainTable("Measured wrench", words, headings, [one.row for one in self.errors])
 
     def to_dict(self) -> dict[str, Any]:
@@ -298,11 +299,12 @@ def measured_wrench(
     to_sensor: Array = there.rotation.T @ own.rotation
     if estimate.axes == "base":
         to_sensor = np.concatenate(axes)[at].transpose(0, 2, 1)
-    found = estimate.wrench[:, :3], wrench[:, :3]
-    ours, theirs = (np.squeeze(to_sensor @ x[:, :, None], axis=2) for x in found)
-    return MeasuredWrench(
-        sensor, wrench, carried, component_errors(estimate, wrench), _better(sensor, ours, theirs)
+    ours, theirs = (
+        (to_sensor @ x.reshape(-1, 2, 3).swapaxes(1, 2)).swapaxes(1, 2).reshape(-1, 6)
+        for x in (estimate.wrench, wrench)
     )
+    better = _better(sensor, ours[:, :3], theirs[:, :3]) or _elsewhere(sensor, ours, theirs)
+    return MeasuredWrench(sensor, wrench, carried, component_errors(estimate, wrench), better)
 
 
 def _logged(run: Run, file: LogArgument, sensor: Sensor) -> tuple[Array, Array]:
@@ -476,4 +478,26 @@ def _better(sensor: Sensor, ours: Array, theirs: Array) -> str:
     return (
         f"{' and '.join(whats)} of the sensor would fit much better: with {' '.join(options)} "
         f"forces differ by {would} N (RMS) instead of {rms} N"
+    )
+
+
+def _elsewhere(sensor: Sensor, ours: Array, theirs: Array) -> str:
+    r"""The place of the sensor with which moments would fit much better; empty if none.
+
+    Wrenches are `(N, 6)` along the sensor's axes about one point. A sensor that is further by $r$
+    has measured moments that lack $r \times F$.
+    """
+    force, missing = theirs[:, :3], ours[:, 3:] - theirs[:, 3:]
+    crossed = -np.array([skew(one) for one in force]).reshape(-1, 3)
+    r = np.linalg.lstsq(crossed, missing.ravel(), rcond=None)[0]
+    now = float(np.sum(np.square(missing)))
+    would = float(np.sum(np.square(missing.ravel() - crossed @ r)))
+    if now < LEAST_APART * float(np.sum(np.square(ours[:, 3:]))) or would > MUCH_BETTER * now:
+        return ""
+    numbers = replace(sensor, placement=sensor.placement @ Placement(np.eye(3), r)).numbers
+    at = " ".join(f"{x:.3g}" for x in (numbers if any(numbers[3:]) else numbers[:3]))
+    rms, less = (significant(float(np.sqrt(x / missing.size)), 2) for x in (now, would))
+    return (
+        f'another place of the sensor would fit much better: with --sensor-at "{at}" moments '
+        f"differ by {less} Nm (RMS) instead of {rms} Nm"
     )

@@ -7,6 +7,7 @@ from typing import Any, Literal
 
 import numpy as np
 from rich.console import Console
+from rich.text import Text
 
 from steelyard.base.arrays import Array
 from steelyard.base.checked_arguments import checked
@@ -357,7 +358,9 @@ class ExternalWrench(Result):
         print_verdict(console, self.headline, self.settings, self.warnings)
         console.print(narrow_table(components_table(self)))
         if self.measured is not None:
-            console.print(narrow_table(self.measured.table()))
+            table = self.measured.table()
+            console.print(Text(f"\n{table.words}"))
+            console.print(narrow_table(table))
 
 
 def components_table(content: ExternalWrench) -> PlainTable:
