@@ -2,6 +2,7 @@
 
 import json
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -105,6 +106,15 @@ def test_one_line_per_joint(arm: Path, command: Command) -> None:
     assert "No drift in before" in words and "changes tested" in words
     for quantity in QUANTITIES:
         assert quantity.split()[0] in words
+
+
+def test_joints_of_which_nothing_is_decided_are_named(arm: Path) -> None:
+    found = steelyard.health(arm / "model", arm / "before.npz")
+    assert found.blind == () and found.headline == "No drift in before"
+    joint = found.joints[1]
+    wide = [replace(c, half_width=12.0) if c.joint == joint else c for c in found.changes]
+    headline = replace(found, changes=tuple(wide)).headline
+    assert headline == f"No drift in before, which cannot decide for {joint}"
 
 
 def with_efforts(arm: Path, factors: list[float]) -> Path:

@@ -41,6 +41,7 @@ from steelyard.uses.health.drift_detection import (
 )
 from steelyard.uses.payload.payload_fit import payload_words, unknown_payload
 
+BLIND = 1.0  # relative half-width of all quantities of a joint above which nothing is decided
 QUANTITY_HEADINGS = ("dry", "viscous", "offset", "effort scale")  # as short as columns need
 
 
@@ -84,7 +85,14 @@ class Health(Result):
             return f"{len(drifted)} of {len(self.joints)} joints drifted in {logs}"
         if differ:
             return f"{len(differ)} of {len(self.joints)} joints differ in {logs}, drift not proven"
-        return f"No drift in {logs}"
+        blind = f", which cannot decide for {', '.join(self.blind)}" if self.blind else ""
+        return f"No drift in {logs}{blind}"
+
+    @property
+    def blind(self) -> tuple[str, ...]:
+        """Joints of which the logs would show no change, not even one by `BLIND` times."""
+        widths = by_key((c.joint, c.half_width) for c in self.changes if not c.unit)
+        return tuple(joint for joint, known in widths.items() if min(known) > BLIND)
 
     @property
     def limits(self) -> tuple[str, ...]:
