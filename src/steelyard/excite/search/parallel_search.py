@@ -238,9 +238,9 @@ def _read_worker(process: "subprocess.Popen[bytes]", messages: "queue.Queue[Any]
     messages.put({"ended": process.wait()})
 
 
-RESERVED_SECONDS = 1.4  # processor time of certificate, report and files [s]
+RESERVED_SECONDS = 2.2  # processor time of start, certificate, report and files [s]
 RESERVED_EVALUATIONS = 50.0  # what they take beyond that, in times that a look at the motion takes
-MOST_RESERVED_SHARE = 0.25  # share of the whole time that is kept for them at most
+MOST_RESERVED_SHARE = 0.35  # share of the whole time that is kept for them at most
 
 
 @dataclass(frozen=True)
