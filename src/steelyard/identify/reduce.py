@@ -30,6 +30,7 @@ from steelyard.estimate.prior.body_priors import Row
 from steelyard.estimate.prior.prior_constraint_kinds import knowledge_of
 from steelyard.estimate.reduction.left_out_errors_and_stopping_rules import (
     MeanAbsoluteTolerance,
+    StoppingRule,
     Tolerance,
     rule_of,
 )
@@ -49,7 +50,13 @@ from steelyard.report.result import DataFrame, Result, frame
 from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
 from steelyard.robot.file.robot_file import load_robot
 from steelyard.runs.run import Run, fastest_of, motion_samples
-from steelyard.runs.runs_of_named_logs import log_files, paths_of, refuse_overlaps, sha256
+from steelyard.runs.runs_of_named_logs import (
+    LogArgument,
+    log_files,
+    paths_of,
+    refuse_overlaps,
+    sha256,
+)
 
 STILL_SPEED_SHARE = 0.05  # speed over that of the fastest joint of its kind: hardly moves
 
@@ -168,12 +175,7 @@ def reduce(
     chosen_by, rule = criterion_of(criterion), rule_of(stop)
     equal = weights == "equal"
     estimator = least_squares(equal)
-    if error == "mean_absolute" and not isinstance(rule, Tolerance):
-        raise ModelError(
-            f"stopping rule '{rule.name}' compares no mean absolute errors",
-            where="--error mean_absolute",
-            fix="add --stop tolerance=5, or leave --error out",
-        )
+    tolerance = _tolerance_of(rule) if error == "mean_absolute" else None
     known, unknown = log_files(paths_of(logs, least=1)), log_files(paths_of(validate))
     refuse_overlaps(known, unknown)
     repetitions = identified.processing.repetitions
@@ -186,15 +188,8 @@ def reduce(
         rests = identified.model.has_memory
         return information_from(some, rests=rests, threads=cores, progress=progress)(regressor)
 
-    if error == "mean_absolute":
-        units = identified.model.robot.effort_units
-        samples = (
-            gather_samples(
-                regressor, run, rests=identified.model.has_memory, threads=cores, progress=progress
-            ).scaled(run.recording.signals.gains, units)
-            for run in runs
-        )
-        rule = MeanAbsoluteTolerance(rule.tolerance, samples=sum_of(add, samples))
+    if tolerance is not None:
+        rule = _mean_absolute(tolerance, identified, runs, cores, progress)
     before = identified.estimate.removed
     gone = {one.name for one in before}
     columns = [name for name in regressor.layout.columns if name not in gone]
@@ -236,11 +231,7 @@ def reduce(
         provenance=replace(
             identified.provenance,
             runs=tuple(run.name for run in runs),
-            inputs={
-                f"{role} {n}": sha256(log.path)
-                for role, logs_of in (("identification", known), ("validation", unknown))
-                for n, log in enumerate(logs_of, 1)
-            },
+            inputs=_inputs(identification=known, validation=unknown),
         ),
     )
     names = estimate.parameters.names
@@ -408,3 +399,42 @@ def _without_empty_terms(identified: IdentifiedModel) -> IdentifiedModel:
     return replace(
         identified, model=smaller, base=base, estimate=replace(estimate, standard=standard)
     )
+
+
+def _tolerance_of(rule: StoppingRule) -> Tolerance:
+    """The rule, as one that compares errors of joints; `ModelError` for others."""
+    if not isinstance(rule, Tolerance):
+        raise ModelError(
+            f"stopping rule '{rule.name}' compares no mean absolute errors",
+            where="--error mean_absolute",
+            fix="add --stop tolerance=5, or leave --error out",
+        )
+    return rule
+
+
+def _mean_absolute(
+    rule: Tolerance,
+    identified: IdentifiedModel,
+    runs: Sequence[Run],
+    threads: int,
+    progress: Progress,
+) -> MeanAbsoluteTolerance:
+    """The rule with errors by eq. 11 of [Volkmann], which samples tell and sums do not."""
+    regressor, rests = base_regressor(identified.model), identified.model.has_memory
+    units = identified.model.robot.effort_units
+    samples = (
+        gather_samples(regressor, run, rests=rests, threads=threads, progress=progress).scaled(
+            run.recording.signals.gains, units
+        )
+        for run in runs
+    )
+    return MeanAbsoluteTolerance(rule.tolerance, samples=sum_of(add, samples))
+
+
+def _inputs(**logs: Sequence[LogArgument]) -> dict[str, str]:
+    """Hashes of logs by what they are for."""
+    return {
+        f"{role} {n}": sha256(log.path)
+        for role, some in logs.items()
+        for n, log in enumerate(some, 1)
+    }

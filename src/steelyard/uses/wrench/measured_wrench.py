@@ -495,7 +495,8 @@ def _elsewhere(sensor: Sensor, ours: Array, theirs: Array) -> str:
     if now < LEAST_APART * float(np.sum(np.square(ours[:, 3:]))) or would > MUCH_BETTER * now:
         return ""
     numbers = replace(sensor, placement=sensor.placement @ Placement(np.eye(3), r)).numbers
-    at = " ".join(f"{x:.3g}" for x in (numbers if any(numbers[3:]) else numbers[:3]))
+    some = numbers if any(numbers[3:]) else numbers[:3]
+    at = " ".join(f"{round(x, 3) + 0.0:g}" for x in some)
     rms, less = (significant(float(np.sqrt(x / missing.size)), 2) for x in (now, would))
     return (
         f'another place of the sensor would fit much better: with --sensor-at "{at}" moments '
