@@ -23,9 +23,7 @@ from steelyard.check.hypotheses.effort_hypotheses import (
 from steelyard.check.hypotheses.evidence_with_unknown_bodies import (
     Evidence,
     EvidenceOfLog,
-    Key,
     body_map,
-    key_of,
     payload_map,
 )
 from steelyard.check.hypotheses.gravity_payload_and_delay import (
@@ -40,6 +38,7 @@ from steelyard.check.hypotheses.readings_and_likelihood import (
     CLOSE_HYPOTHESES,
     FITTED_NUMBER_COST,
     Hypothesis,
+    Key,
     Likelihood,
     Reading,
     choice_cost,
@@ -138,7 +137,7 @@ class Search:
             best = self.best
             most = 1 + best.poor * (number > 0)
             near = [x for x in self.ordered() if x.log > best.log - WORSE_TO_EXPAND][:most]
-            starts = [x for x in near if key_of(x.reading) not in self._alternatives]
+            starts = [x for x in near if x.reading.key not in self._alternatives]
             for start in starts:
                 self._expand(start)
             if number == 0 and self.best.poor:
@@ -166,12 +165,12 @@ class Search:
 
     def alternatives(self, cause: str) -> Iterator[tuple[Hypothesis, float]]:
         """Single changes of the best explanation with one cause, each with its log odds."""
-        if key_of(self.best.reading) not in self._alternatives:
+        if self.best.reading.key not in self._alternatives:
             self._expand(self.best)
         best = self.best
         own = self._rough(best.reading)
-        for one in self._alternatives.get(key_of(best.reading), ()):
-            key = key_of(one.reading)
+        for one in self._alternatives.get(best.reading.key, ()):
+            key = one.reading.key
             if one.cause != cause or alike(cause, one.reading, best.reading):
                 continue
             if cause in FACTOR_CAUSES and one.cost >= FITTED_NUMBER_COST:
@@ -209,7 +208,7 @@ class Search:
         kept = tuple(c for c in best.changes if same or c.cause != "effort kind")
         plain = tuple(c for c in best.changes if c.cause not in FACTOR_CAUSES)
         bases = (best.reading, kept), (undone(best.reading, declared, "gain"), plain)
-        for base, changes in {key_of(base): (base, changes) for base, changes in bases}.values():
+        for base, changes in {base.key: (base, changes) for base, changes in bases}.values():
             rest = tuple(c for c in changes if c.cause != "mounting")
             own = undone(base, declared, "mounting")
             turned = ((h.reading, (*rest, h)) for h in gravity_directions(own, search=False))
@@ -231,16 +230,16 @@ class Search:
 
     def compare(self, tried: Iterable[Tried]) -> None:
         """Compare readings by their evidence."""
-        pairs = [pair for pair in tried if key_of(pair[0]) not in self.found]
+        pairs = [pair for pair in tried if pair[0].key not in self.found]
         for (reading, changes), one in zip(pairs, self.of.of([r for r, _ in pairs]), strict=True):
             if one is not None:
-                self.found[key_of(reading)] = Explanation(reading, changes, one)
+                self.found[reading.key] = Explanation(reading, changes, one)
 
     def _expand(self, start: Explanation) -> None:
         single = list(_changes(start, self._others))
         if len(single) > self.of.most:  # of robots with many joints, those likely by nominal bodies
             single = sorted(scored(single), key=lambda h: -h.log_likelihood)[: self.of.most]
-        self._alternatives[key_of(start.reading)] = single
+        self._alternatives[start.reading.key] = single
         forced = [h for h in single if h.cause in COMPARED_ANYWAY]
         self._compare_best([(h.reading, (*start.changes, h)) for h in single if h not in forced])
         self.compare([(h.reading, (*start.changes, h)) for h in forced])
@@ -364,7 +363,7 @@ def alike(cause: str, a: Reading, b: Reading) -> bool:
             return bool(abs(typical) < np.log(SAME_UNIT))
         same = cause == "gain" or a.kind == b.kind
         return bool(same and np.all(np.abs(far - typical) < np.log(SAME_FACTOR)))
-    return key_of(a) == key_of(b)
+    return a.key == b.key
 
 
 def mirror(reading: Reading) -> Reading:

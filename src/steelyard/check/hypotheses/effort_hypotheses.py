@@ -5,7 +5,7 @@ against the nominal bodies, and the likeliest few are proposed. So a wrong order
 the unit is wrong too.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from itertools import permutations, product
 
 import numpy as np
@@ -202,13 +202,21 @@ def best_combinations(likelihood: Likelihood) -> list[Hypothesis]:
         return []
     coarse = likelihood.thinned(COARSE_SAMPLES)
     orders = np.array(list(permutations(range(n))))
-    efforts = [orders, *(np.stack((orders[0], order)) for order in orders[1:])]
-    best = _best_combinations(
-        coarse, [declared.ordered(order, efforts=False) for order in orders.tolist()], efforts
+    rest = np.stack((np.tile(orders[0], (len(orders) - 1, 1)), orders[1:]), axis=1).reshape(-1, n)
+    motion = np.concatenate((np.zeros(len(orders), int), np.repeat(np.arange(1, len(orders)), 2)))
+    efforts = motion, np.concatenate((orders, rest))
+    scales = (
+        np.tile(s, (len(orders), 1)) for s in (declared.position_scale, declared.effort_scale)
     )
-    signs = [np.array(signs) for signs in product((1.0, -1.0), repeat=n)]
-    tried = [r.changed(position_scale=s * r.position_scale) for r in best for s in signs]
-    best = _best_combinations(coarse, tried, [np.array([r.effort]) for r in tried])
+    best = _best_combinations(coarse, np.array(declared.position)[orders], *scales, *efforts)
+    signs = np.array(list(product((1.0, -1.0), repeat=n)))
+    position, scale, effort_scale, effort = (
+        np.repeat([getattr(reading, name) for reading in best], len(signs), axis=0)
+        for name in ("position", "position_scale", "effort_scale", "effort")
+    )
+    scale = scale * np.tile(signs, (len(best), 1))
+    motion = np.arange(len(position))
+    best = _best_combinations(coarse, position, scale, effort_scale, motion, effort)
     return [
         _combined_of(reading.on(likelihood))
         for reading in (*best, *filter(None, map(_all_turned, best)))
@@ -232,30 +240,42 @@ def _all_turned(reading: Reading) -> Reading | None:
 
 
 def _best_combinations(
-    coarse: Likelihood, motions: Sequence[Reading], efforts: Sequence[NDArray[np.intp]]
+    coarse: Likelihood,
+    position: NDArray[np.intp],
+    scale: Array,
+    effort_scale: Array,
+    motion: NDArray[np.intp],
+    effort: NDArray[np.intp],
 ) -> list[Reading]:
     """The likeliest readings with gains of their own, efforts turned where that fits.
 
-    Readings of motions of their own, each with several orders of effort columns, `(k, n)`.
+    Columns of positions, their scales and those of efforts are `(h, n)` of `h` motions; which
+    motion, and the columns of efforts, are those of every reading, `(k,)` and `(k, n)`.
     """
-    joints, size = np.arange(coarse.signals.n), max(1, SAMPLE_BATCH // len(coarse.excerpt.t))
-    costs, turned = np.empty((2, len(motions), len(joints), len(joints)))
-    for start in range(0, len(motions), size):
+    declared, size = coarse.declared, max(1, SAMPLE_BATCH // len(coarse.excerpt.t))
+    count, joints = len(position), np.arange(coarse.signals.n)
+    costs, turned = np.empty((2, count, len(joints), len(joints)))
+    for start in range(0, count, size):
         part = slice(start, start + size)
-        costs[part], turned[part] = _with_gains(coarse.sums(motions[part]), motions[part])
-    of = np.repeat(np.arange(len(motions)), [len(one) for one in efforts])[:, None]
-    columns = np.concatenate(efforts)
+        sums = coarse.sums_of(declared, position[part], scale[part])
+        costs[part], turned[part] = _with_gains(sums, effort_scale[part])
     best: list[Reading] = []
-    for k in np.argsort(costs[of, joints, columns].sum(axis=1), kind="stable"):
-        reading = motions[of[k, 0]].changed(effort=tuple(columns[k].tolist()))
+    for k in np.argsort(costs[motion[:, None], joints, effort].sum(axis=1), kind="stable"):
+        h, columns = motion[k], effort[k]
+        reading = declared.changed(
+            position=tuple(position[h].tolist()),
+            position_scale=scale[h].copy(),
+            effort=tuple(columns.tolist()),
+            effort_scale=effort_scale[h] * turned[h, joints, columns],
+        )
         if keeps_evidence(reading):
-            best.append(reading.with_factors(turned[of[k, 0], joints, columns[k]]))
+            best.append(reading)
         if len(best) == FEW_COMBINATIONS:
             break
     return best
 
 
-def _with_gains(sums: EffortProducts, motions: Sequence[Reading]) -> tuple[Array, Array]:
+def _with_gains(sums: EffortProducts, effort_scale: Array) -> tuple[Array, Array]:
     """Costs of every joint's misfit to every effort column, and their signs, `(h, n, n)` each.
 
     With a gain per joint, which is negative where the bodies show it.
@@ -266,7 +286,6 @@ def _with_gains(sums: EffortProducts, motions: Sequence[Reading]) -> tuple[Array
     theta = np.linalg.solve(normal, right)
     left = np.maximum(1.0 - np.sum(right * theta, axis=-2) / ee, 0.0)
     counts = np.where(sums.count >= LEAST_SAMPLE_COUNT, sums.count, 0.0)[..., None]
-    scale = np.array([r.effort_scale for r in motions])[..., None]
-    share = theta[..., 4, :] / np.sqrt(ee) * np.sign(scale)
+    share = theta[..., 4, :] / np.sqrt(ee) * np.sign(effort_scale)[..., None]
     costs = 0.5 * counts * np.log(left + SMALL_FREE_MISFIT**2)
     return costs, np.where(share < -UNLOADED_SHARE, -1.0, 1.0)

@@ -23,7 +23,7 @@ from steelyard.check.hypotheses.nuisance_fit_and_score import (
     OFFSET_COLUMN,
     LikelihoodScore,
 )
-from steelyard.check.hypotheses.readings_and_likelihood import Likelihood, Reading
+from steelyard.check.hypotheses.readings_and_likelihood import Key, Likelihood, Reading
 from steelyard.estimate.consistent.scaled_parameters_and_penalties import ten_map
 from steelyard.estimate.information.base_regressor import (
     Regressor,
@@ -54,8 +54,6 @@ MOST_WORK, LEAST_SCREENED = 1e9, 40
 """Of readings that are screened at once: their number times the cube of that of the unknowns; so
 many are in any case."""
 ROOM = 2**28  # for products of motions that are kept, and for problems solved at once [bytes]
-
-Key = tuple[object, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,11 +135,11 @@ class EvidenceOfLog:
 
     def screened(self, readings: Sequence[Reading]) -> list[Evidence | None]:
         """Rough evidence: bodies of one width about nominal ones of the size that efforts have."""
-        new = {key: r for r in readings if (key := key_of(r)) not in self._rough}
+        new = {key: r for r in readings if (key := r.key) not in self._rough}
         sizes = [None] * len(new)
         found = self._solved(list(new.values()), sizes, SCREENED_WIDTHS, SCREENING_STEPS)
         self._rough.update(zip(new, found, strict=True))
-        return [self._rough[key_of(reading)] for reading in readings]
+        return [self._rough[reading.key] for reading in readings]
 
     def of(self, readings: Sequence[Reading]) -> list[Evidence | None]:
         """That of each reading; `None` where states are impossible or nothing moves."""
@@ -242,21 +240,6 @@ class EvidenceOfLog:
         ee = moving @ np.square(efforts).T / seen[..., 0]
         count = moving.sum(axis=1) * self._log.excerpt.worth
         return _Products(yy, ye, ee, np.where(count >= LEAST_SAMPLE_COUNT, count, 0.0))
-
-
-def key_of(reading: Reading) -> Key:
-    """What makes a reading another one."""
-    arrays = (reading.position_scale, reading.effort_scale, reading.gravity, reading.ratios)
-    return (
-        reading.position,
-        reading.effort,
-        *(tuple(f"{value:.3g}" for value in array) for array in arrays),
-        round(reading.delay, 3),
-        round(float(np.log(reading.time)), 3),
-        reading.payload is None,
-        reading.held,
-        None if reading.zeros is None else tuple(np.round(reading.zeros, 3)),
-    )
 
 
 def _nominal_scale(reading: Reading, products: "_Products") -> float:

@@ -37,6 +37,8 @@ from steelyard.robot.file.effort_units_and_gears import MOTOR_KINDS
 from steelyard.robot.file.signals import Signals
 from steelyard.robot.robot import Robot, Transmission
 
+Key = tuple[object, ...]  # of a reading
+
 
 @dataclass(frozen=True, eq=False)
 class Likelihood:
@@ -95,16 +97,33 @@ class Likelihood:
         return found
 
     def sums(self, readings: Sequence["Reading"]) -> EffortProducts:
-        """Products for readings that differ in positions and time alone."""
-        q, dq, ddq = (
-            np.concatenate(x, axis=1)
-            for x in zip(*(reading.on(self).motion() for reading in readings), strict=True)
+        """Products for readings that differ in positions, zeros, gears and time alone."""
+        return self.sums_of(
+            readings[0],
+            np.array([reading.position for reading in readings]),
+            np.array([reading.position_scale for reading in readings]),
+            readings,
         )
-        shape = len(dq), len(readings), -1
-        predicted = readings[0].on(self).predicted(q, dq, ddq).reshape(shape)
-        q, u, du = (x.reshape(shape) for x in (q, self.driven(dq), self.driven(ddq)))
-        y, moving = regressors(q, u, du, predicted)
-        return self.products(y, moving, self.excerpt.later([readings[0].delay]))
+
+    def sums_of(
+        self,
+        reading: "Reading",
+        position: NDArray[np.intp],
+        scale: Array,
+        others: Sequence["Reading"] = (),
+    ) -> EffortProducts:
+        """Products for a reading with other columns of positions and their scales, `(h, n)` each.
+
+        Zeros, gears and time are those of the other readings, if they are given.
+        """
+        reading = reading.on(self)
+        motion = reading.motions(position, scale, others or (reading,))
+        q, dq, ddq = (np.moveaxis(x, 0, 1) for x in motion)
+        flat = (len(position[0]), -1)
+        predicted = reading.predicted(*(x.reshape(flat) for x in (q, dq, ddq)))
+        u, du = (self.driven(x.reshape(flat)).reshape(x.shape) for x in (dq, ddq))
+        y, moving = regressors(q, u, du, predicted.reshape(q.shape))
+        return self.products(y, moving, self.excerpt.later([reading.delay]))
 
     def products(self, y: Array, moving: Array, e: Array) -> EffortProducts:
         """Products of columns `(n, h, 5, B)` with efforts `(h or 1, n, B)`."""
@@ -163,6 +182,21 @@ class Reading:
         arrays = (self.position_scale, self.ratios, self.zeros)
         return (self.position, self.time, *(None if x is None else x.tobytes() for x in arrays))
 
+    @cached_property
+    def key(self) -> Key:
+        """What makes a reading another one."""
+        arrays = (self.position_scale, self.effort_scale, self.gravity, self.ratios)
+        return (
+            self.position,
+            self.effort,
+            *(tuple(f"{value:.3g}" for value in array) for array in arrays),
+            round(self.delay, 3),
+            round(float(np.log(self.time)), 3),
+            self.payload is None,
+            self.held,
+            None if self.zeros is None else tuple(np.round(self.zeros, 3)),
+        )
+
     def changed(self, **fields: Any) -> "Reading":
         """The same with some of its attributes replaced."""
         return replace(self, **fields)
@@ -217,17 +251,29 @@ class Reading:
 
     def motion(self) -> tuple[Array, Array, Array]:
         """Joint positions, velocities and accelerations, each `(n, B)`."""
+        q, dq, ddq = self.motions(np.array([self.position]), self.position_scale[None], (self,))
+        return q[0], dq[0], ddq[0]
+
+    def motions(
+        self, position: NDArray[np.intp], scale: Array, others: Sequence["Reading"]
+    ) -> tuple[Array, Array, Array]:
+        """The same, `(h, n, B)`, of columns and scales `(h, n)`.
+
+        The rest is that of one other reading, or of as many as there are columns.
+        """
         x, s = self.likelihood.excerpt, self.likelihood.signals
-        order, scale = list(self.position), self.position_scale[:, None]
-        q, dq, ddq = scale * x.z[order], scale * x.dz[order], scale * x.ddz[order]
-        gears = self.geared()
-        if s.position_map is not None and gears is not None:
-            q, dq, ddq = (np.asarray(np.linalg.solve(gears, y)) for y in (q, dq, ddq))
+        scale = scale[..., None]
+        q, dq, ddq = scale * x.z[position], scale * x.dz[position], scale * x.ddz[position]
+        gears = [one.geared() for one in others] if s.position_map is not None else [None]
+        if gears[0] is not None:
+            q, dq, ddq = (np.linalg.solve(np.array(gears), y) for y in (q, dq, ddq))
         if s.position_offset is not None:
             q = q + s.position_offset[:, None]
-        if self.zeros is not None:
-            q = q + self.zeros[:, None]
-        return q, dq / self.time, ddq / self.time**2
+        if any(one.zeros is not None for one in others):
+            none = np.zeros(len(self.position))
+            q = q + np.array([none if r.zeros is None else r.zeros for r in others])[..., None]
+        time = np.array([one.time for one in others])[:, None, None]
+        return q, dq / time, ddq / time**2
 
     def efforts(self) -> Array:
         """Efforts of the joints in base units, shape `(n, B)`."""
