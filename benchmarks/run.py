@@ -62,6 +62,7 @@ from oracles import pinocchio_model  # noqa: E402
 
 ROOT = Path(__file__).parent.parent
 Row = tuple[str, str, str, bool]
+UNFILTERED = ParallelFilter.design(1.0, 1.0)
 
 
 def best(work: Callable[[], object], repeats: int = 5) -> float:
@@ -80,7 +81,7 @@ def motion(n: int, count: int, seed: int = 0) -> tuple[np.ndarray, ...]:
 
 
 def information(
-    found: Regressor, data: tuple[np.ndarray, ...], matched: ParallelFilter | None
+    found: Regressor, data: tuple[np.ndarray, ...], matched: ParallelFilter = UNFILTERED
 ) -> Information:
     """One window of raw samples."""
     sums = Accumulator(found, matched)(Stretch(*data))
@@ -140,8 +141,8 @@ def solution_rows(found: Regressor, count: int) -> list[Row]:
     """
     data = motion(7, count)
     estimator = WeightedLeastSquares()
-    estimator(information(found, data, None))
-    ours = best(lambda: estimator(information(found, data, None))) / count
+    estimator(information(found, data))
+    ours = best(lambda: estimator(information(found, data))) / count
     matched = ParallelFilter.design(8.0, 100.0)
     filtered = best(lambda: estimator(information(found, data, matched))) / count
     model = pinocchio_model(found.model.robot)
@@ -242,7 +243,7 @@ def noisy(found: Regressor, known: Knowledge) -> Information:
     values = found.base.base_values([truth[name] for name in found.base.names])
     clean = np.einsum("nsp,p->ns", found.dense(q, dq, ddq), values)
     noisy = clean + 0.05 * clean.std(axis=1)[:, None] * motion(7, 2000, 7)[0]
-    return information(found, (q, dq, ddq, noisy), None)
+    return information(found, (q, dq, ddq, noisy))
 
 
 def consistent_rows(found: Regressor) -> list[Row]:

@@ -21,7 +21,7 @@ from steelyard.estimate.information.information import Information, Signature
 from steelyard.model.model import Model
 from steelyard.runs.run import Block
 
-FILTERS = {"none": None, "8 of 100 Hz": (8.0, 100.0), "5 of 1000 Hz": (5.0, 1000.0)}
+FILTERS = {"none": (100.0, 100.0), "8 of 100 Hz": (8.0, 100.0), "5 of 1000 Hz": (5.0, 1000.0)}
 
 
 def regressor(name: str) -> Regressor:
@@ -35,24 +35,22 @@ def stretch(n: int, count: int, weighted: bool, seed: int = 0) -> Stretch:
     return Stretch(q, dq, ddq, effort, weights)
 
 
-def oracle(found: Regressor, matched: ParallelFilter | None, data: Stretch) -> Sums:
+def oracle(found: Regressor, matched: ParallelFilter, data: Stretch) -> Sums:
     """The same with a stored regressor."""
     dense = found.dense(data.q, data.dq, data.ddq)
     count = data.q.shape[1]
     grams, absolute, counts, beside = [], [], [], []
     for row, seen in enumerate(found.layout.sees):
-        shares = np.zeros(1)
         rows = np.column_stack([dense[row][:, list(seen)], data.effort[row]])
         weights = np.ones(count) if data.weights is None else data.weights[row]
-        if matched is not None:
-            starts = range(0, count - len(matched.taps) + 1, matched.decimation)
-            inside = [slice(k, k + len(matched.taps)) for k in starts]
-            rows = np.array([matched.taps @ rows[s] for s in inside]).reshape(-1, rows.shape[1])
-            mean = np.array([matched.taps @ weights[s] for s in inside])
-            sizes = np.abs(matched.taps) / np.abs(matched.taps).sum()
-            resting = np.array([sizes @ (weights[s] == 0.0) for s in inside])
-            shares = (resting > RESTING).astype(float)
-            weights = (mean > MOVING).astype(float)
+        starts = range(0, count - len(matched.taps) + 1, matched.decimation)
+        inside = [slice(k, k + len(matched.taps)) for k in starts]
+        rows = np.array([matched.taps @ rows[s] for s in inside]).reshape(-1, rows.shape[1])
+        mean = np.array([matched.taps @ weights[s] for s in inside])
+        sizes = np.abs(matched.taps) / np.abs(matched.taps).sum()
+        resting = np.array([sizes @ (weights[s] == 0.0) for s in inside])
+        shares = (resting > RESTING).astype(float)
+        weights = (mean > MOVING).astype(float)
         rows = rows * np.sqrt(weights)[:, None]
         gram = rows.T @ rows
         grams.append(gram[np.tril_indices(len(gram))])
@@ -70,8 +68,7 @@ def oracle(found: Regressor, matched: ParallelFilter | None, data: Stretch) -> S
 @pytest.mark.parametrize("weighted", [False, True])
 def test_sums_equal_a_stored_regressor(name: str, kind: str, weighted: bool) -> None:
     found = regressor(name)
-    chosen = FILTERS[kind]
-    matched = None if chosen is None else ParallelFilter.design(*chosen)
+    matched = ParallelFilter.design(*FILTERS[kind])
     accumulator = Accumulator(found, matched)
     for count in (1, 3, 4, 5, 8, 17, 300, 1500):
         data = stretch(len(found.layout.rows), count, weighted)
@@ -95,7 +92,7 @@ def blocks(data: Stretch, sizes: list[int]) -> list[Block]:
 
 
 def gathered(
-    found: Regressor, matched: ParallelFilter | None, parts: list[Block], threads: int
+    found: Regressor, matched: ParallelFilter, parts: list[Block], threads: int
 ) -> Information:
     accumulator = Accumulator(found, matched)
     signature = Signature("m", found.layout.columns, ("Nm",), "f")
@@ -106,8 +103,7 @@ def gathered(
 @pytest.mark.parametrize("weighted", [False, True])
 def test_any_split_and_any_number_of_threads_give_the_same(kind: str, weighted: bool) -> None:
     found = regressor("tree")
-    chosen = FILTERS[kind]
-    matched = None if chosen is None else ParallelFilter.design(*chosen)
+    matched = ParallelFilter.design(*FILTERS[kind])
     data = stretch(4, 9000, weighted)
     wanted = gathered(found, matched, blocks(data, [9000]), 1)
     direct = Accumulator(found, matched)(data)
@@ -140,7 +136,7 @@ def test_gaps_are_not_filtered_across() -> None:
 def test_a_long_run_keeps_a_bounded_number_of_windows() -> None:
     found = base_regressor(Model(single()))
     data = stretch(1, 600_000, False)
-    got = gathered(found, None, blocks(data, [600_000]), 2)
+    got = gathered(found, ParallelFilter.design(100.0, 100.0), blocks(data, [600_000]), 2)
     assert 64 <= len(got.windows) <= MOST_WINDOWS
     assert got.windows[0].start == 0.0 and got.windows[-1].stop == 5999.99
     assert all(a.stop <= b.start for a, b in pairwise(got.windows))

@@ -10,6 +10,7 @@ from invented import single
 from steelyard.estimate.information.base_regressor import base_regressor
 from steelyard.estimate.information.gather import MOST_WINDOWS, gather
 from steelyard.estimate.information.information import Window
+from steelyard.estimate.scores.cross_validation import behind
 from steelyard.model.laws.friction_over_speed import Coulomb
 from steelyard.model.laws.friction_with_memory import Dahl
 from steelyard.model.laws.laws_without_friction import RigidBody
@@ -39,8 +40,8 @@ def run() -> Run:
 
 
 def test_rests_count_only_if_wanted(run: Run) -> None:
-    moving = gather(PLAIN, run, matched=False)
-    whole = gather(PLAIN, run, matched=False, rests=True)
+    moving = gather(PLAIN, behind(run, RATE))
+    whole = gather(PLAIN, behind(run, RATE), rests=True)
     data = run.whole()
     assert moving.n_samples[0] == data.moving.sum() < 0.9 * len(data.t)
     assert whole.n_samples[0] == len(data.t)
@@ -56,7 +57,7 @@ def test_rests_count_only_if_wanted(run: Run) -> None:
 def test_what_is_not_remembered_yet_never_counts(run: Run) -> None:
     """A Dahl spring knows where it is once it has been turned over."""
     dahl = Model(single(), (RigidBody(), Dahl(length=0.05)))
-    whole = gather(base_regressor(dahl), run, matched=False, rests=True)
+    whole = gather(base_regressor(dahl), behind(run, RATE), rests=True)
     data, scan = run.whole(), dahl.scan()
     motion = data.motion
     scan(motion.q.T, motion.dq.T, motion.ddq.T, motion.t)

@@ -13,6 +13,7 @@ from steelyard.estimate.information.filter_and_gram import ParallelFilter
 from steelyard.estimate.information.gather import gather
 from steelyard.estimate.information.information import Information, Window
 from steelyard.estimate.information.kept_filtered_samples import gather_samples
+from steelyard.estimate.scores.cross_validation import behind
 from steelyard.model.model import Model
 from steelyard.robot.file.signals import Signals
 from steelyard.runs.motion_error_from_noise import motion_error
@@ -54,16 +55,17 @@ def alike(samples: Information, passed: Information) -> None:
 
 
 @pytest.mark.parametrize("rests", [False, True])
-@pytest.mark.parametrize("matched", [False, True])
-def test_samples_say_what_the_pass_says(run: Run, rests: bool, matched: bool) -> None:
-    samples = gather_samples(REGRESSOR, run, rests=rests, matched=matched, threads=2)
-    alike(samples.information(), gather(REGRESSOR, run, rests=rests, matched=matched))
+@pytest.mark.parametrize("cutoff", [RATE, 8.0])
+def test_samples_say_what_the_pass_says(run: Run, rests: bool, cutoff: float) -> None:
+    other = behind(run, cutoff)
+    samples = gather_samples(REGRESSOR, other, rests=rests, threads=2)
+    alike(samples.information(), gather(REGRESSOR, other, rests=rests))
     assert len(samples) == len(samples.rows[0]) == len(samples.q)
 
 
 def test_columns_are_those_of_the_motion_beside_them(run: Run) -> None:
     """Without a filter a row is what the regressor says of the instant's motion."""
-    samples = gather_samples(REGRESSOR, run, matched=False)
+    samples = gather_samples(REGRESSOR, behind(run, RATE))
     dense = REGRESSOR.dense(samples.q.T, samples.dq.T, samples.ddq.T)[0]
     seen = list(REGRESSOR.layout.sees[0])
     assert np.allclose(samples.rows[0][:, :-1], dense[samples.at[0]][:, seen], atol=1e-12)
@@ -75,8 +77,8 @@ def test_columns_are_those_of_the_motion_beside_them(run: Run) -> None:
 
 @pytest.mark.parametrize("most", [100, 3000])
 def test_long_runs_are_thinned_evenly(run: Run, most: int) -> None:
-    whole = gather_samples(REGRESSOR, run, rests=True, matched=False)
-    some = gather_samples(REGRESSOR, run, rests=True, matched=False, most=most)
+    whole = gather_samples(REGRESSOR, behind(run, RATE), rests=True)
+    some = gather_samples(REGRESSOR, behind(run, RATE), rests=True, most=most)
     assert most // 2 <= len(some) <= most < len(whole)
     assert np.ptp(np.diff(some.t)) < 1e-9
     assert np.isin(np.round(some.t, 6), np.round(whole.t, 6)).all()

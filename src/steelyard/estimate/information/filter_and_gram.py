@@ -159,7 +159,7 @@ class Accumulator:
     """Turns stretches into sums; holds no state, so threads share it."""
 
     regressor: Regressor
-    matched: ParallelFilter | None = None
+    matched: ParallelFilter = ParallelFilter.design(1.0, 1.0)  # every sample unchanged
 
     @cached_property
     def tiling(self) -> Tiling:
@@ -173,48 +173,21 @@ class Accumulator:
 
     @cached_property
     def taps(self) -> Array:
-        """The filter's taps, padded with zeros to whole vectors; a single one without filter."""
-        taps = self.matched.taps if self.matched else np.ones(1)
+        """The filter's taps, padded with zeros to whole vectors."""
+        taps = self.matched.taps
         return np.concatenate([taps, np.zeros(-len(taps) % self.regressor.code.lanes)])
-
-    @property
-    def decimation(self) -> int:
-        """Samples per kept sample."""
-        return self.matched.decimation if self.matched else 1
 
     @property
     def halo(self) -> int:
         """Samples that a stretch needs beyond those that it answers for."""
-        return len(self.matched.taps) - self.decimation if self.matched else 0
+        return len(self.matched.taps) - self.matched.decimation
 
     def outputs(self, n_samples: int) -> int:
         """Filtered samples that a stretch of `n_samples` yields."""
-        length = len(self.matched.taps) if self.matched else 1
-        return max(0, (n_samples - length) // self.decimation + 1)
+        return max(0, (n_samples - len(self.matched.taps)) // self.matched.decimation + 1)
 
     def __call__(self, stretch: Stretch) -> Sums:
-        """Sums over one stretch."""
-        if self.matched is None and stretch.weights is None:
-            return self._fused(stretch)
-        return self._filtered(stretch)
-
-    def _fused(self, stretch: Stretch) -> Sums:
-        """Everything in one native call; what does not fill a vector is added apart."""
-        code, work = self.regressor.code, _Workspace(self, BLOCK)
-        n_samples = stretch.q.shape[1]
-        whole = n_samples - n_samples % code.lanes
-        if whole:
-            given, y, tiles = _addresses(stretch, 0), _place(work.y), _tiles(self.tiling)
-            sums, absolute = work.sums.ctypes.data, work.absolute.ctypes.data
-            code.fused(whole, *given, BLOCK, *y, *tiles, sums, self.width, absolute)
-            work.counts += whole
-        if whole < n_samples:
-            work.evaluate(stretch, whole, n_samples - whole, 0)
-            work.add(work.y, n_samples - whole)
-        return work.result()
-
-    def _filtered(self, stretch: Stretch) -> Sums:
-        """Kernel, filter, weights and Gram, one native call each per block."""
+        """Sums over one stretch: kernel, filter, weights and Gram, a native call each per block."""
         work = _Workspace(self, sum(self._steps))
         weights, beside = self._weights(stretch), self._beside(stretch)
         for first, count, block in self._blocks(stretch, work):
@@ -235,18 +208,18 @@ class Accumulator:
     @property
     def _steps(self) -> tuple[int, int]:
         """Samples kept of the block before, and samples a block goes on by."""
-        lanes, decimation = self.regressor.code.lanes, self.decimation
+        lanes, decimation = self.regressor.code.lanes, self.matched.decimation
         step = lcm(decimation, lanes)
         return -(-self.halo // lanes) * lanes, step * max(1, BLOCK // step)
 
     def _blocks(self, stretch: Stretch, work: "_Workspace") -> Iterator[tuple[int, int, Array]]:
         """First filtered sample, how many there are, and their rows, which may be written to."""
         history, step = self._steps
-        n_outputs, per_step = self.outputs(stretch.q.shape[1]), step // self.decimation
+        n_outputs, per_step = self.outputs(stretch.q.shape[1]), step // self.matched.decimation
         known = 0
         for first in range(0, n_outputs, per_step):
             count = min(per_step, n_outputs - first)
-            start = first * self.decimation + known
+            start = first * self.matched.decimation + known
             work.evaluate(stretch, start, history + step - known, known)
             yield first, count, work.filtered(count)
             work.y[:, :history] = work.y[:, step : step + history]
@@ -257,8 +230,6 @@ class Accumulator:
         n_outputs = self.outputs(stretch.q.shape[1])
         if stretch.weights is None or n_outputs == 0 or np.all(stretch.weights == 1.0):
             return None
-        if self.matched is None:
-            return stretch.weights
         counted = stretch.weights > 0.0
         kept = self._over_taps(counted.astype(np.float64), self.matched.taps) > MOVING
         if np.isin(stretch.weights, (0.0, 1.0)).all():
@@ -271,7 +242,7 @@ class Accumulator:
 
     def _beside(self, stretch: Stretch) -> Array | None:
         """Ones of filtered samples beside rests, `(n, outputs)`; `None` if there are none."""
-        if self.matched is None or stretch.weights is None or np.all(stretch.weights > 0.0):
+        if stretch.weights is None or np.all(stretch.weights > 0.0):
             return None
         if self.outputs(stretch.q.shape[1]) == 0:
             return None
@@ -283,7 +254,7 @@ class Accumulator:
     def _over_taps(self, values: Array, taps: Array) -> Array:
         """Values `(n, N)` summed over the taps at every filtered sample, shape `(n, outputs)`."""
         windows = np.lib.stride_tricks.sliding_window_view(values, len(taps), axis=1)
-        kept = windows[:, :: self.decimation][:, : self.outputs(values.shape[1])]
+        kept = windows[:, :: self.matched.decimation][:, : self.outputs(values.shape[1])]
         return np.asarray(kept @ taps)
 
 
@@ -294,9 +265,10 @@ class _Workspace:
         self.accumulator = accumulator
         lanes = accumulator.regressor.code.lanes
         rows = accumulator.width + TILE_ROWS
-        spare = FIR_OUTPUTS * accumulator.decimation + len(accumulator.taps)
+        decimation = accumulator.matched.decimation
+        spare = FIR_OUTPUTS * decimation + len(accumulator.taps)
         self.y = np.zeros((rows, -(-(samples + spare) // lanes) * lanes + PADDING))
-        outputs = samples // accumulator.decimation + FIR_OUTPUTS + lanes
+        outputs = samples // decimation + FIR_OUTPUTS + lanes
         self.z = np.zeros((rows, -(-outputs // lanes) * lanes + PADDING))
         self.sums = np.zeros((len(accumulator.tiling.firsts), TILE_ROWS * TILE_COLUMNS, lanes))
         self.beside = np.zeros_like(self.sums)
@@ -319,8 +291,10 @@ class _Workspace:
             self.y[: values.shape[0], column + whole : column + count] = values
 
     def filtered(self, count: int) -> Array:
-        """The first `count` filtered samples of the buffer."""
-        width, decimation = self.accumulator.width, self.accumulator.decimation
+        """The first `count` filtered samples of the buffer; itself where all pass unchanged."""
+        if len(self.accumulator.matched.taps) == 1:
+            return self.y
+        width, decimation = self.accumulator.width, self.accumulator.matched.decimation
         taps, outputs = self.accumulator.taps, -(-count // FIR_OUTPUTS) * FIR_OUTPUTS
         filter_ = taps.ctypes.data, len(taps), decimation
         loops().fir(*_place(self.y), width, *filter_, outputs, *_place(self.z))

@@ -36,7 +36,6 @@ def gather(
     regressor: Regressor,
     run: Run,
     *,
-    matched: bool = True,
     rests: bool = False,
     longest: float = np.inf,
     threads: int = 1,
@@ -44,18 +43,17 @@ def gather(
 ) -> Information:
     """What one run says about the columns of a regressor, in windows.
 
-    Columns and effort go through the run's parallel filter if `matched`. With `rests` samples count
-    where a joint rests; its friction then lies anywhere in a dead zone, which only friction with
-    memory knows. Windows should not be longer than `longest` [s]; merged ones may. A `LogError`
-    says that no stretch of the run is as long as the filter, or that an effort never changes.
+    Columns and effort go through the run's parallel filter. With `rests` samples count where a
+    joint rests; its friction then lies anywhere in a dead zone, which only friction with memory
+    knows. Windows should not be longer than `longest` [s]; merged ones may. A `LogError` says that
+    no stretch of the run is as long as the filter, or that an effort never changes.
     """
-    begun = start_pass(regressor, run, matched, rests, longest)
+    begun = start_pass(regressor, run, rests, longest)
     accumulator, signature, duration = begun.accumulator, begun.signature, run.duration
     found = accumulate(accumulator, begun.pieces, signature, threads, duration, progress)
     if not found.windows:
         raise begun.too_short()
-    chosen = accumulator.matched
-    return found if chosen is None else found.with_effective_samples(chosen.inflation)
+    return found.with_effective_samples(accumulator.matched.inflation)
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,8 +67,7 @@ class GramPass:
 
     def too_short(self) -> LogError:
         """What to say if nothing came out."""
-        matched = self.accumulator.matched
-        need = len(matched.taps) / self.run.rate if matched else 0.0
+        need = len(self.accumulator.matched.taps) / self.run.rate
         return LogError(
             f"no segment of the log is as long as its filter ({need:.2f} s)",
             where=self.run.name,
@@ -78,9 +75,7 @@ class GramPass:
         )
 
 
-def start_pass(
-    regressor: Regressor, run: Run, matched: bool, rests: bool, longest: float = np.inf
-) -> GramPass:
+def start_pass(regressor: Regressor, run: Run, rests: bool, longest: float = np.inf) -> GramPass:
     """A pass over a run that has not read anything yet; see `gather`."""
     signals = run.recording.signals
     steps = enumerate(zip(signals.effort, run.quality.effort_resolution, strict=True))
@@ -93,20 +88,19 @@ def start_pass(
             "[robot] joints and lock it; if the joint has no motor, name it as unactuated = "
             "[...] in [signals.effort]",
         )
-    chosen = ParallelFilter.design(run.matched_cutoff, run.rate) if matched else None
-    accumulator = Accumulator(regressor, chosen)
+    matched = ParallelFilter.design(run.matched_cutoff, run.rate)
+    accumulator = Accumulator(regressor, matched)
     # samples before the start is forgotten do not count; nor do rests, unless they are wanted
     blocks = blocks_with_channels(
         run.blocks(), regressor.model, lambda block, warm: warm if rests else block.moving & warm
     )
     apart = max(run.duration * run.rate / LEAST_WINDOWS, SHORTEST * accumulator.halo)
     pieces = cut_pieces(blocks, run.name, accumulator, int(min(longest * run.rate, apart)))
-    after = "no parallel filter" if chosen is None else f"matched {chosen.cutoff:g} Hz"
     signature = Signature(
         model=regressor.model.fingerprint,
         columns=regressor.layout.columns,
         effort=run.effort_units,
-        filters=f"motion {run.motion_cutoff:g} Hz, {after}",
+        filters=f"motion {run.motion_cutoff:g} Hz, matched {matched.cutoff:g} Hz",
     )
     return GramPass(run, accumulator, pieces, signature)
 
@@ -140,7 +134,7 @@ def cut_pieces(
     blocks: Iterable[Block], name: str, accumulator: Accumulator, longest: int = 2**62
 ) -> Iterator[Piece]:
     """Pieces of a run with the halo they need, from blocks of any size."""
-    unit, halo = accumulator.decimation, max(accumulator.halo, 0)
+    unit, halo = accumulator.matched.decimation, max(accumulator.halo, 0)
     length = -(-max(1, min(longest, max(PIECE, HALOS * halo))) // unit) * unit
     need, buffered = length + halo, list[Block]()
     for block in chain(blocks, [None]):

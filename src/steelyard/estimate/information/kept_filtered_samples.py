@@ -179,7 +179,6 @@ def gather_samples(
     regressor: Regressor,
     run: Run,
     *,
-    matched: bool = True,
     rests: bool = False,
     most: int = MOST_SAMPLES_PER_ROW,
     threads: int = 1,
@@ -190,7 +189,7 @@ def gather_samples(
     At most `most` samples are kept per effort row; memory holds twice as many. Other arguments and
     errors are those of `gather`.
     """
-    begun, layout = start_pass(regressor, run, matched, rests), regressor.layout
+    begun, layout = start_pass(regressor, run, rests), regressor.layout
     accumulator, n = begun.accumulator, len(layout.rows)
     kept = _Kept(max(1, most), n)
     for piece, found in in_order(accumulator.rows, begun.pieces, threads):
@@ -198,10 +197,9 @@ def gather_samples(
         report_progress(progress, f"gathering {run.name}", piece[0].stop, run.duration)
     if not kept.parts:
         raise begun.too_short()
-    chosen, share = accumulator.matched, 1.0
-    if chosen is not None:
-        share /= replace(chosen, decimation=chosen.decimation * kept.step).inflation
-    error = motion_error(run, None if chosen is None else chosen.taps)
+    chosen = accumulator.matched
+    share = 1.0 / replace(chosen, decimation=chosen.decimation * kept.step).inflation
+    error = motion_error(run, chosen.taps)
     ends = np.cumsum([1, 1, n, n, n, regressor.model.n_channels, accumulator.width])
     _, (t,), *motion, rows, weights = np.split(np.concatenate(kept.parts, axis=1), ends)
     q, dq, ddq, channels = (frozen(x.T) for x in motion)
@@ -259,8 +257,8 @@ def _instants(
 ) -> Array:
     """Filtered samples with the motion in the middle of the filter, a column each."""
     window, stretch = piece
-    middle = (len(accumulator.matched.taps) - 1) // 2 if accumulator.matched else 0
+    middle = (len(accumulator.matched.taps) - 1) // 2
     numbers = np.arange(rows.shape[1])
-    at = middle + accumulator.decimation * numbers
+    at = middle + accumulator.matched.decimation * numbers
     motion = (x[:, at] for x in stretch.inputs[:-1])
     return np.vstack([numbers, window.start + at / rate, *motion, rows, weights])

@@ -35,11 +35,7 @@ def loops_code(lanes: int) -> str:
 
 
 def around_program(inputs: int) -> str:
-    """Loops that call a program of some input arrays, as LLVM code.
-
-    `void fused(N, x0, ld0, ..., B, y, ldy, tiles, n_tiles, sums, rows, absolute)` and
-    `i64 sample(arguments)`.
-    """
+    """The loop that calls a program of some input arrays, `i64 sample(arguments)`, as LLVM code."""
     return _filled("around_program.ll", inputs=inputs)
 
 
@@ -48,7 +44,7 @@ def _filled(template: str, **values: Any) -> str:
     return str(templates_of(folder).get_template(template).render(values))
 
 
-ENGINE = 4  # raised whenever emitted code changes its meaning: old cache entries are then not used
+ENGINE = 5  # raised whenever emitted code changes its meaning: old cache entries are then not used
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,7 +52,7 @@ class Code:
     """Machine code of one program, and what its builder stated about it (JSON).
 
     `raw(N, x0, ld0, ..., y, ldy)` takes addresses and strides in numbers of doubles, and sample
-    counts that are multiples of the `lanes`; `fused` and `sample` are loops beside the program.
+    counts that are multiples of the `lanes`; `sample` is a loop beside the program.
     """
 
     about: dict[str, Any]
@@ -64,7 +60,6 @@ class Code:
     n_outputs: int
     lanes: int
     raw: Any
-    fused: Any
     sample: Any
 
     def __call__(self, inputs: Sequence[Array]) -> Array:
@@ -142,15 +137,13 @@ def compiled(description: Any, build: Callable[[], tuple[Program, dict[str, Any]
         return _module(program, compiler.lanes()), {**about, **facts}
 
     about, code = machine_code(description, write)
-    library = compiler.Library(code, ["program", "fused", "sample"], loops().module)
-    n_inputs = len(about["shared"])
+    library = compiler.Library(code, ["program", "sample"])
     return Code(
         about=about,
         shared=tuple(about["shared"]),
         n_outputs=int(about["n_outputs"]),
         lanes=compiler.lanes(),
-        raw=library.function("program", 2 * n_inputs + 3),
-        fused=library.function("fused", 2 * n_inputs + 9),
+        raw=library.function("program", 2 * len(about["shared"]) + 3),
         sample=library.function("sample", 1, answers=True),
     )
 
@@ -170,12 +163,11 @@ def compiled_equations(
 
 @lru_cache
 def loops() -> Any:
-    """The small loops that do not depend on the program, and their `module`."""
+    """The small loops that do not depend on the program."""
     lanes, arguments = compiler.lanes(), {"gram": 6, "absolute": 5, "fir": 9, "recurrence": 7}
     code = machine_code("loops", lambda: (loops_code(lanes), {}))[1]
     module = compiler.Library(code, list(arguments))
-    functions = {name: module.function(name, count) for name, count in arguments.items()}
-    return SimpleNamespace(module=module, **functions)
+    return SimpleNamespace(**{name: module.function(name, n) for name, n in arguments.items()})
 
 
 def _module(program: Program, lanes: int) -> str:

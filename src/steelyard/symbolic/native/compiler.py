@@ -48,19 +48,13 @@ def compile_code(text: str, optimisation: int = 1) -> bytes:
 class Library:
     """Loaded machine code, by a name among all that is loaded."""
 
-    def __init__(self, code: bytes, symbols: Sequence[str], calls: "Library | None" = None) -> None:
-        """Load an object file; `symbols` are functions to be called from Python.
-
-        `calls` is a library whose functions it calls, loaded before and kept as long.
-        """
-        self.name, self._calls = f"steelyard{next(_NUMBER)}", calls
+    def __init__(self, code: bytes, symbols: Sequence[str]) -> None:
+        """Load an object file; `symbols` are functions to be called from Python."""
         with _LOCK:
             builder = _llvm().JITLibraryBuilder().add_object_img(code).add_current_process()
-            if calls is not None:
-                builder = builder.add_jit_library(calls.name)
             for symbol in symbols:
                 builder = builder.export_symbol(symbol)
-            self._tracker = builder.link(_compiler(), self.name)
+            self._tracker = builder.link(_compiler(), f"steelyard{next(_NUMBER)}")
             self._addresses = {symbol: int(self._tracker[symbol]) for symbol in symbols}
 
     def function(self, symbol: str, n_arguments: int, answers: bool = False) -> Any:

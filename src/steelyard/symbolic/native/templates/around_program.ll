@@ -1,30 +1,3 @@
-declare void @gram(ptr, i64, i64, ptr, i64, ptr)
-declare void @absolute(ptr, i64, i64, i64, ptr)
-
-; fused: the whole pass without a filter. Runs program, gram and absolute block by block of B
-; samples; one block of rows stays in the cache and is never seen from outside. gram and absolute are
-; those of another module.
-define void @fused(i64 %N, {% for i in range(inputs) %}ptr %x{{ i }}, i64 %l{{ i }}, {% endfor %}i64 %B, ptr %y, i64 %ly, ptr %tiles, i64 %nt, ptr %sums, i64 %rows, ptr %abs) {
-entry:
-br label %loop
-loop:
-%b = phi i64 [0, %entry], [%next, %loop]
-{% for i in range(inputs) %}
-%p{{ i }} = getelementptr double, ptr %x{{ i }}, i64 %b
-{% endfor %}
-%rest = sub i64 %N, %b
-%short = icmp slt i64 %rest, %B
-%n = select i1 %short, i64 %rest, i64 %B
-call void @program(i64 %n, {% for i in range(inputs) %}ptr %p{{ i }}, i64 %l{{ i }}, {% endfor %}ptr %y, i64 %ly)
-call void @gram(ptr %y, i64 %ly, i64 %n, ptr %tiles, i64 %nt, ptr %sums)
-call void @absolute(ptr %y, i64 %ly, i64 %n, i64 %rows, ptr %abs)
-%next = add i64 %b, %B
-%done = icmp sge i64 %next, %N
-br i1 %done, label %exit, label %loop
-exit:
-ret void
-}
-
 ; sample: the program at one sample, with its arguments from memory, and a look at the numbers.
 ; Arguments are of 64 bits each: those of program; all numbers that are given and how many; where the
 ; output's first lane goes and its length; the largest sum of squares of the given numbers. Returns
