@@ -5,7 +5,7 @@ import functools
 import inspect
 import pkgutil
 import re
-from collections.abc import Callable, Iterable, Mapping, Set
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Set
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
@@ -181,6 +181,14 @@ def _compiled(node: Any, mode: str) -> Any:
     return compile(whole, "<declaration>", mode)
 
 
+def _statements(body: Sequence[ast.stmt]) -> Iterator[ast.stmt]:
+    """Statements of a module, those for type checkers included."""
+    for node in body:
+        yield node
+        if isinstance(node, ast.If):
+            yield from _statements(node.body)
+
+
 class _Names(dict[str, Any]):
     """Names of a module, evaluated from its source; of classes of this package only the name."""
 
@@ -193,7 +201,7 @@ class _Names(dict[str, Any]):
 
     def defining(self, name: str) -> ast.AST | None:
         """The first outermost statement that defines a name."""
-        for node in ast.walk(self._tree):
+        for node in _statements(self._tree.body):
             match node:
                 case ast.FunctionDef() | ast.ClassDef():
                     names = [node.name]
