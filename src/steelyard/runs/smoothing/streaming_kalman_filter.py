@@ -19,9 +19,9 @@ from numpy.typing import ArrayLike
 from steelyard.base.arrays import Array
 from steelyard.base.errors import DataError
 from steelyard.runs.smoothing.kalman_smoother import kalman_smoothed
+from steelyard.symbolic.native.kalman_loops import MEASURED, transition
 
 WHERE = "steelyard.KalmanFilter"
-POSITION_ROW = np.array([1.0, 0.0, 0.0])  # what of the state is measured
 
 
 class KalmanFilter:
@@ -194,14 +194,6 @@ class KalmanFilter:
             )
 
 
-def transition(step: float) -> tuple[Array, Array]:
-    """Motion over a time step, and its covariance under white jerk of intensity one; `(3, 3)`."""
-    h, k = step, np.arange(3)
-    motion = np.array([[1.0, h, h * h / 2.0], [0.0, 1.0, h], [0.0, 0.0, 1.0]])
-    power, share = 5 - k - k[:, None], np.array([2.0, 1.0, 1.0])
-    return motion, h**power / (power * np.outer(share, share))
-
-
 def phase_delays(ratio: float, frequency: float) -> Array:
     r"""Phase delays of the filter in its steady state, in steps, shape `(3,)`.
 
@@ -218,10 +210,10 @@ def phase_delays(ratio: float, frequency: float) -> Array:
     scale = np.diag(ratio ** (-np.arange(3.0) / 6.0))
     balanced = scale @ motion @ np.linalg.inv(scale)
     noise = ratio * scale @ wander @ scale
-    predicted = solve_discrete_are(balanced.T, POSITION_ROW[:, None], noise, np.eye(1))
+    predicted = solve_discrete_are(balanced.T, MEASURED[:, None], noise, np.eye(1))
     gain = predicted[:, 0] / (predicted[0, 0] + 1.0)
     omega = 2.0 * np.pi * frequency
-    loop = (np.eye(3) - np.outer(gain, POSITION_ROW)) @ balanced
+    loop = (np.eye(3) - np.outer(gain, MEASURED)) @ balanced
     response = np.linalg.solve(np.eye(3) - loop * np.exp(-1j * omega), gain)
     exact = (1j * omega) ** np.arange(3.0)
     return np.asarray(-np.angle(response / exact) / omega)

@@ -120,12 +120,17 @@ def machine_code(
     return entry
 
 
-def compiled(description: Any, build: Callable[[], tuple[Program, dict[str, Any]]]) -> Code:
-    """Machine code for what `description` stands for.
+def compiled(
+    description: Any,
+    build: Callable[[], tuple[Program, dict[str, Any]]],
+    lanes: int | None = None,
+) -> Code:
+    """Machine code for what `description` stands for, of as many lanes as the machine has.
 
     That is everything the program depends on, as JSON; its hash names the cache entry. `build`
     makes the program and states about it what callers need, if the cache has no sound entry.
     """
+    lanes = compiler.lanes() if lanes is None else lanes
 
     def write() -> tuple[str, dict[str, Any]]:
         program, about = build()
@@ -134,7 +139,7 @@ def compiled(description: Any, build: Callable[[], tuple[Program, dict[str, Any]
             "n_outputs": len(program.outputs),
             "n_operations": program.n_operations,
         }
-        return _module(program, compiler.lanes()), {**about, **facts}
+        return _module(program, lanes), {**about, **facts}
 
     about, code = machine_code(description, write)
     library = compiler.Library(code, ["program", "sample"])
@@ -142,14 +147,17 @@ def compiled(description: Any, build: Callable[[], tuple[Program, dict[str, Any]
         about=about,
         shared=tuple(about["shared"]),
         n_outputs=int(about["n_outputs"]),
-        lanes=compiler.lanes(),
+        lanes=lanes,
         raw=library.function("program", 2 * len(about["shared"]) + 3),
         sample=library.function("sample", 1, answers=True),
     )
 
 
 def compiled_equations(
-    description: Any, equations: Callable[..., Sequence[Any]], inputs: Sequence[InputArray]
+    description: Any,
+    equations: Callable[..., Sequence[Any]],
+    inputs: Sequence[InputArray],
+    lanes: int | None = None,
 ) -> Code:
     """Machine code of equations over scalars, one list of them per input array; see `compiled`."""
 
@@ -158,7 +166,7 @@ def compiled_equations(
 
         return symbolic(equations, inputs), {}
 
-    return compiled(description, build)
+    return compiled(description, build, lanes)
 
 
 @lru_cache

@@ -247,7 +247,7 @@ def emit(program: Program, name: str, lanes: int) -> str:
     calls = "\n".join(
         f"call void @{name}_{chunk}(i64 %b, ptr %ws, {passed})" for chunk in range(n_chunks)
     )
-    loop = f"""define void @{name}(i64 %N, {signature}) {{
+    loop = f"""define void @{name}(i64 %N, {passed}) {{
 entry:
 %ws = alloca [{max(len(emission.slots), 1)} x <{lanes} x double>], align 64
 br label %loop
