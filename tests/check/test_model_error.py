@@ -132,6 +132,23 @@ def test_an_effort_that_is_periodic_in_the_position_is_named(
     assert term_of(term, "advice") == Cogging(joints=("elbow",), period=term["period"])
 
 
+@pytest.mark.slow
+def test_efforts_of_all_joints_that_are_periodic_are_one_cause(
+    loaded: LoadedRobot, tmp_path: Path
+) -> None:
+    cycles = np.array([40.0, 52.0, 60.0])
+    finding = of_changed_efforts(
+        loaded, tmp_path, lambda q, tau: tau + 2.0 * np.sin(cycles[:, None] * q + 1.0)
+    )
+    before, _, rest = finding.brief.partition(" (term ")
+    assert "With efforts of " in before and "periodic in their positions" in before
+    (term,) = tomllib.loads(f"terms = [{rest.partition(')')[0]}]")["terms"]
+    order = [loaded.robot.joint_names.index(joint) for joint in term["joints"]]
+    assert sorted(order) == [0, 1, 2]
+    assert 2.0 * np.pi / np.array(term["period"]) == pytest.approx(cycles[order], rel=5e-3)
+    assert isinstance(term_of(term, "advice"), Cogging)
+
+
 def test_the_strongest_period_is_found() -> None:
     at, rng = np.arange(2000), np.random.default_rng(1)
     counts = rng.integers(0, 5, len(at)).astype(np.float64)

@@ -49,6 +49,7 @@ from steelyard.runs.run import Run
 
 LEAST_SIZE = 1e-6  # of a joint's typical effort, over the largest
 NEW_COLUMN_SHARE = 1e-6  # squared part of a column that the model's must leave for it to count
+NAMED_CAUSE_SHARE = 0.2  # share of what noise does not explain from which on a cause is named
 GEOMETRY = ("position", "axis")
 READING = ("saturation", "hysteresis", "crosstalk")
 COMPLEXITY = 0.02  # share of its effect that each further column of a cause costs in the ranking
@@ -139,19 +140,27 @@ def causes(
     excess = float(np.sum((counts * (1.0 - noise))[seen]))
     joints = model.robot.joint_names
     score, left, scale, names = _scores(model, information, np.where(seen, weights, 0.0))
-    found = []
-    for kind, joint, says, columns in _groups(model, names, shape.period.tolist()):
+
+    def cause(kind: str, of: Sequence[str], says: str, columns: tuple[str, ...]) -> Cause:
         group = [names.index(column) for column in columns]
         values, vectors = np.linalg.eigh(left[np.ix_(group, group)])
         along, new = vectors.T @ score[group], values > NEW_COLUMN_SHARE
         chi2 = float(np.sum(np.square(along[new]) / values[new]))
         # what is periodic in the position goes on above the band, where it counts as noise
-        whole = counts[joints.index(joint)] if kind == Cogging.law else excess
+        whole = counts[[joints.index(j) for j in of]].sum() if kind == Cogging.law else excess
         share = min(1.0, chi2 / whole) if whole > 0.0 else 0.0
         first = vectors[:1, new] @ (along[new] / values[new]) / scale[group[0]]
         says += OF_VALUE[kind](float(first[0])) if kind in OF_VALUE else ""
-        found.append(Cause(kind, joint, says, columns, chi2, share))
-    return tuple(sorted(found, key=lambda cause: -cause.rank))
+        return Cause(kind, of[0] if len(of) == 1 else "", says, columns, chi2, share)
+
+    found = [cause(*group) for group in _groups(model, names, shape.period.tolist())]
+    periodic = [x for x in found if x.kind == Cogging.law and x.share >= NAMED_CAUSE_SHARE]
+    if len(periodic) > 1:
+        of = [x.joint for x in periodic]
+        says = _periodic(model.robot, of, [shape.period[joints.index(joint)] for joint in of])
+        columns = tuple(name for x in periodic for name in x.names)
+        found = [x for x in found if x not in periodic] + [cause(Cogging.law, of, says, columns)]
+    return tuple(sorted(found, key=lambda one: -one.rank))
 
 
 def _weights(sigma: Array) -> Array:
@@ -191,42 +200,53 @@ OF_VALUE: dict[str, Callable[[float], str]] = {
 """What follows the words of a cause, by the value of its column."""
 
 
-def _periodic(robot: Robot, joint: str, period: float) -> str:
-    """An effort with a period in the position, with the term that describes it."""
-    turns = robot.joints[robot.joint_names.index(joint)].kind == "revolute"
-    often = f"{2.0 * np.pi / period:.4g} times per turn" if turns else f"every {period:.4g} m"
-    term = f'{{law = "cogging", joints = ["{joint}"], period = {period:.5g}}}'
-    return f"an effort of {joint} that is periodic in its position, {often} (term {term})"
+def _periodic(robot: Robot, joints: Sequence[str], periods: Sequence[float]) -> str:
+    """Efforts with a period in the position, with the term that describes them."""
+    often = ", ".join(
+        f"{2.0 * np.pi / period:.4g} times per turn"
+        if robot.joints[robot.joint_names.index(joint)].kind == "revolute"
+        else f"every {period:.4g} m"
+        for joint, period in zip(joints, periods, strict=True)
+    )
+    named = ", ".join(f'"{joint}"' for joint in joints)
+    values = ", ".join(f"{period:.5g}" for period in periods)
+    listed = f"[{values}]" if len(joints) > 1 else values
+    term = f'{{law = "cogging", joints = [{named}], period = {listed}}}'
+    says = "an effort of {} that is periodic in its position"
+    if len(joints) > 1:
+        says = "efforts of {} that are periodic in their positions"
+    return f"{says.format(', '.join(joints))}, {often} (term {term})"
 
 
 def _groups(
     model: Model, names: Sequence[str], periods: Sequence[float]
-) -> list[tuple[str, str, str, tuple[str, ...]]]:
-    """Kind, joint, words and columns of every cause whose columns are there."""
-    groups: list[tuple[str, str, str, tuple[str, ...]]] = [
-        (kind, joint, says.format(joint), (f"{kind}.{joint}",))
+) -> list[tuple[str, tuple[str, ...], str, tuple[str, ...]]]:
+    """Kind, joints, words and columns of every cause whose columns are there."""
+    groups: list[tuple[str, tuple[str, ...], str, tuple[str, ...]]] = [
+        (kind, (joint,), says.format(joint), (f"{kind}.{joint}",))
         for joint in model.robot.joint_names
         for kind, says in OF_JOINTS.items()
     ]
     joints = model.robot.joint_names
     for k, j in permutations(range(len(joints)), 2):
         says = f"cross-talk of {joints[k]} in the effort of {joints[j]}"
-        groups.append(("crosstalk", joints[j], says, (f"crosstalk_{k + 1}.{joints[j]}",)))
+        groups.append(("crosstalk", (joints[j],), says, (f"crosstalk_{k + 1}.{joints[j]}",)))
     for joint, period in zip(joints, periods, strict=True):
         columns = tuple(p.name for p in Cogging(joints=joint).parameters(model.robot))
-        groups.append((Cogging.law, joint, _periodic(model.robot, joint, period), columns))
+        says = _periodic(model.robot, (joint,), (period,))
+        groups.append((Cogging.law, (joint,), says, columns))
     for body in model.robot.bodies:
         joint, first = body.joint, body.parent < 0
         place = tuple(f"position_{axis}.{joint}" for axis in "xyz")
-        groups.append(("position", joint, f"position of joint {joint} (link length)", place))
+        groups.append(("position", (joint,), f"position of joint {joint} (link length)", place))
         says = f"tilt of the base (axis of {joint})" if first else f"axis of joint {joint}"
         tilt = tuple(f"axis_{k}.{joint}" for k in (1, 2))
-        groups.append(("tilt" if first else "axis", joint, says, tilt))
+        groups.append(("tilt" if first else "axis", (joint,), says, tilt))
     every = tuple(c for c in names if c.split(".")[0].split("_")[0] in GEOMETRY)
-    groups.append(("geometry", "", "geometry of several links (lengths, axes)", every))
+    groups.append(("geometry", (), "geometry of several links (lengths, axes)", every))
     for says, term in FRICTION:
         mine = tuple(p.name for p in term.parameters(model.robot))
-        groups.append((term.law, "", says, mine))
+        groups.append((term.law, (), says, mine))
     return [g for g in groups if g[3] and set(names).issuperset(g[3])]
 
 

@@ -12,6 +12,7 @@ from steelyard.check.finding import Finding
 from steelyard.check.fitted.binding_constraints import BindingConstraints, binding_constraints
 from steelyard.check.fitted.causes_of_residuals import (
     GEOMETRY,
+    NAMED_CAUSE_SHARE,
     Cause,
     LeftOutGain,
     causes,
@@ -35,7 +36,6 @@ from steelyard.model.model import Model
 from steelyard.runs.run import Run
 
 JOINT_ABOVE_NOISE = 1.5  # residual over noise from which on a joint is counted as above it
-NAMED_CAUSE_SHARE = 0.2  # share of what noise does not explain from which on a cause is named
 MOST_NAMED_CAUSES = 3  # most causes that are named
 CLEAR_OVER_FRICTION = 1.5
 """How many times more than a lack of friction an error of the geometry or of an effort must

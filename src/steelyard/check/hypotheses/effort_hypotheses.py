@@ -204,11 +204,11 @@ def best_combinations(likelihood: Likelihood) -> list[Hypothesis]:
     orders = np.array(list(permutations(range(n))))
     rest = np.stack((np.tile(orders[0], (len(orders) - 1, 1)), orders[1:]), axis=1).reshape(-1, n)
     motion = np.concatenate((np.zeros(len(orders), int), np.repeat(np.arange(1, len(orders)), 2)))
-    efforts = motion, np.concatenate((orders, rest))
-    scales = (
-        np.tile(s, (len(orders), 1)) for s in (declared.position_scale, declared.effort_scale)
+    effort, position = np.concatenate((orders, rest)), np.array(declared.position)[orders]
+    scale, effort_scale = (
+        np.tile(x, (len(orders), 1)) for x in (declared.position_scale, declared.effort_scale)
     )
-    best = _best_combinations(coarse, np.array(declared.position)[orders], *scales, *efforts)
+    best = _best_combinations(coarse, position, scale, effort_scale, motion, effort)
     signs = np.array(list(product((1.0, -1.0), repeat=n)))
     position, scale, effort_scale, effort = (
         np.repeat([getattr(reading, name) for reading in best], len(signs), axis=0)
