@@ -15,7 +15,7 @@ import numpy as np
 from steelyard.base.arrays import Array
 from steelyard.base.errors import LogError
 from steelyard.logs.clocks_and_combined_logs import logged_columns, split_clocks, with_clocks
-from steelyard.logs.log_and_errors import require_columns, unreadable
+from steelyard.logs.log_and_errors import reading, require_columns
 from steelyard.logs.messages.mcap_and_ros1_bag import open_mcap
 from steelyard.logs.messages.message_log import MessageLog
 from steelyard.logs.text_table import HEADER_LINES, by_numpy, read_header, rows_of_numbers, tidied
@@ -29,24 +29,21 @@ Waiting = Callable[[], bool]
 
 def file_pieces(path: Path, waiting: Waiting) -> Iterator[bytes]:
     """What is in a file, and what is appended to it."""
-    try:
-        with path.open("rb") as file:
-            while True:
-                if piece := file.read(PIECE_BYTES):
-                    yield piece
-                    continue
-                named, opened = path.stat(), os.fstat(file.fileno())
-                same = (named.st_ino, named.st_dev) == (opened.st_ino, opened.st_dev)
-                if not same or opened.st_size < file.tell():
-                    raise LogError(
-                        "the log was replaced or cut off while it was read",
-                        where=str(path),
-                        fix="start again with the new file; a recorder has to append to its file",
-                    )
-                if not waiting():
-                    return
-    except OSError as error:
-        raise unreadable(path, error) from error
+    with reading(path), path.open("rb") as file:
+        while True:
+            if piece := file.read(PIECE_BYTES):
+                yield piece
+                continue
+            named, opened = path.stat(), os.fstat(file.fileno())
+            same = (named.st_ino, named.st_dev) == (opened.st_ino, opened.st_dev)
+            if not same or opened.st_size < file.tell():
+                raise LogError(
+                    "the log was replaced or cut off while it was read",
+                    where=str(path),
+                    fix="start again with the new file; a recorder has to append to its file",
+                )
+            if not waiting():
+                return
 
 
 def pipe_pieces(read: Callable[[], bytes], waiting: Waiting) -> Iterator[bytes]:

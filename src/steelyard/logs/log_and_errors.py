@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Protocol
 
@@ -92,13 +93,17 @@ def require_file(path: Path) -> None:
         raise LogError("the log file is empty", where=str(path), fix="record or copy it again")
 
 
-def unreadable(path: Path, error: OSError) -> LogError:
-    """The error for a file that the system does not hand out."""
-    return LogError(
-        f"the log cannot be read ({error.strerror or error})",
-        where=str(path),
-        fix="check the file's permissions and the disk",
-    )
+@contextmanager
+def reading(path: Path) -> Iterator[None]:
+    """What the system says of a file or folder that it does not hand out is a `LogError`."""
+    try:
+        yield
+    except OSError as error:
+        raise LogError(
+            f"the log cannot be read ({error.strerror or error})",
+            where=str(path),
+            fix="check the file's permissions and the disk",
+        ) from error
 
 
 def _first_names(columns: Sequence[str]) -> str:

@@ -18,7 +18,13 @@ import numpy as np
 
 from steelyard.base.arrays import Array
 from steelyard.base.errors import LogError, require
-from steelyard.logs.log_and_errors import ROWS_OF_PART, RowRange, require_columns, require_file
+from steelyard.logs.log_and_errors import (
+    ROWS_OF_PART,
+    RowRange,
+    reading,
+    require_columns,
+    require_file,
+)
 
 if TYPE_CHECKING:
     import polars
@@ -169,14 +175,8 @@ class ParquetLog:
         `part-2.parquet` comes before `part-10.parquet`; names that start with `.` or `_` are passed
         over. All must have the same columns.
         """
-        try:
+        with reading(path):
             found = [p for p in path.rglob("*") if p.suffix.lower() == ".parquet" and p.is_file()]
-        except OSError as error:
-            raise LogError(
-                f"the folder cannot be read ({error.strerror or error})",
-                where=str(path),
-                fix="check its permissions",
-            ) from error
         names = {p: p.relative_to(path).parts for p in found}
         named = [p for p in found if not any(part[0] in "._" for part in names[p])]
         if not named:

@@ -17,9 +17,9 @@ from steelyard.logs.log_and_errors import (
     ROWS_OF_PART,
     RowRange,
     ambiguous,
+    reading,
     require_columns,
     require_file,
-    unreadable,
 )
 
 SEPARATORS = ",;\t| "
@@ -259,11 +259,8 @@ class DelimitedLog:
     def open(cls, path: Path) -> "DelimitedLog":
         """Read the header and guess the separator."""
         require_file(path)
-        try:
-            with path.open("rb") as file:
-                head = file.read(HEADER_BYTES)
-        except OSError as error:
-            raise unreadable(path, error) from error
+        with reading(path), path.open("rb") as file:
+            head = file.read(HEADER_BYTES)
         lines = head.split(b"\n", HEADER_LINES)[:HEADER_LINES]
         if len(lines) > 1 and len(head) == HEADER_BYTES:
             lines.pop()
@@ -339,10 +336,8 @@ class DelimitedLog:
 
     def _stamp(self) -> tuple[int, ...]:
         """Size of the file, when it was changed, and which it is."""
-        try:
+        with reading(self.path):
             facts = self.path.stat()
-        except OSError as error:
-            raise unreadable(self.path, error) from error
         return facts.st_size, facts.st_mtime_ns, facts.st_ino, facts.st_dev
 
     def _pieces(self, width: int) -> Iterator[bytes]:
@@ -360,26 +355,23 @@ class DelimitedLog:
 
     def _chunks(self) -> Iterator[bytes]:
         """Whole lines, about `CHUNK` bytes at a time; the last is ended, blank ones after it go."""
-        try:
-            with self.path.open("rb") as file:
-                file.seek(self.body)
-                rest = b""
-                while block := file.read(CHUNK):
-                    rest += block
-                    end = rest.find(b"\n", len(rest.rstrip())) + 1 or rest.rfind(b"\n") + 1
-                    if rest[:end].strip():
-                        yield rest[:end]
-                        rest = rest[end:]
-                    elif len(rest) > LONGEST_LINE:
-                        raise LogError(
-                            f"more than {LONGEST_LINE >> 20} MiB of the log hold no ended row",
-                            where=str(self.path),
-                            fix="check that the file is a text table with one line per sample",
-                        )
-                if rest.strip():
-                    yield rest + b"\n"
-        except OSError as error:
-            raise unreadable(self.path, error) from error
+        with reading(self.path), self.path.open("rb") as file:
+            file.seek(self.body)
+            rest = b""
+            while block := file.read(CHUNK):
+                rest += block
+                end = rest.find(b"\n", len(rest.rstrip())) + 1 or rest.rfind(b"\n") + 1
+                if rest[:end].strip():
+                    yield rest[:end]
+                    rest = rest[end:]
+                elif len(rest) > LONGEST_LINE:
+                    raise LogError(
+                        f"more than {LONGEST_LINE >> 20} MiB of the log hold no ended row",
+                        where=str(self.path),
+                        fix="check that the file is a text table with one line per sample",
+                    )
+            if rest.strip():
+                yield rest + b"\n"
 
     def _numbers(self, chunk: bytes, wanted: Sequence[int]) -> Array:
         parsed = by_polars if available("polars") else by_numpy

@@ -17,7 +17,7 @@ from typing import Any, ClassVar
 from zlib import crc32
 
 from steelyard.base.errors import LogError
-from steelyard.logs.log_and_errors import unreadable
+from steelyard.logs.log_and_errors import reading
 from steelyard.logs.messages.containers_and_decoding import LARGEST_MESSAGE, Channel, Message
 from steelyard.logs.messages.decompression import (
     LARGEST_CHUNK,
@@ -153,12 +153,13 @@ class RecordFile:
         """Messages of some topics, or of all, in the order of the file."""
         walk, at = self.walk(topics), self.start
         try:
-            with ByteSource.of_file(self.content, at, self.waiting) as file:
+            with (
+                reading(self.path),
+                ByteSource.of_file(self.content, at, self.waiting) as file,
+            ):
                 while not walk.ended and file.at < self.end:
                     at = file.at
                     yield from walk.record(file)
-        except OSError as error:
-            raise unreadable(self.path, error) from error
         except EndOfBytes:
             if self.whole:
                 raise walk.damaged(self.path, at, "it claims to be longer than it is") from None
@@ -178,17 +179,14 @@ FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK, STATISTICS, DATA_END = 2, 3, 4, 5, 6, 1
 def open_mcap(path: Path, content: Path) -> RecordFile:
     """Look at both ends of a file that starts as MCAP files do; `content`: see `RecordFile`."""
     start, index, whole = len(MCAP_MAGIC), None, False
-    try:
-        with ByteSource.of_file(content) as file:
-            end = file.size - FOOTER_BYTES
-            if end >= 0:
-                file.skip(end)
-                code, _, first, _, _, magic = struct.unpack("<BQQQI8s", file.take(FOOTER_BYTES))
-                whole = magic == MCAP_MAGIC
-                if whole and code == FOOTER and 0 < first < end:
-                    index = first, end
-    except OSError as error:
-        raise unreadable(path, error) from error
+    with reading(path), ByteSource.of_file(content) as file:
+        end = file.size - FOOTER_BYTES
+        if end >= 0:
+            file.skip(end)
+            code, _, first, _, _, magic = struct.unpack("<BQQQI8s", file.take(FOOTER_BYTES))
+            whole = magic == MCAP_MAGIC
+            if whole and code == FOOTER and 0 < first < end:
+                index = first, end
     return RecordFile(path, content, _McapWalk, start, index, whole)
 
 
@@ -273,7 +271,7 @@ Fields = dict[bytes, bytes]
 def open_bag1(path: Path) -> RecordFile:
     """Read the header of a file that starts as ROS 1 bags do."""
     try:
-        with ByteSource.of_file(path) as file:
+        with reading(path), ByteSource.of_file(path) as file:
             version, size = file.upto(len(VERSION)), file.size
             if version != VERSION:
                 found = version[len(BAG1_MAGIC) - 1 :].decode(errors="replace").strip()
@@ -283,8 +281,6 @@ def open_bag1(path: Path) -> RecordFile:
                     fix="bring it up to date with ROS 1's `rosbag fix OLD.bag NEW.bag`",
                 )
             fields = _fields(file)
-    except OSError as error:
-        raise unreadable(path, error) from error
     except (EndOfBytes, Damaged) as error:
         raise _BagWalk.damaged(path, len(VERSION), str(error) or "the file ends in it") from error
     if name := fields.get(b"encryptor"):

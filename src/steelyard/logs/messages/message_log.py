@@ -27,9 +27,9 @@ from steelyard.base.errors import LogError
 from steelyard.logs.log_and_errors import (
     ROWS_OF_PART,
     RowRange,
+    reading,
     require_columns,
     require_file,
-    unreadable,
 )
 from steelyard.logs.messages.containers_and_decoding import (
     Channel,
@@ -219,12 +219,9 @@ def _container(path: Path) -> Container:
     if path.is_dir():
         return Bag2.open(path)
     require_file(path)
-    try:
-        with path.open("rb") as file:
-            start = file.read(len(BAG1_MAGIC))
-        return open_bag1(path) if start == BAG1_MAGIC else storage(path)
-    except OSError as error:
-        raise unreadable(path, error) from error
+    with reading(path), path.open("rb") as file:
+        start = file.read(len(BAG1_MAGIC))
+    return open_bag1(path) if start == BAG1_MAGIC else storage(path)
 
 
 def _samples(

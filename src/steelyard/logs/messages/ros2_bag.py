@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from steelyard.base.errors import LogError
-from steelyard.logs.log_and_errors import require_file, unreadable
+from steelyard.logs.log_and_errors import reading, require_file
 from steelyard.logs.messages.containers_and_decoding import (
     LARGEST_MESSAGE,
     Channel,
@@ -84,7 +84,8 @@ class SqliteFile:
     def _connected(self) -> Iterator[sqlite3.Connection]:
         """The open database; what SQLite says of a damaged one is a `LogError`."""
         try:
-            _require_whole(self.content)
+            with reading(self.path):
+                _require_whole(self.content)
             address = f"{self.content.absolute().as_uri()}?mode=ro&immutable=1"
             with closing(sqlite3.connect(address, uri=True)) as base:
                 base.text_factory = lambda text: text.decode(errors="replace")
@@ -103,8 +104,6 @@ class SqliteFile:
                         "too",
                     )
                 yield base
-        except OSError as error:
-            raise unreadable(self.path, error) from error
         except (sqlite3.Error, OverflowError, ValueError) as error:
             raise LogError(
                 f"the bag is damaged: its database cannot be read ({error})",
@@ -220,7 +219,7 @@ def storage(path: Path) -> Container:
 
 
 def _start(path: Path) -> bytes:
-    with path.open("rb") as file:
+    with reading(path), path.open("rb") as file:
         return file.read(len(SQLITE_MAGIC))
 
 
