@@ -13,12 +13,18 @@ import numpy as np
 from steelyard.base.arrays import Array
 from steelyard.estimate.estimate import Estimate
 from steelyard.estimate.information.information import Information
+from steelyard.estimate.least_squares.covariance_from_residuals import scatter, spread_of
 from steelyard.estimate.least_squares.known_bounded_and_ridge import (
+    AT_BOUND,
     BoundedLeastSquares,
-    Box,
+    Bounds,
+    optimum_within,
+    refuse_bad_bounds,
     residual_squares,
 )
-from steelyard.estimate.least_squares.weighted_robust_and_whitened import whitened
+from steelyard.estimate.least_squares.normal_equations import Fit, inverse_of_gram
+from steelyard.estimate.least_squares.normal_equations import described as described_fit
+from steelyard.estimate.least_squares.weighted_robust_and_whitened import Whitened, whitened
 from steelyard.excite.search.search_methods import minimised_by_cma_es, minimised_by_genes
 
 REACHED = 1.0 + 1e-6
@@ -26,6 +32,61 @@ REACHED = 1.0 + 1e-6
 
 REACH = 3.0
 """How far from zero a parameter without bounds is searched, in sizes of it by least squares."""
+
+
+@dataclass(frozen=True, eq=False)
+class Box:
+    """Least squares of the columns that the data see, within a box."""
+
+    data: Whitened
+    names: tuple[str, ...]  # columns that the data see, `k` of them
+    lower: Array  # their lower bounds, `(k,)`
+    upper: Array  # their upper bounds, likewise
+    root: Array  # their columns of $R$, `(rank, k)`
+
+    @classmethod
+    def of(cls, data: Whitened, bounds: Bounds) -> "Box":
+        """A box of given bounds.
+
+        Of a parameter that stands for others, which the data cannot distinguish from it, bounds do
+        not hold: they are left out.
+        """
+        solution, columns = data.fit.solution, data.fit.data.whole.layout.columns
+        refuse_bad_bounds(bounds, columns)
+        tied = {name for blind in solution.blind for name in blind.tied_to}
+        names = tuple(columns[k] for k in solution.kept)
+        free = (-np.inf, np.inf)
+        ends = [free if name in tied else bounds.get(name, free) for name in names]
+        lower, upper = np.array(ends, dtype=np.float64).reshape(-1, 2).T
+        root = data.matrix[:, [data.names.index(name) for name in names]]
+        return cls(data, names, lower, upper, root)
+
+    def optimum(self) -> Array:
+        """The best values within the box, shape `(k,)`."""
+        return optimum_within(self.root, self.data.vector, self.lower, self.upper)
+
+    def estimate(self, name: str, values: Array, notes: tuple[str, ...]) -> Estimate:
+        """An estimate at values `(k,)`; its covariance counts the residuals that they leave."""
+        fit = self.data.fit
+        data, old = fit.data, fit.solution
+        full = np.zeros(len(old.values))
+        full[old.kept] = values
+        rise = residual_squares(fit, full) - residual_squares(fit, old.values)
+        variances = fit.variances + np.maximum(rise, 0.0) / np.maximum(data.whole.n_samples, 1.0)
+        matrix = data.normal(1.0 / variances)[0][np.ix_(old.kept, old.kept)]
+        locals_ = tuple(part.solved(full) for part in data.normal(1.0 / variances)[2])
+        solution = replace(old, values=full, inverse=inverse_of_gram(matrix), locals=locals_)
+        found = Fit(data, solution, variances)
+        made = described_fit(name, found, spread_of(found, scatter(fit) / variances))
+        at_bounds = self.at_bounds(values)
+        at = (f"at a bound: {', '.join(at_bounds)}",) if at_bounds else ()
+        return replace(made, notes=(*notes, *at))
+
+    def at_bounds(self, values: Array) -> list[str]:
+        """Names of the parameters that lie at a bound."""
+        slack = AT_BOUND / np.linalg.norm(self.root, axis=0)
+        at = (values <= self.lower + slack) | (values >= self.upper - slack)
+        return [name for name, is_at in zip(self.names, at, strict=True) if is_at]
 
 
 @dataclass(frozen=True)

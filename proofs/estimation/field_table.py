@@ -19,7 +19,7 @@ suits it best.
 import sys
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from importlib.resources import files
 from pathlib import Path
@@ -167,7 +167,8 @@ def scores(
         return goal.q, goal.dq
 
     loop = RunController(here.rig.tuned, wanted)
-    experiment = Experiment.of_runs(here.regressor, [run], [loop])
+    found = Experiment.of_runs(here.regressor, [run])
+    experiment = replace(found, loops=(loop,) * len(found.runs), notes=())
     data = {
         "information": experiment.information,
         "samples": gather_samples(here.regressor, run),

@@ -22,8 +22,7 @@ from steelyard.estimate.information.gather import gather
 from steelyard.estimate.information.information import Information
 from steelyard.estimate.payload.bilinear_least_squares import Bilinear
 from steelyard.estimate.payload.drive_gains import GainEstimate, identified_gains
-from steelyard.estimate.payload.payload_frame import carrier
-from steelyard.estimate.payload.runs_with_payload import load_case
+from steelyard.estimate.payload.runs_with_payload import carrier, load_case
 from steelyard.model.model import Model, model_with_open_friction
 from steelyard.robot.file.robot_file import LoadedRobot, load_robot
 from steelyard.runs.runs_of_named_logs import log_files, prepared, processing_of_robot, recording_of

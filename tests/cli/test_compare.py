@@ -82,7 +82,7 @@ def test_an_estimator_that_fails_does_not_stop_the_others(command, monkeypatch) 
     def failing(data: object) -> None:
         raise np.linalg.LinAlgError("Singular [matrix]")
 
-    offers = (Offer("invented", "fails", "information", lambda _: failing, ()), *ESTIMATORS)
+    offers = (Offer("invented", "fails", lambda _: failing), *ESTIMATORS)
     monkeypatch.setattr(register, "ESTIMATORS", offers)
     monkeypatch.setattr(sys.modules["steelyard.identify.comparison.compare"], "ESTIMATORS", offers)
     done = command("compare", ROBOT, LOG, "--estimators", "invented", "WLS")

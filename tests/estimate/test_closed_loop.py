@@ -254,15 +254,6 @@ def test_the_kalman_filter_says_where_it_diverged() -> None:
 
 
 @pytest.mark.slow
-def test_given_noises_are_used() -> None:
-    data = experiment(1e-5, 0.01)
-    loud = KalmanParameters(position_noise=1e-5, torque_noise=(5.0, 5.0, 5.0))(data)
-    quiet = KalmanParameters(position_noise=1e-5, torque_noise=(0.5, 0.5, 0.5))(data)
-    assert np.all(loud.std > quiet.std)
-    assert np.allclose(loud.sigma, 5.0)
-
-
-@pytest.mark.slow
 def test_simulated_lanes_are_what_single_ones_are() -> None:
     lanes = truth()[:, None] * [1.0, 1.1, -1.0]
     (together,) = simulate(exact(), lanes)
@@ -352,8 +343,7 @@ def test_a_log_without_controller_gets_one_that_stands_in() -> None:
         estimate = estimator(data)
         assert torque_error(estimate) < 0.01
         assert any("is assumed" in note for note in estimate.notes)
-    known = Experiment.of_runs(regressor(), [log], [loop()])
-    assert known.notes == ()
+    known = replace(data, loops=(loop(),) * len(data.runs), notes=())
     assert torque_error(Didim()(known)) < 0.01
 
 

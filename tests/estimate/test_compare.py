@@ -74,7 +74,7 @@ def parts_of(count: int = 4, **more: Any) -> Parts:
 
 
 def offer(name: str, make: Callable[[Information], Estimate], **more: Any) -> Offer:
-    return Offer(name, "invented", more.pop("needs", "information"), lambda _: make, (), **more)
+    return Offer(name, "invented", lambda _: make, **more)
 
 
 LEAST = offer("OLS", OrdinaryLeastSquares())

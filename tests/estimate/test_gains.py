@@ -16,8 +16,7 @@ from steelyard.estimate.information.base_regressor import base_parameters
 from steelyard.estimate.information.information import Information, Window
 from steelyard.estimate.payload.bilinear_least_squares import Bilinear
 from steelyard.estimate.payload.drive_gains import identified_gains
-from steelyard.estimate.payload.payload_frame import carrier
-from steelyard.estimate.payload.runs_with_payload import _scatter, load_case
+from steelyard.estimate.payload.runs_with_payload import _scatter, carrier, load_case
 
 JOINTS = MODEL.robot.joint_names
 UNLOADED, LOADED = [run(1)], [run(2, LOAD, friction=1.4)]

@@ -17,7 +17,7 @@ from steelyard.estimate.consistent.prior_weight_and_contradictions import (
     refuse_contradictions,
 )
 from steelyard.estimate.prior.body_priors import Knowledge, Row, default_knowledge
-from steelyard.estimate.prior.prior_constraint_kinds import CONSTRAINTS, constraint_of, knowledge_of
+from steelyard.estimate.prior.prior_constraint_kinds import CONSTRAINTS, KINDS, knowledge_of
 from steelyard.estimate.prior.prior_constraint_protocol import ConstraintContext
 from steelyard.model.laws.friction_over_speed import Viscous
 from steelyard.model.laws.register import DEFAULT_TERMS, term_of
@@ -50,9 +50,7 @@ def parameters(bodies: Mapping[str, Inertia], **others: float) -> dict[str, floa
 
 
 def rows(table: Mapping[str, Any]) -> list[Row]:
-    return constraint_of(table, "arm.toml, line 3").rows(
-        ConstraintContext(MODEL, "arm.toml, line 3")
-    )
+    return KINDS.built(table, "arm.toml, line 3").rows(ConstraintContext(MODEL, "arm.toml, line 3"))
 
 
 def holds(constraints: Sequence[Row], values: Mapping[str, float]) -> bool:
@@ -304,9 +302,9 @@ def test_mistakes_are_explained(table: dict[str, Any], wrong: str, fix: str) -> 
 def test_bodies_without_a_rigid_body_term_are_not_there() -> None:
     scope = ConstraintContext(Model(tree(), (Viscous(),)), "arm.toml, line 3")
     with pytest.raises(ModelError, match="no mass properties of link 'tip'"):
-        constraint_of({"kind": "mass", "link": "tip", "lower": 1}, "").rows(scope)
+        KINDS.built({"kind": "mass", "link": "tip", "lower": 1}, "").rows(scope)
     with pytest.raises(ModelError, match="but no link"):
-        constraint_of({"kind": "total_mass", "lower": 1}, "").rows(scope)
+        KINDS.built({"kind": "total_mass", "lower": 1}, "").rows(scope)
 
 
 URDF = """<robot name="two"><link name="a"/>

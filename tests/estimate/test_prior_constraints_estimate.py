@@ -14,7 +14,7 @@ from steelyard.estimate.information.base_regressor import base_parameters, base_
 from steelyard.estimate.information.filter_and_gram import Accumulator, Stretch
 from steelyard.estimate.information.information import Information, Signature, Window
 from steelyard.estimate.prior.body_priors import Knowledge, default_knowledge
-from steelyard.estimate.prior.prior_constraint_kinds import constraint_of
+from steelyard.estimate.prior.prior_constraint_kinds import KINDS
 from steelyard.estimate.prior.prior_constraint_protocol import ConstraintContext
 from steelyard.model.model import Model
 from steelyard.robot.inertia_and_placement import Inertia
@@ -51,7 +51,7 @@ def knowing(*tables: Mapping[str, Any]) -> Knowledge:
     rows = [
         row
         for k, table in enumerate(tables, start=1)
-        for row in constraint_of(table, "").rows(ConstraintContext(MODEL, f"arm.toml, line {k}"))
+        for row in KINDS.built(table, "").rows(ConstraintContext(MODEL, f"arm.toml, line {k}"))
     ]
     return replace(default_knowledge(MODEL), rows=tuple(rows), uncertainty=0.3)
 

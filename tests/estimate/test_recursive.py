@@ -10,11 +10,10 @@ from steelyard.estimate.information.base_regressor import base_regressor
 from steelyard.estimate.information.information import Information
 from steelyard.estimate.least_squares.recursive_least_squares import (
     MOST_WINDOWS_APART,
-    Online,
     Recursive,
+    after,
 )
 from steelyard.estimate.least_squares.weighted_robust_and_whitened import (
-    OrdinaryLeastSquares,
     WeightedLeastSquares,
 )
 from steelyard.model.model import Model
@@ -41,23 +40,15 @@ def drifting(
     return sum(parts[1:], parts[0]), np.array(track)
 
 
-@pytest.mark.parametrize("inner", [WeightedLeastSquares(), OrdinaryLeastSquares()])
-def test_without_forgetting_it_is_all_at_once(
-    inner: WeightedLeastSquares | OrdinaryLeastSquares,
-) -> None:
+def test_without_forgetting_it_is_all_at_once() -> None:
     motion, rng = motion_of(4, 1200, 0), np.random.default_rng(1)
     truth = rng.normal(size=len(TREE.layout.columns))
     noise = np.array([0.01, 0.1, 1.0, 0.3])[:, None] * rng.normal(size=(4, 1200))
     information = samples_of(TREE, motion, TREE.dense(*motion) @ truth + noise).information()
-    online = Online(Recursive(inner=inner))
-    for k in range(len(information.windows)):
-        online.add(information.of([k]))
-    found, wanted = online.estimate(), inner(information)
+    found, wanted = Recursive()(information), WeightedLeastSquares()(information)
     assert np.allclose(found.parameters.values, wanted.parameters.values, rtol=1e-12, atol=1e-12)
     assert np.allclose(found.covariance, wanted.covariance, rtol=1e-9)
     assert np.array_equal(found.n_samples, wanted.n_samples)
-    again = Recursive(inner=inner)(information)
-    assert np.array_equal(again.parameters.values, found.parameters.values)
 
 
 def test_forgetting_weighs_windows_by_their_age() -> None:
@@ -83,21 +74,22 @@ def test_forgetting_weighs_windows_by_their_age() -> None:
 
 def test_it_is_constant_in_size_however_long_it_goes_on() -> None:
     information, _ = drifting(0.0, seconds=3 * MOST_WINDOWS_APART)
-    online = Online(Recursive())
-    online.add(information)
-    assert online._faded is not None and len(online._faded.windows) <= MOST_WINDOWS_APART
-    wanted = WeightedLeastSquares()(information)
-    assert np.allclose(online.estimate().parameters.values, wanted.parameters.values, rtol=1e-9)
+    kept = information.of(())
+    for k in range(len(information.windows)):
+        kept = after(kept, 1.0, information.of([k]))
+        assert len(kept.windows) <= MOST_WINDOWS_APART
+    found, wanted = Recursive()(information), WeightedLeastSquares()(information)
+    assert np.allclose(found.parameters.values, wanted.parameters.values, rtol=1e-9)
 
 
 def test_drift_is_followed() -> None:
     information, track = drifting(2.0)
     fading, stiff = Recursive(0.7), Recursive()
     for recursive, near in ((fading, True), (stiff, False)):
-        online, values = Online(recursive), np.empty(len(track))
+        values = np.empty(len(track))
         for number in range(len(track)):
-            online.add(information.of([number]))
-            values[number] = online.estimate().parameters.values[-1]
+            found = recursive(information.of(range(number + 1)))
+            values[number] = found.parameters.values[-1]
         error = np.abs(values - track)[20:]
         assert (error.max() < 0.3) == near
 
@@ -117,16 +109,3 @@ def test_intervals_hold_the_truth_where_nothing_drifts() -> None:
 def test_a_forgetting_that_is_none_is_refused(forgetting: float) -> None:
     with pytest.raises(DataError, match="per second is not valid"):
         Recursive(forgetting)
-
-
-def test_before_the_first_window_there_is_no_estimate() -> None:
-    with pytest.raises(DataError, match="no window was added yet"):
-        Online(Recursive()).estimate()
-
-
-def test_unequal_information_is_not_taken_in() -> None:
-    information, _ = drifting(0.0, seconds=3)
-    online = Online(Recursive())
-    online.add(information)
-    with pytest.raises(DataError, match="unequal effort"):
-        online.add(information.scaled(np.array([2.0]), ("A",)))

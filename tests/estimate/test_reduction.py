@@ -40,7 +40,7 @@ from steelyard.estimate.reduction.left_out_errors_and_stopping_rules import (
     mean_absolute_errors,
     rule_of,
 )
-from steelyard.estimate.reduction.reduction import Reduced, criterion_of, reduce
+from steelyard.estimate.reduction.reduction import criterion_of, reduce, reduced
 from steelyard.identify.page.reduction_and_removals import _joints_judged
 from steelyard.model.model import Model
 from steelyard.report.words import significant
@@ -300,7 +300,7 @@ def test_one_run_is_left_out_by_stretches() -> None:
 def test_every_rule_by_its_name(kind: type[StoppingRule]) -> None:
     text = "count=9" if kind is Count else kind.name
     rule = rule_of(text)
-    assert isinstance(rule, kind) and kind.about
+    assert isinstance(rule, kind)
     found = reduce(DATA, rule=rule)
     assert 0 <= found.chosen < len(found.path.states)
     assert len(found.estimate.parameters) == len(found.state.active)
@@ -409,7 +409,7 @@ def test_what_the_data_do_not_show_has_no_value_and_is_not_removed() -> None:
 
 
 def test_the_estimate_is_weighted_least_squares_of_what_is_left_and_is_read_again() -> None:
-    estimate = Reduced()(DATA)
+    estimate = reduced(DATA)
     plain = WeightedLeastSquares()(DATA.select(estimate.parameters.names))
     np.testing.assert_array_equal(estimate.parameters.values, plain.parameters.values)
     np.testing.assert_array_equal(estimate.covariance, plain.covariance)

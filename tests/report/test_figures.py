@@ -18,7 +18,7 @@ from steelyard.identify.page.conditioning_correlations_and_unseen import (
 )
 from steelyard.identify.page.efforts_and_their_parts import (
     MOST_POINTS_OF_TORQUE_PART,
-    TORQUE_PART_NAMES,
+    TORQUE_PARTS,
     TorqueSplitSection,
 )
 from steelyard.identify.page.friction_choice_and_curves import FrictionCurvesSection, curves_of
@@ -52,9 +52,9 @@ def test_the_parts_of_the_figure_add_up_to_the_prediction(usual: ReportContent) 
     for j, group in enumerate(numbers["groups"]):
         (figure,) = group.figures
         names = [trace["name"] for trace in figure.traces]
-        assert names == ["measured", "predicted", *(TORQUE_PART_NAMES[name] for name in PARTS[:4])]
+        assert names == ["measured", "predicted", *(TORQUE_PARTS[name][0] for name in PARTS[:4])]
         t, predicted = drawn(figure, "predicted")
-        total = sum(drawn(figure, TORQUE_PART_NAMES[name])[1] for name in PARTS[:4])
+        total = sum(drawn(figure, TORQUE_PARTS[name][0])[1] for name in PARTS[:4])
         np.testing.assert_allclose(total, predicted, rtol=1e-5, atol=1e-4)
         at = np.searchsorted(parts.t, t - 1e-3)
         np.testing.assert_allclose(predicted, parts.predicted[at, j], rtol=1e-6)

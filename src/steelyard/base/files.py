@@ -1,9 +1,11 @@
 """Writing files and folders that are there whole or not at all."""
 
+import csv
+import io
 import json
 import os
 import shutil
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from itertools import chain, count
 from pathlib import Path
@@ -205,3 +207,10 @@ def cache_folder(name: str, mode: int = 0o777) -> Path | None:
     except OSError:
         return None
     return place
+
+
+def csv_text(rows: Iterable[Iterable[Any]]) -> str:
+    """Rows as CSV, numbers with all digits; `None` is empty."""
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\n").writerows(rows)
+    return text.getvalue()

@@ -9,7 +9,7 @@ from steelyard.base.arrays import Array, Parameters
 from steelyard.base.errors import DataError
 from steelyard.base.motion import Motion
 from steelyard.estimate.identified_model import IdentifiedModel
-from steelyard.estimate.payload.payload_frame import carrier
+from steelyard.estimate.payload.runs_with_payload import carrier
 from steelyard.model.laws.laws_without_friction import RigidBody
 from steelyard.model.model import Model, ValuedModel
 from steelyard.robot.inertia_and_placement import INERTIAL_NAMES

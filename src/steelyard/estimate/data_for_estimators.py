@@ -12,7 +12,7 @@ from steelyard.estimate.closed_loop.simulated_experiment import Experiment
 from steelyard.estimate.information.base_regressor import Regressor
 from steelyard.estimate.information.filter_and_gram import ParallelFilter
 from steelyard.estimate.information.information import Information, Window
-from steelyard.estimate.information.kept_filtered_samples import FilteredSamples, gather_samples
+from steelyard.estimate.information.kept_filtered_samples import FilteredSamples, in_units_of_joints
 from steelyard.runs.run import Run
 
 Needs = Literal["information", "samples", "experiment"]  # see `estimate.Estimator`
@@ -64,17 +64,9 @@ class Sources:
 
     @cached_property
     def _gathered(self) -> dict[str, FilteredSamples]:
-        model = self.regressor.model
-        return {
-            run.name: gather_samples(
-                self.regressor,
-                run,
-                rests=model.has_memory,
-                threads=self.threads,
-                progress=self.progress,
-            ).scaled(run.recording.signals.gains, model.robot.effort_units)
-            for run in self.runs
-        }
+        runs = self.runs
+        found = in_units_of_joints(self.regressor, runs, self.threads, self.progress)
+        return {run.name: samples for run, samples in zip(runs, found, strict=True)}
 
 
 def _by_run(information: Information) -> dict[str, set[Window]]:

@@ -200,16 +200,7 @@ class Estimate:
             learned=None if data["learned"] is None else frozen(data["learned"], (size,)),
             at_bound=tuple(data["at_bound"]),
             notes=tuple(data["notes"]),
-            removed=tuple(
-                Removed(
-                    str(r["name"]),
-                    int(r["step"]),
-                    float(r["cost"]),
-                    str(r.get("criterion", "")),
-                    None if r.get("worth") is None else float(r["worth"]),
-                )
-                for r in data.get("removed", ())
-            ),
+            removed=tuple(Removed(**one) for one in data.get("removed", ())),
             known=tuple(data.get("known", ())),
             evolution=Evolution.from_dict(data["evolution"]) if data.get("evolution") else None,
         )

@@ -41,7 +41,7 @@ from steelyard.estimate.least_squares.weighted_robust_and_whitened import (
 )
 from steelyard.estimate.prior.body_priors import Knowledge
 from steelyard.estimate.prior.prior_constraint_kinds import knowledge_of
-from steelyard.estimate.reduction.reduction import Reduced
+from steelyard.estimate.reduction.reduction import reduced
 from steelyard.model.model import Model
 from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
 from steelyard.robot.file.sections import GeneticSection
@@ -66,9 +66,9 @@ class Offer:
 
     name: str
     about: str
-    needs: Needs
     estimator: Callable[[Context], Estimator[Any]]  # it, for a model and what is known of it
-    uses: tuple[str, ...]  # tables and keys of the robot file that it uses
+    uses: tuple[str, ...] = ()  # tables and keys of the robot file that it uses
+    needs: Needs = "information"
     slow: bool = False  # whether it searches or simulates: compared only where it is named
     per_run: bool = True  # whether it estimates parameters that every run has for itself
 
@@ -118,110 +118,84 @@ def _simulating(name: str, about: str, kind: Callable[..., Estimator[Any]]) -> O
     def make(context: Context) -> Estimator[Any]:
         return kind(progress=context.progress)
 
-    return Offer(name, about, "experiment", make, (), slow=True, per_run=False)
+    return Offer(name, about, make, needs="experiment", slow=True, per_run=False)
 
 
 ALL_KNOWN = (PRIOR, KNOWLEDGE, WEIGHTS)
 
 ESTIMATORS: tuple[Offer, ...] = (
-    Offer("OLS", "ordinary least squares", "information", _least_squares(OrdinaryLeastSquares), ()),
+    Offer("OLS", "ordinary least squares", _least_squares(OrdinaryLeastSquares)),
     Offer(
-        "WLS",
-        "least squares, joints weighted by their noise",
-        "information",
-        _least_squares(WeightedLeastSquares),
-        (),
+        "WLS", "least squares, joints weighted by their noise", _least_squares(WeightedLeastSquares)
     ),
-    Offer(
-        "consistent",
-        "valid inertias, entropic distance to the prior",
-        "information",
-        _consistent,
-        ALL_KNOWN,
-    ),
+    Offer("consistent", "valid inertias, entropic distance to the prior", _consistent, ALL_KNOWN),
     Offer(
         "pullback",
         "valid inertias, quadratic distance to the prior",
-        "information",
         lambda c: _consistent(c, form=Pullback()),
         ALL_KNOWN,
     ),
     Offer(
         "SDP",
         "valid inertias without prior: effect of the constraints alone",
-        "information",
         lambda c: _consistent(c, form=Free()),
         (KNOWLEDGE, WEIGHTS),
     ),
     Offer(
         "TLS",
         "total least squares: noise in the regressor too",
-        "information",
         lambda c: TotalLeastSquares(per_run=c.per_run),
-        (),
     ),
     Offer(
         "ridge",
         "weighted least squares shrunk towards the nominal inertial parameters",
-        "information",
         lambda c: Ridge.nominal(c.regressor.base, c.knowledge, c.per_run),
         (PRIOR,),
     ),
     Offer(
         "reduced",
         "weighted least squares of the parameters that left-out data need",
-        "information",
-        lambda c: Reduced(),
-        (),
+        lambda c: reduced,
         per_run=False,
     ),
     Offer(
         "RLS",
         "recursive least squares, forgetting 1 % per second",
-        "information",
         lambda c: Recursive(forgetting=0.99),
-        (),
         per_run=False,
     ),
     Offer(
         "Huber",
         "least squares with lower weights for large residuals",
-        "samples",
         _reweighted(Huber()),
-        (),
+        needs="samples",
     ),
     Offer(
         "Tukey",
         "least squares with zero weight for large residuals",
-        "samples",
         _reweighted(Tukey()),
-        (),
+        needs="samples",
     ),
     Offer(
         "ML",
         "maximum likelihood with noise of the measured motion",
-        "samples",
         lambda c: MotionNoise(c.regressor, per_run=c.per_run),
-        (),
+        needs="samples",
     ),
     Offer(
         "bounded LS",
         "weighted least squares within bounds",
-        "information",
         lambda c: BoundedLeastSquares(base_bounds(c.regressor.base, c.knowledge), c.per_run),
-        (),
     ),
     Offer(
         "log-Cholesky",
         "the consistent estimate by Gauss-Newton in log-Cholesky coordinates",
-        "information",
         lambda c: _consistent(c, LogCholesky),
         ALL_KNOWN,
     ),
     Offer(
         "genetic",
         "least squares by a genetic algorithm within bounds",
-        "information",
         _genetic,
         (PRIOR, KNOWLEDGE),
         slow=True,

@@ -7,8 +7,6 @@ functional vanishes for polynomials of degree five, a constant may be taken from
 is the greatest integral of the magnitude of its Peano kernel [Davis1963].
 """
 
-import csv
-import io
 import json
 from math import ceil, floor
 
@@ -16,6 +14,7 @@ import numpy as np
 
 from steelyard.base.arrays import Array
 from steelyard.base.errors import OutputError
+from steelyard.base.files import csv_text
 from steelyard.excite.trajectories.trajectory import ExactTrajectory
 from steelyard.robot.robot import Robot
 
@@ -104,12 +103,8 @@ def csv_of(trajectory: ExactTrajectory, robot: Robot, rate: float) -> str:
     times = grid_times(trajectory.duration, rate)
     names = [f"{what}_{c.name}" for what in ("q", "dq", "ddq") for c in robot.coordinates]
     parts = [values.tolist() for values in orders_at(trajectory, times)]
-    text = io.StringIO()
-    table = csv.writer(text, lineterminator="\n")
-    table.writerow(["time_s", *names])
-    for t, q, dq, ddq in zip(times.tolist(), *parts, strict=True):
-        table.writerow([t, *q, *dq, *ddq])
-    return text.getvalue()
+    rows = zip(times.tolist(), *parts, strict=True)
+    return csv_text([["time_s", *names], *([t, *q, *dq, *ddq] for t, q, dq, ddq in rows)])
 
 
 def keyframes_of(trajectory: ExactTrajectory, robot: Robot, rate: float) -> str:

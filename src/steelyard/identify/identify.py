@@ -287,7 +287,8 @@ def _limitations(
     Checks of the fit look at the scores of its runs, and at unseen runs with theirs, predicted from
     the measured motion.
     """
-    before = () if diagnosis is None else diagnosis.findings
+    checked_before = Diagnosis(()) if diagnosis is None else diagnosis
+    before = checked_before.findings
     case = FittedCase(
         found.identified,
         found.runs,
@@ -306,7 +307,7 @@ def _limitations(
         *of_base(file, before),
         *missing_coupling(before, file.couplings_stated),
     )
-    return (*_open_questions(diagnosis), *_doubts(diagnosis, after), *after)
+    return (*_open_questions(checked_before), *_doubts(checked_before, after), *after)
 
 
 def _doubtful(before: Sequence[Finding], runs: Sequence[Run]) -> tuple[Finding, ...]:
@@ -319,10 +320,8 @@ def _doubtful(before: Sequence[Finding], runs: Sequence[Run]) -> tuple[Finding, 
     )
 
 
-def _doubts(diagnosis: Diagnosis | None, found: Sequence[Finding]) -> tuple[Finding, ...]:
+def _doubts(diagnosis: Diagnosis, found: Sequence[Finding]) -> tuple[Finding, ...]:
     """What the check of the logs doubts, and no check after the fit takes up."""
-    if diagnosis is None:
-        return ()
     taken_up = {one.check for one in found}
     left = Diagnosis(tuple(one for one in diagnosis.findings if one.check not in taken_up))
     checks = [group[0].check for group in groups(left) if group[0].severity]
@@ -330,9 +329,9 @@ def _doubts(diagnosis: Diagnosis | None, found: Sequence[Finding]) -> tuple[Find
     return tuple(Finding(check, "", Severity.DOUBTFUL, note, "") for check, note in says)
 
 
-def _open_questions(diagnosis: Diagnosis | None) -> tuple[Finding, ...]:
+def _open_questions(diagnosis: Diagnosis) -> tuple[Finding, ...]:
     """What the check of the logs could not decide, in one finding."""
-    if diagnosis is None or not diagnosis.inconclusive:
+    if not diagnosis.inconclusive:
         return ()
     says, checks = f"check of the logs: {open_words(diagnosis)}", ", ".join(diagnosis.open_checks)
     return (Finding("open questions", "", Severity.DOUBTFUL, says, checks),)

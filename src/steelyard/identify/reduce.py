@@ -24,7 +24,7 @@ from steelyard.estimate.estimate import Estimate, StandardEstimate
 from steelyard.estimate.identified_model import IdentifiedModel, load_model
 from steelyard.estimate.information.base_regressor import base_parameters, base_regressor
 from steelyard.estimate.information.information import Information
-from steelyard.estimate.information.kept_filtered_samples import gather_samples
+from steelyard.estimate.information.kept_filtered_samples import in_units_of_joints
 from steelyard.estimate.nonlinear.nonlinear_parameters import information_from
 from steelyard.estimate.prior.body_priors import Row
 from steelyard.estimate.prior.prior_constraint_kinds import knowledge_of
@@ -189,7 +189,8 @@ def reduce(
         return information_from(some, rests=rests, threads=cores, progress=progress)(regressor)
 
     if tolerance is not None:
-        rule = _mean_absolute(tolerance, identified, runs, cores, progress)
+        samples = sum_of(add, in_units_of_joints(regressor, runs, cores, progress))
+        rule = MeanAbsoluteTolerance(tolerance.tolerance, samples=samples)
     before = identified.estimate.removed
     gone = {one.name for one in before}
     columns = [name for name in regressor.layout.columns if name not in gone]
@@ -410,25 +411,6 @@ def _tolerance_of(rule: StoppingRule) -> Tolerance:
             fix="add --stop tolerance=5, or leave --error out",
         )
     return rule
-
-
-def _mean_absolute(
-    rule: Tolerance,
-    identified: IdentifiedModel,
-    runs: Sequence[Run],
-    threads: int,
-    progress: Progress,
-) -> MeanAbsoluteTolerance:
-    """The rule with errors by eq. 11 of [Volkmann], which samples tell and sums do not."""
-    regressor, rests = base_regressor(identified.model), identified.model.has_memory
-    units = identified.model.robot.effort_units
-    samples = (
-        gather_samples(regressor, run, rests=rests, threads=threads, progress=progress).scaled(
-            run.recording.signals.gains, units
-        )
-        for run in runs
-    )
-    return MeanAbsoluteTolerance(rule.tolerance, samples=sum_of(add, samples))
 
 
 def _inputs(**logs: Sequence[LogArgument]) -> dict[str, str]:

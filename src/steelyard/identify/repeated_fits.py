@@ -1,6 +1,5 @@
 """The fit repeated: of each log, of windows drawn again, with other cut-offs; scatter of models."""
 
-import csv
 import io
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -9,6 +8,7 @@ from typing import Any
 
 from steelyard.base.checked_arguments import checked
 from steelyard.base.errors import DataError, LogError
+from steelyard.base.files import csv_text
 from steelyard.base.progress import Progress, report_progress
 from steelyard.estimate.bootstrap_and_sensitivity import (
     FACTORS,
@@ -56,11 +56,8 @@ class Repeated:
 
     def csv(self) -> str:
         """The table as CSV."""
-        text, rows = io.StringIO(), self._rows()
-        writer = csv.DictWriter(text, list(rows[0]), lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(rows)
-        return text.getvalue()
+        rows = self._rows()
+        return csv_text([rows[0], *(row.values() for row in rows)])
 
     def _rows(self) -> list[dict[str, Any]]:
         return [

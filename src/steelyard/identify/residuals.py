@@ -17,6 +17,7 @@ from steelyard.estimate.scores.effort_errors import (
     joints_moving,
     known_efforts,
 )
+from steelyard.estimate.scores.model_comparison import units_of
 from steelyard.estimate.scores.score import low_passed, no_closed_sample
 from steelyard.identify.runs_for_model import runs_for
 from steelyard.report.result import DataFrame, frame
@@ -130,16 +131,11 @@ def residuals(
     if not found:
         raise no_closed_sample(identified.valued, run)
     t, moving, efforts = (np.concatenate(some, axis=-1) for some in zip(*found, strict=True))
-    known = known_efforts(identified)
-    measured, predicted = efforts * np.where(known, gains, 1.0)[:, None]
-    coordinates = identified.model.robot.coordinates
+    measured, predicted = efforts * np.where(known_efforts(identified), gains, 1.0)[:, None]
     return Residuals(
         run.name,
         identified.joints,
-        tuple(
-            c.effort_unit if ok else unit
-            for c, unit, ok in zip(coordinates, run.effort_units, known, strict=True)
-        ),
+        units_of(identified),
         band,
         frozen(t),
         frozen(measured.T),

@@ -46,7 +46,7 @@ from steelyard.check.hypotheses.readings_and_likelihood import (
     scored,
 )
 from steelyard.check.predicted_efforts_of_robot import Knowledge
-from steelyard.estimate.payload.payload_frame import carrier
+from steelyard.estimate.payload.runs_with_payload import carrier
 from steelyard.estimate.prior.body_priors import model_prior
 
 COMPARED = 6  # changes of a reading that are compared by their evidence after screening

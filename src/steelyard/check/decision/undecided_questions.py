@@ -24,7 +24,7 @@ from steelyard.check.hypotheses.position_hypotheses import (
     zeros_without_effect,
 )
 from steelyard.check.hypotheses.readings_and_likelihood import Reading
-from steelyard.estimate.payload.payload_frame import carrier
+from steelyard.estimate.payload.runs_with_payload import carrier
 
 SHOWN_ALTERNATIVES = 3  # alternatives that are named
 TRIED_FACTORS = {"effort kind": HEAVIEST_FACTOR, "effort unit": 1000.0}

@@ -62,7 +62,7 @@ from steelyard.check.hypotheses.readings_and_likelihood import (
     Reading,
 )
 from steelyard.check.hypotheses.signs_and_delay_by_friction import friction_alone, presliding_score
-from steelyard.estimate.payload.payload_frame import carrier
+from steelyard.estimate.payload.runs_with_payload import carrier
 
 STRIKING, CLEAN = 200.0, 12.0
 """Log-likelihood gained, and misfit left [%], of an explanation by a nominal model that counts

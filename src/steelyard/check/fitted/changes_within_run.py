@@ -27,7 +27,7 @@ from steelyard.estimate.information.base_regressor import BaseMap, base_regresso
 from steelyard.estimate.information.filter_and_gram import ParallelFilter
 from steelyard.estimate.information.information import Information
 from steelyard.estimate.nonlinear.nonlinear_parameters import information_from
-from steelyard.estimate.payload.payload_frame import carrier, payload_lift
+from steelyard.estimate.payload.runs_with_payload import carrier, payload_lift
 from steelyard.model.laws.register import law_of
 from steelyard.robot.robot import Coordinate, Robot
 from steelyard.runs.run import Run

@@ -23,8 +23,7 @@ from steelyard.check.fitted.fitted_case_and_ranked_causes import FittedCase, pos
 from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.estimate.information.information import Information
 from steelyard.estimate.least_squares.weighted_robust_and_whitened import WeightedLeastSquares
-from steelyard.estimate.payload.payload_frame import carrier
-from steelyard.estimate.payload.runs_with_payload import drifting, load_case
+from steelyard.estimate.payload.runs_with_payload import carrier, drifting, load_case
 
 DISAGREEING_RESIDUAL = 2.0
 """Residual of common bodies over that of each run's own from which on runs disagree, root mean

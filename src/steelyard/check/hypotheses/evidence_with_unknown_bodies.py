@@ -30,7 +30,7 @@ from steelyard.estimate.information.base_regressor import (
     base_parameters,
     chosen_regressor,
 )
-from steelyard.estimate.payload.payload_frame import carrier
+from steelyard.estimate.payload.runs_with_payload import carrier
 from steelyard.estimate.prior.body_priors import model_prior
 from steelyard.model.compiled_quantity import check_angles
 from steelyard.model.model import Model, ValuedModel

@@ -26,7 +26,7 @@ from steelyard.check.hypotheses.readings_and_likelihood import (
     choice_cost,
     likeliest,
 )
-from steelyard.estimate.payload.payload_frame import carrier
+from steelyard.estimate.payload.runs_with_payload import carrier
 from steelyard.robot.inertia_and_placement import Inertia
 
 COMPENSATED = "gravity_compensated_torque"

@@ -28,8 +28,7 @@ from steelyard.estimate.closed_loop.feedback_and_forward_dynamics import Integra
 from steelyard.estimate.closed_loop.simulated_experiment import (
     Experiment,
     Measured,
-    require_sound,
-    simulate,
+    simulate_soundly,
 )
 from steelyard.estimate.closed_loop.simulating_estimators import FilteredRows, Simulating, Step
 
@@ -81,6 +80,13 @@ class Noise:
     position: Array  # [rad; m]
     torque: Array  # [Nm; N]
     size: Array  # root mean square of the torque
+
+    @classmethod
+    def of(cls, run: Measured) -> "Noise":
+        """As the signals of a run show it."""
+        size, torque = np.sqrt(np.mean(run.tau**2, axis=0)), torque_noise(run.tau, run.q)
+        position = np.maximum(white_noise(run.q), _LEAST_POSITION_NOISE)
+        return cls(position, np.maximum(torque, _LEAST_TORQUE_NOISE * size), size)
 
     def torque_variance(self, counts: Array) -> Array:
         """Variance of the torque at a sample that counts, or does not, shape `(n,)`."""
@@ -196,8 +202,7 @@ def filtered(
             raise DataError(
                 f"the Kalman filter diverged at {run.motion.t[k]:.2f} s: {why}",
                 where=run.name,
-                fix="low-pass the motion of its start values more, or give the noise of positions "
-                "and torques",
+                fix="filter the motion more, or take another estimator",
             )
         surprise += state.correct(missed)
     belief = steps.about + state.mean[3 * n :], state.spread[3 * n :, 3 * n :]
@@ -216,7 +221,7 @@ class KalmanParameters(Simulating):
     The filter begins with `Experiment.start_values`, every parameter uncertain by that value at
     which it alone makes `uncertainty` of the torque, and goes through the runs again and again,
     each time from the last pass's values, until these settle. White noise of positions and torques
-    is found from the signals, where it is not given. Where positions surprise the filter more than
+    is found from the signals. Where positions surprise the filter more than
     that noise allows, as those of a robot do that the model does not wholly describe, the noise of
     the joint's torque is raised and the pass repeated. Where a joint rests its friction is unknown,
     and its torque says nothing.
@@ -227,12 +232,10 @@ class KalmanParameters(Simulating):
     exact: ClassVar[float] = 0.0
     rounds: int = 12
     uncertainty: float = 0.1  # share of the torque
-    position_noise: float | None = None  # standard deviation [rad; m]
-    torque_noise: tuple[float, ...] | None = None  # standard deviation per joint [Nm; N]
 
     def steps(self, experiment: Experiment, torque: FilteredRows) -> Iterator[Step]:
         """Each passes over all runs."""
-        noises = [self._noise(run) for run in experiment.runs]
+        noises = [Noise.of(run) for run in experiment.runs]
         information = experiment.information
         efforts = information.effort_squares()
         weights = 1.0 / np.maximum(efforts, max(1e-6 * float(efforts.max()), 1e-300))
@@ -265,23 +268,9 @@ class KalmanParameters(Simulating):
     ) -> tuple[Belief, Array]:
         """One pass over all runs, and how surprising each joint's positions were, `(n,)`."""
         belief, surprises = (values, np.diag(scale**2)), []
-        made = simulate(experiment, values, self.progress)
-        require_sound(experiment, made)
+        made = simulate_soundly(experiment, values, self.progress)
         for run, noise, quiet in zip(experiment.runs, noises, made, strict=True):
             steps = Steps(experiment, noise, values, scale)
             belief, surprise = filtered(run, noise, steps, quiet.tau[..., 0], belief, self.progress)
             surprises.append(surprise)
         return belief, np.asarray(np.mean(surprises, axis=0))
-
-    def _noise(self, run: Measured) -> Noise:
-        n, size = run.q.shape[1], np.sqrt(np.mean(run.tau**2, axis=0))
-        position, torque = white_noise(run.q), torque_noise(run.tau, run.q)
-        if self.position_noise is not None:
-            position = np.full(n, self.position_noise)
-        if self.torque_noise is not None:
-            torque = np.array(self.torque_noise)
-        return Noise(
-            np.maximum(position, _LEAST_POSITION_NOISE),
-            np.maximum(torque, _LEAST_TORQUE_NOISE * size),
-            size,
-        )

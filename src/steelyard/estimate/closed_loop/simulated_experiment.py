@@ -110,18 +110,16 @@ class Experiment:
         cls,
         regressor: Regressor,
         runs: Sequence[Run],
-        loops: Sequence[RunController] | None = None,
         information: Information | None = None,
     ) -> "Experiment":
         """An experiment of logged runs; their efforts become joint torques by the gains.
 
-        Where it is not known how a run was controlled (`loops` is `None`), a controller of our own
-        stands in. The information, efforts as joint torques, is gathered if it is not given. A
-        `DataError` says why the runs cannot be simulated.
+        How they were controlled is not logged: a controller of our own stands in. The information,
+        efforts as joint torques, is gathered if it is not given. A `DataError` says why the runs
+        cannot be simulated.
         """
         Forward(regressor.model, regressor.base.independent)
-        stretches = [_stretches(run) for run in runs]
-        parts = tuple(part for of_run in stretches for part in of_run)
+        parts = tuple(part for run in runs for part in _stretches(run))
         if not parts:
             raise DataError(
                 f"no segment without gaps is as long as {_SHORTEST:g} s",
@@ -130,15 +128,11 @@ class Experiment:
             )
         if information is None:
             information = information_from(runs)(regressor)
-        if loops is None:
-            found = cls(regressor, parts, (), information)
-            q, start = found.postures, found.start_values
-            still = np.zeros_like(q)
-            masses, _ = found.dynamics.mass_and_bias(q, still, start.values, start.widths)
-            own = tuple(_assumed_loop(run, masses) for run in parts)
-            return replace(found, loops=own, notes=(ASSUMED_CONTROLLER_NOTE,))
-        each = [loop for loop, of_run in zip(loops, stretches, strict=True) for _ in of_run]
-        return cls(regressor, parts, tuple(each), information)
+        found = cls(regressor, parts, (), information)
+        q, start = found.postures, found.start_values
+        masses, _ = found.dynamics.mass_and_bias(q, np.zeros_like(q), start.values, start.widths)
+        own = tuple(_assumed_loop(run, masses) for run in parts)
+        return replace(found, loops=own, notes=(ASSUMED_CONTROLLER_NOTE,))
 
     @cached_property
     def start(self) -> Estimate:
@@ -275,8 +269,11 @@ def simulate(
     )
 
 
-def require_sound(experiment: Experiment, simulated: Sequence[Simulated]) -> None:
-    """Raise unless the first lane of every run is sound."""
+def simulate_soundly(
+    experiment: Experiment, values: Array, progress: Progress = silent, widths: Array | None = None
+) -> tuple[Simulated, ...]:
+    """The same; a `DataError` unless the first lane of every run is sound."""
+    simulated = simulate(experiment, values, progress, widths)
     for run, found in zip(experiment.runs, simulated, strict=False):
         if not found.possible[0]:
             raise impossible_mass(experiment.regressor.model)
@@ -287,6 +284,7 @@ def require_sound(experiment: Experiment, simulated: Sequence[Simulated]) -> Non
                 fix="filter the motion more, log a more exciting one, or check that controller "
                 "and reference motion are those of the log",
             )
+    return simulated
 
 
 def _simulate_run(
@@ -342,7 +340,7 @@ START_VALUES_NOTE = (
 def _tried(experiment: Experiment, values: Array, notes: tuple[str, ...]) -> StartValues:
     """The values, if the runs can be simulated with them."""
     widths = experiment.dynamics.widths(experiment.postures, values)
-    require_sound(experiment, simulate(experiment, values, widths=widths))
+    simulate_soundly(experiment, values, widths=widths)
     return StartValues(values, widths, notes)
 
 

@@ -32,8 +32,8 @@ from steelyard.base.progress import Progress, silent
 from steelyard.estimate.closed_loop.simulated_experiment import (
     Experiment,
     Simulated,
-    require_sound,
     simulate,
+    simulate_soundly,
 )
 from steelyard.estimate.estimate import Estimate
 from steelyard.estimate.information.filter_and_gram import MOVING, ParallelFilter
@@ -122,7 +122,7 @@ class InstrumentalVariables(Simulating):
         motions = [(r.motion.q, r.motion.dq, r.motion.ddq) for r in experiment.runs]
         seen, values = _regressor(experiment, motions), experiment.start_values.values
         for _ in range(self.rounds):
-            simulated = _simulated(experiment, values, self.progress)
+            simulated = simulate_soundly(experiment, values, self.progress)
             instruments = _regressor(experiment, [found.motion for found in simulated])
             sigma = _floored(_left(torque, seen, values).deviations(len(values)), torque)
             cross = normal(instruments, seen, sigma)
@@ -144,7 +144,7 @@ class Didim(Simulating):
         """Each simulates once."""
         values = experiment.start_values.values
         for _ in range(self.rounds):
-            simulated = _simulated(experiment, values, self.progress)
+            simulated = simulate_soundly(experiment, values, self.progress)
             columns = _regressor(experiment, [found.motion for found in simulated])
             step, _ = _gauss_newton(values, columns, _residual(experiment, simulated), torque)
             values = values + step.change
@@ -184,7 +184,7 @@ class ClosedLoopOutputError(Simulating):
         own = np.diag(matrix)[experiment.kept]
         steps = np.asarray(_STEP * np.sqrt(square / np.maximum(own, 1e-300)))
         lanes = np.concatenate((np.zeros((len(values), 1)), np.diag(steps)), axis=1)
-        simulated = _simulated(experiment, values[:, None] + lanes, self.progress)
+        simulated = simulate_soundly(experiment, values[:, None] + lanes, self.progress)
         slopes = [
             np.moveaxis((found.tau[..., 1:] - found.tau[..., :1]) / steps, 1, 0)
             for found in simulated
@@ -260,12 +260,6 @@ def _regressor(
 
 def _left(torque: FilteredRows, seen: FilteredRows, values: Array) -> FilteredRows:
     return replace(torque, values=torque.values - seen.values @ values)
-
-
-def _simulated(experiment: Experiment, values: Array, progress: Progress) -> tuple[Simulated, ...]:
-    simulated = simulate(experiment, values, progress)
-    require_sound(experiment, simulated)
-    return simulated
 
 
 def _residual(experiment: Experiment, simulated: Sequence[Simulated]) -> FilteredRows:

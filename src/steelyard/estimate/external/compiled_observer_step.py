@@ -180,34 +180,28 @@ class StepProgram:
             from steelyard.symbolic.symbols_and_tracing import symbolic
 
             inputs = [Input(name, size, shared=True) for name, size in sizes.items()]
-            return symbolic(lambda *x: _outputs(equations, frame, axes, *x), inputs), {}
+
+            def outputs(*given: Sequence[Scalar]) -> list[Scalar]:
+                return _outputs(equations, frame, axes, dict(zip(sizes, given, strict=True)))
+
+            return symbolic(outputs, inputs), {}
 
         place = [axes, frame.body, frame.rotation.tolist(), frame.position.tolist()]
         return cls(equations, compiled(["observer step", place, equations.program_key], build))
 
 
-def _outputs(
-    equations: Equations,
-    frame: Frame,
-    axes: Axes,
-    state: Sequence[Scalar],
-    sample: Sequence[Scalar],
-    scalars: Sequence[Scalar],
-    channels: Sequence[Scalar],
-    parameters: Sequence[Scalar],
-    covariance: Sequence[Scalar],
-    variances: Sequence[Scalar],
-) -> list[Scalar]:
+def _outputs(equations: Equations, frame: Frame, axes: Axes, given: Given) -> list[Scalar]:
+    state, sample, scalars = (given[name] for name in ("state", "sample", "scalars"))
     n = equations.robot.n
     old = [state[k * n : (k + 1) * n] for k in range(STATES)]
     q, dq, tau = (sample[k * n : (k + 1) * n] for k in range(3))
     slow, ddq = slow_velocities(dq, old[2], scalars)
-    given = {"q": q, "dq": dq, "ddq": ddq, "channels": channels, "parameters": parameters}
+    given = {**given, "q": q, "dq": dq, "ddq": ddq}
     momentum, drive, torque = observed_torque(
         equations, given, tau, (old[0], old[1], old[3]), scalars
     )
     rows = jacobian_of(equations, frame, axes, given)
-    wrench, spread = _wrench(rows, covariance, variances, torque)
+    wrench, spread = _wrench(rows, given["covariance"], given["variances"], torque)
     return [*momentum, *drive, *slow, *torque, *ddq, *wrench, *spread]
 
 

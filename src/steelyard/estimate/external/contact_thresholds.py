@@ -106,9 +106,7 @@ HOLD = 0.15
 and the friction of a joint that starts to move remember."""
 
 MOST_KEPT = 200  # maxima kept per joint and range
-TAIL_SIZE = (
-    3.0  # maxima in the tail of a range over the root of its visits: more, but a smaller share
-)
+TAIL_SIZE = 3.0  # maxima in the tail of a range over the root of its visits
 SETTLED = 0.5  # rest begins that long after the last motion [s]: an abrupt stop makes robots swing
 FEWEST = 10  # maxima that the tail of a range needs
 EXTRAPOLATION = 10.0  # most times between false alarms over the length of the calibration

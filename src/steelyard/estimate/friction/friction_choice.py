@@ -223,7 +223,7 @@ class FrictionMixErrors:
         except DataError as error:
             if self.known:
                 return None
-            raise too_short(self.whole) from error
+            raise too_short(self.whole.runs) from error
         return logarithms(self.known[mix], self.sizes)
 
     def fitting(self, mix: Mix) -> Callable[[Information], Array]:

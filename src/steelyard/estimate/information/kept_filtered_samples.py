@@ -1,6 +1,6 @@
 """Filtered samples, bounded in number, and the pass over a run that keeps them."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -179,17 +179,19 @@ def gather_samples(
     regressor: Regressor,
     run: Run,
     *,
-    rests: bool = False,
+    rests: bool | None = None,
     most: int = MOST_SAMPLES_PER_ROW,
     threads: int = 1,
     progress: Progress = silent,
 ) -> FilteredSamples:
     """Filtered samples of one run: every one of a short run, every 2nd, 4th, ... of a longer one.
 
-    At most `most` samples are kept per effort row; memory holds twice as many. Other arguments and
-    errors are those of `gather`.
+    At most `most` samples are kept per effort row; memory holds twice as many. Samples at rest
+    count where the model has memory, if `rests` does not say. Other arguments and errors are those
+    of `gather`.
     """
-    begun, layout = start_pass(regressor, run, rests), regressor.layout
+    wanted = regressor.model.has_memory if rests is None else rests
+    begun, layout = start_pass(regressor, run, wanted), regressor.layout
     accumulator, n = begun.accumulator, len(layout.rows)
     kept = _Kept(max(1, most), n)
     for piece, found in in_order(accumulator.rows, begun.pieces, threads):
@@ -221,6 +223,16 @@ def gather_samples(
         weights=tuple(frozen(w[k]) for w, k in zip(weights, at, strict=True)),
         at=at,
     )
+
+
+def in_units_of_joints(
+    regressor: Regressor, runs: Sequence[Run], threads: int, progress: Progress
+) -> Iterator[FilteredSamples]:
+    """Filtered samples of each run, efforts in the joints' units."""
+    units = regressor.model.robot.effort_units
+    for run in runs:
+        samples = gather_samples(regressor, run, threads=threads, progress=progress)
+        yield samples.scaled(run.recording.signals.gains, units)
 
 
 class _Kept:

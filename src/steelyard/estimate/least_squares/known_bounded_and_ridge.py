@@ -37,7 +37,6 @@ from steelyard.estimate.least_squares.normal_equations import (
 )
 from steelyard.estimate.least_squares.weighted_robust_and_whitened import (
     WeightedLeastSquares,
-    Whitened,
     whitened,
 )
 from steelyard.estimate.prior.body_priors import Knowledge
@@ -127,72 +126,6 @@ def base_bounds(base: BaseMap, knowledge: Knowledge) -> Bounds:
     return result
 
 
-@dataclass(frozen=True, eq=False)
-class Box:
-    """Least squares of the columns that the data see, within a box."""
-
-    data: Whitened
-    names: tuple[str, ...]  # columns that the data see, `k` of them
-    lower: Array  # their lower bounds, `(k,)`
-    upper: Array  # their upper bounds, likewise
-    root: Array  # their columns of $R$, `(rank, k)`
-
-    @classmethod
-    def of(cls, data: Whitened, bounds: Bounds) -> "Box":
-        """A box of given bounds.
-
-        Of a parameter that stands for others, which the data cannot distinguish from it, bounds do
-        not hold: they are left out.
-        """
-        solution, columns = data.fit.solution, data.fit.data.whole.layout.columns
-        refuse_bad_bounds(bounds, columns)
-        tied = {name for blind in solution.blind for name in blind.tied_to}
-        names = tuple(columns[k] for k in solution.kept)
-        free = (-np.inf, np.inf)
-        ends = [free if name in tied else bounds.get(name, free) for name in names]
-        lower, upper = np.array(ends, dtype=np.float64).reshape(-1, 2).T
-        root = data.matrix[:, [data.names.index(name) for name in names]]
-        return cls(data, names, lower, upper, root)
-
-    def optimum(self) -> Array:
-        """The best values within the box, by bounded least squares, shape `(k,)`."""
-        from scipy.optimize import lsq_linear
-
-        lengths = np.linalg.norm(self.root, axis=0)
-        ends = (self.lower * lengths, self.upper * lengths)
-        found = lsq_linear(self.root / lengths, self.data.vector, ends, method="bvls", tol=1e-14)
-        if not found.success:
-            raise DataError(
-                f"bounded least squares did not converge: {found.message}",
-                where=f"{len(lengths)} parameters",
-                fix="remove bounds that contradict the data, or use WLS",
-            )
-        return np.asarray(np.clip(found.x / lengths, self.lower, self.upper))
-
-    def estimate(self, name: str, values: Array, notes: tuple[str, ...]) -> Estimate:
-        """An estimate at values `(k,)`; its covariance counts the residuals that they leave."""
-        fit = self.data.fit
-        data, old = fit.data, fit.solution
-        full = np.zeros(len(old.values))
-        full[old.kept] = values
-        rise = residual_squares(fit, full) - residual_squares(fit, old.values)
-        variances = fit.variances + np.maximum(rise, 0.0) / np.maximum(data.whole.n_samples, 1.0)
-        matrix = data.normal(1.0 / variances)[0][np.ix_(old.kept, old.kept)]
-        locals_ = tuple(part.solved(full) for part in data.normal(1.0 / variances)[2])
-        solution = replace(old, values=full, inverse=inverse_of_gram(matrix), locals=locals_)
-        found = Fit(data, solution, variances)
-        made = described(name, found, spread_of(found, scatter(fit) / variances))
-        at_bounds = self.at_bounds(values)
-        at = (f"at a bound: {', '.join(at_bounds)}",) if at_bounds else ()
-        return replace(made, notes=(*notes, *at))
-
-    def at_bounds(self, values: Array) -> list[str]:
-        """Names of the parameters that lie at a bound."""
-        slack = AT_BOUND / np.linalg.norm(self.root, axis=0)
-        at = (values <= self.lower + slack) | (values >= self.upper - slack)
-        return [name for name, is_at in zip(self.names, at, strict=True) if is_at]
-
-
 def residual_squares(fit: Fit, values: Array) -> Array:
     """Squared residuals per row `(rows,)` at shared values `(p,)`, each run's own fitted."""
     total = np.zeros(len(fit.variances))
@@ -217,7 +150,11 @@ def refuse_bad_bounds(bounds: Bounds, columns: tuple[str, ...]) -> None:
 
 @dataclass(frozen=True)
 class BoundedLeastSquares:
-    """Weighted least squares within bounds; intervals are those without them, if anything wide."""
+    """Weighted least squares within bounds; intervals are those without them, if anything wide.
+
+    Of a parameter that stands for others, which the data cannot distinguish from it, bounds do not
+    hold: they are left out. The covariance counts the residuals that the bounds leave.
+    """
 
     # lower and upper bound by column, see `base_bounds`
     bounds: Mapping[str, tuple[float, float]] = field(default_factory=dict)
@@ -225,8 +162,45 @@ class BoundedLeastSquares:
 
     def __call__(self, information: Information) -> Estimate:
         """Estimate all columns that the data see."""
-        box = Box.of(whitened(information, self.per_run), self.bounds)
-        return box.estimate("bounded least squares", box.optimum(), ())
+        problem, columns = whitened(information, self.per_run), information.layout.columns
+        fit, old = problem.fit, problem.fit.solution
+        refuse_bad_bounds(self.bounds, columns)
+        tied = {name for blind in old.blind for name in blind.tied_to}
+        names, free = [columns[k] for k in old.kept], (-np.inf, np.inf)
+        ends = [free if name in tied else self.bounds.get(name, free) for name in names]
+        lower, upper = np.array(ends, dtype=np.float64).reshape(-1, 2).T
+        root = problem.matrix[:, [problem.names.index(name) for name in names]]
+        values = optimum_within(root, problem.vector, lower, upper)
+        full = np.zeros(len(old.values))
+        full[old.kept] = values
+        rise = residual_squares(fit, full) - residual_squares(fit, old.values)
+        counts = np.maximum(information.n_samples, 1.0)
+        variances = fit.variances + np.maximum(rise, 0.0) / counts
+        matrix, _, eliminated, _ = fit.data.normal(1.0 / variances)
+        inverse = inverse_of_gram(matrix[np.ix_(old.kept, old.kept)])
+        own = tuple(part.solved(full) for part in eliminated)
+        found = Fit(fit.data, replace(old, values=full, inverse=inverse, locals=own), variances)
+        spread = spread_of(found, scatter(fit) / variances)
+        slack = AT_BOUND / np.linalg.norm(root, axis=0)
+        at = np.flatnonzero((values <= lower + slack) | (values >= upper - slack))
+        notes = (f"at a bound: {', '.join(names[k] for k in at)}",) if len(at) else ()
+        return replace(described("bounded least squares", found, spread), notes=notes)
+
+
+def optimum_within(root: Array, vector: Array, lower: Array, upper: Array) -> Array:
+    """The best values within bounds, by an active set, shape `(k,)`."""
+    from scipy.optimize import lsq_linear
+
+    lengths = np.linalg.norm(root, axis=0)
+    ends = (lower * lengths, upper * lengths)
+    found = lsq_linear(root / lengths, vector, ends, method="bvls", tol=1e-14)
+    if not found.success:
+        raise DataError(
+            f"bounded least squares did not converge: {found.message}",
+            where=f"{len(lengths)} parameters",
+            fix="remove bounds that contradict the data, or use WLS",
+        )
+    return np.asarray(np.clip(found.x / lengths, lower, upper))
 
 
 WEIGHTS = 1e-14, 1e4  # least and greatest weight; the eigenvalues add up to the number of columns

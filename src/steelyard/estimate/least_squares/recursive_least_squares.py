@@ -5,7 +5,7 @@ that drift are followed [Ljung1999]. Kept are the faded sums of products, not an
 has to be guessed before the first window.
 """
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -14,23 +14,18 @@ from steelyard.base.errors import DataError
 from steelyard.estimate.estimate import Estimate
 from steelyard.estimate.information.information import Information
 from steelyard.estimate.least_squares.normal_equations import inverse_of_gram
-from steelyard.estimate.least_squares.weighted_robust_and_whitened import (
-    Inner,
-    OrdinaryLeastSquares,
-    WeightedLeastSquares,
-)
+from steelyard.estimate.least_squares.weighted_robust_and_whitened import WeightedLeastSquares
 
 MOST_WINDOWS_APART = 48  # windows that are kept apart, for the correlation of residuals
 
 
 @dataclass(frozen=True)
 class Recursive:
-    """Estimates window by window."""
+    """Weighted least squares window by window; constant in size however long it goes on."""
 
     # weight, after a second of further data, of what was learned before, above 0 and up to 1; with
-    # 1 nothing fades, and the estimate is the inner one of all windows
+    # 1 nothing fades, and the estimate is that of weighted least squares of all windows
     forgetting: float = 1.0
-    inner: Inner = field(default_factory=WeightedLeastSquares)  # how rows are weighted
 
     def __post_init__(self) -> None:
         if not 0.0 < self.forgetting <= 1.0:
@@ -42,64 +37,37 @@ class Recursive:
 
     def __call__(self, information: Information) -> Estimate:
         """The estimate after all windows, in their order."""
-        online = Online(self)
-        online.add(information)
-        return online.estimate()
-
-
-class Online:
-    """Recursive least squares on its way; constant in size however long it goes on."""
-
-    def __init__(self, settings: Recursive) -> None:
-        self._settings = settings
-        self._faded: Information | None = None
-        self._squared: Information | None = None
-
-    def add(self, information: Information) -> None:
-        """Take in the next windows, in order, of the same model, columns, units and filters."""
+        faded = squared = information.of(())
         for number, window in enumerate(information.windows):
-            keep = self._settings.forgetting ** max(window.stop - window.start, 0.0)
+            keep = self.forgetting ** max(window.stop - window.start, 0.0)
             part = information.of([number])
-            self._faded = _after(self._faded, keep, part)
-            self._squared = _after(self._squared, keep**2, part)
-
-    def estimate(self) -> Estimate:
-        """What is known now; a `DataError` before any window, or without a visible parameter."""
-        if self._faded is None or self._squared is None:
-            raise DataError(
-                "no window was added yet",
-                where="recursive least squares",
-                fix="add information before asking for an estimate",
-            )
-        found = self._settings.inner(self._faded)
+            faded, squared = after(faded, keep, part), after(squared, keep**2, part)
+        found = WeightedLeastSquares()(faded)
         name = f"recursive {found.estimator}"
-        if self._settings.forgetting == 1.0:
+        if self.forgetting == 1.0:
             return replace(found, estimator=name)
-        memory = -1.0 / np.log(self._settings.forgetting)
+        memory = -1.0 / np.log(self.forgetting)
         return replace(
             found,
             estimator=name,
-            covariance=self._covariance(found, self._faded, self._squared),
+            covariance=_covariance(found, faded, squared),
             notes=(*found.notes, f"data {memory:.3g} s old have weight 1/e"),
         )
 
-    def _covariance(self, found: Estimate, faded: Information, squared: Information) -> Array:
-        """What noise does where samples are weighted by their age: its weights enter squared."""
-        variances = np.square(np.maximum(found.sigma, 1e-300))
-        ordinary = isinstance(self._settings.inner, OrdinaryLeastSquares)
-        weights = np.ones(len(variances)) if ordinary else 1.0 / variances
-        names = found.parameters.names
-        normal = faded.select(names).normal(weights)[0]
-        noise = squared.select(names).normal(np.square(weights) * variances)[0]
-        inverse = inverse_of_gram(normal)
-        covariance = inverse @ noise @ inverse
-        return frozen(0.5 * (covariance + covariance.T))
+
+def _covariance(found: Estimate, faded: Information, squared: Information) -> Array:
+    """What noise does where samples are weighted by their age: its weights enter squared."""
+    variances, names = np.square(np.maximum(found.sigma, 1e-300)), found.parameters.names
+    weights = 1.0 / variances
+    normal = faded.select(names).normal(weights)[0]
+    noise = squared.select(names).normal(np.square(weights) * variances)[0]
+    inverse = inverse_of_gram(normal)
+    covariance = inverse @ noise @ inverse
+    return frozen(0.5 * (covariance + covariance.T))
 
 
-def _after(before: Information | None, keep: float, new: Information) -> Information:
+def after(before: Information, keep: float, new: Information) -> Information:
     """Sums that have faded, and new ones; neighbours merge when there get too many."""
-    if before is None:
-        return new
     both = before.with_effective_samples(1.0 / keep) + new
     count = len(both.windows)
     if count <= MOST_WINDOWS_APART:

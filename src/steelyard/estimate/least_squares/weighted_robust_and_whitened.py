@@ -185,9 +185,6 @@ def whitened(
     )
 
 
-Inner = WeightedLeastSquares | OrdinaryLeastSquares
-
-
 NORMAL = 0.6744897501960817  # median of |x| of a standard normal x
 FLOOR = 1e-12  # scale of residuals over the effort's root mean square that is rounding
 

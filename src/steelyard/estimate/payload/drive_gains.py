@@ -19,8 +19,12 @@ from steelyard.estimate.information.base_regressor import base_parameters
 from steelyard.estimate.information.information import Information
 from steelyard.estimate.payload.bilinear_least_squares import Bilinear, Solution, solved
 from steelyard.estimate.payload.payload_estimate import PayloadEstimate, payload_of
-from steelyard.estimate.payload.payload_frame import carrier
-from steelyard.estimate.payload.runs_with_payload import LoadCase, load_case, refuse_foreign
+from steelyard.estimate.payload.runs_with_payload import (
+    LoadCase,
+    carrier,
+    load_case,
+    refuse_foreign,
+)
 from steelyard.model.model import Model
 from steelyard.robot.robot import Frame, Robot
 

@@ -1,6 +1,5 @@
 """Kinds of prior constraints on bodies and parameters, by their names in robot files."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Literal, cast
 
@@ -325,7 +324,7 @@ def knowledge_of(model: Model, loaded: LoadedRobot, fastest: Array | None = None
     notes = list(known.notes)
     for number, table in enumerate(loaded.knowledge):
         where = loaded.where("knowledge", number)
-        constraint = constraint_of(table, where)
+        constraint = cast(PriorConstraint, KINDS.built(table, where))
         if loaded.friction and (absent := _of_absent_law(constraint, model)):
             notes.append(f"the model has no '{absent}': prior constraints on it are ignored")
             continue
@@ -349,11 +348,6 @@ def knowledge_of(model: Model, loaded: LoadedRobot, fastest: Array | None = None
         row for row in dissipation_rows(model, fastest) if not set(loosened) & set(row.coefficients)
     )
     return replace(known, curves=curves, shaped=shaped(model, curves))
-
-
-def constraint_of(table: Mapping[str, Any], where: str) -> PriorConstraint:
-    """A constraint from a table of the robot file with its `kind` and its fields."""
-    return cast(PriorConstraint, KINDS.built(table, where))
 
 
 def _of_absent_law(constraint: PriorConstraint, model: Model) -> str | None:

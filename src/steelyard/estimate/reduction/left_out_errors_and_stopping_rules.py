@@ -18,7 +18,13 @@ from steelyard.base.errors import DataError, ModelError, named
 from steelyard.estimate.information.information import Information, Window
 from steelyard.estimate.information.kept_filtered_samples import FilteredSamples
 from steelyard.estimate.reduction.backward_elimination import FullModel, Path, State
-from steelyard.estimate.scores.cross_validation import FEWEST, FOLDS, logarithms, standard_error
+from steelyard.estimate.scores.cross_validation import (
+    FEWEST,
+    FOLDS,
+    logarithms,
+    standard_error,
+    too_short,
+)
 
 PathOf = Callable[[FullModel], Path]  # the path of a full model
 
@@ -89,11 +95,8 @@ def folds_of(information: Information) -> tuple[tuple[str, tuple[int, ...]], ...
     every = np.array_split(np.arange(len(windows)), FOLDS)
     parts = [tuple(part.tolist()) for part in every if len(part)]
     if len(parts) < FEWEST:
-        raise DataError(
-            "the run is too short to leave a part of it out",
-            where=", ".join(runs) or "no run",
-            fix="log longer or several runs, or reduce to a number of parameters",
-        )
+        fix = "log longer or several runs, or reduce to a number of parameters"
+        raise too_short(information.runs or "no run", fix)
     names = (f"{windows[p[0]].start:.3g} to {windows[p[-1]].stop:.3g} s" for p in parts)
     return tuple(zip(names, parts, strict=True))
 
@@ -146,7 +149,6 @@ class StoppingRule(ABC):
     """Where a path ends, and which of its models is taken."""
 
     name: ClassVar[str]  # short name, as options know it
-    about: ClassVar[str]  # what it takes, in a few words
     needs_left_out: ClassVar[bool] = False  # whether it looks at errors on left-out data
     tolerance: float = RISE  # rise of a joint's left-out error from which the report names it
 
@@ -178,7 +180,6 @@ class OneStandardError(StoppingRule):
     """
 
     name: ClassVar[str] = "one_standard_error"
-    about: ClassVar[str] = "least left-out error, within one standard error"
     needs_left_out: ClassVar[bool] = True
 
     def choose(self, path: Path, left_out: LeftOutErrors | None) -> int:
@@ -208,7 +209,6 @@ class Tolerance(StoppingRule):
     """
 
     name: ClassVar[str] = "tolerance"
-    about: ClassVar[str] = "no joint's error grows by more than this [%]"
 
     tolerance: float = RISE  # $e_\mathrm{tol}$, above zero
 
@@ -266,7 +266,6 @@ class Bic(StoppingRule):
     r"""The least $\chi^2 + k \ln N$, residuals and samples counted by their correlation."""
 
     name: ClassVar[str] = "bic"
-    about: ClassVar[str] = "least Bayesian information criterion"
 
     def choose(self, path: Path, left_out: LeftOutErrors | None) -> int:
         """See `StoppingRule`."""
@@ -305,7 +304,6 @@ class ConditionLimit(_FirstWithin):
     """The first model with a small enough condition number of unit weighted columns [Wang]."""
 
     name: ClassVar[str] = "condition"
-    about: ClassVar[str] = "condition number of this or less"
     figure: ClassVar[str] = "condition number"
 
     def figure_of(self, state: State) -> float:
@@ -318,7 +316,6 @@ class DeviationRatio(_FirstWithin):
     """The first model whose relative standard deviations lie close enough together [Pham1991]."""
 
     name: ClassVar[str] = "ratio"
-    about: ClassVar[str] = "greatest over least relative standard deviation of this or less"
     figure: ClassVar[str] = "ratio of relative deviations"
 
     def figure_of(self, state: State) -> float:
@@ -331,7 +328,6 @@ class Count(StoppingRule):
     """The model with a number of parameters."""
 
     name: ClassVar[str] = "count"
-    about: ClassVar[str] = "so many parameters"
 
     parameters: int
 
@@ -350,7 +346,6 @@ class OneFewer(StoppingRule):
     """The model without one more parameter: one round of [Wang]."""
 
     name: ClassVar[str] = "one_fewer"
-    about: ClassVar[str] = "one parameter fewer than before"
 
     def choose(self, path: Path, left_out: LeftOutErrors | None) -> int:
         """See `StoppingRule`."""
@@ -366,7 +361,6 @@ class Refit(StoppingRule):
     """The model as it is: the parameters that are left are estimated from other data."""
 
     name: ClassVar[str] = "refit"
-    about: ClassVar[str] = "nothing more is removed, what is left is estimated from these logs"
 
     def choose(self, path: Path, left_out: LeftOutErrors | None) -> int:
         """See `StoppingRule`."""

@@ -163,13 +163,9 @@ def reduce(
     )
 
 
-@dataclass(frozen=True)
-class Reduced:
-    """The reduction as an estimator, with the default criterion and stopping rule."""
-
-    def __call__(self, information: Information) -> Estimate:
-        """Estimate the parameters that left-out data need."""
-        return reduce(information).estimate
+def reduced(information: Information) -> Estimate:
+    """An estimator of the parameters that left-out data need, by the default criterion and rule."""
+    return reduce(information).estimate
 
 
 def least_squares(equal: bool) -> Estimator[Information]:

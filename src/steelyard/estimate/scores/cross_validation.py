@@ -157,7 +157,7 @@ def per_fold(information: Information, folds: Sequence[Fold]) -> Information:
     """One window per fold, in their order."""
     groups = [[k for k, w in enumerate(information.windows) if fold(w)] for fold in folds]
     if len(groups) < FEWEST or not all(groups):
-        raise too_short(information)
+        raise too_short(information.runs)
     return information.grouped(groups)
 
 
@@ -165,13 +165,12 @@ class TooShortError(DataError):
     """There is nothing in a part of a run that is to be left out."""
 
 
-def too_short(information: Information) -> TooShortError:
+NAMED_LAWS = 'log longer or several runs, or name the friction laws instead of "auto"'
+
+
+def too_short(where: str, fix: str = NAMED_LAWS) -> TooShortError:
     """What to say where nothing can be left out."""
-    return TooShortError(
-        "the run is too short to leave a part of it out",
-        where=information.runs,
-        fix='log longer or several runs, or name the friction laws instead of "auto"',
-    )
+    return TooShortError("the run is too short to leave a part of it out", where=where, fix=fix)
 
 
 def values_by(estimator: Estimator[Information]) -> Callable[[Information], Array]:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.base.arrays import Array, finite_json, frozen
-from steelyard.base.errors import DataError, SteelyardError
+from steelyard.base.errors import SteelyardError
 from steelyard.base.progress import Progress, Stopped, report_progress, silent
 from steelyard.estimate.data_for_estimators import Needs
 from steelyard.estimate.estimate import Estimate, Estimator
@@ -23,7 +23,12 @@ from steelyard.estimate.information.base_regressor import BaseMap
 from steelyard.estimate.information.information import Information
 from steelyard.estimate.least_squares.weighted_robust_and_whitened import WeightedLeastSquares
 from steelyard.estimate.prior.body_priors import Knowledge
-from steelyard.estimate.scores.cross_validation import folds_of, standard_error, stretches_of
+from steelyard.estimate.scores.cross_validation import (
+    folds_of,
+    standard_error,
+    stretches_of,
+    too_short,
+)
 from steelyard.robot.inertia_and_placement import Inertia
 from steelyard.runs.run import Run
 
@@ -284,11 +289,8 @@ class Parts:
             for fold in folds_of(runs)
         )
         if not all(windows):
-            raise DataError(
-                "the run is too short to leave a part of it out",
-                where=", ".join(run.name for run in runs),
-                fix="log longer, or several runs",
-            )
+            where = ", ".join(run.name for run in runs)
+            raise too_short(where, "log longer, or several runs")
         if len(runs) > 1:
             return cls(tuple(run.name for run in runs), "run", information, windows, others)
         first, last = runs[0].span

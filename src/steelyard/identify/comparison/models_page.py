@@ -114,26 +114,29 @@ class ModelParametersSection(TableSection, name="model-parameters", title="Param
         }
 
 
-def _bodies(model: ComparedModel) -> str:
-    """Whether the links are physically consistent."""
+def _invalid(model: ComparedModel) -> list[str] | None:
+    """Links that are not physically consistent; `None` if the links are not estimated."""
     if model.identified.estimate.standard is None:
+        return None
+    return [link.name for link in identified_links(model.identified) if link.margin <= 0.0]
+
+
+def _bodies(model: ComparedModel) -> str:
+    invalid = _invalid(model)
+    if invalid is None:
         return "not estimated"
-    invalid = [link.name for link in identified_links(model.identified) if link.margin <= 0.0]
     return f"{', '.join(invalid)} invalid" if invalid else "all valid"
 
 
 def _model_dict(model: ComparedModel) -> dict[str, Any]:
-    identified, estimate = model.identified, model.identified.estimate
-    valid = None
-    if estimate.standard is not None:
-        valid = all(link.margin > 0.0 for link in identified_links(identified))
+    identified, estimate, invalid = model.identified, model.identified.estimate, _invalid(model)
     return {
         "model": model.name,
         "estimator": estimate.estimator,
         "terms": [description_of(term) for term in identified.model.terms],
         "parameters": len(estimate.parameters),
         "removed": [removed.name for removed in estimate.removed],
-        "bodies_valid": valid,
+        "bodies_valid": None if invalid is None else not invalid,
         "condition_normalised": estimate.condition_normalised,
         "runs": list(identified.provenance.runs),
     }

@@ -173,19 +173,12 @@ MOST_POINTS_OF_TORQUE_PART = 1000  # most points of one line
 MOST_POINTS_OF_TORQUE_PARTS = 60_000  # points of all lines together: about 0.6 MB of the page
 ROUND_OFF_SHARE = 1e-9  # share of the measured effort below which a part is round-off
 
-TORQUE_PART_NAMES = {
-    "gravity": "gravity",
-    "coriolis": "Coriolis",
-    "inertia": "inertia",
-    "friction": "friction",
-    "other": "springs, offsets",
-}
-TORQUE_PART_STYLES = {
-    "gravity": ("--purple", "solid"),
-    "coriolis": ("--arm", "dot"),
-    "inertia": ("--amber", "solid"),
-    "friction": ("--green", "dash"),
-    "other": ("--soft", "dashdot"),
+TORQUE_PARTS = {  # words, colour and dash
+    "gravity": ("gravity", "--purple", "solid"),
+    "coriolis": ("Coriolis", "--arm", "dot"),
+    "inertia": ("inertia", "--amber", "solid"),
+    "friction": ("friction", "--green", "dash"),
+    "other": ("springs, offsets", "--soft", "dashdot"),
 }
 
 
@@ -206,11 +199,11 @@ class TorqueSplitSection(FigureSection, name="torque-split", title="Effort by ca
             rows.append(Row((joint.name, *cells, joint.effort_unit)))
             largest = sorted(PARTS, key=lambda name: -own[name])[:2]
             words = (
-                f"{TORQUE_PART_NAMES[x]} {significant(own[x], 2)} {joint.effort_unit}"
+                f"{TORQUE_PARTS[x][0]} {significant(own[x], 2)} {joint.effort_unit}"
                 for x in largest
             )
             captions.append(f"mostly {', '.join(words)}")
-        names = [TORQUE_PART_NAMES.get(name, name) for name in sizes]
+        names = [TORQUE_PARTS.get(name, (name,))[0] for name in sizes]
         headings = ("Joint", *(name[0].upper() + name[1:] for name in names), "Unit")
         left = (0, len(headings) - 1)
         present = _sizes(parts, np.ones_like(parts.moving))
@@ -285,18 +278,10 @@ def _torque_figure(
         trace("measured", parts.measured[:, j], colour="--measured", width=4.2),
         trace("predicted", parts.predicted[:, j], colour="--predicted", width=1.6, dash="8px,5px"),
     ]
-    traces += [
-        trace(
-            TORQUE_PART_NAMES[name],
-            part[:, j],
-            colour=TORQUE_PART_STYLES[name][0],
-            width=1.8,
-            dash=TORQUE_PART_STYLES[name][1],
-            yaxis="y2",
-        )
-        for name, part in zip(PARTS, parts.parts, strict=True)
-        if present[name][j]
-    ]
+    for name, part in zip(PARTS, parts.parts, strict=True):
+        if present[name][j]:
+            words, colour, dash = TORQUE_PARTS[name]
+            traces.append(trace(words, part[:, j], colour=colour, width=1.8, dash=dash, yaxis="y2"))
     title = {"text": joint.effort_unit, "standoff": 4}
     layout = {
         "hovermode": "x unified",

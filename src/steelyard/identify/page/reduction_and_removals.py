@@ -276,12 +276,9 @@ def _compared(reduced: IdentifiedModel) -> PlainTable:
     """Values and standard deviations of the full and of the reduced model."""
 
     def value(label: str) -> Callable[[dict[str, Any]], str]:
-        def cell(row: dict[str, Any]) -> str:
-            if row[label] is None:
-                return "–"
-            return rounded_to_uncertainty(row[label], row[f"{label}_std"])
-
-        return cell
+        return lambda row: (
+            "–" if row[label] is None else rounded_to_uncertainty(row[label], row[f"{label}_std"])
+        )
 
     def std(label: str) -> Callable[[dict[str, Any]], str]:
         return lambda row: "–" if row[label] is None else significant(row[label], 2)

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from dataclasses import fields
-from math import isfinite
 
 from rich.console import Console
 from rich.text import Text
 
+from steelyard.base.arrays import finite_json
+from steelyard.base.files import csv_text
 from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.identify.page import (
     bootstrap_repeats_and_sensitivity,
@@ -94,16 +93,6 @@ def print_report(content: ReportContent, console: Console, verbose: bool = False
 
 def parameters_csv(identified: IdentifiedModel) -> str:
     """All base parameters as CSV: values, intervals, and how well they are identified."""
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(CSV_COLUMNS)
-    writer.writerows(
-        [_cell(getattr(row, name)) for name in CSV_COLUMNS] for row in parameter_rows(identified)
+    return csv_text(
+        [CSV_COLUMNS, *(finite_json(vars(row)).values() for row in parameter_rows(identified))]
     )
-    return text.getvalue()
-
-
-def _cell(value: str | float | None) -> str:
-    if isinstance(value, str):
-        return value
-    return "" if value is None or not isfinite(value) else repr(float(value))

@@ -18,7 +18,7 @@ from steelyard.estimate.information.base_regressor import base_regressor
 from steelyard.estimate.information.gather import gather
 from steelyard.estimate.information.kept_filtered_samples import gather_samples
 from steelyard.estimate.payload.payload_estimate import PayloadEstimate
-from steelyard.estimate.payload.payload_frame import carrier
+from steelyard.estimate.payload.runs_with_payload import carrier
 from steelyard.estimate.scores.residual_noise_and_traces import residual_cutoff, residual_trace
 from steelyard.identify.provenance_and_notes import dropped
 from steelyard.identify.runs_for_model import fitted_before, runs_for
@@ -277,9 +277,8 @@ def events_of_logs(
     identified, found = load_model(model), []
     files, _ = _logs(identified, paths_of(logs, least=1), [], frame)
     regressor, threads = base_regressor(identified.model), os.cpu_count() or 1
-    rests = identified.model.has_memory
     for run in _runs(identified, files, progress):
-        samples = gather_samples(regressor, run, rests=rests, threads=threads, progress=progress)
+        samples = gather_samples(regressor, run, threads=threads, progress=progress)
         found.append(find_payload_events(identified, samples, frame, gain=gain_uncertainty))
     return tuple(found)
 

@@ -33,9 +33,9 @@ from steelyard.estimate.payload.payload_estimate import (
     payload_of,
     refuse_unseen,
 )
-from steelyard.estimate.payload.payload_frame import carrier
 from steelyard.estimate.payload.runs_with_payload import (
     LoadCase,
+    carrier,
     load_case,
     refuse_foreign,
     scatter,

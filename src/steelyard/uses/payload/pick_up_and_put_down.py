@@ -13,8 +13,7 @@ from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.estimate.information.information import Window
 from steelyard.estimate.information.kept_filtered_samples import FilteredSamples
 from steelyard.estimate.payload.payload_estimate import PayloadEstimate
-from steelyard.estimate.payload.payload_frame import carrier, payload_lift
-from steelyard.estimate.payload.runs_with_payload import combined, drifting
+from steelyard.estimate.payload.runs_with_payload import carrier, combined, drifting, payload_lift
 from steelyard.robot.robot import Frame
 from steelyard.uses.payload.change_detection import (
     CHANGE_SPAN,

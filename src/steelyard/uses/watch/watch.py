@@ -13,7 +13,7 @@ from steelyard.estimate.external.momentum_observer import PER_PERIOD
 from steelyard.estimate.identified_model import IdentifiedModel, load_model
 from steelyard.estimate.information.base_regressor import base_regressor
 from steelyard.estimate.information.kept_filtered_samples import gather_samples
-from steelyard.estimate.payload.payload_frame import carrier
+from steelyard.estimate.payload.runs_with_payload import carrier
 from steelyard.estimate.scores.residual_noise_and_traces import thresholds_of
 from steelyard.identify.runs_for_model import processing_of
 from steelyard.runs.prepare import prepare
@@ -121,12 +121,12 @@ def payload_stream(identified: IdentifiedModel, frame: str | None) -> PayloadStr
     """What finds changes of a payload in consecutive rows of a stream."""
     carrier(identified.model.robot, frame)
     signals, processing = identified.signals, processing_of(identified)
-    rests, regressor = identified.model.has_memory, base_regressor(identified.model)
+    regressor = base_regressor(identified.model)
 
     def detect(rows: Array) -> PayloadEvents:
         log = LogInMemory(Path("stream"), signals.columns, rows)
         run = prepare(Recording(log, signals).unwrapped(), processing)
-        samples = gather_samples(regressor, run, rests=rests, threads=1)
+        samples = gather_samples(regressor, run)
         return find_payload_events(identified, samples, frame)
 
     return PayloadStream(detect)
