@@ -135,8 +135,8 @@ def test_logs_are_checked_before(command, given: Path, tmp_path: Path) -> None:
 
 
 def test_names_are_taken_as_they_are_meant() -> None:
-    offers = offers_of(("wls", "Bounded-LS", "WLS", "log_cholesky"), everything=False)
-    assert [offer.name for offer in offers] == ["WLS", "bounded LS", "log-Cholesky"]
+    offers = offers_of(("wls", "Bounded-LS", "WLS", "sdp"), everything=False)
+    assert [offer.name for offer in offers] == ["WLS", "bounded LS", "SDP"]
     usual, every = offers_of((), everything=False), offers_of((), everything=True)
     assert every == ESTIMATORS and set(usual) == {o for o in ESTIMATORS if not o.slow}
     assert "IV" in {o.name for o in every} - {o.name for o in usual}

@@ -135,7 +135,7 @@ def test_what_stands_for_others_is_not_bounded() -> None:
     )
 
 
-@pytest.mark.parametrize("name", ["bounded LS", "log-Cholesky"])
+@pytest.mark.parametrize("name", ["bounded LS", "consistent"])
 def test_they_are_offered(name: str) -> None:
     data = information()[0] + information(run="other", seed=1)[0]
     offer = {offer.name: offer for offer in ESTIMATORS}[name]

@@ -364,7 +364,7 @@ def test_what_is_worse_than_predicting_zero_is_not_recommended() -> None:
 @pytest.mark.slow
 def test_equal_weights_reach_the_consistent_estimates() -> None:
     data, by_name = parts_of().information, {o.name: o for o in ESTIMATORS}
-    for name in ("consistent", "pullback", "SDP", "log-Cholesky"):
+    for name in ("consistent", "pullback", "SDP"):
         noise, equal = (
             by_name[name].make(replace(CONTEXT, equal=one))(data).values.values
             for one in (False, True)

@@ -24,7 +24,7 @@ from steelyard.robot.robot import Robot
 
 OFFERS = [offer for offer in ESTIMATORS if not offer.slow]
 
-NEARLY = {"log-Cholesky": 1e-4, "consistent": 1e-6, "pullback": 1e-6}
+NEARLY = {"consistent": 1e-6, "pullback": 1e-6}
 """Noise of exact data for those that need some, relative to the torque; ten times that is their
 torque error."""
 

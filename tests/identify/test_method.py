@@ -17,7 +17,7 @@ from steelyard.identify.identify import Identification
 
 pytestmark = pytest.mark.usefixtures("few_stretches")
 
-BODIES = {"consistent", "pullback", "SDP", "log-Cholesky"}
+BODIES = {"consistent", "pullback", "SDP"}
 """Estimators that give values of all standard parameters."""
 
 BOUNDED = "[estimation.genetic]\npopulation = 100\ngenerations = 1000\n" + "".join(

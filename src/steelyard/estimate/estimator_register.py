@@ -15,7 +15,6 @@ from steelyard.estimate.closed_loop.simulating_estimators import (
     InstrumentalVariables,
 )
 from steelyard.estimate.consistent.convex_estimator import Consistent
-from steelyard.estimate.consistent.log_cholesky_estimator import LogCholesky
 from steelyard.estimate.consistent.scaled_parameters_and_penalties import Free, Pullback
 from steelyard.estimate.data_for_estimators import Needs, Sources
 from steelyard.estimate.estimate import Estimate, Estimator
@@ -105,9 +104,9 @@ def _genetic(context: Context) -> Estimator[Information]:
     return _without_known(searched, context)
 
 
-def _consistent(context: Context, kind: type[Consistent] = Consistent, **more: Any) -> Consistent:
+def _consistent(context: Context, **more: Any) -> Consistent:
     base, own = context.regressor.base, context.per_run
-    return kind(base, context.knowledge, per_run=own, equal=context.equal, **more)
+    return Consistent(base, context.knowledge, per_run=own, equal=context.equal, **more)
 
 
 def _reweighted(loss: Weigh) -> Making:
@@ -186,12 +185,6 @@ ESTIMATORS: tuple[Offer, ...] = (
         "bounded LS",
         "weighted least squares within bounds",
         lambda c: BoundedLeastSquares(base_bounds(c.regressor.base, c.knowledge), c.per_run),
-    ),
-    Offer(
-        "log-Cholesky",
-        "the consistent estimate by Gauss-Newton in log-Cholesky coordinates",
-        lambda c: _consistent(c, LogCholesky),
-        ALL_KNOWN,
     ),
     Offer(
         "genetic",

@@ -1,4 +1,4 @@
-r"""The consistent estimate in log-Cholesky coordinates by bounded Gauss-Newton steps [Rucker2022].
+r"""An oracle of the consistent estimate: log-Cholesky coordinates, Gauss-Newton [Rucker2022].
 
 A pseudo-inertia in the scale of its prior is $X = U U^T$ with a lower triangular $U$ whose diagonal
 is $e^{a_i}$: every choice of the ten coordinates is a body, and zero is the prior. The criterion is
@@ -18,11 +18,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from steelyard.base.arrays import Array, Parameters
-from steelyard.base.errors import DataError
+from steelyard.base.arrays import Array
 from steelyard.estimate.consistent.convex_estimator import Consistent
 from steelyard.estimate.consistent.convex_program import Program
-from steelyard.estimate.consistent.prior_weight_and_contradictions import refuse_contradictions
 from steelyard.estimate.consistent.scaled_parameters_and_penalties import (
     BASIS,
     COLUMNS,
@@ -31,14 +29,7 @@ from steelyard.estimate.consistent.scaled_parameters_and_penalties import (
     ONE,
     ORDER,
     ROWS,
-    Entropic,
 )
-from steelyard.estimate.estimate import Estimate
-from steelyard.estimate.information.information import Information
-from steelyard.estimate.prior.body_priors import Knowledge, Row
-from steelyard.robot.inertia_and_placement import INERTIAL_NAMES
-
-BROKEN = 1e-6  # by how much a constraint may be violated, relative to what it adds up
 
 BARRIERS = (1.0, 1e-2, 1e-4, 1e-6, 1e-8)
 """Weights of the barrier, one after the other; four of the last per body is what it may cost."""
@@ -50,35 +41,15 @@ CENTRED = 0.1  # promise of a step over the barrier's weight at which the next b
 class LogCholesky(Consistent):
     """The consistent estimate in coordinates that need no cones, in at most so many steps.
 
-    Bounds of friction and its like are kept, and constraints on a single one of them. Those about
-    bodies, and ties, are not looked at: notes count them, and name those that the result breaks.
+    Of constraints it keeps bounds of friction and its like alone.
     """
 
     steps: int = 500
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if not isinstance(self.form, Entropic):
-            raise ValueError("log-Cholesky supports only the entropic prior")
-
-    def __call__(self, information: Information) -> Estimate:
-        """Estimate all standard parameters."""
-        known = self.knowledge
-        lower = np.where(known.of_bodies, -np.inf, known.lower)
-        upper = np.where(known.of_bodies, np.inf, known.upper)
-        used = tuple(filter(_is_used, known.rows))
-        kept = replace(self, knowledge=replace(known, lower=lower, upper=upper, rows=used))
-        estimate = super(LogCholesky, kept).__call__(information)
-        notes = (*estimate.notes, *_ignored_notes(known, estimate.values))
-        return replace(estimate, estimator="log-Cholesky Gauss-Newton", notes=notes)
 
     def _polished(self, program: Program, near: Array, gamma: float) -> Array | None:
         """Nothing: the search in these coordinates begins at the prior."""
 
     def _optimum(self, program: Program, gamma: float) -> Array:
-        lower, upper = _bounds_of_terms(program)
-        if np.any(lower > upper):
-            refuse_contradictions(self.knowledge)
         criterion = Criterion.of(program, gamma)
         x, left = criterion.start, self.steps
         for size in BARRIERS:
@@ -87,46 +58,9 @@ class LogCholesky(Consistent):
             found = bounded_gauss_newton(
                 near, x, criterion.lower, criterion.upper, left, CENTRED * barrier
             )
+            assert found.converged, f"a further step predicts a decrease of {found.promise:.2g}"
             x, left = found.x, left - found.steps
-            if not found.converged:
-                raise DataError(
-                    f"log-Cholesky Gauss-Newton did not reach the optimum in {self.steps} steps: "
-                    f"a further one predicts a decrease of {found.promise:.2g} of {found.cost:.4g}",
-                    where=", ".join(self.knowledge.bodies),
-                    fix="use the convex consistent estimate, which minimises the same criterion",
-                )
         return criterion.unknowns_at(x)[0]
-
-
-def _is_used(row: Row) -> bool:
-    """Whether a row is about one parameter that is not a body's."""
-    kinds = {name.split(".")[0] for name in row.coefficients}
-    return len(row.coefficients) == 1 and not kinds & set(INERTIAL_NAMES)
-
-
-def _ignored_notes(knowledge: Knowledge, values: Parameters) -> list[str]:
-    """How many prior constraints are not used, and which of all do not hold."""
-    notes = []
-    if ignored := {row.label for row in knowledge.rows if not _is_used(row)}:
-        entries_are, are = (
-            ("1 entry", "is") if len(ignored) == 1 else (f"{len(ignored)} entries", "are")
-        )
-        notes.append(
-            f"{entries_are} of [[knowledge]] about links or ties {are} ignored by this estimator"
-        )
-    bounds = zip(knowledge.names, knowledge.lower.tolist(), knowledge.upper.tolist(), strict=True)
-    rows = [
-        Row(f"{n} between {low:g} and {high:g}", {n: 1.0}, low, high) for n, low, high in bounds
-    ]
-    found, broken = values.as_dict(), []
-    for row in (*rows, *knowledge.rows):
-        parts = [x * found[name] for name, x in row.coefficients.items()]
-        slack = BROKEN * sum(abs(part) for part in parts)
-        if not row.lower - slack <= sum(parts) <= row.upper + slack:
-            broken.append(row.label)
-    if broken:
-        notes.append(f"constraints that this estimate violates: {'; '.join(broken)}")
-    return notes
 
 
 @dataclass(frozen=True, eq=False)
