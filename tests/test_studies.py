@@ -26,14 +26,19 @@ STUDIES = sorted((ROOT / "studies").glob("p[1-9]_*.py"))
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
 
 
-def started(study: Path, *options: str) -> "subprocess.Popen[str]":
+def started(study: Path, *options: str, data: Path | None = None) -> "subprocess.Popen[str]":
     path = os.pathsep.join([str(ROOT / "src"), str(ROOT)])
     return subprocess.Popen(
         [sys.executable, str(study), *options],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
-        env={**os.environ, "PYTHONPATH": path, "OMP_NUM_THREADS": "1"},
+        env={
+            **os.environ,
+            "PYTHONPATH": path,
+            "OMP_NUM_THREADS": "1",
+            "STEELYARD_DATA": str(data or ""),
+        },
         preexec_fn=partial(signal.signal, signal.SIGINT, signal.SIG_DFL),  # not in a background job
     )
 
@@ -79,7 +84,7 @@ def test_an_existing_folder_is_not_overwritten(
 
 
 SQUARES = """
-from studies.support.page import Claim, Page, Table
+from studies.support.page import Claim, Page, Section, Table
 from studies.support.picture import Curve, Panel, Picture
 from studies.support.study import Study, run
 import numpy as np
@@ -94,20 +99,32 @@ def page(found):
     picture = Picture("squares", "", (Panel("", "", "", (Curve("", x, y),)),))
     return Page("Squares", (Table("Squares", rows, ("", "")), picture), (Claim("", "", "", True),))
 
+def measured(folder, quick):
+    (folder / "robot.txt").write_text("real")
+    table = Table("Measured", (("a robot", str(quick)),), ("", ""))
+    return Section((table,), (Claim("a bound of its own", "", "", True),))
+
 if __name__ == "__main__":
-    run(Study("p9", one, page))
+    run(Study("p9", one, page, measured))
 """
 
 
 @pytest.mark.slow
-def test_a_study_is_a_program_with_processes_of_its_own(tmp_path: Path) -> None:
+@pytest.mark.parametrize("there", [True, False], ids=["with data", "without data"])
+def test_a_study_is_a_program_with_processes_of_its_own(tmp_path: Path, there: bool) -> None:
     script = tmp_path / "squares.py"
     script.write_text(SQUARES)
-    run = started(script, "-o", str(tmp_path / "out"), "--seeds", "3")
+    data = tmp_path if there else tmp_path / "missing"
+    run = started(script, "-o", str(tmp_path / "out"), "--seeds", "3", data=data)
     out, err = run.communicate()
     assert run.returncode == 0, out + err
     found("p9", tmp_path / "out", out)
     assert re.search(r"0 +1\n1 +2\n2 +5\n", out) and "p9: seed 3 of 3" in err
+    assert (re.search(r"a robot +False\n", out) is not None) == there
+    assert ("a bound of its own" in out) == there
+    assert (tmp_path / "out" / "measured" / "robot.txt").is_file() == there
+    page = (tmp_path / "out" / "p9.md").read_text(encoding="utf-8")
+    assert ("set STEELYARD_DATA to the folder" in page) != there
 
 
 ENDLESS = """

@@ -1,7 +1,7 @@
 """What a study says: text, tables and pictures, as one HTML page and as Markdown."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from html import escape
 from pathlib import Path
 
@@ -82,6 +82,20 @@ class Claim:
 
 Part = Text | Code | Table | Picture
 
+
+@dataclass(frozen=True)
+class Section:
+    """A part of a page with bounds of its own.
+
+    Attributes:
+        parts: In this order.
+        claims: Figures with bounds.
+    """
+
+    parts: tuple[Part, ...]
+    claims: tuple[Claim, ...] = ()
+
+
 OF_SEEDS = Text(
     "",
     (
@@ -105,6 +119,13 @@ class Page:
     title: str
     parts: tuple[Part, ...]
     claims: tuple[Claim, ...]
+
+    def with_section(self, section: Section | None) -> "Page":
+        """The page with a section at its end, if any."""
+        if section is None:
+            return self
+        parts, claims = (*self.parts, *section.parts), (*self.claims, *section.claims)
+        return replace(self, parts=parts, claims=claims)
 
     @property
     def shown(self) -> tuple[Part, ...]:

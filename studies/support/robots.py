@@ -23,10 +23,25 @@ source = "none"
 
 
 def robot_file(name: str, target: Path, tables: str = "") -> Path:
-    """Write a robot file with some of its tables changed.
+    """Write a robot file of `studies/robots/` with some of its tables changed.
 
     Args:
         name: File in `studies/robots/`, without its suffix.
+        target: File to write.
+        tables: TOML, see `changed`.
+
+    Returns:
+        `target`.
+    """
+    document = tomlkit.parse((ROBOTS / f"{name}.toml").read_text(encoding="utf-8"))
+    return changed(document, target, tables)
+
+
+def changed(document: tomlkit.TOMLDocument, target: Path, tables: str) -> Path:
+    """Write a robot file with some of its tables changed.
+
+    Args:
+        document: The robot file.
         target: File to write.
         tables: TOML; its tables are merged into those of the file, or replace those of another
             `kind`; its other values replace the file's.
@@ -34,7 +49,6 @@ def robot_file(name: str, target: Path, tables: str = "") -> Path:
     Returns:
         `target`.
     """
-    document = tomlkit.parse((ROBOTS / f"{name}.toml").read_text(encoding="utf-8"))
     _merge(document, tomlkit.parse(tables))
     target.parent.mkdir(parents=True, exist_ok=True)
     target.write_text(tomlkit.dumps(document), encoding="utf-8")

@@ -11,11 +11,13 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
 from multiprocessing import get_context
+from multiprocessing.pool import Pool
 from pathlib import Path
 from shutil import copytree, move
 from typing import Generic, TypeVar
 
-from studies.support.page import Code, Page, Text
+from studies.support.measured import NO_DATA, data_is_there
+from studies.support.page import Code, Page, Section, Text
 
 from steelyard import SteelyardError
 
@@ -35,35 +37,54 @@ class Study(Generic[T]):
         one: The experiment for one seed: a folder of its own to work in, the seed, and whether the
             study is a quick one. A function of a module, for other processes to find.
         page: What is concluded from the seeds.
+        measured: The same methods on public logs of measured robots, once for all seeds: a folder
+            of its own to work in, and whether the study is a quick one. A function of a module.
     """
 
     name: str
     one: Callable[[Path, int, bool], T]
     page: Callable[[Sequence[T]], Page]
+    measured: Callable[[Path, bool], Section] | None = None
 
 
-def results(
+def whole_page(
     study: Study[T], folder: Path, seeds: int = SEEDS, *, quick: bool = False, processes: int = 2
-) -> tuple[T, ...]:
-    """The experiment for seeds 0, 1, ...; progress goes to the terminal.
+) -> Page:
+    """The experiment for seeds 0, 1, ... and for measured robots, and what is concluded.
+
+    Progress goes to the terminal.
 
     Args:
         study: The study.
-        folder: Where the seeds' folders are made.
+        folder: Where the folders of the seeds and of the measured robots are made.
         seeds: How many.
         quick: Whether the study is a quick one.
         processes: How many seeds run at the same time.
     """
     start, done = time.perf_counter(), []
     work = partial(_seed, study, folder, quick)
-    with _mapped(min(processes, seeds)) as mapped:
-        for found in mapped(work, range(seeds)):
+    with _pool(min(processes, seeds + (study.measured is not None))) as pool:
+        beside = _measured(study, folder, quick, pool)
+        for found in pool.imap(work, range(seeds)):
             done.append(found)
             past = time.perf_counter() - start
             left = past / len(done) * (seeds - len(done))
             words = f"{study.name}: seed {len(done)} of {seeds}, {past:.0f} s, {left:.0f} s left"
             print(words, file=sys.stderr, flush=True)
-    return tuple(done)
+        return study.page(done).with_section(beside())
+
+
+def _measured(
+    study: Study[T], folder: Path, quick: bool, pool: Pool
+) -> Callable[[], Section | None]:
+    """Start the part on measured robots in a process of the pool; what waits for its result."""
+    if study.measured is None:
+        return lambda: None
+    if not data_is_there():
+        return lambda: NO_DATA
+    place = folder / "measured"
+    place.mkdir(parents=True)
+    return pool.apply_async(study.measured, (place, quick)).get
 
 
 def run(study: Study[T]) -> None:
@@ -79,12 +100,13 @@ def run(study: Study[T]) -> None:
         with tempfile.TemporaryDirectory(prefix=f".{target.name}-", dir=target.parent) as place:
             work, page_folder = Path(place) / "seeds", Path(place) / "page"
             page_folder.mkdir()
-            found = results(study, work, seeds, quick=options.quick, processes=options.processes)
+            page = whole_page(study, work, seeds, quick=options.quick, processes=options.processes)
             seconds = time.perf_counter() - start
-            page = study.page(found)
             page = replace(page, parts=(*page.parts, *_reproduced(study, seeds, seconds, options)))
             page.write(page_folder, study.name)
-            copytree(work / "seed_00", page_folder / "seed_00")
+            for name in ("seed_00", "measured"):
+                if (work / name).is_dir():
+                    copytree(work / name, page_folder / name)
             if target.exists():
                 target.rmdir()
             move(page_folder, target)
@@ -137,16 +159,14 @@ def _seed(study: Study[T], folder: Path, quick: bool, seed: int) -> T:
 
 
 @contextmanager
-def _mapped(
-    processes: int,
-) -> Iterator[Callable[[Callable[[int], T], Sequence[int]], Iterator[T]]]:
-    """`map` over processes that end with the block, after an interrupt as well.
+def _pool(processes: int) -> Iterator[Pool]:
+    """Processes that end with the block, after an interrupt as well.
 
     Each of them computes on one processor: as many seeds as processors are run at a time.
     """
     os.environ.setdefault("OMP_NUM_THREADS", "1")  # libraries read it when a process starts
     with get_context("spawn").Pool(processes, signal.signal, _IGNORED) as pool:
-        yield lambda work, seeds: pool.imap(work, seeds)
+        yield pool
 
 
 _IGNORED = (signal.SIGINT, signal.SIG_IGN)
