@@ -154,10 +154,12 @@ def genetic(log: Log, seed: int) -> tuple[np.ndarray, float]:
 
     low = np.concatenate([np.zeros(9), np.full(2, np.log(SLOWEST))])
     high = np.concatenate([UPPER, np.full(2, np.log(FASTEST))])
-    best = minimised_by_genes(
-        errors, low, high, population=CHROMOSOMES, generations=GENERATIONS, seed=seed
+    sizes, random = (
+        {"population": CHROMOSOMES, "generations": GENERATIONS},
+        np.random.default_rng(seed),
     )
-    return np.concatenate([best.values[:9], np.exp(best.values[9:])]), best.cost
+    best, cost = minimised_by_genes(errors, low, high, **sizes, random=random)
+    return np.concatenate([best[:9], np.exp(best[9:])]), cost
 
 
 def ours(log: Log, seed: int) -> tuple[FoundFields, Estimate]:

@@ -108,16 +108,16 @@ class Genetic:
     def __call__(self, information: Information) -> Estimate:
         """Estimate all columns that the data see."""
         box = closed(Box.of(whitened(information, ()), self.bounds))
-        found = minimised_by_genes(
+        values, _ = minimised_by_genes(
             partial(costs, box),
             box.lower,
             box.upper,
             population=self.population,
             generations=self.generations,
-            seed=self.seed,
+            random=np.random.default_rng(self.seed),
         )
         why = f"ended after {self.generations} generations of {self.population}"
-        return described(box, "genetic algorithm", found.values, found.evaluations, why)
+        return described(box, "genetic algorithm", values, why)
 
 
 @dataclass(frozen=True)
@@ -140,17 +140,21 @@ class CmaEs:
     def __call__(self, information: Information) -> Estimate:
         """Estimate all columns that the data see."""
         box = closed(Box.of(whitened(information, ()), self.bounds))
-        found = minimised_by_cma_es(
-            partial(costs, box),
-            box.lower,
-            box.upper,
-            units=np.linalg.norm(box.root, axis=0),
+        units, tried = np.linalg.norm(box.root, axis=0), [0]
+
+        def criterion(scaled: Array) -> Array:
+            tried[0] += len(scaled)
+            return costs(box, scaled / units)
+
+        values, _ = minimised_by_cma_es(
+            criterion,
+            box.lower * units,
+            box.upper * units,
             evaluations=self.evaluations,
-            least=1e-9 * max(rest_of(box), 1e-300),
             random=np.random.default_rng(self.seed),
         )
-        why = f"the budget of {self.evaluations} was spent" if found.spent else "stood still"
-        return described(box, "CMA-ES", found.values, found.evaluations, why)
+        why = f"ended after {tried[0]} evaluations of {self.evaluations} at most"
+        return described(box, "CMA-ES", np.clip(values / units, box.lower, box.upper), why)
 
 
 def closed(box: Box) -> Box:
@@ -185,13 +189,13 @@ def rest_of(box: Box) -> float:
     return max(squares - float(left @ left), 0.0)
 
 
-def described(box: Box, name: str, values: Array, evaluations: int, why: str) -> Estimate:
+def described(box: Box, name: str, values: Array, why: str) -> Estimate:
     """What a search found, and how near it came to the optimum."""
     found, best = costs(box, np.array([values, box.optimum()]))
     ratio = found / best if best > 0.0 else np.inf
     verb = "reached" if ratio <= REACHED else "did not reach"
     notes = (
-        f"{why}, after {evaluations} evaluations of the criterion",
+        why,
         f"{verb} the optimum: weighted squares {ratio:.6g} times those of bounded least squares",
     )
     return box.estimate(name, values, notes)

@@ -167,7 +167,10 @@ def on_samples(log: Log, seeds: range) -> tuple[float, Array, float]:
         return np.asarray(np.sqrt(np.mean(np.square(effort - genes @ dense.T), axis=1)))
 
     def searched(seed: int) -> Array:
-        return np.array([minimised_by_genes(criterion, np.zeros(11), np.ones(11), seed=seed).cost])
+        random = np.random.default_rng(seed)
+        return np.array(
+            [minimised_by_genes(criterion, np.zeros(11), np.ones(11), random=random)[1]]
+        )
 
     def solved() -> Array:
         return np.linalg.solve(dense.T @ dense, dense.T @ effort)

@@ -7,13 +7,14 @@ parents and offspring together the best survive, so the best one is never lost.
 import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from math import ceil
 from types import MappingProxyType
 
 import numpy as np
 
 from steelyard.base.arrays import Array
-from steelyard.base.errors import DataError, refuse_unknown
+from steelyard.base.errors import DataError, refuse_unknown, require
 from steelyard.base.progress import Event, Progress, report_progress, silent
 from steelyard.excite.design_problem_and_information import Problem, composed_motions
 from steelyard.excite.search.feasibility import each_start, random_starts
@@ -50,17 +51,7 @@ def seeded(seed: int, number: int) -> np.random.Generator:
     return np.random.default_rng([seed, number])
 
 
-@dataclass(frozen=True, eq=False)
-class PopulationResult:
-    """The best point that was tried, its criterion, and evaluations of that.
-
-    The search is `spent` if its budget of evaluations ended it.
-    """
-
-    values: Array
-    cost: float
-    evaluations: int
-    spent: bool = False
+BestPoint = tuple[Array, float]  # the best point that was tried, `(k,)`, and its criterion
 
 
 def minimised_by_genes(
@@ -70,41 +61,34 @@ def minimised_by_genes(
     *,
     population: int = 30,
     generations: int = 100,
-    seed: int = 0,
+    random: np.random.Generator,
     progress: Progress = silent,
-) -> PopulationResult:
+) -> BestPoint:
     """Minimise any criterion, `(B, k)` to costs `(B,)`, within a box by a genetic algorithm."""
-    try:
-        from pymoo.algorithms.soo.nonconvex.ga import GA
-        from pymoo.core.evaluator import Evaluator
-        from pymoo.core.problem import Problem
-        from pymoo.problems.static import StaticProblem
-    except ImportError as error:
-        raise DataError(
-            f"the genetic algorithm needs the package pymoo ({error})",
-            where="genetic algorithm",
-            fix='pip install "steelyard[population]"',
-        ) from error
+    require("pymoo", "population", "genetic searches", "genetic algorithm")
+    from pymoo.algorithms.soo.nonconvex.ga import GA
+    from pymoo.core.evaluator import Evaluator
+    from pymoo.core.problem import Problem
+    from pymoo.problems.static import StaticProblem
+
     span = upper - lower
     genes = Problem(n_var=len(span), n_obj=1, xl=np.zeros(len(span)), xu=np.ones(len(span)))
-    algorithm = GA(pop_size=population)
+    algorithm, seed = GA(pop_size=population), int(random.integers(2**31))
     algorithm.setup(genes, termination=("n_gen", generations), seed=seed, verbose=False)
-    values, cost, evaluations = 0.5 * (lower + upper), np.inf, 0
+    values, cost = 0.5 * (lower + upper), np.inf
     for generation in range(generations):
         individuals = algorithm.ask()
         tried = lower + span * individuals.get("X")
         costs = criterion(tried)
-        evaluations += len(costs)
         if costs.min() < cost:
             values, cost = tried[costs.argmin()], float(costs.min())
         Evaluator().eval(StaticProblem(genes, F=costs[:, None]), individuals)
         algorithm.tell(infills=individuals)
         report_progress(progress, "genetic algorithm", generation + 1, generations)
-    return PopulationResult(values, cost, evaluations)
+    return values, cost
 
 
 FIRST_DEVIATION_SHARE = 0.3  # first standard deviation, over the width of the box
-BUDGET_SPENT = "maxfevals"  # how cma says that its budget is spent
 
 
 def minimised_by_cma_es(
@@ -112,50 +96,40 @@ def minimised_by_cma_es(
     lower: Array,
     upper: Array,
     *,
-    units: Array | None = None,
     evaluations: int = 100_000,
-    least: float = 0.0,
     random: np.random.Generator,
     progress: Progress = silent,
-) -> PopulationResult:
+) -> BestPoint:
     """Minimise any criterion, `(B, k)` to costs `(B,)`, within a box by CMA-ES [Hansen2001].
 
-    It begins in the middle. Units are the length of each variable for which all are alike, `(k,)`;
-    ones if `None`. Costs that differ by less than `least` are equal.
+    It begins in the middle, and ends where nothing changes or the evaluations are spent.
     """
-    lengths = np.ones_like(lower) if units is None else units
-    spans = (upper - lower) * lengths
+    spans, middle = upper - lower, 0.5 * (lower + upper)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        try:
-            import cma
-        except ImportError as error:
-            raise DataError(
-                f"CMA-ES needs the package cma ({error})",
-                where="CMA-ES",
-                fix='pip install "steelyard[population]"',
-            ) from error
+        require("cma", "population", "searches by CMA-ES", "CMA-ES")
+        import cma
+
         options = {
-            "bounds": [(lower * lengths).tolist(), (upper * lengths).tolist()],
+            "bounds": [lower.tolist(), upper.tolist()],
             "CMA_stds": (spans / spans.max()).tolist(),
             "maxfevals": evaluations,
             "randn": lambda *shape: random.standard_normal(shape),
             "seed": np.nan,
             "verbose": -9,
-            "tolfun": least,
+            "tolfun": 0.0,
         }
-        middle = 0.5 * (lower + upper) * lengths
         strategy = cma.CMAEvolutionStrategy(middle, FIRST_DEVIATION_SHARE * spans.max(), options)
-    values, best = middle / lengths, np.inf
+    values, best = middle, np.inf
     while not strategy.stop():
         points = strategy.ask()
-        tried = np.clip(np.array(points) / lengths, lower, upper)
+        tried = np.clip(np.array(points), lower, upper)
         costs = criterion(tried)
         if costs.min() < best:
             values, best = tried[costs.argmin()], float(costs.min())
         strategy.tell(points, costs.tolist())
         report_progress(progress, "CMA-ES", strategy.countevals, evaluations)
-    return PopulationResult(values, best, int(strategy.countevals), BUDGET_SPENT in strategy.stop())
+    return values, best
 
 
 POPULATION_SHARPNESS = 64.0  # of the criterion: within some percent of its value
@@ -245,7 +219,7 @@ def _evolved(
     problem: Problem,
     random: np.random.Generator,
     watch: Watch,
-    minimise: Callable[[Callable[[Array], Array], Array, Progress], PopulationResult],
+    minimise: Callable[..., BestPoint],
 ) -> Array:
     """Minimise over postures and amplitudes; the best so far is reported at every generation."""
     genes = _Genes.of(problem)
@@ -259,7 +233,8 @@ def _evolved(
         watch(best[-1])
         return True
 
-    minimise(genes.costs(report, best[-1]), np.ones(genes.count), progress)
+    edge = np.ones(genes.count)
+    minimise(genes.costs(report, best[-1]), -edge, edge, random=random, progress=progress)
     return best[-1]
 
 
@@ -271,29 +246,16 @@ def search_by_genes(
     generations: int = 400,
 ) -> Array:
     """A genetic algorithm over postures and amplitudes, shrunk until feasible."""
-    options: dict[str, int] = {"population": population, "generations": generations}
-    return _evolved(
-        problem,
-        random,
-        watch,
-        lambda costs, box, progress: minimised_by_genes(
-            costs, -box, box, **options, seed=int(random.integers(2**31)), progress=progress
-        ),
-    )
+    minimise = partial(minimised_by_genes, population=population, generations=generations)
+    return _evolved(problem, random, watch, minimise)
 
 
 def search_by_cma_es(
     problem: Problem, random: np.random.Generator, watch: Watch, evaluations: int = 40_000
 ) -> Array:
     """CMA-ES over postures and amplitudes, shrunk until feasible."""
-    return _evolved(
-        problem,
-        random,
-        watch,
-        lambda costs, box, progress: minimised_by_cma_es(
-            costs, -box, box, evaluations=evaluations, random=random, progress=progress
-        ),
-    )
+    minimise = partial(minimised_by_cma_es, evaluations=evaluations)
+    return _evolved(problem, random, watch, minimise)
 
 
 METHODS: Mapping[str, Method] = MappingProxyType(
