@@ -127,7 +127,7 @@ def designed(tables: str, folder: Path) -> tuple[float, bool]:
     path = folder / "panda.toml"
     path.write_text(HEAD + tables, encoding="utf-8")
     loaded = load_robot(path)
-    found = design(loaded, model_with_open_friction(loaded), SearchBudget(60.0, searches=1))
+    found = design((loaded, model_with_open_friction(loaded), None), SearchBudget(60.0, searches=1))
     return found.shown.criterion_value, found.certificate.holds
 
 

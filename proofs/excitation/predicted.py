@@ -62,7 +62,7 @@ def compared(loaded: LoadedRobot, seed: int, log: Log) -> tuple[np.ndarray, np.n
         learnt.values.as_dict(),
     )
     effort = SearchBudget(SECONDS, processes=2, seed=seed)
-    designed = design(loaded, model, effort, earlier=earlier)
+    designed = design((loaded, model, earlier), effort)
     runs = []
     for repetition in range(REPETITIONS):
         recording = log(truth, designed.trajectory, 1000 + repetition)

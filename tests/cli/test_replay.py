@@ -134,7 +134,7 @@ def test_without_viser_the_line_that_installs_it_is_reported(
     monkeypatch.setitem(sys.modules, "viser", None)
     done = command("replay", ARM, motion)
     assert done.exit_code == 2
-    assert 'pip install "steelyard[replay]"' in done.output
+    assert 'pip install ".[replay]"' in done.output
 
 
 def test_an_address_of_another_machine_is_refused(command: Command, motion: Path) -> None:

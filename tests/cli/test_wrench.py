@@ -240,7 +240,7 @@ def test_free_motion_has_no_force(given: Path, identified: Path) -> None:
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (("--frame", "base"), "is fixed to the base: no joint feels what pushes there"),
+        (("--frame", "base"), "is fixed to the base: no joint moves it or feels what pushes there"),
         (("--frame", "nose"), "no frame 'nose'"),
         (("--bandwidth", "50"), "too few for a bandwidth of 50 Hz"),
         (("-o", "../given"), "exists already"),

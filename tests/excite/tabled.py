@@ -93,9 +93,7 @@ def designed(
     loaded = arm(folder, tables)
     effort = SearchBudget(seconds, searches=1, processes=1, seed=seed)
     with patch.object(parallel_search, "_workers", searching_here):
-        return design(
-            loaded, model_with_open_friction(loaded), effort, earlier=earlier, start=start
-        )
+        return design((loaded, model_with_open_friction(loaded), earlier), effort, start=start)
 
 
 def some_motion(folder: Path, tables: str) -> Kept:

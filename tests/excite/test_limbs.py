@@ -145,7 +145,7 @@ def test_a_limb_does_not_shrink_with_the_others() -> None:
 def mark_at(problem: Problem, mark: Marker) -> Array:
     """Where a marker is in the middle posture, shape `(3,)`."""
     middle = 0.5 * (problem.limits.lower + problem.limits.upper)
-    return points_of(problem.robot, mark, "tool")(middle[None])[0][0, 0]
+    return points_of(problem.robot, mark)(middle[None])[0][0, 0]
 
 
 def found(problem: Problem, steps: int, seed: int) -> list[Array]:

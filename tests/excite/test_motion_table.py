@@ -396,7 +396,8 @@ def test_a_five_bar_is_designed_for_from_its_robot_file(tmp_path: Path) -> None:
     (tmp_path / "robot.toml").write_text(text, encoding="utf-8")
     loaded = load_robot(tmp_path / "robot.toml")
     found = design(
-        loaded, model_with_open_friction(loaded), SearchBudget(60.0, searches=1, processes=1)
+        (loaded, model_with_open_friction(loaded), None),
+        SearchBudget(60.0, searches=1, processes=1),
     )
     assert found.certificate.holds and found.trajectory.duration == pytest.approx(21.6)
     assert any("loop closure is checked at samples" in note for note in found.notes)

@@ -235,7 +235,7 @@ from steelyard.excite.search.parallel_search import SearchBudget
 from steelyard.robot.file.robot_file import load_robot
 
 loaded = load_robot("arm.toml")
-found = design(loaded, model_with_open_friction(loaded), SearchBudget(60.0, searches=1))
+found = design((loaded, model_with_open_friction(loaded), None), SearchBudget(60.0, searches=1))
 print(found.certificate.holds, found.searches)
 """
 

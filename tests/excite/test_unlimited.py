@@ -64,9 +64,7 @@ def test_friction_with_memory_of_an_earlier_model_limits_no_torque(tmp_path: Pat
 def test_planned_motions_are_held_to_the_same(tmp_path: Path) -> None:
     known, loaded = earlier(tmp_path), arm(tmp_path, f"{OPEN}{LIMITS}effort = 9.0\n{PLANNED}", DAHL)
     with pytest.raises(ModelError, match="limited: 'dahl' has internal states"):
-        design(
-            loaded, model_with_open_friction(loaded), SearchBudget(20.0, processes=1), earlier=known
-        )
+        design((loaded, model_with_open_friction(loaded), known), SearchBudget(20.0, processes=1))
 
 
 def notes_without(folder: Path, joints: int, tables: str = "") -> tuple[tuple[str, ...], list[str]]:

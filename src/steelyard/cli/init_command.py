@@ -10,7 +10,7 @@ import typer
 
 from steelyard.cli import interrupt
 from steelyard.cli.commands_from_functions import from_function
-from steelyard.cli.shared_by_commands import XACRO_ARGUMENTS_HELP, print_json
+from steelyard.cli.shared_by_commands import XACRO_ARGUMENTS_HELP, print_json, refuse_options
 
 if TYPE_CHECKING:
     from steelyard.cli.drive_questions import Stated
@@ -82,8 +82,7 @@ def init(
     Signals of motors: steelyard init arm.urdf run1.csv --side motor --ratios 32,45,-48 --coupling
     wrist,elbow,32
     """
-    from steelyard.base.errors import ModelError, OutputError
-    from steelyard.base.files import whole_file
+    from steelyard.base.files import refuse_existing, whole_file
     from steelyard.cli.drive_questions import Stated
     from steelyard.identify.validation_split import ProposedCut, propose_cut
     from steelyard.robot.file.robot_file import load_robot
@@ -92,20 +91,12 @@ def init(
 
     proposal = proposed(model, fixed_base)
     target = output if output is not None else Path(f"{proposal.loaded.stem}.toml")
-    if target.exists():
-        raise OutputError(
-            "the robot file exists already",
-            where=str(target),
-            fix="name another one with --output, or remove it",
-        )
-    options = {"rate": rate, "gains": gains, "ratios": ratios, "side": side, "coupling": coupling}
-    options |= {"zeros": zeros}
-    for name in [] if logs else [f"--{name}" for name, value in options.items() if value]:
-        raise ModelError(
-            f"{name} is given without a log",
-            where=name,
-            fix=f"give the log after the model file, or leave out {name}",
-        )
+    refuse_existing(target)
+    if not logs:
+        of_logs: dict[str, object] = {"--rate": rate, "--gains": gains, "--ratios": ratios}
+        of_logs |= {"--side": side, "--coupling": coupling, "--zeros": zeros}
+        fix = "give the log after the model file, or leave it out"
+        refuse_options(of_logs, "is given without a log", fix)
     asking = not (no_input or as_json) and sys.stdin.isatty() and sys.stdout.isatty()
     stated = Stated(ratios, coupling or (), gains, zeros, side)
     assignment, known = examined(proposal, log_files(logs or []), rate, stated, asking)

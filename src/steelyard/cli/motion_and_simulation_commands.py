@@ -91,8 +91,11 @@ def excite(
         print_json(found.to_dict() | {"files": written})
     else:
         show(found, verbose)
-        files = [f"{name:<12} {path}" for name, path in written.items()]
-        say("\n".join(["", *files, *_withheld(task, found)]))
+        lines = ["", *(f"{name:<12} {path}" for name, path in written.items())]
+        if withheld := [form for form in task.formats if form not in found.written_formats]:
+            words = "the motion is not proven to satisfy all limits; do not run it"
+            lines.append(f"not written  {', '.join(withheld)}: {words}")
+        say("\n".join(lines))
     if code := EXITS[design_level(found.designed)]:
         raise typer.Exit(code)
 
@@ -116,13 +119,6 @@ def _designed(
     except Stopped:
         interrupt.leave()
     return found, {name: str(folder / path) for name, path in files.items()}
-
-
-def _withheld(task: "DesignTask", found: "DesignedMotion") -> list[str]:
-    """A line on formats that were requested and not written."""
-    missing = [form for form in task.formats if form not in found.written_formats]
-    words = "the motion is not proven to satisfy all limits; do not run it"
-    return [f"not written  {', '.join(missing)}: {words}"] if missing else []
 
 
 def _ending(progress: "Progress") -> "Progress":
@@ -303,7 +299,8 @@ def demo(
 
         def designed(loaded: "LoadedRobot") -> "ExactTrajectory":
             effort = SearchBudget(DESIGN_TIME, DESIGN_SEARCHES, os.cpu_count() or 1, seed)
-            task = DesignTask(loaded, model_with_open_friction(loaded), None, ("csv",), None)
+            tables = (loaded, model_with_open_friction(loaded), None)
+            task = DesignTask(tables, ("csv",), None)
             found.append(task.done(effort, progress=progress))
             (part / "motion").mkdir()
             found[0].write(part / "motion")

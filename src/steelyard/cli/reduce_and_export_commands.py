@@ -15,6 +15,7 @@ from steelyard.cli.shared_by_commands import (
     output_folder,
     print_json,
     progress_bar,
+    refuse_options,
     say,
     show,
 )
@@ -75,7 +76,10 @@ def reduce(
 
     _refuse_missing(robot, {"--bodies": bodies, "--next": following is not None})
     if following is None:
-        _refuse_without_design({"--last": last, "--limit": limit})
+        needless = {"--last": last, "--limit": limit}
+        refuse_options(
+            needless, "is given, but no motion is designed", "add --next DIR, or leave it out"
+        )
     folder, motion_folder = new_folder(output, "steelyard-reduced"), optional_folder(following)
     with progress_bar() as progress:
         found = call(bodies=robot if bodies else None, progress=progress)
@@ -142,19 +146,6 @@ def _refuse_missing(robot: str | None, asking: dict[str, bool]) -> None:
         )
 
 
-def _refuse_without_design(given: dict[str, object]) -> None:
-    """Refuse options of the next motion where none is designed."""
-    from steelyard.base.errors import ModelError
-
-    for option, value in given.items():
-        if value is not None:
-            raise ModelError(
-                f"{option} is given, but no motion is designed",
-                where=option,
-                fix=f"add --next DIR, or leave {option} out",
-            )
-
-
 Kind = Literal["urdf", "mjcf", "c", "python", "fmu", "ros2", "simulink"]
 FORMATS: dict[Kind, tuple[str, str]] = {
     "urdf": ("URDF", ".urdf"),
@@ -217,8 +208,9 @@ def export(
     usual = f"{identified.model.robot.name}{FORMATS[form][1]}".replace("/", "_")
     path = Path(usual).absolute() if output is None else output
     refuse_existing(path)
+    needless = f"does not apply to {FORMATS[form][0]}"
     if form != "urdf" and form != "mjcf":
-        _refuse(form, {"--model": original})
+        refuse_options({"--model": original}, needless, "leave it out, or give --to urdf")
         from steelyard.export.code.export_code import write_code
 
         written = write_code(
@@ -226,7 +218,8 @@ def export(
         )
         _print_code(path, form, written, as_json)
         return
-    _refuse(form, {"--precision": precision, "--function": functions, "--frame": frames})
+    of_code = {"--precision": precision, "--function": functions, "--frame": frames}
+    refuse_options(of_code, needless, "leave it out, or give --to c")
     made = exported(identified, form, original)
     with whole_file(path) as part:
         part.write_text(made.text, encoding="utf-8", newline="")
@@ -258,19 +251,6 @@ def _format(to: Kind | None, output: Path | None) -> Kind:
             fix=f"{name}, or give --to {of_ending}",
         )
     return form
-
-
-def _refuse(form: Kind, given: dict[str, object]) -> None:
-    """Refuse options that a format has no use for."""
-    from steelyard.base.errors import OutputError
-
-    for option, value in given.items():
-        if value:
-            raise OutputError(
-                f"{option} does not apply to {FORMATS[form][0]}",
-                where=option,
-                fix=f"leave it out, or give --to {'urdf' if option == '--model' else 'c'}",
-            )
 
 
 def _print_export(path: Path, made: "Exported", as_json: bool) -> None:

@@ -247,6 +247,12 @@ def optional_folder(output: Path | None) -> Path | None:
     return None if output is None else new_folder(output, "")
 
 
+def refuse_options(given: Mapping[str, object], wrong: str, fix: str) -> None:
+    """Refuse options without a use, by their names, where one of them is given."""
+    for option in (name for name, value in given.items() if value):
+        raise OutputError(f"{option} {wrong}", where=option, fix=fix)
+
+
 def file_lines(folder: Path, **files: str) -> str:
     """Written files by what they are, a line each."""
     width = max(map(len, files))

@@ -208,9 +208,7 @@ class Objective:
         Infinite where the motion shows too little; the slope is zero then.
         """
         seen = self.seen(x)
-        value, slopes = worst(
-            [(case.criterion, s.gram) for case, s in zip(self.cases, seen, strict=True)], sharpness
-        )
+        value, slopes = worst(self._judged(seen), sharpness)
         result = np.zeros_like(x)
         if not np.isfinite(value):
             return value, result
@@ -222,8 +220,14 @@ class Objective:
 
     def value(self, x: Array, sharpness: float) -> float:
         """The smooth criterion alone, for searches that take no slopes."""
-        pairs = [(c.criterion, s.gram) for c, s in zip(self.cases, self.seen(x), strict=True)]
-        return worst(pairs, sharpness)[0]
+        return worst(self._judged(self.seen(x)), sharpness)[0]
+
+    def unsmoothed(self, x: Array) -> float:
+        """The criterion itself, as people read it."""
+        return worst_value(self._judged(self.seen(x)))
+
+    def _judged(self, seen: Sequence[SampledInformation]) -> list[tuple[Criterion, Array]]:
+        return [(c.criterion, s.gram) for c, s in zip(self.cases, seen, strict=True)]
 
     def seen(self, x: Array) -> list[SampledInformation]:
         """What the samples show, load by load."""
@@ -313,12 +317,10 @@ class Problem:
 
     def criterion_value(self, x: Array) -> float:
         """The criterion itself on `samples` samples, with laws that jump at zero speed."""
-        seen = self._unsmoothed.seen(x)
-        pairs = [(c.criterion, s.gram) for c, s in zip(self.cases, seen, strict=True)]
-        return worst_value(pairs)
+        return self._jumping.unsmoothed(x)
 
     @cached_property
-    def _unsmoothed(self) -> Objective:
+    def _jumping(self) -> Objective:
         return Objective(self.basis, jumping(self.cases), self._spread(self.samples))
 
     def _times(self, per_wave: int) -> Array:

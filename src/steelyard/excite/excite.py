@@ -19,7 +19,7 @@ from rich.console import Console
 from steelyard.base.arrays import Array, finite_json
 from steelyard.base.checked_arguments import checked
 from steelyard.base.errors import DataError, OutputError, refuse_unknown
-from steelyard.base.files import whole_file
+from steelyard.base.files import refuse_existing, whole_file
 from steelyard.base.progress import DESIGN_BUDGET_S, Progress, silent
 from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.excite.collision.workspace_from_tables import WALL_RESERVE
@@ -35,7 +35,8 @@ from steelyard.excite.controller_file_formats import (
     rapid_of,
     urscript_of,
 )
-from steelyard.excite.earlier_model import Earlier, earlier_of, identified_before
+from steelyard.excite.design_problem_from_tables import Tables
+from steelyard.excite.earlier_model import earlier_of, identified_before
 from steelyard.excite.page.design_page import render_design
 from steelyard.excite.page.design_text import DesignContent, design_headline, print_design, scopes
 from steelyard.excite.search.parallel_search import SearchBudget
@@ -98,12 +99,7 @@ def write_export(
 ) -> Path:
     """Write a motion to a folder, under the format's file name; the file."""
     path = folder / _format_of_name(form).file
-    if path.exists():
-        raise OutputError(
-            "the file exists already",
-            where=str(path),
-            fix="name another folder, or remove the file",
-        )
+    refuse_existing(path)
     text = exported(trajectory, robot, form, rate)
     with whole_file(path) as part:
         part.write_text(text, encoding="utf-8", newline="\n")
@@ -169,26 +165,20 @@ def _gap_of_file(designed: Designed, export: Export, between: str, rate: float) 
         if reaches is not None:
             labels, margins = [*labels, *proof.labels], [*margins, *proof.proven]
             rates.append(reaches)
-
-    def lack(error: Array) -> tuple[float, int]:
-        """How much the margin that lacks most lacks [m], and its number."""
-        left = np.array(margins) - np.concatenate(rates) @ error
-        k = int(np.argmin(left)) if len(left) else -1
-        return (-float(left[k]), k) if k >= 0 else (0.0, k)
-
-    most, number = lack(error)
-    if not most > WALL_RESERVE:
+    per_error = np.concatenate(rates)
+    lacks = per_error @ error - margins  # of every margin [m]
+    if not lacks.max(initial=0.0) > WALL_RESERVE:
         return []
     enough = rate
-    while enough <= _MOST_ADVISED_RATE and lack(error)[0] > WALL_RESERVE:
+    while enough <= _MOST_ADVISED_RATE and np.max(per_error @ error - margins) > WALL_RESERVE:
         enough = float(np.ceil(_RATE_FACTOR * enough))
         error = error_between(trajectory, between, enough)
-    millimetres = 1e3 * most
+    millimetres = 1e3 * float(lacks.max())
     words = f"{millimetres:.0f}" if millimetres >= 10.0 else f"{millimetres:.2g}"
     fix = f"; --rate {enough:g} is enough" if enough <= _MOST_ADVISED_RATE else ""
     return [
         f"{export.file} has {rate:g} points per second; between them ({between}) a controller may "
-        f"violate a constraint by up to {words} mm: {labels[number]}{fix}"
+        f"violate a constraint by up to {words} mm: {labels[int(lacks.argmax())]}{fix}"
     ]
 
 
@@ -302,9 +292,7 @@ class DesignTask:
     The files have `rate` points a second; each format's own if `None`.
     """
 
-    loaded: LoadedRobot
-    model: Model
-    earlier: Earlier | None
+    tables: Tables
     formats: tuple[str, ...]
     rate: float | None
     start: ExactTrajectory | None = None
@@ -312,22 +300,14 @@ class DesignTask:
     @property
     def searched(self) -> bool:
         """Whether the motion is searched, and not planned."""
-        return self.loaded.excitation.motion.kind in FAMILIES
+        return self.tables[0].excitation.motion.kind in FAMILIES
 
     def done(
         self, effort: SearchBudget, *, progress: Progress = silent, since: float | None = None
     ) -> DesignedMotion:
         """The motion; see `design` for the arguments and errors."""
-        designed = design(
-            self.loaded,
-            self.model,
-            effort,
-            earlier=self.earlier,
-            start=self.start,
-            progress=progress,
-            since=since,
-        )
-        found = DesignedMotion(designed, self.loaded, self.formats, self.rate)
+        designed = design(self.tables, effort, start=self.start, progress=progress, since=since)
+        found = DesignedMotion(designed, self.tables[0], self.formats, self.rate)
         gaps = gaps_of_files(designed, found.written_formats, self.rate)
         certificate = designed.certificate
         certificate = replace(certificate, notes=(*certificate.notes, *gaps))
@@ -361,7 +341,7 @@ def design_task(
     refuse_formats(loaded, forms, rate)
     before = None if known is None else earlier_of(known)
     first = None if start is None else read_motion(Path(start), loaded.robot)
-    return DesignTask(loaded, model, before, forms, rate, first)
+    return DesignTask((loaded, model, before), forms, rate, first)
 
 
 @checked(budget=0.0, rate=1.0, searches=1, processes=1, seed=0)

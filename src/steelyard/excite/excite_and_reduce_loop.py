@@ -5,7 +5,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from shutil import copytree
-from typing import Literal
 
 from steelyard.base.checked_arguments import checked
 from steelyard.base.motion import Rig, run
@@ -100,8 +99,7 @@ def reduction_loop(
         or len(done[-1].model.estimate.parameters) < 2
     ):
         place = Path(folder) / f"round_{len(done):02d}"
-        weights = loaded.estimation.weights
-        smaller = _smaller(done[-1], criterion, weights, progress) if done else None
+        smaller = _smaller(loaded, done[-1], criterion, progress) if done else None
         condition = _motion(loaded, place, smaller, done, effort, progress)
         log = place / "log.csv"
         if not log.exists():
@@ -117,14 +115,13 @@ def _motion_file(place: Path) -> Path:
 
 
 def _smaller(
-    last: Round, criterion: str, weights: Literal["noise", "equal"], progress: Progress
+    loaded: LoadedRobot, last: Round, criterion: str, progress: Progress
 ) -> IdentifiedModel:
-    folder = last.folder / "smaller"
+    folder, weights = last.folder / "smaller", loaded.estimation.weights
     if not folder.exists():
-        log = last.folder / "log.csv"
         reduce(
             last.model,
-            log,
+            last.folder / "log.csv",
             criterion=criterion,
             stop="one_fewer",
             weights=weights,
@@ -151,7 +148,7 @@ def _motion(
         else:
             motion.save(place / "motion")
     trajectory = read_trajectory(_motion_file(place), loaded)
-    return condition_of_motion(task.loaded, task.model, trajectory, task.earlier)
+    return condition_of_motion(task.tables, trajectory)
 
 
 def _model(

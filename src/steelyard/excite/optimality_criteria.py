@@ -118,14 +118,13 @@ class Criterion(ABC):
         return math.exp(self.smooth(gram, 1.0)[0])
 
 
-@dataclass(frozen=True)
 class Condition(Criterion):
     r"""Condition number of the regressor as it is, $\sqrt{\lambda_{max}/\lambda_{min}}$ of $G$.
 
     Smooth: $\frac{1}{2p}\left(\log\sum_i\lambda_i^p + \log\sum_i\lambda_i^{-p}\right)$.
     """
 
-    name: str = "condition number (raw)"
+    name = "condition number (raw)"
 
     def smooth(self, gram: Array, sharpness: float) -> tuple[float, Array]:
         """See `Criterion`."""
@@ -144,14 +143,13 @@ class Condition(Criterion):
         return math.inf if both is None else math.sqrt(both[0][0][-1] * both[1][0][-1])
 
 
-@dataclass(frozen=True)
 class NormalisedCondition(Criterion):
     r"""Condition number once every column of the regressor has unit norm: free of units.
 
     That of $D G D$ with $D = \mathrm{diag}(G)^{-1/2}$; the slope goes through $D$ too.
     """
 
-    name: str = "condition number (columns of unit norm)"
+    name = "condition number (columns of unit norm)"
 
     def smooth(self, gram: Array, sharpness: float) -> tuple[float, Array]:
         """See `Criterion`."""
@@ -167,14 +165,13 @@ class NormalisedCondition(Criterion):
         return Condition().value(equilibrated(gram)[0]) if excited(gram) else math.inf
 
 
-@dataclass(frozen=True)
 class DOptimal(Criterion):
     r"""Geometric mean of the variances along the axes of the covariance, $\det(G)^{-1/c}$.
 
     Smooth at any sharpness: $-\log\det(G)/c$. Column scales only add a constant to it.
     """
 
-    name: str = "D-optimality (geometric mean of variances)"
+    name = "D-optimality (geometric mean of variances)"
 
     def smooth(self, gram: Array, sharpness: float) -> tuple[float, Array]:
         """See `Criterion`; the sharpness plays no part."""
@@ -185,14 +182,13 @@ class DOptimal(Criterion):
         return -2.0 * float(half) / len(gram), inverse(gram) / -len(gram)
 
 
-@dataclass(frozen=True)
 class AOptimal(Criterion):
     r"""Sum of the parameters' variances, $\mathrm{tr}\,G^{-1}$: give `Measure.sizes` with it.
 
     Smooth at any sharpness: $\log\mathrm{tr}\,G^{-1}$.
     """
 
-    name: str = "A-optimality (sum of variances)"
+    name = "A-optimality (sum of variances)"
 
     def smooth(self, gram: Array, sharpness: float) -> tuple[float, Array]:
         """See `Criterion`; the sharpness plays no part."""
@@ -203,14 +199,13 @@ class AOptimal(Criterion):
         return math.log(total), covariance @ covariance / -total
 
 
-@dataclass(frozen=True)
 class EOptimal(Criterion):
     r"""Variance of the worst shown combination of parameters, $\lambda_{max}(G^{-1})$.
 
     Smooth: $\frac{1}{p}\log\sum_i\lambda_i^{-p}$.
     """
 
-    name: str = "E-optimality (largest variance)"
+    name = "E-optimality (largest variance)"
 
     def smooth(self, gram: Array, sharpness: float) -> tuple[float, Array]:
         """See `Criterion`."""

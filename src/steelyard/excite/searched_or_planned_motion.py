@@ -17,7 +17,13 @@ from steelyard.excite.constraints.constraints_from_tables import constraints_of
 from steelyard.excite.constraints.motion_limits import MotionLimits
 from steelyard.excite.constraints.tool_workspace import Marker
 from steelyard.excite.design_problem_and_information import Case, Problem, composed_motions
-from steelyard.excite.design_problem_from_tables import build, cases_of, limits_of, memoryless
+from steelyard.excite.design_problem_from_tables import (
+    Tables,
+    build,
+    cases_of,
+    limits_of,
+    memoryless,
+)
 from steelyard.excite.earlier_model import Earlier
 from steelyard.excite.planned.plans_from_tables import planned
 from steelyard.excite.predicted_accuracy_and_advice import (
@@ -40,7 +46,6 @@ from steelyard.excite.search.search_methods import method_of
 from steelyard.excite.trajectories.motion_families import FAMILIES, coefficients_of
 from steelyard.excite.trajectories.trajectory import ExactTrajectory
 from steelyard.model.equations.frame_and_point_kinematics import positions_of
-from steelyard.model.model import Model
 from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
 from steelyard.robot.robot import Robot
 
@@ -102,11 +107,9 @@ class Designed:
 
 
 def design(
-    loaded: LoadedRobot,
-    model: Model,
+    tables: Tables,
     effort: SearchBudget,
     *,
-    earlier: Earlier | None = None,
     start: ExactTrajectory | None = None,
     progress: Progress = silent,
     since: float | None = None,
@@ -123,10 +126,11 @@ def design(
         ModelError: A frame or a shape is missing.
         Stopped: `progress` requested a stop before any motion was found.
     """
+    loaded, model, earlier = tables
     begun = time.monotonic() if since is None else since
     kind = loaded.excitation.motion.kind
     if kind in FAMILIES:
-        return _searched(loaded, model, effort, earlier, start, progress, begun)
+        return _searched(tables, effort, start, progress, begun)
     if start is not None:
         raise _not_of_kind(kind)
     section = loaded.excitation
@@ -136,15 +140,13 @@ def design(
     trajectory, plan_notes = planned(loaded, limits, effort.seed)
     cases = cases_of(section, plain, limits, earlier)
     notes = (*plan_notes, *limits.notes, *notes, *more)
-    return _described(loaded, earlier, begun, trajectory, cases, limits, constraints, notes)
+    return _described(tables, begun, trajectory, cases, limits, constraints, notes)
 
 
-def condition_of_motion(
-    loaded: LoadedRobot, model: Model, trajectory: ExactTrajectory, earlier: Earlier | None
-) -> float:
+def condition_of_motion(tables: Tables, trajectory: ExactTrajectory) -> float:
     """Condition number of the regressor along a motion, for the parameters that a model has."""
-    section = loaded.excitation
-    plain, _ = memoryless(model)
+    loaded, model, earlier = tables
+    section, (plain, _) = loaded.excitation, memoryless(model)
     cases = cases_of(section, plain, limits_of(loaded.robot, section.limits), earlier)
     samples = max(section.samples, samples_of(trajectory.duration))
     return predicted_accuracy(trajectory, cases, np.ones(loaded.robot.n), samples).raw
@@ -159,17 +161,16 @@ def _not_of_kind(kind: str) -> DataError:
 
 
 def _searched(
-    loaded: LoadedRobot,
-    model: Model,
+    tables: Tables,
     effort: SearchBudget,
-    earlier: Earlier | None,
     start: ExactTrajectory | None,
     progress: Progress,
     begun: float,
 ) -> Designed:
+    loaded = tables[0]
     method_of(loaded.excitation.search.method)
     pace = ProcessPace()
-    problem = build(loaded, model, earlier)
+    problem = build(*tables)
     first = None if start is None else coefficients_of(problem.basis, start)
     if start is not None and first is None:
         raise _not_of_kind(loaded.excitation.motion.kind)
@@ -178,7 +179,7 @@ def _searched(
     left = deadline - max(FINISH_SHARE * effort.seconds, 1.0) - time.monotonic()
     try:
         result = search_in_parallel(
-            (loaded, model, earlier),
+            tables,
             problem,
             loaded.excitation.search.method,
             replace(effort, seconds=max(left, _LEAST_SEARCH_SECONDS)),
@@ -205,8 +206,7 @@ def _searched(
         )
         hints = (f"{whole} in the time limit: a longer --budget finds better motions",)
     return _described(
-        loaded,
-        earlier,
+        tables,
         begun,
         best.trajectory,
         problem.cases,
@@ -228,8 +228,7 @@ def _candidates(problem: Problem, result: SearchResult, first: Array | None) -> 
 
 
 def _described(
-    loaded: LoadedRobot,
-    earlier: Earlier | None,
+    tables: Tables,
     begun: float,
     trajectory: ExactTrajectory,
     cases: Sequence[Case],
@@ -240,6 +239,7 @@ def _described(
     proven: Sequence[Array] | None = None,
     result: SearchResult | None = None,
 ) -> Designed:
+    loaded, _, earlier = tables
     robot, section = loaded.robot, loaded.excitation
     notes = (*notes, *holds_note(trajectory), *_cell(loaded, trajectory))
     certificate = certify(robot, trajectory, limits, constraints, notes=notes, proven=proven)

@@ -89,11 +89,8 @@ class DrivesInUse:
         self.command = np.zeros_like(q)
         self._torque = np.zeros_like(q)
         self._limits = -drives.limits, drives.limits
-        step = np.broadcast_to(drives.resolution, q.shape)
-        rounded = step > 0.0
-        self._rounding = (np.where(rounded, step, 1.0), rounded) if rounded.any() else None
         late = round(drives.delay / tick)
-        seen = self._rounded(q)
+        seen = _stepped(q, self._drives.resolution)
         self._seen, self._speed = seen, np.zeros_like(q)
         self._queue = deque([(seen, self._speed)] * late)
         self._perfect = not (late or np.any(drives.resolution) or drives.speed_filter is not None)
@@ -102,7 +99,7 @@ class DrivesInUse:
         """Positions and velocities that the controller sees at a tick, each `(n,)`."""
         if self._perfect:
             return q, dq
-        seen = self._rounded(q)
+        seen = _stepped(q, self._drives.resolution)
         speed = dq
         if self._drives.speed_filter is not None:
             share = _lag_share(self._tick, self._drives.speed_filter)
@@ -121,12 +118,6 @@ class DrivesInUse:
         rest = self._torque - self.command
         self._torque = self.command + (1.0 - share) * rest
         return np.asarray(self.command + (lag / self._tick) * share * rest)
-
-    def _rounded(self, q: Array) -> Array:
-        if self._rounding is None:
-            return q
-        step, rounded = self._rounding
-        return np.where(rounded, np.rint(q / step) * step, q)
 
 
 def _lag_share(tick: float, constant: float) -> float:

@@ -16,8 +16,6 @@ from steelyard.report.tables import PlainTable, Row, text_table
 from steelyard.report.words import NONE, significant
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from rich.console import RenderableType
 
     from steelyard.robot.robot import Coordinate

@@ -15,8 +15,12 @@ from typing import Any, Literal
 import numpy as np
 
 from steelyard.base.arrays import Array
-from steelyard.base.errors import ModelError
-from steelyard.model.equations.frame_and_point_kinematics import frame_of, frame_outputs, last_frame
+from steelyard.model.equations.frame_and_point_kinematics import (
+    frame_of,
+    frame_outputs,
+    last_frame,
+    refuse_fixed,
+)
 from steelyard.model.equations.inverse_dynamics import (
     JointState,
     Matrix,
@@ -62,12 +66,7 @@ class Observed:
 def moved_frame(robot: Robot, name: str | None) -> Frame:
     """The frame of a name, the robot's end if `None`, if joints move it."""
     frame = frame_of(robot, last_frame(robot) if name is None else name)
-    if frame.body < 0:
-        raise ModelError(
-            f"frame '{frame.name}' is fixed to the base: no joint feels what pushes there",
-            where=f"robot '{robot.name}'",
-            fix=f"name a frame on a moving link, such as '{last_frame(robot)}'",
-        )
+    refuse_fixed(robot, frame)
     return frame
 
 

@@ -149,35 +149,17 @@ def workspace_of(loaded: LoadedRobot, world: tuple[Shape, ...]) -> ConstraintsAn
     if section.box.bounded:
         with written("workspace] box"):
             found.append(tool_box(loaded.robot, tool, lower, upper))
-    if section.only_tool:
-        found += _constraints_of_tool(section, loaded.robot, tool)
-    if section.limits_links or (world and (loaded.excitation.loads or section.radius > 0.0)):
-        return _constraints_of_robot(loaded, section, tool, world, found)
-    idle = section.radius > 0.0 and not found
-    notes = ["the tool's radius has no effect: it has no box, plane or keep_out"] if idle else []
-    return found, notes
-
-
-def _constraints_of_tool(section: WorkspaceSection, robot: Robot, tool: Marker) -> list[Constraint]:
-    found = list[Constraint]()
-    if section.planes:
+    if section.only_tool and section.planes:
         normals, levels = zip(*((x.normal, x.above) for x in section.planes), strict=True)
         with written("workspace] planes"):
-            found.append(planes(robot, tool, normals, levels))
-    if section.keep_out:
+            found.append(planes(loaded.robot, tool, normals, levels))
+    if section.only_tool and section.keep_out:
         low, high = _boxes(section)
         with written("workspace] keep_out"):
-            found.append(keep_out(robot, tool, low, high))
-    return found
-
-
-def _constraints_of_robot(
-    loaded: LoadedRobot,
-    section: WorkspaceSection,
-    tool: Marker,
-    world: tuple[Shape, ...],
-    found: list[Constraint],
-) -> ConstraintsAndNotes:
+            found.append(keep_out(loaded.robot, tool, low, high))
+    if not (section.limits_links or (world and (loaded.excitation.loads or section.radius > 0.0))):
+        idle = section.radius > 0.0 and not found
+        return found, ["the tool's radius has no effect: it has no box, plane or keep_out"] * idle
     with written("workspace]"):
         whole = whole_robot(loaded, tool, section.without)
     built, notes = clearance_of_walls(loaded, whole, walls_of(section, loaded.robot), world)

@@ -27,7 +27,7 @@ from steelyard.base.errors import ModelError
 from steelyard.excite.constraints.constraint import Constraint, Margins
 from steelyard.excite.trajectories.trajectory import ExactTrajectory
 from steelyard.model.equations.effort_range_over_friction_signs import EffortBounds, effort_bounds
-from steelyard.model.equations.frame_and_point_kinematics import frame_of
+from steelyard.model.equations.frame_and_point_kinematics import frame_of, refuse_fixed
 from steelyard.model.equations.inverse_dynamics import JointState, Scalar
 from steelyard.model.model import Model, ValuedModel
 from steelyard.model.terms.term import Term
@@ -304,14 +304,8 @@ def payload_numbers(robot: Robot, frame: str, payload: Inertia) -> dict[str, flo
 
 def with_payload(arm: ValuedModel, frame: str, payload: Inertia) -> ValuedModel:
     """A model of rigid bodies with a payload, given in one of its frames, which must move."""
-    robot = arm.model.robot
-    added = payload_numbers(robot, frame, payload)
-    if not added:
-        raise ModelError(
-            f"frame '{frame}' is fixed to the base: a payload there loads no joint",
-            where=f"robot '{robot.name}'",
-            fix=f"name a frame that moves, such as '{robot.bodies[-1].name}'",
-        )
+    refuse_fixed(arm.model.robot, frame_of(arm.model.robot, frame))
+    added = payload_numbers(arm.model.robot, frame, payload)
     names, values = arm.values.names, arm.values.values
     whole = [x + added.get(name, 0.0) for name, x in zip(names, values, strict=True)]
     return ValuedModel(arm.model, Parameters(names, arm.values.units, whole))

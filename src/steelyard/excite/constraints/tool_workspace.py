@@ -18,7 +18,12 @@ from steelyard.excite.collision.shape_kinematics import point_rates
 from steelyard.excite.constraints.bounds_in_time_and_effort_limits import Stretches, proven_minimum
 from steelyard.excite.constraints.constraint import Constraint, Margins
 from steelyard.excite.trajectories.trajectory import ExactTrajectory
-from steelyard.model.equations.frame_and_point_kinematics import Points, frame_of, points_on
+from steelyard.model.equations.frame_and_point_kinematics import (
+    Points,
+    frame_of,
+    points_on,
+    refuse_fixed,
+)
 from steelyard.robot.robot import Frame, Robot
 
 MARKER_ROOM = 0.05  # activation distance: the barrier acts on margins below it [m]
@@ -123,7 +128,8 @@ class Paths:
         At the middles and all over the stretches, lower and upper.
         """
         at, speed, bend = (
-            _combined(x[:, point], normal) for x in (self.middles, self.speeds, self.bends)
+            np.sort(x[:, point] * normal[:, None], axis=0).sum(axis=1)
+            for x in (self.middles, self.speeds, self.bends)
         )
         away = self.half * np.abs(speed).max(axis=0)
         turned = 0.5 * self.half**2 * np.stack([np.minimum(bend[0], 0.0), np.maximum(bend[1], 0.0)])
@@ -139,21 +145,11 @@ def paths(points: Points, stretches: Stretches) -> Paths:
     return Paths(flow[:, 0], flow[:, 1], bend, stretches.half)
 
 
-def points_of(robot: Robot, marker: Marker, where: str) -> Points:
-    """The centre of a sphere."""
+def points_of(robot: Robot, marker: Marker) -> Points:
+    """The centre of a sphere, which must move."""
     frame = marker.on(robot)
-    if frame.body < 0:
-        raise ModelError(
-            f"frame '{frame.name}' is fixed to the base: no motion moves it",
-            where=where,
-            fix=f"name a frame that moves, such as '{robot.bodies[-1].name}'",
-        )
+    refuse_fixed(robot, frame)
     return points_on(robot, [frame.body], frame.position[None])
-
-
-def _combined(bounds: Array, normal: Array) -> Array:
-    """Bounds of a vector along another, from those of its entries, `(2, 3, B)`: `(2, B)`."""
-    return np.asarray(np.sort(bounds * normal[:, None], axis=0).sum(axis=1))
 
 
 _AXES = "xyz"
@@ -203,7 +199,7 @@ def tool_box(
             fix="give at least one bound, or leave the box out",
         )
     normals, levels, labels = zip(*sides, strict=True)
-    points = points_of(robot, marker, name)
+    points = points_of(robot, marker)
     return HalfSpaces(name, labels, points, np.array(normals), np.array(levels) + marker.radius)
 
 
@@ -222,7 +218,7 @@ def planes(robot: Robot, marker: Marker, normals: ArrayLike, levels: ArrayLike) 
             fix="give every plane a normal that is not zero, such as [0, 0, 1]",
         )
     labels = tuple(f"{marker.title} above plane {k + 1}" for k in range(len(vectors)))
-    points, least = points_of(robot, marker, "planes"), np.asarray(levels) / lengths
+    points, least = points_of(robot, marker), np.asarray(levels) / lengths
     return HalfSpaces("planes", labels, points, vectors / lengths[:, None], least + marker.radius)
 
 
@@ -250,14 +246,10 @@ class KeepOut(SphereDistances):
         place = np.stack([path.along(0, axis) for axis in np.eye(3)], axis=-1)
         boxes = list(zip(self.centres, self.halves, strict=True))
         values, lower = (
-            np.array([self._least(*box, *bounds) for box in boxes]) for bounds in place
+            np.array([box_distance(np.maximum(low - c, c - high) - half) for c, half in boxes])
+            for low, high in place
         )
-        return values, lower
-
-    def _least(self, centre: Array, half: Array, low: Array, high: Array) -> Array:
-        """Least distance from a box while each coordinate is within bounds, shape `(B,)`."""
-        distance = box_distance(np.maximum(low - centre, centre - high) - half)
-        return np.asarray(distance - self.radius)
+        return values - self.radius, lower - self.radius
 
 
 def keep_out(robot: Robot, marker: Marker, lower: ArrayLike, upper: ArrayLike) -> KeepOut:
@@ -270,7 +262,7 @@ def keep_out(robot: Robot, marker: Marker, lower: ArrayLike, upper: ArrayLike) -
     low, high = checked_boxes(lower, upper, name)
     labels = tuple(f"{marker.title} out of box {k + 1}" for k in range(len(low)))
     centres, halves = 0.5 * (low + high), 0.5 * (high - low)
-    return KeepOut(name, labels, points_of(robot, marker, name), marker.radius, centres, halves)
+    return KeepOut(name, labels, points_of(robot, marker), marker.radius, centres, halves)
 
 
 def checked_boxes(lower: ArrayLike, upper: ArrayLike, name: str) -> tuple[Array, Array]:

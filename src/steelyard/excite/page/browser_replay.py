@@ -9,14 +9,13 @@ from collections.abc import Callable
 from contextlib import AbstractContextManager, redirect_stdout
 from dataclasses import dataclass, field
 from functools import cached_property
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.base.arrays import Array
-from steelyard.base.errors import ModelError, OutputError
+from steelyard.base.errors import ModelError, OutputError, require
 from steelyard.excite.collision.convex_solids_and_mesh_files import (
     Ball,
     Cylinder,
@@ -25,9 +24,9 @@ from steelyard.excite.collision.convex_solids_and_mesh_files import (
     Hull,
     Solid,
 )
-from steelyard.excite.collision.robot_and_cell_shapes_from_files import robot_shapes, world_shapes
+from steelyard.excite.collision.robot_and_cell_shapes_from_files import robot_shapes
 from steelyard.excite.collision.shape_kinematics import Shape, ShapeKinematics, axes_along
-from steelyard.excite.collision.workspace_from_tables import tool_of
+from steelyard.excite.collision.workspace_from_tables import tool_of, world_of
 from steelyard.excite.page.drawn_walls import all_lines, faces_of
 from steelyard.excite.page.tool_path_section import tool_path
 from steelyard.robot.loop_closures import all_joints, closest
@@ -95,15 +94,12 @@ def staged(loaded: LoadedRobot, trajectory: ExactTrajectory) -> Stage:
     t = np.linspace(0.0, trajectory.duration, count)
     joints = all_joints(robot, trajectory.derivative(t, 0))
     path = tool_path(robot, tool, joints)
-    shapes, notes = _shapes(loaded)
-    bare = sticks(robot, tool, {shape.body for shape in shapes})
-    cell: tuple[Shape, ...] = ()
-    if section.collision is not None and section.collision.world is not None:
-        cell = world_shapes(loaded.sources[0].path.parent / Path(section.collision.world))
+    links, notes = _shapes(loaded)
+    shapes = (*links, *sticks(robot, tool, {link.body for link in links}), *world_of(loaded))
     faces = faces_of(section.workspace, robot, path)
     kinds = {bad: [face for face in faces if face.forbidden == bad] for bad in (False, True)}
     walls = tuple((bad, all_lines(own)) for bad, own in kinds.items() if own)
-    return Stage(robot, trajectory, (*shapes, *bare, *cell), tool, t, joints, path, walls, notes)
+    return Stage(robot, trajectory, shapes, tool, t, joints, path, walls, notes)
 
 
 def _shapes(loaded: LoadedRobot) -> tuple[tuple[Shape, ...], tuple[str, ...]]:
@@ -257,14 +253,9 @@ class Replay:
 
 def replayed(stage: Stage, host: str, port: int, speed: float = 1.0) -> Replay:
     """Start a server at an address that shows a stage at a `speed`, at the next free port."""
-    try:
-        import viser
-    except ImportError as error:
-        raise OutputError(
-            "the replay needs viser, which is not installed",
-            where="steelyard replay",
-            fix='pip install "steelyard[replay]"',
-        ) from error
+    require("viser", "replay", "replays", "steelyard replay")
+    import viser
+
     _check_address(host)
     with _quiet():
         server = viser.ViserServer(host=host, port=port, label=stage.robot.name, verbose=False)

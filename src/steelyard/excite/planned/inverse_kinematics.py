@@ -19,10 +19,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from steelyard.base.arrays import Array, frozen
-from steelyard.base.errors import ModelError
 from steelyard.excite.collision.shape_kinematics import axes_along
 from steelyard.excite.constraints.motion_limits import MotionLimits
-from steelyard.model.equations.frame_and_point_kinematics import frame_kinematics, refuse_passive
+from steelyard.model.equations.frame_and_point_kinematics import (
+    frame_kinematics,
+    refuse_fixed,
+    refuse_passive,
+)
 from steelyard.robot.robot import Frame, Robot
 
 
@@ -236,16 +239,6 @@ class InverseKinematics:
 def weights_of(attitude: Attitude) -> Array:
     """Weights of a place's coordinates and of an attitude's turns, shape `(3 + k,)`."""
     return np.array([1.0] * 3 + [_LENGTH] * attitude.rows)
-
-
-def refuse_fixed(robot: Robot, frame: Frame) -> None:
-    """A frame that is to be led moves."""
-    if frame.body < 0:
-        raise ModelError(
-            f"frame '{frame.name}' does not move: it is fixed to the base",
-            where=f"robot '{robot.name}'",
-            fix=f"name a frame of a moving link, such as '{robot.bodies[-1].name}'",
-        )
 
 
 def within(limits: MotionLimits, margin: float = 1e-3) -> MotionLimits:

@@ -21,12 +21,15 @@ from steelyard.excite.planned.inverse_kinematics import (
     Attitude,
     InverseKinematics,
     Kinematics,
-    refuse_fixed,
     weights_of,
 )
 from steelyard.excite.planned.timed_paths import ToolPath
 from steelyard.excite.trajectories.piecewise_polynomials import PiecewiseMotion, quintic
-from steelyard.model.equations.frame_and_point_kinematics import FrameKinematics, frame_of
+from steelyard.model.equations.frame_and_point_kinematics import (
+    FrameKinematics,
+    frame_of,
+    refuse_fixed,
+)
 from steelyard.model.equations.passive_joints import Follower, random_positions
 from steelyard.robot.loop_closures import loop_equations
 from steelyard.robot.robot import Frame, Robot

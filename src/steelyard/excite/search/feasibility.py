@@ -433,9 +433,7 @@ def _posture_between(constraints: Sequence[Constraint], bad: Array, free: Array)
     low, high = 0.0, 1.0
     for _ in range(12):
         middle = 0.5 * (low + high)
-        if standing(constraints, bad + middle * (free - bad)).lacks:
-            low = middle
-        else:
-            high = middle
+        lacks = standing(constraints, bad + middle * (free - bad)).lacks
+        low, high = (middle, high) if lacks else (low, middle)
     tried = np.round(bad + min(1.0, high + _SPARE_SHARE) * (free - bad), 3)
     return free if standing(constraints, tried).lacks else tried

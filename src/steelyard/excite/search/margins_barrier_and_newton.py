@@ -62,14 +62,12 @@ class InequalityConstraints:
         """The same with twice the samples and no reserves."""
         ends = np.append(self.t, 2.0 * self.t[-1] - self.t[-2])
         t = np.sort(np.concatenate([self.t, 0.5 * (ends[1:] + ends[:-1])]))
-        return InequalityConstraints(self.basis, self.limits, self.constraints, t)
+        return replace(self, t=t, reserves=(), edge=0.0)
 
     @cached_property
     def coarser(self) -> "InequalityConstraints":
         """The same with every `_SPARSE_STEP`th sample and no reserves, for a first look."""
-        return InequalityConstraints(
-            self.basis, self.limits, self.constraints, self.t[::_SPARSE_STEP]
-        )
+        return replace(self, t=self.t[::_SPARSE_STEP], reserves=(), edge=0.0)
 
     @cached_property
     def shapes(self) -> list[Array]:

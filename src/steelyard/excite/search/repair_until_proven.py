@@ -67,10 +67,8 @@ def repaired(problem: Problem, x: Array, deadline: float) -> Kept | None:
     inside = scaled(problem, x)
     if inside is None:
         return None
-    extra, inequalities = (
-        [np.zeros(len(c.labels)) for c in problem.constraints],
-        problem.inequalities,
-    )
+    extra = [np.zeros(len(c.labels)) for c in problem.constraints]
+    inequalities = problem.inequalities
     kept = Kept.of(problem, inside)
     for _ in range(REPAIRS):
         if kept.holds or time.monotonic() > deadline:
@@ -79,11 +77,8 @@ def repaired(problem: Problem, x: Array, deadline: float) -> Kept | None:
             e + REPAIR_RESERVE * np.maximum(-margins, 0.0)
             for e, margins in zip(extra, kept.proven, strict=True)
         ]
-        inequalities = (
-            inequalities.refined()
-            if len(inequalities.t) < MOST_REPAIR_DENSITY * len(problem.inequalities.t)
-            else inequalities
-        )
+        if len(inequalities.t) < MOST_REPAIR_DENSITY * len(problem.inequalities.t):
+            inequalities = inequalities.refined()
         within = _within(problem, inequalities, x)
         x = minimised_by(
             deadline, problem.objective, inequalities, within, stages=BACK_STAGES, extra=extra
@@ -144,10 +139,8 @@ def scaled(problem: Problem, x: Array) -> Array | None:
         excess = _excess(problem, sized(size))
         good = np.all(excess <= 0.0, axis=1)
         kept, failed = np.where(good, size, kept), np.where(good, failed, size)
-        under, over = (
-            np.where(good[:, None], excess, under),
-            np.where(good[:, None], over, excess),
-        )
+        fits = good[:, None]
+        under, over = np.where(fits, excess, under), np.where(fits, over, excess)
     return sized(kept)
 
 
@@ -205,10 +198,7 @@ def _proven_share(problem: Problem, still: Array, x: Array) -> float | None:
         failed, step = kept, 3.0 * step
     while failed - kept > 2.0 * FIRST_SHRINK_SHARE:
         middle = 0.5 * (failed + kept)
-        if holds(middle):
-            kept = middle
-        else:
-            failed = middle
+        kept, failed = (middle, failed) if holds(middle) else (kept, middle)
     return kept
 
 

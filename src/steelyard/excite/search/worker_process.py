@@ -56,31 +56,12 @@ def explained_answers(
 
     What a search has reached is told now and then.
     """
-    from steelyard.excite.search.feasibility import NoMotion
-
-    try:
-        deadline = until - time.time() + time.monotonic()
-        yield from _answers(tables, method, seed, deadline, searches, tell)
-    except SteelyardError as error:
-        message = {"error": error.wrong, "where": error.where, "fix": error.fix}
-        yield {**message, "none": isinstance(error, NoMotion)}
-    except Exception:
-        yield {"broken": traceback.format_exc()}
-
-
-def _answers(
-    tables: "Tables",
-    method: str,
-    seed: int,
-    deadline: float,
-    searches: Iterable[int],
-    tell: Callable[[dict[str, Any]], None],
-) -> Iterator[dict[str, Any]]:
     from steelyard.excite.design_problem_from_tables import build
+    from steelyard.excite.search.feasibility import NoMotion
     from steelyard.excite.search.margins_barrier_and_newton import Deadline
     from steelyard.excite.search.search_methods import method_of, seeded
 
-    problem, watch, told = build(*tables), Deadline(deadline), time.monotonic()
+    watch, told = Deadline(until - time.time() + time.monotonic()), time.monotonic()
 
     def watched(x: Array) -> None:
         nonlocal told
@@ -89,14 +70,20 @@ def _answers(
             told = time.monotonic()
             tell({"reached": x.tolist()})
 
-    for number in searches:
-        try:
+    number = 0
+    try:
+        problem = build(*tables)
+        for number in searches:
             x = method_of(method)(problem, seeded(seed, number), watched)
-        except Stopped:
-            if watch.latest:
-                yield {"number": number, "x": watch.latest[0].tolist(), "whole": False}
-            return
-        yield {"number": number, "x": x.tolist(), "whole": True}
+            yield {"number": number, "x": x.tolist(), "whole": True}
+    except Stopped:
+        for x in watch.latest:
+            yield {"number": number, "x": x.tolist(), "whole": False}
+    except SteelyardError as error:
+        message = {"error": error.wrong, "where": error.where, "fix": error.fix}
+        yield {**message, "none": isinstance(error, NoMotion)}
+    except Exception:
+        yield {"broken": traceback.format_exc()}
 
 
 def _end_with_parent() -> None:

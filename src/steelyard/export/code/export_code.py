@@ -37,8 +37,15 @@ def controller_of(
     Functions are names of `FUNCTIONS`, or `OBSERVER`, the usual ones if empty; frames those whose
     pose and Jacobian are wanted, if empty the last frame on every link that carries no other.
     """
-    _refuse_unusable(identified)
     robot = identified.model.robot
+    refuse_unknown_gains(identified)
+    if identified.signals.effort_kind == "gravity_compensated_torque":
+        raise ModelError(
+            "the model lacks the weight: it was identified from gravity-compensated efforts",
+            where=f"model of '{robot.name}', [signals.effort] kind",
+            fix="identify from efforts that include the weight, such as motor currents or "
+            "measured joint torques",
+        )
     known = (*FUNCTIONS, OBSERVER)
     for name in functions:
         wrong = f"there is no function '{name}'"
@@ -94,17 +101,6 @@ def origin_of(identified: IdentifiedModel) -> tuple[str, ...]:
         factors = identified.effort_scales.words
         lines.append(f"Logged efforts are {factors} times as large (estimated effort scales).")
     return tuple(lines)
-
-
-def _refuse_unusable(identified: IdentifiedModel) -> None:
-    refuse_unknown_gains(identified)
-    if identified.signals.effort_kind == "gravity_compensated_torque":
-        raise ModelError(
-            "the model lacks the weight: it was identified from gravity-compensated efforts",
-            where=f"model of '{identified.model.robot.name}', [signals.effort] kind",
-            fix="identify from efforts that include the weight, such as motor currents or "
-            "measured joint torques",
-        )
 
 
 CodeFormat = Literal["c", "python", "fmu", "ros2", "simulink"]

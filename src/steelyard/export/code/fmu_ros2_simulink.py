@@ -161,31 +161,26 @@ def variables_of(code: CCode) -> list[Variable]:
     return found
 
 
-def model_description(code: CCode, guid: str) -> str:
-    """The content of `modelDescription.xml`."""
-    values = {
-        "name": code.name,
-        "robot": code.controller.model.robot.name,
-        "guid": guid,
-        "units": FMI_UNITS,
-        "variables": variables_of(code),
-        "quoted": quoteattr,
-    }
-    return filled("fmu/modelDescription.xml", values)
-
-
 def write_fmu(code: CCode, path: Path) -> tuple[str, ...]:
     """Write the FMU, with a binary if there is a compiler; the names of its files."""
-    source = code.source()
+    source, variables = code.source(), variables_of(code)
     guid = "{" + hashlib.sha256(source.encode()).hexdigest()[:32] + "}"
-    starts = [repr(v.start) for v in variables_of(code) if v.start is not None]
+    starts = [repr(v.start) for v in variables if v.start is not None]
     sources = {
         f"{code.name}.h": code.header(),
         f"{code.name}.c": source,
         f"{code.name}_fmi2.c": filled("fmu/fmi2.c", code.values | {"guid": guid, "starts": starts}),
     }
     files = {f"sources/{name}": text.encode() for name, text in sources.items()}
-    files["modelDescription.xml"] = model_description(code, guid).encode()
+    described = {
+        "name": code.name,
+        "robot": code.controller.model.robot.name,
+        "guid": guid,
+        "units": FMI_UNITS,
+        "variables": variables,
+        "quoted": quoteattr,
+    }
+    files["modelDescription.xml"] = filled("fmu/modelDescription.xml", described).encode()
     files |= _binary(code.name, sources)
     with ZipFile(path, "w", ZIP_DEFLATED) as archive:
         for name in sorted(files):

@@ -86,12 +86,6 @@ def edited(content: bytes, edits: Iterable[Edit]) -> str:
     return content.decode("utf-8")
 
 
-def with_indent(content: bytes, start: int) -> int:
-    """Where the line begins that only blanks precede at `start`; `start` if there is more."""
-    before = content[:start].rstrip(b" \t")
-    return len(before) if before.endswith(b"\n") else start
-
-
 def indent_at(content: bytes, start: int) -> str:
     """The blanks before `start`."""
     line = content[content.rfind(b"\n", 0, start) + 1 : start]
@@ -242,11 +236,10 @@ class _Editing:
 
     def _removed(self, span: Span) -> Edit:
         """An element and, if it has its lines for itself, the line end before them."""
-        start = with_indent(self.original, span.start)
-        alone = self.original[span.stop :].lstrip(b" \t")[:1] in (b"\r", b"\n")
-        if start == span.start or not alone:
+        before = self.original[: span.start].rstrip(b" \t")
+        after = self.original[span.stop :].lstrip(b" \t")[:1]
+        if not before.endswith(b"\n") or after not in (b"\r", b"\n"):
             return Edit(span.start, span.stop, "")
-        before = self.original[:start]
         return Edit(len(before.removesuffix(b"\n").removesuffix(b"\r")), span.stop, "")
 
 

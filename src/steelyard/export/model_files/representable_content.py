@@ -113,16 +113,16 @@ def greatest_speed(identified: IdentifiedModel, axis: Axis) -> float:
     return float(limit) if 0.0 < limit < np.inf else UNKNOWN_SPEED
 
 
-POWERS: dict[AxisPartKind, tuple[str, int]] = {
-    "rotor": ("rotor inertia", 2),
-    "dry": ("dry friction", 1),
-    "viscous": ("viscous friction", 2),
-    "quadratic": ("friction with the square of speed", 3),
-    "cubic": ("friction with the cube of speed", 4),
-    "stiffness": ("stiffness of springs", 2),
-    "preload": ("preload of springs", 1),
+EFFECTS: dict[AxisPartKind, tuple[str, int, str]] = {
+    "rotor": ("rotor inertia", 2, "{inertia}"),
+    "dry": ("dry friction", 1, "{effort}"),
+    "viscous": ("viscous friction", 2, "{rate}"),
+    "quadratic": ("friction with the square of speed", 3, "{force}/({speed})²"),
+    "cubic": ("friction with the cube of speed", 4, "{force}/({speed})³"),
+    "stiffness": ("stiffness of springs", 2, "{stiffness}"),
+    "preload": ("preload of springs", 1, "{effort}"),
 }
-"""Words, and with which power of `c` it acts on a joint `q` if it acts along `c q`."""
+"""Words, with which power of `c` it acts on a joint `q` if it acts along `c q`, and its unit."""
 
 Row = tuple[float, ...]  # coefficients of a coordinate, one per joint of `robot.joints`
 
@@ -141,7 +141,7 @@ def merged(
         axis = _own(robot, part.axis)
         c, factor = _multiple(part.axis), 1.0
         if c is not None:
-            factor = c if part.kind == "preload" else abs(c) ** POWERS[part.kind][1]
+            factor = c if part.kind == "preload" else abs(c) ** EFFECTS[part.kind][1]
         axes.setdefault(axis.row, axis)
         mine = totals.setdefault(axis.row, {})
         mine[part.kind] = mine.get(part.kind, 0.0) + factor * part.value
@@ -184,7 +184,7 @@ GRAVITY = (0.0, 0.0, -9.81)  # what readers of a URDF take for granted, in the b
 
 SUPPORTED: dict[Format, tuple[AxisPartKind, ...]] = {
     "urdf": ("dry", "viscous"),
-    "mjcf": tuple(POWERS),
+    "mjcf": tuple(EFFECTS),
 }
 
 FIT_HEADING = "nonlinear friction curve; fitted by the format's friction laws, largest error"
@@ -331,16 +331,13 @@ def _gathered(
             if value != 0.0 and _fits(robot, axis, kind, value, values, form):
                 kept[row][kind] = value
             elif value > 0.0 or value < -FRICTION_ROUNDING or kind == "preload":
-                named = listed([(axis.name, value, _unit(axis, kind))])
-                unsupported.setdefault(POWERS[kind][0], []).append(named)
+                words, _, unit = EFFECTS[kind]
+                named = listed([(axis.name, value, axis.unit(unit))])
+                unsupported.setdefault(words, []).append(named)
     joints = [kept.get(joint_axis(robot, k).row, {}) for k in range(robot.n_joints)]
     sums = [Sum(axes[row], e) for row, e in kept.items() if sum(map(bool, row)) > 1 and e]
-    words = [
-        f"{what}: {named}"
-        for what, x in unsupported.items()
-        if (named := ", ".join(filter(None, x)))
-    ]
-    return tuple(joints), tuple(sums), tuple(words)
+    left_out = ((what, ", ".join(filter(None, x))) for what, x in unsupported.items())
+    return tuple(joints), tuple(sums), tuple(f"{what}: {x}" for what, x in left_out if x)
 
 
 def _fits(
@@ -360,19 +357,6 @@ def _chain(robot: Robot, joints: Iterable[int]) -> bool:
     carriers = carriers_of(robot)
     bodies = {carriers[j] for j in joints}
     return bodies.issubset(robot.carriers(max(bodies)))
-
-
-def _unit(axis: Axis, kind: AxisPartKind) -> str:
-    units = {
-        "rotor": "{inertia}",
-        "dry": "{effort}",
-        "viscous": "{rate}",
-        "quadratic": "{force}/({speed})²",
-        "cubic": "{force}/({speed})³",
-        "stiffness": "{stiffness}",
-        "preload": "{effort}",
-    }
-    return axis.unit(units[kind])
 
 
 def _pulls(terms: Sequence[Placed], form: Format) -> tuple[tuple[Pull, ...], tuple[str, ...]]:

@@ -133,6 +133,17 @@ def frame_of(robot: Robot, name: str) -> Frame:
     return named(name, frames, "frame", "frames", f"robot '{robot.name}'")
 
 
+def refuse_fixed(robot: Robot, frame: Frame) -> None:
+    """Refuse a frame of the base where one of a moving body is needed."""
+    if frame.body < 0:
+        raise ModelError(
+            f"frame '{frame.name}' is fixed to the base: no joint moves it or feels what pushes "
+            "there",
+            where=f"robot '{robot.name}'",
+            fix=f"name a frame on a moving link, such as '{robot.bodies[-1].name}'",
+        )
+
+
 def frame_kinematics(robot: Robot, frame: str | Frame) -> FrameKinematics:
     """Pose, Jacobian and drift of a frame."""
     return FrameKinematics(robot, frame_of(robot, frame) if isinstance(frame, str) else frame)
