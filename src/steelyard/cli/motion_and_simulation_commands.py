@@ -291,7 +291,7 @@ def demo(
     from steelyard.identify.identify import identify
     from steelyard.model.model import model_with_open_friction
     from steelyard.report.terminal import terminal
-    from steelyard.simulate.simulate import demo_runs, true_parameters
+    from steelyard.simulate.simulate import demo_runs
 
     folder = new_folder(output, "steelyard-demo")
     found: list[DesignedMotion] = []
@@ -310,7 +310,7 @@ def demo(
         identified = identify(
             runs.robot, runs.identification, validate=runs.validation, progress=progress
         )
-        identified = identified.beside(true_parameters(runs))
+        identified = identified.beside(runs.parameters)
         (part / "results").mkdir()
         identified.write(part / "results")
         interrupt.too_late()

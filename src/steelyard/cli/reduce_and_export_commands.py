@@ -135,7 +135,6 @@ def _next_lines(condition: float, limit: float | None) -> list[str]:
 
 
 def _refuse_missing(robot: str | None, asking: dict[str, bool]) -> None:
-    """Refuse options `asking` for a robot file without one."""
     from steelyard.base.errors import ModelError
 
     if robot is None and any(asking.values()):
@@ -254,7 +253,6 @@ def _format(to: Kind | None, output: Path | None) -> Kind:
 
 
 def _print_export(path: Path, made: "Exported", as_json: bool) -> None:
-    """What was written, and what was not."""
     from rich.text import Text
 
     from steelyard.export.model_files.export_model_file import (

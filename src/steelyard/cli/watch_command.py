@@ -107,7 +107,6 @@ def watch(
 
 
 def _summary(begun: "WatchStart", as_json: bool) -> "Iterable[str]":
-    """The end of the stream."""
     from steelyard.uses.watch.stream_output import summary_lines
 
     found, robot = begun.watcher.summary, begun.model.robot

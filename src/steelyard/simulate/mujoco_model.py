@@ -201,7 +201,6 @@ def _spec(robot: Robot, timestep: float) -> Any:
 
 
 def _add_body(parent: Any, index: int, body: Body, inertia: Inertia) -> Any:
-    """Add one body and its joint; the body that was added."""
     added = parent.add_body(name=f"{index} {body.name}", pos=body.position)
     mujoco.mju_mat2Quat(added.quat, np.ascontiguousarray(body.rotation).ravel())
     mass, com, moments, axes = _principal(body, inertia)

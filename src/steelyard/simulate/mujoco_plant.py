@@ -140,7 +140,6 @@ class MujocoPlant:
 
 
 def _check_robot(robot: Robot, truth: Truth) -> None:
-    """Raise unless the truth is one of this robot."""
     got, wanted = (
         ([b.name for b in r.bodies], [c.name for c in r.joints]) for r in (truth.robot, robot)
     )

@@ -1,6 +1,5 @@
 r"""A virtual robot runs a motion and writes a log, as `steelyard simulate` and the demo do."""
 
-import json
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from importlib.resources import files
@@ -42,12 +41,12 @@ LARGEST_LIMIT_SHARE = 0.9  # of the limits that a random motion uses, where the 
 
 @dataclass(frozen=True)
 class DemoFiles:
-    """What the demonstration works on; the truth is what the arm really is, JSON."""
+    """What the demonstration works on, and all standard parameters of the simulated arm."""
 
     robot: Path
     identification: Path
     validation: Path
-    truth: Path
+    parameters: Parameters
 
 
 def demo_runs(
@@ -80,13 +79,7 @@ def demo_runs(
             write_motion(part / f"{name}_motion.json", motion, robot)
         write_json(part / "truth.json", truth.to_dict())
     identification, validation = (folder / f"{name}.csv" for name in names)
-    return DemoFiles(folder / "demo_arm.toml", identification, validation, folder / "truth.json")
-
-
-def true_parameters(runs: DemoFiles) -> Parameters:
-    """All standard parameters of the simulated arm."""
-    truth = json.loads(runs.truth.read_text(encoding="utf-8"))
-    return Truth.from_dict(truth, load_robot(runs.robot).robot).values
+    return DemoFiles(folder / "demo_arm.toml", identification, validation, truth.values)
 
 
 def _above_table(loaded: LoadedRobot, seed: int, period: float) -> FourierMotion:
@@ -288,7 +281,6 @@ def _controller(
 def _wrench(
     robot: Robot, file: str | Path | None, frame: str | None, axes: str
 ) -> AppliedWrench | None:
-    """The external wrench that the options describe."""
     if file is None:
         if frame is None and axes == "base":
             return None
@@ -313,7 +305,6 @@ def _one_period(
     dry_run: float,
     seed: int,
 ) -> ExactTrajectory:
-    """The motion that is given, or a random one."""
     if motion is None:
         seconds = RANDOM_PERIOD if period is None else period
         _check_length(seconds, periods, dry_run)
@@ -360,7 +351,6 @@ def _check_length(once: float, periods: int, factor: float) -> None:
 def _payload(
     robot: Robot, mass: float | None, frame: str | None, attach: float, release: float
 ) -> Payload | None:
-    """The load that the options describe."""
     if mass is not None:
         named = [f.name for f in robot.frames] or [b.name for b in robot.bodies]
         return Payload.ball(mass, named[-1] if frame is None else frame, attach, release)

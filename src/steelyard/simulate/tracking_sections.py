@@ -115,7 +115,6 @@ def _row(name: str, unit: str, values: Sequence[float], *, total: bool = False) 
 
 
 def _run_values(found: Tracking, run: TrackedRun, joints: Sequence[Coordinate]) -> dict[str, Any]:
-    """One controller as JSON values."""
     return {
         "name": run.name,
         "joints": records(

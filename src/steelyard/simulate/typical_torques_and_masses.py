@@ -34,10 +34,6 @@ class ScalePostures:
         """Velocities of all joints, `(K, n_joints)`, from independent ones, `(K, n)`."""
         return np.asarray(np.einsum("kij,kj->ki", self.full, rates))
 
-    def projected(self, efforts: Array) -> Array:
-        """Efforts of the independent joints, `(K, n)`, from those of all joints."""
-        return np.asarray(np.einsum("kij,ki->kj", self.full, efforts))
-
 
 @dataclass(frozen=True, eq=False)
 class Scales:
@@ -107,7 +103,7 @@ def typical_torque(robot: Robot, model: MujocoModel) -> Array:
     At least 3 % of the largest one of the same kind: no drive is built for next to nothing.
     """
     postures = postures_of(robot)
-    torque = postures.projected(_torques(robot, model, postures))
+    torque = np.einsum("kij,ki->kj", postures.full, _torques(robot, model, postures))
     return _floored(robot.coordinates, np.sqrt(np.mean(torque**2, axis=0)), _LEAST_TORQUE)
 
 

@@ -132,7 +132,6 @@ class VirtualRobot:
         self._write(runs[0], log)
 
     def _write(self, run: TrueRun, log: Path) -> None:
-        """Write what the sensors say of a run."""
         sensors = self.sensors
         if self.signals is None:
             write_table(log, sensors.read(run, self.robot, self._noise))

@@ -137,11 +137,6 @@ class CCode:
         }
 
     @property
-    def passive(self) -> int:
-        """Number of passive joints."""
-        return len(self.controller.model.robot.passive)
-
-    @property
     def stack(self) -> int:
         """Bytes of local variables of the function with most of them."""
         return max(c.stack for _, c in self.functions.values())

@@ -42,7 +42,7 @@ def ros2_files(code: CCode) -> dict[str, str]:
         "literals": [text_literal(name) for name in robot.joint_names],
         "largest_gap": LARGEST_CLOSURE_ERROR,
         "positional": _needs_position(code.functions["friction"][0]),
-        "zeros": max(robot.n, code.passive),
+        "zeros": max(robot.n, len(robot.passive)),
         "q": "joint_positions.data()",
         "dq": "joint_velocities.data()",
         "ddq": "joint_accelerations.data()",
@@ -74,12 +74,11 @@ def text_literal(text: str) -> str:
 
 def _call(code: CCode, function: str, q: str, *rest: str) -> str:
     """A call of a function of the C code, with the passive joints of closed chains."""
-    passive = (f"Chains({q}).passive",) if code.passive else ()
+    passive = (f"Chains({q}).passive",) if code.controller.model.robot.passive else ()
     return f"{code.name}_{function}({', '.join((q, *passive, *rest))});"
 
 
 def _needs_position(function: Function) -> bool:
-    """Whether a function of `q` and `dq` reads positions."""
     place = len(function.program.inputs) - 1
     return any(
         step.operation == "input" and step.arguments[0] < place

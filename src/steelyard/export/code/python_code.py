@@ -74,7 +74,6 @@ def _lines(function: Function) -> list[str]:
 
 
 def _results(function: Function) -> str:
-    """What a function returns."""
     results, first = [], 0
     for (_, shape), (_, size) in zip(function.outputs, function.sizes, strict=True):
         part = f"np.moveaxis(found[{first}:{first + size}], 0, -1)"

@@ -255,5 +255,4 @@ def _text(elements: tuple[ET.Element, ...], indent: str) -> str:
 
 
 def _note(words: str) -> str:
-    """A comment of one line."""
     return " ".join(comment(words).split())

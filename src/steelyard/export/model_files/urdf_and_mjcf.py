@@ -308,7 +308,6 @@ def _site(body: ET.Element, name: str, position: Array, rotation: Array | None =
 
 
 def _equalities(root: ET.Element, robot: Robot, bodies: Sequence[ET.Element]) -> None:
-    """Mimic joints and pins."""
     carriers = carriers_of(robot)
     followers = [k for k, body in enumerate(robot.bodies) if carriers[body.coordinate] != k]
     if not followers and not robot.loops:
