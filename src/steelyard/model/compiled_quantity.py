@@ -35,8 +35,8 @@ class CompiledQuantity:
 
     @cached_property
     def step_code(self) -> Code:
-        """Machine code of one step, see `Quantity.step_program`."""
-        return self.quantity.step_code(self.part)
+        """Machine code of one step, see `Quantity.program`."""
+        return self.quantity.code(self.part, stepped=True)
 
     def along(self, values: Array, arguments: Sequence[ArrayLike], t: Array | None = None) -> Array:
         """Entries at one configuration or along samples; see `Dynamics.evaluate`."""
@@ -65,10 +65,8 @@ class CompiledQuantity:
 
     def channels(self, scan: Scan, block: Sequence[Array], t: Array | None = None) -> Array:
         """Channels of samples `(n, N)`, after those in `scan`; what is not given is zero."""
-        given, rest = (
-            dict(zip(self.quantity.arguments, block, strict=True)),
-            np.zeros_like(block[0]),
-        )
+        given = dict(zip(self.quantity.arguments, block, strict=True))
+        rest = np.zeros_like(block[0])
         return scan(block[0], given.get("dq", rest), given.get("ddq", rest), t)
 
     def check(self, q: Array, entries: Array) -> None:

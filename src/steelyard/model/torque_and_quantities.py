@@ -254,57 +254,47 @@ class Quantity:
             )
         return Equations(equations.robot, tuple(filter(self.enters, equations.terms)))
 
-    def program(self, part: Equations) -> Program:
-        """The arguments, channels and shared parameters of a part to the entries."""
-        from steelyard.symbolic.symbols_and_tracing import symbolic
+    def program(self, part: Equations, stepped: bool = False) -> Program:
+        """The arguments, channels and shared parameters of a part to the entries.
 
-        inputs = (
-            *(Input(name, part.robot.n) for name in self.arguments),
-            Input("channels", part.n_channels),
-            Input("parameters", len(part.parameters), shared=True),
-        )
-        names = [array.name for array in inputs]
-        return symbolic(lambda *x: self.build(part, dict(zip(names, x, strict=True))), inputs)
-
-    def code(self, part: Equations) -> Code:
-        """The program as machine code."""
-        return compiled([self.name, *self.key, part.program_key], lambda: (self.program(part), {}))
-
-    def step_program(self, part: Equations) -> Program:
-        """As `program`, with friction's memory before a step, and after it behind the entries.
-
-        Inputs are the arguments, passive positions, memory, and shared parameters.
+        Of a step, passive positions and friction's memory before it are inputs instead of the
+        channels, and its memory after it stands behind the entries.
         """
         from steelyard.symbolic.symbols_and_tracing import symbolic
 
-        n, rest = part.robot.n, [0.0] * part.robot.n
+        between = [Input("channels", part.n_channels)]
+        if stepped:
+            between = [Input("passive", len(part.robot.passive)), Input("memory", part.n_memory)]
         inputs = (
-            *(Input(name, n) for name in self.arguments),
-            Input("passive", len(part.robot.passive)),
-            Input("memory", part.n_memory),
+            *(Input(name, part.robot.n) for name in self.arguments),
+            *between,
             Input("parameters", len(part.parameters), shared=True),
         )
 
-        def build(*x: Scalars) -> list[Scalar]:
+        def build(*x: Scalars) -> Scalars:
             given = dict(zip([array.name for array in inputs], x, strict=True))
-            dq, ddq = given.get("dq", rest), given.get("ddq", rest)
-            state = JointState(given["q"], dq, ddq, given["passive"])
+            if not stepped:
+                return self.build(part, given)
+            state = _state(part, given, given["passive"])
             memory, channels = part.stepped(state, given["memory"])
             return [*self.build(part, {**given, "channels": channels}), *memory]
 
         return symbolic(build, inputs)
 
-    def step_code(self, part: Equations) -> Code:
-        """The program of a step as machine code."""
-        description = ["step", self.name, *self.key, part.to_dict()]
-        return compiled(description, lambda: (self.step_program(part), {}))
+    def code(self, part: Equations, stepped: bool = False) -> Code:
+        """The program as machine code."""
+        known = ["step", part.to_dict()] if stepped else part.program_key
+        return compiled([self.name, *self.key, known], lambda: (self.program(part, stepped), {}))
+
+
+def _state(part: Equations, given: Given, channels: Scalars) -> JointState:
+    """Velocities and accelerations that are not given are zero."""
+    rest: Scalars = [0.0] * part.robot.n
+    return JointState(given["q"], given.get("dq", rest), given.get("ddq", rest), channels)
 
 
 def _efforts(part: Equations, given: Given) -> list[Scalar]:
-    """Velocities and accelerations that are not given are zero."""
-    rest: Scalars = [0.0] * part.robot.n
-    dq, ddq = given.get("dq", rest), given.get("ddq", rest)
-    return part.torque_of(JointState(given["q"], dq, ddq, given["channels"]), given["parameters"])
+    return part.torque_of(_state(part, given, given["channels"]), given["parameters"])
 
 
 def _inertial(part: Equations, given: Given, ddq: Scalars) -> list[Scalar]:
@@ -367,8 +357,8 @@ def _forward(part: Equations, given: Given) -> list[Scalar]:
 
 
 def _regressor(part: Equations, given: Given) -> list[Scalar]:
-    state = JointState(given["q"], given["dq"], given["ddq"], given["channels"])
-    entries, width = part.columns(state), len(part.parameters)
+    entries = part.columns(_state(part, given, given["channels"]))
+    width = len(part.parameters)
     return [entries.get((row, k), 0.0) for row in range(part.robot.n) for k in range(width)]
 
 

@@ -26,19 +26,6 @@ DISPLACEMENT_STEP = 1e-4
 """Half a step of the central difference [m; rad]: the torque is smooth, errors are below 1e-8."""
 
 
-def torque_slope(
-    robot: Robot, motion: tuple[Array, Array, Array], tens: Array, move: Array
-) -> Array:
-    """Change of the bodies' torques with a displacement of joint frames, `(n_joints, N)`.
-
-    Of a tree along `q, dq, ddq`, each `(n_joints, N)`, with ten numbers per body, `(10 n_bodies,)`;
-    `move` are displacements per unit, each joint's in its own frame, `(MOVES n_bodies,)`.
-    """
-    code = placement_code(robot)
-    ahead, behind = (code([*motion, tens, sign * DISPLACEMENT_STEP * move]) for sign in (1.0, -1.0))
-    return np.asarray((ahead - behind) / (2.0 * DISPLACEMENT_STEP))
-
-
 @lru_cache(maxsize=4)
 def placement_code(robot: Robot) -> Code:
     """Machine code; inputs are motion, ten numbers and `MOVES` displacements per body."""
@@ -117,10 +104,11 @@ class GeometryErrors(StatefulTerm):
     def remember(self, robot: Robot, samples: TermSamples, memory: Any) -> tuple[Array, Any]:
         """Derivatives of the reference model's torque along the motion."""
         tens = RigidBody.numbers_of(robot, dict(self.reference))
-        motion = samples.q, samples.dq, samples.ddq
+        given, code = [samples.q, samples.dq, samples.ddq, tens], placement_code(robot)
         joints, found = [joint.name for joint in robot.joints], []
         for name, _, move in self._moves(robot):
-            slope = torque_slope(robot, motion, tens, move)
+            step = DISPLACEMENT_STEP * move
+            slope = (code([*given, step]) - code([*given, -step])) / (2.0 * DISPLACEMENT_STEP)
             kind, _, joint = name.partition(".")
             if kind == "compliance":
                 slope = -samples.rigid_torque(tens)[joints.index(joint)] * slope

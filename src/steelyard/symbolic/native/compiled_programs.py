@@ -24,21 +24,6 @@ TILE_COLUMNS = 3
 FIR_OUTPUTS = 4
 
 
-def loops_code(lanes: int) -> str:
-    """The loops that do not depend on the program, as LLVM code.
-
-    `void gram(y, ld, N, tiles, n_tiles, sums)`, `void absolute(y, ld, N, rows, sums)`,
-    `void fir(y, ldy, rows, taps, T, D, M, z, ldz)`, `void recurrence(a, b, c, y, rows, N, start)`.
-    """
-    sizes = {"rows": TILE_ROWS, "columns": TILE_COLUMNS, "outputs": FIR_OUTPUTS}
-    return _filled("loops.ll", lanes=lanes, t=f"<{lanes} x double>", **sizes)
-
-
-def around_program(inputs: int) -> str:
-    """The loop that calls a program of some input arrays, `i64 sample(arguments)`, as LLVM code."""
-    return _filled("around_program.ll", inputs=inputs)
-
-
 def _filled(template: str, **values: Any) -> str:
     folder = Path(__file__).parent / "templates"
     return str(templates_of(folder).get_template(template).render(values))
@@ -171,9 +156,15 @@ def compiled_equations(
 
 @lru_cache
 def loops() -> Any:
-    """The small loops that do not depend on the program."""
+    """The small loops that do not depend on the program.
+
+    `void gram(y, ld, N, tiles, n_tiles, sums)`, `void absolute(y, ld, N, rows, sums)`,
+    `void fir(y, ldy, rows, taps, T, D, M, z, ldz)`, `void recurrence(a, b, c, y, rows, N, start)`.
+    """
     lanes, arguments = compiler.lanes(), {"gram": 6, "absolute": 5, "fir": 9, "recurrence": 7}
-    code = machine_code("loops", lambda: (loops_code(lanes), {}))[1]
+    sizes = {"rows": TILE_ROWS, "columns": TILE_COLUMNS, "outputs": FIR_OUTPUTS}
+    values = {"lanes": lanes, "t": f"<{lanes} x double>", **sizes}
+    code = machine_code("loops", lambda: (_filled("loops.ll", **values), {}))[1]
     module = compiler.Library(code, list(arguments))
     return SimpleNamespace(**{name: module.function(name, n) for name, n in arguments.items()})
 
@@ -181,7 +172,8 @@ def loops() -> Any:
 def _module(program: Program, lanes: int) -> str:
     from steelyard.symbolic.native.llvm_vector_code import emit
 
-    return f"{emit(program, 'program', lanes)}\n{around_program(len(program.inputs))}"
+    around = _filled("around_program.ll", inputs=len(program.inputs))
+    return f"{emit(program, 'program', lanes)}\n{around}"
 
 
 def _padded(x: Array, n_samples: int) -> Array:

@@ -10,11 +10,10 @@ Entry `e` of a per-sample input at sample `b` is `x[e * ld + b]`; output entry `
 """
 
 import struct
-from dataclasses import dataclass, field
 from functools import partialmethod
 
 from steelyard.base.arrays import by_key
-from steelyard.symbolic.program_and_softening import Program
+from steelyard.symbolic.program_and_softening import Program, Step
 
 MAX_ANGLE = 1e5
 
@@ -212,29 +211,14 @@ class Block:
 CHUNK = 800
 
 
-@dataclass
-class _Emission:
-    """What is known while a program is written: where values that cross chunks are kept."""
-
-    program: Program
-    lanes: int
-    steps_of: list[range]
-    last_chunk: list[int]
-    entries: dict[int, list[int]]
-    slots: dict[int, int] = field(default_factory=dict)
-    declarations: set[str] = field(default_factory=set)
-
-
 def emit(program: Program, name: str, lanes: int) -> str:
     """LLVM code of one function that runs `program` over samples."""
     steps = len(program.steps)
     n_chunks = max(1, -(-steps // CHUNK))
     size = -(-steps // n_chunks)
-    steps_of = [range(k * size, min((k + 1) * size, steps)) for k in range(n_chunks)]
-    last_chunk = [use // size for use in program.last_use()]
-    entries = by_key((number, entry) for entry, number in enumerate(program.outputs))
-    emission = _Emission(program, lanes, steps_of, last_chunk, entries)
-    bodies = [_chunk(emission, chunk) for chunk in range(n_chunks)]
+    writer = _Writer(program, lanes, [use // size for use in program.last_use()])
+    starts = range(0, max(steps, 1), size or 1)
+    bodies = [writer.body(k, range(at, min(at + size, steps))) for k, at in enumerate(starts)]
     arguments = [f"ptr %x{i}, i64 %l{i}" for i in range(len(program.inputs))]
     passed = ", ".join([*arguments, "ptr %y, i64 %ly"])
     signature = passed.replace("ptr ", "ptr noalias ")
@@ -245,11 +229,11 @@ def emit(program: Program, name: str, lanes: int) -> str:
         for chunk, body in enumerate(bodies)
     ]
     calls = "\n".join(
-        f"call void @{name}_{chunk}(i64 %b, ptr %ws, {passed})" for chunk in range(n_chunks)
+        f"call void @{name}_{chunk}(i64 %b, ptr %ws, {passed})" for chunk in range(len(bodies))
     )
     loop = f"""define void @{name}(i64 %N, {passed}) {{
 entry:
-%ws = alloca [{max(len(emission.slots), 1)} x <{lanes} x double>], align 64
+%ws = alloca [{max(len(writer.slots), 1)} x <{lanes} x double>], align 64
 br label %loop
 loop:
 %b = phi i64 [0, %entry], [%next, %loop]
@@ -261,98 +245,98 @@ exit:
 ret void
 }}
 """
-    return "\n".join([*sorted(emission.declarations), *functions, loop])
+    return "\n".join([*sorted(writer.declarations), *functions, loop])
 
 
-def _chunk(emission: _Emission, chunk: int) -> list[str]:
-    block = Block(emission.lanes)
-    values: dict[int, str] = {}
-    waves: dict[int, tuple[str, str]] = {}
-    rows: dict[int, str] = {}
-    for number in emission.steps_of[chunk]:
-        step = emission.program.steps[number]
-        if step.operation not in ("constant", "input"):
-            arguments = [_value(emission, block, values, a) for a in step.arguments]
-            values[number] = _operation(block, step.operation, step.arguments, arguments, waves)
-            if emission.last_chunk[number] > chunk:
-                slot = emission.slots[number] = len(emission.slots)
-                _store(block, values[number], _slot(block, slot))
-        for entry in emission.entries.get(number, []):
-            value = _value(emission, block, values, number)
-            place = (
-                block.let(f"getelementptr double, ptr {rows[entry - 1]}, i64 %ly")
-                if entry - 1 in rows
-                else _address(block, "%y", "%ly", entry)
-            )
-            rows[entry] = place
-            _store(block, value, place)
-    emission.declarations |= block.declarations
-    return block.lines
+class _Writer:
+    """Writes a program chunk by chunk; values that cross chunks are kept in slots."""
 
+    def __init__(self, program: Program, lanes: int, last_chunk: list[int]) -> None:
+        self.program, self.lanes, self.last_chunk = program, lanes, last_chunk
+        self.entries = by_key((number, entry) for entry, number in enumerate(program.outputs))
+        self.slots: dict[int, int] = {}
+        self.declarations: set[str] = set()
 
-def _value(emission: _Emission, block: Block, values: dict[int, str], number: int) -> str:
-    """The name that holds a step's value; constants, inputs and far values are fetched anew."""
-    if number in values:
-        return values[number]
-    step = emission.program.steps[number]
-    if step.operation == "constant":
-        return block.constant(step.value)
-    if step.operation == "input":
+    def body(self, chunk: int, numbers: range) -> list[str]:
+        """The code of the steps of one chunk."""
+        self.block = block = Block(self.lanes)
+        self.values: dict[int, str] = {}
+        self.waves: dict[int, tuple[str, str]] = {}
+        rows: dict[int, str] = {}
+        for number in numbers:
+            step = self.program.steps[number]
+            if step.operation not in ("constant", "input"):
+                self.values[number] = self._operation(step)
+                if self.last_chunk[number] > chunk:
+                    self.slots[number] = len(self.slots)
+                    self._store(self.values[number], self._slot(number))
+            for entry in self.entries.get(number, []):
+                value = self._value(number)
+                rows[entry] = (
+                    block.let(f"getelementptr double, ptr {rows[entry - 1]}, i64 %ly")
+                    if entry - 1 in rows
+                    else self._address("%y", "%ly", entry)
+                )
+                self._store(value, rows[entry])
+        self.declarations |= block.declarations
+        return block.lines
+
+    def _value(self, number: int) -> str:
+        """The name that holds a step's value; constants, inputs and far values are fetched anew."""
+        if number in self.values:
+            return self.values[number]
+        step = self.program.steps[number]
+        if step.operation == "constant":
+            return self.block.constant(step.value)
+        if step.operation != "input":
+            self.values[number] = self._loaded(self._slot(number))
+            return self.values[number]
         array, entry = step.arguments
-        if emission.program.inputs[array].shared:
-            values[number] = _broadcast(block, f"%x{array}", entry)
+        if self.program.inputs[array].shared:
+            self.values[number] = self._broadcast(f"%x{array}", entry)
         else:
-            place = _address(block, f"%x{array}", f"%l{array}", entry)
-            values[number] = block.let(f"load {block.type}, ptr {place}, align 8")
-    else:
-        place = _slot(block, emission.slots[number])
-        values[number] = block.let(f"load {block.type}, ptr {place}, align 8")
-    return values[number]
+            self.values[number] = self._loaded(self._address(f"%x{array}", f"%l{array}", entry))
+        return self.values[number]
 
+    def _operation(self, step: Step) -> str:
+        block, arguments = self.block, [self._value(a) for a in step.arguments]
+        match step.operation:
+            case "add" | "sub" | "mul" | "div":
+                return block.binary(f"f{step.operation}", *arguments)
+            case "neg" | "sign" | "exp" | "tanh" | "atan":
+                result: str = getattr(block, step.operation)(*arguments)
+                return result
+            case "sin" | "cos":
+                angle = step.arguments[0]
+                if angle not in self.waves:
+                    self.waves[angle] = block.sincos(arguments[0])
+                return self.waves[angle][step.operation == "cos"]
+            case "less":
+                return block.truth("olt", *arguments)
+            case "less_equal":
+                return block.truth("ole", *arguments)
+            case other:
+                names = {"sqrt": "sqrt", "abs": "fabs", "minimum": "minnum", "maximum": "maxnum"}
+                return block.intrinsic(names[other], *arguments)
 
-def _operation(
-    block: Block,
-    operation: str,
-    numbers: tuple[int, ...],
-    arguments: list[str],
-    waves: dict[int, tuple[str, str]],
-) -> str:
-    match operation:
-        case "add" | "sub" | "mul" | "div":
-            return block.binary(f"f{operation}", *arguments)
-        case "neg" | "sign" | "exp" | "tanh" | "atan":
-            result: str = getattr(block, operation)(*arguments)
-            return result
-        case "sin" | "cos":
-            if numbers[0] not in waves:
-                waves[numbers[0]] = block.sincos(arguments[0])
-            return waves[numbers[0]][operation == "cos"]
-        case "less":
-            return block.truth("olt", *arguments)
-        case "less_equal":
-            return block.truth("ole", *arguments)
-        case _:
-            intrinsics = {"sqrt": "sqrt", "abs": "fabs", "minimum": "minnum", "maximum": "maxnum"}
-            return block.intrinsic(intrinsics[operation], *arguments)
+    def _address(self, base: str, stride: str, entry: int) -> str:
+        row = self.block.let(f"mul i64 {stride}, {entry}")
+        index = self.block.let(f"add i64 {row}, %b")
+        return self.block.let(f"getelementptr double, ptr {base}, i64 {index}")
 
+    def _slot(self, number: int) -> str:
+        return self.block.let(f"getelementptr {self.block.type}, ptr %ws, i64 {self.slots[number]}")
 
-def _address(block: Block, base: str, stride: str, entry: int) -> str:
-    row = block.let(f"mul i64 {stride}, {entry}")
-    index = block.let(f"add i64 {row}, %b")
-    return block.let(f"getelementptr double, ptr {base}, i64 {index}")
+    def _loaded(self, place: str) -> str:
+        return self.block.let(f"load {self.block.type}, ptr {place}, align 8")
 
+    def _store(self, value: str, place: str) -> None:
+        self.block.lines.append(f"store {self.block.type} {value}, ptr {place}, align 8")
 
-def _store(block: Block, value: str, place: str) -> None:
-    block.lines.append(f"store {block.type} {value}, ptr {place}, align 8")
-
-
-def _slot(block: Block, slot: int) -> str:
-    return block.let(f"getelementptr {block.type}, ptr %ws, i64 {slot}")
-
-
-def _broadcast(block: Block, base: str, entry: int) -> str:
-    place = block.let(f"getelementptr double, ptr {base}, i64 {entry}")
-    number = block.let(f"load double, ptr {place}, align 8")
-    one = block.let(f"insertelement {block.type} poison, double {number}, i64 0")
-    mask = f"<{block.lanes} x i32> zeroinitializer"
-    return block.let(f"shufflevector {block.type} {one}, {block.type} poison, {mask}")
+    def _broadcast(self, base: str, entry: int) -> str:
+        let, kind = self.block.let, self.block.type
+        place = let(f"getelementptr double, ptr {base}, i64 {entry}")
+        number = let(f"load double, ptr {place}, align 8")
+        one = let(f"insertelement {kind} poison, double {number}, i64 0")
+        mask = f"<{self.lanes} x i32> zeroinitializer"
+        return let(f"shufflevector {kind} {one}, {kind} poison, {mask}")

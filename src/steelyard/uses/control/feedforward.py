@@ -37,9 +37,10 @@ class SmoothedQuantity(Quantity):
 
     width: float = SIGN_SMOOTHING
 
-    def program(self, part: Equations) -> Program:
+    def program(self, part: Equations, stepped: bool = False) -> Program:
         """The program of the quantity, softened."""
-        return softened(super().program(part), self.arguments.index("dq"), self.width)
+        plain = super().program(part, stepped)
+        return softened(plain, self.arguments.index("dq"), self.width)
 
 
 @lru_cache(maxsize=64)
