@@ -51,10 +51,8 @@ def pipe_pieces(read: Callable[[], bytes], waiting: Waiting) -> Iterator[bytes]:
     pieces: queue.Queue[bytes] = queue.Queue(PENDING_PIECES)
 
     def fill() -> None:
-        piece = read()
-        while piece:
+        for piece in iter(read, b""):
             pieces.put(piece)
-            piece = read()
         pieces.put(b"")
 
     threading.Thread(target=fill, daemon=True).start()

@@ -1,6 +1,6 @@
 """Mimic joints: which joint drives them, and limits of joints that keep followers within theirs."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -19,24 +19,19 @@ def drive_of(mechanism: Mechanism, joint: Joint) -> Mimic:
     return Mimic(joint.name, ratio, offset)
 
 
-def followers_of(
-    mechanism: Mechanism, drives: Mapping[str, Mimic], master: str
-) -> list[tuple[Mimic, Limits]]:
-    """The mimic joints behind an independent joint, with their own limits."""
-    following = [n for n, drive in drives.items() if drive.master == master and n != master]
-    return [(drives[name], mechanism.joint(name).limits) for name in following]
-
-
-def narrowed(limits: Limits, followers: Sequence[tuple[Mimic, Limits]]) -> tuple[Limits, bool]:
+def narrowed(mechanism: Mechanism, drives: Mapping[str, Mimic], name: str) -> tuple[Limits, bool]:
     """Limits that keep the followers of a joint within theirs as well, and whether a range is left.
 
     A follower at `x = ratio * q + offset` within `[lower, upper]` keeps `q` between `(lower -
     offset) / ratio` and `(upper - offset) / ratio`, and its speed limit counts as `velocity /
     |ratio|`. A follower with an empty range is unlimited; the joint's range stays if none is left.
     """
+    limits = unlimited_if_empty(mechanism.joint(name).limits)
     lower, upper, velocity = limits.lower, limits.upper, limits.velocity
-    for drive, own in followers:
-        ratio, offset = drive.ratio, drive.offset
+    followers = [n for n, drive in drives.items() if drive.master == name and n != name]
+    for follower in followers:
+        ratio, offset = drives[follower].ratio, drives[follower].offset
+        own = mechanism.joint(follower).limits
         if ratio == 0.0:
             continue
         velocity = min(velocity, own.velocity / abs(ratio))
@@ -73,8 +68,7 @@ def limit_notes(mechanism: Mechanism, drives: Mapping[str, Mimic], robot: Robot)
         limits = mechanism.joint(c.name).limits
         if limits.lower == limits.upper and np.isinf(c.limits.lower):
             notes.append(f"joint '{c.name}' has an empty range in the model: taken as unlimited")
-        followers = followers_of(mechanism, drives, c.name)
-        if not narrowed(unlimited_if_empty(limits), followers)[1]:
+        if not narrowed(mechanism, drives, c.name)[1]:
             notes.append(
                 f"no position of '{c.name}' satisfies the ranges of its mimic joints: "
                 "these are ignored"

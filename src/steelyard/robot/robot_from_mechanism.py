@@ -22,7 +22,6 @@ from steelyard.robot.mechanism import (
 )
 from steelyard.robot.mimic_joints_and_limits import (
     drive_of,
-    followers_of,
     limit_notes,
     merged,
     narrowed,
@@ -305,7 +304,7 @@ def _coordinate(
 ) -> Coordinate:
     """A joint that moves, within its limits and those of the joints that follow it."""
     joint = mechanism.joint(name)
-    narrow, _ = narrowed(unlimited_if_empty(joint.limits), followers_of(mechanism, drives, name))
+    narrow, _ = narrowed(mechanism, drives, name)
     limits = narrow if given is None else merged(given, joint.limits, narrow)
     return Coordinate(name, _kind(joint), unlimited_if_empty(limits))
 

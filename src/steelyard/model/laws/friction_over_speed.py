@@ -1,7 +1,8 @@
 """Friction over speed: Coulomb, viscous, powers of speed, Stribeck; per direction, and coupled."""
 
 from abc import abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
@@ -354,32 +355,24 @@ class Coupled(Term):
 
 
 def _pairs(given: Any) -> tuple[Pair, ...]:
-    """All pairs; one alone may come without a list."""
-    table = dict(given) if isinstance(given, Mapping) else None
-    if isinstance(given, tuple) and all(isinstance(x, tuple) and len(x) == 2 for x in given):
-        table = {key: value for key, value in given if isinstance(key, str)}
-    if table is not None and set(table) == {"from", "to"}:
-        return (_pair(table),)
-    if not isinstance(given, tuple | list):
-        raise _no_pair(f"pairs = {given!r}")
-    return tuple(_pair(pair) for pair in given)
+    """All pairs in their one form, from tables or two names; a table may come without a list."""
+    alone = _ends(given)
+    listed = given if isinstance(given, tuple | list) else (given,)
+    found = [alone] if alone else [_ends(pair) or pair for pair in listed]
+    for pair in found:
+        names = [x for x in pair if isinstance(x, str)] if isinstance(pair, tuple | list) else []
+        if len(names) != 2 or len(pair) != 2 or names[0] == names[1]:
+            raise _no_pair(f"the pair {pair!r}")
+    return tuple((("from", mover), ("to", loaded)) for mover, loaded in found)
 
 
-def _pair(given: Mapping[str, str] | Sequence[Any]) -> Pair:
-    """A pair in its one form, from a table, named pairs, or two names."""
-    try:
-        if isinstance(given, Sequence) and all(isinstance(name, str) for name in given):
-            mover, loaded = given
-        else:
-            table = dict(given)
-            mover, loaded = table.pop("from"), table.pop("to")
-            if table:
-                raise ValueError
-    except (TypeError, ValueError, KeyError):
-        raise _no_pair(f"the pair {given!r}") from None
-    if isinstance(given, str) or mover == loaded or not isinstance(mover, str):
-        raise _no_pair(f"the pair {given!r}")
-    return ("from", mover), ("to", loaded)
+def _ends(given: Any) -> tuple[Any, Any] | None:
+    """The two ends in a table, or in named pairs; `None` for anything else."""
+    with suppress(TypeError, ValueError):
+        table = dict(given)
+        if table.keys() == {"from", "to"}:
+            return table["from"], table["to"]
+    return None
 
 
 def _no_pair(what: str) -> ModelError:

@@ -388,23 +388,18 @@ def _scales(
 
 def signals_from_dict(data: Mapping[str, Any]) -> Signals:
     """The signals of `json_values`; `KeyError`, `ValueError` or `TypeError` if damaged."""
-    later = {"commanded_position": None, "commanded_velocity": None, "unknown_offsets": ()}
-    later |= {"unactuated": ()}
-    fields: dict[str, Any] = later | {"commanded_velocity_scale": None} | dict(data)
-    for name in ("position", "velocity", "effort", "effort_units", *list(later)[:2]):
-        fields[name] = None if fields[name] is None else tuple(fields[name])
-    for name in ("unknown_gains", "unknown_offsets", "unactuated"):
-        fields[name] = tuple(fields[name])
-    n = len(fields["position"])
-    scales = ("position_scale", "velocity_scale", "effort_scale", "gains")
-    shapes = {"position_map": (n, n), "position_offset": (n,), "effort_map": (n, n)}
-    vectors = (*scales, "commanded_velocity_scale")
-    for name, shape in (shapes | dict.fromkeys(vectors, (n,))).items():
-        if fields[name] is None:
+    n, values = len(data["position"]), dict(data)
+    for field in fields(Signals):
+        name, kind, given = field.name, str(field.type), values.get(field.name)
+        if given is None:
             continue
-        fields[name] = frozen(fields[name], shape)
-        if name in vectors and not (np.isfinite(fields[name]) & (fields[name] != 0)).all():
-            raise ValueError(f"'{name}' of the signals holds a value that cannot be used")
-    if len(fields["effort"]) != n or len(fields["effort_units"]) != n:
+        if kind.startswith("tuple"):
+            values[name] = tuple(given)
+        elif kind.startswith("Array"):
+            values[name] = frozen(given, (n, n) if name.endswith("map") else (n,))
+            useless = ~np.isfinite(values[name]) | (values[name] == 0.0)
+            if (name.endswith("scale") or name == "gains") and useless.any():
+                raise ValueError(f"'{name}' of the signals holds a value that cannot be used")
+    if len(values["effort"]) != n or len(values["effort_units"]) != n:
         raise ValueError("the signals' lists differ in length")
-    return Signals(**fields)
+    return Signals(**values)

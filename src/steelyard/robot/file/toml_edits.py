@@ -1,6 +1,5 @@
 """Keys of a robot file set and removed; values, keys and comments written as TOML."""
 
-import json
 import re
 import textwrap
 from collections.abc import Mapping, Sequence
@@ -16,9 +15,7 @@ def toml_text(value: Any) -> str:
     """A value in TOML."""
     if isinstance(value, tuple | list):
         return "[" + ", ".join(toml_text(v) for v in value) + "]"
-    if isinstance(value, str):
-        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
-    return repr(float(value))
+    return _value(value if isinstance(value, str) else float(value))
 
 
 def comment(text: str, start: str = "# ") -> str:

@@ -106,10 +106,10 @@ TRUTHS = {
 LARGEST = 20_000  # values in a file, with those that are repeated by reference
 
 
-def load_yaml(path: Path, number: Callable[[str], Any]) -> Any:
+def load_yaml(path: Path, budget: Budget) -> Any:
     """Tables, lists and scalars of a YAML file; nothing else is constructed.
 
-    `number` evaluates the expression of a value with a unit, `!degrees 90`.
+    A value with a unit, `!degrees 90`, is an expression.
     """
     from ruamel.yaml import YAML
     from ruamel.yaml.error import YAMLError
@@ -125,7 +125,7 @@ def load_yaml(path: Path, number: Callable[[str], Any]) -> Any:
         node = yaml.compose(content.decode("utf-8-sig"))
         if node is None:
             return {}
-        _prepare(node, number, {}, ())
+        _prepare(node, budget, {}, ())
         return yaml.constructor.construct_document(node)
     except ModelError as error:
         raise XacroError(f"'{path}': {error.wrong}", fix) from None
@@ -134,9 +134,7 @@ def load_yaml(path: Path, number: Callable[[str], Any]) -> Any:
         raise XacroError(f"'{path}' is not plain YAML: {words}", fix) from None
 
 
-def _prepare(
-    node: Any, number: Callable[[str], Any], sizes: dict[int, int], above: tuple[int, ...]
-) -> int:
+def _prepare(node: Any, budget: Budget, sizes: dict[int, int], above: tuple[int, ...]) -> int:
     """Turn values with units into numbers, words into truths; how many values there are."""
     if id(node) in above:
         raise ValueError("a value contains itself")
@@ -145,12 +143,12 @@ def _prepare(
     if node.tag == "tag:yaml.org,2002:str" and node.style is None and node.value in TRUTHS:
         node.tag, node.value = "tag:yaml.org,2002:bool", TRUTHS[node.value]
     if node.tag in UNITS:
-        value = float(number(str(node.value))) * UNITS[node.tag]
+        value = float(evaluate(str(node.value), Names(), budget)) * UNITS[node.tag]
         node.tag = "tag:yaml.org,2002:float"
         node.value = repr(value)
     parts = node.value if isinstance(node.value, list) else []
     inside = [part for entry in parts for part in (entry if isinstance(entry, tuple) else (entry,))]
-    size = 1 + sum(_prepare(part, number, sizes, (*above, id(node))) for part in inside)
+    size = 1 + sum(_prepare(part, budget, sizes, (*above, id(node))) for part in inside)
     if size > LARGEST:
         raise ValueError(f"there are more than {LARGEST} values")
     sizes[id(node)] = size
@@ -171,10 +169,13 @@ class _Arguments(Names):
 
     def value(self, name: str) -> Any:
         if name in self.commands.arguments:
-            return literal(self.commands.argument(name))
+            return self._argument(name)
         if name in ("arg", "find"):
-            return {"arg": self.commands.literal, "find": self.commands.find}[name]
+            return self.commands.find if name == "find" else self._argument
         return super().value(name)
+
+    def _argument(self, name: str) -> Any:
+        return literal(self.commands.argument(name))
 
 
 class Commands:
@@ -195,7 +196,7 @@ class Commands:
             "dotify": dict,
             "error": lambda *words: "",
             "fatal": _fatal,
-            "load_yaml": lambda name: load_yaml(self._path(name), self._number),
+            "load_yaml": lambda name: load_yaml(self._path(name), budget),
             "message": lambda *words: "",
             "tokenize": _tokens,
             "warning": lambda *words: "",
@@ -226,10 +227,6 @@ class Commands:
             raise XacroError(f"the argument '{name}' is not given", GIVE.format(name=name))
         return self.arguments[name]
 
-    def literal(self, name: str) -> Any:
-        """The value of an argument."""
-        return literal(self.argument(name))
-
     def find(self, package: str) -> str:
         """A package; `package://NAME` if missing: it may only hold meshes."""
         if package not in self.found:
@@ -255,9 +252,6 @@ class Commands:
 
     def _path(self, name: str) -> Path:
         return self.packages.named(name, self.files[-1].parent)
-
-    def _number(self, text: str) -> Any:
-        return evaluate(text, Names(), self.budget)
 
 
 def _fatal(*words: Any) -> NoReturn:
