@@ -24,6 +24,7 @@ from scipy.optimize import nnls
 from scipy.signal import lfilter
 
 sys.path.append(str(Path(__file__).parents[1]))
+from studies.support.measured import HEADING
 from studies.support.page import Claim, Page, Part, Table, Text, over_seeds
 from studies.support.picture import Curve, Panel, Picture
 from studies.support.robots import ROBOTS, robot_file
@@ -566,6 +567,7 @@ def page(found: Sequence[Found]) -> Page:
         Text("Computed torque on the circle", CONTROL),
         circle_table(found),
         circle_picture(first),
+        Text(HEADING, ("There is no public log of a measured five-bar arm.",)),
     )
     return Page("A five-bar arm: least squares, genetic algorithm, computed torque", parts, claims)
 
