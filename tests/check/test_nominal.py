@@ -27,10 +27,10 @@ from steelyard.check.case_logs_and_checks import Case, CheckedLog
 from steelyard.check.decision import verdict_of_log
 from steelyard.check.decision.controller_gains_and_gain_advice import _listed_sources
 from steelyard.check.decision.hypothesis_checks import EFFORT_DELAY, EFFORT_SIGN
-from steelyard.check.decision.odds_thresholds import LIKELY, SURE
 from steelyard.check.decision.ranked_readings import ranking
+from steelyard.check.decision.search_with_unknown_bodies import LIKELY
 from steelyard.check.decision.undecided_questions import misfit_hides
-from steelyard.check.decision.verdict_of_log import judge_log
+from steelyard.check.decision.verdict_of_log import SURE, judge_log
 from steelyard.check.finding import Edit, Severity
 from steelyard.check.findings_text_and_page import check_headline
 from steelyard.check.hypotheses import evidence_with_unknown_bodies

@@ -9,15 +9,12 @@ from steelyard.check.decision.friction_drift_check import friction_drift_check
 from steelyard.check.decision.gear_signs_and_couplings import transmission_check
 from steelyard.check.decision.hypothesis_checks import (
     EFFORT_DELAY,
-    EFFORT_KIND,
-    EFFORT_SIGN,
-    EFFORT_UNIT,
     GAIN,
     JOINT_ORDER,
     JOINT_ZEROS,
     MOUNTING,
+    OF_COLUMNS,
     PAYLOAD,
-    POSITION_SIGN,
     HypothesisCheck,
 )
 from steelyard.check.decision.joint_zeros_and_quarter_turns import joint_zeros_check
@@ -65,11 +62,7 @@ OF_SIGNALS: tuple[Check, ...] = (
 )
 """Checks of the signals by themselves; those that differentiate know the unit of time."""
 OF_MOTION: tuple[Check, ...] = (
-    JOINT_ORDER,
-    POSITION_SIGN,
-    EFFORT_SIGN,
-    EFFORT_UNIT,
-    EFFORT_KIND,
+    *OF_COLUMNS,
     transmission_check,
     gear_side_check,
     GAIN,
@@ -84,10 +77,7 @@ OF_MOTION: tuple[Check, ...] = (
 )
 """Checks that compare efforts with a model: by velocities and accelerations, in true seconds."""
 CHECKS = (*OF_SIGNALS, *OF_MOTION)
-BASIC_CHECKS = (
-    *(JOINT_ORDER, POSITION_SIGN, EFFORT_SIGN, EFFORT_UNIT, EFFORT_KIND, MOUNTING),
-    transmission_check,
-)
+BASIC_CHECKS = (*OF_COLUMNS, MOUNTING, transmission_check)
 """Checks without whose answers nobody knows whether the robot file describes the log."""
 SEVERAL_OPEN = 3  # basic questions from which on a large misfit that leaves them open is doubtful
 DECIDING_CHECKS = (JOINT_ORDER.name, transmission_check.name, GAIN.name, PAYLOAD.name)

@@ -15,12 +15,9 @@ from steelyard.estimate.least_squares.weighted_robust_and_whitened import Weight
 from steelyard.model.laws.register import law_of
 
 SHOWN_PARAMETERS = 6
-HELPFUL_MOTION = {
-    "m": "other configurations of the joints before",
-    "mx": "other configurations of the joints up to",
-    "my": "other configurations of the joints up to",
-    "mz": "other configurations of the joints up to",
-}
+HELPFUL_MOTION = {"m": "other configurations of the joints before"} | dict.fromkeys(
+    ("mx", "my", "mz"), "other configurations of the joints up to"
+)
 """What shows mass and first moments of a body; other parameters, what their laws say."""
 
 

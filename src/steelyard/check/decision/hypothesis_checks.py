@@ -13,14 +13,14 @@ from steelyard.check.decision.controller_gains_and_gain_advice import (
     unwritten_number_advice,
 )
 from steelyard.check.decision.joint_zeros_and_quarter_turns import quarter_turns
-from steelyard.check.decision.odds_thresholds import LIKELY, SURE
 from steelyard.check.decision.ranked_readings import HOPELESS_MISFIT, Judged, LogVerdict
 from steelyard.check.decision.robot_file_edits import confirmed, edits_of, velocity_edits
-from steelyard.check.decision.search_with_unknown_bodies import least_mass
+from steelyard.check.decision.search_with_unknown_bodies import LIKELY, least_mass
 from steelyard.check.decision.undecided_questions import misfit_hides, undecided, zero_bounds
 from steelyard.check.decision.verdict_of_log import (
     CLEAN,
     FREE_INERTIAS,
+    SURE,
     friction_alone_explains,
     judge_log,
     least_delay,
@@ -377,6 +377,7 @@ EFFORT_KIND = HypothesisCheck(
     partial(agreement_sentence, what="efforts are of the kind declared"),
     "declare what the columns hold",
 )
+OF_COLUMNS = (JOINT_ORDER, POSITION_SIGN, EFFORT_SIGN, EFFORT_UNIT, EFFORT_KIND)
 GAIN = HypothesisCheck(
     "gain",
     "Are gains and gear ratios right?",

@@ -16,11 +16,15 @@ from steelyard.check.hypotheses.effort_hypotheses import (
     best_factors,
     effort_hypotheses,
 )
-from steelyard.check.hypotheses.gravity_payload_and_delay import world_hypotheses
+from steelyard.check.hypotheses.gravity_payload_and_delay import (
+    delay_hypotheses,
+    gravity_hypotheses,
+    payload_hypotheses,
+)
 from steelyard.check.hypotheses.log_excerpt import excerpt_of
 from steelyard.check.hypotheses.position_hypotheses import (
     deep_hypotheses,
-    position_hypotheses,
+    position_changes,
     ratio_hypotheses,
     zero_hypotheses,
 )
@@ -31,6 +35,7 @@ from steelyard.check.hypotheses.readings_and_likelihood import (
     Likelihood,
     Reading,
     likelihood_of,
+    scored,
 )
 from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.robot.file.signals import Signals
@@ -103,7 +108,8 @@ def ranking(case: Case, evidence: CheckedLog) -> LogVerdict | None:
     number, of = case.logs.index(evidence), len(case.logs)
     report_progress(case.progress, COMPARING_PHASE, number, of, evidence.name)
     others = _others(likelihood, case.reference)
-    first = now = _as_declared(likelihood)
+    declared = likelihood.declared
+    first = now = Hypothesis("", AS_DECLARED, declared, 0.0, (), declared.score)
     if not np.any(first.score.counts > 0.0):
         return None
     if not knowledge.identified:
@@ -148,11 +154,6 @@ def _scales(case: Case, signals: Signals) -> Array | float:
     return np.where(signals.unknown_gains or False, 1.0, values)
 
 
-def _as_declared(likelihood: Likelihood) -> Hypothesis:
-    declared = likelihood.declared
-    return Hypothesis("", AS_DECLARED, declared, 0.0, (), declared.score)
-
-
 def _others(likelihood: Likelihood, reference: IdentifiedModel | None) -> OtherEfforts:
     """What the efforts may be instead of what is declared."""
     units, gains = likelihood.signals.effort_units, likelihood.gains
@@ -176,11 +177,11 @@ def _others(likelihood: Likelihood, reference: IdentifiedModel | None) -> OtherE
 def _rivals(now: Hypothesis, others: OtherEfforts) -> tuple[Hypothesis, ...]:
     """Everything that one change of a reading can explain, the likeliest first."""
     reading = now.reading
-    found = [now, *effort_hypotheses(reading, others), *world_hypotheses(reading)]
-    found += zero_hypotheses(reading)
+    found = [now, *effort_hypotheses(reading, others), *gravity_hypotheses(reading)]
+    found += [*payload_hypotheses(reading), *delay_hypotheses(reading), *zero_hypotheses(reading)]
     found.sort(key=_unlikely)
     if has_bad_joint(now) or found[0].log_likelihood - now.log_likelihood > SUSPECT_GAIN:
-        found += position_hypotheses(reading)
+        found += scored(position_changes(reading))
         found += ratio_hypotheses(reading)
         found.sort(key=_unlikely)
     if has_bad_joint(found[0]):

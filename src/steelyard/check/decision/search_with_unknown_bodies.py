@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.base.arrays import Array
-from steelyard.check.decision.odds_thresholds import LEAST_MASS, LEAST_SHARE, LIKELY
 from steelyard.check.hypotheses.effort_hypotheses import (
     OtherEfforts,
     best_combinations,
@@ -61,6 +60,8 @@ HELD_SHARES = (1.0, 0.8, 0.6)  # of the nominal weight that efforts may lack bes
 SAME_FACTOR = 1.25  # factors on efforts up to which they are one
 SAME_UNIT = 10.0  # typical factors up to which they are of one unit
 SAME_DIRECTION = np.cos(np.deg2rad(8.0))  # of gravity
+LIKELY = 8.0  # log odds from which on what a reading says is doubtful
+LEAST_MASS, LEAST_SHARE = 0.3, 0.02  # least payload [kg], and relative to the arm's mass
 
 
 @dataclass(frozen=True, eq=False)
@@ -349,7 +350,9 @@ def alike(cause: str, a: Reading, b: Reading) -> bool:
         # by column, as an order moves them
         return np.array_equal(_signs_of_columns(a), _signs_of_columns(b))
     if cause == "mounting":
-        return _one_direction(a.gravity, b.gravity)
+        size = float(np.linalg.norm(a.gravity) * np.linalg.norm(b.gravity))
+        along = a.gravity @ b.gravity > SAME_DIRECTION * size
+        return bool(along) if size > 0.0 else not (a.gravity.any() or b.gravity.any())
     if cause == "effort delay":
         return abs(a.delay - b.delay) < DELAY_STEPS[0]
     if cause == "payload":
@@ -377,8 +380,3 @@ def _signs_of_columns(reading: Reading) -> Array:
     signs = np.zeros(len(reading.effort))
     signs[list(reading.effort)] = np.sign(reading.effort_scale)
     return signs
-
-
-def _one_direction(a: Array, b: Array) -> bool:
-    size = float(np.linalg.norm(a) * np.linalg.norm(b))
-    return bool(a @ b > SAME_DIRECTION * size) if size > 0.0 else not (a.any() or b.any())

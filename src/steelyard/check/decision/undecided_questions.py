@@ -7,7 +7,6 @@ explanation, is clearly less: whatever bodies weigh that can exist.
 import numpy as np
 
 from steelyard.base.arrays import Z95
-from steelyard.check.decision.odds_thresholds import ANSWERED, FAIR_BODIES_MISFIT, HEAVIEST_FACTOR
 from steelyard.check.decision.ranked_readings import DECISIVE_GAIN, LogVerdict
 from steelyard.check.decision.search_with_unknown_bodies import (
     COPIED,
@@ -16,7 +15,7 @@ from steelyard.check.decision.search_with_unknown_bodies import (
     alike,
     least_mass,
 )
-from steelyard.check.decision.verdict_of_log import CLEAN
+from steelyard.check.decision.verdict_of_log import CLEAN, HEAVIEST_FACTOR
 from steelyard.check.hypotheses.evidence_with_unknown_bodies import WIDTHS
 from steelyard.check.hypotheses.position_hypotheses import (
     ZERO_CAUSE,
@@ -26,6 +25,8 @@ from steelyard.check.hypotheses.position_hypotheses import (
 from steelyard.check.hypotheses.readings_and_likelihood import Reading
 from steelyard.estimate.payload.runs_with_payload import carrier
 
+ANSWERED = 10.0  # log odds by which all alternatives must be behind for a question to be answered
+FAIR_BODIES_MISFIT = 5.0  # misfit [%] up to which nothing is hidden by it
 SHOWN_ALTERNATIVES = 3  # alternatives that are named
 TRIED_FACTORS = {"effort kind": HEAVIEST_FACTOR, "effort unit": 1000.0}
 """Factors on all efforts that must fit clearly worse."""

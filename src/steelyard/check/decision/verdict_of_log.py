@@ -6,6 +6,9 @@ hypothesis as well: readings are then compared by their evidence, in which bodie
 A cause is wrong, or doubtful, by the odds of the best explanation to the best one that does not say
 the same of it; wrong only if no other log that needs a correction excludes it, and then of all logs
 that do not deny it. A factor that is estimated by the masses of a model file is never written.
+
+Odds are natural logarithms: where bodies are not known, of the evidence, which counts a joint for a
+limited number of samples and never leaves less than a floor; else of the misfits by the reference.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -18,21 +21,6 @@ from steelyard.check.decision.controller_gains_and_gain_advice import (
     LARGEST_GEAR_RATIO,
     LEAST_GEAR_RATIO,
 )
-from steelyard.check.decision.odds_thresholds import (
-    DELAY_ROWS,
-    EXPLAINED_BY_FRICTION,
-    FRICTION_FALL,
-    HEAVIEST_FACTOR,
-    LATE_MARGIN,
-    LEAST_DELAY,
-    LEAST_FALL,
-    LIKELY,
-    MIRROR_FALL,
-    NOTICED_FACTOR,
-    ROUGH_MISFIT,
-    SURE,
-    SURE_MASS,
-)
 from steelyard.check.decision.ranked_readings import (
     Judged,
     LogVerdict,
@@ -44,6 +32,7 @@ from steelyard.check.decision.ranked_readings import (
 from steelyard.check.decision.search_with_unknown_bodies import (
     COPIED,
     FACTOR_CAUSES,
+    LIKELY,
     Explanation,
     Search,
     alike,
@@ -64,6 +53,23 @@ from steelyard.check.hypotheses.readings_and_likelihood import (
 from steelyard.check.hypotheses.signs_and_delay_by_friction import friction_alone, presliding_score
 from steelyard.estimate.payload.runs_with_payload import carrier
 
+SURE = 20.0
+"""Log odds of what a reading says of a cause, over all readings that say otherwise, from which on
+it is wrong and a line is written: errors of models weigh as much as 10 on invented robots."""
+ROUGH_MISFIT = 25.0  # misfit [%] that a reading may leave in the typical joint to be one
+HEAVIEST_FACTOR = 6.0  # on all efforts, before the links of a nominal model are no excuse
+NOTICED_FACTOR = 2.0  # on all efforts, from which on bodies of another size are mentioned
+SURE_MASS = 6.0  # least payload over its standard deviation
+LEAST_FALL = 2.0  # fall of some joint's misfit that a reading needs against a reference
+LEAST_DELAY = {True: 0.004, False: 0.04}  # least delay [s], with and without a reference
+DELAY_ROWS = 1.5  # the same in rows of the log
+LATE_MARGIN = 12.0  # sharper log-likelihood that a delay must gain
+EXPLAINED_BY_FRICTION, FRICTION_FALL = 60.0, 2.0
+"""Log-likelihood that bodies must gain, and the factor by which the misfit of some joint must fall,
+beside friction alone."""
+MIRROR_FALL = 1.5
+"""Misfit of mirrored bodies, over that of the best ones, up to which both fit: no log tells the two
+apart but by the nominal bodies, which may be wrong."""
 STRIKING, CLEAN = 200.0, 12.0
 """Log-likelihood gained, and misfit left [%], of an explanation by a nominal model that counts
 although the declared reading is not bad in itself."""

@@ -8,7 +8,7 @@ likeliest stretch has the least $\sum_j n_o \ln \sigma_{o,j}^2 + n_i \ln \sigma_
 a shorter length then say when it begins and ends.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,9 +24,7 @@ FEWEST_WINDOWS = 6  # windows of a run in which a stretch is looked for
 LONGEST_SHARE = 0.4  # share of a run's windows that it takes at most
 UNEVEN = 3.0  # greatest squared residual of a window over the median, at least
 LEAST_FALL = 10.0  # factor by which the squared residual of a row falls where the force acts
-LEAST_EXCESS = (
-    25.0  # squared residual within over that of the other windows, at least, in such rows
-)
+LEAST_EXCESS = 25.0  # squared residual within over that of the other windows, at least, there
 MOST_LEVERAGE = 1.0  # variance of what is predicted over that of the residuals, at most
 PUSHED = 9.0  # squared residual of such a window over that of the others from which on it is pushed
 LONGEST_PAUSE = 2  # windows in a row without force within one stretch
@@ -87,11 +85,15 @@ def passing_force(
         return None
     grams = [run.row_grams(row) for row in rows]
     whole = _apart(run, grams, slice(0, 0))
-    found = [(_apart(run, grams, part), part) for part in _parts(count)]
+    lengths = range(1, int(LONGEST_SHARE * count) + 1)
+    parts = (slice(k, k + length) for length in lengths for k in range(count - length + 1))
+    found = [(_apart(run, grams, part), part) for part in parts]
     best, part = min(found, key=lambda one: one[0].cost)
     fall = whole.outside / best.outside
     judged = np.isfinite(best.leverage) & (best.leverage <= MOST_LEVERAGE)
-    expected = np.maximum(best.outside, MISFIT_FLOOR**2 * _mean_squares(run, grams))
+    squares = np.array([gram[:, -1, -1].sum() for gram in grams])
+    squares = squares / np.maximum(run.counts.sum(axis=0), 1.0)
+    expected = np.maximum(best.outside, MISFIT_FLOOR**2 * squares)
     pushed = judged & (fall >= LEAST_FALL) & (best.inside >= LEAST_EXCESS * expected)
     if not pushed.any():
         return None
@@ -116,12 +118,6 @@ def passing_force(
     )
 
 
-def _mean_squares(run: Information, grams: list[Array]) -> Array:
-    """Mean squared effort of each row, shape `(rows,)`."""
-    squares = np.array([gram[:, -1, -1].sum() for gram in grams])
-    return np.asarray(squares / np.maximum(run.counts.sum(axis=0), 1.0))
-
-
 def _uneven(run: Information, values: Array) -> bool:
     """Whether the residuals of some window are far above those of most."""
     found = []
@@ -137,13 +133,6 @@ def _residuals(run: Information, row: int, values: Array) -> Array:
     weights = np.append(-values, 1.0)
     squares = np.einsum("i,wij,j->w", weights, run.row_grams(row), weights)
     return np.asarray(np.maximum(squares, 0.0) / np.maximum(run.counts[:, row], 1.0))
-
-
-def _parts(count: int) -> Iterator[slice]:
-    """Stretches of neighbouring windows."""
-    for length in range(1, int(LONGEST_SHARE * count) + 1):
-        for start in range(count - length + 1):
-            yield slice(start, start + length)
 
 
 def _apart(run: Information, grams: list[Array], part: slice) -> _Apart:

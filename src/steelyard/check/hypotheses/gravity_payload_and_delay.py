@@ -40,13 +40,6 @@ PAYLOAD_STD = np.array([30.0, *[10.0] * 3, *[3.0] * 6])
 """Standard deviations of a payload's ten numbers [kg, kg m, kg m²]."""
 
 
-def world_hypotheses(reading: Reading) -> Iterator[Hypothesis]:
-    """All of them, by a reference."""
-    yield from gravity_hypotheses(reading)
-    yield from payload_hypotheses(reading)
-    yield from delay_hypotheses(reading)
-
-
 def gravity_hypotheses(reading: Reading) -> Iterator[Hypothesis]:
     """That of the reference, none, the direction that fits, and the axis next to it."""
     own = np.asarray(reading.knowledge.robot.gravity)

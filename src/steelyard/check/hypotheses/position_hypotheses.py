@@ -38,11 +38,6 @@ def position_changes(reading: Reading) -> list[Hypothesis]:
     return [*_signs(reading), *_swaps(reading), *_units(reading)]
 
 
-def position_hypotheses(reading: Reading) -> Iterator[Hypothesis]:
-    """One change each: a sign, two joints exchanged, a unit."""
-    yield from scored(position_changes(reading))
-
-
 def deep_hypotheses(reading: Reading) -> Iterator[Hypothesis]:
     """The best of all signs and of all orders."""
     if not 2 < len(reading.position) <= MOST_PERMUTED_JOINTS:
@@ -64,7 +59,9 @@ def _signs(reading: Reading) -> Iterator[Hypothesis]:
 
 
 def _turned(reading: Reading, joints: tuple[int, ...], says: str, cost: float) -> Hypothesis:
-    return Hypothesis("position sign", says, reading.with_turned(joints), cost, joints)
+    signs = np.where(np.isin(np.arange(len(reading.position)), joints), -1.0, 1.0)
+    turned = reading.changed(position_scale=signs * reading.position_scale)
+    return Hypothesis("position sign", says, turned, cost, joints)
 
 
 def _swaps(reading: Reading) -> Iterator[Hypothesis]:

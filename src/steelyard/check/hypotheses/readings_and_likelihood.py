@@ -209,11 +209,6 @@ class Reading:
         """Efforts times a factor per joint."""
         return replace(self, effort_scale=self.effort_scale * factors)
 
-    def with_turned(self, joints: Sequence[int]) -> "Reading":
-        """Positions of some joints with the opposite sign."""
-        sign = np.where(np.isin(np.arange(len(self.position)), joints), -1.0, 1.0)
-        return replace(self, position_scale=sign * self.position_scale)
-
     def with_zero(self, joint: int, offset: float) -> "Reading":
         """One joint's zero moved further."""
         zeros = np.zeros(len(self.position)) if self.zeros is None else self.zeros.copy()

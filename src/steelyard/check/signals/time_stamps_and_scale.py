@@ -137,17 +137,13 @@ def clock_check(case: Case) -> Iterable[Finding]:
         return [scale, *found]
     if fits or case.loaded.signals is None or case.loaded.signals.time != ROW:
         return found
-    unsure = [
-        not f.severity and _by_velocities(case, e) is None
+    says = "{}, and neither velocities nor a fit tell its rate: it is undecided"
+    return [
+        f
+        if f.severity or _by_velocities(case, e) is not None
+        else replace(f, says=says.format(f.says), answered=False)
         for e, f in zip(case.logs, found, strict=True)
     ]
-    return [_undecided(f) if un else f for un, f in zip(unsure, found, strict=True)]
-
-
-def _undecided(found: Finding) -> Finding:
-    """The finding on a rate that is known by the robot file's word alone."""
-    says = f"{found.says}, and neither velocities nor a fit tell its rate: it is undecided"
-    return replace(found, says=says, answered=False)
 
 
 def _clock_found(case: Case, log: CheckedLog) -> Finding:
