@@ -9,7 +9,8 @@ from steelyard.base.motion import Motion
 from steelyard.model.laws.friction_with_memory import Dahl
 from steelyard.model.laws.laws_without_friction import RotorInertia
 from steelyard.model.model import ValuedModel
-from steelyard.uses.control.feedforward import friction_torque
+from steelyard.model.torque_and_quantities import FRICTION
+from steelyard.uses.control.feedforward import feedforward_torque
 from steelyard.uses.control.joint_controllers import (
     CONTROLS,
     PD,
@@ -88,7 +89,9 @@ def test_computed_torque_on_the_motion_is_the_torque_of_the_model(
         own = full(k, motion.q[k], motion.dq[k])
         np.testing.assert_allclose(own, valued.torque(motion)[k], rtol=1e-9)
         rest = own - printed(k, motion.q[k], motion.dq[k])
-        np.testing.assert_allclose(rest, friction_torque(valued, motion)[k], rtol=1e-9)
+        np.testing.assert_allclose(
+            rest, feedforward_torque(valued, motion, quantity=FRICTION)[k], rtol=1e-9
+        )
 
 
 def test_feedback_of_computed_torque_goes_through_the_mass_matrix(

@@ -10,7 +10,8 @@ from steelyard.base.errors import DataError
 from steelyard.base.motion import Motion
 from steelyard.model.laws.friction_over_speed import Coulomb
 from steelyard.model.model import Model, ValuedModel
-from steelyard.uses.control.feedforward import feedforward_torque, friction_torque, in_joint_order
+from steelyard.model.torque_and_quantities import FRICTION
+from steelyard.uses.control.feedforward import feedforward_torque, in_joint_order
 from uses.conftest import valued_of
 
 ROBOT = geared()
@@ -44,15 +45,15 @@ def test_friction_by_the_plain_sign_turns_within_a_speed(valued: ValuedModel) ->
     n = valued.model.robot.n
     only = valued_of(Coulomb())
     for speed in (-2e-3, -1e-17, 0.0, 1e-3):
-        found = friction_torque(only, slow(speed, n))[0]
+        found = feedforward_torque(only, slow(speed, n), quantity=FRICTION)[0]
         np.testing.assert_allclose(found, 0.5 * np.tanh(speed / 1e-3), atol=1e-12)
-    plain = friction_torque(only, slow(1e-17, n), smoothing=0.0)[0]
+    plain = feedforward_torque(only, slow(1e-17, n), 0.0, FRICTION)[0]
     np.testing.assert_array_equal(plain, 0.5)
 
 
 def test_a_smoothing_of_the_robot_file_is_kept() -> None:
     only = valued_of(Coulomb(smoothing=0.05))
-    found = friction_torque(only, slow(0.05, only.model.robot.n))[0]
+    found = feedforward_torque(only, slow(0.05, only.model.robot.n), quantity=FRICTION)[0]
     np.testing.assert_allclose(found, 0.5 * np.tanh(1.0))
 
 

@@ -24,7 +24,7 @@ from steelyard.estimate.scores.effort_errors import known_efforts
 from steelyard.excite.controller_file_formats import grid_times
 from steelyard.excite.trajectories.trajectory_files import read_named, read_table
 from steelyard.model.model import ValuedModel
-from steelyard.model.torque_and_quantities import FRICTION, TORQUE, Equations, Quantity
+from steelyard.model.torque_and_quantities import TORQUE, Equations, Quantity
 from steelyard.robot.robot import Coordinate, Robot
 from steelyard.symbolic.program_and_softening import Program, softened
 
@@ -65,13 +65,6 @@ def feedforward_torque(
     """
     chosen = smoothed(quantity, smoothing)
     return valued.evaluate(chosen, motion.q, motion.dq, motion.ddq, t=motion.t)
-
-
-def friction_torque(
-    valued: ValuedModel, motion: Motion, smoothing: float = SIGN_SMOOTHING
-) -> Array:
-    """Torques of the friction laws along a desired motion, as `feedforward_torque`."""
-    return feedforward_torque(valued, motion, smoothing, FRICTION)
 
 
 def in_joint_order(

@@ -11,8 +11,8 @@ from steelyard.base.arrays import Array, frozen, set_fields
 from steelyard.base.errors import ModelError, named, refuse_unknown
 from steelyard.base.motion import Motion
 from steelyard.model.model import ValuedModel
-from steelyard.model.torque_and_quantities import TORQUE
-from steelyard.uses.control.feedforward import SIGN_SMOOTHING, feedforward_torque, friction_torque
+from steelyard.model.torque_and_quantities import FRICTION, TORQUE
+from steelyard.uses.control.feedforward import SIGN_SMOOTHING, feedforward_torque
 
 BANDWIDTH = 20.0  # natural frequency of the error of a joint under default gains [Hz]
 
@@ -195,7 +195,9 @@ class ComputedTorque:
         """A loop at its first tick."""
         refuse_indefinite(self.model, task.motion)
         goal, ddq, stepper = task.compared, task.motion.ddq, self.model.start()
-        friction = friction_torque(self.model, task.motion) if self.friction else np.zeros_like(ddq)
+        friction = np.zeros_like(ddq)
+        if self.friction:
+            friction = feedforward_torque(self.model, task.motion, quantity=FRICTION)
 
         def torque(k: int, q: Array, dq: Array) -> Array:
             feedback = self.kv * (goal.dq[k] - dq) + self.kp * (goal.q[k] - q)

@@ -19,7 +19,7 @@ and logs counted: $p$ times the number of tests must stay below `LEVEL`.
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from math import floor, log10
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import numpy as np
 
@@ -28,12 +28,7 @@ from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.estimate.information.information import Information
 
 HealthQuantity = Literal["dry friction", "viscous friction", "offset", "effort scale"]
-QUANTITIES: tuple[HealthQuantity, ...] = (
-    "dry friction",
-    "viscous friction",
-    "offset",
-    "effort scale",
-)
+QUANTITIES: tuple[HealthQuantity, ...] = get_args(HealthQuantity)
 
 LEAST_WINDOW = 10.0  # least length of a window [s]
 MOST_WINDOWS_OF_LOG = 32  # windows of a log at most, of `LEAST_WINDOW` or more
@@ -167,9 +162,7 @@ SETTLING = np.geomspace(0.05, 2.0, 12)  # time constants that are compared, over
 SETTLING_TIMES_COMPARED = 4.0  # independent ones among them: a fourfold penalty for choosing one
 ENOUGH_LOGS = 4  # logs whose scatter shows how far a model errs with other motions
 
-OTHER_MOTION = (
-    0.5  # share of a log's residual that parameters take up with other motion, of fewer logs
-)
+OTHER_MOTION = 0.5  # share of a log's residual that other motion takes up, of fewer logs
 
 UNKNOWN_SCATTER = 4.0  # scatter of windows over their variances that is assumed of few windows
 CLEAR_HALF_WIDTHS = 3.0  # half-widths of a large change that is reported of too few windows, too

@@ -97,11 +97,9 @@ class PayloadWindows:
     @cached_property
     def _sums(self) -> tuple[Array, Array]:
         """Sums of matrices and vectors up to each window, of none first."""
-        matrix, vector = (np.cumsum(x, axis=0) for x in (self.matrix, self.vector))
-        return (
-            np.concatenate([np.zeros((1, *matrix.shape[1:])), matrix]),
-            np.concatenate([np.zeros((1, *vector.shape[1:])), vector]),
-        )
+        both = (np.cumsum(x, axis=0) for x in (self.matrix, self.vector))
+        matrix, vector = (np.insert(x, 0, 0.0, axis=0) for x in both)
+        return matrix, vector
 
     def between(self, first: Places, last: Places) -> tuple[Array, Array]:
         """Matrices and vectors of windows `first` to `last`, excluded."""

@@ -14,7 +14,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from steelyard.base.arrays import Array
+from steelyard.base.arrays import Array, by_key
 from steelyard.base.errors import DataError, advice
 from steelyard.estimate.external.compiled_observer_step import moved_frame
 from steelyard.estimate.identified_model import IdentifiedModel
@@ -83,30 +83,6 @@ class Sensor:
         return tuple(float(x) + 0.0 for x in found)
 
 
-def sensor_of(
-    identified: IdentifiedModel,
-    known: Sequence[str],
-    measured: Sequence[str],
-    frame: str,
-    at: str | Sequence[float],
-    sign: SensorSign,
-    rest: Sequence[str],
-    where: str,
-) -> Sensor:
-    """The sensor that the arguments of `external_wrench` describe, of a log's `known` columns.
-
-    Raises:
-        SteelyardError: The log lacks a column, a frame is unknown, or a text is not understood.
-    """
-    return Sensor(
-        sensor_columns(known, measured, where),
-        moved_frame(identified.robot, frame),
-        _placement(at),
-        sign,
-        tuple(map(_stretch, rest)),
-    )
-
-
 def sensor_columns(known: Sequence[str], given: Sequence[str], where: str) -> tuple[str, ...]:
     """Six columns of a log: as named, of a pattern with `{}`, or those that `auto` finds."""
     if len(given) == 1:
@@ -131,7 +107,8 @@ def sensor_columns(known: Sequence[str], given: Sequence[str], where: str) -> tu
     return tuple(given)
 
 
-def _placement(given: str | Sequence[float]) -> Placement:
+def sensor_placement(given: str | Sequence[float]) -> Placement:
+    """The placement that `external_wrench` is given, such as "0 0 0.05 0 0 1.57" (m, rad)."""
     try:
         numbers = [float(x) for x in (given.split() if isinstance(given, str) else given)]
     except ValueError:
@@ -147,7 +124,8 @@ def _placement(given: str | Sequence[float]) -> Placement:
     return Placement(rpy_rotation(*x[3:]), x[:3])
 
 
-def _stretch(text: str) -> tuple[float, float]:
+def stretch_of_rest(text: str) -> tuple[float, float]:
+    """Start and stop [s] of a text such as `0:1.5`."""
     start, colon, stop = text.partition(":")
     try:
         found = float(start or "0"), float(stop or "inf")
@@ -273,7 +251,8 @@ def measured_wrench(
         )
     whole = replace(run, span=(-np.inf, np.inf))
     t, logged = _logged(run, file, sensor)
-    blocks = _segments(whole)
+    segments = by_key((block.segment, block) for block in whole.blocks())
+    blocks = [Block.joined(some) for some in segments.values()]
     sign = 1.0 if sensor.sign == "on_robot" else -1.0
     read = [
         sign * np.column_stack([np.interp(one.t, t, column) for column in logged.T])
@@ -299,10 +278,7 @@ def measured_wrench(
     to_sensor: Array = there.rotation.T @ own.rotation
     if estimate.axes == "base":
         to_sensor = np.concatenate(axes)[at].transpose(0, 2, 1)
-    ours, theirs = (
-        (to_sensor @ x.reshape(-1, 2, 3).swapaxes(1, 2)).swapaxes(1, 2).reshape(-1, 6)
-        for x in (estimate.wrench, wrench)
-    )
+    ours, theirs = (_turned(to_sensor, x) for x in (estimate.wrench, wrench))
     better = _better(sensor, ours[:, :3], theirs[:, :3]) or _elsewhere(sensor, ours, theirs)
     return MeasuredWrench(sensor, wrench, carried, component_errors(estimate, wrench), better)
 
@@ -322,14 +298,6 @@ def _logged(run: Run, file: LogArgument, sensor: Sensor) -> tuple[Array, Array]:
         )
     t, first = np.unique(rows[:, 0] * signals.time_scale, return_index=True)
     return t - run.chain.clock.origin, rows[first, 1:]
-
-
-def _segments(run: Run) -> list[Block]:
-    """The run's stretches without gaps, whole."""
-    blocks: dict[int, list[Block]] = {}
-    for block in run.blocks():
-        blocks.setdefault(block.segment, []).append(block)
-    return [Block.joined(some) for some in blocks.values()]
 
 
 def _carried(
@@ -398,15 +366,14 @@ def _load(
 
 def _moved(wrench: Array, frame: Placement, sensor: Placement) -> Array:
     """Wrenches `(N, 6)` about a sensor's origin, along its axes, brought into a frame likewise."""
-    rotation = frame.rotation.T @ sensor.rotation
-    lever = frame.rotation.T @ (sensor.position - frame.position)
-    force, moment = wrench[:, :3] @ rotation.T, wrench[:, 3:] @ rotation.T
-    return np.hstack([force, moment + np.cross(lever, force)])
+    turned = _turned(frame.rotation.T @ sensor.rotation, wrench)
+    turned[:, 3:] += np.cross(frame.rotation.T @ (sensor.position - frame.position), turned[:, :3])
+    return turned
 
 
 def _turned(rotations: Array, wrench: Array) -> Array:
-    """Wrenches `(N, 6)` along other axes, by rotations `(N, 3, 3)`."""
-    both: Array = np.einsum("tij,tkj->tki", rotations, wrench.reshape(-1, 2, 3))
+    """Wrenches `(N, 6)` along other axes, by rotations `(N, 3, 3)`, or one `(3, 3)`."""
+    both: Array = np.einsum("...ij,...kj->...ki", rotations, wrench.reshape(-1, 2, 3))
     return both.reshape(-1, 6)
 
 

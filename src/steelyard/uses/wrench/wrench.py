@@ -29,7 +29,6 @@ from steelyard.identify.runs_for_model import fitted_before, runs_for
 from steelyard.identify.validation_split import holds_fitted_rows
 from steelyard.logs.formats import open_log
 from steelyard.logs.log_windows import parse_log_argument
-from steelyard.model.equations.frame_and_point_kinematics import last_frame
 from steelyard.report.page import figures, inspected_page, notes
 from steelyard.report.page_figures import Figure, Group, Key, Traced, area, evenly, line
 from steelyard.report.result import Result, print_verdict
@@ -41,9 +40,12 @@ from steelyard.uses.wrench.measured_wrench import (
     UNITS,
     WRENCH_TABLE_COLUMNS,
     MeasuredWrench,
+    Sensor,
     SensorSign,
     measured_wrench,
-    sensor_of,
+    sensor_columns,
+    sensor_placement,
+    stretch_of_rest,
 )
 from steelyard.uses.wrench.wrench_along_run import (
     COMPONENTS,
@@ -479,10 +481,12 @@ def external_wrench(
     (file,) = log_files([str(log)])
     columns = [measured] if isinstance(measured, str) else list(measured)
     if columns:
-        place = sensor or frame or last_frame(identified.robot)
-        known = open_log(file.path).columns
-        reader = sensor_of(
-            identified, known, columns, place, sensor_at, sensor_sign, sensor_rest, file.text
+        reader = Sensor(
+            sensor_columns(open_log(file.path).columns, columns, file.text),
+            moved_frame(identified.robot, sensor or frame),
+            sensor_placement(sensor_at),
+            sensor_sign,
+            tuple(map(stretch_of_rest, sensor_rest)),
         )
     elif sensor is not None or sensor_at or sensor_sign != "on_robot" or sensor_rest:
         raise DataError(
