@@ -154,7 +154,7 @@ def examine(case: Case, *, quick: bool = False, checks: Sequence[Check] | None =
         report_progress(case.progress, f"checking: {check.name}", number, len(selected))
         findings += check(case)
         if check is clock_check:
-            disordered = {log.name: ORDER_FIRST for log in case.logs if out_of_order(case, log)}
+            disordered = {log.name: ORDER_FIRST for log in case.logs if out_of_order(log)}
             case, found = _without(case, OTHER_CHECKS_NAME, disordered)
             findings += found
     return Diagnosis(edits_that_serve_all_logs(findings))

@@ -110,7 +110,7 @@ SPEED_TIME, SLOW_JOINT_SHARE = 0.02, 0.05
 @log_check("computed efforts", "Are efforts measured, or computed from the motion?", logs=with_rows)
 def computed_efforts_check(case: Case, log: CheckedLog) -> Finding | None:
     """Efforts without measurement noise that a rigid-body model explains entirely."""
-    if not signal_overview(case, log).moves:
+    if not signal_overview(log).moves:
         return None
     effort, position = noise_shares(case, log)
     if not np.isfinite(effort).any():
@@ -140,7 +140,7 @@ def computed_efforts_check(case: Case, log: CheckedLog) -> Finding | None:
 
 def noise_shares(case: Case, log: CheckedLog) -> tuple[Array, Array]:
     """Noise of efforts and positions over their variation, NaN where unknown, each `(n,)`."""
-    overview = signal_overview(case, log)
+    overview = signal_overview(log)
     t, q, effort = (x[:COMPUTED_EFFORT_ROWS] for x in (overview.t, overview.q, overview.effort))
     step = overview.step * unit_reading(case, log).second
     reach = max(1, round(0.5 * SPEED_TIME / max(step, 1e-9)))
@@ -189,7 +189,7 @@ def set_points_check(case: Case, log: CheckedLog) -> Finding:
         says = "; ".join(named) + ": commanded by their names, not measured"
         fix = Fix("declare the columns that hold measurements under [signals]" + instead)
         return Finding.doubtful(says, fix=fix)
-    if not signal_overview(case, log).moves:
+    if not signal_overview(log).moves:
         return Finding.ok("no declared column is called a set-point; nothing moves")
     effort, position = noise_shares(case, log)
     worst = float(np.nanmax(position, initial=0.0))

@@ -31,7 +31,7 @@ BROKEN_VERDICTS = (RowVerdict.UNREADABLE, RowVerdict.ABSURD, RowVerdict.JUMP)
 @log_check("rows", "Are rows corrupt?")
 def corrupt_rows_check(case: Case, log: CheckedLog) -> Finding:
     """Cells that are missing, no numbers, or garbage; and why a log cannot be made a run."""
-    broken = signal_overview(case, log).broken
+    broken = signal_overview(log).broken
     count, total = int(broken.sum()), len(broken)
     if isinstance(log.run, Run) and log.run.quality.rows > total:  # beyond the excerpt
         dropped, total = log.run.quality.dropped, log.run.quality.rows
@@ -46,7 +46,7 @@ def corrupt_rows_check(case: Case, log: CheckedLog) -> Finding:
         says += f"; as declared, the log cannot be used: {log.run.wrong}"
         # neither units, nor the clock, nor a motion that is missing explain it
         explained = unit_reading(case, log).cheaper or clock_is_irregular(case, log)
-        if not explained and signal_overview(case, log).moves:
+        if not explained and signal_overview(log).moves:
             severity, fix = Severity.WRONG, Fix(log.run.fix)
     if not severity and (false := _false_positions(case, log)) is not None:
         return false
@@ -90,7 +90,7 @@ MOST_NAMED_STRETCHES = 5  # stretches and jumps of a log that are named
 
 def _false_positions(case: Case, log: CheckedLog) -> Finding | None:
     """Rows lost where all moving joints jump at once, encoders that froze, and other jumps."""
-    overview = signal_overview(case, log)
+    overview = signal_overview(log)
     row_of = np.flatnonzero(overview.kept) + log.window[0]
     t, moving = overview.t - overview.t[:1], int(np.sum(np.ptp(overview.q, axis=0) > MOVED))
     found = [
@@ -211,7 +211,7 @@ def repeated_rows_check(case: Case) -> Iterable[Finding]:
     One finding per log that moves fast enough, another where efforts are held.
     """
     for log in case.logs:
-        for found in _repeats(log, signal_overview(case, log)):
+        for found in _repeats(log, signal_overview(log)):
             yield replace(found, log=log.name)
 
 

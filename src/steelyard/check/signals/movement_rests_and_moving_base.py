@@ -35,7 +35,7 @@ POSITION_QUANTILE = 0.005  # positions outside these quantiles, on each side, do
 @case_check("excitation", "Which joints move?")
 def excitation_check(case: Case) -> Iterable[Finding]:
     """Joints that move, and those that hardly do, of which little can be learnt."""
-    logs = [log for log in case.logs if signal_overview(case, log).step > 0.0]
+    logs = [log for log in case.logs if signal_overview(log).step > 0.0]
     motions = [_joint_motion(case, log) for log in logs]
     alone = len(motions) == 1
     for log, motion in zip(logs, motions, strict=True):
@@ -93,7 +93,7 @@ def _joint_motion(case: Case, log: CheckedLog) -> tuple[Array, NDArray[np.bool_]
     Ranges [rad; m] are in true units or, if that is more, as declared; frequencies [Hz] are 0 at
     rest.
     """
-    overview, units = signal_overview(case, log), unit_reading(case, log)
+    overview, units = signal_overview(log), unit_reading(case, log)
     coordinates = case.loaded.robot.coordinates
     n = len(coordinates)
     if len(overview.q) < 2:
@@ -125,9 +125,9 @@ MOSTLY_AT_REST = 0.8  # share of the time at rest from which on a log is doubtfu
 @log_check("rests", "How much of the log is standstill?")
 def rests_check(case: Case, log: CheckedLog) -> Finding | None:
     """Time in which no joint moves: friction is anywhere in its dead zone there."""
-    if not (driven_joints(case, log).any() and signal_overview(case, log).moves):
+    if not (driven_joints(case, log).any() and signal_overview(log).moves):
         return None
-    slope, clock = motion_in_units(case, log), signal_overview(case, log).clock
+    slope, clock = motion_in_units(case, log), signal_overview(log).clock
     second = unit_reading(case, log).second
     speed = np.abs(slope.v[driven_joints(case, log)])
     share = speed / np.quantile(speed, 0.99, axis=1)[:, None]

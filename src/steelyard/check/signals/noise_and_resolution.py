@@ -32,7 +32,7 @@ NOISE_PICTURE_TIME = 20.0  # length of the picture [s]
 @log_check("noise", "Are resolution and noise sufficient?", logs=with_rows)
 def noise_check(case: Case, log: CheckedLog) -> Finding:
     """Resolution and noise of every signal; efforts of few levels are doubtful, of one wrong."""
-    overview = signal_overview(case, log)
+    overview = signal_overview(log)
     move = driven_joints(case, log).copy()
     move[list(log.recording.signals.unactuated)] = False
     levels = np.array([len(np.unique(column)) for column in overview.effort.T])

@@ -79,7 +79,7 @@ def _misplaced_correlations(
     sign of the former counts. Zero where positions are of motors behind coupled gears, or nothing
     moves.
     """
-    overview, start = signal_overview(case, log), log.window[0]
+    overview, start = signal_overview(log), log.window[0]
     none = np.zeros(len(others)), np.zeros(len(others))
     if not others or log.recording.signals.position_map is not None:
         return none
@@ -112,7 +112,7 @@ def position_check(case: Case, log: CheckedLog) -> Finding:
     """Whether positions are positions, their unit and side of the gears, and their limits."""
     if wrong := misplaced_velocities(case, log):
         return _misplaced(case, log, wrong)
-    low, high = np.quantile(signal_overview(case, log).q, [0.005, 0.995], axis=0)
+    low, high = np.quantile(signal_overview(log).q, [0.005, 0.995], axis=0)
     ranges = list(zip(low.tolist(), high.tolist(), strict=True))
     each = np.array([[beyond_range(c, *x) for x in ranges] for c in case.loaded.robot.coordinates])
     off = np.diag(each)
@@ -120,7 +120,7 @@ def position_check(case: Case, log: CheckedLog) -> Finding:
     pairs = enumerate(zip(units.as_declared, units.joints, strict=True))
     other = [j for j, (a, b) in pairs if a.position_unit != b.position_unit]
     picture = _picture(case, low, high)
-    if _of_motors(case, log, off, units):
+    if _of_motors(log, off, units):
         return replace(_motors(case, high - low, off), picture=picture)
     if other:
         return replace(_other_unit(case, log, units, other, each), picture=picture)
@@ -171,7 +171,7 @@ def _misplaced(case: Case, log: CheckedLog, wrong: Sequence[MisplacedVelocity]) 
     )
 
 
-def _of_motors(case: Case, log: CheckedLog, off: Array, units: UnitReading) -> bool:
+def _of_motors(log: CheckedLog, off: Array, units: UnitReading) -> bool:
     """Whether positions are motors', but not declared so: by their names, or as nothing fits."""
     signals = log.recording.signals
     if signals.position_map is not None:

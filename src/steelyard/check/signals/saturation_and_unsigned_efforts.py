@@ -48,7 +48,7 @@ class _Stay:
 @log_check("saturation", "Are efforts saturated?", logs=with_rows)
 def saturation_check(case: Case, log: CheckedLog) -> Finding:
     """Efforts that stay at exactly their highest or lowest value."""
-    overview = signal_overview(case, log)
+    overview = signal_overview(log)
     ends = [(_highest(x), _highest(-x)) for x in overview.effort.T]
     stays = [
         high if high.share >= low.share else replace(low, value=-low.value) for high, low in ends
@@ -104,7 +104,7 @@ def _stays(effort: Array, level: float) -> NDArray[np.intp]:
 @log_check("signed efforts", "Do efforts change their sign?", logs=with_rows)
 def signed_efforts_check(case: Case, log: CheckedLog) -> Finding:
     """Efforts of all joints keep one sign, and those of some touch zero."""
-    overview = signal_overview(case, log)
+    overview = signal_overview(log)
     effort, size = overview.effort, np.abs(overview.effort)
     low, high = effort.min(axis=0), effort.max(axis=0)
     moves = (np.ptp(overview.q, axis=0) > MOVED) & (high > low)

@@ -148,13 +148,13 @@ def clock_check(case: Case) -> Iterable[Finding]:
 
 def _clock_found(case: Case, log: CheckedLog) -> Finding:
     """What is worst about the clock of one log."""
-    overview, units = signal_overview(case, log), unit_reading(case, log)
+    overview, units = signal_overview(log), unit_reading(case, log)
     column = log.recording.signals.time
     if overview.step == 0.0:
         says = f"column '{column}' never increases: it is not a clock"
         fix = Fix("set time = ... under [signals] to the log's clock")
         return Finding.wrong(says, "median step 0 s", fix=fix)
-    if out_of_order(case, log):
+    if out_of_order(log):
         count, backward = len(overview.stamps) - 1, int(np.sum(np.diff(overview.stamps) < 0.0))
         return Finding.wrong(
             f"rows are not in the order of time: it decreases at {backward} of {count} steps",
@@ -176,7 +176,7 @@ def _clock_found(case: Case, log: CheckedLog) -> Finding:
             picture=Picture("step [s]", "rows", (histogram("steps", steps),)),
         )
     found = _judged(step, steps, overview.stamps, overview.jitter)
-    leaps = leaping_rows(case, log)
+    leaps = leaping_rows(log)
     if found.severity is Severity.OK and leaps is not None:
         return _leaps_found(leaps, step)
     if column == ROW:
@@ -185,16 +185,16 @@ def _clock_found(case: Case, log: CheckedLog) -> Finding:
 
 
 @remembered
-def out_of_order(case: Case, log: CheckedLog) -> bool:
+def out_of_order(log: CheckedLog) -> bool:
     """Whether rows are not in the order of time, so that nothing is known of rates or motion."""
-    steps = np.diff(signal_overview(case, log).stamps)
+    steps = np.diff(signal_overview(log).stamps)
     return bool(np.any(steps > 0.0) and np.count_nonzero(steps < 0.0) > BACKWARD_SHARE * len(steps))
 
 
 @remembered
-def leaping_rows(case: Case, log: CheckedLog) -> Leaps | None:
+def leaping_rows(log: CheckedLog) -> Leaps | None:
     """Leaps of all joints though stamps go on evenly; `None` if there are hardly any."""
-    overview = signal_overview(case, log)
+    overview = signal_overview(log)
     if not overview.moves:
         return None
     found = _leaps(overview.t, overview.q)
@@ -440,7 +440,7 @@ def time_scale_by_velocities(case: Case, log: CheckedLog) -> Finding | None:
     if abs(scale - 1.0) <= RATE_TOLERANCE:
         return None
     if abs(scale - 1.0) > MOST_OFF:
-        step = unit_reading(case, log).second * signal_overview(case, log).step
+        step = unit_reading(case, log).second * signal_overview(log).step
         return _other_step(log, len(ratio), scale, spread, step)
     way = "slow" if scale < 1.0 else "fast"
     return Finding.doubtful(

@@ -155,7 +155,7 @@ class SignalOverview:
 
 
 @remembered
-def signal_overview(case: Case, log: CheckedLog) -> SignalOverview:
+def signal_overview(log: CheckedLog) -> SignalOverview:
     """The good rows of a log's excerpt: readable, in order of time, without garbage."""
     (t, x), channels = log.rows, log.channels
     empty = np.isnan(x).all(axis=1)  # of other topics, or of none at all
@@ -197,7 +197,7 @@ def _rough(t: Array, q: Array) -> float:
 
 def with_rows(case: Case) -> tuple[CheckedLog, ...]:
     """The logs that have enough good rows to say anything of single signals."""
-    return tuple(e for e in case.logs if len(signal_overview(case, e).t) >= LEAST_ROWS)
+    return tuple(e for e in case.logs if len(signal_overview(e).t) >= LEAST_ROWS)
 
 
 SLOPE_WIDTH = 0.02  # standard deviation of the low-pass [s]: half the power is gone at 6.6 Hz

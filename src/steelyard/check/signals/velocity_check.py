@@ -44,14 +44,14 @@ def velocity_check(case: Case, checked: CheckedLog) -> Finding | None:
     agreed = units.agreement
     if logged is None or agreed is None or not agreed.moving.any():
         return None
-    if misplaced_velocities(case, checked) or not signal_overview(case, checked).moves:
+    if misplaced_velocities(case, checked) or not signal_overview(checked).moves:
         return None
     columns, velocities = logged[0], _Velocities(case, checked, *logged, units, agreed)
     declared, bad = checked.recording.signals.velocity is not None, velocities.faulty
     grave = bool(velocities.of("swapped", "unit", "turned", "scaled", "strange").any())
     clauses = velocities.clauses
     severity, fix, answered = Severity.OK, None, True
-    leaps = leaping_rows(case, checked)
+    leaps = leaping_rows(checked)
     if leaps is not None and not leaps.made_up:
         clauses, answered = ["rows are missing, which breaks d(q)/dt: see clock"], False
     elif (clock := time_scale_by_velocities(case, checked)) is not None and clock.severity is (
@@ -98,7 +98,7 @@ class _Velocities:
         no unit's, or the derivative of no position; they lag, or are differences of a row's
         position and its neighbour's.
         """
-        overview, agreed, units = signal_overview(self.case, self.evidence), self.agreed, self.units
+        overview, agreed, units = signal_overview(self.evidence), self.agreed, self.units
         signals, driven = self.evidence.recording.signals, driven_joints(self.case, self.evidence)
         # what is only dragged along moves too little for a scale or a lag
         reliable = agreed.reliable_joints & driven
@@ -204,7 +204,7 @@ class _Velocities:
             return f"correlation of {best:.2g} with d(q)/dt, at least 0.9 required"
         far = reliable[np.argmax(np.abs(self.units.relative[reliable] - 1.0))]
         late = reliable[np.argmax(np.abs(agreed.lag[reliable]))]
-        step = 1e3 * signal_overview(self.case, self.evidence).step * self.units.second
+        step = 1e3 * signal_overview(self.evidence).step * self.units.second
         return (
             f"{joints[far]}: {agreed.scale[far]:.3g} times d(q)/dt ({1.0 / SAME_SCALE:.2g} to "
             f"{SAME_SCALE:g} allowed); {joints[late]}: {1e3 * agreed.lag[late]:.2f} ± "
