@@ -330,12 +330,9 @@ def left_out_gains(
         left_out, (plain, *wider) = left_out_logs(model, wide, sigma, runs, sets)
     except DataError:
         return (None,) * len(found)
-    return tuple(
-        LeftOutGain.of(
-            plain, errors, left_out, WORTH_A_TERM if cause.of_friction else WORTH_A_SEARCH
-        )
-        for errors, cause in zip(wider, found, strict=True)
-    )
+    worth = (WORTH_A_TERM if cause.of_friction else WORTH_A_SEARCH for cause in found)
+    pairs = zip(wider, worth, strict=True)
+    return tuple(LeftOutGain.of(plain, errors, left_out, least) for errors, least in pairs)
 
 
 CELL = {"revolute": 2.0 * np.pi / 4096, "prismatic": 1e-4}  # length of a cell [rad; m]
@@ -356,11 +353,8 @@ def residual_shape(valued: ValuedModel, runs: Sequence[Run], gains: Array) -> Re
             count += predicted.shape[1]
             for j, found in enumerate(cells):
                 at = np.floor(block.q[j] / _cell(robot, j)).astype(np.intp)
-                low, size = int(at.min()), int(np.ptp(at)) + 1
-                moving = block.moving[j]
-                sums, counts = np.zeros(size), np.zeros(size)
-                np.add.at(sums, at - low, moving * rest[j])
-                np.add.at(counts, at - low, moving)
+                low, moving = int(at.min()), block.moving[j]
+                sums, counts = (np.bincount(at - low, x) for x in (moving * rest[j], moving))
                 found.append((low, sums, counts))
     periods = [strongest_period(*_joined(c), _cell(robot, j)) for j, c in enumerate(cells)]
     return ResidualShape(np.sqrt(squares / max(count, 1)), np.array(periods))

@@ -242,23 +242,7 @@ def residual_delay(case: Case) -> Finding | None:
             return None
     except (SteelyardError, TypeError):
         return None
-    return _delay_finding(log, found)
-
-
-def by_presliding(model: Model, regressor: Regressor, run: Run) -> float:
-    """Share of the typical squared residual that presliding friction explains."""
-    presliding = MaxwellSlip(lengths=PRESLIDING_LENGTHS, relaxing=True)
-    with_it = base_regressor(Model(model.robot, (*model.terms, presliding)))
-    squares = (_squares(gather(r, run)) for r in (regressor, with_it))
-    before, after = (left / np.maximum(freedom, 1.0) for left, freedom in squares)
-    known = (before > 0.0) & (after > 0.0)
-    typical = float(np.exp(np.mean(np.log(after[known] / before[known])))) if known.any() else 1.0
-    return 1.0 - typical
-
-
-def _delay_finding(log: CheckedLog, found: RowDelays) -> Finding:
-    ms = 1e3 * found.delay
-    whole = log.recording.signals.effort_delay + found.delay
+    ms, whole = 1e3 * found.delay, log.recording.signals.effort_delay + found.delay
     way, spread = "late" if ms > 0.0 else "early", found.std / max(abs(whole), 1e-6)
     return Finding.wrong(
         f"efforts are {abs(ms):.3g} ms {way} (± {2e3 * found.std:.2g}): the residuals of a fit of "
@@ -271,6 +255,17 @@ def _delay_finding(log: CheckedLog, found: RowDelays) -> Finding:
             (Edit(("signals", "effort", "delay"), round(whole, 4), spread),),
         ),
     )
+
+
+def by_presliding(model: Model, regressor: Regressor, run: Run) -> float:
+    """Share of the typical squared residual that presliding friction explains."""
+    presliding = MaxwellSlip(lengths=PRESLIDING_LENGTHS, relaxing=True)
+    with_it = base_regressor(Model(model.robot, (*model.terms, presliding)))
+    squares = (_squares(gather(r, run)) for r in (regressor, with_it))
+    before, after = (left / np.maximum(freedom, 1.0) for left, freedom in squares)
+    known = (before > 0.0) & (after > 0.0)
+    typical = float(np.exp(np.mean(np.log(after[known] / before[known])))) if known.any() else 1.0
+    return 1.0 - typical
 
 
 def delays_of(regressor: Regressor, run: Run) -> RowDelays:

@@ -192,11 +192,14 @@ def external_efforts(
     uncertainty = identified.effort_uncertainty(noise_bandwidth(cutoff))
     every = max(1, int(run.rate / (2.0 * cutoff)))
     blocks = blocks_with_channels(run.blocks(), identified.model)
-    split = TorqueSplit(identified.valued)
+    split, compiled = TorqueSplit(identified.valued), identified.model.compiled(quantity)
+    values = identified.valued.values.values[compiled.columns]
     for _, of_segment in groupby(blocks, key=lambda block: block.segment):
         full, kept, start = [], [], 0
         for block in of_segment:
-            observed, speed = _observed(identified, quantity, block), np.abs(block.dq)
+            channels = np.empty((0, len(block.t))) if block.channels is None else block.channels
+            entries = compiled.code((block.q, block.dq, block.ddq, channels, values))
+            observed, speed = Observed.of(entries.T, identified.robot.n), np.abs(block.dq)
             noise = uncertainty.noise(speed, block.moving)
             full.append((*_driven(identified, block, observed, split, residual), noise))
             at = slice(-start % every, None, every)
@@ -239,15 +242,6 @@ def _driven(
     if residual == "torque":
         return predicted.sum(axis=0).T, effort
     return observed.momentum.copy(), effort + observed.drive
-
-
-def _observed(identified: IdentifiedModel, quantity: Quantity, block: Block) -> Observed:
-    """The observed quantity at the samples of a block."""
-    compiled = identified.model.compiled(quantity)
-    channels = np.empty((0, len(block.t))) if block.channels is None else block.channels
-    values = identified.valued.values.values[compiled.columns]
-    entries = compiled.code((block.q, block.dq, block.ddq, channels, values))
-    return Observed.of(entries.T, identified.robot.n)
 
 
 def estimated_wrench(
