@@ -20,8 +20,7 @@ from steelyard.cli import interrupt
 from steelyard.cli.app import app
 from steelyard.cli.main import main
 from steelyard.runs.runs_of_named_logs import log_files
-from steelyard.uses.watch.stream_thresholds import stream_trace
-from steelyard.uses.watch.watch import start_watch
+from steelyard.uses.watch.watch import start_watch, stream_trace
 
 AT_ONCE = ("--timeout", "0")
 

@@ -36,12 +36,12 @@ from steelyard.check.signals.movement_rests_and_moving_base import (
     moving_base_check,
     rests_check,
 )
-from steelyard.check.signals.noise_and_resolution import noise_check
-from steelyard.check.signals.position_unit_and_columns import position_check
-from steelyard.check.signals.saturation_and_unsigned_efforts import (
+from steelyard.check.signals.noise_saturation_and_signs import (
+    noise_check,
     saturation_check,
     signed_efforts_check,
 )
+from steelyard.check.signals.position_unit_and_columns import position_check
 from steelyard.check.signals.time_stamps_and_scale import clock_check, out_of_order
 from steelyard.check.signals.velocity_check import velocity_check
 
