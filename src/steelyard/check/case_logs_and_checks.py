@@ -130,9 +130,12 @@ class CaseCheck(Generic[CaseType]):
 
 
 def case_check(
-    name: str, question: str, *, quick: bool = True
-) -> Callable[[Callable[[Case], Iterable[Finding]]], CaseCheck[Case]]:
-    """The check that a function makes of all logs together."""
+    name: str, question: str = "", *, quick: bool = True
+) -> Callable[[Callable[[CaseType], Iterable[Finding]]], CaseCheck[CaseType]]:
+    """The check that a function makes of all logs together, or of a fitted model.
+
+    One of a fitted model has no question: those that are not ok lower the verdict.
+    """
     return lambda look: CaseCheck(name, look, question, quick)
 
 

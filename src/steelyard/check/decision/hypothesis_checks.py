@@ -25,7 +25,7 @@ from steelyard.check.decision.verdict_of_log import (
     judge_log,
     least_delay,
 )
-from steelyard.check.finding import ComparedHypothesis, Edit, Finding, Fix, Picture, Severity, Trace
+from steelyard.check.finding import ComparedHypothesis, Edit, Finding, Fix, Picture, Severity, trace
 from steelyard.check.hypotheses.position_hypotheses import ZERO_CAUSE
 from steelyard.check.hypotheses.readings_and_likelihood import Hypothesis
 from steelyard.check.hypotheses.signs_and_delay_by_friction import (
@@ -36,7 +36,6 @@ from steelyard.check.hypotheses.signs_and_delay_by_friction import (
 
 EMPTY_MISFIT = 0.5  # typical misfit of a reading that predicts next to nothing
 SHOWN_HYPOTHESES = 6  # hypotheses that are shown
-PICTURE_POINTS = 1500
 WHOLE_PERCENT_MISFIT = 100.0  # misfit from which on no decimals are printed [%]
 LARGEST_PRINTED_MISFIT = 1000.0  # misfit beyond which the number says no more [%]
 LARGEST_ODDS = 1000.0  # log odds beyond which the number says no more
@@ -201,8 +200,7 @@ def picture(decision: LogVerdict, before: Hypothesis, after: Hypothesis) -> Pict
     shown = {"measured": e, before.says: wrong, "measured, corrected": corrected, after.says: right}
     if np.allclose(corrected, e):
         del shown["measured, corrected"]
-    step = max(1, len(t) // PICTURE_POINTS)
-    traces = tuple(Trace(name, t[::step], values[::step]) for name, values in shown.items())
+    traces = tuple(trace(name, t, values) for name, values in shown.items())
     return Picture("time [s]", f"effort of '{decision.likelihood.names[joint]}'", traces)
 
 

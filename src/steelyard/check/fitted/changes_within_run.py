@@ -17,9 +17,10 @@ import numpy as np
 
 from steelyard.base.arrays import Z95, Array
 from steelyard.base.errors import ModelError, SteelyardError
+from steelyard.check.case_logs_and_checks import case_check
 from steelyard.check.finding import Finding, Fix
 from steelyard.check.fitted.disagreeing_runs_and_heavy_last_link import FINE_WINDOW
-from steelyard.check.fitted.fitted_case_and_ranked_causes import FittedCase, post_fit_check
+from steelyard.check.fitted.fitted_case_and_ranked_causes import FittedCase
 from steelyard.check.fitted.passing_force import PassingForce, passing_force
 from steelyard.check.hypotheses.signs_and_delay_by_friction import whitened_columns
 from steelyard.estimate.identified_model import IdentifiedModel
@@ -252,7 +253,7 @@ LARGEST_PRINTED_CHANGE = 3.0  # relative change beyond which it is only called l
 SURE_CHANGE = 5.0  # standard deviations that a load or a step must have
 
 
-@post_fit_check("change within a run")
+@case_check("change within a run")
 def change_in_run_check(case: FittedCase) -> Iterable[Finding]:
     """A force that passes, a load picked up, or a torque sensor zeroed while a run is logged.
 

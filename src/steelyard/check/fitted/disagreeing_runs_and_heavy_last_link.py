@@ -18,8 +18,9 @@ import numpy as np
 
 from steelyard.base.arrays import Z95, Array
 from steelyard.base.errors import DataError
+from steelyard.check.case_logs_and_checks import case_check
 from steelyard.check.finding import Finding, Fix
-from steelyard.check.fitted.fitted_case_and_ranked_causes import FittedCase, post_fit_check
+from steelyard.check.fitted.fitted_case_and_ranked_causes import FittedCase
 from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.estimate.information.information import Information
 from steelyard.estimate.least_squares.weighted_robust_and_whitened import WeightedLeastSquares
@@ -32,7 +33,7 @@ by a fifth from the other's."""
 EXPLAINED_BY_LOAD = 1.3  # the same with a load in one run that explains it
 
 
-@post_fit_check("runs")
+@case_check("runs")
 def runs_disagree_check(case: FittedCase) -> Iterable[Finding]:
     """Runs of two robots, or of one with and without a load, in one fit."""
     whole = case.information
@@ -123,7 +124,7 @@ reported. Links that are invented off by a quarter reach 1.5."""
 KNOWN_MASS_SHARE = 0.5  # of a mass's knowledge that must come from the data
 
 
-@post_fit_check("last link")
+@case_check("last link")
 def last_link_check(case: FittedCase) -> Iterable[Finding]:
     """A last link far heavier than the model file says, in fitted runs that agree, with masses."""
     standard, bodies = case.identified.estimate.standard, case.identified.model.robot.bodies

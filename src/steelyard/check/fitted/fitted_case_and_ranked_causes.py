@@ -1,13 +1,12 @@
 """What a check of a fitted model looks at: runs, residuals, and the causes of these, ranked."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
 from steelyard.base.errors import DataError
-from steelyard.check.case_logs_and_checks import CaseCheck
 from steelyard.check.finding import Finding
 from steelyard.check.fitted.binding_constraints import BindingConstraints, binding_constraints
 from steelyard.check.fitted.causes_of_residuals import (
@@ -189,13 +188,3 @@ class FittedCase:
             )
         except DataError:
             return None
-
-
-PostFitCheck = CaseCheck[FittedCase]
-
-
-def post_fit_check(
-    name: str,
-) -> Callable[[Callable[[FittedCase], Iterable[Finding]]], PostFitCheck]:
-    """The check that a function makes of a fitted model: those not ok lower the verdict."""
-    return lambda look: CaseCheck(name, look)

@@ -10,7 +10,7 @@ from steelyard.base.errors import SteelyardError
 from steelyard.check.case_logs_and_checks import Case, case_check
 from steelyard.check.clean_runs_and_customary_model import customary_model, longest_run
 from steelyard.check.finding import Finding, Fix
-from steelyard.check.fitted.fitted_case_and_ranked_causes import FittedCase, post_fit_check
+from steelyard.check.fitted.fitted_case_and_ranked_causes import FittedCase
 from steelyard.estimate.estimate import Estimate
 from steelyard.estimate.information.base_regressor import base_regressor
 from steelyard.estimate.information.gather import gather
@@ -62,7 +62,7 @@ ZERO_ROTOR_SHARE = 0.5  # of rotor inertias at zero, for the side of gears to be
 FEWEST_ZERO_ROTORS = 2  # rotor inertias at zero from which on it is
 
 
-@post_fit_check("gear side")
+@case_check("gear side")
 def rotors_at_zero_check(case: FittedCase) -> Iterable[Finding]:
     """A remark, with what to change, where most fitted rotor inertias of joint torques are zero."""
     identified = case.identified

@@ -15,8 +15,9 @@ import numpy as np
 
 from steelyard.base.arrays import Z95, Array
 from steelyard.base.errors import DataError
+from steelyard.check.case_logs_and_checks import case_check
 from steelyard.check.finding import Finding, Fix, Severity
-from steelyard.check.fitted.fitted_case_and_ranked_causes import FittedCase, post_fit_check
+from steelyard.check.fitted.fitted_case_and_ranked_causes import FittedCase
 from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.model.laws.friction_over_speed import Coulomb, Viscous
 from steelyard.model.laws.friction_with_memory import PLAUSIBLE, LoadDependent
@@ -36,7 +37,7 @@ CHECK_EFFORTS = (
 )
 
 
-@post_fit_check("absurd estimates")
+@case_check("absurd estimates")
 def absurd_bodies_check(case: FittedCase) -> Iterable[Finding]:
     """Masses that no link can have, and friction that drives, of a model that was fitted here."""
     found = absurdities(case.identified) if case.fitted else ()
@@ -98,7 +99,7 @@ def light_links(identified: IdentifiedModel) -> tuple[str, ...]:
     return tuple(sentences)
 
 
-@post_fit_check("light links")
+@case_check("light links")
 def light_links_check(case: FittedCase) -> Iterable[Finding]:
     """A remark on links of a model that was fitted here, see `light_links`."""
     found = light_links(case.identified) if case.fitted else ()
@@ -189,7 +190,7 @@ CAUSES_OF_LOAD_FRICTION = (
 )
 
 
-@post_fit_check("load-dependent friction")
+@case_check("load-dependent friction")
 def load_friction_check(case: FittedCase) -> Iterable[Finding]:
     """Coefficients of load-dependent friction of a fit above those of gears.
 

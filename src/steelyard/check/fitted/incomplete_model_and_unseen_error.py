@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.base.arrays import Array
-from steelyard.check.case_logs_and_checks import Case, CheckedLog
+from steelyard.check.case_logs_and_checks import Case, CheckedLog, case_check
 from steelyard.check.decision.friction_drift_check import with_unbounded_friction
 from steelyard.check.decision.joint_zeros_and_quarter_turns import (
     estimated_offsets,
@@ -29,7 +29,6 @@ from steelyard.check.fitted.fitted_case_and_ranked_causes import (
     FittedCase,
     RankedCauses,
     largest_residual,
-    post_fit_check,
     worst_residual_words,
 )
 from steelyard.check.hypotheses.position_hypotheses import ZERO_CAUSE
@@ -73,7 +72,7 @@ GEOMETRY_ADVICE = (
 )
 
 
-@post_fit_check("model error")
+@case_check("model error")
 def model_error_check(case: FittedCase) -> Iterable[Finding]:
     """Residuals over noise, and the causes in order, of all fitted runs together.
 
@@ -251,7 +250,7 @@ TRIED_CAUSES = (
 COMPARE_COMMAND = "steelyard check ROBOT LOG --model MODEL"  # compares explanations
 
 
-@post_fit_check("unseen log")
+@case_check("unseen log")
 def unseen_reason_check(case: FittedCase) -> Iterable[Finding]:
     """The most likely reason of a large error on a log that was not fitted."""
     for run, score in zip(case.unseen, case.unseen_scores, strict=True):

@@ -10,6 +10,7 @@ import numpy as np
 
 from steelyard.base.arrays import Z95
 from steelyard.base.progress import Progress, report_progress, silent
+from steelyard.check.case_logs_and_checks import CaseCheck, case_check
 from steelyard.check.finding import Finding, Fix, Severity, percent_of
 from steelyard.check.fitted.changes_within_run import change_in_run_check
 from steelyard.check.fitted.disagreeing_runs_and_heavy_last_link import (
@@ -18,8 +19,6 @@ from steelyard.check.fitted.disagreeing_runs_and_heavy_last_link import (
 )
 from steelyard.check.fitted.fitted_case_and_ranked_causes import (
     FittedCase,
-    PostFitCheck,
-    post_fit_check,
 )
 from steelyard.check.fitted.gear_side_and_rotors import (
     LINK_SIDE_INSTEAD,
@@ -44,7 +43,7 @@ from steelyard.model.laws.register import law_of
 from steelyard.report.words import first_names, significant, with_interval
 
 
-@post_fit_check("95 % bands")
+@case_check("95 % bands")
 def band_coverage_check(case: FittedCase) -> Iterable[Finding]:
     """A remark on logs in motion that were not fitted, of which the bands hold too little."""
     scores = [score for score in case.unseen_scores if not score.errors.at_rest]
@@ -92,7 +91,7 @@ TURN_EFFORTS = (
 CHECK_LINKS = "`steelyard check ROBOT LOG...` compares them; `--method least_squares` uses neither"
 
 
-@post_fit_check("constraints")
+@case_check("constraints")
 def constraints_check(case: FittedCase) -> Iterable[Finding]:
     """Doubtful if bounds or priors cost far more than noise, and unseen motion is worse for it."""
     found = case.binding
@@ -129,7 +128,7 @@ def constraints_check(case: FittedCase) -> Iterable[Finding]:
 LEAST_CLIPPED_SHARE = 0.002  # share of the values of all efforts from which on they are named
 
 
-@post_fit_check("clipped efforts")
+@case_check("clipped efforts")
 def clipped_efforts_check(case: FittedCase) -> Iterable[Finding]:
     """Efforts at a limit in runs that were not fitted."""
     for run in case.unseen:
@@ -147,7 +146,7 @@ TERMS_LIKE_A_SCALE = (Spring.law, LoadDependent.law)  # their efforts change wit
 WRONG_SCALE = 1.3  # factor beyond a scale's interval from which on a gain is doubtful
 
 
-@post_fit_check("gains")
+@case_check("gains")
 def assumed_gains_check(case: FittedCase) -> Iterable[Finding]:
     """Gains that the logs do not show; doubtful if these are most, as nothing then has a scale."""
     if case.gains is None:
@@ -176,7 +175,7 @@ def assumed_gains_check(case: FittedCase) -> Iterable[Finding]:
 MUCH_WORSE = 1.1  # error of a search over that of least squares from which on it has not ended
 
 
-@post_fit_check("genetic search")
+@case_check("genetic search")
 def unfinished_search_check(case: FittedCase) -> Iterable[Finding]:
     """A genetic algorithm that ends far from least squares without bounds."""
     found = case.identified.estimate.evolution
@@ -194,7 +193,7 @@ def unfinished_search_check(case: FittedCase) -> Iterable[Finding]:
     yield Finding.doubtful(says, "", (), fix, headline=True, brief=f"{says}. {fix.says}")
 
 
-@post_fit_check("standstill")
+@case_check("standstill")
 def standstill_check(case: FittedCase) -> Iterable[Finding]:
     """Samples at standstill that are fitted as the robot file requests it."""
     if case.fitted and not any(run.rest_speed.any() for run in case.fitted):
@@ -205,7 +204,7 @@ def standstill_check(case: FittedCase) -> Iterable[Finding]:
         yield Finding.ok(says, headline=True, brief=says)
 
 
-@post_fit_check("effort scales")
+@case_check("effort scales")
 def scaled_efforts_check(case: FittedCase) -> Iterable[Finding]:
     """Estimated scales of the efforts; doubtful if one is far off 1, its interval aside."""
     scales = case.scales
@@ -289,7 +288,7 @@ WORSE_THAN_NOMINAL = 1.2  # RMSE over the nominal model's from which on a joint 
 LOADED_JOINT_SHARE = 0.25  # RMS effort over the largest of its unit of a joint with load
 
 
-@post_fit_check("nominal model")
+@case_check("nominal model")
 def below_nominal_check(case: FittedCase) -> Iterable[Finding]:
     """Joints with load that the nominal model predicts better, in unseen runs if there are any."""
     identified = case.identified
@@ -340,7 +339,7 @@ def kept_doubts(identified: IdentifiedModel) -> tuple[Finding, ...]:
     )
 
 
-POST_FIT: tuple[PostFitCheck, ...] = (
+POST_FIT: tuple[CaseCheck[FittedCase], ...] = (
     absurd_bodies_check,
     light_links_check,
     constraints_check,
@@ -362,7 +361,9 @@ POST_FIT: tuple[PostFitCheck, ...] = (
 
 
 def examine_fit(
-    case: FittedCase, progress: Progress = silent, checks: Sequence[PostFitCheck] | None = None
+    case: FittedCase,
+    progress: Progress = silent,
+    checks: Sequence[CaseCheck[FittedCase]] | None = None,
 ) -> tuple[Finding, ...]:
     """The findings that are doubtful, wrong or for the headline, the most severe first."""
     chosen = POST_FIT if checks is None else checks

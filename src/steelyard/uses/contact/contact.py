@@ -40,7 +40,7 @@ from steelyard.runs.run import Run
 from steelyard.runs.runs_of_named_logs import log_files, paths_of, refuse_overlaps
 from steelyard.uses.contact.contact_page import LEAST_LASTING_SHARE, Contacts
 from steelyard.uses.effort_plausibility import refuse_other_efforts
-from steelyard.uses.payload.payload_fit import payload_words, unknown_payload
+from steelyard.uses.payload.payload_fit import unknown_payload
 
 RELEASE = 0.5  # a contact ends below that share of the threshold that was exceeded
 LEAST_TIME_APART = 0.5  # least time between two events [s]
@@ -391,13 +391,12 @@ def contact(
 
 
 def _carried(identified: IdentifiedModel, run: Run) -> str | None:
-    """A payload that a run has beyond doubt, for people to read; `None` if it is too short."""
+    """A payload that a run has beyond doubt, in words; `None` without, or if it is too short."""
     try:
         whole = gather(base_regressor(identified.model), run, rests=identified.model.has_memory)
     except LogError:
         return None
-    found = unknown_payload(identified, whole)
-    return None if found is None else payload_words(found, run.name)
+    return unknown_payload(identified, whole) or None
 
 
 def fitted_note(log: str) -> str:

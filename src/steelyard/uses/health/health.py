@@ -39,7 +39,7 @@ from steelyard.uses.health.drift_detection import (
     changes_of,
     series_of,
 )
-from steelyard.uses.payload.payload_fit import payload_words, unknown_payload
+from steelyard.uses.payload.payload_fit import unknown_payload
 
 BLIND = 1.0  # relative half-width of all quantities of a joint above which nothing is decided
 QUANTITY_HEADINGS = ("dry", "viscous", "offset", "effort scale")  # as short as columns need
@@ -273,8 +273,7 @@ def health(
         whole = gather(regressor, run, rests=rests, threads=threads, progress=progress)
         count = int(run.duration / LEAST_WINDOW)
         found.append(whole.merged(max(1, min(MOST_WINDOWS_OF_LOG, count))))
-        payload = unknown_payload(identified, whole)
-        carried += [] if payload is None else [payload_words(payload, run.name)]
+        carried.append(unknown_payload(identified, whole))
     series, names = series_of(identified, found), [run.name for run in runs]
     if not series:
         raise LogError(
@@ -289,6 +288,6 @@ def health(
         logs=tuple(names),
         series=series,
         changes=changes_of(series, names),
-        warnings=tuple(carried),
+        warnings=tuple(filter(None, carried)),
         notes=notes_of(runs),
     )

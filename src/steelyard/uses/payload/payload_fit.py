@@ -155,23 +155,19 @@ CERTAIN_PAYLOAD_STD = 3.0  # standard deviations of its mass from which on there
 LEAST_PAYLOAD_SHARE = 0.02  # least mass that is reported, over that of the moving links
 
 
-def unknown_payload(identified: IdentifiedModel, run: Information) -> PayloadEstimate | None:
-    """What a run, as logged, carries beyond doubt; `None` if nothing, or unknown."""
+def unknown_payload(identified: IdentifiedModel, run: Information) -> str:
+    """What a run, as logged, carries beyond doubt, in words; empty if nothing, or unknown."""
     if identified.signals.effort_kind == "gravity_compensated_torque":
-        return None
+        return ""
     try:
         found = fit_payload(identified, [run])
     except SteelyardError:
-        return None
+        return ""
     least = LEAST_PAYLOAD_SHARE * sum(body.inertia.mass for body in identified.model.robot.bodies)
-    heavy = found.mass > max(least, CERTAIN_PAYLOAD_STD / Z95 * float(found.half_width[0]))
-    return found if heavy else None
-
-
-def payload_words(found: PayloadEstimate, run: str) -> str:
-    """What to say of it."""
+    if not found.mass > max(least, CERTAIN_PAYLOAD_STD / Z95 * float(found.half_width[0])):
+        return ""
     return (
-        f"the efforts of {run} are those with a payload of {found.mass:.2f} ± "
+        f"the efforts of {run.runs} are those with a payload of {found.mass:.2f} ± "
         f"{found.half_width[0]:.2f} kg on '{found.body}' that the model does not have, or with "
         "other drive gains: see steelyard payload"
     )
