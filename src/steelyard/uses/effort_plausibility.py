@@ -149,5 +149,4 @@ def _opposite(trace: ResidualTrace, sigma: Array) -> tuple[NDArray[np.bool_], ND
 
 
 def _chosen(joints: Sequence[str], which: NDArray[np.bool_]) -> str:
-    """Names of some joints."""
     return ", ".join(name for name, chosen in zip(joints, which, strict=True) if chosen)

@@ -215,16 +215,10 @@ class Reading:
         zeros[joint] += offset
         return replace(self, zeros=zeros)
 
-    def ordered(
-        self, order: Sequence[int], *, positions: bool = True, efforts: bool = True
-    ) -> "Reading":
-        """The columns of positions, of efforts, or both, in another order."""
+    def ordered(self, order: Sequence[int], *, efforts: bool) -> "Reading":
+        """The columns of positions, or also those of efforts, in another order."""
         position, effort = (tuple(x[k] for k in order) for x in (self.position, self.effort))
-        return replace(
-            self,
-            position=position if positions else self.position,
-            effort=effort if efforts else self.effort,
-        )
+        return replace(self, position=position, effort=effort if efforts else self.effort)
 
     def into_logged(self) -> Array:
         """$A^{-1}$: joint efforts to logged base units, shape `(n, n)`."""

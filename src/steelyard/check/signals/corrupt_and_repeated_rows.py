@@ -66,7 +66,6 @@ def corrupt_rows_check(case: Case, log: CheckedLog) -> Finding:
 
 
 def _where_corrupt(broken: NDArray[np.bool_]) -> str:
-    """Where broken rows are, in words."""
     at = np.flatnonzero(broken)
     if len(at) == 0:
         return ""
@@ -303,6 +302,5 @@ def _irregular(overview: SignalOverview) -> Finding | None:
 
 
 def _every(overview: SignalOverview, updates: ZeroOrderHold) -> str:
-    """How often samples are new."""
     rate = 1.0 / overview.step
     return f"every {updates.every} rows ({rate / updates.every:.3g} Hz of {rate:.3g} Hz)"

@@ -109,7 +109,6 @@ def _joint_motion(case: Case, log: CheckedLog) -> tuple[Array, NDArray[np.bool_]
 
 
 def _help(case: Case, still: NDArray[np.intp]) -> str:
-    """Which motion would help."""
     parts = []
     for c in (case.loaded.robot.coordinates[j] for j in still):
         limit = c.limits.velocity

@@ -141,7 +141,6 @@ def position_check(case: Case, log: CheckedLog) -> Finding:
 
 
 def _misplaced(case: Case, log: CheckedLog, wrong: Sequence[MisplacedVelocity]) -> Finding:
-    """The finding on position columns that hold velocities."""
     signals, first = log.recording.signals, wrong[0]
     more = f" (and {len(wrong) - 1} more)" * (len(wrong) > 1)
     why = f"its values are the derivative of '{first.position}'"

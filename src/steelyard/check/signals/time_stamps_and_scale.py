@@ -291,7 +291,6 @@ def _judged(step: float, steps: Array, stamps: Array, jitter: float) -> Finding:
 
 
 def _facts(step: float, steps: Array, jitter: float) -> str:
-    """Rate, steps and jitter in words."""
     forward = steps[steps > 0.0]
     mean = float(np.mean(forward[forward < LATE_STEP * step]))
     low, high = np.quantile(forward, [0.01, 0.99])

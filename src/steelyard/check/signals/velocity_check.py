@@ -213,7 +213,6 @@ class _Velocities:
 
 
 def _lags(agreed: VelocityAgreement) -> str:
-    """The lags in words."""
     reliable = agreed.reliable_joints
     if not reliable.any():
         return "no lag can be estimated"

@@ -254,7 +254,6 @@ def control_of(text: str, model: ValuedModel | None = None) -> Control:
 
 
 def _gain(text: str, kind: type[Any], whole: str) -> tuple[str, float | bool]:
-    """Name and value of one gain."""
     name, _, number = text.partition("=")
     known = [field.name for field in fields(kind) if field.name != "model"]
     wrong = f"controller '{kind.kind}' has no gain '{name}'"

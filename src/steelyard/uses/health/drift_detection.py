@@ -258,7 +258,7 @@ def _tested(one: Series, names: Sequence[str], tests: int) -> Iterator[HealthCha
         yield change
     number, last, spread = levels[-1]
     variance = spread**2 + one.known**2 + apart**2
-    chance = _chance(last**2 / variance, 1, len(one.t)) * tests
+    chance = _chance(last**2 / variance, len(one.t)) * tests
     places = ("model", names[number])
     yield _change(one, "differs", last, float(np.sqrt(variance)), places, None, chance, few=True)
 
@@ -293,16 +293,14 @@ def _settling(t: Array, tau: float) -> Array:
     return np.column_stack([np.ones(len(t)), np.exp(-(t - t[0]) / tau)])
 
 
-def _chance(statistic: float, parameters: int, count: int) -> float:
-    """Probability that chance alone makes a sum of squares fall that much; by rounding, below 0."""
+def _chance(statistic: float, count: int) -> float:
+    """Probability that a parameter makes a sum of squares fall that much; by rounding, below 0."""
     from scipy.special import fdtrc
 
-    freedom = max(count - parameters - 1, 1)
-    return float(fdtrc(parameters, freedom, max(statistic, 0.0) / parameters))
+    return float(fdtrc(1, max(count - 2, 1), max(statistic, 0.0)))
 
 
 def _within(one: Series, t: Array, y: Array, s: Array, name: str, tests: int) -> HealthChange:
-    """The best change within a log."""
     constant = _fit(np.ones((len(y), 1)), y, s).square
     tau = _constant(t, y, s)
     settling = _fit(_settling(t, tau), y, s)
@@ -310,8 +308,8 @@ def _within(one: Series, t: Array, y: Array, s: Array, name: str, tests: int) ->
     across = ends[1] - ends[0]
     cut = _best_cut(y, s)
     step = _fit(_step(len(t), cut), y, s)
-    p_settling = _chance(constant - settling.square, 1, len(t)) * SETTLING_TIMES_COMPARED
-    p_step = _chance(constant - step.square, 1, len(t)) * len(t)
+    p_settling = _chance(constant - settling.square, len(t)) * SETTLING_TIMES_COMPARED
+    p_step = _chance(constant - step.square, len(t)) * len(t)
     if settling.square <= step.square or p_settling <= p_step:
         size = float(across @ settling.values)
         spread = float(np.sqrt(across @ settling.covariance @ across))
@@ -359,7 +357,7 @@ def _over_logs(
             logs = (names[number[0]], names[number[-1]])
     known = count < ENOUGH_LOGS
     scatter = 1.0 if known else max(1.0, best.square / free)
-    p = _chance((constant - best.square) / scatter, 1, len(one.t) if known else free + 2)
+    p = _chance((constant - best.square) / scatter, len(one.t) if known else free + 2)
     size, spread = float(best.values[1]), float(np.sqrt(scatter * best.covariance[1, 1]))
     found = _change(one, shape, size, spread, logs, None, p * looks * tests, few=known)
     return found, apart if known else float(np.sqrt(scatter - 1.0) * np.median(s))

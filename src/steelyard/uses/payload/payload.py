@@ -103,7 +103,6 @@ MASS_WINDOW_NOTE = (
 
 
 def _tables(found: PayloadEvents) -> list[PlainTable]:
-    """Changes, and what is carried."""
     tables, changes = [], []
     for number, event in enumerate(found.events, start=1):
         cells = (

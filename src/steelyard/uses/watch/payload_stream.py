@@ -41,7 +41,6 @@ class PayloadStream:
     """
 
     def __init__(self, detect: Detect) -> None:
-        """Begin."""
         self.state: PayloadState | None = None
         self.failed = ""
         self.searches = 0

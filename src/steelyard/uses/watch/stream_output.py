@@ -1,12 +1,11 @@
 """What a stream reports: lines of a terminal, JSON values, and tables that grow with it."""
 
-from __future__ import annotations
-
 import csv
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from math import isinf, isnan
-from typing import TYPE_CHECKING, Any, TextIO
+from pathlib import Path
+from typing import Any, Self, TextIO
 
 import numpy as np
 
@@ -15,12 +14,12 @@ from steelyard.report.words import signed, significant
 from steelyard.uses.contact.contact import ContactEvent, ContactStart, JointLoad
 from steelyard.uses.payload.payload import mass_with_interval, rounded_mass
 from steelyard.uses.payload.pick_up_and_put_down import PayloadEvent
-from steelyard.uses.watch.watcher_and_events import StreamEstimate, StreamNote
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from steelyard.uses.watch.watcher_and_events import StreamEvent, Watcher
+from steelyard.uses.watch.watcher_and_events import (
+    StreamEstimate,
+    StreamEvent,
+    StreamNote,
+    Watcher,
+)
 
 
 def record_of(event: StreamEvent) -> dict[str, Any]:
@@ -84,7 +83,6 @@ def event_line(event: StreamEvent) -> str:
 
 
 def _load(load: JointLoad) -> str:
-    """What a joint shows."""
     change = " change" if load.change else ""
     ratio = significant(load.ratio)
     return f"{load.joint} {signed(load.peak)} {load.unit}{change}, {ratio} × threshold"
@@ -196,7 +194,7 @@ class StreamFiles:
 
     @classmethod
     @contextmanager
-    def opened(cls, folder: Path, joints: Sequence[str], wrench: bool) -> Iterator[StreamFiles]:
+    def opened(cls, folder: Path, joints: Sequence[str], wrench: bool) -> Iterator[Self]:
         """New files in a new folder, closed at the end of the block."""
         with explained(folder), ExitStack() as stack:
             folder.mkdir(parents=True)
