@@ -18,10 +18,10 @@ from steelyard.check.findings_text_and_page import (
     CheckContent,
     check_headline,
     diagnosis_dict,
+    print_findings,
     render_check,
     tally,
 )
-from steelyard.check.findings_text_and_page import print_findings as show_findings
 from steelyard.check.named_logs_and_precheck import Subject, diagnosed, refuse_foreign, subject_of
 from steelyard.estimate.estimator_register import method_of
 from steelyard.estimate.identified_model import IdentifiedModel, load_model
@@ -72,7 +72,7 @@ class CheckResult(Result):
             console.print(Text(f"note: {note}", style="dim"))
         if self.content.notes:
             console.print()
-        show_findings(self.content.diagnosis, console, verbose=verbose)
+        print_findings(self.content.diagnosis, console, verbose=verbose)
         if self.fixed is None:
             return
         console.print()
@@ -90,7 +90,7 @@ class CheckResult(Result):
             cause = Text(f"{found.check}{where}: {found.says}", style="dim")
             console.print(Padding(cause, (0, 0, 0, 4)))
         console.print(Text(f"\nChecked again with {path}:\n", style="bold"))
-        show_findings(self.fixed.diagnosis, console, fine=False)
+        print_findings(self.fixed.diagnosis, console, fine=False)
 
 
 @checked()

@@ -47,7 +47,8 @@ def velocity_check(case: Case, checked: CheckedLog) -> Finding | None:
     if misplaced_velocities(case, checked) or not signal_overview(checked).moves:
         return None
     columns, velocities = logged[0], _Velocities(case, checked, *logged, units, agreed)
-    declared, bad = checked.recording.signals.velocity is not None, velocities.faulty
+    declared = checked.recording.signals.velocity is not None
+    bad = velocities.of(*velocities.faults)
     grave = bool(velocities.of("swapped", "unit", "turned", "scaled", "strange").any())
     clauses = velocities.clauses
     severity, fix, answered = Severity.OK, None, True
@@ -125,11 +126,6 @@ class _Velocities:
     def of(self, *faults: str) -> NDArray[np.bool_]:
         """Joints with any of some faults, shape `(n,)`."""
         return np.asarray(np.any([self.faults[fault] for fault in faults], axis=0))
-
-    @property
-    def faulty(self) -> NDArray[np.bool_]:
-        """Joints with any fault, shape `(n,)`."""
-        return self.of(*self.faults)
 
     @property
     def misplaced(self) -> bool:

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from rich.console import Console
 from rich.text import Text
 
-from steelyard.estimate.external.contact_thresholds import RANGES
+from steelyard.base.arrays import Array
+from steelyard.estimate.external.contact_thresholds import RANGES, ContactThresholds
+from steelyard.estimate.scores.residual_noise_and_traces import ResidualTrace
 from steelyard.report.page import figures, inspected_page, notes
 from steelyard.report.page_figures import Figure, Group, Key, area, line
 from steelyard.report.result import Result, print_verdict
@@ -16,13 +20,6 @@ from steelyard.report.tables import PlainTable, Row, narrow_table, table_of
 from steelyard.report.words import NONE, signed, significant
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
-
-    from rich.console import Console
-
-    from steelyard.base.arrays import Array
-    from steelyard.estimate.external.contact_thresholds import ContactThresholds
-    from steelyard.estimate.scores.residual_noise_and_traces import ResidualTrace
     from steelyard.uses.contact.contact import ContactEvent, SuspectedContact
 
 MOST_POINTS_OF_RESIDUAL = 4000  # of a line; every one is the largest of those that it stands for
