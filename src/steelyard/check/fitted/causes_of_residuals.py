@@ -354,7 +354,8 @@ def residual_shape(valued: ValuedModel, runs: Sequence[Run], gains: Array) -> Re
             for j, found in enumerate(cells):
                 at = np.floor(block.q[j] / _cell(robot, j)).astype(np.intp)
                 low, moving = int(at.min()), block.moving[j]
-                sums, counts = (np.bincount(at - low, x) for x in (moving * rest[j], moving))
+                sums = np.bincount(at - low, moving * rest[j]).astype(np.float64)
+                counts = np.bincount(at - low, moving).astype(np.float64)
                 found.append((low, sums, counts))
     periods = [strongest_period(*_joined(c), _cell(robot, j)) for j, c in enumerate(cells)]
     return ResidualShape(np.sqrt(squares / max(count, 1)), np.array(periods))
