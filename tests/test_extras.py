@@ -9,9 +9,8 @@ import polars as pl
 import pytest
 
 from steelyard.base.errors import PackageError, available
-from steelyard.base.files import write_table
 from steelyard.base.progress import module_command
-from steelyard.logs.formats import open_log, writer_for
+from steelyard.logs.formats import open_log, write_table, writer_for
 from steelyard.report.result import frame
 
 COLUMNS = {"time_s": np.array([0.0, 0.1, 0.2]), "q1_rad": np.array([1e-7, np.nan, -1.5])}

@@ -163,9 +163,9 @@ def of_refusal(name: str, given: Path, work: Path) -> Claim:
 def resting_log(given: Path) -> None:
     """A log of the nominal arm in which one joint rests, loaded by the motion of the others."""
     from steelyard.base.arrays import Parameters
-    from steelyard.base.files import write_table
     from steelyard.base.motion import Motion
     from steelyard.excite.trajectories.fourier import random_fourier
+    from steelyard.logs.formats import write_table
     from steelyard.model.laws.register import term_of
     from steelyard.model.model import Model
     from steelyard.robot.file.robot_file import load_robot

@@ -11,7 +11,6 @@ import numpy as np
 from studies.support.robots import ROBOTS
 
 from steelyard.base.arrays import Array, Parameters
-from steelyard.base.files import write_table
 from steelyard.base.motion import run
 from steelyard.base.progress import silent
 from steelyard.estimate.estimate import Estimate, StandardEstimate
@@ -20,6 +19,7 @@ from steelyard.estimate.information.base_regressor import base_parameters
 from steelyard.estimate.information.filter_and_gram import noise_bandwidth
 from steelyard.excite.trajectories.fourier import random_fourier
 from steelyard.identify.runs_for_model import processing_of
+from steelyard.logs.formats import write_table
 from steelyard.model.equations.frame_and_point_kinematics import last_frame
 from steelyard.model.model import model_with_open_friction
 from steelyard.robot.file.robot_file import load_robot

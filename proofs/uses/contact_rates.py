@@ -23,7 +23,6 @@ from scipy.stats import poisson
 
 import steelyard
 from steelyard.base.arrays import Array
-from steelyard.base.files import write_table
 from steelyard.base.progress import silent
 from steelyard.estimate.external.contact_thresholds import ContactThresholds
 from steelyard.estimate.scores.residual_noise_and_traces import (
@@ -32,6 +31,7 @@ from steelyard.estimate.scores.residual_noise_and_traces import (
     thresholds_of,
 )
 from steelyard.identify.runs_for_model import runs_for
+from steelyard.logs.formats import write_table
 from steelyard.runs.runs_of_named_logs import log_files
 from steelyard.uses.contact.contact import common_rest_speed, contacts_in, peaks_of_free_motion
 

@@ -18,7 +18,7 @@ from proofs.uses.contact_rates import Arm
 
 import steelyard
 from steelyard.base.arrays import Array
-from steelyard.base.files import write_table
+from steelyard.logs.formats import write_table
 
 CABLES: dict[str, Callable[[Array], Array]] = {
     "linear": lambda x: 0.4 * x,

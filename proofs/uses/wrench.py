@@ -28,9 +28,9 @@ from proofs.support.pushed_arms import (
 
 import steelyard
 from steelyard.base.arrays import Array
-from steelyard.base.files import write_table
 from steelyard.base.motion import Motion
 from steelyard.estimate.identified_model import IdentifiedModel
+from steelyard.logs.formats import write_table
 from steelyard.simulate.payloads_and_wrenches import AppliedWrench
 from steelyard.uses.wrench.wrench import ExternalWrench, MethodName
 

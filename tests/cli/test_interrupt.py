@@ -109,7 +109,7 @@ def test_ctrl_c_while_modules_are_loaded_leaves_nothing(work: Path) -> None:
         ("gather.gather", IDENTIFY),
         ("section_register.render", IDENTIFY),
         ("shared_by_commands.progress_bar.<locals>.watch", SIMULATE),
-        ("files.write_table", SIMULATE),
+        ("formats.write_table", SIMULATE),
         ("files._remove", SIMULATE),
         ("findings_text_and_page.render_check", (*CHECK, "-o", "out")),
         ("toml_edits.edited", CHECK),

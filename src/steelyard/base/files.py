@@ -12,10 +12,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 from uuid import uuid4
 
-import numpy as np
-
-from steelyard.base.arrays import Array
-from steelyard.base.errors import ModelError, OutputError, SteelyardError, require
+from steelyard.base.errors import ModelError, OutputError, SteelyardError
 
 Parsed = TypeVar("Parsed")
 
@@ -124,30 +121,6 @@ def write_json(path: Path, values: Mapping[str, Any]) -> None:
     """Write `values` as indented JSON."""
     with whole_file(path) as part:
         part.write_text(json.dumps(values, indent=1) + "\n", encoding="utf-8")
-
-
-def write_table(path: Path, columns: Mapping[str, Array]) -> None:
-    """Write columns of numbers, shape `(N,)`, as Parquet or CSV, by the name's ending."""
-    if path.suffix not in (".parquet", ".csv"):
-        raise OutputError(
-            f"a log cannot be written as '{path.suffix}'",
-            where=str(path),
-            fix="end its name in .parquet or .csv",
-        )
-    with whole_file(path) as part:
-        if path.suffix == ".csv":
-            names, rows = ",".join(columns), csv_lines(np.column_stack(list(columns.values())))
-            part.write_text(f"{names}\n{rows}", encoding="utf-8", newline="\n")
-        else:
-            require("polars", "polars", "Parquet files", str(path))
-            import polars
-
-            polars.DataFrame(dict(columns)).write_parquet(part)
-
-
-def csv_lines(table: Array) -> str:
-    """Rows of a table as lines, with the shortest digits that read back as the same float."""
-    return "".join(f"{','.join(map(repr, row))}\n" for row in table.tolist())
 
 
 def _beside(path: Path) -> Path:

@@ -1,6 +1,5 @@
 """The commands of motions, `excite` and `replay`, and of simulated robots."""
 
-import os
 import time
 from contextlib import nullcontext
 from functools import partial
@@ -80,12 +79,9 @@ def excite(
     from steelyard.robot.models.xacro import stem_of
 
     given = dict(call.keywords)
-    budget, searches, processes, seed = (
-        given.pop(name) for name in ("budget", "searches", "processes", "seed")
-    )
+    effort = SearchBudget(*(given.pop(x) for x in ("budget", "searches", "processes", "seed")))
     task = design_task(**given)
     folder = new_folder(output, f"steelyard-{stem_of(given['robot'])}-motion")
-    effort = SearchBudget(budget, searches, processes or os.cpu_count() or 1, seed)
     found, written = _designed(task, effort, folder, begun)
     if as_json:
         print_json(found.to_dict() | {"files": written})
@@ -298,7 +294,7 @@ def demo(
     with progress_bar() as progress, whole_folder(folder) as part:
 
         def designed(loaded: "LoadedRobot") -> "ExactTrajectory":
-            effort = SearchBudget(DESIGN_TIME, DESIGN_SEARCHES, os.cpu_count() or 1, seed)
+            effort = SearchBudget(DESIGN_TIME, DESIGN_SEARCHES, None, seed)
             tables = (loaded, model_with_open_friction(loaded), None)
             task = DesignTask(tables, ("csv",), None)
             found.append(task.done(effort, progress=progress))

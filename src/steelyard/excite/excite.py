@@ -6,7 +6,6 @@ spline is taken at times $\delta$ apart; between them it is greater by at most
 $\delta^2 \max|\ddot s - \ddot q| / 8$, and $\ddot s$ is greatest at a point.
 """
 
-import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from math import inf
@@ -418,5 +417,5 @@ def design_excitation(
         method=method,
         still_unknown=still_unknown,
     )
-    effort = SearchBudget(budget, searches, processes or os.cpu_count() or 1, seed)
+    effort = SearchBudget(budget, searches, processes, seed)
     return task.done(effort, progress=progress)

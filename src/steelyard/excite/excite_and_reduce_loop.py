@@ -1,6 +1,5 @@
 """Reduction with the robot in the loop: excite, run, identify, remove, excite again."""
 
-import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -90,7 +89,7 @@ def reduction_loop(
         True
     """
     loaded = load_robot(robot)
-    effort = SearchBudget(budget, searches, processes or os.cpu_count() or 1, seed)
+    effort = SearchBudget(budget, searches, processes, seed)
     criterion_of(criterion)
     done: list[Round] = []
     while not done or not (

@@ -9,7 +9,6 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -222,15 +221,13 @@ class EOptimal(Criterion):
         return math.inf if both is None else float(both[1][0][-1])
 
 
-CRITERIA: Mapping[str, Criterion] = MappingProxyType(
-    {
-        "condition": Condition(),
-        "normalised_condition": NormalisedCondition(),
-        "d_optimal": DOptimal(),
-        "a_optimal": AOptimal(),
-        "e_optimal": EOptimal(),
-    }
-)
+CRITERIA: Mapping[str, Criterion] = {
+    "condition": Condition(),
+    "normalised_condition": NormalisedCondition(),
+    "d_optimal": DOptimal(),
+    "a_optimal": AOptimal(),
+    "e_optimal": EOptimal(),
+}
 """By the name in a problem file; a new criterion is a class and a line here."""
 
 

@@ -1,9 +1,7 @@
 """The formats of logs: which reader opens which suffix, and the writers of tables."""
 
-import csv
-import io
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 from struct import pack
@@ -16,7 +14,7 @@ import numpy as np
 from steelyard.base.arrays import Array
 from steelyard.base.checked_arguments import checked
 from steelyard.base.errors import LogError, OutputError
-from steelyard.base.files import csv_lines, refuse_existing
+from steelyard.base.files import csv_text, refuse_existing, whole_file
 from steelyard.logs.clocks_and_combined_logs import WholeClocks
 from steelyard.logs.hdf5_matlab import open_hdf5, open_mat
 from steelyard.logs.log_and_errors import Log, require_file
@@ -82,7 +80,20 @@ GROUP = 10_000
 
 
 def writer_for(path: Path) -> Writer:
-    """The writer for a file's suffix."""
+    """The writer for the suffix of a file that is not there yet."""
+    writer = _writer(path)
+    refuse_existing(path)
+    return writer
+
+
+def write_table(path: Path, columns: Mapping[str, Array]) -> None:
+    """Write columns of numbers, shape `(N,)`, by the file's suffix; a file there is replaced."""
+    writer = _writer(path)
+    with whole_file(path) as part, writer(part, tuple(columns)) as write:
+        write(np.column_stack(list(columns.values())))
+
+
+def _writer(path: Path) -> Writer:
     writer = WRITERS.get(path.suffix.lower())
     if writer is None:
         raise OutputError(
@@ -90,7 +101,8 @@ def writer_for(path: Path) -> Writer:
             where=str(path),
             fix=f"end its name in one of {', '.join(WRITERS)}",
         )
-    refuse_existing(path)
+    if writer is parquet:
+        require_polars(path)
     return writer
 
 
@@ -98,12 +110,10 @@ def writer_for(path: Path) -> Writer:
 def text_table(path: Path, columns: Sequence[str]) -> Iterator[Write]:
     """CSV, with the shortest digits that read back as the same float."""
     with path.open("wb") as file:
-        header = io.StringIO()
-        csv.writer(header, lineterminator="\n").writerow(" ".join(c.split()) for c in columns)
-        file.write(header.getvalue().encode())
+        file.write(csv_text([(" ".join(c.split()) for c in columns)]).encode())
 
         def write(part: Array) -> None:
-            file.write(csv_lines(part).encode())
+            file.write(csv_text(part.tolist()).encode())
 
         yield write
 
@@ -111,7 +121,6 @@ def text_table(path: Path, columns: Sequence[str]) -> Iterator[Write]:
 @contextmanager
 def parquet(path: Path, columns: Sequence[str]) -> Iterator[Write]:
     """Parquet, by Polars; its threads fetch the rows, which a reader of SQLite could not serve."""
-    require_polars(path)
     import polars as pl
     from polars.io.plugins import register_io_source
 

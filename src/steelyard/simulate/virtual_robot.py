@@ -11,13 +11,14 @@ from numpy.typing import ArrayLike
 
 from steelyard.base.arrays import Array, Parameters, frozen
 from steelyard.base.errors import DataError
-from steelyard.base.files import whole_folder, write_json, write_table
+from steelyard.base.files import whole_folder, write_json
 from steelyard.base.motion import Motion, Trajectory, run
 from steelyard.base.progress import Progress, report_progress, silent
 from steelyard.estimate.closed_loop.feedback_and_forward_dynamics import joint_inertia, tuned_pd
 from steelyard.estimate.external.compiled_observer_step import moved_frame
 from steelyard.excite.trajectories.trajectory import ExactTrajectory
 from steelyard.excite.trajectories.trajectory_files import write_motion
+from steelyard.logs.formats import write_table
 from steelyard.model.laws.laws_without_friction import RigidBody
 from steelyard.model.model import Model
 from steelyard.robot.file.signals import Signals

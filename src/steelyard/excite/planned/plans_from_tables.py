@@ -10,7 +10,6 @@ $v (3 \tau^2 - 2 \tau^3)$, whose largest acceleration is $3/2$ of $v$ over its t
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -236,9 +235,11 @@ def waypoints(s: WaypointsSection, robot: Robot, seed: int) -> Tour:
     return Tour(np.array(s.points), names, np.full(len(names), s.dwell), 1)
 
 
-TASKS: Mapping[str, Callable[[Any, Robot, int], Tour]] = MappingProxyType(
-    {"pick_and_place": pick_and_place, "square": square, "waypoints": waypoints}
-)
+TASKS: Mapping[str, Callable[[Any, Robot, int], Tour]] = {
+    "pick_and_place": pick_and_place,
+    "square": square,
+    "waypoints": waypoints,
+}
 """Tasks of the tool by their names, from their sections; same seed, same places."""
 
 
@@ -323,16 +324,14 @@ def _replay(s: Any, loaded: LoadedRobot, limits: MotionLimits, seed: int) -> Pla
     return read_motion(path, loaded.robot), (f"the motion of '{path.name}'",)
 
 
-PLANS: Mapping[str, Callable[[Any, LoadedRobot, MotionLimits, int], Planned]] = MappingProxyType(
-    {
-        **dict.fromkeys(TASKS, _process),
-        "circle": _circle,
-        "cartesian_reaching": _cartesian_reaching,
-        "sweeps": _sweeps,
-        "postures": _postures,
-        "replay": _replay,
-    }
-)
+PLANS: Mapping[str, Callable[[Any, LoadedRobot, MotionLimits, int], Planned]] = {
+    **dict.fromkeys(TASKS, _process),
+    "circle": _circle,
+    "cartesian_reaching": _cartesian_reaching,
+    "sweeps": _sweeps,
+    "postures": _postures,
+    "replay": _replay,
+}
 
 
 def planned(loaded: LoadedRobot, limits: MotionLimits, seed: int) -> Planned:

@@ -64,17 +64,21 @@ class SearchResult:
 
 @dataclass(frozen=True)
 class SearchBudget:
-    """How much is searched, and after how many `searches` to stop before that, if at all."""
+    """How much is searched, and after how many `searches` to stop before that, if at all.
+
+    All cores search if `processes` is `None`.
+    """
 
     seconds: float
     searches: int | None = None
-    processes: int = 1
+    processes: int | None = 1
     seed: int = 0
 
     @property
     def useful(self) -> int:
         """Processes that have something to search."""
-        return self.processes if self.searches is None else min(self.processes, self.searches)
+        processes = self.processes or os.cpu_count() or 1
+        return processes if self.searches is None else min(processes, self.searches)
 
 
 def search_in_parallel(

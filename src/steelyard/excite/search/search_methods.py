@@ -9,7 +9,6 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from math import ceil
-from types import MappingProxyType
 
 import numpy as np
 
@@ -258,9 +257,11 @@ def search_by_cma_es(
     return _evolved(problem, random, watch, minimise)
 
 
-METHODS: Mapping[str, Method] = MappingProxyType(
-    {"gradient": search_by_gradient, "genetic": search_by_genes, "cma_es": search_by_cma_es}
-)
+METHODS: Mapping[str, Method] = {
+    "gradient": search_by_gradient,
+    "genetic": search_by_genes,
+    "cma_es": search_by_cma_es,
+}
 
 
 def method_of(name: str) -> Method:

@@ -3,7 +3,6 @@
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -292,20 +291,18 @@ def _start(s: Any, robot: Robot) -> Array | None:
     return posture_of(s.start, robot, "start")
 
 
-FAMILIES: Mapping[str, Callable[[Any, Robot], Basis]] = MappingProxyType(
-    {
-        "fourier": lambda s, r: rest_fourier(r.n, s.period, s.harmonics, *_ends(s, r)),
-        "raw_fourier": lambda s, r: raw_fourier(r.n, s.period, s.harmonics),
-        "blended_fourier": lambda s, r: blended_fourier(
-            r.n, s.period, s.harmonics, s.periods, s.blend, _start(s, r)
-        ),
-        "ramped_fourier": lambda s, r: ramped_fourier(
-            r.n, s.period, s.harmonics, s.periods, s.ramp, _start(s, r)
-        ),
-        "spline": lambda s, r: splines(r.n, s.duration, s.points, s.degree, *_ends(s, r)),
-        "reaching": lambda s, r: reaching(r.n, s.targets, s.move, s.dwell, _start(s, r)),
-    }
-)
+FAMILIES: Mapping[str, Callable[[Any, Robot], Basis]] = {
+    "fourier": lambda s, r: rest_fourier(r.n, s.period, s.harmonics, *_ends(s, r)),
+    "raw_fourier": lambda s, r: raw_fourier(r.n, s.period, s.harmonics),
+    "blended_fourier": lambda s, r: blended_fourier(
+        r.n, s.period, s.harmonics, s.periods, s.blend, _start(s, r)
+    ),
+    "ramped_fourier": lambda s, r: ramped_fourier(
+        r.n, s.period, s.harmonics, s.periods, s.ramp, _start(s, r)
+    ),
+    "spline": lambda s, r: splines(r.n, s.duration, s.points, s.degree, *_ends(s, r)),
+    "reaching": lambda s, r: reaching(r.n, s.targets, s.move, s.dwell, _start(s, r)),
+}
 """Families that are searched, by their sections; others are planned, see `plans_from_tables`."""
 
 

@@ -17,12 +17,12 @@ from numpy.typing import NDArray
 from steelyard.base.arrays import Array, records
 from steelyard.base.checked_arguments import checked
 from steelyard.base.errors import DataError, ModelError, refuse_unknown
-from steelyard.base.files import write_table
 from steelyard.base.motion import Motion
 from steelyard.estimate.identified_model import IdentifiedModel, far_beyond_limits, load_model
 from steelyard.estimate.scores.effort_errors import known_efforts
 from steelyard.excite.controller_file_formats import grid_times
 from steelyard.excite.trajectories.trajectory_files import read_named, read_table
+from steelyard.logs.formats import write_table
 from steelyard.model.model import ValuedModel
 from steelyard.model.torque_and_quantities import TORQUE, Equations, Quantity
 from steelyard.robot.robot import Coordinate, Robot

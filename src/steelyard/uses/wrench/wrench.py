@@ -12,7 +12,6 @@ from rich.text import Text
 from steelyard.base.arrays import Array
 from steelyard.base.checked_arguments import checked
 from steelyard.base.errors import DataError
-from steelyard.base.files import write_table
 from steelyard.base.progress import Progress, silent
 from steelyard.estimate.external.compiled_observer_step import Axes, moved_frame
 from steelyard.estimate.external.wrench_methods import (
@@ -27,7 +26,7 @@ from steelyard.estimate.identified_model import IdentifiedModel, load_model
 from steelyard.identify.provenance_and_notes import left_out, notes_of
 from steelyard.identify.runs_for_model import fitted_before, runs_for
 from steelyard.identify.validation_split import holds_fitted_rows
-from steelyard.logs.formats import open_log
+from steelyard.logs.formats import open_log, write_table
 from steelyard.logs.log_windows import parse_log_argument
 from steelyard.report.page import figures, inspected_page, notes
 from steelyard.report.page_figures import Figure, Group, Key, Traced, area, evenly, line
