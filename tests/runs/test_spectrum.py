@@ -76,6 +76,11 @@ def test_cutoffs_follow_the_band_within_the_rate() -> None:
     assert (fast.matched, fast.motion) == (20.0, 25.0)
 
 
+@pytest.mark.parametrize("rate", [33.333, 104.17, 249.6])
+def test_cutoffs_of_uneven_rates_are_not_rounded_beyond_what_they_hold(rate: float) -> None:
+    assert cutoffs(Processing(), 10.0, rate, "log").matched <= 0.2 * rate
+
+
 def test_requested_cutoffs_are_taken() -> None:
     both = cutoffs(Processing(motion_cutoff=9.0, matched_cutoff=5.0), 0.5, 100.0, "log")
     assert (both.motion, both.matched) == (9.0, 5.0)

@@ -46,7 +46,7 @@ def cutoffs(
     matched = processing.matched_cutoff if processing.parallel_filter else None
     if matched is None:
         highest = min(MATCHED_HIGHEST * rate, processing.motion_cutoff or np.inf)
-        matched = rounded(min(max(MATCHED_FACTOR * band, MATCHED_LOWEST), highest))
+        matched = min(rounded(max(MATCHED_FACTOR * band, MATCHED_LOWEST)), highest)
     motion = processing.motion_cutoff
     if motion is None:
         wide = max(MOTION_FACTOR * matched, floor)
