@@ -30,7 +30,7 @@ from steelyard.base.progress import Stopped
 from steelyard.excite.constraints.tool_workspace import HalfSpaces
 from steelyard.excite.design_problem_and_information import Problem
 from steelyard.excite.design_problem_from_tables import build
-from steelyard.excite.search.feasibility import random_starts
+from steelyard.excite.search.feasibility import each_start
 from steelyard.excite.search.margins_barrier_and_newton import InequalityConstraints
 from steelyard.excite.search.repair_until_proven import scaled
 from steelyard.excite.search.search_methods import (
@@ -172,7 +172,7 @@ def search_by_differences(
 ) -> np.ndarray:
     """SLSQP on a loop over Pinocchio, from the best of some random starts."""
     loop = PinocchioLoop(problem)
-    starts = random_starts(problem.inequalities, random, screened)
+    starts = list(each_start(problem.inequalities, random, screened))
     watch(starts[0])
     start = min(starts, key=loop.cost)
     found = minimize(

@@ -5,13 +5,15 @@ from collections.abc import Sequence
 import numpy as np
 
 from invented import dh_arm
-from steelyard.base.arrays import Parameters
+from steelyard.base.arrays import Array, Parameters
 from steelyard.excite.constraints.bounds_in_time_and_effort_limits import torque_limit
 from steelyard.excite.constraints.constraint import Constraint
 from steelyard.excite.constraints.motion_limits import MotionLimits
 from steelyard.excite.constraints.tool_workspace import Marker, tool_box
 from steelyard.excite.design_problem_and_information import Case, InformationEvaluator, Problem
 from steelyard.excite.optimality_criteria import CRITERIA
+from steelyard.excite.search.feasibility import each_start
+from steelyard.excite.search.margins_barrier_and_newton import InequalityConstraints
 from steelyard.excite.trajectories.motion_families import (
     Basis,
     blended_fourier,
@@ -85,3 +87,10 @@ def problem(
     bounds = limits(jerk)
     shows = InformationEvaluator(MODEL, np.ones(3), 0.01 * bounds.velocity)
     return Problem(ARM, basis, bounds, constraints, (Case(shows, CRITERIA[kind]),))
+
+
+def random_starts(
+    inequalities: InequalityConstraints, random: np.random.Generator, count: int
+) -> list[Array]:
+    """Motions of all joints at once that keep all margins."""
+    return list(each_start(inequalities, random, count))

@@ -24,7 +24,7 @@ from steelyard.excite.design_problem_and_information import (
 )
 from steelyard.excite.design_problem_from_tables import build
 from steelyard.excite.optimality_criteria import CRITERIA, Measure
-from steelyard.excite.search.feasibility import random_starts
+from steelyard.excite.search.feasibility import each_start
 from steelyard.excite.search.search_methods import seeded
 from steelyard.excite.trajectories.motion_families import Basis, rest_fourier
 from steelyard.model.laws.laws_without_friction import RigidBody
@@ -85,7 +85,7 @@ def of_panda() -> list[Claim]:
     """The five criteria on the Panda's problem; time of the first."""
     problem = panda_problem()
     worst = 0.0
-    x = random_starts(problem.inequalities, seeded(0, 0), 1)[0]
+    x = next(each_start(problem.inequalities, seeded(0, 0), 1))
     case = problem.cases[0]
     for criterion in CRITERIA.values():
         objective = replace(problem.objective, cases=(replace(case, criterion=criterion),))

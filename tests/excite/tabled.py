@@ -12,6 +12,7 @@ from unittest.mock import patch
 
 import numpy as np
 
+from designing import random_starts
 from excite.colliding import joint, link, urdf, written
 from steelyard.excite.constraints.certificate import certify
 from steelyard.excite.design_problem_and_information import Problem
@@ -22,7 +23,6 @@ from steelyard.excite.search import worker_process as worker
 from steelyard.excite.search.feasibility import (
     NoMotion,
     explained_no_motion,
-    random_starts,
     refuse_impossible,
 )
 from steelyard.excite.search.parallel_search import SearchBudget

@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from designing import random_starts
 from excite.tabled import OPEN, QUICK, arm, designed, model_with_open_friction, problem_of
 from steelyard.excite import searched_or_planned_motion as designs
 from steelyard.excite.constraints.bounds_in_time_and_effort_limits import EffortLimit
 from steelyard.excite.constraints.certificate import certify, trajectory_hash
-from steelyard.excite.search.feasibility import random_starts
 from steelyard.excite.search.parallel_search import (
     RESERVED_SECONDS,
     Found,

@@ -7,13 +7,12 @@ from dataclasses import dataclass, field
 import numpy as np
 import pytest
 
-from designing import FAMILIES, START, box, limits, problem, torques
+from designing import FAMILIES, START, box, limits, problem, random_starts, torques
 from steelyard.base.arrays import Array
 from steelyard.base.errors import DataError
 from steelyard.excite.constraints.constraint import Constraint, Margins
 from steelyard.excite.design_problem_and_information import Problem
 from steelyard.excite.search import repair_until_proven as finish
-from steelyard.excite.search.feasibility import random_starts
 from steelyard.excite.search.repair_until_proven import LEAST_MOTION_SHARE, finished, scaled
 from steelyard.excite.trajectories.motion_families import rest_fourier
 from steelyard.excite.trajectories.trajectory import ExactTrajectory

@@ -8,6 +8,7 @@ from itertools import count
 import numpy as np
 import pytest
 
+from designing import random_starts
 from invented import ball, tree, turned
 from steelyard.base.arrays import Array
 from steelyard.base.progress import Stopped
@@ -23,7 +24,7 @@ from steelyard.excite.design_problem_and_information import (
 )
 from steelyard.excite.optimality_criteria import CRITERIA
 from steelyard.excite.search import search_methods as methods
-from steelyard.excite.search.feasibility import each_start, random_starts
+from steelyard.excite.search.feasibility import each_start
 from steelyard.excite.search.search_methods import search_by_gradient, seeded
 from steelyard.excite.trajectories.motion_families import rest_fourier
 from steelyard.model.laws.friction_over_speed import Coulomb, Viscous

@@ -6,10 +6,9 @@ import cvxpy as cp
 import numpy as np
 import pytest
 
-from designing import FAMILIES, box, problem, torques
+from designing import FAMILIES, box, problem, random_starts, torques
 from steelyard.base.arrays import Array
 from steelyard.base.progress import Stopped
-from steelyard.excite.search.feasibility import random_starts
 from steelyard.excite.search.margins_barrier_and_newton import (
     STAGES,
     InequalityConstraints,

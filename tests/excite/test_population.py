@@ -8,13 +8,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from designing import FAMILIES, box, problem, torques
+from designing import FAMILIES, box, problem, random_starts, torques
 from steelyard.base.arrays import Array
 from steelyard.base.errors import DataError, PackageError
 from steelyard.base.progress import Stopped
 from steelyard.excite.constraints.constraint import Constraint
 from steelyard.excite.design_problem_and_information import Problem
-from steelyard.excite.search.feasibility import random_starts
 from steelyard.excite.search.search_methods import (
     NOTHING_SHOWN_COST,
     Method,

@@ -6,7 +6,7 @@ from math import ceil
 import numpy as np
 import pytest
 
-from designing import ARM, FAMILIES, MIDDLE, MODEL, box, problem
+from designing import ARM, FAMILIES, MIDDLE, MODEL, box, problem, random_starts
 from steelyard.base.arrays import Array
 from steelyard.base.errors import DataError
 from steelyard.base.progress import Stopped
@@ -20,7 +20,6 @@ from steelyard.excite.design_problem_and_information import (
     jumping,
 )
 from steelyard.excite.optimality_criteria import CRITERIA, Measure
-from steelyard.excite.search.feasibility import random_starts
 from steelyard.excite.search.search_methods import METHODS, method_of, search_by_gradient, seeded
 from steelyard.model.laws.friction_over_speed import Coulomb
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from designing import END, FAMILIES, MIDDLE, START, box, limits, problem, torques
+from designing import END, FAMILIES, MIDDLE, START, box, limits, problem, random_starts, torques
 from steelyard.base.arrays import Array
 from steelyard.base.errors import DataError
 from steelyard.excite.constraints.constraint import Constraint, Margins
@@ -13,7 +13,6 @@ from steelyard.excite.search.feasibility import (
     POSTURE_ATTEMPTS,
     nearest_free,
     postures,
-    random_starts,
     standing,
     widened,
 )

@@ -104,11 +104,6 @@ def check_finite(name: str, array: Array) -> None:
         )
 
 
-def sample_times(t: ArrayLike) -> Array:
-    """Times of samples, shape `(N,)` [s], read-only; a single time is one sample."""
-    return np.atleast_1d(numbers("t", t, [(), (None,)]))
-
-
 class Trajectory(Protocol):
     """A motion that is known at every time.
 

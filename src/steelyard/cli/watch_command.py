@@ -155,13 +155,11 @@ class _Terminal:
             sys.stderr.flush()
 
     def clear(self) -> None:
-        """Remove it."""
         if self._on and self._drawn >= 0.0:
             sys.stderr.write("\r\x1b[2K")
             sys.stderr.flush()
 
     def say(self, *texts: str) -> None:
-        """Print lines over it."""
         self.clear()
         for text in texts:
             typer.echo(visible(text, "\n"))

@@ -69,11 +69,6 @@ def verbatim(name: str) -> str:
     return Markup((TEMPLATES / name).read_text(encoding="utf-8"))
 
 
-def plotly_archive() -> str:
-    """plotly.js, compressed by gzip, in base64."""
-    return base64.b64encode(PLOTLY.read_bytes()).decode()
-
-
 def script_json(value: object) -> str:
     """JSON that cannot end the script element it stands in."""
     from markupsafe import Markup
@@ -253,7 +248,7 @@ def page_of(
             "plots": any('class="plot"' in one.body or PICTURE in one.body for one in sections),
             "style": verbatim("style.css"),
             "script": verbatim("page.js"),
-            "plotly": plotly_archive,
+            "plotly": lambda: base64.b64encode(PLOTLY.read_bytes()).decode(),
         },
     )
     return str(page)

@@ -10,7 +10,6 @@ bounded over all postures by a ball around it that is swept about one joint afte
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from types import MappingProxyType
 from typing import Literal
 
 import numpy as np
@@ -62,9 +61,6 @@ class Geometry:
     never: frozenset[frozenset[str]] = frozenset()
     skipped: frozenset[str] = frozenset()
     notes: tuple[str, ...] = ()
-
-    def __post_init__(self) -> None:
-        set_fields(self, parents=MappingProxyType(dict(self.parents)))
 
 
 def obstacle(

@@ -143,12 +143,10 @@ class _Walk:
 
     @cached_property
     def motion(self) -> FrameKinematics:
-        """Kinematics of the frame."""
         return FrameKinematics(self.robot, self.frame)
 
     @cached_property
     def loops(self) -> Follower:
-        """Where the passive joints are."""
         return Follower(self.robot)
 
     def first_postures(self, start: Array | None, seed: int) -> Array:
@@ -185,7 +183,6 @@ class _Walk:
         return best
 
     def run(self, first: Array) -> PathMotion:
-        """The motion that starts in a posture."""
         if self.robot.passive:
             assembly = loop_equations(self.robot).assembly
             self.loops.restart((assembly[: self.robot.n], assembly[self.robot.n :]))

@@ -110,13 +110,6 @@ def postures(
         )
 
 
-def random_starts(
-    inequalities: InequalityConstraints, random: np.random.Generator, count: int
-) -> list[Array]:
-    """All of `each_start` with all joints at once."""
-    return list(each_start(inequalities, random, count))
-
-
 def each_start(
     inequalities: InequalityConstraints,
     random: np.random.Generator,

@@ -16,7 +16,7 @@ from steelyard.base.arrays import Array
 from steelyard.base.errors import DataError, refuse_unknown, require
 from steelyard.base.progress import Event, Progress, report_progress, silent
 from steelyard.excite.design_problem_and_information import Problem, composed_motions
-from steelyard.excite.search.feasibility import each_start, random_starts
+from steelyard.excite.search.feasibility import each_start
 from steelyard.excite.search.margins_barrier_and_newton import STAGES, minimised
 
 Watch = Callable[[Array], None]  # told of coefficients in the feasible set; may raise `Stopped`
@@ -164,7 +164,6 @@ class _Genes:
 
     @property
     def count(self) -> int:
-        """Number of variables."""
         return len(self.units) + self.units.size
 
     def still(self, genes: Array) -> Array:
@@ -222,7 +221,7 @@ def _evolved(
 ) -> Array:
     """Minimise over postures and amplitudes; the best so far is reported at every generation."""
     genes = _Genes.of(problem)
-    best = random_starts(problem.inequalities, random, 1)
+    best = list(each_start(problem.inequalities, random, 1))
 
     def report(x: Array) -> None:
         best[:] = [x]

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from steelyard.base.arrays import Array, frozen
-from steelyard.base.motion import Motion, sample_times
+from steelyard.base.motion import Motion, numbers
 
 ORDERS = ("position", "velocity", "acceleration", "jerk")  # derivatives by their order
 
@@ -45,7 +45,7 @@ class ExactTrajectory(ABC):
 
     def sample(self, t: ArrayLike) -> Motion:
         """The motion at times `t`, shape `(N,)` or one number [s]; at rest outside its time."""
-        t = sample_times(t)
+        t = np.atleast_1d(numbers("t", t, [(), (None,)]))
         clipped = np.clip(t, 0.0, self.duration)
         inside = ((t >= 0.0) & (t <= self.duration))[:, None]
         q, dq, ddq = (self.derivative(clipped, order) for order in range(3))
