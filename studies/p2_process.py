@@ -828,7 +828,7 @@ def held(holds: Sequence[bool]) -> str:
     """Yes, no, or partly and in how many seeds."""
     if all(holds):
         return "yes"
-    return f"partly: in {sum(holds)} of {len(holds)} seeds" if any(holds) else "NO"
+    return f"partly: in {sum(holds)} of {len(holds)} seeds" if any(holds) else "no"
 
 
 def story() -> Text:
@@ -1363,7 +1363,7 @@ def robot_verdicts(found: Sequence[OnRobot]) -> Table:
         return "; ".join(f"{one.name} {x:.3g}" for one, x in zip(found, values, strict=True))
 
     def holds(true: Sequence[bool]) -> str:
-        return "yes" if all(true) else "partly" if any(true) else "NO"
+        return "yes" if all(true) else "partly" if any(true) else "no"
 
     falls = [one.fall for one in found]
     rows = [
