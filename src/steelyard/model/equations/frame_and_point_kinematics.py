@@ -140,7 +140,7 @@ def refuse_fixed(robot: Robot, frame: Frame) -> None:
             f"frame '{frame.name}' is fixed to the base: no joint moves it or feels what pushes "
             "there",
             where=f"robot '{robot.name}'",
-            fix=f"name a frame on a moving link, such as '{robot.bodies[-1].name}'",
+            fix=f"name a frame on a moving link, such as '{last_frame(robot)}'",
         )
 
 
