@@ -228,7 +228,6 @@ def run_score(
             moving,
             0.1 + 0.1 * np.abs(measured) / 5.0,
             np.abs(measured),
-            0.2 * np.ones(len(joints)),
             1.96 * np.hypot(0.1 + 0.1 * np.abs(measured) / 5.0, 0.2),
         ),
         parts=torque_parts(t, measured, predicted, moving),

@@ -59,7 +59,7 @@ def test_bands_lie_around_the_prediction(usual):
 
 def test_a_score_without_bands_is_drawn_without(usual):
     score = usual.scores[0]
-    bare = replace(score, traces=replace(score.traces, model_std=None, sigma=None, band=None))
+    bare = replace(score, traces=replace(score.traces, model_std=None, band=None))
     numbers = EffortSection().numbers(replace(usual, scores=(bare,), fitted=()))
     assert not numbers["bands"] and numbers["figures"][0]["bands"] == []
     assert "effort-bands" not in EffortSection().show(numbers)
@@ -228,7 +228,7 @@ def test_a_band_that_holds_too_few_is_marked(browse, usual):
 def test_a_joint_without_samples_has_no_band(browse, usual):
     sigma = np.array([np.nan, 0.2])
     score = usual.scores[0]
-    traces = replace(score.traces, sigma=sigma, band=score.traces.band * [np.nan, 1.0])
+    traces = replace(score.traces, band=score.traces.band * [np.nan, 1.0])
     content = with_estimate(usual, sigma=sigma, n_samples=np.array([0.0, 4200.0]))
     content = replace(content, scores=(replace(score, traces=traces),), fitted=(), diagnosis=None)
     still, moved = EffortSection().numbers(content)["figures"]

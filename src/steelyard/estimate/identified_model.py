@@ -21,8 +21,9 @@ from steelyard.estimate.covariance_and_band_widths import (
     Calibration,
     EffortUncertainty,
     covariance_root,
+    dead_zone,
+    rest_speed_of,
 )
-from steelyard.estimate.dead_zone_and_stream_rest_speed import dead_zone, rest_speed_of
 from steelyard.estimate.estimate import Estimate
 from steelyard.estimate.external.compiled_observer_step import (
     Axes,

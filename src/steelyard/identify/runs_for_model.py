@@ -5,6 +5,7 @@ from dataclasses import replace
 
 from steelyard.base.progress import Progress
 from steelyard.estimate.identified_model import IdentifiedModel
+from steelyard.identify.repeated_motion import repeat_of
 from steelyard.robot.file.signals import Signals
 from steelyard.runs.processing_choices import Processing
 from steelyard.runs.run import Run
@@ -21,6 +22,14 @@ def fitted_before(identified: IdentifiedModel, log: LogArgument) -> bool:
     names = [run.rpartition("/")[2] for run in origin.runs]
     cuts = [name.removeprefix(log.path.stem) for name in names if name.startswith(log.path.stem)]
     return not cuts or any(_overlap(log, LogArgument(f"{log.path}{cut}", log.path)) for cut in cuts)
+
+
+def was_fitted(identified: IdentifiedModel, log: LogArgument, run: Run) -> bool:
+    """Whether the model was identified from this log, or from rows of its run in another one."""
+    if fitted_before(identified, log):
+        return True
+    repeat = repeat_of(identified.motions, run)
+    return repeat is not None and repeat.same
 
 
 def processing_of(identified: IdentifiedModel) -> Processing:

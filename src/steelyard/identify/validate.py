@@ -23,9 +23,8 @@ from steelyard.identify.provenance_and_notes import (
     settings,
 )
 from steelyard.identify.repeated_motion import marked_repeats
-from steelyard.identify.runs_for_model import fitted_before, runs_for
+from steelyard.identify.runs_for_model import runs_for, was_fitted
 from steelyard.identify.scores_and_model_report import ModelReport, scored, scored_from_commanded
-from steelyard.identify.validation_split import holds_fitted_rows
 from steelyard.identify.verdict_and_next_steps import verdict
 from steelyard.report.result import Result
 from steelyard.runs.run import Run
@@ -102,7 +101,7 @@ def validate(
     scores = marked_repeats(identified, runs, scores)
     fitted, fresh = list[RunScore](), list[tuple[Run, RunScore]]()
     for log, run, score in zip(files, runs, scores, strict=True):
-        if fitted_before(identified, log) or holds_fitted_rows(identified, run):
+        if was_fitted(identified, log, run):
             fitted.append(score)
         else:
             fresh.append((run, score))

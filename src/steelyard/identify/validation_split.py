@@ -8,7 +8,6 @@ import numpy as np
 
 from steelyard.base.errors import LogError, SteelyardError
 from steelyard.base.progress import silent
-from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.identify.repeated_motion import repeat_of, repeat_within
 from steelyard.logs.log_windows import Cut, parse_log_argument
 from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
@@ -100,9 +99,3 @@ def refuse_same_rows(fitted: Sequence[Run], unseen: Sequence[Run]) -> None:
                 where=f"{run.name} {repeat.words}",
                 fix="give every part once; cut a log with LOG@START:STOP",
             )
-
-
-def holds_fitted_rows(identified: IdentifiedModel, run: Run) -> bool:
-    """Whether the model was fitted to rows of this run, whatever its log is called now."""
-    repeat = repeat_of(identified.motions, run)
-    return repeat is not None and repeat.same

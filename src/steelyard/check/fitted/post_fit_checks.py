@@ -211,7 +211,7 @@ def scaled_efforts_check(case: FittedCase) -> Iterable[Finding]:
     if scales is None:
         return ()
     beyond = np.abs(np.log(scales.found.values)) - Z95 * scales.found.std
-    values = zip(scales.joints, scales.found.values, scales.half_width, beyond, strict=True)
+    values = zip(scales.joints, scales.found.values, scales.known.half_width, beyond, strict=True)
     off = [f"{name} {with_interval(x, h)}" for name, x, h, far in values if far > 0.0]
     pairs = zip(scales.joints, beyond, strict=True)
     wrong = tuple(joint for joint, far in pairs if far > np.log(WRONG_SCALE))

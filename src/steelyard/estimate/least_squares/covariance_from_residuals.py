@@ -176,17 +176,14 @@ def spread_of(fit: Fit, noise: Array, weights: Array | None = None) -> Spread:
     return Spread(covariance, tuple(each))
 
 
-def honest_covariance(
-    fit: Fit, inverse: Array, prior: Array | None = None, factors: Array | None = None
-) -> Array:
+def honest_covariance(fit: Fit, inverse: Array, prior: Array | None = None) -> Array:
     r"""Covariance of the shared parameters that are kept, $K (\sum_j \varphi_j G_j + s s^T + P) K$.
 
     $s$ is what samples beside rests add to the normal vector, see `moved_scores`. $K$ is the
     inverse of the second derivative of what was minimised, of which $P$, that of the prior, is part
     in a regularised estimate.
     """
-    known = scatter(fit) if factors is None else factors
-    middle = score_covariance(fit, known, 1.0 / fit.variances)
+    middle = score_covariance(fit, scatter(fit), 1.0 / fit.variances)
     covariance = inverse @ (middle if prior is None else middle + prior) @ inverse
     return np.asarray(0.5 * (covariance + covariance.T))
 

@@ -20,7 +20,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from steelyard.base.arrays import Array, frozen
 from steelyard.base.errors import DataError
@@ -109,9 +108,6 @@ class MotionNoise:
     """
 
     regressor: Regressor  # model and columns of the samples
-    # standard deviation of a position, one for all joints or one per joint [rad; m]; `None`: as it
-    # is found in the runs
-    position: float | tuple[float, ...] | None = None
     rounds: int = 30  # most steps
     # change of the parameters, in standard deviations, at which they have converged
     tolerance: float = 1e-4
@@ -121,7 +117,7 @@ class MotionNoise:
         """Estimate all columns that the data see."""
         start = WeightedLeastSquares(per_run=self.per_run)(samples.information())
         refuse_few(samples.information(), len(start.parameters), FREEDOM)
-        problem = _Problem.of(self.regressor, samples, start, _roots(samples, self.position))
+        problem = _Problem.of(self.regressor, samples, start, _roots(samples))
         state = problem.likeliest(problem.at(problem.first, np.square(start.sigma)))
         for count in range(1, self.rounds + 1):
             before = state.values
@@ -132,7 +128,7 @@ class MotionNoise:
         return problem.estimate(start, state, f"not converged after {self.rounds} steps")
 
 
-def _roots(samples: FilteredSamples, position: ArrayLike | None) -> list[Array]:
+def _roots(samples: FilteredSamples) -> list[Array]:
     """Per source what an error of motion is made of, see `motion_roots`."""
     found = []
     for source in samples.sources:
@@ -142,7 +138,7 @@ def _roots(samples: FilteredSamples, position: ArrayLike | None) -> list[Array]:
                 where=source.run,
                 fix="gather the samples from a run, whose filters are known",
             )
-        found.append(motion_roots(source.error.covariance(position)))
+        found.append(motion_roots(source.error.covariance()))
     return found
 
 

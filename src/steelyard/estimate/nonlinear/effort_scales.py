@@ -237,14 +237,9 @@ class EffortScales:
         return KnownScales(self.joints, frozen(self.found.values), frozen(self.found.covariance))
 
     @property
-    def half_width(self) -> Array:
-        """Half-widths of the 95 % intervals, shape `(rows,)`."""
-        return self.known.half_width
-
-    @property
     def note(self) -> str:
         """Scales with their intervals and what they gain, for people to read."""
-        values = zip(self.joints, self.found.values, self.half_width, strict=True)
+        values = zip(self.joints, self.found.values, self.known.half_width, strict=True)
         listed = ", ".join(f"{joint} {x:.2f} ± {half:.2f}" for joint, x, half in values)
         return (
             "a scale of the efforts is estimated per joint (logged over model, "
@@ -259,7 +254,7 @@ class EffortScales:
         return {
             "joints": list(self.joints),
             "values": self.found.values.tolist(),
-            "half_width": self.half_width.tolist(),
+            "half_width": self.known.half_width.tolist(),
             "left_out_error_percent": self.error,
             "left_out_error_without_percent": self.without,
         }

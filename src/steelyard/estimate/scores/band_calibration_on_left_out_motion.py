@@ -17,8 +17,14 @@ from numpy.typing import NDArray
 from steelyard.base.arrays import Z95, Array
 from steelyard.base.errors import DataError, LogError
 from steelyard.base.progress import Progress, report_progress, silent
-from steelyard.estimate.covariance_and_band_widths import BINS, EDGES, Calibration, Kind, bins
-from steelyard.estimate.dead_zone_and_stream_rest_speed import rest_speed_of
+from steelyard.estimate.covariance_and_band_widths import (
+    BINS,
+    EDGES,
+    Calibration,
+    Kind,
+    bins,
+    rest_speed_of,
+)
 from steelyard.estimate.estimate import Estimator
 from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.estimate.information.base_regressor import base_regressor

@@ -192,8 +192,7 @@ class Traces:
     moving: Mask
     model_std: Array | None = None  # of the prediction, by what is open of the parameters
     speed: Array | None = None  # size of each joint's velocity [rad/s; m/s]; `None` without bands
-    sigma: Array | None = None  # of a measurement around the model, `(n,)`; NaN without samples
-    band: Array | None = None  # half-width for 95 % of new samples; NaN where `sigma` is
+    band: Array | None = None  # half-width for 95 % of new samples; NaN of joints without samples
 
     @property
     def coverage(self) -> Array | None:
@@ -224,8 +223,8 @@ class Thinned:
         """What was kept of each signal."""
         return tuple(np.concatenate(parts, axis=-1) for parts in zip(*self._parts, strict=True))
 
-    def traces(self, sigma: Array | None) -> Traces:
+    def traces(self, banded: bool) -> Traces:
         """Of time, where joints move, efforts measured and predicted, and what bands say."""
         t, moving, measured, predicted, known = self.joined()
-        std, speed, band = (None, None, None) if sigma is None else (x.T for x in known)
-        return Traces(t, measured.T, predicted.T, moving.T, std, speed, sigma, band)
+        std, speed, band = (x.T for x in known) if banded else (None, None, None)
+        return Traces(t, measured.T, predicted.T, moving.T, std, speed, band)

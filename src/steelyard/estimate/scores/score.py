@@ -172,7 +172,7 @@ def score(
             else None
         ),
         errors=band_errors(run, coordinates, gains, reference, fixed),
-        traces=thinned.traces(None if bands is None else bands.sigma / size[:, 0]),
+        traces=thinned.traces(bands is not None),
         parts=parts,
     )
 

@@ -46,8 +46,7 @@ from steelyard.identify.comparison.model_errors_and_efforts import ModelsContent
 from steelyard.identify.comparison.models_page import COMPARE_MODELS_SECTIONS
 from steelyard.identify.fit_preparation import FitTask, PreparedFit, model_to_fit, prepare_fit
 from steelyard.identify.provenance_and_notes import dropped, dropped_rows, notes_of
-from steelyard.identify.runs_for_model import fitted_before, runs_for
-from steelyard.identify.validation_split import holds_fitted_rows
+from steelyard.identify.runs_for_model import runs_for, was_fitted
 from steelyard.report.page import render_sections
 from steelyard.report.result import DataFrame, Result, frame
 from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
@@ -348,12 +347,7 @@ def compare_models(
     for number, (name, identified) in enumerate(named.items()):
         report_progress(progress, "comparing models", number, len(named))
         scored = tuple(
-            model_errors(
-                identified,
-                run,
-                first,
-                fitted_before(identified, log) or holds_fitted_rows(identified, run),
-            )
+            model_errors(identified, run, first, was_fitted(identified, log, run))
             for log, run in zip(files, runs[name], strict=True)
         )
         found.append(ComparedModel(name, identified, scored))

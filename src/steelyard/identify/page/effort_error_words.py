@@ -71,10 +71,11 @@ def relative_errors(scores: Sequence[RunScore]) -> list[RelativeError]:
 
 def error_words(errors: Sequence[EffortError]) -> str:
     """Like `2.1 Nm: 3.8 % of the effort used`."""
-    return "; ".join(
-        f"{significant(one.error, 2)} {one.unit}: {percent(one.percent_of_used)} of the effort used"
-        for one in errors
-    )
+    return "; ".join(f"{one} of the effort used" for one in _each(errors))
+
+
+def _each(errors: Sequence[EffortError]) -> list[str]:
+    return [f"{significant(x.error, 2)} {x.unit}: {percent(x.percent_of_used)}" for x in errors]
 
 
 def limit_words(errors: Sequence[EffortError]) -> str:
@@ -88,10 +89,7 @@ def both_words(errors: Sequence[EffortError], logged: Sequence[EffortError]) -> 
     """The errors, with estimated scales of the efforts also those against efforts as logged."""
     if not logged:
         return error_words(errors)
-    unscaled = ", ".join(
-        f"{significant(one.error, 2)} {one.unit}: {percent(one.percent_of_used)}" for one in logged
-    )
-    return f"{error_words(errors)}, as logged {unscaled}"
+    return f"{error_words(errors)}, as logged {', '.join(_each(logged))}"
 
 
 def basis_words(scores: Sequence[RunScore]) -> str:

@@ -54,13 +54,11 @@ class EvolutionSection(FigureSection, name="evolution", title="Genetic algorithm
             Key("--predicted", "best individual"),
             Key("--green", "least squares without bounds"),
         ]
-        groups = [Group([figure], columns="one")]
-        tables = (_bounds(content),)
         return {
             "words": WORDS,
             "legend": keys,
-            "groups": groups,
-            "tables": tables,
+            "groups": [Group([figure], columns="one")],
+            "tables": (_bounds(content),),
             "folded": "Bounds of the search",
         }
 

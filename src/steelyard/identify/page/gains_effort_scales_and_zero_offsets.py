@@ -75,9 +75,8 @@ class EffortScalesSection(
             "sensor or gain is off by this factor, or a missing term has the same effect; masses "
             "are as uncertain as the scales."
         )
-        values = zip(
-            found.joints, found.found.values.tolist(), found.half_width.tolist(), strict=True
-        )
+        known = found.known
+        values = zip(found.joints, known.values.tolist(), known.half_width.tolist(), strict=True)
         rows = [
             Row((joint, rounded_to_uncertainty(x, half), f"± {significant(half, 2)}"))
             for joint, x, half in values

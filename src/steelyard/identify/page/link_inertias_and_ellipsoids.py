@@ -10,7 +10,7 @@ import numpy as np
 from steelyard.base.arrays import Z95, Array, Parameters
 from steelyard.estimate.estimate import StandardEstimate
 from steelyard.estimate.identified_model import IdentifiedModel
-from steelyard.estimate.prior.body_priors import model_prior, rigid_bodies
+from steelyard.estimate.prior.body_priors import model_prior, rigid_bodies, spread_of
 from steelyard.identify.page.report_content import ReportContent, fitted_samples
 from steelyard.report.page import FigureSection, Numbers, TableSection, rounded
 from steelyard.report.page_figures import Figure, Group, Key, Traced, dots, figure_of_rows, in_space
@@ -313,8 +313,7 @@ def semi_axes(inertia: Inertia) -> tuple[Array, Array] | None:
     """
     if not inertia.mass > 0.0:
         return None
-    about = inertia.inertia_com
-    values, vectors = np.linalg.eigh(0.5 * np.trace(about) * np.eye(3) - about)
+    values, vectors = np.linalg.eigh(spread_of(inertia))
     if values.min() < 0.0:
         return None
     return np.sqrt(5.0 * values / inertia.mass), vectors

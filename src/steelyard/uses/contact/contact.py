@@ -18,8 +18,7 @@ from steelyard.base.arrays import Array
 from steelyard.base.checked_arguments import checked
 from steelyard.base.errors import DataError, LogError
 from steelyard.base.progress import Progress, silent
-from steelyard.estimate.covariance_and_band_widths import EDGES
-from steelyard.estimate.dead_zone_and_stream_rest_speed import rest_speed_of
+from steelyard.estimate.covariance_and_band_widths import EDGES, rest_speed_of
 from steelyard.estimate.external.contact_thresholds import ONSET, ContactThresholds, ResidualPeaks
 from steelyard.estimate.identified_model import IdentifiedModel, load_model
 from steelyard.estimate.information.base_regressor import base_regressor
@@ -32,8 +31,7 @@ from steelyard.estimate.scores.residual_noise_and_traces import (
     thresholds_of,
 )
 from steelyard.identify.provenance_and_notes import left_out, notes_of
-from steelyard.identify.runs_for_model import fitted_before, runs_for
-from steelyard.identify.validation_split import holds_fitted_rows
+from steelyard.identify.runs_for_model import runs_for, was_fitted
 from steelyard.robot.robot import Robot
 from steelyard.runs.rest_speed import rest_speed_of_runs
 from steelyard.runs.run import Run
@@ -327,10 +325,7 @@ def contact(
     refuse_overlaps(given, inspected)
     (run,) = runs_for(identified, inspected, progress, at_rest=True)
     free = runs_for(identified, given, progress, at_rest=True)
-    fitted = [
-        fitted_before(identified, one) or holds_fitted_rows(identified, other)
-        for one, other in zip(given, free, strict=True)
-    ]
+    fitted = [was_fitted(identified, one, other) for one, other in zip(given, free, strict=True)]
     notes = [fitted_note(one.name) for one, old in zip(free, fitted, strict=True) if old]
     unseen = [one for one, old in zip(free, fitted, strict=True) if not old]
     own = None if identified.calibration is None else identified.calibration.peaks
@@ -382,7 +377,7 @@ def contact(
         source=source,
         suspected=suspected,
         wanted=rate,
-        fitted=fitted_before(identified, inspected[0]) or holds_fitted_rows(identified, run),
+        fitted=was_fitted(identified, inspected[0], run),
         notes=(*notes, *(one.text for one in suspected), *left_out(run)),
         details=notes_of([run]),
     )

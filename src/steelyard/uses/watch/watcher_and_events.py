@@ -9,7 +9,7 @@ import numpy as np
 
 from steelyard.base.arrays import Array
 from steelyard.base.errors import LogError
-from steelyard.estimate.dead_zone_and_stream_rest_speed import rest_speed_of
+from steelyard.estimate.covariance_and_band_widths import rest_speed_of
 from steelyard.estimate.external.contact_thresholds import ChangeStepper, ContactThresholds
 from steelyard.estimate.external.momentum_observer import Observer
 from steelyard.estimate.identified_model import IdentifiedModel

@@ -24,8 +24,7 @@ from steelyard.estimate.external.wrench_methods import (
 )
 from steelyard.estimate.identified_model import IdentifiedModel, load_model
 from steelyard.identify.provenance_and_notes import left_out, notes_of
-from steelyard.identify.runs_for_model import fitted_before, runs_for
-from steelyard.identify.validation_split import holds_fitted_rows
+from steelyard.identify.runs_for_model import runs_for, was_fitted
 from steelyard.logs.formats import open_log, write_table
 from steelyard.logs.log_windows import parse_log_argument
 from steelyard.report.page import figures, inspected_page, notes
@@ -509,7 +508,7 @@ def external_wrench(
         robot=identified.robot.name,
         estimate=estimate,
         usual_bandwidth=identified.cutoffs.score,
-        fitted=fitted_before(identified, file) or holds_fitted_rows(identified, run),
+        fitted=was_fitted(identified, file, run),
         left_out=left_out(run),
         details=notes_of([run]),
         measured=measured_wrench(identified, run, file, reader, estimate) if columns else None,
