@@ -261,7 +261,7 @@ def consistent_rows(found: Regressor) -> list[Row]:
     ours = best(lambda: consistent.solve(consistent.program(whitened(data)), 10.0))
     theirs = best(through_cvxpy, 3)
     whole = best(lambda: searching(data), 3)
-    solves = searching.weighed(program).solves
+    solves = searching.weighed(whitened(data), program).solves
     ratio = theirs / ours
     return [
         ("consistent, 7 links, information to solution", f"{1e3 * ours:.0f} ms", "", True),

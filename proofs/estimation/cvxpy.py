@@ -34,7 +34,7 @@ def differences() -> Iterator[tuple[float, float, int]]:
         problem, squares = cvxpy_problem(data, consistent, gamma)
         solved(problem, 1e-12)
         mine = program.unknowns.chi_squared(u)
-        found = consistent.weighed(program)
+        found = consistent.weighed(data, program)
         yield 0.5 * abs(mine - float(squares.value)), mine, found.solves
 
 

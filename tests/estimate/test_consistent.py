@@ -171,7 +171,7 @@ def test_a_wrong_prior_is_given_less_weight() -> None:
     def weight(knowledge: Knowledge) -> float:
         consistent = Consistent(REGRESSOR.base, knowledge)
         data = whitened(information_of(0.05))
-        return consistent.weighed(data, consistent.program(data)).tried.gamma
+        return consistent.weighed(data, consistent.program(data)).gamma
 
     assert weight(known()) > 10.0 * weight(heavier(3.0))
 

@@ -34,7 +34,7 @@ def weight(loss: Callable[[float], Array], rise: float = 0.0, rank: int = 10) ->
     def attempt(gamma: float, near: Array | None) -> Tried:
         return Tried(gamma, np.zeros(1), rise, -(np.log(gamma / LIKELIEST) ** 2))
 
-    return weighed(attempt, lambda tried: loss(tried.gamma), rank).tried.gamma
+    return weighed(attempt, lambda tried: loss(tried.gamma), rank).gamma
 
 
 def test_a_wide_prior_that_loses_nothing_beyond_chance_is_taken() -> None:

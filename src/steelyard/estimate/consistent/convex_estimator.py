@@ -26,7 +26,6 @@ from steelyard.estimate.consistent.convex_program import Program, conic_constrai
 from steelyard.estimate.consistent.prior_weight_and_contradictions import (
     PARTS,
     Tried,
-    Weighed,
     active_bounds,
     cost_notes,
     far_constraints,
@@ -99,7 +98,7 @@ class Consistent:
         data = whitened(information, equal=self.equal)
         program = self.program(data)
         if gamma is None:
-            tried = self.weighed(data, program).tried
+            tried = self.weighed(data, program)
         else:
             begin = None if near is None else program.unknowns.of_standard(near)
             tried = self._tried(program, gamma, begin)
@@ -160,7 +159,7 @@ class Consistent:
     def _where(self) -> str:
         return f"the consistent estimate ({self.form.name} prior)"
 
-    def weighed(self, data: Whitened, program: Program) -> Weighed:
+    def weighed(self, data: Whitened, program: Program) -> Tried:
         """The solution with the weight of the prior that is given, stated or found."""
         stated = self.gamma
         if stated is None and self.knowledge.uncertainty is not None:
@@ -168,7 +167,7 @@ class Consistent:
         if stated is None and self.form.penalises and any(program.unknowns.priors):
             left_out = partial(self._left_out, data, program)
             return weighed(partial(self._tried, program), left_out, len(program.unknowns.vector))
-        return Weighed(self._tried(program, 0.0 if stated is None else stated))
+        return self._tried(program, 0.0 if stated is None else stated)
 
     def _tried(self, program: Program, gamma: float, near: Array | None = None) -> Tried:
         """The solution with one weight."""
@@ -189,11 +188,11 @@ class Consistent:
             found.append(float(x @ matrix @ x - 2.0 * vector @ x))
         return np.array(found)
 
-    def _described(self, data: Whitened, program: Program, found: Weighed) -> Estimate:
+    def _described(self, data: Whitened, program: Program, found: Tried) -> Estimate:
         """The estimate: base parameters as the data see them, and all standard ones."""
         known = program.unknowns
-        after, before = _spreads(data, program, found.tried)
-        u, held = active_bounds(program, found.tried.u, after @ after.T)
+        after, before = _spreads(data, program, found)
+        u, held = active_bounds(program, found.u, after @ after.T)
         standard = known.standard(u)
         lift, free = self.base.lift, program.constraints.free
         spread = lift @ (known.scale @ after)
@@ -215,9 +214,9 @@ class Consistent:
             notes=tuple(self._notes(data, program, found)),
         )
 
-    def _notes(self, data: Whitened, program: Program, found: Weighed) -> list[str]:
+    def _notes(self, data: Whitened, program: Program, found: Tried) -> list[str]:
         """What was known, how its weight came about, and what it costs."""
-        notes, gamma = list(self.knowledge.notes), found.tried.gamma
+        notes, gamma = list(self.knowledge.notes), found.gamma
         if labels := list(dict.fromkeys(row.label for row in self.knowledge.rows)):
             more = f"; and {len(labels) - LISTED} more" if len(labels) > LISTED else ""
             notes.append(f"prior constraints: {'; '.join(labels[:LISTED])}{more}")
@@ -228,7 +227,7 @@ class Consistent:
                 how += f" in {found.solves} iterations" if self.gamma is None else ""
             notes.append(
                 f"prior uncertainty of link inertias {100.0 * gamma**-0.5:.3g} % ({how}); prior "
-                f"and constraints raise χ² by {found.tried.rise:.3g} (up to "
+                f"and constraints raise χ² by {found.rise:.3g} (up to "
                 f"{len(program.unknowns.vector)} is within noise)"
             )
 

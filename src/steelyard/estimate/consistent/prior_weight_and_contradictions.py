@@ -47,19 +47,12 @@ class Tried:
     u: Array
     rise: float  # rise of the weighted squares over those of least squares
     evidence: float  # logarithm of the data's likelihood, but for a constant
-
-
-@dataclass(frozen=True, eq=False)
-class Weighed:
-    """A weight and the solution with it."""
-
-    tried: Tried
-    solves: int = 1  # solutions that the search took
+    solves: int = 1  # solutions that the search for the weight took
 
 
 def weighed(
     attempt: Callable[[float, Array | None], Tried], left_out: Callable[[Tried], Array], rank: int
-) -> Weighed:
+) -> Tried:
     """Search the likeliest weight whose rise is allowed, up to `rank`, or a less one as good.
 
     `attempt` solves with a weight, from unknowns nearby; `left_out` are squares of left-out parts.
@@ -76,7 +69,7 @@ def weighed(
             losses = ((g, left_out(search.at(g)) - errors) for g in less)
             fair = (g for g, loss in losses if loss.mean() <= chance_of(loss, LOSS_PROBABILITY))
             best = next(fair, best)
-    return Weighed(search.at(best), len(search.found))
+    return replace(search.at(best), solves=len(search.found))
 
 
 @dataclass(frozen=True, eq=False)
@@ -297,14 +290,14 @@ Spread = Callable[[Program, Tried], Array]
 
 
 def cost_notes(
-    program: Program, knowledge: Knowledge, found: Weighed, attempt: SolveProgram, spread: Spread
+    program: Program, knowledge: Knowledge, found: Tried, attempt: SolveProgram, spread: Spread
 ) -> list[str]:
     """What contradicts the data: knowledge, physical constraints, or the prior.
 
     `attempt` solves a program with a weight of the prior, and `spread` is the covariance of a
     solution's unknowns, `(m, m)`.
     """
-    rank, gamma, rise, notes = len(program.unknowns.vector), found.tried.gamma, found.tried.rise, []
+    rank, gamma, rise, notes = len(program.unknowns.vector), found.gamma, found.rise, []
     try:
         if knowledge.rows:
             knowledge = replace(knowledge, rows=())

@@ -117,7 +117,7 @@ class Scaled:
         data = whitened(self._extended(information, at), equal=wide.equal)
         program = wide.program(data)
         if weigh:
-            tried = wide.weighed(data, program).tried
+            tried = wide.weighed(data, program)
             u, gamma = tried.u, tried.gamma
         else:
             u = wide.solve(program, gamma, program.unknowns.of_standard(at.standard))

@@ -14,7 +14,7 @@ import numpy as np
 
 from steelyard.base.arrays import Array, frozen
 from steelyard.base.errors import DataError
-from steelyard.estimate.estimate import Unidentifiable
+from steelyard.estimate.estimate import Removed, Unidentifiable
 from steelyard.estimate.information.information import Information
 from steelyard.estimate.least_squares.covariance_from_residuals import scatter, score_covariance
 from steelyard.estimate.least_squares.normal_equations import condition_of, unit_length
@@ -201,24 +201,14 @@ CRITERIA: tuple[Criterion, ...] = (
 Accepts = Callable[[State, State], bool]  # whether the full model may shrink to the other
 
 
-@dataclass(frozen=True)
-class Step:
-    """One removal."""
-
-    name: str
-    cost: float  # rise of chi-squared by it, see `State.losses`
-    # value of the criterion before it; `None` of a column that the data do not show
-    worth: float | None = None
-
-
 @dataclass(frozen=True, eq=False)
 class Path:
     """Models from the first one, without what was requested to go, to the smallest."""
 
     states: tuple[State, ...]  # the models; each has one parameter less than the one before
-    steps: tuple[Step, ...]  # what was removed from each but the last
+    steps: tuple[Removed, ...]  # what was removed from each but the last
     essential: tuple[str, ...]  # parameters without which a model was refused, or that had to stay
-    requested: tuple[Step, ...] = ()  # what the first model lacks already, whatever it is worth
+    requested: tuple[Removed, ...] = ()  # what the first model lacks already, whatever it is worth
 
     @property
     def full(self) -> FullModel:
@@ -254,7 +244,7 @@ def backward(
             where=", ".join(full.names[:4]),
             fix="remove fewer",
         )
-    requested, steps = list[Step](), list[Step]()
+    requested, steps = list[Removed](), list[Removed]()
     while free := [name for name in state.names if name in wanted]:
         step, state = _without_least(state, free, criterion)
         requested.append(step)
@@ -272,9 +262,13 @@ def backward(
     return Path(tuple(states), tuple(steps), tuple(essential), tuple(requested))
 
 
-def _without_least(state: State, free: Collection[str], criterion: Criterion) -> tuple[Step, State]:
+def _without_least(
+    state: State, free: Collection[str], criterion: Criterion
+) -> tuple[Removed, State]:
     """The removal of the parameter that is worth least of some, and the model without it."""
     worth = criterion.worth(state)
     place = min((state.names.index(name) for name in free), key=lambda k: worth[k])
-    step = Step(state.names[place], float(state.losses[place]), float(worth[place]))
+    name, number = state.names[place], len(state.full.names) - len(state.active) + 1
+    cost, own = float(state.losses[place]), float(worth[place])
+    step = Removed(name, number, cost, criterion.name, own)
     return step, State(state.full, (*state.active[:place], *state.active[place + 1 :]))

@@ -21,7 +21,6 @@ from steelyard.estimate.reduction.backward_elimination import (
     FullModel,
     Path,
     State,
-    Step,
     backward,
 )
 from steelyard.estimate.reduction.left_out_errors_and_stopping_rules import (
@@ -182,15 +181,12 @@ def estimated(
 ) -> Estimate:
     """The estimate of a path's model; what it lacks or is dropped unseen is known to be zero."""
     state, full = path.states[place], path.full
-    hidden = (Step(one.name, 0.0) for one in full.blind if one.name in drop)
+    hidden = (Removed(one.name, 0, 0.0, criterion.name) for one in full.blind if one.name in drop)
     steps = (*path.requested, *hidden, *path.steps[:place])
     estimate = estimator(full.information.select(state.names))
     return replace(
         estimate,
         estimator=f"reduced {estimate.estimator} ({len(full.names)} to {len(state.active)})",
         blind=tuple(one for one in full.blind if one.name not in drop),
-        removed=tuple(
-            Removed(step.name, number, step.cost, criterion.name, step.worth)
-            for number, step in enumerate(steps, start=1)
-        ),
+        removed=tuple(replace(one, step=number) for number, one in enumerate(steps, start=1)),
     )
