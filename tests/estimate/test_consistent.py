@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from at_prior import at_prior
 from cvxpy_oracle import cvxpy_problem, solved
 from invented import tree
 from steelyard.base.errors import DataError
@@ -138,7 +139,7 @@ def test_the_optimum_is_that_of_cvxpy() -> None:
 def test_precision_is_the_second_derivative_of_the_penalty(form: Form) -> None:
     program = Consistent(REGRESSOR.base, known(), form).program(whitened(information_of(0.05)))
     rng = np.random.default_rng(1)
-    u = program.unknowns.start
+    u = at_prior(program.unknowns)
     u[:10] += 0.05 * rng.normal(size=10)
     known_ = program.unknowns
     bare = replace(known_, matrix=0.0 * known_.matrix, vector=0.0 * known_.vector)

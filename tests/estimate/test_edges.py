@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from at_prior import at_prior
 from in_amperes import GAINS, ROBOT, run_of
 from steelyard.base.arrays import Z95, Parameters
 from steelyard.estimate.consistent.convex_estimator import Consistent
@@ -75,10 +76,10 @@ def test_intervals_hold_where_bodies_are_at_the_edge(monkeypatch: pytest.MonkeyP
 def test_the_edge_adds_nothing_to_what_is_known(form: Entropic | Pullback) -> None:
     known = unknowns(whitened(information_of(0)), REGRESSOR.base, KNOWN)
     program = Program(known, conic_constraints(known, KNOWN), form)
-    at_prior = program.stated_precision(known.start, 2.0)
-    assert np.allclose(at_prior, program.precision(known.start, 2.0), rtol=1e-12)
-    u = known.start
+    stated = program.stated_precision(at_prior(known), 2.0)
+    assert np.allclose(stated, program.precision(at_prior(known), 2.0), rtol=1e-12)
+    u = at_prior(known)
     u[0] = 0.01
-    assert np.allclose(program.stated_precision(u, 2.0), at_prior, rtol=1e-12)
+    assert np.allclose(program.stated_precision(u, 2.0), stated, rtol=1e-12)
     u[0] = 3.0
     assert np.allclose(program.stated_precision(u, 2.0), program.precision(u, 2.0), rtol=1e-12)

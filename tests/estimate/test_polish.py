@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from at_prior import at_prior
 from estimate.test_consistent import REGRESSOR, TRUTH, heavier, information_of, known
 from steelyard.estimate.consistent.conic_solver import solved
 from steelyard.estimate.consistent.convex_estimator import Consistent
@@ -60,12 +61,12 @@ def test_a_body_at_the_margin_is_left_to_the_solver() -> None:
 
 def test_a_point_outside_is_left_to_the_solver() -> None:
     here = program(Entropic())
-    assert polished(here, -here.unknowns.start, 5.0) is None
+    assert polished(here, -at_prior(here.unknowns), 5.0) is None
 
 
 def test_a_point_far_away_is_not_called_the_optimum() -> None:
     here = program(Entropic())
-    far = here.unknowns.start.copy()
+    far = at_prior(here.unknowns).copy()
     far[0] = 1e4
     end, fine = polished(here, far, 5.0), at(here, 5.0, 1e-12)
     assert end is None or np.allclose(end, fine, atol=1e-6)
@@ -99,7 +100,7 @@ def test_values_of_a_similar_problem_spare_the_solver(monkeypatch: pytest.Monkey
 def test_slopes_are_those_of_the_objective() -> None:
     for form in (Entropic(), Pullback(), Free()):
         here, rng = program(form), np.random.default_rng(0)
-        u = here.unknowns.start
+        u = at_prior(here.unknowns)
         u[:10] += 0.05 * rng.normal(size=10)
         step = rng.normal(size=len(u))
         numeric = (here.cost(u + 1e-5 * step, 3.0) - here.cost(u - 1e-5 * step, 3.0)) / 2e-5

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from at_prior import at_prior
 from estimate.test_consistent import REGRESSOR, heavier, information_of
 from steelyard.estimate.consistent.conic_solver import solved
 from steelyard.estimate.consistent.convex_estimator import Consistent
@@ -39,7 +40,7 @@ def test_reversed_efforts_are_solved(noise: float, gamma: float) -> None:
     assert all(np.linalg.eigvalsh(x)[0] > 0.0 for x in known.pseudo(u))
     least, rng = program.cost(u, gamma), np.random.default_rng(0)
     for _ in range(100):
-        inside = known.start.copy()
+        inside = at_prior(known).copy()
         inside[: 10 * len(known.priors)] *= np.exp(rng.normal())
         inside[10 * len(known.priors) :] = np.abs(rng.normal(size=len(known.terms)))
         for step in (1e-3, 1e-1):

@@ -288,7 +288,8 @@ def _limitations(
     the measured motion.
     """
     checked_before = Diagnosis(()) if diagnosis is None else diagnosis
-    before = checked_before.findings
+    before, names = checked_before.findings, {run.name for run in found.runs}
+    undecided = (one for one in before if one.severity == Severity.DOUBTFUL and one.hypotheses)
     case = FittedCase(
         found.identified,
         found.runs,
@@ -296,7 +297,7 @@ def _limitations(
         fitted,
         fresh,
         found.information,
-        _doubtful(before, found.runs),
+        tuple(one for one in undecided if one.log in names),
         found.scales,
         found.consistent,
         found.prepared.gains,
@@ -308,16 +309,6 @@ def _limitations(
         *missing_coupling(before, file.couplings_stated),
     )
     return (*_open_questions(checked_before), *_doubts(checked_before, after), *after)
-
-
-def _doubtful(before: Sequence[Finding], runs: Sequence[Run]) -> tuple[Finding, ...]:
-    """Findings with hypotheses about fitted logs, which the fit may decide."""
-    names = {run.name for run in runs}
-    return tuple(
-        one
-        for one in before
-        if one.severity == Severity.DOUBTFUL and one.hypotheses and one.log in names
-    )
 
 
 def _doubts(diagnosis: Diagnosis, found: Sequence[Finding]) -> tuple[Finding, ...]:

@@ -7,7 +7,6 @@ from typing import Any
 
 from steelyard.base.checked_arguments import checked
 from steelyard.base.progress import Progress, silent
-from steelyard.check.finding import Finding
 from steelyard.check.findings_text_and_page import finding_dict
 from steelyard.check.fitted.fitted_case_and_ranked_causes import FittedCase
 from steelyard.check.fitted.post_fit_checks import examine_fit, kept_doubts
@@ -111,6 +110,9 @@ def validate(
         unseen=tuple(run for run, _ in unseen),
         unseen_scores=tuple(score for _, score in unseen),
     )
+    found = examine_fit(case)
+    known = {(one.check, one.says) for one in found}
+    kept = (one for one in kept_doubts(identified) if (one.check, one.says) not in known)
     open_loops = dropped(identified.model, runs)
     content = ReportContent(
         title=f"{identified.model.robot.name}: validation",
@@ -127,15 +129,8 @@ def validate(
         ),
         details=(*notes_of(runs), *open_loops[1:]),
         settings=settings(identified),
-        limitations=_limitations(identified, examine_fit(case)),
+        limitations=(*kept, *found),
         logs={run.name: log.text for run, log in zip(runs, files, strict=True)},
         only_errors=True,
     )
     return Validation(content)
-
-
-def _limitations(identified: IdentifiedModel, found: tuple[Finding, ...]) -> tuple[Finding, ...]:
-    """What limits the verdict: what checks doubted of the fit, and what they find of the logs."""
-    known = {(one.check, one.says) for one in found}
-    kept = [one for one in kept_doubts(identified) if (one.check, one.says) not in known]
-    return (*kept, *found)

@@ -55,13 +55,6 @@ class Unknowns:
     matrix: Array  # whitened data over the unknowns, `(rank, m)`
     vector: Array  # `(rank,)`
 
-    @property
-    def start(self) -> Array:
-        """The prior: `X = 1`, no friction."""
-        u = np.zeros(len(self.weak))
-        u[: 10 * len(self.priors)] = np.tile(ONE, len(self.priors))
-        return u
-
     def pseudo(self, u: Array) -> Array:
         """`X` of every body, shape `(bodies, 4, 4)`."""
         return np.tensordot(u[: 10 * len(self.priors)].reshape(-1, 10), BASIS, axes=1)

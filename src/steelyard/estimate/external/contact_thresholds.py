@@ -236,19 +236,6 @@ class ContactThresholds:
             "changes_at_rest": finite_json(self.changes),
         }
 
-    @classmethod
-    def from_dict(cls, data: Mapping[str, Any]) -> "ContactThresholds":
-        """The thresholds that `to_dict` wrote."""
-        return cls(
-            frozen(data["speed_edges"]),
-            float(data["cutoff_hz"]),
-            float(data["false_alarms_per_hour"]),
-            float(data["free_motion_s"]),
-            frozen(data["thresholds"]),
-            tuple(tuple(bool(x) for x in row) for row in data["own"]),
-            frozen(data["changes_at_rest"]),
-        )
-
 
 class ThresholdStepper:
     """Thresholds sample by sample; `resting`: whether all joints were at rest at the last one.

@@ -321,9 +321,10 @@ class _Workspace:
 
     def _add_grams(self, block: Array, count: int, sums: Array) -> None:
         """Add the products of the first `count` samples."""
-        padded = self._padded(count)
+        padded, firsts = self._padded(count), self.accumulator.tiling.firsts
         block[:, count:padded] = 0.0
-        loops().gram(*_place(block), padded, *_tiles(self.accumulator.tiling), sums.ctypes.data)
+        tiles = firsts.ctypes.data, len(firsts)
+        loops().gram(*_place(block), padded, *tiles, sums.ctypes.data)
 
     def _padded(self, count: int) -> int:
         """So many samples as whole vectors."""
@@ -340,10 +341,6 @@ class _Workspace:
 def _place(rows: Array) -> tuple[int, int]:
     """Address and row stride of a buffer, as the machine code takes them."""
     return rows.ctypes.data, rows.shape[1]
-
-
-def _tiles(tiling: Tiling) -> tuple[int, int]:
-    return tiling.firsts.ctypes.data, len(tiling.firsts)
 
 
 def _addresses(stretch: Stretch, start: int) -> list[int]:

@@ -21,7 +21,6 @@ prior that all data give. Found anew for each part, that weight scatters more th
 """
 
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -31,7 +30,6 @@ from steelyard.base.errors import DataError
 from steelyard.base.progress import Progress, report_progress, silent
 from steelyard.estimate.consistent.convex_estimator import Consistent, inverse_of
 from steelyard.estimate.estimate import Estimate, StandardEstimate
-from steelyard.estimate.information.base_regressor import BaseMap
 from steelyard.estimate.information.information import Information
 from steelyard.estimate.known_effort_scales import KnownScales
 from steelyard.estimate.least_squares.normal_equations import condition_of, unit_length
@@ -188,11 +186,8 @@ class Scaled:
             upper=np.append(known.upper, np.full(n, np.inf)),
             deviations={**known.deviations, **dict(zip(names, stds, strict=True))},
         )
-        return replace(self.estimator, base=self._base, knowledge=knowledge)
-
-    @cached_property
-    def _base(self) -> BaseMap:
-        return self.estimator.base.beside(self._names, ["1"] * len(self.rows))
+        base = self.estimator.base.beside(names, ["1"] * n)
+        return replace(self.estimator, base=base, knowledge=knowledge)
 
 
 def _without(estimate: Estimate, names: tuple[str, ...]) -> Estimate:

@@ -28,7 +28,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from steelyard.base.arrays import Z95, Array, finite_json, frozen, json_values
+from steelyard.base.arrays import Z95, Array, finite_json, frozen
 from steelyard.base.checked_arguments import checked
 from steelyard.base.errors import DataError
 from steelyard.base.progress import Progress, silent
@@ -79,10 +79,6 @@ class Finding:
     def identifiable(self) -> bool:
         """Whether the value is identifiable: both ends of the interval lie within the bounds."""
         return not any(self.open_ends)
-
-    def to_dict(self) -> dict[str, Any]:
-        """As JSON values."""
-        return dict(json_values(self))
 
     @property
     def warning(self) -> str | None:

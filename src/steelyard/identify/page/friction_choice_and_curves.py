@@ -7,6 +7,7 @@ import numpy as np
 from rich.console import RenderableType
 from rich.text import Text
 
+from steelyard.base.arrays import json_values
 from steelyard.estimate.friction.friction_choice import FrictionChoice
 from steelyard.estimate.friction.friction_curves import FrictionCurve, friction_curves
 from steelyard.estimate.nonlinear.nonlinear_parameters import Finding
@@ -61,7 +62,7 @@ class FrictionSection(TableSection, name="friction", title="Friction", in_termin
         """The choice of laws, and the fields."""
         return {
             "friction": None if content.friction is None else content.friction.to_dict(),
-            "fields": [finding.to_dict() for finding in content.findings],
+            "fields": json_values(content.findings),
         }
 
 
