@@ -66,7 +66,7 @@ DAHL = "dahl (length 0.001) + viscous"
 
 def test_the_best_is_taken_where_every_run_gains() -> None:
     found = chosen({BASE: [10.0, 12.0, 14.0], SMOOTHED: [9.0, 11.0, 13.0], DAHL: [5.0, 6.0, 7.0]})
-    assert found.terms == (Dahl(length=1e-3), Viscous()) and found.name == DAHL
+    assert found.best.terms == (Dahl(length=1e-3), Viscous()) and found.best.name == DAHL
     assert [mix.chosen for mix in found.table].count(True) == 1
     best = next(mix for mix in found.table if mix.chosen)
     assert best.error == pytest.approx((5.0 * 6.0 * 7.0) ** (1.0 / 3.0))
@@ -78,7 +78,7 @@ def test_the_best_is_taken_where_every_run_gains() -> None:
 def test_a_simpler_mix_is_preferred_within_the_spread_of_the_gain() -> None:
     """The spring is better on average, by one lucky run."""
     found = chosen({BASE: [10.0, 10.0, 10.0], DAHL: [10.2, 10.2, 6.0], SMOOTHED: [11.0, 9.5, 10.0]})
-    assert found.name == BASE
+    assert found.best.name == BASE
     spring = next(mix for mix in found.table if mix.name == DAHL)
     assert spring.error < found.table[0].error and spring.gain > 0.0
     logs = np.log([1.02, 1.02, 0.6])
@@ -88,54 +88,54 @@ def test_a_simpler_mix_is_preferred_within_the_spread_of_the_gain() -> None:
 
 def test_of_laws_that_take_each_others_place_the_best_is_taken() -> None:
     found = chosen({BASE: [20.0, 20.0, 20.0], SMOOTHED: [10.0, 10.0, 10.0], DAHL: [9.0, 9.9, 10.2]})
-    assert found.name == DAHL
+    assert found.best.name == DAHL
     found = chosen({BASE: [20.0] * 3, SMOOTHED: [10.0] * 3, DAHL: [9.97, 9.98, 9.99]})
-    assert found.name == SMOOTHED
+    assert found.best.name == SMOOTHED
 
 
 def test_one_sure_gain_is_enough_where_the_best_scatters() -> None:
     """The least error is that of a law whose gain scatters; another one's gain is beyond doubt."""
     found = chosen({BASE: [2.0, 2.1, 2.2], SMOOTHED: [1.8, 1.9, 2.0], DAHL: [1.0, 2.2, 1.1]})
-    assert found.name.startswith("dahl")
+    assert found.best.name.startswith("dahl")
     alone = chosen({BASE: [2.0, 2.1, 2.2], DAHL: [1.0, 2.2, 1.1]})
-    assert alone.name == BASE
+    assert alone.best.name == BASE
 
 
 def test_what_is_added_must_gain_more_than_its_spread() -> None:
     cubic, root = f"{BASE} + cubic", f"{BASE} + root"
     found = chosen({BASE: [10.0] * 3, root: [10.2, 9.9, 8.0], cubic: [30.0] * 3})
-    assert found.name == BASE
+    assert found.best.name == BASE
     found = chosen({BASE: [10.0] * 3, root: [9.0, 8.9, 8.8], cubic: [8.9, 9.3, 7.9]})
-    assert found.name == root
+    assert found.best.name == root
 
 
 def test_later_stages_build_on_what_was_chosen() -> None:
     cubic = f"{DAHL} + cubic"
     found = chosen({BASE: [10.0] * 3, DAHL: [5.0] * 3, cubic: [4.0] * 3})
-    assert found.name == cubic
+    assert found.best.name == cubic
     names = [mix.name for mix in found.table]
     assert names == [BASE, SMOOTHED, DAHL, f"{DAHL} + root", cubic]
     stages = (*STAGES, ((), (Stribeck(speed=0.2),)))
     more = f"{BASE} + stribeck (speed 0.2)"
     found = chosen({BASE: [10.0] * 3, more: [9.0] * 3}, stages)
-    assert found.name == more
+    assert found.best.name == more
     assert found.table[-1].chosen and found.table[-1].gain == pytest.approx(10.0)
 
 
 def test_scatter_does_not_speak_for_a_mix() -> None:
     found = chosen({BASE: [10.0] * 3, SMOOTHED: [6.0, 8.0, 60.0], DAHL: [8.0] * 3})
-    assert found.name == DAHL
+    assert found.best.name == DAHL
 
 
 def test_one_fold_has_no_spread() -> None:
     found = chosen({BASE: [10.0], SMOOTHED: [9.8], DAHL: [20.0],
                     f"{SMOOTHED} + root": [9.9], f"{SMOOTHED} + cubic": [11.0]})  # fmt: skip
-    assert found.name == SMOOTHED
+    assert found.best.name == SMOOTHED
 
 
 def test_a_gain_of_next_to_nothing_is_not_worth_another_law() -> None:
     found = chosen({BASE: [10.0] * 3, SMOOTHED: [9.96] * 3, DAHL: [20.0] * 3})
-    assert found.name == BASE
+    assert found.best.name == BASE
 
 
 def test_the_choice_as_json() -> None:
@@ -219,7 +219,7 @@ def fresh_error(laws: tuple[Term, ...], runs: list[Run], fresh: Run) -> float:
 def test_plain_friction_gets_the_plain_mix() -> None:
     found = choose(COULOMB, 5)
     assert found.left_out == "run" and found.table[0].name == BASE
-    assert found.name == BASE
+    assert found.best.name == BASE
     assert all(mix.error > 0.995 * found.table[0].error for mix in found.table)
 
 
@@ -227,7 +227,7 @@ def test_plain_friction_gets_the_plain_mix() -> None:
 def test_the_choice_is_not_worse_than_the_plain_mix_on_a_fresh_run() -> None:
     for valued in (COULOMB, SPRUNG):
         runs, fresh = [logged(valued, seed) for seed in range(2)], logged(valued, 10)
-        laws = choose_friction(MODEL, runs, WeightedLeastSquares()).terms
+        laws = choose_friction(MODEL, runs, WeightedLeastSquares()).best.terms
         errors = [fresh_error(mix, runs, fresh) for mix in (laws, (Coulomb(), Viscous()))]
         assert errors[0] < 1.01 * errors[1]
 
@@ -235,10 +235,10 @@ def test_the_choice_is_not_worse_than_the_plain_mix_on_a_fresh_run() -> None:
 def test_a_presliding_spring_gets_a_law_with_memory() -> None:
     found = choose(SPRUNG, 1)
     assert found.left_out == "segment"
-    assert has_memory(found.terms)
+    assert has_memory(found.best.terms)
     best = next(mix for mix in found.table if mix.chosen)
     assert best.error < 0.8 * found.table[0].error
-    assert Dahl(length=1e-2) in found.terms
+    assert Dahl(length=1e-2) in found.best.terms
 
 
 def test_friction_that_differs_between_directions_in_size_and_with_speed_is_found() -> None:
@@ -252,10 +252,10 @@ def test_friction_that_differs_between_directions_in_size_and_with_speed_is_foun
     valued = truth(*laws, values={"viscous.hinge": 0.6} | values)
     runs = [logged(valued, seed) for seed in range(3)]
     found = choose_friction(MODEL, runs, WeightedLeastSquares())
-    assert DirectionalStribeck(speed=0.1) in found.terms
+    assert DirectionalStribeck(speed=0.1) in found.best.terms
     with_offset = replace(MODEL, terms=(*MODEL.terms, Offset()))
     found = choose_friction(with_offset, runs, WeightedLeastSquares())
-    assert DirectionalStribeck(speed=0.1) in found.terms
+    assert DirectionalStribeck(speed=0.1) in found.best.terms
     assert not any("directional_coulomb" in mix.name for mix in found.table)
 
 

@@ -97,10 +97,10 @@ def test_every_joint_gets_its_length_whatever_the_order_of_the_logs() -> None:
     runs = [logged((1e-3, 1e-2), seed) for seed in range(3)]
     events: list[Event] = []
     found = choose(runs, events)
-    (dahl,) = (term for term in found.terms if isinstance(term, Dahl))
+    (dahl,) = (term for term in found.best.terms if isinstance(term, Dahl))
     assert dahl.length == (1e-3, 1e-2)
     turned = choose(runs[::-1], [])
-    assert turned.name == found.name
+    assert turned.best.name == found.best.name
     for one, other in zip(found.table, turned.table, strict=True):
         np.testing.assert_allclose(one.error, other.error, rtol=1e-6)
     fits = [event for event in events if event.phase == "choosing friction laws"]
@@ -128,7 +128,7 @@ def test_load_dependent_friction_is_of_joints_that_it_is_plausible_of(
     values |= {"load_dependent.upper_joint": upper, "load_dependent.lower_joint": lower}
     runs = [logged_with(laws, values, seed, "motor_torque") for seed in range(3)]
     found = choose_friction(MODEL, runs, WeightedLeastSquares())
-    loaded = [term for term in found.terms if isinstance(term, LoadDependent)]
+    loaded = [term for term in found.best.terms if isinstance(term, LoadDependent)]
     assert max(upper, lower) > PLAUSIBLE or joints is None
     if joints == ():
         assert not loaded and "load_dependent" not in str(found.to_dict())
@@ -136,4 +136,4 @@ def test_load_dependent_friction_is_of_joints_that_it_is_plausible_of(
     (law,) = loaded
     assert law.joints == joints
     named = "" if joints is None else f"joints {', '.join(joints)}, "
-    assert f"load_dependent ({named}length 0.001)" in found.name
+    assert f"load_dependent ({named}length 0.001)" in found.best.name

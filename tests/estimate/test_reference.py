@@ -16,7 +16,6 @@ from steelyard.estimate.nonlinear.nonlinear_parameters import (
     converged_reference,
     needs_reference,
     reference_of,
-    with_references,
 )
 from steelyard.model.laws.friction_over_speed import Coulomb
 from steelyard.model.laws.friction_with_memory import LoadDependent
@@ -51,7 +50,7 @@ def references(*models: Model) -> list[dict[str, float]]:
 def test_only_load_dependent_friction_needs_one() -> None:
     assert needs_reference(MODEL) and not needs_reference(Model(single()))
     plain = Model(single(), (RigidBody(), Coulomb()))
-    assert with_references(plain, {"m.rod": 1.0}).terms == plain.terms
+    assert all(term.with_reference({"m.rod": 1.0}) == term for term in plain.terms)
 
 
 def test_numbers_of_bodies_alone_are_the_reference() -> None:

@@ -289,7 +289,7 @@ def friction(name: str = "coulomb") -> FrictionChoice:
         MixScore(f"{name} + viscous", plain, 12.345, 0.0, 0.0),
         MixScore(f"{name} (smoothing 0.02) + viscous", better, 9.87, 20.05, 1.25, True),
     )
-    return FrictionChoice(better, table, "run")
+    return FrictionChoice(table, "run")
 
 
 def findings(term: str = "stribeck", joint: str = "elbow") -> tuple[Finding, ...]:

@@ -162,7 +162,7 @@ def test_laws_without_memory_are_named_beside_laws_with_memory(usual: ReportCont
     dahl = (Dahl(length=1e-3), Viscous())
     score = MixScore("dahl (length 0.001) + viscous", dahl, 8.1, 30.0, 1.0, True)
     table = (*(replace(mix, chosen=False) for mix in choice.table), score)
-    choice = replace(choice, terms=dahl, table=table)
+    choice = replace(choice, table=table)
     content = replace(usual, friction=choice)
     words = (
         'or controllers that keep no state between samples: friction = "auto_memoryless", laws '

@@ -134,7 +134,7 @@ def prepare_fit(task: FitTask, estimator: Estimator[Information]) -> PreparedFit
     choice = None
     if loaded.friction:
         choice = _friction_choice(task, runs, estimator)
-        laws = PLAIN if choice is None else choice.terms
+        laws = PLAIN if choice is None else choice.best.terms
         model = replace(model, terms=(*model.terms, *laws))
     information_of = task.information_of(model, runs)
     found = find_fields(model, information_of, progress=task.progress)

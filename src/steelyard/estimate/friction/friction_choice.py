@@ -78,20 +78,19 @@ class MixScore:
 class FrictionChoice:
     """The mix that was chosen, and the table it was chosen from."""
 
-    terms: Mix  # the friction laws
-    table: tuple[MixScore, ...]  # all mixes that were compared, in order
+    table: tuple[MixScore, ...]  # all mixes that were compared, in order; one was chosen
     left_out: str  # what was left out in turn: `run` or `stretch`
 
     @property
-    def name(self) -> str:
-        """The laws that were chosen."""
-        return mix_name(self.terms)
+    def best(self) -> MixScore:
+        """The one that was chosen."""
+        return next(mix for mix in self.table if mix.chosen)
 
     @property
     def without_memory(self) -> MixScore | None:
         """The best mix without memory, where the chosen one has some."""
         others = [mix for mix in self.table if not has_memory(mix.terms)]
-        if not has_memory(self.terms) or not others:
+        if not has_memory(self.best.terms) or not others:
             return None
         return min(others, key=lambda mix: mix.error)
 
@@ -99,7 +98,7 @@ class FrictionChoice:
         """As JSON values."""
         other = self.without_memory
         return {
-            "chosen": self.name,
+            "chosen": self.best.name,
             "without_memory": None if other is None else other.name,
             "left_out": self.left_out,
             "table": [
@@ -117,9 +116,9 @@ class FrictionChoice:
     @property
     def note(self) -> str:
         """One sentence for the user."""
-        first, best = self.table[0], next(mix for mix in self.table if mix.chosen)
+        first, best = self.table[0], self.best
         return (
-            f"friction chosen by cross-validation, leaving one {self.left_out} out: {self.name} "
+            f"friction chosen by cross-validation, leaving one {self.left_out} out: {best.name} "
             f"({best.error:.2f} %; {first.name}: {first.error:.2f} %)"
         )
 
@@ -389,7 +388,7 @@ def _staged(
         ratio, mean = (float(np.exp(x.mean())) for x in (against, error))
         gain, spread = 100.0 * (1.0 - ratio), 100.0 * ratio * standard_error(against)
         rows.append(MixScore(mix_name(mix), mix, mean, gain, spread, mix == kept))
-    return FrictionChoice(kept, tuple(rows), left_out)
+    return FrictionChoice(tuple(rows), left_out)
 
 
 def _least(found: Sequence[tuple[Mix, Array]]) -> Mix:

@@ -248,11 +248,6 @@ def reference_of(
     return bodies_of(estimator(information_of(base_regressor(replace(model, terms=terms)))))
 
 
-def with_references(model: Model, reference: Mapping[str, float]) -> Model:
-    """The model with a reference in every term that needs one."""
-    return replace(model, terms=tuple(term.with_reference(reference) for term in model.terms))
-
-
 def needs_reference(model: Model) -> bool:
     """Whether a term's load comes from a reference model."""
     return any(term.needs_reference for term in model.terms)
@@ -264,7 +259,7 @@ def converged_reference(
     """Fit, take the bodies as reference, refit until they stand still; whether they do."""
     reference = reference_of(model, information_of, estimator)
     for _ in range(MOST_REFERENCE_REFITS):
-        model = with_references(model, reference)
+        model = replace(model, terms=tuple(t.with_reference(reference) for t in model.terms))
         found = bodies_of(estimator(information_of(base_regressor(model))))
         names = sorted({*reference, *found})
         a, b = (np.array([some.get(name, 0.0) for name in names]) for some in (reference, found))

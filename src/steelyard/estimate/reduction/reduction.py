@@ -146,9 +146,18 @@ def reduce(
     path = follow(full, accepts=rule.accepts)
     place = rule.choose(path, left_out)
     errors = None if unseen is None else frozen(path_errors(path, unseen)[0])
-    estimate = estimated(path, place, criterion, least_squares(equal), drop)
-    whole = State(full, tuple(range(len(full.names))))
-    fitted = [rule.errors(state) for state in (whole, path.states[place], State(full, ()))]
+    whole, state = State(full, tuple(range(len(full.names)))), path.states[place]
+    # what the model lacks or is dropped unseen is known to be zero
+    hidden = (Removed(one.name, 0, 0.0, criterion.name) for one in full.blind if one.name in drop)
+    steps = (*path.requested, *hidden, *path.steps[:place])
+    estimate = least_squares(equal)(full.information.select(state.names))
+    estimate = replace(
+        estimate,
+        estimator=f"reduced {estimate.estimator} ({len(full.names)} to {len(state.active)})",
+        blind=tuple(one for one in full.blind if one.name not in drop),
+        removed=tuple(replace(one, step=number) for number, one in enumerate(steps, start=1)),
+    )
+    fitted = [rule.errors(one) for one in (whole, state, State(full, ()))]
     return Reduction(
         path,
         criterion,
@@ -170,23 +179,3 @@ def reduced(information: Information) -> Estimate:
 def least_squares(equal: bool) -> Estimator[Information]:
     """Least squares with rows weighted alike, or by their noise."""
     return OrdinaryLeastSquares() if equal else WeightedLeastSquares()
-
-
-def estimated(
-    path: Path,
-    place: int,
-    criterion: Criterion,
-    estimator: Estimator[Information],
-    drop: Sequence[str] = (),
-) -> Estimate:
-    """The estimate of a path's model; what it lacks or is dropped unseen is known to be zero."""
-    state, full = path.states[place], path.full
-    hidden = (Removed(one.name, 0, 0.0, criterion.name) for one in full.blind if one.name in drop)
-    steps = (*path.requested, *hidden, *path.steps[:place])
-    estimate = estimator(full.information.select(state.names))
-    return replace(
-        estimate,
-        estimator=f"reduced {estimate.estimator} ({len(full.names)} to {len(state.active)})",
-        blind=tuple(one for one in full.blind if one.name not in drop),
-        removed=tuple(replace(one, step=number) for number, one in enumerate(steps, start=1)),
-    )

@@ -68,7 +68,7 @@ class FrictionSection(TableSection, name="friction", title="Friction", in_termin
 
 def _chosen(choice: FrictionChoice) -> str:
     """The chosen laws beside the first row of the table."""
-    first, best = choice.table[0], next(mix for mix in choice.table if mix.chosen)
+    first, best = choice.table[0], choice.best
     compared = f"{count(len(choice.table), 'combination')} of laws compared"
     if best is first:
         return f"friction laws: {best.name} ({compared}, none is significantly better)"
@@ -83,8 +83,7 @@ def without_memory(choice: FrictionChoice) -> str:
     other = choice.without_memory
     if other is None:
         return ""
-    best = next(mix for mix in choice.table if mix.chosen)
-    more = 100.0 * (other.error / best.error - 1.0)
+    more = 100.0 * (other.error / choice.best.error - 1.0)
     return (
         'for controllers that keep no state between samples: friction = "auto_memoryless", laws '
         f"without memory such as {other.name} (error on motion left out {abs(more):.0f} % "
