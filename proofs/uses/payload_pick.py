@@ -86,7 +86,7 @@ def load_wrench(log: Path) -> tuple[Array, Array]:
     (whole,) = load_runs(ROBOT, log)
     motion = whole.whole().motion
     robot = load_robot(ROBOT).robot
-    place, rotation = frame_kinematics(robot, robot.bodies[-1].name).pose(motion.q)
+    place, rotation = frame_kinematics(robot, robot.bodies[-1].name)(motion.q)[:2]
     arm = rotation @ LOAD.com
     acceleration = _rate(_rate(place + arm, motion.t), motion.t)
     force = LOAD.mass * (robot.gravity - acceleration)

@@ -41,7 +41,6 @@ from steelyard.identify.page.section_register import SECTIONS
 from steelyard.model.laws.laws_without_friction import RigidBody
 from steelyard.model.model import Model
 from steelyard.robot.file.excitation_sections import BoxSpans, PlaneSection, WorkspaceSection
-from steelyard.robot.loop_closures import all_joints
 
 ROOM = WorkspaceSection(
     box=BoxSpans(x=(-1.0, 1.0), z=(-1.0, 1.0)),
@@ -396,7 +395,7 @@ def test_the_page_stands_alone(designed: Designed) -> None:
 def test_the_path_is_that_of_two_links(designed: Designed) -> None:
     arm = designed.robot
     q = np.array([[0.3, -0.7], [1.2, 0.4]])
-    path = tool_path(arm, designed.tool, all_joints(arm, q))
+    path = tool_path(arm, designed.tool, q)
     both = q.sum(axis=1)
     x = 0.4 * np.cos(q[:, 0]) + 0.4 * np.cos(both)
     z = -0.4 * np.sin(q[:, 0]) - 0.4 * np.sin(both)

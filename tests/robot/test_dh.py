@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
+from pydantic import ValidationError
 
 from oracles import body_positions, pinocchio_torque
-from steelyard.base.errors import ModelError
-from steelyard.robot.file.sections import DHRow
+from steelyard.robot.file.sections import DHRow, DHSection
 from steelyard.robot.inertia_and_placement import turn
 from steelyard.robot.models.denavit_hartenberg import DHConvention, dh_mechanism
 from steelyard.robot.robot import Robot
@@ -90,7 +90,7 @@ def test_the_frame_of_the_ten_numbers() -> None:
 
 @pytest.mark.parametrize("convention", ["standard", "modified"])
 def test_holding_torque_is_the_gradient_of_the_potential(convention: DHConvention) -> None:
-    robot, _ = reduced(dh_mechanism(ROWS, convention, gravity=[1.0, 2.0, -9.0]))
+    robot, _ = reduced(dh_mechanism(ROWS, convention), gravity=[1.0, 2.0, -9.0])
     q, still = np.array([0.3, 0.7, -1.1]), np.zeros(3)
 
     def potential(at: np.ndarray) -> float:
@@ -110,5 +110,5 @@ def test_names_and_unknown_masses() -> None:
 
 
 def test_an_empty_table_is_an_error() -> None:
-    with pytest.raises(ModelError, match="has no rows"):
-        dh_mechanism([])
+    with pytest.raises(ValidationError, match="at least 1 item"):
+        DHSection.model_validate({"convention": "standard", "links": []})

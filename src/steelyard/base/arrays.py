@@ -35,6 +35,12 @@ def records(**columns: Iterable[Any]) -> list[dict[str, Any]]:
     return [dict(zip(columns, row, strict=True)) for row in zip(*values, strict=True)]
 
 
+def stretches(marks: NDArray[np.bool_]) -> list[tuple[int, int]]:
+    """First place and the one after the last of all stretches that are marked."""
+    edges = np.flatnonzero(np.diff(marks, prepend=False, append=False)).tolist()
+    return list(zip(edges[::2], edges[1::2], strict=True))
+
+
 def by_key(pairs: Iterable[tuple[Key, Value]]) -> dict[Key, list[Value]]:
     """The second values of pairs by the first ones, both in the order in which they come."""
     found: dict[Key, list[Value]] = {}

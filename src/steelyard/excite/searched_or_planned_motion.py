@@ -45,9 +45,8 @@ from steelyard.excite.search.repair_until_proven import finished
 from steelyard.excite.search.search_methods import method_of
 from steelyard.excite.trajectories.motion_families import FAMILIES, coefficients_of
 from steelyard.excite.trajectories.trajectory import ExactTrajectory
-from steelyard.model.equations.frame_and_point_kinematics import positions_of
 from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
-from steelyard.robot.robot import Robot
+from steelyard.robot.robot import Robot, frame_origins
 
 ASSUMED_NOISE = 0.01  # assumed without an earlier log, over the joint's greatest effort
 ASSUMED_RATE = 20.0  # independent samples a second that are assumed with it
@@ -287,8 +286,7 @@ def _cell(loaded: LoadedRobot, trajectory: ExactTrajectory) -> tuple[str, ...]:
         return ()
     moving = [frame for frame in robot.frames if frame.body >= 0]
     q = trajectory.derivative(np.linspace(0.0, trajectory.duration, _HEIGHT_SAMPLES), 0)
-    carriers, places = [f.body for f in moving], [f.position for f in moving]
-    heights = positions_of(robot, carriers, places, q)[:, :, 2]
+    heights = frame_origins(robot, moving, q)[:, :, 2]
     lowest = int(heights.min(axis=0).argmin())
     floor = "HEIGHT, in metres from the base's origin," if loaded.floats else "0.0"
     return (

@@ -19,7 +19,8 @@ INERTIAL_NAMES = ("m", "mx", "my", "mz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz
 INERTIAL_UNITS = ("kg", "kg m", "kg m", "kg m", *("kg m²",) * 6)
 LEAST_INERTIA = 1e-12
 """What files give a body without mass, in kg and kg m²: simulators refuse moving bodies without."""
-_UPPER = ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))
+_LOWER = np.tril_indices(3)  # order of the six numbers
+_PLACES = np.array([[0, 1, 3], [1, 2, 4], [3, 4, 5]])  # place of every entry among them
 
 
 def skew(v: ArrayLike) -> Array:
@@ -30,16 +31,13 @@ def skew(v: ArrayLike) -> Array:
 
 def symmetric(six: ArrayLike) -> Array:
     """The symmetric 3 x 3 matrix of `(xx, xy, yy, xz, yz, zz)`."""
-    matrix = np.zeros((3, 3))
-    for (i, j), value in zip(_UPPER, np.asarray(six, dtype=np.float64), strict=True):
-        matrix[i, j] = matrix[j, i] = value
-    return matrix
+    return np.take(np.asarray(six, dtype=np.float64), _PLACES)
 
 
 def six_numbers(matrix: ArrayLike) -> Array:
     """`(xx, xy, yy, xz, yz, zz)` of a symmetric 3 x 3 matrix."""
-    full = np.asarray(matrix, dtype=np.float64)
-    return np.array([full[i, j] for i, j in _UPPER])
+    six: Array = np.asarray(matrix, dtype=np.float64)[_LOWER[::-1]]
+    return six
 
 
 @dataclass(frozen=True, eq=False)

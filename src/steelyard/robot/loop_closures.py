@@ -15,13 +15,11 @@ from steelyard.base.arrays import Array, frozen
 from steelyard.base.errors import ModelError, refuse_unknown
 from steelyard.robot.inertia_and_placement import skew
 from steelyard.robot.mechanism import Mechanism, Pin
-from steelyard.robot.robot import Body, Frame, LoopClosure, OpenLoops, Robot
+from steelyard.robot.robot import Frame, LoopClosure, OpenLoops, Robot, moved_by_joint
 
 CLOSED = 1e-5  # distance of a pin's two points up to which it counts as closed [m]
 _ROUNDING = 1e-15  # closure error that is rounding alone [m]
 _RANK = 1e-7  # singular values below this, relative to the largest, are zero
-
-_EYE = frozen(np.eye(3))
 
 _NEARBY = 8
 _TRIES = 40
@@ -74,15 +72,11 @@ def _reach(
     rotation, position = np.eye(3), np.zeros(3)
     axes = []
     for body in (robot.bodies[k] for k in chain):
-        x = body.ratio * q[body.coordinate] + body.offset
-        position = position + rotation @ body.position
-        rotation = rotation @ body.rotation
-        axis = rotation @ body.axis
-        if body.kind == "prismatic":
-            position = position + axis * x
-        else:
-            generator, square = _generators(body)
-            rotation = rotation @ (_EYE + np.sin(x) * generator + (1.0 - np.cos(x)) * square)
+        x = body.ratio * q[[body.coordinate]] + body.offset
+        axis = rotation @ (body.rotation @ body.axis)
+        turned, shift = moved_by_joint(body, x)
+        position = position + rotation @ (body.position + shift[0])
+        rotation = rotation @ turned[0]
         axes.append((body, axis, position))
     tip = position + rotation @ point
     return tip, [
@@ -92,13 +86,6 @@ def _reach(
         )
         for body, axis, origin in axes
     ]
-
-
-@lru_cache(maxsize=512)
-def _generators(body: Body) -> tuple[Array, Array]:
-    """Of the rotation about a body's axis: its cross product as a matrix, and the square of it."""
-    generator = skew(body.axis)
-    return frozen(generator), frozen(generator @ generator)
 
 
 def gaps(robot: Robot, q: Array) -> Array:
@@ -231,18 +218,6 @@ def _independent(rows: Array) -> list[int]:
     triangle, order = qr(rows.T, mode="r", pivoting=True)
     floor = _RANK * max(float(np.abs(rows).max(initial=0.0)), 1e-300)
     return sorted(int(k) for k in order[: int(np.sum(np.abs(np.diag(triangle)) > floor))])
-
-
-def all_joints(robot: Robot, q: Array) -> Array:
-    """All joints `(N, n_joints)` along a motion `(N, n)`, each row closed from the last."""
-    if not robot.passive:
-        return q
-    free = list(range(robot.n, robot.n_joints))
-    rows, last = [], np.array(loop_equations(robot).assembly)
-    for own in q:
-        last = closest(robot, np.concatenate([own, last[robot.n :]]), free)
-        rows.append(last)
-    return np.array(rows)
 
 
 @dataclass(frozen=True)

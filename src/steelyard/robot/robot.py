@@ -236,7 +236,7 @@ def bodies_along(robot: Robot, q: Array) -> tuple[list[Array], list[Array]]:
     origins = [np.zeros((count, 3))]
     for body in robot.bodies:
         turn, origin = rotations[body.parent + 1], origins[body.parent + 1]
-        own, slide = _moved(body, body.ratio * q[:, body.coordinate] + body.offset)
+        own, slide = moved_by_joint(body, body.ratio * q[:, body.coordinate] + body.offset)
         origins.append(origin + (turn @ (body.position + slide)[..., None])[..., 0])
         rotations.append(turn @ own)
     return rotations, origins
@@ -269,8 +269,8 @@ def body_frames(robot: Robot) -> list[Frame]:
     return [Frame(name, k - 1, np.eye(3), np.zeros(3)) for k, name in enumerate(names)]
 
 
-def _moved(body: Body, x: Array) -> tuple[Array, Array]:
-    """Rotations `(N, 3, 3)` and shifts `(N, 3)` of a body in its parent's frame."""
+def moved_by_joint(body: Body, x: Array) -> tuple[Array, Array]:
+    """Rotations `(N, 3, 3)` and shifts `(N, 3)` of a body in its parent's frame, at `x` `(N,)`."""
     if body.kind == "prismatic":
         slide = x[:, None] * (body.rotation @ body.axis)
         return np.broadcast_to(body.rotation, (len(x), 3, 3)), slide

@@ -1,12 +1,14 @@
 """The choices of the processing chain, and its methods by the names they have in files."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
+from steelyard.base.arrays import json_values
 from steelyard.base.errors import ModelError
 from steelyard.robot.file.sections import ProcessingSection
 from steelyard.robot.file.tables_by_kind import Kinds
+from steelyard.robot.file.toml_schema import Positive, as_declared
 from steelyard.runs.rows.resampling import INTERPOLATIONS
 from steelyard.runs.smoothing.kalman_smoother import CausalKalman, Kalman, KalmanSmoother
 from steelyard.runs.smoothing.likeliest_cutoffs_and_fourier import Auto, Fourier
@@ -52,9 +54,8 @@ smoother_of = Kinds(SMOOTHERS, "method", "method for effort", "method").built
 
 def description_of(method: Method | Smoother) -> dict[str, Any]:
     """The table that `method_of` or `smoother_of` turns back into the method."""
-    given = {x.name: getattr(method, x.name) for x in fields(method)}  # type: ignore[arg-type]
-    settings = {x: list(v) if isinstance(v, tuple) else v for x, v in given.items()}
-    return {"method": method.name, **{x: v for x, v in settings.items() if v is not None}}
+    settings = {name: x for name, x in json_values(method).items() if x is not None}
+    return {"method": method.name, **settings}
 
 
 def method_in_words(method: Method | Smoother) -> str:
@@ -134,12 +135,9 @@ class Processing:
 
     def to_dict(self) -> dict[str, Any]:
         """As JSON values; exact."""
-        values = {field.name: getattr(self, field.name) for field in fields(self)}
-        values["motion"] = description_of(self.motion)
-        values["effort"] = None if self.effort is None else description_of(self.effort)
-        if self.repetitions is not None:
-            values["repetitions"] = asdict(self.repetitions)
-        return values
+        effort = None if self.effort is None else description_of(self.effort)
+        values: dict[str, Any] = json_values(self)
+        return values | {"motion": description_of(self.motion), "effort": effort}
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> "Processing":
@@ -164,8 +162,7 @@ def requested_processing(section: ProcessingSection, where: Callable[..., str]) 
     """
     table, repetitions = section.repetitions, None
     if table is not None:
-        given = () if isinstance(table, str) else (table.period, table.drop_first, table.drop_last)
-        repetitions = Repetitions(*given)
+        repetitions = Repetitions(**({} if isinstance(table, str) else table.model_dump()))
     wanted = Processing(
         motion_cutoff=section.motion_cutoff,
         matched_cutoff=None if section.matched_cutoff == "off" else section.matched_cutoff,
@@ -183,16 +180,10 @@ def requested_processing(section: ProcessingSection, where: Callable[..., str]) 
     if section.effort is not None:
         effort, place = section.effort, where("processing", "effort")
         settings = {"method": effort} if isinstance(effort, str) else dict(effort)
-        cutoff = _positive(settings.pop("cutoff", None), place)
+        given, fix = settings.pop("cutoff", None), "give a frequency above 0 Hz"
+        try:
+            cutoff = as_declared(Positive | None, given)
+        except ValueError:
+            raise ModelError(f"the effort's cutoff is {given!r}", where=place, fix=fix) from None
         wanted = replace(wanted, effort=smoother_of(settings, place), effort_cutoff=cutoff)
     return wanted
-
-
-def _positive(cutoff: Any, where: str) -> float | None:
-    if cutoff is None:
-        return None
-    if isinstance(cutoff, bool) or not isinstance(cutoff, int | float) or not cutoff > 0.0:
-        raise ModelError(
-            f"the effort's cutoff is {cutoff!r}", where=where, fix="give a frequency above 0 Hz"
-        )
-    return float(cutoff)

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from steelyard.base.arrays import Array, frozen
+from steelyard.base.arrays import Array, frozen, stretches
 from steelyard.base.motion import Motion
 from steelyard.model.equations.passive_joints import Follower
 from steelyard.robot.file.signals import Signals
@@ -427,9 +427,5 @@ def closed_parts(block: Block, closed: NDArray[np.bool_]) -> list[Block]:
     """
     if closed.all():
         return [block]
-    labels, parts = np.cumsum(~closed), []
-    for label in np.unique(labels[closed]):
-        inside = np.flatnonzero(closed & (labels == label))
-        part = block.part(int(inside[0]), int(inside[-1]) + 1)
-        parts.append(replace(part, segment=block.segment + int(label)))
-    return parts
+    numbers = (block.segment + np.cumsum(~closed)).tolist()
+    return [replace(block.part(a, b), segment=numbers[a]) for a, b in stretches(closed)]

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from steelyard.base.arrays import Array
+from steelyard.base.arrays import Array, stretches
 from steelyard.check.case_logs_and_checks import Case, CheckedLog, log_check
 from steelyard.check.finding import Finding, Fix, Picture, Severity, of_joints, trace
 from steelyard.check.signals.computed_efforts_and_set_points import with_others
@@ -16,7 +16,6 @@ from steelyard.check.signals.usable_rows_and_derivatives import (
     signal_overview,
     with_rows,
 )
-from steelyard.runs.rows.faulty_row_detectors import stretches
 from steelyard.runs.rows.frozen_encoders_and_dead_efforts import MOVED
 from steelyard.runs.run import Run
 

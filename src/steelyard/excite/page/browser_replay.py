@@ -29,7 +29,8 @@ from steelyard.excite.collision.shape_kinematics import Shape, ShapeKinematics, 
 from steelyard.excite.collision.workspace_from_tables import tool_of, world_of
 from steelyard.excite.page.drawn_walls import all_lines, faces_of
 from steelyard.excite.page.tool_path_section import tool_path
-from steelyard.robot.loop_closures import all_joints, closest
+from steelyard.model.equations.passive_joints import passive_positions
+from steelyard.robot.loop_closures import closest
 from steelyard.robot.robot import Robot
 
 if TYPE_CHECKING:
@@ -92,7 +93,8 @@ def staged(loaded: LoadedRobot, trajectory: ExactTrajectory) -> Stage:
     tool = tool_of(section.workspace, robot)
     count = int(np.clip(PATH_POINTS_A_SECOND * trajectory.duration, 2, MOST_PATH_POINTS))
     t = np.linspace(0.0, trajectory.duration, count)
-    joints = all_joints(robot, trajectory.derivative(t, 0))
+    q = trajectory.derivative(t, 0)
+    joints = np.hstack([q, passive_positions(robot, q.T).T])
     path = tool_path(robot, tool, joints)
     links, notes = _shapes(loaded)
     shapes = (*links, *sticks(robot, tool, {link.body for link in links}), *world_of(loaded))

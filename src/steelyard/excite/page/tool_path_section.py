@@ -16,10 +16,10 @@ from steelyard.excite.page.drawn_walls import (
     face_segment,
     faces_of,
 )
+from steelyard.model.equations.passive_joints import passive_positions
 from steelyard.report.page import Numbers, Section, packed, rounded, script_json
 from steelyard.report.page_figures import in_space, line
 from steelyard.report.words import significant
-from steelyard.robot.loop_closures import all_joints
 from steelyard.robot.robot import Robot, body_frames, frame_origins, sticks
 
 
@@ -57,7 +57,8 @@ class DesignToolSection(
         designed = content.design
         robot, tool = designed.robot, designed.tool
         t = np.linspace(0.0, designed.trajectory.duration, TOOL_PATH_POINTS)
-        joints = all_joints(robot, designed.trajectory.derivative(t, 0))
+        q = designed.trajectory.derivative(t, 0)
+        joints = np.hstack([q, passive_positions(robot, q.T).T])
         path = tool_path(robot, tool, joints)
         arm = skeleton(robot, tool, joints[0])
         drawn = np.concatenate([path, arm])

@@ -54,9 +54,9 @@ class ToolWay:
         along the way.
         """
         q, dq, ddq = (motion.derivative(t, order) for order in range(3))
-        jacobian, small = self.kinematics.jacobian, 1e-6
-        ahead, behind = jacobian(q + small * dq)[:, :3], jacobian(q - small * dq)[:, :3]
-        here = jacobian(q)[:, :3]
+        small = 1e-6
+        places = q, q + small * dq, q - small * dq
+        here, ahead, behind = (self.kinematics(x)[2][:, :3] for x in places)
         speeds = np.einsum("nij,nj->ni", here, dq)
         bends = np.einsum("nij,nj->ni", here, ddq)
         bends += np.einsum("nij,nj->ni", (ahead - behind) / (2.0 * small), dq)

@@ -36,12 +36,7 @@ from steelyard.model.equations.passive_joints import passive_positions
 from steelyard.robot.robot import Frame, Robot, body_frames, robot_to_dict
 from steelyard.symbolic.native.compiled_programs import Code, compiled, compiled_equations
 from steelyard.symbolic.program_and_softening import InputArray as Input
-from steelyard.symbolic.program_and_softening import (
-    Program,
-    program_from_json,
-    program_to_json,
-    run,
-)
+from steelyard.symbolic.program_and_softening import Program, program_from_json, program_to_json
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,14 +79,6 @@ class FrameKinematics:
         count = len(q)
         jacobian = values[:, 12:].reshape(count, 6, self.robot.n)
         return values[:, :3], values[:, 3:12].reshape(count, 3, 3), jacobian
-
-    def pose(self, q: Array) -> tuple[Array, Array]:
-        """Origin `(N, 3)` [m] and axes, the columns of `(N, 3, 3)`, at `q`, `(N, n)`."""
-        return self(q)[:2]
-
-    def jacobian(self, q: Array) -> Array:
-        """Joint speeds to the origin's velocity and the angular velocity, shape `(N, 6, n)`."""
-        return self(q)[2]
 
     def moving(self, q: Array, passive: Array, dq: Array) -> tuple[Array, Array, Array, Array]:
         """Origin `(3,)` [m], axes `(3, 3)`, Jacobian `(6, n)` and drift `(6,)`, in the base frame.
@@ -208,15 +195,6 @@ def points_on(robot: Robot, carriers: Sequence[int], places: ArrayLike) -> Point
     code = compiled(["points", robot_to_dict(robot), list(carriers), points.tolist()], build)
     flow, bend = (program_from_json(code.about[name]) for name in ("flow", "bend"))
     return Points(robot, tuple(carriers), points, code, flow, bend)
-
-
-def positions_of(robot: Robot, carriers: Sequence[int], places: ArrayLike, q: Array) -> Array:
-    """Positions `(N, m, 3)` along one motion `(N, n)`, where compiling takes longer."""
-    from steelyard.symbolic.symbols_and_tracing import symbolic
-
-    points = frozen(places, (len(carriers), 3))
-    program = symbolic(lambda q: _positions(robot, carriers, points, q), [Input("q", robot.n)])
-    return run(program, [q.T]).T.reshape(len(q), len(carriers), 3)
 
 
 def _positions(robot: Robot, carriers: Sequence[int], points: Array, q: Scalars) -> list[Scalar]:

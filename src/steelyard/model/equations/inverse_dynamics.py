@@ -83,10 +83,8 @@ def inverse_dynamics(robot: Robot, state: JointState, inertials: Sequence[Scalar
     motions = _outward(robot, state)
     wrenches = [_wrench(m, ten) for m, ten in zip(motions, inertials, strict=True)]
     efforts: list[Scalar] = [0.0] * robot.n_joints
-    for body, motion, index in reversed(
-        list(zip(robot.bodies, motions, range(len(motions)), strict=True))
-    ):
-        force, moment = wrenches[index]
+    for index, motion in reversed(list(enumerate(motions))):
+        body, (force, moment) = robot.bodies[index], wrenches[index]
         along = force if body.kind == "prismatic" else moment
         efforts[body.coordinate] += body.ratio * _dot(_constant(body.axis), along)
         if body.parent >= 0:
@@ -358,10 +356,9 @@ def projected(
 def _arms(robot: Robot, q: Scalars) -> list[tuple[Arm, Arm]]:
     found = []
     for loop in robot.loops:
-        first, second = chains(robot, loop)
-        found.append(
-            (_arm(robot, first, loop.points[0], q), _arm(robot, second, loop.points[1], q))
-        )
+        ends = zip(chains(robot, loop), loop.points, strict=True)
+        first, second = (_arm(robot, chain, point, q) for chain, point in ends)
+        found.append((first, second))
     return found
 
 

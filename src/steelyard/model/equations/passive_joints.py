@@ -135,8 +135,9 @@ def all_joints(
     if not robot.passive:
         return q, dq, ddq
     state, _ = completed(robot, JointState([*q], [*dq], [*ddq], [*passive]))
-    whole = (np.stack(np.broadcast_arrays(*x)) for x in (state.q, state.dq, state.ddq))
-    first, second, third = whole
+    first, second, third = (
+        np.stack(np.broadcast_arrays(*x)) for x in (state.q, state.dq, state.ddq)
+    )
     return first, second, third
 
 

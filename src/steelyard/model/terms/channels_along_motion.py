@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from steelyard.base.arrays import Array
+from steelyard.base.arrays import Array, stretches
 from steelyard.model.equations.passive_joints import Follower, all_joints, open_loop
 from steelyard.model.terms.term import StatefulTerm, Term, TermSamples
 from steelyard.robot.robot import Robot
@@ -62,9 +62,10 @@ class Scan:
             return np.concatenate((passive, self._channels(q, dq, ddq, slice(None))))
         count = sum(term.n_channels(self.robot) for term in self._terms)
         found = np.zeros((count, q.shape[1]))
-        for stretch in _stretches(self.closed):
-            if stretch.start > 0 or not self.closed[0]:
+        for start, stop in stretches(self.closed):
+            if start > 0:
                 self._forget()
+            stretch = slice(start, stop)
             part = q[:, stretch], dq[:, stretch], ddq[:, stretch]
             found[:, stretch] = self._channels(*part, stretch)
         if not self.closed[-1]:
@@ -101,9 +102,3 @@ class Scan:
         if not self._drop and not self.closed.all():
             raise open_loop(self._follower, q, self.closed, t)
         return passive
-
-
-def _stretches(closed: NDArray[np.bool_]) -> list[slice]:
-    """Where it is true without a gap."""
-    edges = np.flatnonzero(np.diff(closed.astype(np.int8), prepend=0, append=0))
-    return [slice(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]

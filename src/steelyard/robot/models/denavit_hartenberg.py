@@ -6,7 +6,6 @@ from typing import Literal
 import numpy as np
 
 from steelyard.base.arrays import frozen
-from steelyard.base.errors import ModelError
 from steelyard.robot.file.sections import DHRow
 from steelyard.robot.inertia_and_placement import Inertia, Placement, symmetric, turn
 from steelyard.robot.mechanism import Joint, Link, Mechanism
@@ -19,7 +18,6 @@ def dh_mechanism(
     rows: Sequence[DHRow],
     convention: DHConvention = "standard",
     name: str = "dh_robot",
-    gravity: Sequence[float] = (0.0, 0.0, -9.81),
     where: str = "the DH table",
 ) -> Mechanism:
     r"""The chain of a DH table; joint `i` turns or slides along z of the link's frame.
@@ -35,8 +33,6 @@ def dh_mechanism(
     frame is the one after $R_z(\theta_i) T_z(d_i)$: on the axis, with the x axis of DH frame `i`.
     Masses in the table are given in DH frame `i` in both, angles in rad. The base is DH frame 0.
     """
-    if not rows:
-        raise ModelError("the DH table has no rows", where=where, fix="give one row per joint")
     links, joints = [Link("base", None, where)], []
     end = Placement()
     for number, row in enumerate(rows, start=1):
@@ -53,4 +49,4 @@ def dh_mechanism(
             in_dh = Inertia.about_com(row.mass, row.com, symmetric(row.inertia_com))
             inertia = in_dh.moved(end.rotation, end.position)
         links.append(Link(link, inertia, at))
-    return Mechanism(name, links, joints, frozen(gravity), where)
+    return Mechanism(name, links, joints, where=where)

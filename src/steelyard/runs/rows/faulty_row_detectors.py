@@ -13,7 +13,7 @@ from enum import IntEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from steelyard.base.arrays import Array
+from steelyard.base.arrays import Array, stretches
 from steelyard.runs.recording import Channels
 
 LARGEST_VALUE = 1e8
@@ -176,12 +176,6 @@ def jolted(q: Array, bend: Array) -> NDArray[np.bool_]:
 
     sharp = (np.abs(np.diff(q, n=2, axis=1)) > JOLT_RATIO * bend[:, None]).any(axis=0)
     return np.asarray(binary_dilation(np.pad(sharp, 1), np.ones(2 * LONGEST_SPIKE + 1)))
-
-
-def stretches(marks: NDArray[np.bool_]) -> list[tuple[int, int]]:
-    """First row and the row after the last one of all stretches that are marked."""
-    edges = np.flatnonzero(np.diff(marks, prepend=False, append=False)).tolist()
-    return list(zip(edges[::2], edges[1::2], strict=True))
 
 
 def bridged(t: Array, x: Array, marks: NDArray[np.bool_], smooth: Sequence[int]) -> Array:

@@ -18,6 +18,7 @@ without its first two: slow accelerations are $2/\omega_c$ late, of logged veloc
 $\sqrt 2/\omega_c$.
 """
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import ClassVar, Literal
 
@@ -101,8 +102,6 @@ def likeliest_ratio(values: Array, steps: Array, order: int = 3) -> float:
     $N \log \overline{e^2 / S} + \sum \log S$; the mean is the likeliest $r$. One channel, `(N,)`;
     `steps` since the sample before in units of choice; `order` as of `kalman_smoothed`.
     """
-    from scipy.optimize import minimize_scalar
-
     parts = likelihood_stretches(len(values))
 
     def loss(decade: float) -> float:
@@ -111,11 +110,17 @@ def likeliest_ratio(values: Array, steps: Array, order: int = 3) -> float:
         scale = np.mean(innovation**2 / variance)
         return float(np.log(max(scale, 1e-300)) + np.log(variance).mean())
 
-    grid = np.linspace(*RATIO_DECADES, RATIO_GRID)
-    best = int(np.argmin([loss(decade) for decade in grid]))
-    around = grid[max(best - 1, 0)], grid[min(best + 1, RATIO_GRID - 1)]
-    found = minimize_scalar(loss, bounds=around, method="bounded", options={"xatol": 0.01})
-    return float(10.0**found.x)
+    return float(10.0 ** least_on_grid(loss, np.linspace(*RATIO_DECADES, RATIO_GRID), 0.01))
+
+
+def least_on_grid(loss: Callable[[float], float], grid: Array, tolerance: float) -> float:
+    """Where a loss is least: beside the best point of a grid, to a tolerance."""
+    from scipy.optimize import minimize_scalar
+
+    best = int(np.argmin([loss(x) for x in grid]))
+    around = grid[max(best - 1, 0)], grid[min(best + 1, len(grid) - 1)]
+    found = minimize_scalar(loss, bounds=around, method="bounded", options={"xatol": tolerance})
+    return float(found.x)
 
 
 def cutoff_of_ratio(ratio: float, order: int, rate: float, lowest: float) -> float:
@@ -225,14 +230,19 @@ class CausalKalman:
         return 1.0 / (np.pi * min(self.cutoffs or (cutoff,)))
 
 
-def _states(x: Array, cutoffs: JointCutoffs, order: int, rate: float) -> Array:
-    """Channels `(n, N)` and their derivatives as the filter knows them, `(3, n, N)`."""
+def check_cutoffs(cutoffs: Sequence[float], x: Array, method: str) -> None:
+    """There is a cut-off for each of the channels `(n, N)`."""
     if len(cutoffs) != len(x):
         raise LogError(
             f"there are {len(cutoffs)} cut-offs for {len(x)} joints",
-            where="method 'kalman_filter' of [processing]",
+            where=f"method '{method}' of [processing]",
             fix="give one per joint, or leave them out",
         )
+
+
+def _states(x: Array, cutoffs: JointCutoffs, order: int, rate: float) -> Array:
+    """Channels `(n, N)` and their derivatives as the filter knows them, `(3, n, N)`."""
+    check_cutoffs(cutoffs, x, CausalKalman.name)
     steps, result = np.ones(x.shape[1]), np.empty((3, *x.shape))
     for j, (channel, own) in enumerate(zip(x, cutoffs, strict=True)):
         ratio = (2.0 * np.pi * own / rate) ** (2 * order)

@@ -26,6 +26,7 @@ from steelyard.base.arrays import Array, frozen
 from steelyard.base.errors import LogError, ModelError
 from steelyard.runs.smoothing.kalman_smoother import (
     HIGHEST_CUTOFF,
+    check_cutoffs,
     cutoff_of_ratio,
     filtered,
     likeliest_ratio,
@@ -388,18 +389,14 @@ class LowPasses:
     """Per channel a zero-phase Butterworth low-pass, and its derivatives below its order."""
 
     def __init__(self, cutoffs: tuple[float, ...], order: int, rate: float) -> None:
+        self._cutoffs = cutoffs
         self.halo = max(settling(cutoff, rate, order) for cutoff in cutoffs)
         low = [butterworth(cutoff, rate, order) for cutoff in cutoffs]
         self.banks = [Bank.derivatives(one, self.halo, rate, order - 1) for one in low]
 
     def __call__(self, extended: Array) -> Array:
         """Channels `(n, N + 2 halo)` to values and derivatives, `(order, n, N)`."""
-        if len(extended) != len(self.banks):
-            raise LogError(
-                f"there are {len(self.banks)} cut-offs for {len(extended)} joints",
-                where="method 'auto' of [processing]",
-                fix="give one per joint, or leave them out",
-            )
+        check_cutoffs(self._cutoffs, extended, Auto.name)
         each = [bank(x[None]) for bank, x in zip(self.banks, extended, strict=True)]
         return np.concatenate(each, axis=1)
 

@@ -24,7 +24,7 @@ import numpy as np
 
 from steelyard.base.arrays import Array
 from steelyard.base.errors import LogError, ModelError
-from steelyard.runs.smoothing.kalman_smoother import likelihood_stretches
+from steelyard.runs.smoothing.kalman_smoother import least_on_grid, likelihood_stretches
 from steelyard.runs.smoothing.zero_phase_filters import (
     Bank,
     Designed,
@@ -43,19 +43,11 @@ CORNERS = (-3.5, 0.4)
 CORNER_GRID = 14  # corners that are tried before the best is refined
 
 
-@dataclass(frozen=True, eq=False)
-class Spline:
-    """A natural cubic spline at its knots: value and two derivatives, `(N,)`; bent at no end."""
+def smoothing_spline(t: Array, values: Array, weight: float | None = None) -> Array:
+    r"""The smoothing spline of one channel `(N,)` and two derivatives, `(3, N)`; bent at no end.
 
-    value: Array
-    rate: Array
-    acceleration: Array
-
-
-def smoothing_spline(t: Array, values: Array, weight: float | None = None) -> Spline:
-    r"""The smoothing spline of one channel `(N,)`, whose steps of time may differ.
-
-    Its weight $\lambda$ [s³] is by default that of generalised cross-validation.
+    Steps of time may differ. Its weight $\lambda$ [s³] is by default that of generalised
+    cross-validation.
     """
     step = np.diff(t)
     if len(t) < LEAST_SPLINE_SAMPLES or not (step > 0.0).all():
@@ -74,7 +66,7 @@ def smoothing_spline(t: Array, values: Array, weight: float | None = None) -> Sp
     rate = np.empty(len(t))
     rate[:-1] = secant - step * (2.0 * bent[:-1] + bent[1:]) / 6.0
     rate[-1] = secant[-1] + step[-1] * (bent[-2] + 2.0 * bent[-1]) / 6.0
-    return Spline(value, rate / unit, bent / unit**2)
+    return np.stack((value, rate / unit, bent / unit**2))
 
 
 def cross_validated(step: Array, values: Array) -> float:
@@ -84,8 +76,6 @@ def cross_validated(step: Array, values: Array) -> float:
     whose eigenvalues are $1 / (1 + \lambda (\pi (k - 3/2) / N)^4)$, two of them 1, for even steps
     of about 1.
     """
-    from scipy.optimize import minimize_scalar
-
     parts = likelihood_stretches(len(values))
 
     def loss(decade: float) -> float:
@@ -99,11 +89,8 @@ def cross_validated(step: Array, values: Array) -> float:
             trace += 2.0 + float(np.sum(1.0 / (1.0 + weight * waves**4)))
         return float(np.log(max(squares, 1e-300)) - 2.0 * np.log(1.0 - trace / count))
 
-    grid = np.linspace(*CORNERS, CORNER_GRID)
-    best = int(np.argmin([loss(decade) for decade in grid]))
-    around = grid[max(best - 1, 0)], grid[min(best + 1, CORNER_GRID - 1)]
-    found = minimize_scalar(loss, bounds=around, method="bounded", options={"xatol": 2e-3})
-    return float(10.0 ** (-4.0 * found.x))
+    best = least_on_grid(loss, np.linspace(*CORNERS, CORNER_GRID), 2e-3)
+    return float(10.0 ** (-4.0 * best))
 
 
 def _solved(step: Array, values: Array, weight: float) -> tuple[Array, Array]:
@@ -140,9 +127,7 @@ class SmoothingSpline:
 
         def states(x: Array, order: int) -> Array:
             t = np.arange(x.shape[1]) / rate
-            found = [smoothing_spline(t, channel, weight) for channel in x]
-            each = [(s.value, s.rate, s.acceleration) for s in found]
-            return np.ascontiguousarray(np.array(each).transpose(1, 0, 2))
+            return np.stack([smoothing_spline(t, channel, weight) for channel in x], axis=1)
 
         return derived_jointly(states)
 
