@@ -15,7 +15,7 @@ import numpy as np
 
 from steelyard.base.arrays import Parameter
 from steelyard.estimate.estimate import Estimate
-from steelyard.estimate.information.base_regressor import Regressor, base_regressor
+from steelyard.estimate.information.base_parameters_and_regressor import Regressor, base_regressor
 from steelyard.estimate.information.filter_and_gram import Accumulator, Stretch
 from steelyard.estimate.information.information import Information, Signature, Window
 from steelyard.estimate.least_squares.weighted_robust_and_whitened import WeightedLeastSquares

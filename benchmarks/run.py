@@ -26,7 +26,7 @@ from genetic import comparison  # noqa: E402
 from linear_searches import comparison as searches  # noqa: E402
 
 from steelyard.estimate.consistent.convex_estimator import Consistent  # noqa: E402
-from steelyard.estimate.information.base_regressor import Regressor, base_regressor  # noqa: E402
+from steelyard.estimate.information.base_parameters_and_regressor import Regressor, base_regressor  # noqa: E402
 from steelyard.estimate.information.filter_and_gram import (  # noqa: E402
     Accumulator,
     ParallelFilter,  # noqa: E402

@@ -6,7 +6,7 @@ Run it with a folder for the simulated logs: python examples/01_identify_in_pyth
 import sys
 from pathlib import Path
 
-from steelyard.estimate.information.base_regressor import base_regressor
+from steelyard.estimate.information.base_parameters_and_regressor import base_regressor
 from steelyard.estimate.information.gather import gather
 from steelyard.estimate.least_squares.weighted_robust_and_whitened import WeightedLeastSquares
 from steelyard.estimate.scores.score import score

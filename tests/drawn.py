@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from steelyard.base.arrays import frozen
-from steelyard.estimate.information.base_regressor import Regressor
+from steelyard.estimate.information.base_parameters_and_regressor import Regressor
 from steelyard.estimate.information.information import Signature
 from steelyard.estimate.information.kept_filtered_samples import FilteredSamples, SampledRun
 from steelyard.runs.motion_error_from_noise import MotionError

@@ -5,15 +5,15 @@ from dataclasses import replace
 
 import numpy as np
 
+from steelyard.excite.trajectories.exact_slowed_and_chained_trajectories import (
+    ChainedMotion,
+    ExactTrajectory,
+)
 from steelyard.excite.trajectories.fourier import FourierMotion, repeated
 from steelyard.excite.trajectories.piecewise_polynomials import (
     PiecewiseMotion,
     SampledMotion,
     through_postures,
-)
-from steelyard.excite.trajectories.trajectory import (
-    ChainedMotion,
-    ExactTrajectory,
 )
 
 

@@ -7,7 +7,7 @@ import numpy as np
 from invented import ball, tree, turned
 from steelyard.base.arrays import Array, Parameters
 from steelyard.base.motion import Motion
-from steelyard.estimate.information.base_regressor import base_regressor
+from steelyard.estimate.information.base_parameters_and_regressor import base_regressor
 from steelyard.estimate.information.filter_and_gram import Accumulator, Stretch
 from steelyard.estimate.information.information import Information, Signature, Window
 from steelyard.model.model import Model

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from steelyard.base.arrays import Array
 from steelyard.estimate.consistent.convex_estimator import Consistent
-from steelyard.estimate.consistent.convex_program import Program
+from steelyard.estimate.consistent.convex_program_and_newton_refinement import Program
 from steelyard.estimate.consistent.scaled_parameters_and_penalties import (
     BASIS,
     COLUMNS,

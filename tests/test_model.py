@@ -123,7 +123,7 @@ import sys
 from invented import tree
 from steelyard.symbolic.native import compiler
 from steelyard.model.model import Model
-from steelyard.estimate.information.base_regressor import base_regressor
+from steelyard.estimate.information.base_parameters_and_regressor import base_regressor
 from steelyard.symbolic.native.compiled_programs import loops
 compiled = []
 compile_code = compiler.compile_code

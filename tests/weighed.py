@@ -7,7 +7,7 @@ import numpy as np
 from steelyard.base.arrays import Parameters
 from steelyard.estimate.estimate import Estimate, StandardEstimate
 from steelyard.estimate.identified_model import Cutoffs, IdentifiedModel, Provenance
-from steelyard.estimate.information.base_regressor import BaseMap
+from steelyard.estimate.information.base_parameters_and_regressor import BaseMap
 from steelyard.model.laws.laws_without_friction import RigidBody
 from steelyard.model.laws.register import DEFAULT_TERMS
 from steelyard.model.model import Model

@@ -21,9 +21,9 @@ import polars as pl
 from proofs.checks.five_robots import EXAMPLES, LOGS
 from proofs.support.claims import Claim, data_folder, main_of
 
+from steelyard.check.case_from_files_and_precheck import Subject, subject_of
 from steelyard.check.check import CheckResult, check
 from steelyard.check.finding import Finding, Severity
-from steelyard.check.named_logs_and_precheck import Subject, subject_of
 from steelyard.robot.file.toml_edits import Edit, edited
 from steelyard.runs.runs_of_named_logs import log_files
 

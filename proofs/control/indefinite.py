@@ -13,7 +13,7 @@ from steelyard.base.errors import ModelError
 from steelyard.excite.constraints.motion_limits import motion_limits
 from steelyard.excite.planned.joints_along_path import along_path
 from steelyard.excite.planned.timed_paths import Circle
-from steelyard.excite.trajectories.trajectory import ExactTrajectory
+from steelyard.excite.trajectories.exact_slowed_and_chained_trajectories import ExactTrajectory
 from steelyard.model.model import Model
 from steelyard.robot.robot import Coordinate, Limits
 from steelyard.uses.control.joint_controllers import refuse_indefinite

@@ -23,14 +23,14 @@ from studies.support.robots import robot_file as changed_robot
 
 from steelyard.base.arrays import Array, Parameters
 from steelyard.base.motion import run
+from steelyard.excite.trajectories.exact_slowed_and_chained_trajectories import ExactTrajectory
 from steelyard.excite.trajectories.piecewise_polynomials import SampledMotion
-from steelyard.excite.trajectories.trajectory import ExactTrajectory
 from steelyard.identify.identify import identify
 from steelyard.identify.reduce import reduce
 from steelyard.model.equations.frame_and_point_kinematics import frame_of, last_frame
 from steelyard.model.model import model_of
+from steelyard.simulate.drives_sensors_and_logged_columns import customary_drives
 from steelyard.simulate.ground_truth import Truth
-from steelyard.simulate.sensors_and_drives import customary_drives
 from steelyard.simulate.track import TrackedRun, Tracking, tracking
 from steelyard.simulate.virtual_robot import VirtualRobot, customary_sensors
 from steelyard.uses.control.joint_controllers import Cascade, Control, TorqueFeedforward

@@ -248,7 +248,10 @@ def of_solver(given: Path) -> list[Claim]:
     from steelyard.base.errors import SteelyardError
     from steelyard.estimate.consistent.conic_solver import Unsolved
     from steelyard.estimate.consistent.convex_estimator import Consistent
-    from steelyard.estimate.information.base_regressor import base_parameters, base_regressor
+    from steelyard.estimate.information.base_parameters_and_regressor import (
+        base_parameters,
+        base_regressor,
+    )
     from steelyard.estimate.information.gather import gather
     from steelyard.estimate.prior.body_priors import default_knowledge
     from steelyard.logs.formats import open_log

@@ -21,7 +21,7 @@ from steelyard.base.arrays import Z95, Array
 from steelyard.check.fitted.fitted_case_and_ranked_causes import FittedCase
 from steelyard.check.fitted.incomplete_model_and_unseen_error import model_error_check
 from steelyard.check.signals.velocity_scale_and_lag import one_sided_differences
-from steelyard.estimate.consistent.convex_program import Program
+from steelyard.estimate.consistent.convex_program_and_newton_refinement import Program
 from steelyard.estimate.identified_model import Provenance
 from steelyard.estimate.scores.parts_and_bands_along_run import Bands
 from steelyard.estimate.scores.score import score

@@ -33,7 +33,7 @@ from steelyard.base.errors import DataError
 from steelyard.estimate.closed_loop.simulated_experiment import Experiment, RunController
 from steelyard.estimate.estimate import Estimate
 from steelyard.estimate.estimator_register import ESTIMATORS, Context
-from steelyard.estimate.information.base_regressor import base_regressor
+from steelyard.estimate.information.base_parameters_and_regressor import base_regressor
 from steelyard.estimate.information.kept_filtered_samples import gather_samples
 from steelyard.estimate.prior.body_priors import default_knowledge
 from steelyard.excite.trajectories.fourier import random_fourier

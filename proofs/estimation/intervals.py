@@ -18,7 +18,7 @@ from proofs.support.claims import Claim, main_of
 from steelyard.base.arrays import Z95, Array
 from steelyard.estimate.consistent.convex_estimator import Consistent
 from steelyard.estimate.estimate import Estimate
-from steelyard.estimate.information.base_regressor import base_regressor
+from steelyard.estimate.information.base_parameters_and_regressor import base_regressor
 from steelyard.estimate.information.gather import gather
 from steelyard.estimate.least_squares.covariance_from_residuals import scores_of_windows
 from steelyard.estimate.least_squares.normal_equations import Fit, shared_map

@@ -22,7 +22,7 @@ from proofs.support.claims import Claim, main_of
 
 from steelyard.base.arrays import Array
 from steelyard.estimate.estimate import Estimate, Estimator
-from steelyard.estimate.information.base_regressor import (
+from steelyard.estimate.information.base_parameters_and_regressor import (
     Regressor,
     base_regressor,
     standard_regressor,

@@ -12,7 +12,7 @@ from proofs.support.claims import Claim, main_of
 
 from steelyard.base.arrays import Array
 from steelyard.base.motion import Trajectory
-from steelyard.estimate.information.base_regressor import base_regressor
+from steelyard.estimate.information.base_parameters_and_regressor import base_regressor
 from steelyard.estimate.information.gather import gather
 from steelyard.estimate.least_squares.weighted_robust_and_whitened import WeightedLeastSquares
 from steelyard.excite.trajectories.fourier import random_fourier

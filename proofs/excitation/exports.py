@@ -16,6 +16,10 @@ from proofs.support.claims import Claim, data_folder, main_of
 sys.path.insert(0, str(Path(__file__).parents[2] / "tests"))
 from excite.interpreters import Follower, URController, moments
 from steelyard.excite.excite import exported
+from steelyard.excite.trajectories.exact_slowed_and_chained_trajectories import (
+    ExactTrajectory,
+    SlowedMotion,
+)
 from steelyard.excite.trajectories.fourier import random_fourier
 from steelyard.excite.trajectories.motion_families import (
     Basis,
@@ -23,10 +27,6 @@ from steelyard.excite.trajectories.motion_families import (
     ramped_fourier,
     reaching,
     splines,
-)
-from steelyard.excite.trajectories.trajectory import (
-    ExactTrajectory,
-    SlowedMotion,
 )
 from steelyard.robot.file.robot_file import load_robot
 from steelyard.robot.robot import Robot

@@ -214,7 +214,7 @@ def of_information() -> list[Claim]:
     """Information of unequal models or filters is not added."""
     from invented import single
     from steelyard.base.errors import DataError
-    from steelyard.estimate.information.base_regressor import base_regressor
+    from steelyard.estimate.information.base_parameters_and_regressor import base_regressor
     from steelyard.estimate.information.filter_and_gram import Accumulator, Stretch
     from steelyard.estimate.information.information import Information, Signature, Window
     from steelyard.model.laws.friction_with_memory import Dahl

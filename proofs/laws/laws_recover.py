@@ -19,7 +19,7 @@ import numpy as np
 from proofs.support.claims import Claim, main_of
 
 from steelyard.base.motion import run
-from steelyard.estimate.information.base_regressor import base_regressor
+from steelyard.estimate.information.base_parameters_and_regressor import base_regressor
 from steelyard.estimate.information.gather import gather
 from steelyard.estimate.least_squares.weighted_robust_and_whitened import WeightedLeastSquares
 from steelyard.excite.trajectories.fourier import random_fourier
@@ -31,9 +31,9 @@ from steelyard.robot.inertia_and_placement import Inertia
 from steelyard.robot.robot import Body, Coordinate, Frame, Limits, Robot
 from steelyard.runs.prepare import prepare
 from steelyard.runs.recording import Recording
+from steelyard.simulate.drives_sensors_and_logged_columns import Sensors
 from steelyard.simulate.ground_truth import random_truth
 from steelyard.simulate.mujoco_model import build
-from steelyard.simulate.sensors_and_drives import Sensors
 from steelyard.simulate.typical_torques_and_masses import typical_torque
 from steelyard.simulate.virtual_robot import VirtualRobot
 

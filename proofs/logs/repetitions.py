@@ -21,7 +21,7 @@ from proofs.support.process_logs import process_log
 
 from steelyard.base.arrays import Array
 from steelyard.base.errors import LogError
-from steelyard.estimate.information.base_regressor import Regressor, base_regressor
+from steelyard.estimate.information.base_parameters_and_regressor import Regressor, base_regressor
 from steelyard.estimate.information.gather import gather
 from steelyard.estimate.least_squares.weighted_robust_and_whitened import WeightedLeastSquares
 from steelyard.excite.trajectories.fourier import random_fourier
@@ -33,8 +33,8 @@ from steelyard.runs.prepare import prepare_mean
 from steelyard.runs.recording import LogInMemory, Recording
 from steelyard.runs.run import Run
 from steelyard.runs.spectrum_and_period import Repetitions
+from steelyard.simulate.drives_sensors_and_logged_columns import TrueRun
 from steelyard.simulate.ground_truth import Truth, random_truth
-from steelyard.simulate.sensors_and_drives import TrueRun
 from steelyard.simulate.virtual_robot import VirtualRobot
 
 DRAWS, PERIOD, REPETITIONS = 40, 3.0, 52

@@ -14,7 +14,7 @@ import numpy as np
 from proofs.support.claims import Claim, main_of
 
 from steelyard.base.arrays import Array
-from steelyard.estimate.information.base_regressor import (
+from steelyard.estimate.information.base_parameters_and_regressor import (
     base_regressor,
     full_regressor,
     standard_regressor,
@@ -31,9 +31,9 @@ from steelyard.robot.inertia_and_placement import Inertia
 from steelyard.robot.robot import Limits, Robot
 from steelyard.runs.prepare import prepare
 from steelyard.runs.recording import LogInMemory, Recording
+from steelyard.simulate.drives_sensors_and_logged_columns import Reading, Sensors
 from steelyard.simulate.ground_truth import random_truth
 from steelyard.simulate.mujoco_model import build
-from steelyard.simulate.sensors_and_drives import Reading, Sensors
 from steelyard.simulate.typical_torques_and_masses import typical_torque
 from steelyard.simulate.virtual_robot import VirtualRobot
 

@@ -14,7 +14,7 @@ from proofs.support.claims import Claim, data_folder, main_of
 
 from steelyard.base.arrays import Array
 from steelyard.base.motion import Motion
-from steelyard.estimate.information.base_regressor import standard_regressor
+from steelyard.estimate.information.base_parameters_and_regressor import standard_regressor
 from steelyard.model.equations.inverse_dynamics import JointState
 from steelyard.model.laws.laws_without_friction import RigidBody
 from steelyard.model.model import Model

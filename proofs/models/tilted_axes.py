@@ -16,7 +16,7 @@ from proofs.support.claims import Claim, main_of
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "tests"))
 
-from steelyard.estimate.information.base_regressor import (
+from steelyard.estimate.information.base_parameters_and_regressor import (
     full_regressor,  # noqa: E402
     independent_columns,  # noqa: E402
 )

@@ -17,14 +17,14 @@ import numpy as np
 from proofs.support.claims import Claim, main_of
 
 from steelyard.base.motion import run
-from steelyard.estimate.information.base_regressor import base_regressor
+from steelyard.estimate.information.base_parameters_and_regressor import base_regressor
 from steelyard.estimate.information.gather import gather
 from steelyard.estimate.least_squares.weighted_robust_and_whitened import WeightedLeastSquares
 from steelyard.excite.design_problem_from_tables import build
 from steelyard.excite.search.feasibility import nearest_free
 from steelyard.excite.search.repair_until_proven import finished
+from steelyard.excite.trajectories.exact_slowed_and_chained_trajectories import ExactTrajectory
 from steelyard.excite.trajectories.motion_families import blended_fourier
-from steelyard.excite.trajectories.trajectory import ExactTrajectory
 from steelyard.excite.trajectories.trajectory_files import read_motion
 from steelyard.logs.formats import open_log
 from steelyard.model.model import model_with_open_friction

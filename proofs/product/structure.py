@@ -178,7 +178,7 @@ def met(work: Callable[[], T]) -> tuple[T, int]:
 
 def way() -> tuple[int, int, int]:
     """Names met from a log to information, to the estimate, and to the page."""
-    from steelyard.estimate.information.base_regressor import base_regressor
+    from steelyard.estimate.information.base_parameters_and_regressor import base_regressor
     from steelyard.estimate.information.gather import gather
     from steelyard.estimate.least_squares.weighted_robust_and_whitened import WeightedLeastSquares
     from steelyard.identify.identify import identify

@@ -17,7 +17,7 @@ sys.path.append(str(Path(__file__).parents[2] / "tests"))
 from drawn import motion_of, samples_of
 from invented import dh_arm
 from steelyard.base.arrays import Z95, Array
-from steelyard.estimate.information.base_regressor import base_regressor
+from steelyard.estimate.information.base_parameters_and_regressor import base_regressor
 from steelyard.estimate.information.information import Information
 from steelyard.estimate.least_squares.weighted_robust_and_whitened import WeightedLeastSquares
 from steelyard.estimate.reduction.reduction import reduce

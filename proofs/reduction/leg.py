@@ -27,7 +27,7 @@ from studies.support.robots import ROBOTS
 from drawn import samples_of
 from steelyard.base.arrays import Array
 from steelyard.base.motion import Trajectory
-from steelyard.estimate.information.base_regressor import base_regressor
+from steelyard.estimate.information.base_parameters_and_regressor import base_regressor
 from steelyard.estimate.information.information import Information
 from steelyard.estimate.least_squares.weighted_robust_and_whitened import OrdinaryLeastSquares
 from steelyard.estimate.reduction.reduction import reduce

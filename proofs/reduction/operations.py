@@ -13,7 +13,7 @@ from proofs.robots.scores import ur10e_logs
 from proofs.support.claims import Claim, data_folder, main_of
 
 import steelyard
-from steelyard.estimate.information.base_regressor import base_parameters
+from steelyard.estimate.information.base_parameters_and_regressor import base_parameters
 from steelyard.model.model import Model
 from steelyard.symbolic.native import compiler
 from steelyard.symbolic.native.compiled_programs import _module

@@ -21,7 +21,7 @@ from studies.support.robots import ROBOTS
 
 from drawn import samples_of
 from steelyard.base.arrays import Array
-from steelyard.estimate.information.base_regressor import Regressor, base_regressor
+from steelyard.estimate.information.base_parameters_and_regressor import Regressor, base_regressor
 from steelyard.estimate.information.kept_filtered_samples import FilteredSamples
 from steelyard.estimate.least_squares.normal_equations import condition_of
 from steelyard.estimate.reduction.backward_elimination import State
@@ -31,7 +31,7 @@ from steelyard.estimate.reduction.left_out_errors_and_stopping_rules import (
 from steelyard.estimate.reduction.reduction import Reduction, criterion_of, reduce
 from steelyard.excite.design_problem_from_tables import limits_of
 from steelyard.excite.planned.plans_from_tables import planned
-from steelyard.excite.trajectories.trajectory import ExactTrajectory
+from steelyard.excite.trajectories.exact_slowed_and_chained_trajectories import ExactTrajectory
 from steelyard.model.model import model_of
 from steelyard.robot.file.robot_file import load_robot
 from steelyard.robot.inertia_and_placement import INERTIAL_NAMES, Inertia

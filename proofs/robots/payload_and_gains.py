@@ -17,7 +17,10 @@ from proofs.support.claims import Claim, data_folder, main_of
 
 from steelyard.base.progress import silent
 from steelyard.estimate.friction.friction_mixes import with_any_speed
-from steelyard.estimate.information.base_regressor import base_parameters, base_regressor
+from steelyard.estimate.information.base_parameters_and_regressor import (
+    base_parameters,
+    base_regressor,
+)
 from steelyard.estimate.information.gather import gather
 from steelyard.estimate.information.information import Information
 from steelyard.estimate.payload.bilinear_least_squares import Bilinear

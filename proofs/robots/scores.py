@@ -139,7 +139,7 @@ def _each(name: str, values: np.ndarray, bounds: np.ndarray, unit: str) -> Claim
 
 
 def _rigid_ur10e() -> Claim:
-    from steelyard.estimate.information.base_regressor import base_parameters
+    from steelyard.estimate.information.base_parameters_and_regressor import base_parameters
     from steelyard.model.laws.laws_without_friction import RigidBody
     from steelyard.model.model import Model
     from steelyard.robot.file.robot_file import load_robot

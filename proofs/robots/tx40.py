@@ -13,7 +13,7 @@ from proofs.robots.scores import EXAMPLES, identified
 from proofs.support.claims import Claim, data_folder, main_of
 
 from steelyard.estimate.identified_model import IdentifiedModel, load_model
-from steelyard.estimate.information.base_regressor import symbols
+from steelyard.estimate.information.base_parameters_and_regressor import symbols
 
 CUSTOMARY = ("ZZ1R", "XX2R", "ZZ2R", "MX2R", "MY3R", "XX3R", "ZZ3R")
 

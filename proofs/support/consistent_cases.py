@@ -9,7 +9,7 @@ from proofs.support.claims import data_folder
 from steelyard.base.arrays import Array, Parameters
 from steelyard.base.motion import Motion
 from steelyard.estimate.estimate import Estimate
-from steelyard.estimate.information.base_regressor import Regressor, base_regressor
+from steelyard.estimate.information.base_parameters_and_regressor import Regressor, base_regressor
 from steelyard.estimate.information.filter_and_gram import Accumulator, Stretch
 from steelyard.estimate.information.information import Information, Signature, Window
 from steelyard.estimate.prior.body_priors import Knowledge, default_knowledge

@@ -7,8 +7,11 @@ import numpy as np
 from proofs.support.faults import Clean, Faulty, with_keys
 
 from steelyard.check.all_checks import Diagnosis
+from steelyard.check.efforts_by_gravity_payload_and_friction import (
+    EffortPredictor,
+    effort_predictor,
+)
 from steelyard.check.finding import Edit
-from steelyard.check.predicted_efforts_of_robot import Knowledge, knowledge_of
 from steelyard.robot.file.toml_edits import edited
 from steelyard.robot.inertia_and_placement import Inertia
 from steelyard.runs.prepare import prepare
@@ -152,8 +155,8 @@ def torque_for_current(clean: Clean, rng: Random) -> Faulty:
     return Faulty(text, table, ("effort kind",))
 
 
-def _knowledge(clean: Clean) -> Knowledge:
-    found = knowledge_of(clean.reference, clean.loaded.robot)
+def _knowledge(clean: Clean) -> EffortPredictor:
+    found = effort_predictor(clean.reference, clean.loaded.robot)
     if found is None:
         raise ValueError("nothing is known of the robot")
     return found

@@ -20,7 +20,7 @@ from proofs.support.mujoco_oracle import MjcfOracle, compiled
 from steelyard.base.arrays import Array
 from steelyard.base.errors import SteelyardError
 from steelyard.cli.init_command import init
-from steelyard.estimate.information.base_regressor import base_parameters
+from steelyard.estimate.information.base_parameters_and_regressor import base_parameters
 from steelyard.model.equations.inverse_dynamics import JointState
 from steelyard.model.equations.passive_joints import random_positions
 from steelyard.model.laws.laws_without_friction import RigidBody

@@ -15,7 +15,7 @@ from steelyard.base.motion import run
 from steelyard.base.progress import silent
 from steelyard.estimate.estimate import Estimate, StandardEstimate
 from steelyard.estimate.identified_model import Cutoffs, IdentifiedModel, Provenance
-from steelyard.estimate.information.base_regressor import base_parameters
+from steelyard.estimate.information.base_parameters_and_regressor import base_parameters
 from steelyard.estimate.information.filter_and_gram import noise_bandwidth
 from steelyard.excite.trajectories.fourier import random_fourier
 from steelyard.identify.runs_for_model import processing_of

@@ -9,7 +9,9 @@ from steelyard.estimate.estimate import Estimate as Estimate
 from steelyard.estimate.estimator_register import estimators as estimators
 from steelyard.estimate.identified_model import IdentifiedModel as IdentifiedModel
 from steelyard.estimate.identified_model import load_model as load_model
-from steelyard.estimate.information.base_regressor import base_parameters as base_parameters
+from steelyard.estimate.information.base_parameters_and_regressor import (
+    base_parameters as base_parameters,
+)
 from steelyard.estimate.information.information import Information as Information
 from steelyard.estimate.nonlinear.nonlinear_parameters import information as information
 from steelyard.excite.excite import design_excitation as design_excitation

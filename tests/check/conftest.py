@@ -24,7 +24,7 @@ from steelyard.check.decision.hypothesis_checks import (
     POSITION_SIGN,
 )
 from steelyard.estimate.identified_model import Cutoffs, IdentifiedModel, Provenance
-from steelyard.estimate.information.base_regressor import base_regressor
+from steelyard.estimate.information.base_parameters_and_regressor import base_regressor
 from steelyard.estimate.information.gather import gather
 from steelyard.estimate.least_squares.weighted_robust_and_whitened import WeightedLeastSquares
 from steelyard.excite.trajectories.fourier import random_fourier

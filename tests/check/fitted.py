@@ -12,7 +12,10 @@ from short_arm import WRIST, fix_joints
 from steelyard.base.motion import Motion
 from steelyard.check.fitted.fitted_case_and_ranked_causes import FittedCase
 from steelyard.estimate.identified_model import Cutoffs, IdentifiedModel, Provenance
-from steelyard.estimate.information.base_regressor import base_parameters, base_regressor
+from steelyard.estimate.information.base_parameters_and_regressor import (
+    base_parameters,
+    base_regressor,
+)
 from steelyard.estimate.least_squares.weighted_robust_and_whitened import WeightedLeastSquares
 from steelyard.estimate.nonlinear.nonlinear_parameters import information_from
 from steelyard.model.model import model_with_open_friction

@@ -15,7 +15,7 @@ from steelyard.check.fitted.implausible_estimates import (
     refuse_absurd,
 )
 from steelyard.estimate.consistent.convex_estimator import Consistent
-from steelyard.estimate.information.base_regressor import base_regressor
+from steelyard.estimate.information.base_parameters_and_regressor import base_regressor
 from steelyard.estimate.information.gather import gather
 from steelyard.estimate.prior.body_priors import default_knowledge
 from steelyard.runs.prepare import prepare

@@ -15,14 +15,14 @@ import pytest
 
 from invented import tree
 from steelyard.base.progress import silent
+from steelyard.check.case_from_files_and_precheck import case_of, subject_of
 from steelyard.check.decision.hypothesis_checks import POSITION_SIGN
 from steelyard.check.finding import Severity
 from steelyard.check.fitted.binding_constraints import BindingConstraints, binding_constraints
 from steelyard.check.fitted.fitted_case_and_ranked_causes import FittedCase
 from steelyard.check.fitted.post_fit_checks import constraints_check
-from steelyard.check.named_logs_and_precheck import case_of, subject_of
 from steelyard.estimate.consistent.convex_estimator import Consistent
-from steelyard.estimate.information.base_regressor import base_regressor
+from steelyard.estimate.information.base_parameters_and_regressor import base_regressor
 from steelyard.estimate.information.filter_and_gram import Accumulator, Stretch
 from steelyard.estimate.information.information import Information, Signature, Window
 from steelyard.estimate.prior.body_priors import Row, default_knowledge

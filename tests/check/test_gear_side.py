@@ -10,6 +10,7 @@ from check.fitted import demo_arm, log
 from steelyard.base.arrays import Parameters
 from steelyard.base.progress import silent
 from steelyard.check.all_checks import Diagnosis
+from steelyard.check.case_from_files_and_precheck import Subject, case_of
 from steelyard.check.case_logs_and_checks import Case
 from steelyard.check.check import CheckResult
 from steelyard.check.finding import Severity
@@ -21,7 +22,6 @@ from steelyard.check.fitted.gear_side_and_rotors import (
     rotors_at_zero_check,
     rotors_of,
 )
-from steelyard.check.named_logs_and_precheck import Subject, case_of
 from steelyard.cli.log_commands import hints
 from steelyard.robot.file.robot_file import load_robot
 from steelyard.runs.runs_of_named_logs import log_files

@@ -13,7 +13,7 @@ from check.test_signals import DQ, ROBOT, TAU, Q, case_of, coarse, diagnosis, so
 from steelyard.base.arrays import Array
 from steelyard.check.finding import Edit, Finding, Severity
 from steelyard.check.signals.corrupt_and_repeated_rows import repeated_rows_check, zero_order_hold
-from steelyard.estimate.information.base_regressor import base_regressor
+from steelyard.estimate.information.base_parameters_and_regressor import base_regressor
 from steelyard.estimate.information.gather import gather
 from steelyard.estimate.least_squares.weighted_robust_and_whitened import WeightedLeastSquares
 from steelyard.robot.file.robot_file import load_robot

@@ -10,15 +10,15 @@ import pytest
 from scipy.optimize import lsq_linear
 
 from steelyard.check.all_checks import Diagnosis, examine
-from steelyard.check.decision.friction_drift_check import friction_drift_check
+from steelyard.check.decision.friction_between_logs import friction_drift_check
 from steelyard.check.decision.hypothesis_checks import MOUNTING, PAYLOAD, UNKNOWN_BODIES
 from steelyard.check.decision.ranked_readings import COMPARING_PHASE
 from steelyard.check.decision.verdict_of_log import judge_log
 from steelyard.check.edits_that_serve_all_logs import edits_that_serve_all_logs
+from steelyard.check.efforts_by_gravity_payload_and_friction import effort_predictor
 from steelyard.check.finding import Edit, Finding, Fix, Severity
 from steelyard.check.hypotheses.nuisance_fit_and_score import fit_nuisances, shared_fit
 from steelyard.check.identifiability_check import identifiability_check
-from steelyard.check.predicted_efforts_of_robot import knowledge_of
 from steelyard.estimate.known_effort_scales import KnownScales
 from steelyard.robot.file.toml_edits import edited
 from steelyard.robot.inertia_and_placement import Inertia
@@ -220,7 +220,7 @@ def test_gravity_declared_elsewhere(arm, gravity):
 def with_payload(arm, mass: float) -> np.ndarray:
     """The log of the arm with something in its hand."""
     ten = Inertia.about_com(mass, [0.02, 0.0, 0.08], np.eye(3) * 0.005).ten
-    known = knowledge_of(arm.reference, arm.robot)
+    known = effort_predictor(arm.reference, arm.robot)
     m = arm.motion
     columns = known.payload(m.q.T, m.dq.T, m.ddq.T, arm.robot.gravity)
     table = arm.table.copy()

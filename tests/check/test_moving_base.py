@@ -9,9 +9,9 @@ from typer.testing import CliRunner
 from steelyard.base.arrays import Array
 from steelyard.base.progress import silent
 from steelyard.check.all_checks import Diagnosis, examine
+from steelyard.check.case_from_files_and_precheck import case_of, subject_of
 from steelyard.check.finding import Finding, Severity
 from steelyard.check.findings_text_and_page import check_headline
-from steelyard.check.named_logs_and_precheck import case_of, subject_of
 from steelyard.check.signals.movement_rests_and_moving_base import moving_base_check, of_base
 from steelyard.cli.app import app
 from steelyard.runs.runs_of_named_logs import log_files

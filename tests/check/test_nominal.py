@@ -31,13 +31,13 @@ from steelyard.check.decision.ranked_readings import ranking
 from steelyard.check.decision.search_with_unknown_bodies import LIKELY
 from steelyard.check.decision.undecided_questions import misfit_hides
 from steelyard.check.decision.verdict_of_log import SURE, judge_log
+from steelyard.check.efforts_by_gravity_payload_and_friction import effort_predictor
 from steelyard.check.finding import Edit, Severity
 from steelyard.check.findings_text_and_page import check_headline
 from steelyard.check.hypotheses import evidence_with_unknown_bodies
 from steelyard.check.hypotheses.evidence_with_unknown_bodies import EvidenceOfLog
 from steelyard.check.hypotheses.gravity_payload_and_delay import _DirectionResidual
 from steelyard.check.hypotheses.readings_and_likelihood import keeps_evidence
-from steelyard.check.predicted_efforts_of_robot import knowledge_of
 from steelyard.model.model import Model
 from steelyard.robot.file.toml_edits import edited
 from steelyard.runs.processing_choices import Processing
@@ -284,7 +284,7 @@ def test_a_nominal_model_does_not_say_that_a_loaded_arm_is_empty(arm, factor):
 
 
 def test_a_right_nominal_model_answers_what_a_wrong_one_leaves_open(arm):
-    m, known = arm.motion, knowledge_of(None, arm.robot)
+    m, known = arm.motion, effort_predictor(None, arm.robot)
     torque = known.torque(m.q.T, m.dq.T, m.ddq.T, arm.robot.gravity).T
     table, noise = arm.table.copy(), np.random.default_rng(0).standard_normal(torque.shape)
     table[:, arm.at(TAU)] = torque + m.dq + 0.01 * torque.std(axis=0) * noise
@@ -468,7 +468,7 @@ def test_a_constant_pull_is_not_called_a_mounting(arm):
 
 def held_up(arm, share: float, heavier: float) -> np.ndarray:
     """The log of an arm whose links weigh more, less a share of the gravity of the nominal ones."""
-    m, known = arm.motion, knowledge_of(None, arm.robot)
+    m, known = arm.motion, effort_predictor(None, arm.robot)
     q, dq, ddq = m.q.T, m.dq.T, m.ddq.T
     nominal = known.torque(q, dq, ddq, arm.robot.gravity)
     weight = np.einsum("a,ajb->jb", arm.robot.gravity, known.pulls(q))

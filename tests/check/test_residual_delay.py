@@ -16,7 +16,7 @@ from steelyard.check.hypotheses.signs_and_delay_by_friction import (
     delays_of,
     residual_delay,
 )
-from steelyard.estimate.information.base_regressor import base_regressor
+from steelyard.estimate.information.base_parameters_and_regressor import base_regressor
 
 
 def late(arm: Arm, seconds: Array) -> Array:

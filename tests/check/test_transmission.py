@@ -13,6 +13,7 @@ from short_arm import without_wrist
 from steelyard.base.arrays import Array
 from steelyard.base.progress import silent
 from steelyard.check.all_checks import Diagnosis, examine
+from steelyard.check.case_from_files_and_precheck import case_of, subject_of
 from steelyard.check.case_logs_and_checks import Case
 from steelyard.check.check import CheckResult
 from steelyard.check.decision.gear_signs_and_couplings import (
@@ -25,7 +26,6 @@ from steelyard.check.decision.robot_file_edits import file_gains
 from steelyard.check.decision.verdict_of_log import judge_log
 from steelyard.check.finding import Finding, Severity
 from steelyard.check.findings_text_and_page import CheckContent
-from steelyard.check.named_logs_and_precheck import case_of, subject_of
 from steelyard.cli.log_commands import WHAT_DECIDES_GAINS, WHAT_TO_COMPARE_OF_GEARS, hints
 from steelyard.robot.file.robot_file import load_robot
 from steelyard.robot.robot import Transmission

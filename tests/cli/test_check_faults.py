@@ -12,7 +12,7 @@ import pytest
 
 from cli.conftest import Command
 from cli.river_files import edited
-from steelyard.check import named_logs_and_precheck
+from steelyard.check import case_from_files_and_precheck
 from steelyard.check.all_checks import (
     CHECKS,
     CORRECTED_BY_FIX,
@@ -21,9 +21,9 @@ from steelyard.check.all_checks import (
     OF_MOTION,
     Diagnosis,
 )
+from steelyard.check.case_from_files_and_precheck import _diagnosis as diagnosis_of
 from steelyard.check.case_logs_and_checks import Case
 from steelyard.check.finding import Finding
-from steelyard.check.named_logs_and_precheck import _diagnosis as diagnosis_of
 from steelyard.robot.file.robot_file import load_robot
 
 CURRENTS = (
@@ -224,7 +224,7 @@ def test_a_wrong_transmission_leaves_the_check_inconclusive(
             examined[text, quick] = diagnosis_of(case, unread, text, quick=quick)
         return examined[text, quick]
 
-    monkeypatch.setattr(named_logs_and_precheck, "_diagnosis", once)
+    monkeypatch.setattr(case_from_files_and_precheck, "_diagnosis", once)
     log, right = thinned(tmp_path, every=10), Path(__file__).parents[2] / "examples" / "tx40.toml"
     done = command("check", right, log, "--quick")
     words = " ".join(done.stdout.split())

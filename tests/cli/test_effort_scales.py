@@ -16,7 +16,7 @@ from cli.river_files import edited
 from steelyard.estimate.consistent.convex_estimator import Consistent
 from steelyard.estimate.estimate import Estimate
 from steelyard.estimate.identified_model import load_model
-from steelyard.estimate.information.base_regressor import base_parameters
+from steelyard.estimate.information.base_parameters_and_regressor import base_parameters
 from steelyard.estimate.prior.body_priors import default_knowledge
 from steelyard.identify import fit as fitting
 from steelyard.identify.fit import _unscaled_because

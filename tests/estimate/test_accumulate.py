@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from invented import ROBOTS, single
-from steelyard.estimate.information.base_regressor import Regressor, base_regressor
+from steelyard.estimate.information.base_parameters_and_regressor import Regressor, base_regressor
 from steelyard.estimate.information.filter_and_gram import (
     MOVING,
     RESTING,

@@ -12,7 +12,7 @@ from steelyard.base.arrays import Parameters
 from steelyard.estimate.covariance_and_band_widths import Calibration
 from steelyard.estimate.estimate import StandardEstimate
 from steelyard.estimate.identified_model import Cutoffs, IdentifiedModel, Provenance
-from steelyard.estimate.information.base_regressor import base_regressor
+from steelyard.estimate.information.base_parameters_and_regressor import base_regressor
 from steelyard.estimate.information.filter_and_gram import ParallelFilter
 from steelyard.estimate.information.gather import blocks_with_channels, gather
 from steelyard.estimate.least_squares.weighted_robust_and_whitened import WeightedLeastSquares
@@ -20,7 +20,7 @@ from steelyard.estimate.scores.parts_and_bands_along_run import Bands
 from steelyard.estimate.scores.score import RunScore, score
 from steelyard.model.model import Model
 from steelyard.runs.run import Block, Run
-from steelyard.runs.smoothing.zero_phase_filters import apply, low_pass
+from steelyard.runs.smoothing.smoothing_methods_and_zero_phase_filters import apply, low_pass
 from steelyard.simulate.ground_truth import Truth, random_truth
 
 

@@ -9,7 +9,11 @@ from invented import ROBOTS, measured
 from steelyard.base.arrays import Parameters
 from steelyard.base.errors import ModelError
 from steelyard.base.motion import Motion
-from steelyard.estimate.information.base_regressor import BaseMap, base_parameters, refuse_twins
+from steelyard.estimate.information.base_parameters_and_regressor import (
+    BaseMap,
+    base_parameters,
+    refuse_twins,
+)
 from steelyard.model.laws.friction_over_speed import Coulomb, Viscous
 from steelyard.model.laws.laws_without_friction import Offset, RigidBody, RotorInertia
 from steelyard.model.model import Model

@@ -8,7 +8,7 @@ import pytest
 from invented import tree
 from steelyard.estimate.consistent.convex_estimator import Consistent
 from steelyard.estimate.estimate import Estimator
-from steelyard.estimate.information.base_regressor import base_regressor
+from steelyard.estimate.information.base_parameters_and_regressor import base_regressor
 from steelyard.estimate.information.filter_and_gram import Accumulator, Stretch
 from steelyard.estimate.information.information import Information, Signature, Window
 from steelyard.estimate.least_squares.covariance_from_residuals import (

@@ -11,7 +11,7 @@ from steelyard.base.errors import DataError
 from steelyard.base.progress import Event, Stopped
 from steelyard.estimate.bootstrap_and_sensitivity import bootstrap
 from steelyard.estimate.estimate import Estimate
-from steelyard.estimate.information.base_regressor import Layout
+from steelyard.estimate.information.base_parameters_and_regressor import Layout
 from steelyard.estimate.information.information import Information, Signature, Window
 from steelyard.estimate.least_squares.weighted_robust_and_whitened import (
     OrdinaryLeastSquares,

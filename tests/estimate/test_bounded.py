@@ -10,7 +10,7 @@ from invented import single
 from steelyard.base.errors import DataError
 from steelyard.estimate.estimate import Estimate
 from steelyard.estimate.estimator_register import ESTIMATORS, Context
-from steelyard.estimate.information.base_regressor import base_regressor
+from steelyard.estimate.information.base_parameters_and_regressor import base_regressor
 from steelyard.estimate.information.filter_and_gram import Accumulator, Stretch
 from steelyard.estimate.information.information import Information, Signature, Window
 from steelyard.estimate.least_squares.known_bounded_and_ridge import (

@@ -10,7 +10,7 @@ from in_amperes import GAINS, ROBOT, run_of
 from steelyard.base.errors import DataError, LogError, ModelError, SteelyardError
 from steelyard.estimate.covariance_and_band_widths import Calibration, bins
 from steelyard.estimate.identified_model import Cutoffs, IdentifiedModel, Provenance, load_model
-from steelyard.estimate.information.base_regressor import base_regressor
+from steelyard.estimate.information.base_parameters_and_regressor import base_regressor
 from steelyard.estimate.information.gather import gather
 from steelyard.estimate.information.information import Information
 from steelyard.estimate.least_squares.weighted_robust_and_whitened import WeightedLeastSquares

@@ -37,7 +37,7 @@ from steelyard.estimate.closed_loop.simulating_estimators import (
 )
 from steelyard.estimate.estimate import Estimate
 from steelyard.estimate.estimator_register import ESTIMATORS, Context, Offer
-from steelyard.estimate.information.base_regressor import Regressor, base_regressor
+from steelyard.estimate.information.base_parameters_and_regressor import Regressor, base_regressor
 from steelyard.estimate.information.filter_and_gram import Accumulator, Stretch
 from steelyard.estimate.information.information import Information, Signature, Window
 from steelyard.estimate.prior.body_priors import default_knowledge
@@ -190,7 +190,7 @@ def test_noise_of_positions_does_not_bias_as_it_biases_least_squares(offer: Offe
 @cache
 def differenced(position: float, torque: float) -> Experiment:
     """An experiment whose motion is from noisy positions behind a generous low-pass."""
-    from steelyard.runs.smoothing.zero_phase_filters import Butterworth
+    from steelyard.runs.smoothing.smoothing_methods_and_zero_phase_filters import Butterworth
 
     data = experiment(position, torque)
     (run,) = data.runs

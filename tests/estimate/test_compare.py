@@ -15,7 +15,7 @@ from steelyard.base.progress import Event, Stopped, report_progress
 from steelyard.estimate.consistent.convex_estimator import Consistent
 from steelyard.estimate.estimate import Estimate, StandardEstimate
 from steelyard.estimate.estimator_register import ESTIMATORS, Context, Offer
-from steelyard.estimate.information.base_regressor import base_regressor
+from steelyard.estimate.information.base_parameters_and_regressor import base_regressor
 from steelyard.estimate.information.filter_and_gram import Accumulator, Stretch
 from steelyard.estimate.information.gather import gather
 from steelyard.estimate.information.information import Information, Signature, Window

@@ -18,7 +18,7 @@ from steelyard.estimate.consistent.scaled_parameters_and_penalties import (
     Pullback,
 )
 from steelyard.estimate.estimate import Estimate
-from steelyard.estimate.information.base_regressor import base_regressor
+from steelyard.estimate.information.base_parameters_and_regressor import base_regressor
 from steelyard.estimate.information.filter_and_gram import Accumulator, Stretch
 from steelyard.estimate.information.information import Information, Signature, Window
 from steelyard.estimate.least_squares.weighted_robust_and_whitened import (

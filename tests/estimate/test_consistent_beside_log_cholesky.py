@@ -14,7 +14,7 @@ from steelyard.base.progress import silent
 from steelyard.estimate.consistent.convex_estimator import Consistent
 from steelyard.estimate.consistent.scaled_parameters_and_penalties import BASIS
 from steelyard.estimate.estimate import Estimate, StandardEstimate
-from steelyard.estimate.information.base_regressor import (
+from steelyard.estimate.information.base_parameters_and_regressor import (
     Regressor,
     base_regressor,
     standard_regressor,

@@ -6,7 +6,7 @@ import pytest
 from steelyard.base.arrays import Z95, Array
 from steelyard.base.errors import DataError
 from steelyard.robot.inertia_and_placement import Inertia
-from steelyard.uses.payload.consistent_payload_body import (
+from steelyard.uses.payload.known_and_consistent_payload_body import (
     ConsistentBody,
     PayloadKnowledge,
     SolidShape,

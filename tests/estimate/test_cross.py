@@ -8,7 +8,7 @@ import pytest
 
 from invented import single, tree
 from steelyard.base.errors import DataError
-from steelyard.estimate.information.base_regressor import base_regressor
+from steelyard.estimate.information.base_parameters_and_regressor import base_regressor
 from steelyard.estimate.information.filter_and_gram import Accumulator, Stretch
 from steelyard.estimate.information.gather import gather
 from steelyard.estimate.information.information import Information, Signature, Window

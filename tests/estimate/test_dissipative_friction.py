@@ -10,7 +10,10 @@ from moving import geared
 from steelyard.base.arrays import Parameters
 from steelyard.base.motion import Motion
 from steelyard.estimate.consistent.convex_estimator import Consistent
-from steelyard.estimate.information.base_regressor import base_parameters, base_regressor
+from steelyard.estimate.information.base_parameters_and_regressor import (
+    base_parameters,
+    base_regressor,
+)
 from steelyard.estimate.information.filter_and_gram import Accumulator, Stretch
 from steelyard.estimate.information.information import Information, Signature, Window
 from steelyard.estimate.prior.body_priors import Knowledge, Row, default_knowledge

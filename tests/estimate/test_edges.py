@@ -7,13 +7,16 @@ from at_prior import at_prior
 from in_amperes import GAINS, ROBOT, run_of
 from steelyard.base.arrays import Z95, Parameters
 from steelyard.estimate.consistent.convex_estimator import Consistent
-from steelyard.estimate.consistent.convex_program import Program, conic_constraints
+from steelyard.estimate.consistent.convex_program_and_newton_refinement import (
+    Program,
+    conic_constraints,
+)
 from steelyard.estimate.consistent.scaled_parameters_and_penalties import (
     Entropic,
     Pullback,
     unknowns,
 )
-from steelyard.estimate.information.base_regressor import base_regressor
+from steelyard.estimate.information.base_parameters_and_regressor import base_regressor
 from steelyard.estimate.information.gather import gather
 from steelyard.estimate.information.information import Information
 from steelyard.estimate.least_squares.weighted_robust_and_whitened import whitened

@@ -12,7 +12,7 @@ from invented import dh_arm
 from law_cases import CASES, LawCase, name_of
 from steelyard.base.errors import ModelError
 from steelyard.base.progress import Event, Stopped
-from steelyard.estimate.information.base_regressor import (
+from steelyard.estimate.information.base_parameters_and_regressor import (
     Regressor,
     base_parameters,
     base_regressor,

@@ -16,7 +16,7 @@ from steelyard.estimate.closed_loop.feedback_and_forward_dynamics import (
     Forward,
     Integration,
 )
-from steelyard.estimate.information.base_regressor import base_parameters
+from steelyard.estimate.information.base_parameters_and_regressor import base_parameters
 from steelyard.model.laws.friction_over_speed import Coulomb, Viscous
 from steelyard.model.laws.friction_with_memory import Dahl
 from steelyard.model.laws.laws_without_friction import RigidBody, RotorInertia

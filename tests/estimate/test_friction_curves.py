@@ -11,7 +11,7 @@ from steelyard.base.arrays import Z95, Parameters
 from steelyard.base.motion import Motion
 from steelyard.estimate.friction.friction_curves import friction_curves
 from steelyard.estimate.identified_model import IdentifiedModel
-from steelyard.estimate.information.base_regressor import base_parameters
+from steelyard.estimate.information.base_parameters_and_regressor import base_parameters
 from steelyard.model.laws.friction_over_speed import Coulomb, Viscous
 from steelyard.model.laws.friction_with_memory import Dahl
 from steelyard.model.laws.laws_without_friction import RigidBody

@@ -12,7 +12,7 @@ from steelyard.base.motion import Motion
 from steelyard.base.progress import Event
 from steelyard.estimate.consistent.convex_estimator import Consistent
 from steelyard.estimate.friction.friction_choice import FrictionChoice, choose_friction
-from steelyard.estimate.information.base_regressor import BaseMap
+from steelyard.estimate.information.base_parameters_and_regressor import BaseMap
 from steelyard.estimate.least_squares.weighted_robust_and_whitened import WeightedLeastSquares
 from steelyard.estimate.prior.body_priors import default_knowledge
 from steelyard.model.laws.friction_over_speed import Coulomb, Viscous

@@ -12,7 +12,7 @@ import pytest
 
 from loaded import GAINS, LOAD, MODEL, TOOL, UNITS, run
 from steelyard.base.errors import DataError, ModelError, SteelyardError
-from steelyard.estimate.information.base_regressor import base_parameters
+from steelyard.estimate.information.base_parameters_and_regressor import base_parameters
 from steelyard.estimate.information.information import Information, Window
 from steelyard.estimate.payload.bilinear_least_squares import Bilinear
 from steelyard.estimate.payload.drive_gains import identified_gains

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from invented import single
-from steelyard.estimate.information.base_regressor import base_regressor
+from steelyard.estimate.information.base_parameters_and_regressor import base_regressor
 from steelyard.estimate.information.gather import MOST_WINDOWS, gather
 from steelyard.estimate.information.information import Window
 from steelyard.estimate.scores.cross_validation import behind

@@ -13,7 +13,7 @@ from steelyard.base.arrays import Array
 from steelyard.base.errors import DataError
 from steelyard.base.progress import Event, Stopped
 from steelyard.estimate.estimate import Estimate
-from steelyard.estimate.information.base_regressor import base_regressor
+from steelyard.estimate.information.base_parameters_and_regressor import base_regressor
 from steelyard.estimate.information.information import Information
 from steelyard.estimate.least_squares.genetic_algorithm import Genetic, bounded_by_priors, evolved
 from steelyard.estimate.prior.body_priors import Knowledge, Row, default_knowledge

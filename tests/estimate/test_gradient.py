@@ -13,7 +13,7 @@ from invented import ball, mimic, tree
 from law_cases import memoryless, name_of, spanning
 from moving import geared
 from steelyard.base.arrays import Array
-from steelyard.estimate.information.base_regressor import Regressor, base_regressor
+from steelyard.estimate.information.base_parameters_and_regressor import Regressor, base_regressor
 from steelyard.excite.design_problem_and_information import Case, InformationEvaluator, Objective
 from steelyard.excite.optimality_criteria import CRITERIA, Measure, worst
 from steelyard.excite.trajectories.motion_families import Basis, rest_fourier, splines

@@ -15,7 +15,7 @@ from steelyard.base.arrays import Array, frozen
 from steelyard.base.errors import DataError
 from steelyard.estimate.estimate import Estimate
 from steelyard.estimate.estimator_register import ESTIMATORS, Context, Offer
-from steelyard.estimate.information.base_regressor import Regressor, base_regressor
+from steelyard.estimate.information.base_parameters_and_regressor import Regressor, base_regressor
 from steelyard.estimate.information.kept_filtered_samples import FilteredSamples
 from steelyard.estimate.prior.body_priors import Knowledge, default_knowledge
 from steelyard.model.model import Model

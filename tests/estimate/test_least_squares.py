@@ -5,7 +5,7 @@ import pytest
 
 from invented import tree
 from steelyard.base.errors import DataError
-from steelyard.estimate.information.base_regressor import base_regressor
+from steelyard.estimate.information.base_parameters_and_regressor import base_regressor
 from steelyard.estimate.information.filter_and_gram import Accumulator, Stretch
 from steelyard.estimate.information.information import Information, Signature, Window
 from steelyard.estimate.least_squares.weighted_robust_and_whitened import (

@@ -10,7 +10,7 @@ from steelyard.base.arrays import Array, Parameters
 from steelyard.base.errors import ModelError
 from steelyard.estimate.estimate import Estimate, Removed
 from steelyard.estimate.identified_model import IdentifiedModel
-from steelyard.estimate.information.base_regressor import BaseMap, base_parameters
+from steelyard.estimate.information.base_parameters_and_regressor import BaseMap, base_parameters
 from steelyard.estimate.scores.model_comparison import (
     CommonParameter,
     common_parameters,

@@ -8,7 +8,7 @@ import pytest
 from drawn import motion_of, samples_of
 from invented import dh_arm, single
 from steelyard.base.errors import DataError
-from steelyard.estimate.information.base_regressor import Regressor, base_regressor
+from steelyard.estimate.information.base_parameters_and_regressor import Regressor, base_regressor
 from steelyard.estimate.information.kept_filtered_samples import FilteredSamples
 from steelyard.estimate.least_squares.errors_in_variables import MotionNoise, motion_roots, slopes
 from steelyard.estimate.least_squares.weighted_robust_and_whitened import WeightedLeastSquares

@@ -15,7 +15,10 @@ from steelyard.base.errors import DataError, ModelError
 from steelyard.estimate.covariance_and_band_widths import Calibration
 from steelyard.estimate.external.contact_thresholds import ContactThresholds
 from steelyard.estimate.identified_model import IdentifiedModel
-from steelyard.estimate.information.base_regressor import base_parameters, base_regressor
+from steelyard.estimate.information.base_parameters_and_regressor import (
+    base_parameters,
+    base_regressor,
+)
 from steelyard.model.equations.frame_and_point_kinematics import last_frame
 from steelyard.simulate.mujoco_model import build
 from weighed import identified_of

@@ -8,7 +8,7 @@ from closed_chains import five_bar
 from steelyard.base.arrays import Array, Parameters
 from steelyard.base.errors import DataError
 from steelyard.base.motion import Motion
-from steelyard.estimate.information.base_regressor import base_regressor
+from steelyard.estimate.information.base_parameters_and_regressor import base_regressor
 from steelyard.estimate.information.gather import gather
 from steelyard.estimate.scores.score import score
 from steelyard.identify.provenance_and_notes import dropped, first_dropped

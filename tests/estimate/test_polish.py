@@ -9,7 +9,7 @@ from at_prior import at_prior
 from estimate.test_consistent import REGRESSOR, TRUTH, heavier, information_of, known
 from steelyard.estimate.consistent.conic_solver import solved
 from steelyard.estimate.consistent.convex_estimator import Consistent
-from steelyard.estimate.consistent.convex_program import Program, polished
+from steelyard.estimate.consistent.convex_program_and_newton_refinement import Program, polished
 from steelyard.estimate.consistent.scaled_parameters_and_penalties import (
     Entropic,
     Form,

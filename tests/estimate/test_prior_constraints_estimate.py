@@ -10,12 +10,15 @@ import pytest
 from invented import tree
 from steelyard.estimate.consistent.convex_estimator import Consistent
 from steelyard.estimate.estimate import StandardEstimate
-from steelyard.estimate.information.base_regressor import base_parameters, base_regressor
+from steelyard.estimate.information.base_parameters_and_regressor import (
+    base_parameters,
+    base_regressor,
+)
 from steelyard.estimate.information.filter_and_gram import Accumulator, Stretch
 from steelyard.estimate.information.information import Information, Signature, Window
 from steelyard.estimate.prior.body_priors import Knowledge, default_knowledge
+from steelyard.estimate.prior.prior_constraint_and_bounded_quantity import ConstraintContext
 from steelyard.estimate.prior.prior_constraint_kinds import KINDS
-from steelyard.estimate.prior.prior_constraint_protocol import ConstraintContext
 from steelyard.model.model import Model
 from steelyard.robot.inertia_and_placement import Inertia
 

@@ -16,7 +16,7 @@ from steelyard.estimate.consistent.prior_weight_and_contradictions import (
     Tried,
     weighed,
 )
-from steelyard.estimate.information.base_regressor import base_regressor
+from steelyard.estimate.information.base_parameters_and_regressor import base_regressor
 from steelyard.estimate.information.filter_and_gram import Accumulator, Stretch
 from steelyard.estimate.information.information import Information, Signature, Window
 from steelyard.estimate.prior.body_priors import default_knowledge

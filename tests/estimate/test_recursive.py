@@ -6,7 +6,7 @@ import pytest
 from drawn import motion_of, samples_of
 from invented import single, tree
 from steelyard.base.errors import DataError
-from steelyard.estimate.information.base_regressor import base_regressor
+from steelyard.estimate.information.base_parameters_and_regressor import base_regressor
 from steelyard.estimate.information.information import Information
 from steelyard.estimate.least_squares.recursive_least_squares import (
     MOST_WINDOWS_APART,

@@ -13,7 +13,7 @@ from invented import dh_arm
 from steelyard.base.arrays import Array
 from steelyard.base.errors import DataError, ModelError, SteelyardError
 from steelyard.estimate.estimate import Estimate
-from steelyard.estimate.information.base_regressor import base_regressor
+from steelyard.estimate.information.base_parameters_and_regressor import base_regressor
 from steelyard.estimate.information.kept_filtered_samples import FilteredSamples
 from steelyard.estimate.least_squares.weighted_robust_and_whitened import WeightedLeastSquares
 from steelyard.estimate.reduction.backward_elimination import (
@@ -201,7 +201,7 @@ def test_algorithm_1_on_a_case_by_hand() -> None:
 
 
 def _by_hand(columns: Array, effort: Array) -> FullModel:
-    from steelyard.estimate.information.base_regressor import Layout
+    from steelyard.estimate.information.base_parameters_and_regressor import Layout
     from steelyard.estimate.information.information import Information, Signature, Window
 
     joined_columns = np.column_stack([columns, effort])

@@ -8,7 +8,7 @@ import pytest
 from invented import single
 from steelyard.base.arrays import Parameters
 from steelyard.estimate.estimate import Estimate
-from steelyard.estimate.information.base_regressor import Regressor
+from steelyard.estimate.information.base_parameters_and_regressor import Regressor
 from steelyard.estimate.information.information import Information
 from steelyard.estimate.nonlinear.nonlinear_parameters import (
     MOST_REFERENCE_REFITS,

@@ -7,7 +7,7 @@ import pytest
 
 from drawn import motion_of, samples_of
 from invented import tree
-from steelyard.estimate.information.base_regressor import base_regressor
+from steelyard.estimate.information.base_parameters_and_regressor import base_regressor
 from steelyard.estimate.information.information import Information
 from steelyard.estimate.least_squares.known_bounded_and_ridge import Ridge
 from steelyard.estimate.least_squares.weighted_robust_and_whitened import WeightedLeastSquares

@@ -8,7 +8,7 @@ from scipy.optimize import least_squares
 
 from drawn import motion_of, samples_of
 from invented import single, tree
-from steelyard.estimate.information.base_regressor import Regressor, base_regressor
+from steelyard.estimate.information.base_parameters_and_regressor import Regressor, base_regressor
 from steelyard.estimate.information.kept_filtered_samples import FilteredSamples
 from steelyard.estimate.least_squares.weighted_robust_and_whitened import (
     Huber,

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from steelyard.estimate.information.base_regressor import (
+from steelyard.estimate.information.base_parameters_and_regressor import (
     base_parameters,
     clear_map,
     full_regressor,

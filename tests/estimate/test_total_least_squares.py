@@ -8,7 +8,7 @@ import pytest
 from drawn import motion_of, samples_of
 from invented import single, tree
 from steelyard.base.errors import DataError
-from steelyard.estimate.information.base_regressor import base_regressor
+from steelyard.estimate.information.base_parameters_and_regressor import base_regressor
 from steelyard.estimate.information.information import Information
 from steelyard.estimate.least_squares.errors_in_variables import TotalLeastSquares
 from steelyard.model.model import Model

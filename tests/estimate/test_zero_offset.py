@@ -6,7 +6,7 @@ import pytest
 from invented import ball, turned
 from steelyard.base.arrays import Parameters
 from steelyard.base.errors import DataError
-from steelyard.estimate.information.base_regressor import Regressor
+from steelyard.estimate.information.base_parameters_and_regressor import Regressor
 from steelyard.estimate.information.filter_and_gram import Accumulator, Stretch
 from steelyard.estimate.information.information import Information, Signature, Window
 from steelyard.estimate.nonlinear.grid_search import InformationOf

@@ -6,11 +6,11 @@ from typing import Any
 import numpy as np
 
 from steelyard.base.motion import Motion
-from steelyard.excite.trajectories.fourier import random_fourier
-from steelyard.excite.trajectories.trajectory import (
+from steelyard.excite.trajectories.exact_slowed_and_chained_trajectories import (
     ExactTrajectory,
     SlowedMotion,
 )
+from steelyard.excite.trajectories.fourier import random_fourier
 from steelyard.robot.robot import Body, Coordinate, JointKind, Robot
 
 TOLERANCE = 1e-6

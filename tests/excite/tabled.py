@@ -28,7 +28,7 @@ from steelyard.excite.search.feasibility import (
 from steelyard.excite.search.parallel_search import SearchBudget
 from steelyard.excite.search.repair_until_proven import Kept, finished
 from steelyard.excite.searched_or_planned_motion import Designed, design
-from steelyard.excite.trajectories.trajectory import ExactTrajectory
+from steelyard.excite.trajectories.exact_slowed_and_chained_trajectories import ExactTrajectory
 from steelyard.model.model import Model, with_friction
 from steelyard.model.model import model_with_open_friction as model_with_rigid_bodies
 from steelyard.robot.file.robot_file import LoadedRobot, load_robot

@@ -13,7 +13,7 @@ from steelyard.excite.search.margins_barrier_and_newton import (
     CONSTRAINT_STEP,
     InequalityConstraints,
 )
-from steelyard.excite.trajectories.trajectory import ExactTrajectory
+from steelyard.excite.trajectories.exact_slowed_and_chained_trajectories import ExactTrajectory
 
 MIDDLE = np.array([-0.1, 0.1, 0.3])
 SOME = ["rest", "rest, from to", "raw", "quintic, from", "blended", "reaching"]

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.interpolate import BSpline
 
+from steelyard.excite.trajectories.exact_slowed_and_chained_trajectories import ChainedMotion
 from steelyard.excite.trajectories.fourier import fourier_shapes, rest_basis
 from steelyard.excite.trajectories.motion_families import (
     Basis,
@@ -16,7 +17,6 @@ from steelyard.excite.trajectories.motion_families import (
     rest_fourier,
     splines,
 )
-from steelyard.excite.trajectories.trajectory import ChainedMotion
 
 START, END = np.array([0.3, -0.2, 1.0]), np.array([-0.5, 0.4, 1.5])
 BASES: dict[str, Basis] = {

@@ -14,9 +14,9 @@ from steelyard.excite.constraints.certificate import certify, trajectory_hash
 from steelyard.excite.constraints.constraint import Constraint, Margins
 from steelyard.excite.constraints.motion_limits import MotionLimits
 from steelyard.excite.constraints.tool_workspace import Marker, tool_box
+from steelyard.excite.trajectories.exact_slowed_and_chained_trajectories import ExactTrajectory
 from steelyard.excite.trajectories.fourier import FourierMotion
 from steelyard.excite.trajectories.piecewise_polynomials import PiecewiseMotion
-from steelyard.excite.trajectories.trajectory import ExactTrajectory
 from steelyard.model.laws.laws_without_friction import RigidBody
 from steelyard.model.model import Model
 

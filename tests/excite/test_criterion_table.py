@@ -9,7 +9,7 @@ import pytest
 from excite.tabled import OPEN, arm, designed, model_with_open_friction, problem_of
 from steelyard.base.arrays import Array
 from steelyard.base.errors import DataError
-from steelyard.estimate.information.base_regressor import base_parameters
+from steelyard.estimate.information.base_parameters_and_regressor import base_parameters
 from steelyard.excite.design_problem_and_information import Problem
 from steelyard.excite.earlier_model import Earlier
 

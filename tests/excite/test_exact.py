@@ -8,17 +8,17 @@ import pytest
 
 from exact_motions import MAKERS
 from steelyard.base.errors import DataError
+from steelyard.excite.trajectories.exact_slowed_and_chained_trajectories import (
+    ChainedMotion,
+    ExactTrajectory,
+    SlowedMotion,
+)
 from steelyard.excite.trajectories.fourier import FourierMotion, repeated
 from steelyard.excite.trajectories.piecewise_polynomials import (
     PiecewiseMotion,
     from_scipy,
     quintic,
     through_postures,
-)
-from steelyard.excite.trajectories.trajectory import (
-    ChainedMotion,
-    ExactTrajectory,
-    SlowedMotion,
 )
 from steelyard.excite.trajectories.trajectory_files import KINDS, trajectory_from_dict
 

@@ -13,8 +13,8 @@ from excite.interpreters import Follower, URController, moments
 from steelyard.base.errors import OutputError
 from steelyard.excite.controller_file_formats import PEANO_BOUND
 from steelyard.excite.excite import exported
+from steelyard.excite.trajectories.exact_slowed_and_chained_trajectories import ExactTrajectory
 from steelyard.excite.trajectories.fourier import random_fourier
-from steelyard.excite.trajectories.trajectory import ExactTrajectory
 
 
 @pytest.mark.slow

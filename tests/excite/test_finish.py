@@ -14,8 +14,8 @@ from steelyard.excite.constraints.constraint import Constraint, Margins
 from steelyard.excite.design_problem_and_information import Problem
 from steelyard.excite.search import repair_until_proven as finish
 from steelyard.excite.search.repair_until_proven import LEAST_MOTION_SHARE, finished, scaled
+from steelyard.excite.trajectories.exact_slowed_and_chained_trajectories import ExactTrajectory
 from steelyard.excite.trajectories.motion_families import rest_fourier
-from steelyard.excite.trajectories.trajectory import ExactTrajectory
 
 ALL = pytest.mark.parametrize("name", FAMILIES)
 ROUNDING = 1e-12

@@ -10,7 +10,7 @@ from designing import ARM, FAMILIES, MIDDLE, MODEL, box, problem, random_starts
 from steelyard.base.arrays import Array
 from steelyard.base.errors import DataError
 from steelyard.base.progress import Stopped
-from steelyard.estimate.information.base_regressor import base_regressor
+from steelyard.estimate.information.base_parameters_and_regressor import base_regressor
 from steelyard.excite.design_problem_and_information import (
     KEPT_PER_WAVE,
     SHOWN_PER_WAVE,

@@ -15,8 +15,8 @@ from steelyard.excite.collision.workspace_from_tables import WALL_RESERVE, WALLS
 from steelyard.excite.constraints.certificate import certify
 from steelyard.excite.constraints.constraint import Declined, Gap
 from steelyard.excite.design_problem_from_tables import build
+from steelyard.excite.trajectories.exact_slowed_and_chained_trajectories import ExactTrajectory
 from steelyard.excite.trajectories.fourier import random_fourier
-from steelyard.excite.trajectories.trajectory import ExactTrajectory
 from steelyard.robot.file.robot_file import load_robot
 from steelyard.simulate.simulate import _above_table, write_demo_arm
 

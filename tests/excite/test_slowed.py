@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from excite.exportable import Jumps, Swings, arm
-from steelyard.excite.trajectories.fourier import random_fourier
-from steelyard.excite.trajectories.trajectory import (
+from steelyard.excite.trajectories.exact_slowed_and_chained_trajectories import (
     ExactTrajectory,
     SlowedMotion,
 )
+from steelyard.excite.trajectories.fourier import random_fourier
 from steelyard.excite.trajectories.trajectory_files import trajectory_from_dict
 
 

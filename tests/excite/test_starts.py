@@ -16,7 +16,7 @@ from steelyard.excite.search.feasibility import (
     standing,
     widened,
 )
-from steelyard.excite.trajectories.trajectory import ExactTrajectory
+from steelyard.excite.trajectories.exact_slowed_and_chained_trajectories import ExactTrajectory
 
 CONSTRAINTS: dict[str, list[Constraint]] = {
     "none": [],

@@ -10,7 +10,7 @@ from steelyard.base.errors import ModelError, SteelyardError
 from steelyard.base.progress import silent
 from steelyard.estimate.data_for_estimators import Sources
 from steelyard.estimate.estimator_register import ESTIMATORS
-from steelyard.estimate.information.base_regressor import base_regressor
+from steelyard.estimate.information.base_parameters_and_regressor import base_regressor
 from steelyard.excite.trajectories.fourier import random_fourier
 from steelyard.excite.trajectories.trajectory_files import write_motion
 from steelyard.identify.identify import Identification

@@ -29,7 +29,7 @@ from steelyard.estimate.estimate import (
 )
 from steelyard.estimate.friction.friction_choice import FrictionChoice, MixScore
 from steelyard.estimate.identified_model import Cutoffs, IdentifiedModel, Provenance
-from steelyard.estimate.information.base_regressor import BaseMap, base_parameters
+from steelyard.estimate.information.base_parameters_and_regressor import BaseMap, base_parameters
 from steelyard.estimate.nonlinear.effort_scales import EffortScales, Scaled, Scales
 from steelyard.estimate.nonlinear.nonlinear_parameters import Finding, ZeroOffsets
 from steelyard.estimate.payload.drive_gains import GainEstimate

@@ -16,7 +16,7 @@ from steelyard.uses.health.drift_detection import QUANTITIES, Series, changes_of
 from steelyard.uses.health.health import Health
 from steelyard.uses.payload.change_detection import SlidingMass
 from steelyard.uses.payload.pick_up_and_put_down import Carried, Kind, PayloadEvent, PayloadEvents
-from steelyard.uses.wrench.measured_wrench import (
+from steelyard.uses.wrench.measured_wrench_and_sensor_mounting import (
     MeasuredWrench,
     Sensor,
     SensorLoad,

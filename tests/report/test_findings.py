@@ -8,6 +8,7 @@ from rich.console import Console
 
 from report.conftest import EVIL, diagnosis
 from steelyard.check.all_checks import Diagnosis
+from steelyard.check.case_from_files_and_precheck import refusal
 from steelyard.check.finding import ComparedHypothesis, Edit, Finding, Fix, Severity
 from steelyard.check.findings_text_and_page import (
     CheckContent,
@@ -21,7 +22,6 @@ from steelyard.check.findings_text_and_page import (
     render_check,
     tally,
 )
-from steelyard.check.named_logs_and_precheck import refusal
 from steelyard.identify.page.settings_quality_and_checks import CheckSection
 
 

@@ -10,7 +10,7 @@ from report.conftest import EVIL, estimate, identified, robot, run_score
 from steelyard.estimate.estimate import Removed
 from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.estimate.scores.model_comparison import ComparedModel, ModelComparison, ModelErrors
-from steelyard.identify.comparison.model_errors_and_efforts import (
+from steelyard.identify.comparison.model_errors_and_efforts_sections import (
     ModelsContent,
     error_tables,
     models_headline,

@@ -7,7 +7,7 @@ import numpy as np
 from report.conftest import run_score
 from steelyard.estimate.scores.score import RunScore
 from steelyard.identify.page.section_register import render
-from steelyard.identify.page.verdict_section import fitted_larger
+from steelyard.identify.page.verdict_and_joint_errors import fitted_larger
 
 
 def with_residuals(ends: float) -> RunScore:

@@ -6,7 +6,10 @@ import numpy as np
 import pytest
 
 from steelyard.base.errors import ModelError
-from steelyard.estimate.information.base_regressor import base_parameters, full_regressor
+from steelyard.estimate.information.base_parameters_and_regressor import (
+    base_parameters,
+    full_regressor,
+)
 from steelyard.estimate.payload.runs_with_payload import carrier
 from steelyard.estimate.prior.body_priors import default_knowledge
 from steelyard.estimate.prior.priors_from_tables import body_index

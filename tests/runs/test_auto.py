@@ -10,7 +10,11 @@ from steelyard.runs.smoothing.likeliest_cutoffs_and_fourier import (
     LowPasses,
     likeliest_cutoffs,
 )
-from steelyard.runs.smoothing.zero_phase_filters import Butterworth, Choosing, continued_at_ends
+from steelyard.runs.smoothing.smoothing_methods_and_zero_phase_filters import (
+    Butterworth,
+    Choosing,
+    continued_at_ends,
+)
 
 RATE = 250.0
 

@@ -21,8 +21,8 @@ from steelyard.runs.rows.resampling import (
     sample_count,
 )
 from steelyard.runs.smoothing.kalman_smoother import CausalKalman, KalmanSmoother
+from steelyard.runs.smoothing.smoothing_methods_and_zero_phase_filters import Butterworth
 from steelyard.runs.smoothing.spline_and_finite_windows import MovingAverage
-from steelyard.runs.smoothing.zero_phase_filters import Butterworth
 
 WHOLE = [n for n, method in METHODS.items() if method().designed(8.0, 100.0).halo is None]
 CHAINS = {

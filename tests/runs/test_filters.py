@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy import signal
 
 from steelyard.base.errors import LogError
-from steelyard.runs.smoothing.zero_phase_filters import (
+from steelyard.runs.smoothing.smoothing_methods_and_zero_phase_filters import (
     Bank,
     apply,
     butterworth,

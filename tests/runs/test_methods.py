@@ -14,8 +14,13 @@ from steelyard.runs.processing_choices import (
     smoother_of,
 )
 from steelyard.runs.smoothing.kalman_smoother import CausalKalman
+from steelyard.runs.smoothing.smoothing_methods_and_zero_phase_filters import (
+    Butterworth,
+    Method,
+    Smoother,
+    apply,
+)
 from steelyard.runs.smoothing.spline_and_finite_windows import FIR, MovingAverage, SavitzkyGolay
-from steelyard.runs.smoothing.zero_phase_filters import Butterworth, Method, Smoother, apply
 
 RATE, CUTOFF = 200.0, 10.0
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from steelyard.runs.processing_chain import SAMPLES_OF_PART, Margin, partition, windows
+from steelyard.runs.rows.bridged_rows_segments_and_quality import Segment
 from steelyard.runs.rows.clock_and_row_scan import RowPiece
-from steelyard.runs.rows.marked_rows_and_quality import Segment
 
 RATE = 100.0
 SEGMENTS = (Segment(0, 1.0, 301.0, 30_001), Segment(3, 310.0, 310.5, 51))

@@ -7,7 +7,11 @@ from scipy import signal
 from steelyard.base.errors import LogError
 from steelyard.estimate.information.filter_and_gram import ParallelFilter
 from steelyard.runs.cutoff_frequencies import MATCHED_FACTOR, Processing, cutoffs
-from steelyard.runs.rest_speed import SpeedHistogram, default_rest_speed, given_rest_speed
+from steelyard.runs.rest_speed_and_speed_histogram import (
+    SpeedHistogram,
+    default_rest_speed,
+    given_rest_speed,
+)
 from steelyard.runs.spectrum_and_period import motion_band, welch
 
 

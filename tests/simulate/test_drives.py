@@ -9,8 +9,12 @@ from steelyard.base.errors import ModelError
 from steelyard.base.motion import Motion
 from steelyard.excite.trajectories.fourier import random_fourier
 from steelyard.robot.robot import Robot
+from steelyard.simulate.drives_sensors_and_logged_columns import (
+    Drives,
+    DrivesInUse,
+    customary_drives,
+)
 from steelyard.simulate.ground_truth import random_truth
-from steelyard.simulate.sensors_and_drives import Drives, DrivesInUse, customary_drives
 from steelyard.simulate.virtual_robot import VirtualRobot
 from steelyard.uses.control.joint_controllers import Cascade
 

@@ -6,7 +6,7 @@ from invented import ball
 from steelyard.base.arrays import Array, Parameters
 from steelyard.base.errors import DataError
 from steelyard.base.motion import Motion
-from steelyard.estimate.information.base_regressor import (
+from steelyard.estimate.information.base_parameters_and_regressor import (
     base_parameters,
     full_regressor,
     standard_regressor,

@@ -9,7 +9,7 @@ from invented import ROBOTS
 from oracles import pinocchio_regressor, pinocchio_torque
 from steelyard.base.arrays import Parameters
 from steelyard.base.motion import Motion
-from steelyard.estimate.information.base_regressor import standard_regressor
+from steelyard.estimate.information.base_parameters_and_regressor import standard_regressor
 from steelyard.model.equations.inverse_dynamics import JointState
 from steelyard.model.laws.laws_without_friction import RigidBody
 from steelyard.model.model import Model

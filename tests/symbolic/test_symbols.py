@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from invented import tree
-from steelyard.estimate.information.base_regressor import base_regressor
+from steelyard.estimate.information.base_parameters_and_regressor import base_regressor
 from steelyard.model.model import Model
 from steelyard.symbolic import symbols_and_tracing as trace
 from steelyard.symbolic.program_and_softening import InputArray, Program, Step, run

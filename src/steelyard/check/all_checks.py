@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 from steelyard.base.progress import report_progress
 from steelyard.check.case_logs_and_checks import Case, CaseCheck
-from steelyard.check.decision.friction_drift_check import friction_drift_check
+from steelyard.check.decision.friction_between_logs import friction_drift_check
 from steelyard.check.decision.gear_signs_and_couplings import transmission_check
 from steelyard.check.decision.hypothesis_checks import (
     EFFORT_DELAY,

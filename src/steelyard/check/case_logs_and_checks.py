@@ -12,8 +12,11 @@ import numpy as np
 from steelyard.base.arrays import Array
 from steelyard.base.errors import LogError
 from steelyard.base.progress import Progress, silent
+from steelyard.check.efforts_by_gravity_payload_and_friction import (
+    EffortPredictor,
+    effort_predictor,
+)
 from steelyard.check.finding import Finding
-from steelyard.check.predicted_efforts_of_robot import Knowledge, knowledge_of
 from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.logs.log_and_errors import Log
 from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
@@ -101,9 +104,9 @@ class Case:
         return self.loaded.robot.joint_names
 
     @cached_property
-    def knowledge(self) -> Knowledge | None:
+    def knowledge(self) -> EffortPredictor | None:
         """What is known of the robot."""
-        return knowledge_of(self.reference, self.loaded.robot)
+        return effort_predictor(self.reference, self.loaded.robot)
 
     def listed(self, joints: Sequence[int]) -> str:
         """Names of joints in a sentence, given by number; of three or more that are all, none."""

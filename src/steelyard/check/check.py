@@ -13,6 +13,12 @@ from steelyard.base.checked_arguments import checked
 from steelyard.base.progress import Progress, silent
 from steelyard.check import all_checks
 from steelyard.check.all_checks import Diagnosis
+from steelyard.check.case_from_files_and_precheck import (
+    Subject,
+    diagnosed,
+    refuse_foreign,
+    subject_of,
+)
 from steelyard.check.corrected_robot_file import CorrectedFile, correct_robot_file, target_of
 from steelyard.check.findings_text_and_page import (
     CheckContent,
@@ -22,7 +28,6 @@ from steelyard.check.findings_text_and_page import (
     render_check,
     tally,
 )
-from steelyard.check.named_logs_and_precheck import Subject, diagnosed, refuse_foreign, subject_of
 from steelyard.estimate.estimator_register import method_of
 from steelyard.estimate.identified_model import IdentifiedModel, load_model
 from steelyard.report.result import Result

@@ -8,9 +8,9 @@ from typing import Any
 from steelyard.base.errors import ModelError, OutputError
 from steelyard.base.files import whole_file
 from steelyard.check.all_checks import Diagnosis
+from steelyard.check.case_from_files_and_precheck import Subject
 from steelyard.check.finding import Edit, Finding, Severity
 from steelyard.check.findings_text_and_page import diagnosis_dict, edit_dict
-from steelyard.check.named_logs_and_precheck import Subject
 from steelyard.robot.file.toml_edits import edited, lines_of
 from steelyard.robot.file.toml_schema import tomllib
 from steelyard.robot.init.draft_robot_file import path_from

@@ -9,7 +9,7 @@ from steelyard.check.case_logs_and_checks import Case, case_check
 from steelyard.check.clean_runs_and_customary_model import clean_runs, customary_model
 from steelyard.check.finding import Finding, Fix
 from steelyard.estimate.estimate import Unidentifiable
-from steelyard.estimate.information.base_regressor import base_regressor
+from steelyard.estimate.information.base_parameters_and_regressor import base_regressor
 from steelyard.estimate.information.gather import gather
 from steelyard.estimate.least_squares.weighted_robust_and_whitened import WeightedLeastSquares
 from steelyard.model.laws.register import law_of

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from steelyard.base.progress import Event, Progress
     from steelyard.excite.excite import DesignedMotion, DesignTask
     from steelyard.excite.search.parallel_search import SearchBudget
-    from steelyard.excite.trajectories.trajectory import ExactTrajectory
+    from steelyard.excite.trajectories.exact_slowed_and_chained_trajectories import ExactTrajectory
     from steelyard.identify.identify import Identification
     from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
     from steelyard.simulate.simulate import SimulatedRun
@@ -336,7 +336,7 @@ def _show(motion: "DesignedMotion", found: "Identification", console: "Console")
 
     from steelyard.excite.page.design_text import design_headline
     from steelyard.identify.page.parameters_and_truth import TruthSection
-    from steelyard.identify.page.verdict_section import VerdictSection
+    from steelyard.identify.page.verdict_and_joint_errors import VerdictSection
 
     console.print(Text(design_headline(motion.designed)))
     parts = [

@@ -9,7 +9,7 @@ from typing import Any, Literal
 from steelyard.base.errors import DataError
 from steelyard.base.progress import Progress
 from steelyard.estimate.closed_loop.simulated_experiment import Experiment
-from steelyard.estimate.information.base_regressor import Regressor
+from steelyard.estimate.information.base_parameters_and_regressor import Regressor
 from steelyard.estimate.information.filter_and_gram import ParallelFilter
 from steelyard.estimate.information.information import Information, Window
 from steelyard.estimate.information.kept_filtered_samples import FilteredSamples, in_units_of_joints

@@ -18,7 +18,7 @@ from steelyard.estimate.consistent.convex_estimator import Consistent
 from steelyard.estimate.consistent.scaled_parameters_and_penalties import Free, Pullback
 from steelyard.estimate.data_for_estimators import Needs, Sources
 from steelyard.estimate.estimate import Estimate, Estimator
-from steelyard.estimate.information.base_regressor import Layout, Regressor
+from steelyard.estimate.information.base_parameters_and_regressor import Layout, Regressor
 from steelyard.estimate.information.information import Information
 from steelyard.estimate.least_squares.errors_in_variables import MotionNoise, TotalLeastSquares
 from steelyard.estimate.least_squares.genetic_algorithm import Genetic

@@ -32,9 +32,13 @@ from steelyard.estimate.external.compiled_observer_step import (
     moved_frame,
 )
 from steelyard.estimate.external.contact_thresholds import ContactThresholds
-from steelyard.estimate.external.momentum_observer import NOISE, Observer, check_bandwidth
+from steelyard.estimate.external.momentum_observer_with_wrench_and_contact import (
+    NOISE,
+    Observer,
+    check_bandwidth,
+)
 from steelyard.estimate.external.wrench_methods import FORCE, LEVER, Expected
-from steelyard.estimate.information.base_regressor import BaseMap
+from steelyard.estimate.information.base_parameters_and_regressor import BaseMap
 from steelyard.estimate.information.filter_and_gram import noise_bandwidth
 from steelyard.estimate.known_effort_scales import KnownScales
 from steelyard.model.dynamics import Dynamics

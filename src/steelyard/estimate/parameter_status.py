@@ -19,7 +19,7 @@ import numpy as np
 
 from steelyard.base.arrays import Z95, Array, frozen
 from steelyard.estimate.identified_model import IdentifiedModel
-from steelyard.estimate.information.base_regressor import full_regressor
+from steelyard.estimate.information.base_parameters_and_regressor import full_regressor
 from steelyard.model.model import Model
 
 ParameterStatus = Literal[

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from steelyard.base.arrays import Array
-from steelyard.estimate.information.base_regressor import BaseMap, clear_map
+from steelyard.estimate.information.base_parameters_and_regressor import BaseMap, clear_map
 from steelyard.excite.constraints.constraint import Constraint
 from steelyard.excite.constraints.motion_limits import MotionLimits
 from steelyard.excite.optimality_criteria import Criterion, DOptimal, Measure, worst, worst_value

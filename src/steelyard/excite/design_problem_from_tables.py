@@ -6,7 +6,12 @@ import numpy as np
 
 from steelyard.base.arrays import Array, frozen
 from steelyard.base.errors import DataError, refuse_unknown
-from steelyard.estimate.information.base_regressor import FAINT, BaseMap, base_parameters, clear_map
+from steelyard.estimate.information.base_parameters_and_regressor import (
+    FAINT,
+    BaseMap,
+    base_parameters,
+    clear_map,
+)
 from steelyard.excite.constraints.bounds_in_time_and_effort_limits import payload_numbers
 from steelyard.excite.constraints.constraint import Declined
 from steelyard.excite.constraints.constraints_from_tables import constraints_of, without_memory

@@ -9,7 +9,7 @@ import numpy as np
 from steelyard.base.arrays import Array, frozen
 from steelyard.base.errors import DataError
 from steelyard.estimate.identified_model import IdentifiedModel, load_model
-from steelyard.estimate.information.base_regressor import BaseMap
+from steelyard.estimate.information.base_parameters_and_regressor import BaseMap
 from steelyard.estimate.information.filter_and_gram import ParallelFilter
 from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
 

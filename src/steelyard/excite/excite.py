@@ -40,9 +40,9 @@ from steelyard.excite.page.design_page import render_design
 from steelyard.excite.page.design_text import DesignContent, design_headline, print_design, scopes
 from steelyard.excite.search.parallel_search import SearchBudget
 from steelyard.excite.searched_or_planned_motion import Designed, design
+from steelyard.excite.trajectories.exact_slowed_and_chained_trajectories import ExactTrajectory
 from steelyard.excite.trajectories.motion_families import FAMILIES, basis_of
 from steelyard.excite.trajectories.piecewise_polynomials import through_postures
-from steelyard.excite.trajectories.trajectory import ExactTrajectory
 from steelyard.excite.trajectories.trajectory_files import read_motion, write_motion
 from steelyard.model.model import Model, model_with_open_friction, with_friction
 from steelyard.report.result import Result

@@ -9,7 +9,7 @@ import numpy as np
 from steelyard.base.arrays import Array, frozen
 from steelyard.base.errors import DataError
 from steelyard.base.progress import Progress, silent
-from steelyard.estimate.information.base_regressor import base_parameters, clear_map
+from steelyard.estimate.information.base_parameters_and_regressor import base_parameters, clear_map
 from steelyard.excite.collision.workspace_from_tables import tool_of
 from steelyard.excite.constraints.certificate import Certificate, certify, holds_note
 from steelyard.excite.constraints.constraint import Constraint, Gap
@@ -43,8 +43,8 @@ from steelyard.excite.search.parallel_search import (
 )
 from steelyard.excite.search.repair_until_proven import finished
 from steelyard.excite.search.search_methods import method_of
+from steelyard.excite.trajectories.exact_slowed_and_chained_trajectories import ExactTrajectory
 from steelyard.excite.trajectories.motion_families import FAMILIES, coefficients_of
-from steelyard.excite.trajectories.trajectory import ExactTrajectory
 from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
 from steelyard.robot.robot import Robot, frame_origins
 

@@ -26,7 +26,11 @@ from steelyard.estimate.estimator_register import (
     per_run_columns,
 )
 from steelyard.estimate.identified_model import BAND, Cutoffs, IdentifiedModel, Provenance
-from steelyard.estimate.information.base_regressor import BaseMap, base_parameters, base_regressor
+from steelyard.estimate.information.base_parameters_and_regressor import (
+    BaseMap,
+    base_parameters,
+    base_regressor,
+)
 from steelyard.estimate.information.information import Information
 from steelyard.estimate.least_squares.known_bounded_and_ridge import fixed_values
 from steelyard.estimate.least_squares.weighted_robust_and_whitened import (

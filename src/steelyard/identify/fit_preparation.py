@@ -16,7 +16,7 @@ from steelyard.estimate.friction.friction_choice import (
     refuse_listed,
 )
 from steelyard.estimate.friction.friction_mixes import PLAIN, with_any_speed
-from steelyard.estimate.information.base_regressor import (
+from steelyard.estimate.information.base_parameters_and_regressor import (
     BaseMap,
     base_parameters,
     base_regressor,

@@ -22,7 +22,10 @@ from steelyard.estimate.consistent.prior_weight_and_contradictions import (
 )
 from steelyard.estimate.estimate import Estimate, StandardEstimate
 from steelyard.estimate.identified_model import IdentifiedModel, load_model
-from steelyard.estimate.information.base_regressor import base_parameters, base_regressor
+from steelyard.estimate.information.base_parameters_and_regressor import (
+    base_parameters,
+    base_regressor,
+)
 from steelyard.estimate.information.information import Information
 from steelyard.estimate.information.kept_filtered_samples import in_units_of_joints
 from steelyard.estimate.nonlinear.nonlinear_parameters import information_from

@@ -20,7 +20,7 @@ from steelyard.estimate.bootstrap_and_sensitivity import (
 )
 from steelyard.estimate.estimate import Estimate
 from steelyard.estimate.identified_model import IdentifiedModel, load_model
-from steelyard.estimate.information.base_regressor import base_regressor
+from steelyard.estimate.information.base_parameters_and_regressor import base_regressor
 from steelyard.estimate.information.information import Information
 from steelyard.estimate.scores.score import RunScore
 from steelyard.identify.fit import EstimatorOf, Fit

@@ -19,7 +19,7 @@ from steelyard.identify.page.effort_error_words import both_words
 from steelyard.identify.page.parameters_and_truth import parameter_rows
 from steelyard.identify.page.report_content import ReportContent
 from steelyard.identify.page.section_register import SECTIONS, parameters_csv, print_report, render
-from steelyard.identify.page.verdict_section import joints_table
+from steelyard.identify.page.verdict_and_joint_errors import joints_table
 from steelyard.identify.runs_for_model import runs_for
 from steelyard.identify.verdict_and_next_steps import Verdict, verdict
 from steelyard.report.result import TEXT_WIDTH, DataFrame, Result, Series, frame

@@ -10,6 +10,7 @@ from steelyard.base.errors import LogError
 from steelyard.runs.processing_chain import evenly_sampled
 from steelyard.runs.processing_choices import Processing
 from steelyard.runs.recording import LeftOut, Recording
+from steelyard.runs.rows.bridged_rows_segments_and_quality import RowChecks, Segment
 from steelyard.runs.rows.clock_and_row_scan import (
     SHORTEST_CHAIN,
     Clock,
@@ -22,7 +23,6 @@ from steelyard.runs.rows.clock_and_row_scan import (
 )
 from steelyard.runs.rows.faulty_row_detectors import Extremes, RowVerdict
 from steelyard.runs.rows.frozen_encoders_and_dead_efforts import FalseStretches
-from steelyard.runs.rows.marked_rows_and_quality import RowChecks, Segment
 from steelyard.runs.rows.resampling import sample_count
 from steelyard.runs.spectrum_and_period import Band, motion_band
 

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from steelyard.base.arrays import Array, frozen
 from steelyard.runs.first_pass_over_recording import survey
 from steelyard.runs.run import Run
-from steelyard.runs.smoothing.zero_phase_filters import Butterworth, Method
+from steelyard.runs.smoothing.smoothing_methods_and_zero_phase_filters import Butterworth, Method
 
 
 def motion_responses(

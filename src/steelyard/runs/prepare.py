@@ -15,18 +15,27 @@ from steelyard.runs.motion_error_from_noise import motion_responses, noise_gain
 from steelyard.runs.processing_chain import Chain
 from steelyard.runs.processing_choices import Processing
 from steelyard.runs.recording import Recording
-from steelyard.runs.rest_speed import (
+from steelyard.runs.rest_speed_and_speed_histogram import (
     MOVING_OVER_REST,
     SpeedHistogram,
     default_rest_speed,
     given_rest_speed,
 )
+from steelyard.runs.rows.bridged_rows_segments_and_quality import (
+    COUNTS_OF_MARKS,
+    Marked,
+    Quality,
+    Segment,
+)
 from steelyard.runs.rows.faulty_row_detectors import RowVerdict
-from steelyard.runs.rows.marked_rows_and_quality import COUNTS_OF_MARKS, Marked, Quality, Segment
 from steelyard.runs.rows.resampling import sample_count
 from steelyard.runs.run import Moves, Run, lost_ends
 from steelyard.runs.sample_cache import KeptSamples, Source
-from steelyard.runs.smoothing.zero_phase_filters import Butterworth, Choosing, Method
+from steelyard.runs.smoothing.smoothing_methods_and_zero_phase_filters import (
+    Butterworth,
+    Choosing,
+    Method,
+)
 
 SAME_RATE = 1e-6  # relative difference up to which two rates are one
 WHOLE_SAMPLES = 300_000

@@ -14,8 +14,13 @@ import numpy as np
 from steelyard.base.arrays import Array
 from steelyard.runs.processing_choices import Processing
 from steelyard.runs.recording import Recording
+from steelyard.runs.rows.bridged_rows_segments_and_quality import (
+    COUNTS_OF_MARKS,
+    CUT_OFF,
+    RowChecks,
+    Segment,
+)
 from steelyard.runs.rows.clock_and_row_scan import Clock, RowPiece, RowScan
-from steelyard.runs.rows.marked_rows_and_quality import COUNTS_OF_MARKS, CUT_OFF, RowChecks, Segment
 from steelyard.runs.rows.resampling import (
     CUBIC,
     INTERPOLATIONS,
@@ -28,7 +33,7 @@ from steelyard.runs.rows.resampling import (
 )
 from steelyard.runs.smoothing.kalman_smoother import CausalKalman
 from steelyard.runs.smoothing.likeliest_cutoffs_and_fourier import Auto
-from steelyard.runs.smoothing.zero_phase_filters import continued_at_ends
+from steelyard.runs.smoothing.smoothing_methods_and_zero_phase_filters import continued_at_ends
 
 SAMPLES_OF_PART = 8192  # samples of a part; more where margins are long
 

@@ -12,13 +12,17 @@ from steelyard.robot.file.toml_schema import Positive, as_declared
 from steelyard.runs.rows.resampling import INTERPOLATIONS
 from steelyard.runs.smoothing.kalman_smoother import CausalKalman, Kalman, KalmanSmoother
 from steelyard.runs.smoothing.likeliest_cutoffs_and_fourier import Auto, Fourier
+from steelyard.runs.smoothing.smoothing_methods_and_zero_phase_filters import (
+    Butterworth,
+    Method,
+    Smoother,
+)
 from steelyard.runs.smoothing.spline_and_finite_windows import (
     FIR,
     MovingAverage,
     SavitzkyGolay,
     SmoothingSpline,
 )
-from steelyard.runs.smoothing.zero_phase_filters import Butterworth, Method, Smoother
 from steelyard.runs.spectrum_and_period import Repetitions
 
 METHODS: dict[str, type[Any]] = {

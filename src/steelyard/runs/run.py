@@ -16,8 +16,8 @@ from steelyard.runs.first_pass_over_recording import Survey
 from steelyard.runs.mean_over_repetitions import Importance
 from steelyard.runs.processing_chain import Chain, MotionPart
 from steelyard.runs.recording import DEAD, LeftOut, Recording, efforts_left_out
+from steelyard.runs.rows.bridged_rows_segments_and_quality import Quality, Segment
 from steelyard.runs.rows.clock_and_row_scan import RowScan
-from steelyard.runs.rows.marked_rows_and_quality import Quality, Segment
 from steelyard.runs.sample_cache import BLOCK_SAMPLES, KeptSamples, Source
 
 LEAST_SPREAD = 0.2  # time around a stretch left out that low-passes of 5 Hz mix with it [s]

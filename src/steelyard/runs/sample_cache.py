@@ -14,7 +14,7 @@ import numpy as np
 from steelyard.base.arrays import Array
 from steelyard.runs.processing_chain import Chain, MotionPart
 from steelyard.runs.recording import LeftOut, Recording
-from steelyard.runs.rows.marked_rows_and_quality import Segment
+from steelyard.runs.rows.bridged_rows_segments_and_quality import Segment
 
 BLOCK_SAMPLES = 4096  # samples that are kept, and handed out, at a time
 KEPT = 2**20  # values up to which motion and efforts of a run stay in memory: 8 MiB

@@ -15,8 +15,11 @@ from steelyard.base.motion import run
 from steelyard.base.progress import Progress, silent
 from steelyard.estimate.identified_model import IdentifiedModel, load_model
 from steelyard.excite.collision.workspace_from_tables import workspace_of
+from steelyard.excite.trajectories.exact_slowed_and_chained_trajectories import (
+    ExactTrajectory,
+    SlowedMotion,
+)
 from steelyard.excite.trajectories.fourier import FourierMotion, random_fourier, repeated
-from steelyard.excite.trajectories.trajectory import ExactTrajectory, SlowedMotion
 from steelyard.excite.trajectories.trajectory_files import read_motion, write_motion
 from steelyard.model.equations.frame_and_point_kinematics import last_frame
 from steelyard.model.model import model_with_open_friction, with_friction
@@ -24,9 +27,9 @@ from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
 from steelyard.robot.file.robot_file import load_robot
 from steelyard.robot.file.signals import ROW
 from steelyard.robot.robot import Robot
+from steelyard.simulate.drives_sensors_and_logged_columns import Sensors, customary_drives
 from steelyard.simulate.ground_truth import Truth, random_truth, read_truth
 from steelyard.simulate.payloads_and_wrenches import AppliedWrench, Axes, Payload, read_wrench
-from steelyard.simulate.sensors_and_drives import Sensors, customary_drives
 from steelyard.simulate.virtual_robot import (
     SimulatedFiles,
     VirtualRobot,

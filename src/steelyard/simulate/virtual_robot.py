@@ -16,18 +16,14 @@ from steelyard.base.motion import Motion, Trajectory, run
 from steelyard.base.progress import Progress, report_progress, silent
 from steelyard.estimate.closed_loop.feedback_and_forward_dynamics import joint_inertia, tuned_pd
 from steelyard.estimate.external.compiled_observer_step import moved_frame
-from steelyard.excite.trajectories.trajectory import ExactTrajectory
+from steelyard.excite.trajectories.exact_slowed_and_chained_trajectories import ExactTrajectory
 from steelyard.excite.trajectories.trajectory_files import write_motion
 from steelyard.logs.formats import write_table
 from steelyard.model.laws.laws_without_friction import RigidBody
 from steelyard.model.model import Model
 from steelyard.robot.file.signals import Signals
 from steelyard.robot.robot import Robot
-from steelyard.simulate.ground_truth import Truth
-from steelyard.simulate.mujoco_model import build
-from steelyard.simulate.mujoco_plant import MujocoPlant
-from steelyard.simulate.payloads_and_wrenches import AppliedWrench, Payload
-from steelyard.simulate.sensors_and_drives import (
+from steelyard.simulate.drives_sensors_and_logged_columns import (
     CONTROL_RATE,
     Drives,
     DrivesInUse,
@@ -35,6 +31,10 @@ from steelyard.simulate.sensors_and_drives import (
     TrueRun,
     as_declared,
 )
+from steelyard.simulate.ground_truth import Truth
+from steelyard.simulate.mujoco_model import build
+from steelyard.simulate.mujoco_plant import MujocoPlant
+from steelyard.simulate.payloads_and_wrenches import AppliedWrench, Payload
 from steelyard.simulate.typical_torques_and_masses import closed, typical_masses, typical_torque
 from steelyard.uses.control.joint_controllers import PD, Control, ControlTask
 

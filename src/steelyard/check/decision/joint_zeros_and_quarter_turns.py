@@ -43,7 +43,11 @@ from steelyard.check.hypotheses.position_hypotheses import (
     zeros_without_effect,
 )
 from steelyard.check.hypotheses.readings_and_likelihood import Reading
-from steelyard.estimate.information.base_regressor import Regressor, base_parameters, base_regressor
+from steelyard.estimate.information.base_parameters_and_regressor import (
+    Regressor,
+    base_parameters,
+    base_regressor,
+)
 from steelyard.estimate.least_squares.weighted_robust_and_whitened import WeightedLeastSquares
 from steelyard.estimate.nonlinear.nonlinear_parameters import (
     ZeroOffsets,

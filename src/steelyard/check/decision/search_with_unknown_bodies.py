@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.base.arrays import Array
+from steelyard.check.efforts_by_gravity_payload_and_friction import EffortPredictor
 from steelyard.check.hypotheses.effort_hypotheses import (
     OtherEfforts,
     best_combinations,
@@ -44,7 +45,6 @@ from steelyard.check.hypotheses.readings_and_likelihood import (
     keeps_evidence,
     scored,
 )
-from steelyard.check.predicted_efforts_of_robot import Knowledge
 from steelyard.estimate.payload.runs_with_payload import carrier
 from steelyard.estimate.prior.body_priors import model_prior
 
@@ -102,7 +102,7 @@ class Explanation:
         return replace(one, **named)  # type: ignore[arg-type]
 
 
-def least_mass(knowledge: Knowledge) -> float:
+def least_mass(knowledge: EffortPredictor) -> float:
     """Payload from which on one matters [kg]."""
     arm = sum(body.inertia.mass for body in knowledge.robot.bodies)
     return max(LEAST_MASS, LEAST_SHARE * arm)

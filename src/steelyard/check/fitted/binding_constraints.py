@@ -20,7 +20,7 @@ from steelyard.base.arrays import Z95
 from steelyard.base.errors import DataError
 from steelyard.estimate.consistent.convex_estimator import Consistent
 from steelyard.estimate.estimate import Estimate, Estimator
-from steelyard.estimate.information.base_regressor import BaseMap, base_regressor
+from steelyard.estimate.information.base_parameters_and_regressor import BaseMap, base_regressor
 from steelyard.estimate.information.information import Information
 from steelyard.estimate.least_squares.weighted_robust_and_whitened import (
     WeightedLeastSquares,

@@ -27,7 +27,7 @@ from steelyard.base.arrays import Array
 from steelyard.base.errors import DataError
 from steelyard.estimate.estimate import Estimate
 from steelyard.estimate.friction.friction_choice import DIRECTION_LOSS_PROBABILITY, worse
-from steelyard.estimate.information.base_regressor import Regressor, base_parameters
+from steelyard.estimate.information.base_parameters_and_regressor import Regressor, base_parameters
 from steelyard.estimate.information.information import Information
 from steelyard.estimate.least_squares.normal_equations import Runs, lengths_of, solve
 from steelyard.estimate.nonlinear.nonlinear_parameters import bodies_of, information_from

@@ -24,7 +24,7 @@ from steelyard.check.fitted.fitted_case_and_ranked_causes import FittedCase
 from steelyard.check.fitted.passing_force import PassingForce, passing_force
 from steelyard.check.hypotheses.signs_and_delay_by_friction import whitened_columns
 from steelyard.estimate.identified_model import IdentifiedModel
-from steelyard.estimate.information.base_regressor import BaseMap, base_regressor
+from steelyard.estimate.information.base_parameters_and_regressor import BaseMap, base_regressor
 from steelyard.estimate.information.filter_and_gram import ParallelFilter
 from steelyard.estimate.information.information import Information
 from steelyard.estimate.nonlinear.nonlinear_parameters import information_from

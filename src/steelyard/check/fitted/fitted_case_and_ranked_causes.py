@@ -22,7 +22,11 @@ from steelyard.check.fitted.causes_of_residuals import (
 from steelyard.estimate.consistent.convex_estimator import Consistent
 from steelyard.estimate.estimate import Estimate
 from steelyard.estimate.identified_model import IdentifiedModel
-from steelyard.estimate.information.base_regressor import Regressor, base_parameters, base_regressor
+from steelyard.estimate.information.base_parameters_and_regressor import (
+    Regressor,
+    base_parameters,
+    base_regressor,
+)
 from steelyard.estimate.information.information import Information
 from steelyard.estimate.least_squares.covariance_from_residuals import inflations
 from steelyard.estimate.least_squares.weighted_robust_and_whitened import WeightedLeastSquares

@@ -12,7 +12,7 @@ from steelyard.check.clean_runs_and_customary_model import customary_model, long
 from steelyard.check.finding import Finding, Fix
 from steelyard.check.fitted.fitted_case_and_ranked_causes import FittedCase
 from steelyard.estimate.estimate import Estimate
-from steelyard.estimate.information.base_regressor import base_regressor
+from steelyard.estimate.information.base_parameters_and_regressor import base_regressor
 from steelyard.estimate.information.gather import gather
 from steelyard.estimate.least_squares.weighted_robust_and_whitened import WeightedLeastSquares
 from steelyard.model.laws.laws_without_friction import RotorInertia

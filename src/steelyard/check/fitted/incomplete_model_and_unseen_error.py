@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from steelyard.base.arrays import Array
 from steelyard.check.case_logs_and_checks import Case, CheckedLog, case_check
-from steelyard.check.decision.friction_drift_check import with_unbounded_friction
+from steelyard.check.decision.friction_between_logs import with_unbounded_friction
 from steelyard.check.decision.joint_zeros_and_quarter_turns import (
     estimated_offsets,
     far_offsets,

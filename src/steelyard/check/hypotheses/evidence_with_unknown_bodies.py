@@ -25,7 +25,7 @@ from steelyard.check.hypotheses.nuisance_fit_and_score import (
 )
 from steelyard.check.hypotheses.readings_and_likelihood import Key, Likelihood, Reading
 from steelyard.estimate.consistent.scaled_parameters_and_penalties import ten_map
-from steelyard.estimate.information.base_regressor import (
+from steelyard.estimate.information.base_parameters_and_regressor import (
     Regressor,
     base_parameters,
     chosen_regressor,

@@ -26,7 +26,13 @@ from steelyard.runs.rows.clock_and_row_scan import (
 )
 from steelyard.runs.rows.frozen_encoders_and_dead_efforts import FalseStretches
 from steelyard.runs.rows.resampling import uniform
-from steelyard.runs.smoothing.zero_phase_filters import Bank, apply, butterworth, low_pass, settling
+from steelyard.runs.smoothing.smoothing_methods_and_zero_phase_filters import (
+    Bank,
+    apply,
+    butterworth,
+    low_pass,
+    settling,
+)
 from steelyard.runs.spectrum_and_period import motion_band
 
 EXCERPT_SOURCE_ROWS = 100_000  # rows of the log that are looked at

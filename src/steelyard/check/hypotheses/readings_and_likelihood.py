@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.base.arrays import Array
+from steelyard.check.efforts_by_gravity_payload_and_friction import EffortPredictor
 from steelyard.check.hypotheses.log_excerpt import Excerpt
 from steelyard.check.hypotheses.nuisance_fit_and_score import (
     COORDINATE_SWEEPS,
@@ -32,7 +33,6 @@ from steelyard.check.hypotheses.nuisance_fit_and_score import (
     regressors,
     score_of,
 )
-from steelyard.check.predicted_efforts_of_robot import Knowledge
 from steelyard.robot.file.effort_units_and_gears import MOTOR_KINDS
 from steelyard.robot.file.signals import Signals
 from steelyard.robot.robot import Robot, Transmission
@@ -46,7 +46,7 @@ class Likelihood:
 
     excerpt: Excerpt  # its samples
     signals: Signals  # how the robot file reads it
-    knowledge: Knowledge  # what is known of the robot
+    knowledge: EffortPredictor  # what is known of the robot
     gravity: Array  # in the base frame as the robot file has it, shape `(3,)` [m/s²]
     gains: Array  # joint effort per base unit of the declared efforts, shape `(n,)`
     gears: Transmission | None  # gears between motors and joints, as the robot file has them
@@ -172,7 +172,7 @@ class Reading:
     held: float = 0.0  # share of the known bodies' weight that a controller removed from efforts
 
     @property
-    def knowledge(self) -> Knowledge:
+    def knowledge(self) -> EffortPredictor:
         """What is known of the robot."""
         return self.likelihood.knowledge
 
@@ -345,7 +345,7 @@ def _around(friction: Array, size: Array, u: Array) -> tuple[Array, Array]:
 def likelihood_of(
     excerpt: Excerpt,
     signals: Signals,
-    knowledge: Knowledge,
+    knowledge: EffortPredictor,
     robot: Robot,
     gains: Array,
     scales: Array | float = 1.0,

@@ -26,7 +26,7 @@ from steelyard.check.clean_runs_and_customary_model import clean_runs, customary
 from steelyard.check.finding import Edit, Finding, Fix
 from steelyard.check.hypotheses.nuisance_fit_and_score import LikelihoodScore
 from steelyard.check.hypotheses.readings_and_likelihood import Reading
-from steelyard.estimate.information.base_regressor import Regressor, base_regressor
+from steelyard.estimate.information.base_parameters_and_regressor import Regressor, base_regressor
 from steelyard.estimate.information.gather import gather
 from steelyard.estimate.information.information import Information
 from steelyard.model.laws.friction_over_speed import Coulomb, Viscous

@@ -22,7 +22,7 @@ from steelyard.check.clean_runs_and_customary_model import clean_runs, customary
 from steelyard.check.finding import Finding, Fix, Severity, percent_of
 from steelyard.check.signals.motion_units import driven_joints, unit_reading
 from steelyard.check.signals.usable_rows_and_derivatives import signal_overview, with_rows
-from steelyard.estimate.information.base_regressor import base_regressor
+from steelyard.estimate.information.base_parameters_and_regressor import base_regressor
 from steelyard.estimate.information.gather import gather
 from steelyard.estimate.least_squares.weighted_robust_and_whitened import WeightedLeastSquares
 from steelyard.robot.init.column_names import Column, Quantity, by_number

@@ -49,7 +49,7 @@ from steelyard.check.signals.velocity_scale_and_lag import (
     RATE_TOLERANCE,
     UNEVEN_RATE,
 )
-from steelyard.estimate.information.base_regressor import Regressor, base_regressor
+from steelyard.estimate.information.base_parameters_and_regressor import Regressor, base_regressor
 from steelyard.estimate.information.gather import gather
 from steelyard.estimate.least_squares.weighted_robust_and_whitened import WeightedLeastSquares
 from steelyard.robot.file.signals import ROW

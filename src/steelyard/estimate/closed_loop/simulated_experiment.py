@@ -26,7 +26,7 @@ from steelyard.estimate.closed_loop.feedback_and_forward_dynamics import (
     tuned_pd,
 )
 from steelyard.estimate.estimate import Estimate
-from steelyard.estimate.information.base_regressor import Regressor
+from steelyard.estimate.information.base_parameters_and_regressor import Regressor
 from steelyard.estimate.information.filter_and_gram import ParallelFilter
 from steelyard.estimate.information.information import Information
 from steelyard.estimate.least_squares.weighted_robust_and_whitened import WeightedLeastSquares
@@ -34,8 +34,8 @@ from steelyard.estimate.nonlinear.nonlinear_parameters import information_from
 from steelyard.model.laws.laws_without_friction import RigidBody
 from steelyard.model.terms.term import ActsOnAxes
 from steelyard.runs.run import Run
+from steelyard.runs.smoothing.smoothing_methods_and_zero_phase_filters import zero_phase
 from steelyard.runs.smoothing.spline_and_finite_windows import SavitzkyGolay
-from steelyard.runs.smoothing.zero_phase_filters import zero_phase
 
 CONTROL_RATE = 1000.0  # least rate of simulated controllers [1/s]
 SETTLING = 0.25  # time in which a simulation forgets how it was started; not looked at [s]

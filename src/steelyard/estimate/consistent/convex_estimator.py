@@ -22,7 +22,11 @@ from steelyard.estimate.consistent.conic_solver import (
     Unsolved,
     solved,
 )
-from steelyard.estimate.consistent.convex_program import Program, conic_constraints, polished
+from steelyard.estimate.consistent.convex_program_and_newton_refinement import (
+    Program,
+    conic_constraints,
+    polished,
+)
 from steelyard.estimate.consistent.prior_weight_and_contradictions import (
     PARTS,
     Tried,
@@ -34,7 +38,7 @@ from steelyard.estimate.consistent.prior_weight_and_contradictions import (
 )
 from steelyard.estimate.consistent.scaled_parameters_and_penalties import Entropic, Form, unknowns
 from steelyard.estimate.estimate import Estimate, StandardEstimate
-from steelyard.estimate.information.base_regressor import BaseMap
+from steelyard.estimate.information.base_parameters_and_regressor import BaseMap
 from steelyard.estimate.information.information import Information
 from steelyard.estimate.least_squares.normal_equations import Runs, Solution, Spread, described
 from steelyard.estimate.least_squares.weighted_robust_and_whitened import Whitened, whitened

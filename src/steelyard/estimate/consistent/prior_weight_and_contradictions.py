@@ -19,7 +19,7 @@ import numpy as np
 from steelyard.base.arrays import Array
 from steelyard.base.errors import DataError
 from steelyard.estimate.consistent.conic_solver import Block, Conic, Unsolved, solved
-from steelyard.estimate.consistent.convex_program import (
+from steelyard.estimate.consistent.convex_program_and_newton_refinement import (
     ConicConstraints,
     Program,
     conic_constraints,
@@ -27,7 +27,7 @@ from steelyard.estimate.consistent.convex_program import (
 )
 from steelyard.estimate.consistent.scaled_parameters_and_penalties import ONE, apart, scale_of
 from steelyard.estimate.prior.body_priors import Knowledge, Row
-from steelyard.estimate.prior.prior_constraint_protocol import in_words
+from steelyard.estimate.prior.prior_constraint_and_bounded_quantity import in_words
 from steelyard.estimate.scores.cross_validation import chance_of
 
 LEAST_PRIOR_WEIGHT, MOST_PRIOR_WEIGHT = 1e-3, 1e4  # uncertainties of 3000 % and 1 %

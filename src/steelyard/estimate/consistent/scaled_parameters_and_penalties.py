@@ -16,7 +16,7 @@ import numpy as np
 
 from steelyard.base.arrays import Array, frozen
 from steelyard.estimate.consistent.conic_solver import Block
-from steelyard.estimate.information.base_regressor import BaseMap
+from steelyard.estimate.information.base_parameters_and_regressor import BaseMap
 from steelyard.estimate.least_squares.weighted_robust_and_whitened import Whitened
 from steelyard.estimate.prior.body_priors import Knowledge
 from steelyard.robot.inertia_and_placement import Inertia

@@ -30,7 +30,7 @@ from steelyard.estimate.friction.friction_mixes import (
     mix_name,
     stages_of,
 )
-from steelyard.estimate.information.base_regressor import (
+from steelyard.estimate.information.base_parameters_and_regressor import (
     BaseMap,
     Regressor,
     base_parameters,

@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.base.arrays import Array, frozen
-from steelyard.estimate.information.base_regressor import Layout, Regressor
+from steelyard.estimate.information.base_parameters_and_regressor import Layout, Regressor
 from steelyard.model.compiled_quantity import check_angles
-from steelyard.runs.smoothing.zero_phase_filters import kaiser_lowpass
+from steelyard.runs.smoothing.smoothing_methods_and_zero_phase_filters import kaiser_lowpass
 from steelyard.symbolic.native.compiled_programs import FIR_OUTPUTS, TILE_COLUMNS, TILE_ROWS, loops
 
 SUPPRESSION = 60.0  # attenuation above twice the cut-off [dB]

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from steelyard.base.errors import LogError
 from steelyard.base.progress import Progress, report_progress, silent
-from steelyard.estimate.information.base_regressor import Regressor
+from steelyard.estimate.information.base_parameters_and_regressor import Regressor
 from steelyard.estimate.information.filter_and_gram import (
     Accumulator,
     ParallelFilter,

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from steelyard.base.arrays import Array, by_key, frozen
 from steelyard.base.errors import DataError
-from steelyard.estimate.information.base_regressor import Layout
+from steelyard.estimate.information.base_parameters_and_regressor import Layout
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from steelyard.base.arrays import Array, frozen
 from steelyard.base.progress import Progress, report_progress, silent
-from steelyard.estimate.information.base_regressor import Layout, Regressor
+from steelyard.estimate.information.base_parameters_and_regressor import Layout, Regressor
 from steelyard.estimate.information.filter_and_gram import Accumulator
 from steelyard.estimate.information.gather import Piece, in_order, start_pass
 from steelyard.estimate.information.information import Information, Signature, Window, packed

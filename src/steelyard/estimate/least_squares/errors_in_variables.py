@@ -24,7 +24,7 @@ import numpy as np
 from steelyard.base.arrays import Array, frozen
 from steelyard.base.errors import DataError
 from steelyard.estimate.estimate import Estimate
-from steelyard.estimate.information.base_regressor import Regressor
+from steelyard.estimate.information.base_parameters_and_regressor import Regressor
 from steelyard.estimate.information.information import Information
 from steelyard.estimate.information.kept_filtered_samples import FilteredSamples, Index
 from steelyard.estimate.least_squares.covariance_from_residuals import honest_covariance

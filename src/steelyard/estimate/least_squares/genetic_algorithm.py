@@ -15,7 +15,7 @@ from steelyard.base.arrays import Array, frozen
 from steelyard.base.errors import DataError
 from steelyard.base.progress import Progress, report_progress, silent
 from steelyard.estimate.estimate import Estimate, Evolution
-from steelyard.estimate.information.base_regressor import BaseMap
+from steelyard.estimate.information.base_parameters_and_regressor import BaseMap
 from steelyard.estimate.information.information import Information
 from steelyard.estimate.least_squares.covariance_from_residuals import scatter, spread_of
 from steelyard.estimate.least_squares.known_bounded_and_ridge import (

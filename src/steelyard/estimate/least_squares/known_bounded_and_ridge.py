@@ -21,7 +21,7 @@ import numpy as np
 from steelyard.base.arrays import Array, Parameters, frozen
 from steelyard.base.errors import DataError
 from steelyard.estimate.estimate import Estimate, Estimator
-from steelyard.estimate.information.base_regressor import BaseMap, Layout
+from steelyard.estimate.information.base_parameters_and_regressor import BaseMap, Layout
 from steelyard.estimate.information.information import Information
 from steelyard.estimate.least_squares.covariance_from_residuals import (
     honest_covariance,

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from steelyard.base.arrays import Array
 from steelyard.base.progress import Progress, report_progress
-from steelyard.estimate.information.base_regressor import (
+from steelyard.estimate.information.base_parameters_and_regressor import (
     BaseMap,
     Regressor,
     base_parameters,

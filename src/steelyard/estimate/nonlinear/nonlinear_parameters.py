@@ -33,7 +33,7 @@ from steelyard.base.checked_arguments import checked
 from steelyard.base.errors import DataError
 from steelyard.base.progress import Progress, silent
 from steelyard.estimate.estimate import Estimate, Estimator
-from steelyard.estimate.information.base_regressor import Regressor, base_regressor
+from steelyard.estimate.information.base_parameters_and_regressor import Regressor, base_regressor
 from steelyard.estimate.information.gather import gather
 from steelyard.estimate.information.information import Information
 from steelyard.estimate.least_squares.weighted_robust_and_whitened import WeightedLeastSquares

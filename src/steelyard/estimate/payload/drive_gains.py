@@ -15,7 +15,7 @@ import numpy as np
 
 from steelyard.base.arrays import Z95, Array, frozen, json_values
 from steelyard.base.errors import DataError, ModelError, refuse_unknown
-from steelyard.estimate.information.base_regressor import base_parameters
+from steelyard.estimate.information.base_parameters_and_regressor import base_parameters
 from steelyard.estimate.information.information import Information
 from steelyard.estimate.payload.bilinear_least_squares import Bilinear, Solution, solved
 from steelyard.estimate.payload.payload_estimate import PayloadEstimate, payload_of

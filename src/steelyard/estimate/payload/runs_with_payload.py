@@ -17,7 +17,7 @@ import numpy as np
 
 from steelyard.base.arrays import Z95, Array
 from steelyard.base.errors import DataError, ModelError, named
-from steelyard.estimate.information.base_regressor import BaseMap, Layout
+from steelyard.estimate.information.base_parameters_and_regressor import BaseMap, Layout
 from steelyard.estimate.information.information import Information
 from steelyard.model.model import Model
 from steelyard.robot.inertia_and_placement import INERTIAL_NAMES, INERTIAL_UNITS, Inertia

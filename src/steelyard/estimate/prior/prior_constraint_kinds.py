@@ -10,7 +10,7 @@ from steelyard.base.errors import ModelError
 from steelyard.estimate.consistent.prior_weight_and_contradictions import refuse_contradictions
 from steelyard.estimate.prior.body_priors import Knowledge, Row
 from steelyard.estimate.prior.dissipative_friction import dissipation_rows, shaped
-from steelyard.estimate.prior.prior_constraint_protocol import (
+from steelyard.estimate.prior.prior_constraint_and_bounded_quantity import (
     Bounded,
     ConstraintContext,
     PriorConstraint,

@@ -27,7 +27,7 @@ from steelyard.estimate.covariance_and_band_widths import (
 )
 from steelyard.estimate.estimate import Estimator
 from steelyard.estimate.identified_model import IdentifiedModel
-from steelyard.estimate.information.base_regressor import base_regressor
+from steelyard.estimate.information.base_parameters_and_regressor import base_regressor
 from steelyard.estimate.information.information import Information
 from steelyard.estimate.nonlinear.nonlinear_parameters import information_from
 from steelyard.estimate.scores.cross_validation import (
@@ -43,7 +43,7 @@ from steelyard.estimate.scores.residual_noise_and_traces import (
     residual_trace,
 )
 from steelyard.estimate.scores.score import score
-from steelyard.runs.rest_speed import rest_speed_of_runs
+from steelyard.runs.rest_speed_and_speed_histogram import rest_speed_of_runs
 from steelyard.runs.run import Run
 
 LEVEL = 0.95  # share of new measurements that a band holds

@@ -22,7 +22,7 @@ from steelyard.base.errors import DataError, LogError
 from steelyard.base.progress import Progress, report_progress, silent
 from steelyard.estimate.estimate import Estimator
 from steelyard.estimate.identified_model import BAND
-from steelyard.estimate.information.base_regressor import base_regressor
+from steelyard.estimate.information.base_parameters_and_regressor import base_regressor
 from steelyard.estimate.information.information import Information, Window
 from steelyard.estimate.least_squares.weighted_robust_and_whitened import WeightedLeastSquares
 from steelyard.estimate.nonlinear.nonlinear_parameters import information_from

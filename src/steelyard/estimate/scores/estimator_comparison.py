@@ -19,7 +19,7 @@ from steelyard.base.progress import Progress, Stopped, report_progress, silent
 from steelyard.estimate.data_for_estimators import Needs
 from steelyard.estimate.estimate import Estimate, Estimator
 from steelyard.estimate.estimator_register import Context, Offer
-from steelyard.estimate.information.base_regressor import BaseMap
+from steelyard.estimate.information.base_parameters_and_regressor import BaseMap
 from steelyard.estimate.information.information import Information
 from steelyard.estimate.least_squares.weighted_robust_and_whitened import WeightedLeastSquares
 from steelyard.estimate.prior.body_priors import Knowledge

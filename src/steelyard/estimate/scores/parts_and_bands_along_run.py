@@ -27,13 +27,19 @@ from numpy.typing import NDArray
 from steelyard.base.arrays import Z95, Array, Parameters, frozen
 from steelyard.estimate.covariance_and_band_widths import Calibration, covariance_root
 from steelyard.estimate.identified_model import IdentifiedModel
-from steelyard.estimate.information.base_regressor import Layout, Regressor, base_regressor
+from steelyard.estimate.information.base_parameters_and_regressor import (
+    Layout,
+    Regressor,
+    base_regressor,
+)
 from steelyard.estimate.information.gather import Mask
 from steelyard.model.model import ValuedModel
 from steelyard.model.terms.term import Term
 from steelyard.runs.run import Block
-from steelyard.runs.smoothing.zero_phase_filters import Bank, low_pass
-from steelyard.runs.smoothing.zero_phase_filters import noise_bandwidth as low_pass_bandwidth
+from steelyard.runs.smoothing.smoothing_methods_and_zero_phase_filters import Bank, low_pass
+from steelyard.runs.smoothing.smoothing_methods_and_zero_phase_filters import (
+    noise_bandwidth as low_pass_bandwidth,
+)
 
 PARTS = ("gravity", "coriolis", "inertia", "friction", "other")  # order of all arrays
 

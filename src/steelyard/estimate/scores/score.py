@@ -36,7 +36,7 @@ from steelyard.estimate.scores.parts_and_bands_along_run import (
 from steelyard.estimate.scores.residual_noise_and_traces import MOST_KEPT
 from steelyard.model.model import ValuedModel
 from steelyard.runs.run import Block, Run
-from steelyard.runs.smoothing.zero_phase_filters import (
+from steelyard.runs.smoothing.smoothing_methods_and_zero_phase_filters import (
     ChunkOperation,
     apply,
     low_pass,

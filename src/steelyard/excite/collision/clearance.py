@@ -29,7 +29,7 @@ from steelyard.excite.collision.shape_kinematics import Poses, Shape, ShapeKinem
 from steelyard.excite.collision.shapes_given_or_assumed import reach
 from steelyard.excite.constraints.bounds_in_time_and_effort_limits import cut, goals
 from steelyard.excite.constraints.constraint import PROOF_BY_BOUNDS, Constraint, Margins
-from steelyard.excite.trajectories.trajectory import ExactTrajectory
+from steelyard.excite.trajectories.exact_slowed_and_chained_trajectories import ExactTrajectory
 from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
 from steelyard.robot.robot import Robot
 

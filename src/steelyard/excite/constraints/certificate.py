@@ -13,7 +13,10 @@ from steelyard.base.arrays import Array, finite_json, records
 from steelyard.base.files import write_json
 from steelyard.excite.constraints.constraint import PROOF_SAMPLES, Constraint, Declined, Gap
 from steelyard.excite.constraints.motion_limits import MotionLimits
-from steelyard.excite.trajectories.trajectory import ORDERS, ExactTrajectory
+from steelyard.excite.trajectories.exact_slowed_and_chained_trajectories import (
+    ORDERS,
+    ExactTrajectory,
+)
 from steelyard.robot.robot import Robot
 
 ROUNDING_JUMP_SHARE = 1e-9  # changes of velocity below this share of its limit are rounding

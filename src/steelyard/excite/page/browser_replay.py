@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     import viser
 
     from steelyard.excite.constraints.tool_workspace import Marker
-    from steelyard.excite.trajectories.trajectory import ExactTrajectory
+    from steelyard.excite.trajectories.exact_slowed_and_chained_trajectories import ExactTrajectory
     from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
 
 PATH_POINTS_A_SECOND = 50.0  # points of the tool's path a second

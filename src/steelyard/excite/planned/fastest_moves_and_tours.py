@@ -27,8 +27,11 @@ from steelyard.excite.planned.followed_lines_and_reachability import (
     unfollowable_error,
 )
 from steelyard.excite.planned.inverse_kinematics import Attitude, InverseKinematics, within
+from steelyard.excite.trajectories.exact_slowed_and_chained_trajectories import (
+    ORDERS,
+    ExactTrajectory,
+)
 from steelyard.excite.trajectories.piecewise_polynomials import SMOOTH, PiecewiseMotion, from_scipy
-from steelyard.excite.trajectories.trajectory import ORDERS, ExactTrajectory
 from steelyard.model.equations.frame_and_point_kinematics import (
     FrameKinematics,
     frame_kinematics,

@@ -23,6 +23,10 @@ from steelyard.excite.planned.fastest_moves_and_tours import ToolGuidance, Tour,
 from steelyard.excite.planned.inverse_kinematics import Attitude, Pointing
 from steelyard.excite.planned.joints_along_path import along_path
 from steelyard.excite.planned.timed_paths import Circle, Reaches, ToolPath, on_circle, out_and_back
+from steelyard.excite.trajectories.exact_slowed_and_chained_trajectories import (
+    ExactTrajectory,
+    SlowedMotion,
+)
 from steelyard.excite.trajectories.motion_families import posture_of
 from steelyard.excite.trajectories.piecewise_polynomials import (
     SMOOTH,
@@ -30,7 +34,6 @@ from steelyard.excite.trajectories.piecewise_polynomials import (
     reach_seconds,
     through_postures,
 )
-from steelyard.excite.trajectories.trajectory import ExactTrajectory, SlowedMotion
 from steelyard.excite.trajectories.trajectory_files import read_motion
 from steelyard.robot.file.excitation_sections import (
     BoxSpans,

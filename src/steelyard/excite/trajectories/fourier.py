@@ -20,12 +20,15 @@ from numpy.typing import ArrayLike
 
 from steelyard.base.arrays import Array, frozen
 from steelyard.excite.constraints.motion_limits import MotionLimits, motion_limits
+from steelyard.excite.trajectories.exact_slowed_and_chained_trajectories import (
+    ChainedMotion,
+    ExactTrajectory,
+)
 from steelyard.excite.trajectories.piecewise_polynomials import (
     SMOOTH,
     PiecewiseMotion,
     polynomial_extremes,
 )
-from steelyard.excite.trajectories.trajectory import ChainedMotion, ExactTrajectory
 from steelyard.robot.robot import Robot
 
 TAYLOR = 13  # degree of the Taylor polynomials

@@ -10,6 +10,10 @@ from numpy.typing import ArrayLike
 
 from steelyard.base.arrays import Array, frozen
 from steelyard.base.errors import DataError, refuse_unknown
+from steelyard.excite.trajectories.exact_slowed_and_chained_trajectories import (
+    ChainedMotion,
+    ExactTrajectory,
+)
 from steelyard.excite.trajectories.fourier import FourierMotion, rest_basis
 from steelyard.excite.trajectories.piecewise_polynomials import (
     SMOOTH,
@@ -18,7 +22,6 @@ from steelyard.excite.trajectories.piecewise_polynomials import (
     quintic,
     through_postures,
 )
-from steelyard.excite.trajectories.trajectory import ChainedMotion, ExactTrajectory
 from steelyard.robot.robot import Robot
 
 SAME_MOTION_TOLERANCE = 1e-6  # relative difference up to which two motions are one

@@ -20,7 +20,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from steelyard.base.arrays import Array, frozen, set_fields
-from steelyard.excite.trajectories.trajectory import ExactTrajectory, check_join
+from steelyard.excite.trajectories.exact_slowed_and_chained_trajectories import (
+    ExactTrajectory,
+    check_join,
+)
 
 _HALVINGS = 60
 _EPSILON = float(np.finfo(np.float64).eps)

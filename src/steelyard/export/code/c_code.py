@@ -14,7 +14,7 @@ import numpy as np
 from steelyard.base.arrays import Array
 from steelyard.base.templates import templates_of
 from steelyard.estimate.external.contact_thresholds import HOLD, SETTLED
-from steelyard.estimate.external.momentum_observer import GAP, PER_PERIOD
+from steelyard.estimate.external.momentum_observer_with_wrench_and_contact import GAP, PER_PERIOD
 from steelyard.export.code.controller_functions import Controller, Function
 from steelyard.model.equations.passive_joints import ITERATIONS, passive_positions, random_positions
 from steelyard.robot.loop_closures import loop_equations

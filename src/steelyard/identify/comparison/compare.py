@@ -13,7 +13,7 @@ from steelyard.base.arrays import json_values, records
 from steelyard.base.checked_arguments import checked
 from steelyard.base.errors import DataError, ModelError
 from steelyard.base.progress import Progress, report_progress, silent
-from steelyard.check.named_logs_and_precheck import notes_of_precheck, prechecked
+from steelyard.check.case_from_files_and_precheck import notes_of_precheck, prechecked
 from steelyard.estimate.data_for_estimators import Sources
 from steelyard.estimate.estimator_register import (
     ESTIMATORS,
@@ -24,7 +24,7 @@ from steelyard.estimate.estimator_register import (
     offer_of,
 )
 from steelyard.estimate.identified_model import IdentifiedModel, load_model
-from steelyard.estimate.information.base_regressor import base_regressor
+from steelyard.estimate.information.base_parameters_and_regressor import base_regressor
 from steelyard.estimate.information.information import Information
 from steelyard.estimate.least_squares.weighted_robust_and_whitened import WeightedLeastSquares
 from steelyard.estimate.scores.cross_validation import longest_window
@@ -42,7 +42,7 @@ from steelyard.identify.comparison.estimators_page import (
     ComparisonContent,
     comparison_lines,
 )
-from steelyard.identify.comparison.model_errors_and_efforts import ModelsContent
+from steelyard.identify.comparison.model_errors_and_efforts_sections import ModelsContent
 from steelyard.identify.comparison.models_page import COMPARE_MODELS_SECTIONS
 from steelyard.identify.fit_preparation import FitTask, PreparedFit, model_to_fit, prepare_fit
 from steelyard.identify.provenance_and_notes import dropped, dropped_rows, notes_of

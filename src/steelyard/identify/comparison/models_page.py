@@ -13,7 +13,7 @@ from steelyard.estimate.scores.model_comparison import (
     ModelComparison,
     ParameterValue,
 )
-from steelyard.identify.comparison.model_errors_and_efforts import (
+from steelyard.identify.comparison.model_errors_and_efforts_sections import (
     ModelEffortsSection,
     ModelErrorsSection,
     ModelsContent,

@@ -22,14 +22,14 @@ from steelyard.identify.page import (
     reduction_and_removals,
     residuals_over_motion,
     settings_quality_and_checks,
-    verdict_section,
+    verdict_and_joint_errors,
 )
 from steelyard.identify.page.parameters_and_truth import ParameterRow, parameter_rows
 from steelyard.identify.page.report_content import ReportContent
 from steelyard.report.page import Section, render_sections
 
 SECTIONS: tuple[Section, ...] = (
-    verdict_section.VerdictSection(),
+    verdict_and_joint_errors.VerdictSection(),
     reduction_and_removals.ReductionSection(),
     efforts_and_their_parts.EffortSection(),
     efforts_and_their_parts.TorqueSplitSection(),

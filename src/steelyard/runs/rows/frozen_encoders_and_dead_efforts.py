@@ -10,7 +10,7 @@ import numpy as np
 from steelyard.base.arrays import Array
 from steelyard.runs.processing_choices import Processing
 from steelyard.runs.recording import DEAD, FROZEN, Channels, LeftOut
-from steelyard.runs.rows.marked_rows_and_quality import Rows
+from steelyard.runs.rows.bridged_rows_segments_and_quality import Rows
 
 MOVED = 0.01  # range of a joint that moves [rad; m]
 FASTEST_SHARE, FASTEST_FACTOR = 0.995, 5.0

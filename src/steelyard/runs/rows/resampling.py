@@ -16,7 +16,7 @@ from math import floor
 import numpy as np
 
 from steelyard.base.arrays import Array
-from steelyard.runs.smoothing.zero_phase_filters import Bank, kaiser_lowpass
+from steelyard.runs.smoothing.smoothing_methods_and_zero_phase_filters import Bank, kaiser_lowpass
 
 
 @dataclass(frozen=True)

@@ -26,7 +26,10 @@ import numpy as np
 
 from steelyard.base.arrays import Array
 from steelyard.base.errors import LogError
-from steelyard.runs.smoothing.zero_phase_filters import Designed, derived_jointly
+from steelyard.runs.smoothing.smoothing_methods_and_zero_phase_filters import (
+    Designed,
+    derived_jointly,
+)
 from steelyard.symbolic.native import kalman_loops as loops
 
 VAGUE_START = 1e6

@@ -32,7 +32,7 @@ from steelyard.runs.smoothing.kalman_smoother import (
     likeliest_ratio,
     likeliest_variance,
 )
-from steelyard.runs.smoothing.zero_phase_filters import (
+from steelyard.runs.smoothing.smoothing_methods_and_zero_phase_filters import (
     Bank,
     Butterworth,
     Designed,

@@ -25,7 +25,7 @@ import numpy as np
 from steelyard.base.arrays import Array
 from steelyard.base.errors import LogError, ModelError
 from steelyard.runs.smoothing.kalman_smoother import least_on_grid, likelihood_stretches
-from steelyard.runs.smoothing.zero_phase_filters import (
+from steelyard.runs.smoothing.smoothing_methods_and_zero_phase_filters import (
     Bank,
     Designed,
     check_passes,

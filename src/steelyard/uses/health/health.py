@@ -15,7 +15,7 @@ from steelyard.base.checked_arguments import checked
 from steelyard.base.errors import LogError
 from steelyard.base.progress import Progress, silent
 from steelyard.estimate.identified_model import IdentifiedModel, load_model
-from steelyard.estimate.information.base_regressor import base_regressor
+from steelyard.estimate.information.base_parameters_and_regressor import base_regressor
 from steelyard.estimate.information.gather import gather
 from steelyard.estimate.scores.residual_noise_and_traces import residual_cutoff, residual_trace
 from steelyard.identify.provenance_and_notes import notes_of

@@ -14,7 +14,7 @@ from steelyard.base.checked_arguments import checked
 from steelyard.base.errors import DataError
 from steelyard.base.progress import Progress, silent
 from steelyard.estimate.identified_model import IdentifiedModel, load_model
-from steelyard.estimate.information.base_regressor import base_regressor
+from steelyard.estimate.information.base_parameters_and_regressor import base_regressor
 from steelyard.estimate.information.gather import gather
 from steelyard.estimate.information.kept_filtered_samples import gather_samples
 from steelyard.estimate.payload.payload_estimate import PayloadEstimate
@@ -31,7 +31,7 @@ from steelyard.runs.run import Run
 from steelyard.runs.runs_of_named_logs import LogArgument, log_files, paths_of, refuse_overlaps
 from steelyard.uses.effort_plausibility import refuse_without
 from steelyard.uses.payload.change_detection import CHANGE_SPAN
-from steelyard.uses.payload.consistent_payload_body import PayloadKnowledge, SolidShape
+from steelyard.uses.payload.known_and_consistent_payload_body import PayloadKnowledge, SolidShape
 from steelyard.uses.payload.payload_fit import fit_payload
 from steelyard.uses.payload.pick_up_and_put_down import PayloadEvents, find_payload_events
 

@@ -43,7 +43,7 @@ from steelyard.estimate.payload.runs_with_payload import (
 from steelyard.robot.file.effort_units_and_gears import MOTOR_KINDS
 from steelyard.robot.robot import Frame
 from steelyard.uses.effort_plausibility import LEAST_FITTED, refuse_unexplained
-from steelyard.uses.payload.consistent_payload_body import (
+from steelyard.uses.payload.known_and_consistent_payload_body import (
     PayloadKnowledge,
     consistent_body,
     refuse_contradiction,

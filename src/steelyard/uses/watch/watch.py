@@ -11,9 +11,9 @@ from steelyard.base.arrays import Array
 from steelyard.base.errors import DataError, LogError
 from steelyard.base.progress import Progress, report_progress, silent
 from steelyard.estimate.external.contact_thresholds import HOLD, SETTLED, ContactThresholds
-from steelyard.estimate.external.momentum_observer import PER_PERIOD
+from steelyard.estimate.external.momentum_observer_with_wrench_and_contact import PER_PERIOD
 from steelyard.estimate.identified_model import IdentifiedModel, load_model
-from steelyard.estimate.information.base_regressor import base_regressor
+from steelyard.estimate.information.base_parameters_and_regressor import base_regressor
 from steelyard.estimate.information.kept_filtered_samples import gather_samples
 from steelyard.estimate.payload.runs_with_payload import carrier
 from steelyard.estimate.scores.residual_noise_and_traces import (

@@ -11,7 +11,7 @@ from steelyard.base.arrays import Array
 from steelyard.base.errors import LogError
 from steelyard.estimate.covariance_and_band_widths import rest_speed_of
 from steelyard.estimate.external.contact_thresholds import ChangeStepper, ContactThresholds
-from steelyard.estimate.external.momentum_observer import Observer
+from steelyard.estimate.external.momentum_observer_with_wrench_and_contact import Observer
 from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.runs.sample_stream import SampleStream, StreamSample
 from steelyard.uses.contact.contact import ContactEvent, ContactStart, ContactStream

@@ -34,7 +34,7 @@ from steelyard.report.tables import PlainTable, Row, narrow_table
 from steelyard.report.words import NONE, significant
 from steelyard.runs.runs_of_named_logs import log_files
 from steelyard.uses.control.feedforward import refuse_unknown_gains
-from steelyard.uses.wrench.measured_wrench import (
+from steelyard.uses.wrench.measured_wrench_and_sensor_mounting import (
     UNITS,
     WRENCH_TABLE_COLUMNS,
     MeasuredWrench,

@@ -24,7 +24,7 @@ from steelyard.estimate.external.compiled_observer_step import (
     moved_frame,
     observed_quantity,
 )
-from steelyard.estimate.external.momentum_observer import (
+from steelyard.estimate.external.momentum_observer_with_wrench_and_contact import (
     PER_PERIOD,
     check_bandwidth,
     momentum_residual,
@@ -43,7 +43,10 @@ from steelyard.estimate.scores.parts_and_bands_along_run import TorqueSplit
 from steelyard.estimate.scores.residual_noise_and_traces import FORGOTTEN, FRICTION, residual_trace
 from steelyard.model.torque_and_quantities import Quantity
 from steelyard.runs.run import Block, Run
-from steelyard.runs.smoothing.zero_phase_filters import noise_bandwidth, zero_phase
+from steelyard.runs.smoothing.smoothing_methods_and_zero_phase_filters import (
+    noise_bandwidth,
+    zero_phase,
+)
 from steelyard.uses.effort_plausibility import refuse_other_efforts
 from steelyard.uses.wrench.wrench_kalman_smoother import OBSERVABLE, Smoothed
 

@@ -17,7 +17,7 @@ from steelyard.runs.rows.faulty_row_detectors import (
     usual_bend,
     usual_distance,
 )
-from steelyard.runs.smoothing.zero_phase_filters import continued_at_ends
+from steelyard.runs.smoothing.smoothing_methods_and_zero_phase_filters import continued_at_ends
 
 COUNTS_OF_MARKS = 4  # number of counts of `Marked`
 BRIDGED, CUT_OFF = 1.0, 2.0

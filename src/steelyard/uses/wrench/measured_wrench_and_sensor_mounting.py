@@ -25,7 +25,7 @@ from steelyard.robot.inertia_and_placement import Placement, rpy_of, rpy_rotatio
 from steelyard.robot.robot import Frame
 from steelyard.runs.run import Block, Run
 from steelyard.runs.runs_of_named_logs import LogArgument, recording_of
-from steelyard.runs.smoothing.zero_phase_filters import zero_phase
+from steelyard.runs.smoothing.smoothing_methods_and_zero_phase_filters import zero_phase
 from steelyard.uses.wrench.wrench_along_run import COMPONENTS, WrenchEstimate
 
 WRENCH_TABLE_COLUMNS = ("fx_N", "fy_N", "fz_N", "tx_Nm", "ty_Nm", "tz_Nm")

@@ -19,7 +19,7 @@ AtStates = Callable[[ValuedModel, Array, Array, Array], Array]
 
 
 @dataclass(frozen=True, eq=False)
-class Knowledge:
+class EffortPredictor:
     """Predicts what a robot's joints need, friction left out."""
 
     steady: ValuedModel  # bodies, rotors and springs with their values
@@ -92,16 +92,16 @@ class Knowledge:
             return np.full(q.shape, np.nan)
 
 
-def knowledge_of(reference: IdentifiedModel | None, robot: Robot) -> Knowledge | None:
+def effort_predictor(reference: IdentifiedModel | None, robot: Robot) -> EffortPredictor | None:
     """What is known: the reference, or the nominal bodies; `None` where these are not given."""
     if reference is None:
         nominal = Model(robot, (RigidBody(),)).prior
-        return None if nominal is None else Knowledge(nominal)
+        return None if nominal is None else EffortPredictor(nominal)
     model = reference.model
     steady = Model(model.robot, tuple(term for term in model.terms if not term.drifts()))
     known = reference.estimate.parameters.as_dict()
     values = [known.get(name, 0.0) for name in steady.names]
-    return Knowledge(
+    return EffortPredictor(
         ValuedModel(steady, Parameters(steady.names, steady.units, values)),
         reference.valued,
         np.asarray(reference.estimate.sigma),
