@@ -6,6 +6,7 @@ from pathlib import Path
 from shutil import copytree, rmtree
 
 import numpy as np
+import polars as pl
 import pytest
 from typer.testing import CliRunner
 
@@ -199,6 +200,21 @@ def test_the_mean_over_repetitions_is_reduced(
 
 
 @pytest.mark.slow
+def test_logs_of_one_motion_are_named(
+    identified: Path, log: Path, other: Path, command: Command, work: Path
+) -> None:
+    table = pl.read_csv(log)
+    efforts = [name for name in table.columns if name.startswith("tau")]
+    noise = np.random.default_rng(0).normal(scale=0.01, size=(len(efforts), len(table)))
+    noisy = {name: table[name] + row for name, row in zip(efforts, noise, strict=True)}
+    table.with_columns(**noisy).write_csv(work / "again.csv")
+    says = "all logs repeat the motion of identification"
+    done = command("reduce", identified, log, work / "again.csv", "-o", work / "one")
+    assert done.exit_code == 0 and says in " ".join(done.output.split())
+    done = command("reduce", identified, log, other, "-o", work / "two")
+    assert done.exit_code == 0 and "all logs repeat" not in " ".join(done.output.split())
+
+
 def test_keep_and_drop_by_pattern(identified: Path, log: Path, command: Command) -> None:
     names = load_model(identified).estimate.parameters.names
     offsets = [name for name in names if name.startswith("offset")]

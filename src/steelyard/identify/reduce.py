@@ -44,7 +44,7 @@ from steelyard.identify.page.reduction_and_removals import parameter_comparison
 from steelyard.identify.page.report_content import ReportContent
 from steelyard.identify.provenance_and_notes import dropped, dropped_rows, notes_of, settings
 from steelyard.identify.repeated_fits import ReportOfLogs, of_each_log
-from steelyard.identify.repeated_motion import marked_repeats
+from steelyard.identify.repeated_motion import marked_repeats, repeat_of
 from steelyard.identify.runs_for_model import runs_for
 from steelyard.identify.scores_and_model_report import scored
 from steelyard.model.model import Model
@@ -256,7 +256,7 @@ def reduce(
         scores=marked_repeats(smaller, unseen, scored(smaller, unseen, progress)),
         fitted=scored(smaller, runs, progress),
         qualities=tuple((run.name, run.quality.rows_of_text) for run in both),
-        notes=(*dropped_rows(both), *failed_logs),
+        notes=(*dropped_rows(both), *_one_motion(smaller, runs), *failed_logs),
         details=(*notes_of(both), *dropped(smaller.model, both)),
         settings=settings(smaller),
         reduction=found,
@@ -264,6 +264,18 @@ def reduce(
         repeated=repeated,
     )
     return ReducedModel(content, found)
+
+
+def _one_motion(smaller: IdentifiedModel, runs: Sequence[Run]) -> tuple[str, ...]:
+    """That all logs repeat the motion of the first, the only one that left-out logs then judge."""
+    first, *others = runs
+    if not others or any(repeat_of(smaller.motions[:1], run) is None for run in others):
+        return ()
+    return (
+        f"all logs repeat the motion of {first.name}: parameters that it hardly shows were removed "
+        "by its errors alone; on other motion the reduced model may be worse than the full one "
+        "(--validate LOG with another motion shows it)",
+    )
 
 
 def _refuse_unreducible(identified: IdentifiedModel) -> None:
