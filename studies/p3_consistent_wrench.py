@@ -199,7 +199,7 @@ UNKNOWN = '[prior]\nsource = "none"\n'
 PRINTED = """
 [processing]
 motion = "kalman_filter"
-effort = "kalman"
+effort = "kalman_filter"
 matched_cutoff = "off"
 rest_speed = "off"
 [estimation]
@@ -755,11 +755,10 @@ ERRORS = (
     "parameters differ. Least squares and the paper's method have the paper's model and signals: "
     "motion and torques behind a Kalman filter, all samples of all joints with equal weights, no "
     "filter of the regressor, rests included. Only the constraints differ: bounds of masses, "
-    "centres and friction, physically consistent bodies. The motion's filter is late as a causal "
-    "one is, that of the torques is not. Ours (the defaults): our model, signals smoothed as the "
-    "data require, joints weighted by their residuals, the same bounds. The poor motion has a "
-    "tenth of the ranges and speeds of table 2. The test motion is a random one within the "
-    "limits, as fig. 7 is.",
+    "centres and friction, physically consistent bodies. Both filters are causal, so late. Ours "
+    "(the defaults): our model, signals smoothed as the data require, joints weighted by their "
+    "residuals, the same bounds. The poor motion has a tenth of the ranges and speeds of table 2. "
+    "The test motion is a random one within the limits, as fig. 7 is.",
 )
 
 PARAMETERS = (

@@ -7,6 +7,7 @@ from steelyard.base.errors import LogError
 from steelyard.runs.prepare import prepare
 from steelyard.runs.processing_choices import Processing, smoother_of
 from steelyard.runs.smoothing.kalman_smoother import (
+    CausalKalmanSmoother,
     Kalman,
     KalmanSmoother,
     kalman_smoothed,
@@ -137,20 +138,47 @@ def test_efforts_are_smoothed_by_the_same_smoother(order: int) -> None:
     np.testing.assert_array_equal(fixed(noisy), wanted)
 
 
+def test_the_filter_of_efforts_is_the_textbook_recursion_and_causal() -> None:
+    rng, rate, cutoff = np.random.default_rng(8), 200.0, 6.0
+    noisy = np.cumsum(rng.normal(size=(2, 2000)), axis=1)
+    found = CausalKalmanSmoother("cutoff").smooth(cutoff, rate)(noisy)
+    ratio = (2.0 * np.pi * cutoff / rate) ** 4
+    step, wander = np.array([[1.0, 1.0], [0.0, 1.0]]), ratio * np.array([[1 / 3, 0.5], [0.5, 1.0]])
+    for channel, mine in zip(noisy, found, strict=True):
+        state, covariance, wanted = np.array([channel[0], 0.0]), 1e6 * np.eye(2), []
+        for y in channel:
+            state, covariance = step @ state, step @ covariance @ step.T + wander
+            gain = covariance[:, 0] / (covariance[0, 0] + 1.0)
+            state = state + gain * (y - state[0])
+            covariance = covariance - np.outer(gain, covariance[0])
+            wanted.append(state[0])
+        np.testing.assert_allclose(mine[300:], wanted[300:], atol=1e-6 * np.ptp(channel))
+    changed = noisy.copy()
+    changed[:, 1500:] += 10.0
+    again = CausalKalmanSmoother("cutoff").smooth(cutoff, rate)(changed)
+    np.testing.assert_array_equal(again[:, :1500], found[:, :1500])
+    assert not np.allclose(again[:, 1500], found[:, 1500])
+    likeliest = smoother_of("kalman_filter", "here").smooth(cutoff, rate)(noisy)
+    late = np.sum(np.square(likeliest - noisy)) < np.sum(np.square(found - noisy))
+    assert late  # a random walk without noise is followed at once
+
+
 def test_a_run_has_efforts_by_kalman(recording, sines) -> None:
     t = np.arange(4000) * 0.01
     motion = sines(t)
     noisy = motion["effort"] + 0.1 * np.random.default_rng(1).normal(size=motion["effort"].shape)
     log = recording(t, motion["q"], noisy)
-    for processing in (
-        Processing(8.0, 4.0, effort=KalmanSmoother()),
-        Processing(8.0, 4.0, effort=KalmanSmoother("cutoff"), effort_cutoff=4.0),
+    for effort, cutoff, most in (
+        (KalmanSmoother(), None, 0.04),
+        (KalmanSmoother("cutoff"), 4.0, 0.04),
+        (CausalKalmanSmoother("cutoff"), 20.0, 0.09),
     ):
+        processing = Processing(8.0, 4.0, effort=effort, effort_cutoff=cutoff)
         run = prepare(log, processing)
         data = run.whole()
         truth = sines(data.t)["effort"]
         inner = slice(100, -100)
-        assert np.std((data.effort - truth)[inner]) < 0.04
+        assert np.std((data.effort - truth)[inner]) < most
         assert "efforts by kalman" in run.chain.words
 
 

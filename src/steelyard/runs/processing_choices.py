@@ -10,7 +10,12 @@ from steelyard.robot.file.sections import ProcessingSection
 from steelyard.robot.file.tables_by_kind import Kinds
 from steelyard.robot.file.toml_schema import Positive, as_declared
 from steelyard.runs.rows.resampling import INTERPOLATIONS
-from steelyard.runs.smoothing.kalman_smoother import CausalKalman, Kalman, KalmanSmoother
+from steelyard.runs.smoothing.kalman_smoother import (
+    CausalKalman,
+    CausalKalmanSmoother,
+    Kalman,
+    KalmanSmoother,
+)
 from steelyard.runs.smoothing.likeliest_cutoffs_and_fourier import Auto, Fourier
 from steelyard.runs.smoothing.smoothing_methods_and_zero_phase_filters import (
     Butterworth,
@@ -43,7 +48,14 @@ METHODS: dict[str, type[Any]] = {
 
 SMOOTHERS: dict[str, type[Any]] = {
     method.name: method
-    for method in (Butterworth, FIR, SavitzkyGolay, MovingAverage, KalmanSmoother)
+    for method in (
+        Butterworth,
+        FIR,
+        SavitzkyGolay,
+        MovingAverage,
+        KalmanSmoother,
+        CausalKalmanSmoother,
+    )
 }
 """Ways to smooth efforts, for `effort = ...`."""
 

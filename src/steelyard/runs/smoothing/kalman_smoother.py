@@ -276,3 +276,22 @@ class KalmanSmoother:
             return kalman_smoothed(t, efforts.T, given, self.order).value.T
 
         return Designed(smoothed)
+
+
+@dataclass(frozen=True)
+class CausalKalmanSmoother(KalmanSmoother):
+    """Efforts by the Kalman filter alone, which looks at no later sample and is late."""
+
+    name: ClassVar[str] = "kalman_filter"
+
+    def smooth(self, cutoff: float, rate: float) -> Designed:
+        """The filter for a cut-off [Hz] and a rate [Hz]."""
+
+        def states(efforts: Array) -> Array:
+            cutoffs, steps = (cutoff,) * len(efforts), np.ones(efforts.shape[1])
+            if self.choose == "likelihood":
+                ratios = (likeliest_ratio(x, steps, self.order) for x in efforts)
+                cutoffs = tuple(cutoff_of_ratio(x, self.order, rate, 0.0) for x in ratios)
+            return np.asarray(_states(efforts, cutoffs, self.order, rate)[0])
+
+        return Designed(states)
