@@ -23,7 +23,8 @@ from steelyard.base.errors import SteelyardError as SteelyardError
 
 _STUB = Path(__file__).with_suffix(".pyi").read_text(encoding="utf-8")
 _HOMES = {
-    name: home for home, name in re.findall(r"^from (steelyard\.\S+) import \(?\s*(\w+)", _STUB, re.M)
+    name: home
+    for home, name in re.findall(r"^from (steelyard\.\S+) import \(?\s*(\w+)", _STUB, re.M)
 }
 """The module of each public name, as the stub says it to type checkers."""
 
