@@ -2,6 +2,7 @@
 
 from collections.abc import MutableMapping
 from pathlib import Path
+from shutil import copy
 from typing import Any
 
 import tomlkit
@@ -51,6 +52,10 @@ def changed(document: tomlkit.TOMLDocument, target: Path, tables: str) -> Path:
     """
     _merge(document, tomlkit.parse(tables))
     target.parent.mkdir(parents=True, exist_ok=True)
+    model = Path(document.get("robot", {}).get("urdf", ""))
+    if model.parent == ROBOTS:  # beside the file, so that the folder can be moved
+        copy(model, target.parent)
+        document["robot"]["urdf"] = model.name
     target.write_text(tomlkit.dumps(document), encoding="utf-8")
     return target
 
