@@ -22,11 +22,9 @@ def remark(*tested: Tested) -> str:
 
 def found(values: Scales, *tested: Tested) -> Finding:
     """The finding on scales beside which the causes are left, the most likely first."""
-    scales = SimpleNamespace(
-        joints=tuple("abcd"[: len(values.values)]),
-        found=values,
-        half_width=1.96 * values.std * values.values,
-    )
+    joints = tuple("abcd"[: len(values.values)])
+    known = SimpleNamespace(half_width=1.96 * values.std * values.values)
+    scales = SimpleNamespace(joints=joints, found=values, known=known)
     case = SimpleNamespace(scales=scales, tested=tested)
     (finding,) = scaled_efforts_check(cast(Any, case))
     return finding

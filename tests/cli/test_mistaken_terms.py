@@ -34,7 +34,7 @@ MISTAKES = {
     '{law = "maxwell_slip", lengths = [true]}': ("(True,)", "neither true nor false"),
     '{law = "maxwell_slip", relaxing = "no"}': ("relaxing = 'no'", "true or false"),
     '{law = "spring", free = [0.0]}': ("1 free positions for 3", "one per coordinate"),
-    '{law = "coupled", pairs = 5}': ("pairs = 5", '{from = "hip", to = "knee"}'),
+    '{law = "coupled", pairs = 5}': ("the pair 5", '{from = "hip", to = "knee"}'),
     '{law = "gravity_compensator", links = 5, points = 5}': ("the links 5", "points = [["),
     '{law = "gravity_compensator", name = 5, links = ["base", "hand"], '
     "points = [[0, 0, 0], [0, 0, 1]]}": ("the name 5", "points = [["),

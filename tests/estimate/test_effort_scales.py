@@ -128,7 +128,7 @@ def test_one_joint_that_is_far_off_does_not_change_the_others(
     scales = effort_scales(consistent(), information_of(true, 5, heavier=heavier))
     assert scales is not None
     np.testing.assert_allclose(scales.found.values, true, rtol=0.03)
-    assert np.all(np.abs(scales.found.values - true) < scales.half_width)
+    assert np.all(np.abs(scales.found.values - true) < scales.known.half_width)
 
 
 def test_scales_that_scatter_are_not_known_better_than_they_scatter() -> None:
@@ -145,6 +145,6 @@ def test_efforts_that_are_off_are_scaled_and_predicted_better() -> None:
     assert found.joints == ROWS and "effort_scales" in found.note
     printed = found.to_dict()
     assert printed["values"] == found.found.values.tolist()
-    assert np.all(np.abs(found.found.values - OFF) < 1.5 * found.half_width)
+    assert np.all(np.abs(found.found.values - OFF) < 1.5 * found.known.half_width)
     one = replace(found.found, values=np.ones(len(ROWS)))
     assert one.distance == 0.0 < found.found.distance

@@ -74,8 +74,7 @@ def test_what_comes_before_the_search_is_taken_from_its_time(
     loaded = arm(tmp_path, OPEN + QUICK)
     with pytest.raises(StopIteration):
         designs.design(
-            loaded,
-            model_with_open_friction(loaded),
+            (loaded, model_with_open_friction(loaded), None),
             SearchBudget(20.0),
             since=time.monotonic() - 5.0,
         )

@@ -96,7 +96,9 @@ def test_demo_writes_what_identification_needs(files: DemoFiles) -> None:
     assert set(loaded.signals.columns) == set(first.columns)
     assert (len(first), len(second)) == (1501, 1001)
     assert np.abs(first["q1_rad"].to_numpy()[:1001] - second["q1_rad"].to_numpy()).max() > 0.05
-    truth = Truth.from_dict(json.loads(files.truth.read_text()), loaded.robot)
+    truth = Truth.from_dict(
+        json.loads((files.robot.parent / "truth.json").read_text()), loaded.robot
+    )
     assert np.abs(truth.inertial[:, 0] / loaded.robot.nominal[:, 0] - 1.0).max() > 0.1
 
 
@@ -104,7 +106,7 @@ def test_demo_writes_what_identification_needs(files: DemoFiles) -> None:
 def test_demo_keeps_its_truth_out_of_the_robot_file(files: DemoFiles) -> None:
     nominal = load_robot(files.robot).robot.nominal
     text = files.robot.read_text() + files.robot.with_suffix(".urdf").read_text()
-    parameters = json.loads(files.truth.read_text())["parameters"]
+    parameters = json.loads((files.robot.parent / "truth.json").read_text())["parameters"]
     masses = [p["value"] for name, p in parameters.items() if name.startswith("m.")]
     assert len(masses) == len(nominal)
     for mass in masses:

@@ -386,11 +386,19 @@ def _scales(
     return frozen(scales)
 
 
+LATER_FIELDS = (
+    *("commanded_position", "commanded_velocity", "commanded_velocity_scale"),
+    *("unknown_offsets", "unactuated"),
+)
+"""Fields that files of earlier versions do not have."""
+
+
 def signals_from_dict(data: Mapping[str, Any]) -> Signals:
     """The signals of `json_values`; `KeyError`, `ValueError` or `TypeError` if damaged."""
     n, values = len(data["position"]), dict(data)
     for field in fields(Signals):
-        name, kind, given = field.name, str(field.type), values.get(field.name)
+        name, kind = field.name, str(field.type)
+        given = values.get(name) if name in LATER_FIELDS else values[name]
         if given is None:
             continue
         if kind.startswith("tuple"):
