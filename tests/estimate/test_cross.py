@@ -26,6 +26,7 @@ from steelyard.estimate.scores.cross_validation import (
     longest_window,
     per_fold,
     values_by,
+    windows_of_folds,
 )
 from steelyard.model.model import Model
 from steelyard.robot.file.signals import Signals
@@ -191,3 +192,25 @@ def test_stretches_have_as_much_motion_each() -> None:
 def test_rows_that_do_not_count_have_no_say() -> None:
     errors, sizes = np.array([[5.0, 0.0]]), np.array([[2.0, 0.0]])
     assert np.exp(logarithms(errors, sizes))[0] == pytest.approx(5.0)
+
+
+@pytest.mark.parametrize(
+    ("motion", "sizes"),
+    [
+        ([100.0] * 8 + [2.0], [200, 200, 200, 202]),  # as runs are cut: eight windows and a rest
+        ([100.0] * 40 + [2.0], [800, 800, 800, 800, 802]),
+        ([100.0] * 5, [100] * 5),
+        ([100.0, 2.0], [100, 2]),
+        ([100.0], []),
+        ([], []),
+    ],
+)
+def test_what_is_left_at_the_end_of_a_run_is_no_stretch(
+    motion: list[float], sizes: list[int]
+) -> None:
+    one, _, _ = part(1, "a")
+    windows = tuple(Window("a", float(k), k + 1.0) for k in range(len(motion)))
+    counts = np.repeat(np.array(motion)[:, None], 4, axis=1)
+    folds = windows_of_folds(replace(one, windows=windows, counts=counts))
+    assert [sum(motion[k] for k in fold) for fold in folds] == sizes
+    assert [k for fold in folds for k in fold] == list(range(len(motion) if sizes else 0))

@@ -29,7 +29,7 @@ from steelyard.estimate.least_squares.weighted_robust_and_whitened import (
 from steelyard.estimate.nonlinear.effort_scales import EffortScales
 from steelyard.estimate.nonlinear.nonlinear_parameters import information_from
 from steelyard.estimate.prior.body_priors import Knowledge, Row
-from steelyard.estimate.scores.cross_validation import FOLDS, logarithms, values_by
+from steelyard.estimate.scores.cross_validation import logarithms, values_by, windows_of_folds
 from steelyard.model.model import Model
 from steelyard.report.words import with_interval
 from steelyard.runs.run import Run
@@ -157,8 +157,7 @@ def _parts(
     if unseen:
         yield information, information_from(unseen, rests=model.has_memory)(base_regressor(model))
         return
-    several = len(information.windows_of_runs) > 1
-    folds = information.merged(1 if several else FOLDS)
+    folds = information.grouped(windows_of_folds(information))
     count = len(folds.windows)
     for fold in range(count if count > 1 else 0):
         yield folds.of([k for k in range(count) if k != fold]), folds.of([fold])

@@ -36,9 +36,9 @@ from steelyard.estimate.least_squares.normal_equations import condition_of, unit
 from steelyard.estimate.least_squares.weighted_robust_and_whitened import whitened
 from steelyard.estimate.scores.cross_validation import (
     FEWEST,
-    FOLDS,
     LEAST_GAIN_PER_PARAMETER,
     logarithms,
+    windows_of_folds,
 )
 
 DEVIATION = (0.02, 0.1)  # least and greatest $d$, the greatest where no scale is known
@@ -270,8 +270,7 @@ def effort_scales(
         return None
     if not _significant(found):
         return None
-    several = len(information.windows_of_runs) > 1
-    folds = information.merged(1 if several else FOLDS)
+    folds = information.grouped(windows_of_folds(information))
     errors = []
     for fold in range(len(folds.windows)):
         report_progress(progress, "judging effort scales", fold, len(folds.windows))

@@ -20,10 +20,10 @@ from steelyard.estimate.information.kept_filtered_samples import FilteredSamples
 from steelyard.estimate.reduction.backward_elimination import FullModel, Path, State
 from steelyard.estimate.scores.cross_validation import (
     FEWEST,
-    FOLDS,
     logarithms,
     standard_error,
     too_short,
+    windows_of_folds,
 )
 
 PathOf = Callable[[FullModel], Path]  # the path of a full model
@@ -88,15 +88,13 @@ RISE = 0.05  # relative rise of a joint's left-out error that a removal may cost
 
 
 def folds_of(information: Information) -> tuple[tuple[str, tuple[int, ...]], ...]:
-    """Windows of every run, or of stretches with as many windows each where there is one run."""
-    runs, windows = information.windows_of_runs, information.windows
-    if len(runs) > 1:
-        return tuple((run, tuple(mine)) for run, mine in runs.items())
-    every = np.array_split(np.arange(len(windows)), FOLDS)
-    parts = [tuple(part.tolist()) for part in every if len(part)]
+    """Windows of every run or, where there is one run, of stretches of it, with their names."""
+    windows, parts = information.windows, windows_of_folds(information)
     if len(parts) < FEWEST:
         fix = "log longer or several runs, or reduce to a number of parameters"
         raise too_short(information.runs or "no run", fix)
+    if len(information.windows_of_runs) > 1:
+        return tuple((windows[part[0]].run, part) for part in parts)
     names = (f"{windows[p[0]].start:.3g} to {windows[p[-1]].stop:.3g} s" for p in parts)
     return tuple(zip(names, parts, strict=True))
 

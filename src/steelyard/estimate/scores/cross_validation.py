@@ -33,6 +33,7 @@ from steelyard.runs.run import Run
 
 FOLDS = 5  # stretches that a single run is divided into
 FEWEST = 2  # parts that must be left out
+EVEN = 0.6  # least motion of a stretch, over that of the longest one
 
 
 def logarithms(errors: Array, sizes: Array) -> Array:
@@ -137,6 +138,28 @@ def _edges(moving: Information, run: str) -> list[float]:
     at = np.searchsorted(before, before[-1] * np.arange(1, FOLDS) / FOLDS)
     starts = [moving.windows[k].start for k in mine] + [np.inf]
     return [-np.inf, *(starts[k] for k in at), np.inf]
+
+
+def windows_of_folds(information: Information) -> tuple[tuple[int, ...], ...]:
+    """Numbers of the windows of each run, or of stretches of a single run with as much motion each.
+
+    There are as many stretches, up to `FOLDS`, as windows make alike: what is left at the end of a
+    run is no stretch. None if there are too few windows.
+    """
+    runs = tuple(information.windows_of_runs.values())
+    if len(runs) > 1:
+        return tuple(map(tuple, runs))
+    ends = np.cumsum([0.0, *information.counts.sum(axis=1)])
+    found, alike = tuple[tuple[int, ...], ...](), 0.0
+    for number in range(FOLDS, FEWEST - 1, -1):
+        edges = np.abs(ends[:, None] - np.linspace(0.0, ends[-1], number + 1)).argmin(axis=0)
+        motion = np.diff(ends[edges])
+        share = motion.min() / max(motion.max(), 1.0)
+        if share > alike:
+            found, alike = tuple(tuple(range(a, b)) for a, b in pairwise(edges.tolist())), share
+        if alike >= EVEN:
+            break
+    return found
 
 
 def stretches_of(run: Run) -> tuple[Window, ...]:
