@@ -160,6 +160,9 @@ def test_a_frame_near_the_base_is_observable_in_part(
         and found.unobservable[0] in words
     )
     assert "an interval of 1.4 to 2 times the expected size on either side" in words
+    assert "along unobservable directions by the expected size)" in words.split(" at ")[0]
+    at = found.estimate.largest
+    assert found.estimate.force_upper[at] > 2.5 * found.estimate.expected.force
 
 
 @pytest.mark.slow

@@ -15,7 +15,12 @@ from steelyard.estimate.external.wrench_methods import (
     learned_of,
 )
 from steelyard.uses.wrench import wrench_kalman_smoother as smoothing
-from steelyard.uses.wrench.wrench_along_run import name_of, unobservable_directions
+from steelyard.uses.wrench.wrench_along_run import (
+    SIMULTANEOUS,
+    largest_size,
+    name_of,
+    unobservable_directions,
+)
 from steelyard.uses.wrench.wrench_kalman_smoother import RESIDUAL_CORRELATION_TIME, Smoothed
 
 STEP = 0.05
@@ -148,6 +153,33 @@ def test_a_direction_that_is_never_observable_keeps_its_size_whatever_the_rest_s
         "moment about x",
         "moment about y",
     }
+
+
+def test_the_largest_size_is_that_of_all_forces_of_the_simultaneous_region() -> None:
+    rng = np.random.default_rng(4)
+    force, roots = 3.0 * rng.normal(size=(20, 3)), rng.normal(size=(20, 3, 3))
+    force[0], roots[1, :, 2], force[2], roots[2] = 0.0, 0.0, [5.0, 1.0, 0.0], np.diag([0, 1, 30])
+    found = largest_size(force, roots @ roots.swapaxes(1, 2))
+    ball = rng.normal(size=(100_000, 3))
+    ball /= np.linalg.norm(ball, axis=1)[:, None]
+    for size, own, root in zip(found, force, roots, strict=True):
+        most = np.linalg.norm(own + SIMULTANEOUS * ball @ root.T, axis=1).max()
+        assert most <= size * (1.0 + 1e-9) and size == pytest.approx(most, rel=1e-3)
+    still = largest_size(np.array([[3.0, 0.0, 4.0], [0.0, 0.0, 0.0]]), np.zeros((2, 3, 3)))
+    assert still == pytest.approx([5.0, 0.0])
+
+
+def test_a_force_along_a_direction_that_is_not_observable_is_within_the_interval_of_sizes() -> None:
+    given = efforts(60, n=3, k=1)
+    jacobian = np.zeros_like(given.jacobian)
+    jacobian[:, [0, 1, 5], [0, 1, 2]] = 1.0
+    push = np.tile([30.0, 0.0, 60.0, 0.0, 0.0, 0.0], (60, 1))
+    made = with_errors(ExternalEfforts(**{**vars(given), "jacobian": jacobian}), push, 3)
+    for method in (Smoothed(), Weighted()):
+        found = method(made)
+        upper = largest_size(found.values[:, :3], found.covariance[:, :3, :3])
+        assert (np.linalg.norm(found.values[:, :3], axis=1) < 45.0).all()
+        assert (upper > np.hypot(30.0, 60.0)).all()
 
 
 def test_weighted_and_inverse_are_their_formulas() -> None:

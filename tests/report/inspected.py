@@ -129,6 +129,7 @@ def wrench_content(frame: str = "tool0") -> ExternalWrench:
         wrench=wrench,
         half_width=half,
         force_half_width=np.full(len(t), 5.0),
+        force_upper=np.full(len(t), 90.0),
         torque=torque,
         torque_half_width=np.ones_like(torque),
         least_data_share=np.zeros(len(t)),

@@ -60,9 +60,21 @@ def test_the_headline_states_the_interval_and_whether_a_force_differs_from_zero(
     found = CONTENT.estimate
     at = found.t[found.t > 5.0][0]
     place = f"at {at:.2f} s of shift (20.0 s)"
-    assert CONTENT.headline == f"Largest force on tool0: 33.5 ± 5.0 N {place}"
+    beyond = "along unobservable directions by the expected size"
+    sizes = f"33.5 N (95 %: 28.5 to 90.0 N, {beyond})"
+    assert CONTENT.headline == f"Largest force on tool0: {sizes} {place}"
+    seen = changed(learned=np.tile(0.9 * np.eye(6), (334, 1, 1)))
+    assert seen.headline == f"Largest force on tool0: 33.5 N (95 %: 28.5 to 90.0 N) {place}"
+    inverse = changed(method="inverse")
+    assert "90.0 N, along observable directions alone)" in inverse.headline
+    regular = replace(inverse.estimate, condition=np.full(334, 1e4))
+    assert "90.0 N) at" in replace(inverse, estimate=regular).headline
+    written = CONTENT.to_dict()["largest_force"]
+    assert (written["low_N"], written["high_N"]) == (pytest.approx(28.54, abs=0.01), 90.0)
+    assert not written["observable"] and seen.to_dict()["largest_force"]["observable"]
     none = changed(force_half_width=np.full(334, 40.0))
-    words = f"No force on tool0 that differs from zero (95 %); largest estimate 33.5 ± 40 N {place}"
+    sizes = f"33.5 N (95 %: 0 to 90.0 N, {beyond})"
+    words = f"No force on tool0 that differs from zero (95 %); largest estimate {sizes} {place}"
     assert none.headline == words
     assert f"<p>{words}" in none.report().replace("\u00a0", " ")
 

@@ -59,6 +59,9 @@ LEAST_LASTING_SHARE = 1.0 / 3.0  # of the log with a force: something else is li
 LEAST_UNEXPECTED_FORCE = 5.0  # over the expected one: something else is likelier than a push
 LEAST_VARIANCE_SHARE = 0.005  # of the expected variance, below which nothing is estimated
 
+PARTLY_EXPECTED = "along unobservable directions by the expected size"
+NOT_CONTAINED = "along observable directions alone"
+
 SOURCES = {
     "momentum": "generalised momentum, without accelerations",
     "torque": "measured minus predicted torque",
@@ -118,8 +121,12 @@ class ExternalWrench(Result):
     def headline(self) -> str:
         """The largest force that differs from zero, or that none does."""
         found, at = self.estimate, self.estimate.largest
-        size = significant(float(found.force[at]))
-        text = f"{size} ± {significant(float(found.force_half_width[at]), 2)} N"
+        ends = (found.force_lower[at], found.force_upper[at])
+        low, high = (significant(float(x)) for x in ends)
+        size, inverse = significant(float(found.force[at])), found.method == InverseJacobian.name
+        lacks = np.isinf(found.condition[at]) if inverse else not found.force_observable[at]
+        remark = f", {NOT_CONTAINED if inverse else PARTLY_EXPECTED}" if lacks else ""
+        text = f"{size} N (95 %: {low} to {high} N{remark})"
         place = f"at {found.t[at]:.2f} s of {found.run} ({found.t[-1] - found.t[0]:.1f} s)"
         if found.pushed[at]:
             return f"Largest force on {found.frame}: {text} {place}"
@@ -306,7 +313,9 @@ class ExternalWrench(Result):
             "expected": {"force_N": found.expected.force, "lever_m": found.expected.lever},
             "largest_force": {
                 "force_N": float(found.force[found.largest]),
-                "half_width_N": float(found.force_half_width[found.largest]),
+                "low_N": float(found.force_lower[found.largest]),
+                "high_N": float(found.force_upper[found.largest]),
+                "observable": bool(found.force_observable[found.largest]),
                 "time_s": float(found.t[found.largest]),
                 "differs_from_zero": bool(found.pushed[found.largest]),
             },

@@ -103,6 +103,7 @@ SIMULTANEOUS = 2.795
 """Half-width of 95 % intervals of three components at once, over their standard deviation: the root
 of the 95 % quantile of a chi-square variable with three degrees of freedom."""
 
+BISECTIONS = 50  # of the search for the largest force of a region
 EQUAL_RATES_TOLERANCE = 1e-6  # relative difference up to which rates are one
 
 
@@ -128,6 +129,9 @@ class WrenchEstimate:
     # half-width of 95 % intervals of the force along its own direction, shape `(N,)` [N];
     # simultaneous ones, as the direction is estimated too [Scheffe1959]
     force_half_width: Array
+    # largest size of a force in the simultaneous region, shape `(N,)` [N]: what is not observable
+    # along other directions counts
+    force_upper: Array
     torque: Array  # external efforts, shape `(N, n)` [Nm; N]
     torque_half_width: Array  # half-width of 95 % intervals of efforts that nothing external makes
     # share of the expected variance that efforts remove, along the direction in which they remove
@@ -140,6 +144,16 @@ class WrenchEstimate:
     def force(self) -> Array:
         """Size of the force, shape `(N,)` [N]."""
         return np.asarray(np.linalg.norm(self.wrench[:, :3], axis=1))
+
+    @property
+    def force_lower(self) -> Array:
+        """Least size of the force in the simultaneous region, shape `(N,)` [N]."""
+        return np.maximum(self.force - self.force_half_width, 0.0)
+
+    @property
+    def force_observable(self) -> NDArray[np.bool_]:
+        """Whether every direction of the force is observable, shape `(N,)`."""
+        return np.asarray(np.linalg.eigvalsh(self.learned[:, :3, :3])[:, 0] >= OBSERVABLE)
 
     @property
     def pushed(self) -> NDArray[np.bool_]:
@@ -285,6 +299,7 @@ def estimated_wrench(
             "wrench": found.values,
             "half_width": _half_width(found.covariance),
             "force_half_width": _force_half_width(found),
+            "force_upper": largest_size(found.values[:, :3], found.covariance[:, :3, :3]),
             "torque": efforts.torque,
             "torque_half_width": _half_width(efforts.covariance),
             "least_data_share": np.linalg.eigvalsh(found.learned[:, known][:, :, known])[:, 0],
@@ -331,6 +346,31 @@ def _force_half_width(found: Wrenches) -> Array:
     widest = np.linalg.eigvalsh(covariance)[:, -1]
     variance = np.divide(along, square, out=widest, where=square > 0.0)
     return np.asarray(SIMULTANEOUS * np.sqrt(np.maximum(variance, 0.0)))
+
+
+def largest_size(force: Array, covariance: Array) -> Array:
+    r"""Upper ends of simultaneous 95 % intervals of sizes of forces, `(N, 3)` to `(N,)` [N].
+
+    The largest $|F|$ of $(F - \hat F)^T C^{-1} (F - \hat F) \le k^2$ with covariances $C$,
+    `(N, 3, 3)`, is the root of the least $\mu + \sum_i \mu f_i^2 / (\mu - a_i^2)$ over
+    $\mu > a_i^2$, with components $f_i$ of $\hat F$ along principal axes, and half-axes $a_i$.
+    """
+    values, vectors = np.linalg.eigh(covariance)
+    axes = SIMULTANEOUS**2 * np.maximum(values, 0.0)
+    along = np.square(np.einsum("ti,tij->tj", force, vectors))
+
+    def over(numerator: Array, mu: Array, power: int) -> Array:
+        rest = (mu[:, None] - axes) ** power
+        parts = np.divide(numerator, rest, out=np.zeros_like(rest), where=rest > 0.0)
+        return np.asarray(parts.sum(axis=1))
+
+    low = axes[:, -1]
+    high = np.square(np.sqrt(low) + np.linalg.norm(force, axis=1))
+    for _ in range(BISECTIONS):
+        mu = 0.5 * (low + high)
+        falls = over(along * axes, mu, 2) > 1.0
+        low, high = np.where(falls, mu, low), np.where(falls, high, mu)
+    return np.asarray(np.sqrt(high * (1.0 + over(along, high, 1))))
 
 
 def _bandwidth(identified: IdentifiedModel, run: Run, requested: float | None) -> float:
