@@ -2,6 +2,7 @@
 
 from collections import Counter
 from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 from typing import cast
 
@@ -15,7 +16,13 @@ from steelyard.identify.page.parameters_and_truth import parameter_rows
 from steelyard.identify.page.reduction_and_removals import samples_of
 from steelyard.identify.page.report_content import ReportContent
 from steelyard.identify.page.section_register import SECTIONS
-from steelyard.identify.verdict_and_next_steps import exit_code, level_of, verdict
+from steelyard.identify.verdict_and_next_steps import (
+    error_limit_words,
+    exit_code,
+    level_of,
+    next_steps,
+    verdict,
+)
 from steelyard.report.page import PageContent, Section
 from steelyard.report.words import percent
 
@@ -201,6 +208,26 @@ def test_a_poor_verdict_is_exit_code_1(usual):
     untested = replace(usual, scores=())
     bad = (with_errors(usual, error=8.0), usual, untested)
     assert [exit_code(content) for content in bad] == [1, 0, 0]
+
+
+@pytest.mark.parametrize(
+    ("error", "level", "says"),
+    [
+        (7.0, "none", ""),
+        (8.0, "poor", ". Predicts fitted motion with an error of 8.0 Nm: 31.4\u00a0% of the"),
+        (33.0, "poor", ". Predicts fitted motion no better than predicting zero: the error is 33"),
+    ],
+)
+def test_a_fit_that_does_not_describe_its_own_logs_is_poor(usual, error, level, says):
+    fitted = with_errors(usual, error=error).scores
+    content = replace(usual, scores=(), fitted=fitted)
+    judged = verdict(content)
+    assert judged.level == level and exit_code(content) == (level == "poor")
+    assert judged.headline.startswith(f"Not validated on unseen motion{says}")
+    assert "steelyard validate MODEL OTHER_LOG" in judged.detail
+    assert judged.errors == () and error_limit_words(judged, 8.0).startswith("No error on unseen")
+    commands = [command for command, _ in next_steps(content, "arm.toml", Path("m"))]
+    assert ("steelyard check arm.toml" in " ".join(commands)) == (level == "poor")
 
 
 def test_levels():

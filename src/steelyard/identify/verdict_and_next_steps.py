@@ -153,12 +153,15 @@ def _of_scores(content: ReportContent) -> Verdict:
     if not content.scores:
         return _untested(content)
     scores = [run for run in content.scores if not run.repeats] or list(content.scores)
+    return _judged(scores, _motion(scores), unseen=not scores[0].repeats)
+
+
+def _judged(scores: Sequence[RunScore], motion: str, *, unseen: bool) -> Verdict:
+    """The verdict of scores on a motion; none that is good or fair where it is not unseen."""
     errors = pooled(run.errors for run in scores)
     logged = pooled(as_logged(run.errors for run in scores))
-    detail = _detail(scores, errors)
-    others, unseen = other_errors(scores), not scores[0].repeats
+    detail, others = _detail(scores, errors), other_errors(scores)
     plain = Verdict("", detail, "none", (), errors, logged, others, unseen=unseen)
-    motion = _motion(scores)
     worst = plain.percent_of_used
     scaled = max((one.percent_of_used for one in errors), default=0.0)
     if worst is None or not isfinite(worst):
@@ -196,23 +199,27 @@ def _motion(scores: Sequence[RunScore]) -> str:
     return f"efforts of {motion} from the commanded motion" if commanded else motion
 
 
+UNTESTED = "Not validated on unseen motion"
+
+
 def _untested(content: ReportContent) -> Verdict:
-    """Without a run that was kept aside nothing is known about other motions."""
+    """Without a run that was kept aside nothing is known of other motions, but of a poor fit."""
     fitted, described = content.fitted, ""
-    errors = pooled(run.errors for run in fitted)
-    logged = pooled(as_logged(run.errors for run in fitted))
-    if errors and all(isfinite(one.percent_of_used) for one in errors):
+    to_do = f"To validate it, log another motion and run: {HOW_TO_VALIDATE}"
+    if not fitted:
+        return Verdict(UNTESTED, to_do, "none")
+    judged = _judged(fitted, "fitted motion", unseen=False)
+    if judged.level == "poor":
+        headline = f"{UNTESTED}. {judged.headline}"
+        detail = f"{judged.detail} {to_do}"
+        return replace(judged, headline=headline, detail=detail, errors=(), as_logged=())
+    if judged.errors and all(isfinite(one.percent_of_used) for one in judged.errors):
         described = (
             f"The model describes {count(len(fitted), 'fitted run')} with an error of "
-            f"{both_words(errors, logged)} ({basis_words(fitted)}), which is no evidence for other "
-            "motions. "
+            f"{both_words(judged.errors, judged.as_logged)} ({basis_words(fitted)}), which is no "
+            "evidence for other motions. "
         )
-    return Verdict(
-        "Not validated on unseen motion",
-        f"{described}To validate it, log another motion and run: {HOW_TO_VALIDATE}",
-        "none",
-        others=other_errors(fitted) if fitted else "",
-    )
+    return Verdict(UNTESTED, f"{described}{to_do}", "none", others=judged.others)
 
 
 def _detail(scores: Sequence[RunScore], errors: Sequence[EffortError]) -> str:
@@ -249,10 +256,10 @@ def next_steps(content: ReportContent, robot: str, model: Path) -> tuple[Step, .
     if content.diagnosis is not None and content.diagnosis.inconclusive:
         steps.insert(0, (f"steelyard check {robot} {logs}", "open questions about the robot file"))
     steps += gear_side_steps(content.limitations, robot)
+    if judged.level == "poor" and not steps:
+        steps.append((f"steelyard check {robot} {logs}", "errors in the logs or the robot file"))
     if not content.scores:
         steps.append((f"steelyard validate {folder} OTHER_LOG", "error on another motion"))
-    elif judged.level == "poor" and not steps:
-        steps.append((f"steelyard check {robot} {logs}", "errors in the logs or the robot file"))
     if content.friction is None and any(
         found.check == MODEL_ERROR and not found.severity for found in content.limitations
     ):
