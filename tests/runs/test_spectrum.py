@@ -1,3 +1,4 @@
+import re
 from collections.abc import Callable
 
 import numpy as np
@@ -12,6 +13,10 @@ from steelyard.runs.rest_speed_and_speed_histogram import (
     default_rest_speed,
     given_rest_speed,
 )
+from steelyard.runs.smoothing.kalman_smoother import CausalKalman, KalmanSmoother
+from steelyard.runs.smoothing.likeliest_cutoffs_and_fourier import Auto
+from steelyard.runs.smoothing.smoothing_methods_and_zero_phase_filters import Butterworth
+from steelyard.runs.smoothing.spline_and_finite_windows import FIR
 from steelyard.runs.spectrum_and_period import motion_band, welch
 
 
@@ -109,12 +114,21 @@ def test_without_parallel_filter_nothing_is_cut_off() -> None:
         (Processing(motion_cutoff=60.0), "motion cut-off of 60 Hz does not fit a log of 100 Hz"),
         (Processing(matched_cutoff=30.0), "regression cut-off of 30 Hz"),
         (Processing(matched_cutoff=-1.0), "regression cut-off of -1 Hz"),
+        (Processing(effort=Butterworth(), effort_cutoff=50.0), "effort cut-off of 50 Hz"),
+        (Processing(effort=KalmanSmoother(), effort_cutoff=500.0), "effort cut-off of 500 Hz"),
+        (Processing(effort=FIR(), effort_cutoff=60.0), "effort cut-off of 60 Hz"),
+        (Processing(motion=CausalKalman(cutoffs=(9.0, 0.0))), "position cut-off of 0 Hz"),
+        (Processing(motion=Auto(cutoffs=(9.0, -1.0))), "position cut-off of -1 Hz"),
+        (Processing(motion=Auto(cutoffs=(500.0, 9.0))), "position cut-off of 500 Hz"),
+        (Processing(motion=Auto(velocity_cutoffs=(np.nan, 9.0))), "velocity cut-off of nan Hz"),
+        (Processing(motion=CausalKalman(velocity_cutoffs=(46.0, 9.0))), "velocity cut-off of 46"),
     ],
 )
 def test_cutoffs_beyond_the_rate_are_refused(processing: Processing, words: str) -> None:
     with pytest.raises(LogError, match=words) as caught:
         cutoffs(processing, 0.5, 100.0, "run.csv")
-    assert caught.value.where == "run.csv" and "log faster" in caught.value.fix
+    assert caught.value.where.startswith("run.csv, ") and "log faster" in caught.value.fix
+    assert re.search(r"cutoffs? (in (motion|effort) )?of \[processing\]", caught.value.where)
 
 
 def test_rest_speeds_are_one_or_one_per_joint() -> None:

@@ -18,7 +18,8 @@ one passes, and sharp corners of friction follow from velocities it has not roun
 passes of noise, the parallel filter takes out again; on real robots a cut at the noise floor
 itself predicts worse by 1 to 3 % of the error."""
 MOTION_HIGHEST = 0.25  # highest default motion cut-off, per sampling rate
-NYQUIST_SHARE = 0.45  # highest cut-off that can be requested, per sampling rate
+NYQUIST_SHARE = 0.45
+"""Highest cut-off of motion or efforts that can be requested, per sampling rate."""
 SLOWEST_RATE = 2.0
 """Rate up to which time is likelier in milliseconds than in seconds [Hz]: no robot is logged so
 slowly."""
@@ -51,17 +52,24 @@ def cutoffs(
     if motion is None:
         wide = max(MOTION_FACTOR * matched, floor)
         motion = rounded(max(matched, min(wide, MOTION_HIGHEST * rate)))
-    for name, cutoff, share in (
-        ("regression", matched, MATCHED_HIGHEST),
-        ("motion", motion, NYQUIST_SHARE),
-    ):
+    named = [
+        (
+            "regression",
+            "matched_cutoff" if processing.matched_cutoff else "",
+            matched,
+            MATCHED_HIGHEST,
+        ),
+        ("motion", "motion_cutoff" if processing.motion_cutoff else "", motion, NYQUIST_SHARE),
+    ]
+    named += [(*given, NYQUIST_SHARE) for given in processing.cutoffs_of_methods]
+    for name, key, cutoff, share in named:
         if not 0.0 < cutoff <= share * rate * (1.0 + 1e-9):
             usual = f"choose one above 0 and up to {share * rate:.4g} Hz, or log faster"
             slow = rate <= SLOWEST_RATE
             raise LogError(
                 f"the {name} cut-off of {cutoff:g} Hz does not fit a log of {rate:g} Hz"
                 + (": its time looks like milliseconds, not seconds" if slow else ""),
-                where=where,
+                where=f"{where}, {key} of [processing]" if key else where,
                 fix=f"give time in seconds, or its unit as time_unit under [signals] of the robot "
                 f"file; {usual}"
                 if slow

@@ -9,6 +9,7 @@ from steelyard.base.arrays import Array, frozen
 from steelyard.base.errors import LogError
 from steelyard.logs.log_windows import Cut
 from steelyard.runs.cutoff_frequencies import SHORTEST_SEGMENT, Cutoffs, cutoffs
+from steelyard.runs.filter_windows_in_log import require_windows_in_log
 from steelyard.runs.first_pass_over_recording import Survey, no_joint_moves, survey
 from steelyard.runs.mean_over_repetitions import MeanMotion, mean_of_periods
 from steelyard.runs.motion_error_from_noise import motion_responses, noise_gain
@@ -77,6 +78,8 @@ def prepare(
     chain = _chain(processing, found, cut)
     loaded, wide = _with_context(loaded, found, chain)
     segments = _long_enough(recording, wide, cut)
+    asked = replace(chain.processing, motion=requested.motion)
+    require_windows_in_log(asked, found.rate, max(s.samples for s in segments), recording)
     given = given_rest_speed(processing, recording.channels.joints)
     read = replace(loaded, log=recording.log)
     kept = KeptSamples()

@@ -135,6 +135,18 @@ class Processing:
             )
 
     @property
+    def cutoffs_of_methods(self) -> tuple[tuple[str, str, float], ...]:
+        """Cut-offs given with `motion` and `effort`: name, key of `[processing]`, value [Hz]."""
+        found = []
+        if self.effort is not None and self.effort_cutoff is not None:
+            found.append(("effort", "cutoff in effort", self.effort_cutoff))
+        if isinstance(self.motion, Auto | CausalKalman):
+            found += [("position", "cutoffs in motion", x) for x in self.motion.cutoffs or ()]
+            velocity = self.motion.velocity_cutoffs or ()
+            found += [("velocity", "velocity_cutoffs in motion", x) for x in velocity]
+        return tuple(found)
+
+    @property
     def motion_words(self) -> str:
         """The way from positions to motion in words; what `auto` has chosen, where it is that."""
         if not isinstance(self.motion, Auto):

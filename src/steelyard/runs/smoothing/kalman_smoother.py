@@ -206,7 +206,7 @@ class CausalKalman:
 
         def states(x: Array, order: int) -> Array:
             own = self.cutoffs if order == 3 else self.velocity_cutoffs
-            return _states(x, (cutoff,) * len(x) if own is None else own, order, rate)
+            return _states(x, own or (cutoff,) * len(x), order, rate)
 
         return derived_jointly(states)
 
@@ -222,13 +222,13 @@ class CausalKalman:
             return tuple(cutoff_of_ratio(ratio, order, rate, band) for ratio in ratios)
 
         velocity = self.velocity_cutoffs
-        if dq is not None and velocity is None:
+        if dq is not None and not velocity:
             velocity = likeliest(dq, 2)
         return replace(self, cutoffs=self.cutoffs or likeliest(q, 3), velocity_cutoffs=velocity)
 
     def lateness(self, cutoff: float) -> float:
         """How late slow accelerations are [s]: those of the joint with the lowest cut-off."""
-        if self.velocity_cutoffs is not None:
+        if self.velocity_cutoffs:
             return float(np.sqrt(2.0) / (2.0 * np.pi * min(self.velocity_cutoffs)))
         return 1.0 / (np.pi * min(self.cutoffs or (cutoff,)))
 

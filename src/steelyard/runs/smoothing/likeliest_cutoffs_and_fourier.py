@@ -354,7 +354,7 @@ class Auto:
         """The same with what is not given found in a log; see `Choosing`."""
         cutoffs = self.cutoffs or likeliest_cutoffs(q, 3, rate, band)
         velocity = self.velocity_cutoffs
-        if dq is not None and velocity is None:
+        if dq is not None and not velocity:
             velocity = likeliest_cutoffs(dq, 2, rate, band)
         found = replace(self, cutoffs=cutoffs, velocity_cutoffs=velocity)
         if cutoffs is None or dq is not None or not whole or self.cutoffs is not None:

@@ -191,7 +191,7 @@ class FIR:
                 f"an FIR low-pass of {cutoff:g} Hz that stops at {cutoff + 0.5 * width:g} Hz does "
                 f"not fit samples at {rate:g} Hz",
                 where="method 'fir' of [processing]",
-                fix=f"choose a lower motion_cutoff, or a transition below {rate / cutoff - 2:.2g}",
+                fix=f"choose a lower cut-off, or a transition below {rate / cutoff - 2:.2g}",
             )
         return kaiser_lowpass(self.suppression, 2.0 * width / rate, 2.0 * cutoff / rate)
 
@@ -294,7 +294,7 @@ class SavitzkyGolay:
             raise LogError(
                 f"a cut-off of {cutoff:g} Hz needs windows of {window} samples",
                 where="method 'savitzky_golay' of [processing]",
-                fix="choose a higher motion_cutoff, or a lower rate",
+                fix="choose a higher cut-off, or a lower rate",
             )
         return window
 
