@@ -135,8 +135,12 @@ def test_residuals_are_those_of_the_rows(run: Run) -> None:
 
 def test_too_short_a_run_says_so(run: Run) -> None:
     short = replace(run, span=(1.0, 1.05))
-    with pytest.raises(LogError, match="no segment of the log is as long as its filter"):
+    with pytest.raises(LogError, match=r"as long as its filter .*: the longest has 0\.0\d+ s"):
         gather_samples(REGRESSOR, short)
+    resting = replace(run, rest_speed=np.full_like(run.rest_speed, np.inf))
+    with pytest.raises(LogError, match=r"of \d+ samples a joint moves in 0") as caught:
+        gather_samples(REGRESSOR, resting, rests=False)
+    assert "matched_cutoff" not in caught.value.fix
 
 
 def same_shares(found: np.ndarray, wanted: np.ndarray) -> None:

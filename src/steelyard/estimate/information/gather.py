@@ -1,5 +1,6 @@
 """The pass over runs: stretches of samples to information, by windows, on several threads."""
 
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
@@ -66,12 +67,30 @@ class GramPass:
     signature: Signature
 
     def too_short(self) -> LogError:
-        """What to say if nothing came out."""
-        need = len(self.accumulator.matched.taps) / self.run.rate
+        """What to say if nothing came out: no stretch as long as the filter, or joints rest."""
+        run, taps = self.run, len(self.accumulator.matched.taps)
+        lengths, moving, warm = Counter[int](), 0, 0
+        model = self.accumulator.regressor.model
+        for block in blocks_with_channels(run.blocks(), model, lambda block, own: own):
+            lengths[block.segment] += len(block.t)
+            warm += int(block.moving.any(axis=0).sum())
+        for block in run.blocks():
+            moving += int(block.moving.any(axis=0).sum())
+        longest = max(lengths.values(), default=0)
+        if longest < taps:
+            return LogError(
+                f"no segment of the log is as long as its filter ({taps / run.rate:.2f} s): the "
+                f"longest has {longest / run.rate:.2g} s",
+                where=run.name,
+                fix="log for longer, or raise matched_cutoff in [processing] of the robot file",
+            )
+        forgotten = f", and friction with memory has forgotten its unknown start in {warm}"
         return LogError(
-            f"no segment of the log is as long as its filter ({need:.2f} s)",
-            where=self.run.name,
-            fix="log for longer, or raise matched_cutoff in [processing] of the robot file",
+            f"no sample of the log counts: of {lengths.total()} samples a joint moves in {moving}"
+            + (forgotten if model.has_memory else ""),
+            where=run.name,
+            fix="record a longer and faster motion"
+            + (f" (the filter needs {taps / run.rate:.2g} s of it)" if taps > 1 else ""),
         )
 
 
