@@ -449,3 +449,60 @@ def test_bad_input(
     assert words in " ".join(done.output.split())
     assert "fix" in done.output
     assert not (work / "small").exists()
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (("--last", "nosuch.json"), "the file does not exist where nosuch.json"),
+        (("--last", "other.csv"), "no motion of kind 'fourier' as the robot file describes it"),
+        (("--robot", "other.toml"), "this robot first, second"),
+        (("--robot", "other.toml", "--bodies"), "this robot first, second"),
+        (("--next", "small"), "the motion's folder is that of the reduced model (small)"),
+        (("--next", "at", "-o", "at/small"), "or contains it where --next at"),
+    ],
+)
+def test_a_next_motion_that_cannot_be_is_refused_before_the_reduction(
+    options: tuple[str, ...],
+    words: str,
+    identified: Path,
+    brief: Path,
+    log: Path,
+    command: Command,
+    work: Path,
+) -> None:
+    names = ",".join(f"q{k}" for k in range(1, load_robot(brief).robot.n + 1))
+    rows = [",".join([f"{t}", *["0.0"] * (names.count(",") + 1)]) for t in range(4)]
+    Path("other.csv").write_text("\n".join([f"time_s,{names}", *rows]))
+    Path("other.toml").write_text(OTHER_ROBOT)
+    given = {"--robot": brief, "--next": "motion", "-o": "small"}
+    usual = [x for option, value in given.items() if option not in options for x in (option, value)]
+    done = command("reduce", identified, log, *usual, *options)
+    assert done.exit_code == 2
+    assert words in " ".join(done.output.split()) and "fix" in done.output
+    assert not Path("small").exists() and not Path("at").exists()
+
+
+OTHER_ROBOT = """
+[robot]
+name = "other"
+
+[robot.dh]
+convention = "standard"
+links = [{ joint = "first", a = 0.4 }, { joint = "second", a = 0.4 }]
+
+[robot.limits]
+first = { lower = -1.0, upper = 1.0, velocity = 1.0, effort = 10.0 }
+second = { lower = -1.0, upper = 1.0, velocity = 1.0, effort = 10.0 }
+
+[model]
+terms = ["rigid_body"]
+
+[signals]
+time = "time_s"
+position = "q{}_rad"
+[signals.effort]
+columns = "tau{}_Nm"
+kind = "joint_torque"
+unit = "Nm"
+"""

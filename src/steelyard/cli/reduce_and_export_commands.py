@@ -71,7 +71,7 @@ def reduce(
     """
     from steelyard.base.arrays import finite_json
     from steelyard.base.files import new_folder, whole_folder
-    from steelyard.excite.excite import design_excitation
+    from steelyard.excite.excite import design_excitation, design_task
     from steelyard.identify.verdict_and_next_steps import exit_code
 
     _refuse_missing(robot, {"--bodies": bodies, "--next": following is not None})
@@ -81,6 +81,10 @@ def reduce(
             needless, "is given, but no motion is designed", "add --next DIR, or leave it out"
         )
     folder, motion_folder = new_folder(output, "steelyard-reduced"), optional_folder(following)
+    criterion: str | None = None if limit is None else "condition"
+    if motion_folder is not None and robot is not None:
+        _refuse_same(folder, motion_folder)
+        design_task(robot, earlier=call.keywords["model"], start=last, criterion=criterion)
     with progress_bar() as progress:
         found = call(bodies=robot if bodies else None, progress=progress)
         with whole_folder(folder) as place:
@@ -98,7 +102,7 @@ def reduce(
                 robot,
                 earlier=found.model,
                 start=last,
-                criterion=None if limit is None else "condition",
+                criterion=criterion,
                 budget=budget,
                 progress=progress,
             )
@@ -142,6 +146,18 @@ def _refuse_missing(robot: str | None, asking: dict[str, bool]) -> None:
             f"{' and '.join(name for name, given in asking.items() if given)} without a robot file",
             where="--robot",
             fix="give the robot file that the model was identified with: --robot ROBOT",
+        )
+
+
+def _refuse_same(folder: Path, motion_folder: Path) -> None:
+    """Refuse to write a motion to where the model, or a folder around it, is written before."""
+    from steelyard.base.errors import OutputError
+
+    if motion_folder.resolve() in (folder.resolve(), *folder.resolve().parents):
+        raise OutputError(
+            f"the motion's folder is that of the reduced model ({folder}), or contains it",
+            where=f"--next {motion_folder}",
+            fix="name another folder, outside of which the model is written",
         )
 
 

@@ -88,7 +88,7 @@ def identified_before(
         raise DataError(
             f"the earlier model moves the joints {', '.join(theirs)}, this robot {', '.join(ours)}",
             where=where,
-            fix="give a model that was identified with this robot file",
+            fix="give a model that was identified with this robot file, or the model's robot file",
         )
     if not (known.estimate.sigma > 0.0).all():
         raise DataError(

@@ -39,7 +39,7 @@ from steelyard.excite.earlier_model import earlier_of, identified_before
 from steelyard.excite.page.design_page import render_design
 from steelyard.excite.page.design_text import DesignContent, design_headline, print_design, scopes
 from steelyard.excite.search.parallel_search import SearchBudget
-from steelyard.excite.searched_or_planned_motion import Designed, design
+from steelyard.excite.searched_or_planned_motion import Designed, design, refuse_other_kind
 from steelyard.excite.trajectories.exact_slowed_and_chained_trajectories import ExactTrajectory
 from steelyard.excite.trajectories.motion_families import FAMILIES, basis_of
 from steelyard.excite.trajectories.piecewise_polynomials import through_postures
@@ -340,6 +340,8 @@ def design_task(
     refuse_formats(loaded, forms, rate)
     before = None if known is None else earlier_of(known)
     first = None if start is None else read_motion(Path(start), loaded.robot)
+    if first is not None:
+        refuse_other_kind(first, loaded, str(start))
     return DesignTask((loaded, model, before), forms, rate, first)
 
 

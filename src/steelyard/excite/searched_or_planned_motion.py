@@ -44,7 +44,7 @@ from steelyard.excite.search.parallel_search import (
 from steelyard.excite.search.repair_until_proven import finished
 from steelyard.excite.search.search_methods import method_of
 from steelyard.excite.trajectories.exact_slowed_and_chained_trajectories import ExactTrajectory
-from steelyard.excite.trajectories.motion_families import FAMILIES, coefficients_of
+from steelyard.excite.trajectories.motion_families import FAMILIES, basis_of, coefficients_of
 from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
 from steelyard.robot.robot import Robot, frame_origins
 
@@ -127,11 +127,10 @@ def design(
     """
     loaded, model, earlier = tables
     begun = time.monotonic() if since is None else since
-    kind = loaded.excitation.motion.kind
-    if kind in FAMILIES:
-        return _searched(tables, effort, start, progress, begun)
     if start is not None:
-        raise _not_of_kind(kind)
+        refuse_other_kind(start, loaded)
+    if loaded.excitation.motion.kind in FAMILIES:
+        return _searched(tables, effort, start, progress, begun)
     section = loaded.excitation
     limits = limits_of(loaded.robot, section.limits)
     plain, notes = memoryless(model)
@@ -151,12 +150,20 @@ def condition_of_motion(tables: Tables, trajectory: ExactTrajectory) -> float:
     return predicted_accuracy(trajectory, cases, np.ones(loaded.robot.n), samples).raw
 
 
-def _not_of_kind(kind: str) -> DataError:
-    return DataError(
-        f"the motion to start from is no motion of kind '{kind}' with these numbers",
-        where="motion to start from",
-        fix="give one that was designed with the same period and number of harmonics",
-    )
+def refuse_other_kind(
+    start: ExactTrajectory, loaded: LoadedRobot, where: str = "motion to start from"
+) -> None:
+    """Refuse a motion to start from that the search for which a robot file asks cannot contain."""
+    motion = loaded.excitation.motion
+    basis = basis_of(motion, loaded.robot) if motion.kind in FAMILIES else None
+    if basis is None or coefficients_of(basis, start) is None:
+        lasting = "" if basis is None else f" ({basis.duration:g} s)"
+        raise DataError(
+            f"the motion to start from ({start.duration:g} s) is no motion of kind "
+            f"'{motion.kind}' as the robot file describes it{lasting}",
+            where=where,
+            fix="give one that was designed with the same period and number of harmonics",
+        )
 
 
 def _searched(
@@ -171,8 +178,6 @@ def _searched(
     pace = ProcessPace()
     problem = build(*tables)
     first = None if start is None else coefficients_of(problem.basis, start)
-    if start is not None and first is None:
-        raise _not_of_kind(loaded.excitation.motion.kind)
     refuse_impossible(problem, loaded)
     deadline = begun + effort.seconds - time_after(problem, effort.seconds, pace)
     left = deadline - max(FINISH_SHARE * effort.seconds, 1.0) - time.monotonic()

@@ -175,6 +175,7 @@ def reduce(
     """
     identified = load_model(model)
     _refuse_unreducible(identified)
+    robot = None if bodies is None else _robot_of(identified, bodies)
     chosen_by, rule = criterion_of(criterion), rule_of(stop)
     equal = weights == "equal"
     estimator = least_squares(equal)
@@ -217,8 +218,8 @@ def reduce(
     estimate = found.estimate
 
     def estimating(data: Information) -> Estimate:
-        if bodies is not None:
-            return _with_bodies(identified, bodies, runs, data, found, equal)
+        if robot is not None:
+            return _with_bodies(identified, robot, runs, data, found, equal)
         return estimator(data.select(found.estimate.parameters.names))
 
     repeated, failed_logs = None, tuple[str, ...]()
@@ -226,7 +227,7 @@ def reduce(
         repeated, failed_logs = of_each_log(
             runs, everything, lambda _runs, _data: estimating, progress
         )
-    if bodies is not None:
+    if robot is not None:
         estimate = estimating(everything)
     smaller = replace(
         _without_empty_terms(replace(identified, estimate=estimate)),
@@ -337,16 +338,9 @@ def moving_friction(model: Model, runs: Sequence[Run], columns: Sequence[str]) -
     return tuple(name for name in columns if name in mine)
 
 
-def _with_bodies(
-    identified: IdentifiedModel,
-    robot_file: str | Path | LoadedRobot,
-    runs: Sequence[Run],
-    information: Information,
-    found: Reduction,
-    equal: bool,
-) -> Estimate:
-    """The consistent estimate with the removed base parameters equal to zero."""
-    base, loaded = base_parameters(identified.model), load_robot(robot_file)
+def _robot_of(identified: IdentifiedModel, robot_file: str | Path | LoadedRobot) -> LoadedRobot:
+    """The robot of a robot file, refused if the model is of other links."""
+    loaded = load_robot(robot_file)
     theirs = [body.name for body in loaded.robot.bodies]
     ours = [body.name for body in identified.model.robot.bodies]
     if theirs != ours:
@@ -355,6 +349,19 @@ def _with_bodies(
             where=loaded.reference,
             fix="give the robot file that the model was identified with",
         )
+    return loaded
+
+
+def _with_bodies(
+    identified: IdentifiedModel,
+    loaded: LoadedRobot,
+    runs: Sequence[Run],
+    information: Information,
+    found: Reduction,
+    equal: bool,
+) -> Estimate:
+    """The consistent estimate with the removed base parameters equal to zero."""
+    base = base_parameters(identified.model)
     knowledge = knowledge_of(identified.model, loaded, fastest_of(runs))
     zeros = {}
     for one in found.estimate.removed:
