@@ -451,6 +451,22 @@ def test_bad_input(
     assert not (work / "small").exists()
 
 
+@pytest.mark.slow
+def test_a_log_that_the_given_model_does_not_describe_is_named(
+    identified: Path, log: Path, command: Command
+) -> None:
+    rows = pl.read_csv(log, comment_prefix="#")
+    turned = [pl.col(name).neg() for name in rows.columns if name.startswith("tau")]
+    assert len(turned) == 3
+    rows.with_columns(turned).write_csv("turned.csv")
+    done = command("reduce", identified, "turned.csv", "--stop", "one_fewer", "-o", "a")
+    words = " ".join(done.output.split())
+    assert "! the given model predicts turned with an error of" in words
+    assert f"steelyard validate {identified} turned.csv" in words and "FAIR: " in words
+    done = command("reduce", identified, log, "--stop", "one_fewer", "-o", "b")
+    assert "the given model" not in done.output
+
+
 @pytest.mark.parametrize(
     ("options", "words"),
     [

@@ -15,6 +15,7 @@ from steelyard.base.arrays import frozen
 from steelyard.base.checked_arguments import checked
 from steelyard.base.errors import DataError, ModelError, advice
 from steelyard.base.progress import Progress, silent
+from steelyard.check.finding import Finding, Fix, Severity
 from steelyard.estimate.consistent.convex_estimator import Consistent
 from steelyard.estimate.consistent.prior_weight_and_contradictions import (
     contradictions,
@@ -40,6 +41,7 @@ from steelyard.estimate.reduction.left_out_errors_and_stopping_rules import (
 from steelyard.estimate.reduction.reduction import Reduction, criterion_of, least_squares
 from steelyard.estimate.reduction.reduction import reduce as reduced_by
 from steelyard.estimate.scores.band_calibration_on_left_out_motion import calibrate
+from steelyard.estimate.scores.score import RunScore
 from steelyard.identify.page.reduction_and_removals import parameter_comparison
 from steelyard.identify.page.report_content import ReportContent
 from steelyard.identify.provenance_and_notes import dropped, dropped_rows, notes_of, settings
@@ -47,9 +49,11 @@ from steelyard.identify.repeated_fits import ReportOfLogs, of_each_log
 from steelyard.identify.repeated_motion import marked_repeats, repeat_of
 from steelyard.identify.runs_for_model import runs_for
 from steelyard.identify.scores_and_model_report import scored
+from steelyard.identify.verdict_and_next_steps import path_word, poorly_predicted
 from steelyard.model.model import Model
 from steelyard.model.terms.term import Term
 from steelyard.report.result import DataFrame, Result, frame
+from steelyard.report.words import first_names
 from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
 from steelyard.robot.file.robot_file import load_robot
 from steelyard.runs.run import Run, fastest_of, motion_samples
@@ -257,6 +261,7 @@ def reduce(
         scores=marked_repeats(smaller, unseen, scored(smaller, unseen, progress)),
         fitted=scored(smaller, runs, progress),
         qualities=tuple((run.name, run.quality.rows_of_text) for run in both),
+        limitations=_undescribed(scored(identified, runs, progress), model, known),
         notes=(*dropped_rows(both), *_one_motion(smaller, runs), *failed_logs),
         details=(*notes_of(both), *dropped(smaller.model, both)),
         settings=settings(smaller),
@@ -265,6 +270,25 @@ def reduce(
         repeated=repeated,
     )
     return ReducedModel(content, found)
+
+
+def _undescribed(
+    scores: Sequence[RunScore], model: str | Path | IdentifiedModel, logs: Sequence[LogArgument]
+) -> tuple[Finding, ...]:
+    """That the model to be reduced does not describe logs that the smaller one is fitted to."""
+    if not (poor := poorly_predicted(scores)):
+        return ()
+    named = "MODEL" if isinstance(model, IdentifiedModel) else path_word(model)
+    command = " ".join(["steelyard validate", named, *(path_word(log.text) for log in logs)])
+    says = (
+        f"the given model predicts {first_names(poor, 3)}: the reduced model is fitted to logs "
+        "that the model before it does not describe"
+    )
+    fix = Fix(f"See why with {command}, and reduce with logs that the model describes")
+    brief = f"{says}. {fix.says}"
+    return (
+        Finding("given model", "", Severity.DOUBTFUL, says, fix=fix, headline=True, brief=brief),
+    )
 
 
 def _one_motion(smaller: IdentifiedModel, runs: Sequence[Run]) -> tuple[str, ...]:

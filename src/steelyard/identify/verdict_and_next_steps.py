@@ -14,6 +14,7 @@ from steelyard.identify.page.effort_error_words import (
     MOST_NAMED_JOINTS,
     basis_words,
     both_words,
+    error_words,
     limit_words,
     loaded_joints,
     other_errors,
@@ -134,6 +135,15 @@ def verdict(content: ReportContent) -> Verdict:
 def exit_code(content: ReportContent) -> int:
     """Of a command that did its work: 1 if the verdict is poor, so that scripts stop there."""
     return int(verdict(content).level == "poor")
+
+
+def poorly_predicted(scores: Sequence[RunScore]) -> tuple[str, ...]:
+    """Each run whose error alone is poor, like `run.csv with an error of 3.9 Nm: 50 % of ...`."""
+    return tuple(
+        f"{one.run} with an error of {error_words(pooled([one.errors]))}"
+        for one in scores
+        if _judged([one], "", unseen=True).level == "poor"
+    )
 
 
 def error_limit_words(judged: Verdict, most: float | None) -> str:
