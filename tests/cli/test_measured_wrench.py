@@ -9,6 +9,8 @@ import pytest
 
 import steelyard
 from cli.conftest import Command
+from cli.test_contact import changed
+from cli.test_contact import columns as columns_of
 from steelyard.base.arrays import Array
 from steelyard.robot.inertia_and_placement import rpy_rotation
 
@@ -259,6 +261,68 @@ def test_mistakes_of_the_sensor(
     done = command("wrench", six_identified, turned, *arguments)
     assert done.exit_code == 2 and done.stdout == ""
     assert words in " ".join(done.stderr.split())
+
+
+def test_the_bias_of_a_robot_that_stands_is_taken_where_it_is_stated(
+    model: steelyard.IdentifiedModel, tmp_path: Path
+) -> None:
+    t, rng = np.arange(0.0, 8.0, STEP), np.random.default_rng(5)
+    still = np.tile([0.3, -0.8, 0.9, 0.2, 0.5, -0.1], (len(t), 1))
+    q = still + 2e-5 * rng.normal(size=still.shape)
+    push = np.where((t > 4.0) & (t < 6.0), 1.0, 0.0)[:, None] * [15.0, -25.0, 10.0, 0.0, 0.0, 0.0]
+    external = np.einsum("tij,ti->tj", model.jacobian(still, FRAME), push)
+    effort = (model.gravity(still) - external) / model.signals.gains
+    read = BIAS + read_by_sensor(model, still, push)
+    columns = {"time_s": t} | dict(zip(NAMES, read.T, strict=True))
+    for name, values in {"q{}_rad": q, "dq{}_rad_s": 0.0 * q, "tau{}_Nm": effort}.items():
+        columns |= {name.replace("{}", str(k + 1)): own for k, own in enumerate(values.T)}
+    path = tmp_path / "standstill.csv"
+    pl.DataFrame(columns).write_csv(path)
+    given = {"sensor": FLANGE, "sensor_at": AT, "measured": NAMES}
+    with pytest.raises(steelyard.SteelyardError, match="no joint moves in this log") as refused:
+        steelyard.external_wrench(model, path, FRAME, **given)
+    assert "--sensor-rest START:STOP" in str(refused.value)
+    found = steelyard.external_wrench(model, path, FRAME, sensor_rest=["0:2"], **given).measured
+    assert found.carried.bias == pytest.approx(BIAS, abs=0.02)
+    middle = found.wrench[len(found.wrench) * 5 // 8, :3]
+    assert np.linalg.norm(middle) == pytest.approx(np.linalg.norm([15.0, -25.0, 10.0]), abs=0.5)
+
+
+def test_the_sign_is_judged_along_observable_directions(
+    six_given: Path, model: steelyard.IdentifiedModel, tmp_path: Path
+) -> None:
+    shoulder, frame = (body.name for body in model.robot.bodies[1:3])
+    log = six_given / "validation.csv"
+    (run,) = steelyard.load_runs(six_given / "demo_arm.toml", log)
+    t, names = columns_of(log)
+    motion = run.whole().motion
+    q = np.column_stack([np.interp(t, motion.t, own) for own in motion.q.T])
+    pull = model.pose(q, frame)[0] - model.pose(q, shoulder)[0]  # neither joint feels it
+    pull = 60.0 * pull / np.linalg.norm(pull, axis=1)[:, None] + [20.0, 20.0, 0.0]
+    push = np.exp(-np.square((t - 2.0) / 0.5))[:, None] * np.hstack([pull, 0.0 * pull])
+    external = np.einsum("tij,ti->tj", model.jacobian(q, frame), push)
+    path = tmp_path / "pushed.csv"
+    changed(log, path, dict(zip(names, -(external / model.signals.gains).T, strict=True)))
+    read = np.einsum("tij,ti->tj", model.pose(q, frame)[1], push[:, :3])
+    columns = dict(zip(NAMES, np.hstack([read, 0.0 * read]).T, strict=True))
+    written(path, path, columns)
+    right, wrong = (
+        steelyard.external_wrench(model, path, frame, measured=NAMES, sensor_sign=sign)
+        for sign in ("on_robot", "by_robot")
+    )
+    assert right.measured is not None and wrong.measured is not None
+    assert not right.measured.warnings
+    (warning,) = wrong.measured.warnings
+    assert warning.startswith("another sign of the sensor would fit much better")
+    ours, theirs = right.wrench[:, :3], right.measured.wrench[:, :3]
+    far, near = (np.sum(np.square(theirs + sign * ours)) for sign in (1.0, -1.0))
+    assert near > 0.25 * far, "most of the difference is not observable"
+    for sign in ("on_robot", "by_robot"):  # no direction of the force is observable there
+        unseen = steelyard.external_wrench(
+            model, path, shoulder, measured=NAMES, sensor=shoulder, sensor_sign=sign
+        )
+        assert unseen.measured is not None
+        assert not any("forces" in one for one in unseen.measured.warnings)
 
 
 def test_a_window_is_estimated_and_compared_in_the_window_alone(

@@ -27,6 +27,7 @@ from steelyard.runs.run import Block, Run
 from steelyard.runs.runs_of_named_logs import LogArgument, recording_of
 from steelyard.runs.smoothing.smoothing_methods_and_zero_phase_filters import zero_phase
 from steelyard.uses.wrench.wrench_along_run import COMPONENTS, WrenchEstimate
+from steelyard.uses.wrench.wrench_kalman_smoother import OBSERVABLE
 
 WRENCH_TABLE_COLUMNS = ("fx_N", "fy_N", "fz_N", "tx_Nm", "ty_Nm", "tz_Nm")
 """Force and moment in tables; `steelyard simulate --wrench` reads the same names."""
@@ -279,7 +280,9 @@ def measured_wrench(
     if estimate.axes == "base":
         to_sensor = np.concatenate(axes)[at].transpose(0, 2, 1)
     ours, theirs = (_turned(to_sensor, x) for x in (estimate.wrench, wrench))
-    better = _better(sensor, ours[:, :3], theirs[:, :3]) or _elsewhere(sensor, ours, theirs)
+    shown = [observable_part(estimate.learned[:, k, k], to_sensor) for k in HALVES]
+    better = _better(sensor, ours[:, :3], theirs[:, :3], shown[0])
+    better = better or _elsewhere(sensor, ours, theirs, shown[1])
     return MeasuredWrench(sensor, wrench, carried, component_errors(estimate, wrench), better)
 
 
@@ -315,7 +318,14 @@ def _carried(
     """
     t = np.concatenate([block.t for block in blocks])
     speed = np.abs(np.concatenate([block.dq for block in blocks], axis=1))
-    moves = run.judged.span[0]
+    moves, stands = run.judged.span[0], bool(np.isinf(run.judged.rest_speed).all())
+    if stands and not sensor.rest:
+        raise DataError(
+            "no joint moves in this log: it does not show where nothing touches the sensor, which "
+            "its bias needs",
+            where=run.name,
+            fix="name a stretch without contact with --sensor-rest START:STOP [s], such as 0:2",
+        )
     at: NDArray[np.bool_] = (t >= start) & (t < moves)
     if sensor.rest:
         inside = [(t >= first) & (t < last) for first, last in sensor.rest]
@@ -406,17 +416,34 @@ QUARTER_TURNS = tuple(
 """The 24 rotations that bring axes onto axes."""
 
 
-def _better(sensor: Sensor, ours: Array, theirs: Array) -> str:
+HALVES = (slice(0, 3), slice(3, 6))
+"""Force and moment of a wrench."""
+
+
+def observable_part(learned: Array, rotations: Array) -> Array:
+    """Projections `(N, 3, 3)` onto the observable directions of a force or a moment.
+
+    Of its share from data, `(N, 3, 3)`, along other axes, by rotations `(N, 3, 3)` or `(3, 3)`.
+    """
+    values, vectors = np.linalg.eigh(learned)
+    turned = rotations @ (vectors * (values >= OBSERVABLE)[:, None, :])
+    return np.asarray(turned @ turned.swapaxes(1, 2))
+
+
+def _better(sensor: Sensor, ours: Array, theirs: Array, shown: Array) -> str:
     """The options of another sign or turn of the sensor with which forces would fit much better.
 
-    Forces are `(N, 3)` along the sensor's axes. Tried are the other sign, turns by quarters about
+    Forces are `(N, 3)` along the sensor's axes, compared along observable directions alone, onto
+    which `shown`, `(N, 3, 3)`, projects. Tried are the other sign, turns by quarters about
     axes of the sensor or the link, axes along those of the link, any turn [Kabsch1976], and turns
     with the other sign; the simplest of those that fit well is named.
     """
 
     def left(sign: float, turn: Array) -> float:
-        return float(np.sum(np.square(sign * theirs @ turn.T - ours)))
+        apart = sign * theirs @ turn.T - ours
+        return float(np.sum(np.square(np.einsum("tij,tj->ti", shown, apart))))
 
+    ours = np.einsum("tij,tj->ti", shown, ours)
     u, _, v = np.linalg.svd(ours.T @ theirs)
     placed = sensor.placement.rotation
     of_link = (placed.T @ turn @ given for given in (placed, np.eye(3)) for turn in QUARTER_TURNS)
@@ -428,7 +455,7 @@ def _better(sensor: Sensor, ours: Array, theirs: Array) -> str:
     best = [min(tier, key=lambda one: left(*one)) for tier in tiers]
     sizes = [left(*one) for one in best]
     now, size = left(1.0, np.eye(3)), float(np.sum(np.square(ours)))
-    if now < LEAST_APART * size or min(sizes) > MUCH_BETTER * min(now, size):
+    if now < LEAST_APART * size or min(sizes) >= MUCH_BETTER * now:
         return ""
     sign, turn = next(
         one for one, size in zip(best, sizes, strict=True) if size <= AS_GOOD * min(sizes)
@@ -448,18 +475,20 @@ def _better(sensor: Sensor, ours: Array, theirs: Array) -> str:
     )
 
 
-def _elsewhere(sensor: Sensor, ours: Array, theirs: Array) -> str:
+def _elsewhere(sensor: Sensor, ours: Array, theirs: Array, shown: Array) -> str:
     r"""The place of the sensor with which moments would fit much better; empty if none.
 
     Wrenches are `(N, 6)` along the sensor's axes about one point. A sensor that is further by $r$
-    has measured moments that lack $r \times F$.
+    have measured moments that lack $r \times F$. Moments are compared along observable directions
+    alone, onto which `shown`, `(N, 3, 3)`, projects.
     """
-    force, missing = theirs[:, :3], ours[:, 3:] - theirs[:, 3:]
-    crossed = -np.array([skew(one) for one in force]).reshape(-1, 3)
+    own, there = (np.einsum("tij,tj->ti", shown, x[:, 3:]) for x in (ours, theirs))
+    missing = own - there
+    crossed = -(shown @ np.array([skew(one) for one in theirs[:, :3]])).reshape(-1, 3)
     r = np.linalg.lstsq(crossed, missing.ravel(), rcond=None)[0]
     now = float(np.sum(np.square(missing)))
     would = float(np.sum(np.square(missing.ravel() - crossed @ r)))
-    if now < LEAST_APART * float(np.sum(np.square(ours[:, 3:]))) or would > MUCH_BETTER * now:
+    if now < LEAST_APART * float(np.sum(np.square(own))) or would >= MUCH_BETTER * now:
         return ""
     numbers = replace(sensor, placement=sensor.placement @ Placement(np.eye(3), r)).numbers
     some = numbers if any(numbers[3:]) else numbers[:3]
