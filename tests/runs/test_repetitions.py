@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.ndimage import uniform_filter1d
 
 from steelyard.base.errors import LogError
 from steelyard.runs.mean_over_repetitions import (
@@ -65,6 +66,48 @@ def test_another_motion_is_no_repetition() -> None:
         average_aligned(logs, [np.zeros(1)] * 5, 600, slice(0, 2))
     with pytest.raises(LogError, match="fewer than two whole repetitions"):
         average_aligned(logs[:1], [np.zeros(1)], 600, slice(0, 2))
+
+
+def test_another_effort_is_no_repetition(recording: Callable[..., Recording]) -> None:
+    """A lap with an offset or the other sign ends with joint, lap and log; of two laps too."""
+    t = np.arange(0.0, 30.0, 1.0 / RATE)
+    effort = 40.0 * wave(t + 0.2) + np.random.default_rng(0).standard_normal((len(t), 2))
+    for last, changed in (
+        (30.0, effort + [0.0, 20.0]),
+        (30.0, effort * [1.0, -1.0]),
+        (9.0, effort + [0.0, 20.0]),
+    ):
+        lap = (t >= 6.0) & (t < 9.0)
+        log = recording(t, wave(t), np.where(lap[:, None], changed, effort), window=f"@0:{last}")
+        with pytest.raises(
+            LogError, match="effort 'tau_1' of repetition (2 of 9|. of 2)"
+        ) as caught:
+            mean_of_periods(log, Repetitions(period=3.0, drop_last=0))
+        assert caught.value.where == f"{log.where}, repetitions of [processing]"
+
+
+@pytest.mark.parametrize("count", [2, 3, 5, 10])
+def test_noise_alone_is_no_other_effort(count: int) -> None:
+    """Of any size, white and, of more than two repetitions, over a tenth of each."""
+    q, starts = wave(np.arange(count * 300 + 1) / 100.0).T, [300.0 * np.arange(float(count))]
+    for seed in range(100):
+        rng = np.random.default_rng(seed)
+        noise = rng.standard_normal(q.shape)
+        if count > 2 and seed % 2:
+            noise = np.sqrt(30.0) * uniform_filter1d(noise, 30, axis=1)
+        channels = np.concatenate((q, q + 10.0 ** rng.uniform(-3.0, 2.0) * noise))
+        names = {2: "tau_0", 3: "tau_1"}
+        average_aligned([channels], starts, 300, slice(0, 2), efforts=names)
+
+
+def test_a_mean_is_as_long_as_its_period(recording: Callable[..., Recording]) -> None:
+    t = np.arange(0.0, 30.0, 0.03)
+    mean = mean_of_periods(recording(t, wave(t, 10.0), wave(t, 10.0)), Repetitions(5.0 * 2.0, 0, 0))
+    assert "mean of 3 repetitions of 10 s" in mean.words
+    t = np.arange(0.0, 60.0, 0.03)
+    mean = mean_of_periods(recording(t, wave(t, 20.0), wave(t, 20.0)), Repetitions(20.0, 0, 0))
+    assert "mean of 3 repetitions of 20 s" in mean.words
+    assert mean.importance.weights.shape[1] == 667 + 2 * 133
 
 
 def test_a_log_of_periods_becomes_its_mean(recording: Callable[..., Recording]) -> None:

@@ -5,7 +5,7 @@ sample variance $\sigma^2$ (p2, eq 7); its inverse is the weight of the time ste
 9). The fit finds the scale of the noise itself, so only the weights' course over time counts.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -17,12 +17,23 @@ from steelyard.runs.first_pass_over_recording import Survey, no_joint_moves, sur
 from steelyard.runs.processing_chain import evenly_sampled
 from steelyard.runs.recording import LogInMemory, Recording
 from steelyard.runs.rows.clock_and_row_scan import RowScan
-from steelyard.runs.spectrum_and_period import Repetitions, find_period, moving_span
+from steelyard.runs.spectrum_and_period import (
+    STANDING_RANGE_SHARE,
+    Repetitions,
+    find_period,
+    moving_span,
+)
 
 ALIGNMENT_ROUNDS = 4  # rounds of the alignment
 MOST_SHIFT = 0.02  # how far a repetition may be moved in a round, in its own lengths
 MOST_DEVIATION = 0.05
 """Distance from the mean, over the size of the motion, at which a repetition is none."""
+DEVIATION_OVER_SCATTER = 6.0
+"""Least distance of another effort from the median, over what `USUAL_SHARE` of the repetitions do
+not exceed, which noise alone keeps far from."""
+USUAL_SHARE = 0.75
+LAG_OF_NOISE = 0.01  # share of a repetition over which noise of two repetitions is taken to change
+KEY = "repetitions of [processing]"
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,7 +47,14 @@ class Averaged:
 
 
 def average_aligned(
-    logs: Sequence[Array], starts: Sequence[Array], length: int, positions: slice, context: int = 0
+    logs: Sequence[Array],
+    starts: Sequence[Array],
+    length: int,
+    positions: slice,
+    context: int = 0,
+    *,
+    efforts: Mapping[int, str] | None = None,
+    where: Sequence[str] = (),
 ) -> Averaged:
     r"""Mean and sample variance, $\frac{1}{R - 1} \sum_k (x_k - \bar x)^2$, over repetitions.
 
@@ -48,6 +66,12 @@ def average_aligned(
             other.
         context: Samples before and after a repetition that are averaged too. Beyond a log's ends
             its first and last values go on.
+        efforts: Channels that must repeat themselves too, and what they are called.
+        where: What the logs are called.
+
+    Raises:
+        LogError: There are fewer than two repetitions, or one is another motion, or has other
+            efforts.
     """
     from scipy.interpolate import make_interp_spline
 
@@ -55,7 +79,7 @@ def average_aligned(
     if len(which) < 2:
         raise LogError(
             "there are fewer than two whole repetitions of the motion",
-            where="repetitions of [processing]",
+            where=", ".join((*where[:1], KEY)),
             fix="record more of them, drop fewer, or leave repetitions out",
         )
     at = np.concatenate(starts).astype(np.float64)
@@ -71,7 +95,13 @@ def average_aligned(
     for _ in range(ALIGNMENT_ROUNDS):
         drawn = np.array([x[positions] for x in read(0, length)])
         at = at + _shifts(drawn, MOST_SHIFT * length)
-    _require_same_motion(drawn)
+    places = [", ".join((*where[log : log + 1], KEY)) for log in which]
+    _require_same_motion(drawn, places)
+    middle = np.median(drawn, axis=0)
+    moving = np.ptp(middle, axis=1) >= STANDING_RANGE_SHARE * np.ptp(middle, axis=1).max()
+    for (channel, name), moves in zip((efforts or {}).items(), moving, strict=False):
+        if moves:
+            _require_same_effort(np.array([x[channel] for x in read(0, length)]), name, places)
     mean = np.zeros((len(logs[0]), length + 2 * context))
     for x in read(-context, length + context):
         mean += x / len(at)
@@ -91,7 +121,7 @@ def _shifts(q: Array, most: float) -> Array:
     return np.asarray(np.clip(late - late.mean(), -most, most))
 
 
-def _require_same_motion(q: Array) -> None:
+def _require_same_motion(q: Array, where: Sequence[str]) -> None:
     """Raise if a repetition is not the same motion as the others, `(R, n, P)`."""
     middle = np.median(q, axis=0)
     size = np.sqrt(np.square(middle - middle.mean(axis=1, keepdims=True)).sum(axis=0).mean())
@@ -101,9 +131,33 @@ def _require_same_motion(q: Array) -> None:
         raise LogError(
             f"repetition {worst + 1} of {len(q)} differs from the others: it deviates by "
             f"{100.0 * apart[worst] / size:.2g} % of the motion's range",
-            where="repetitions of [processing]",
-            fix="correct the period, cut the log to the repetitions (LOG@5:65s), or drop more at "
+            where=where[worst],
+            fix="correct the period, cut the log to the repetitions (LOG@5:65), or drop more at "
             "its start and end",
+        )
+
+
+def _require_same_effort(efforts: Array, name: str, where: Sequence[str]) -> None:
+    """Raise if one repetition of an effort `(R, P)` is another one, and no more of the same noise.
+
+    It deviates from the median repetition by more than `MOST_DEVIATION` of that one's range, and
+    by more than `DEVIATION_OVER_SCATTER` times what repetitions usually do, which of two, whose
+    deviations are equal, is what they change over `LAG_OF_NOISE`.
+    """
+    middle = np.median(efforts, axis=0)
+    apart = np.sqrt(np.square(efforts - middle).mean(axis=1))
+    size, worst = float(np.ptp(middle)), int(np.argmax(apart))
+    usual = float(np.quantile(apart, USUAL_SHARE, method="lower"))
+    if len(efforts) == 2:
+        lag, both = max(1, round(LAG_OF_NOISE * len(middle))), efforts[1] - efforts[0]
+        usual = float(np.sqrt(0.125 * np.square(both[lag:] - both[:-lag]).mean()))
+    if apart[worst] > max(MOST_DEVIATION * size, DEVIATION_OVER_SCATTER * usual):
+        raise LogError(
+            f"the effort '{name}' of repetition {worst + 1} of {len(efforts)} differs from the "
+            f"others: it deviates by {100.0 * apart[worst] / max(size, 1e-300):.3g} % of its range",
+            where=where[worst],
+            fix="leave that repetition out: cut the log (LOG@5:65), or drop more at its start "
+            "and end",
         )
 
 
@@ -167,7 +221,7 @@ def mean_of_periods(recording: Recording, wanted: Repetitions) -> MeanMotion:
         )
     begin = min(start, max(0.5 * (start + stop - count * length), 0.0))
     starts = begin + length * np.arange(first, last, dtype=np.float64)
-    return _mean_motion(loaded, [x], [starts], int(length), rate)
+    return _mean_motion([loaded], [x], [starts], length, rate)
 
 
 def mean_of_logs(recordings: Sequence[Recording]) -> MeanMotion:
@@ -180,7 +234,7 @@ def mean_of_logs(recordings: Sequence[Recording]) -> MeanMotion:
     q = loaded[0].channels.q
     start, stop = moving_span(first[q])
     places = [float(start), *(start + _lag(first[q], x[q]) for x in logs[1:])]
-    return _mean_motion(loaded[0], logs, [np.array([x]) for x in places], stop - start, rate)
+    return _mean_motion(loaded, logs, [np.array([x]) for x in places], stop - start, rate)
 
 
 def _lag(reference: Array, q: Array) -> float:
@@ -202,10 +256,17 @@ def _evenly_sampled(recording: Recording, rate: float | None = None) -> tuple[Ar
 
 
 def _mean_motion(
-    recording: Recording, logs: list[Array], starts: list[Array], length: int, rate: float
+    recordings: Sequence[Recording],
+    logs: list[Array],
+    starts: list[Array],
+    samples: float,
+    rate: float,
 ) -> MeanMotion:
+    recording, length = recordings[0], round(samples)
     c, context = recording.channels, min(length, int(CONTEXT_SECONDS * rate))
-    mean = average_aligned(logs, starts, length, c.q, context)
+    efforts = dict(enumerate(recording.signals.effort, start=c.effort.start))
+    where = [one.where for one in recordings]
+    mean = average_aligned(logs, starts, length, c.q, context, efforts=efforts, where=where)
     t = np.arange(mean.mean.shape[1]) / rate
     signals = recording.signals
     ones = frozen(np.ones(c.joints))
@@ -225,7 +286,7 @@ def _mean_motion(
         Recording(log, plain, window),
         Importance(0.0, rate, frozen(weights_of(mean.variance[c.effort], len(mean.starts)))),
         mean,
-        f"mean of {len(mean.starts)} repetitions of {length / rate:.4g} s, which deviate up to "
+        f"mean of {len(mean.starts)} repetitions of {samples / rate:.4g} s, which deviate up to "
         f"{mean.apart.max():.2g} rad or m from it",
     )
 

@@ -264,7 +264,7 @@ def _require_periodic(series: Series, q: Array) -> None:
             f"{worst + 1}'s motion ({series.noise[worst]:.2g} rad or m)",
             where="method 'fourier' of [processing]",
             fix="correct the period or the number of harmonics, cut the log to whole periods "
-            "(LOG@5:25s), or choose another method for motion",
+            "(LOG@5:25), or choose another method for motion",
         )
 
 
