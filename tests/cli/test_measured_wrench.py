@@ -284,6 +284,11 @@ def test_the_bias_of_a_robot_that_stands_is_taken_where_it_is_stated(
     assert "--sensor-rest START:STOP" in str(refused.value)
     found = steelyard.external_wrench(model, path, FRAME, sensor_rest=["0:2"], **given).measured
     assert found.carried.bias == pytest.approx(BIAS, abs=0.02)
+    nothing = {name: np.full(len(t), own) for name, own in zip(NAMES, BIAS, strict=True)}
+    silent = steelyard.external_wrench(
+        model, written(tmp_path / "silent.csv", path, nothing), FRAME, sensor_rest=["0:2"], **given
+    ).measured
+    assert silent is not None and not silent.warnings, "no place explains moments without a force"
     middle = found.wrench[len(found.wrench) * 5 // 8, :3]
     assert np.linalg.norm(middle) == pytest.approx(np.linalg.norm([15.0, -25.0, 10.0]), abs=0.5)
 

@@ -51,6 +51,7 @@ LEAST_REST = 0.2  # least time at rest of which a bias is taken [s]
 LEAST_TURN = 0.1  # least spread of gravity's direction [rad] of which a weight is estimated
 MUCH_BETTER = 0.25  # share of the squared difference that another sign or turn may leave
 LEAST_APART = 0.05  # squared difference over squared forces from which others are tried
+MOST_DISTANCE = 3.0  # of a place of the sensor that is named from its stated place [m]
 AS_GOOD = 1.5  # ratio of squared differences up to which the simpler of two is named
 
 
@@ -489,6 +490,8 @@ def _elsewhere(sensor: Sensor, ours: Array, theirs: Array, shown: Array) -> str:
     now = float(np.sum(np.square(missing)))
     would = float(np.sum(np.square(missing.ravel() - crossed @ r)))
     if now < LEAST_APART * float(np.sum(np.square(own))) or would >= MUCH_BETTER * now:
+        return ""
+    if np.linalg.norm(r) > MOST_DISTANCE:  # the sensor measures next to no force
         return ""
     numbers = replace(sensor, placement=sensor.placement @ Placement(np.eye(3), r)).numbers
     some = numbers if any(numbers[3:]) else numbers[:3]
