@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from invented import ROBOTS, measured
+from invented import ROBOTS, measured, tree
 from steelyard.base.arrays import Parameters
 from steelyard.base.errors import ModelError
 from steelyard.base.motion import Motion
@@ -110,3 +110,16 @@ def test_a_twin_of_several_names_them_all() -> None:
     assert all(
         f"'viscous.{n}'" in caught.value.wrong for n in ("left_joint", "trunk_joint", "plus")
     )
+
+
+@pytest.mark.parametrize("threshold", [0.02, 4.0, 500.0, (0.01, 500.0)])
+def test_friction_above_any_threshold_is_a_base_parameter(
+    threshold: float | tuple[float, ...], tmp_path: Path
+) -> None:
+    arm = tree()
+    given = threshold if isinstance(threshold, float) else (threshold * arm.n)[: arm.n]
+    friction = (Coulomb(threshold=given), Viscous(threshold=given))
+    plain = base_parameters(Model(arm, (RigidBody(), Coulomb(), Viscous())))
+    found = base_parameters(Model(arm, (RigidBody(), *friction)))
+    assert found.base_names == plain.base_names and found.unseen == plain.unseen
+    np.testing.assert_allclose(found.coefficients, plain.coefficients, atol=1e-9)

@@ -32,6 +32,7 @@ from steelyard.model.equations.passive_joints import random_positions
 from steelyard.model.laws.laws_without_friction import RigidBody
 from steelyard.model.laws.register import TERMS
 from steelyard.model.model import Model
+from steelyard.model.terms.term import Term
 from steelyard.robot.inertia_and_placement import INERTIAL_NAMES
 from steelyard.robot.robot import Robot
 from steelyard.symbolic.native import cache
@@ -97,7 +98,7 @@ FAINT = 1e-3
 """Part of a column that others do not explain, over the norm of the largest one of its unit, below
 which motions are not designed for it."""
 
-ENGINE = 2  # raised whenever the choice of columns changes: old cache entries are then not used
+ENGINE = 3  # raised whenever the choice of columns changes: old cache entries are then not used
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -198,7 +199,7 @@ def base_parameters(model: Model) -> BaseMap:
         >>> base.base_names[:2]
         ('mx.upper', 'mz.upper')
     """
-    return _found("base", model, independent_columns)
+    return _found("base", model, independent_columns, _with_low_thresholds)
 
 
 def clear_map(model: Model) -> BaseMap:
@@ -214,12 +215,17 @@ def clear_map(model: Model) -> BaseMap:
     return _found("clear base", model, lambda regressor: _clear(model, regressor))
 
 
-def _found(kind: str, model: Model, choose: Callable[[Array], list[int]]) -> BaseMap:
+def _found(
+    kind: str,
+    model: Model,
+    choose: Callable[[Array], list[int]],
+    shown: Callable[[Model], Model] = lambda model: model,
+) -> BaseMap:
     key = cache.key_of([kind, FAINT, ENGINE, model.program_key])
     entry = cache.load(key)
     if entry is not None:
         return BaseMap.from_dict(entry[0])
-    regressor = full_regressor(model)
+    regressor = full_regressor(shown(model))
     independent, seen = choose(regressor), set(seen_columns(regressor))
     columns = range(regressor.shape[1])
     dependent = [k for k in columns if k in seen and k not in set(independent)]
@@ -232,6 +238,31 @@ def _found(kind: str, model: Model, choose: Callable[[Array], list[int]]) -> Bas
     )
     cache.store(key, found.to_dict(), b"")
     return found
+
+
+HIGHEST = 0.1  # highest threshold of friction on random states [rad/s; m/s]
+
+
+def _with_low_thresholds(model: Model) -> Model:
+    """The model with friction that most random speeds show, whatever speeds it begins above.
+
+    All thresholds are lowered by one factor: which columns are zero or combinations of others does
+    not depend on it.
+    """
+    thresholds = [np.max(getattr(term, "threshold", 0.0)) for term in model.terms]
+    highest = float(max(thresholds, default=0.0))
+    if highest <= HIGHEST:
+        return model
+    factor = HIGHEST / highest
+
+    def lowered(term: Term) -> Term:
+        given = getattr(term, "threshold", 0.0)
+        if not np.any(given):
+            return term
+        low = tuple(factor * x for x in given) if isinstance(given, tuple) else factor * given
+        return cast(Term, replace(cast(Any, term), threshold=low))
+
+    return Model(model.robot, tuple(map(lowered, model.terms)))
 
 
 def _clear(model: Model, regressor: Array) -> list[int]:
