@@ -89,6 +89,16 @@ def test_its_history_is_that_of_the_objective() -> None:
     assert again is not None and again.mean.tolist() == search.mean.tolist()
 
 
+def test_it_ends_at_a_sufficient_error() -> None:
+    whole = found(20, 30)
+    assert whole.evolution is not None
+    best = whole.evolution.best
+    wanted = float(best[0] + best[-1]) / 2.0
+    ended = Genetic(REGRESSOR.base, known(), 20, 30, sufficient=wanted)(data()[0]).evolution
+    assert ended is not None and 1 <= len(ended.best) < 30
+    assert ended.best[-1] <= wanted and (ended.best[:-1] > wanted).all()
+
+
 def test_seeds_decide_all_random_choices() -> None:
     one, same, other = found(20, 30), found.__wrapped__(20, 30), found(20, 30, 1)
     assert one.parameters.values.tolist() == same.parameters.values.tolist()

@@ -184,11 +184,11 @@ def unfinished_search_check(case: FittedCase) -> Iterable[Finding]:
     worse = found.best[-1] / max(found.least_squares, 1e-300)
     says = (
         f"the genetic search ended at {significant(worse)} times the root mean square error of "
-        "least squares without bounds: it has not converged, or its bounds exclude the optimum"
+        "least squares without bounds: it ended too early, or its bounds exclude the optimum"
     )
     fix = Fix(
-        "Give more generations or a larger population in [estimation.genetic], wider bounds, or "
-        'take method = "WLS"'
+        "Give more generations, a larger population or a smaller `sufficient` in "
+        '[estimation.genetic], wider bounds, or take method = "WLS"'
     )
     yield Finding.doubtful(says, "", (), fix, headline=True, brief=f"{says}. {fix.says}")
 

@@ -46,10 +46,13 @@ def evolved(
     *,
     population: int = 30,
     generations: int = 100,
+    sufficient: float | None = None,
     seed: int = 0,
     progress: Progress = silent,
 ) -> tuple[Array, Array]:
     """Minimise a criterion, `(B, k)` to costs `(B,)`, within a box by the steps 1 to 10 of [WangC].
+
+    It ends after `generations`, or earlier when the least cost is at most `sufficient`.
 
     After crossover, and again after mutation, the best of old and new individuals survive. What the
     paper does not print is assumed: parents from tournaments of two, children on the line through
@@ -77,6 +80,8 @@ def evolved(
         genes, costs = survivors(genes, costs, genes + step * random.standard_normal(size))
         history.append((costs[0], costs.mean()))
         report_progress(progress, "genetic algorithm", generation + 1, generations)
+        if sufficient is not None and costs[0] <= sufficient:
+            break
     return lower + (upper - lower) * genes[0], np.array(history)
 
 
@@ -127,6 +132,7 @@ class Genetic:
     population: int = 30
     generations: int = 100
     seed: int = 0
+    sufficient: float | None = None  # root mean square error at which the search ends [Nm; N]
     progress: Progress = silent
 
     def __call__(self, information: Information) -> Estimate:
@@ -151,6 +157,7 @@ class Genetic:
             upper,
             population=self.population,
             generations=self.generations,
+            sufficient=self.sufficient,
             seed=self.seed,
             progress=self.progress,
         )

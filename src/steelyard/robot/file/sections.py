@@ -293,6 +293,7 @@ class GeneticSection(Section):
 
     population: Annotated[int, Field(ge=4, le=10_000)] = key(30, "Individuals of a generation.")
     generations: Annotated[int, Field(ge=1, le=100_000)] = key(100, "Generations.")
+    sufficient: Positive | None = key(None, "Root mean square error at which it ends [Nm; N].")
     seed: Annotated[int, Field(ge=0, lt=2**32)] = key(0, "Of all random choices.")
 
 
