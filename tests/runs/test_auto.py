@@ -1,9 +1,11 @@
 """The default method: likeliest low-passes, the mean period, and when neither is believed."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 
-from steelyard.base.errors import LogError
+from steelyard.base.errors import LogError, ModelError
 from steelyard.runs.smoothing.kalman_smoother import kalman_smoothed
 from steelyard.runs.smoothing.likeliest_cutoffs_and_fourier import (
     Auto,
@@ -122,6 +124,23 @@ def test_joints_that_repeat_are_averaged() -> None:
 
 def test_too_few_samples_tell_nothing() -> None:
     assert likeliest_cutoffs(np.random.default_rng(0).normal(size=(2, 400)), 3, RATE, 1.0) is None
+
+
+@pytest.mark.parametrize(
+    ("keys", "wrong"),
+    [
+        ({"period": 2.0, "periodic": (1,)}, "only with the joints that have it and all cut-offs"),
+        ({"cutoffs": (5.0,), "period": 2.0}, "only with the joints that have it"),
+        ({"cutoffs": (5.0,), "periodic": (1,)}, "only with the joints that have it"),
+        ({"cutoffs": (5.0,), "period": -2.0, "periodic": (1,)}, "-2 s is not above zero"),
+        ({"cutoffs": (5.0,), "period": np.nan, "periodic": (1,)}, "nan s is not above zero"),
+        ({"cutoffs": (5.0,), "period": 2.0, "periodic": (0,)}, "no joint 0"),
+        ({"cutoffs": (5.0,), "period": 2.0, "periodic": (1, 2)}, "no joint 2"),
+    ],
+)
+def test_a_period_that_does_not_fit(keys: dict[str, Any], wrong: str) -> None:
+    with pytest.raises(ModelError, match=wrong):
+        Auto(**keys)
 
 
 def test_cutoffs_that_do_not_fit() -> None:

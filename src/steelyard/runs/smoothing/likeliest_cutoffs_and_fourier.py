@@ -293,6 +293,19 @@ class Auto:
     period: float | None = None  # period of the joints that repeat their motion [s]
     periodic: tuple[int, ...] = ()  # numbers of these joints, from 1
 
+    def __post_init__(self) -> None:
+        given = self.period is not None, bool(self.periodic)
+        if any(given) and not (all(given) and self.cutoffs):
+            wrong = "a period is used only with the joints that have it and all cut-offs"
+        elif self.period is not None and not 0.0 < self.period < np.inf:
+            wrong = f"a period of {self.period:g} s is not above zero and finite"
+        elif out := [x for x in self.periodic if not 1 <= x <= len(self.cutoffs or ())]:
+            wrong = f"there is no joint {out[0]}"
+        else:
+            return
+        fix = "give cutoffs [Hz] per joint, period [s] and periodic, numbers of joints from 1"
+        raise ModelError(wrong, where=self.name, fix=fix)
+
     @property
     def choice(self) -> str:
         """The filters in words: low-passes, and whose mean period is taken."""
