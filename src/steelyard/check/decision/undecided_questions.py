@@ -4,6 +4,8 @@ A question is answered if the evidence of every other answer, each as one change
 explanation, is clearly less: whatever bodies weigh that can exist.
 """
 
+from itertools import chain
+
 import numpy as np
 
 from steelyard.base.arrays import Z95
@@ -57,7 +59,8 @@ def undecided(decision: LogVerdict, cause: str) -> str:
     if cause == "payload" and (size := hidden_mass(search)):
         return f"undecided: {misfit}, and {size}"
     if cause in COPIED and not alike(cause, best.reading, declared):
-        says = next((c.says for c in best.changes if c.cause == cause), "")
+        own = (change.says for change in best.changes if change.cause == cause)
+        says = next(chain(own, (winner.says for winner, _ in decision.winners)), "")
         return f"undecided: {misfit}, with or without this: {says}" if says else ""
     if cause == "gain":
         return _gains(search, misfit)

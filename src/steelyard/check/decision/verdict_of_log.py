@@ -77,6 +77,8 @@ FREE_INERTIAS = "free link inertias"
 NEUTRAL = 2.0  # log odds up to which a log does not show what others do
 NUMBERS = ("gain", "mounting", "effort delay")  # not written where a log does not show them
 MIRRORED = "all {} have the opposite sign"
+ORDER_AND_SIGNS = ("joint order", "position sign", "effort sign")
+SHOWN_EXPLANATIONS = 3  # explanations that are named where none is sure
 BOTH_MIRRORS_FIT = ": both fit with free link inertias, and this log cannot distinguish them"
 
 
@@ -202,6 +204,7 @@ def _by_evidence(found: LogVerdict, search: Search, others: Mapping[str, Search]
             winners.append((one, severity))
     reading = _written(best.reading, search.declared.reading, winners)
     winners = [(replace(w, reading=reading) if w.fixed else w, s) for w, s in winners]
+    winners += one_of_several(search, winners)
     winners += _scale(search, winners)
     return replace(found, winners=tuple(winners), explained=best.evidence.percent <= ROUGH_MISFIT)
 
@@ -267,9 +270,37 @@ def _causes(search: Search) -> list[str]:
     return causes
 
 
-def _part(search: Search, cause: str) -> Hypothesis | None:
-    """What the best explanation says of one cause; `None` where that is of no account."""
-    best, own = search.best, [c for c in search.best.changes if c.cause == cause]
+def one_of_several(search: Search, winners: Sequence[Judged]) -> Iterator[Judged]:
+    """That order or signs are not as declared, where several others fit about as well."""
+    best, own = search.best, search.best.reading
+    for cause in ORDER_AND_SIGNS:
+        own = undone(own, search.declared.reading, cause)
+    if own.key == best.reading.key or any(w.cause in ORDER_AND_SIGNS for w, _ in winners):
+        return
+    search.compare([(own, tuple(c for c in best.changes if c.cause not in (*ORDER_AND_SIGNS, "")))])
+    said: dict[str, Hypothesis] = {}
+    as_declared = -np.inf
+    for one in search.ordered():
+        others = [x for x in ORDER_AND_SIGNS if not alike(x, one.reading, own)]
+        near = one.log > best.log - LIKELY
+        parts = [part for x in others if near and (part := _part(search, x, one)) is not None]
+        if parts:
+            said.setdefault(" and ".join(part.says for part in parts), parts[0])
+        elif near or not others:
+            as_declared = max(as_declared, one.log)
+    odds = best.log - as_declared
+    if odds >= LIKELY:
+        listed = list(said)[:SHOWN_EXPLANATIONS]
+        says = "either " * (len(listed) > 1) + ", or ".join(listed)
+        says += ", or others" * (len(said) > len(listed))
+        first = said[listed[0]]
+        yield replace(first, says=says, odds=odds, fixed=False, joints=()), Severity.DOUBTFUL
+
+
+def _part(search: Search, cause: str, said_by: Explanation | None = None) -> Hypothesis | None:
+    """What an explanation, the best if `None`, says of one cause; `None` where of no account."""
+    best = search.best if said_by is None else said_by
+    own = [c for c in best.changes if c.cause == cause]
     compared = FREE_INERTIAS, search.declared.evidence.percent
     one = best.as_hypothesis(cause=cause, joints=own[-1].joints if own else (), compared=compared)
     if own:
@@ -279,7 +310,7 @@ def _part(search: Search, cause: str) -> Hypothesis | None:
         moved = [j for j, c in enumerate(best.reading.position) if c != declared.position[j]]
         return replace(one, says=order_of(best.reading), joints=tuple(moved))
     if cause in ("position sign", "effort sign"):
-        return _sign_part(search, one)
+        return _sign_part(search, best, one)
     if cause == "mounting":
         # a direction of gravity that lies along no axis may as well be a force from outside
         gravity = best.reading.gravity
@@ -300,7 +331,7 @@ def _part(search: Search, cause: str) -> Hypothesis | None:
     return one
 
 
-def _sign_part(search: Search, one: Hypothesis) -> Hypothesis | None:
+def _sign_part(search: Search, best: Explanation, one: Hypothesis) -> Hypothesis | None:
     """The joints whose sign is another one, and the mirror that fits as well."""
     before, after, what = search.declared.reading, one.reading, one.cause.partition(" ")[0]
     names = after.likelihood.names
@@ -317,7 +348,7 @@ def _sign_part(search: Search, one: Hypothesis) -> Hypothesis | None:
     if len(joints) == len(names) > 1:
         says = MIRRORED.format(f"{what}s")
         found = search.of.of([mirror(after)])[0]
-        if found is not None and found.percent < MIRROR_FALL * search.best.evidence.percent:
+        if found is not None and found.percent < MIRROR_FALL * best.evidence.percent:
             other_words = MIRRORED.format("efforts" if what == "position" else "positions")
             says = f"{says}, or {other_words}{BOTH_MIRRORS_FIT}"
         return replace(one, says=says, joints=joints)

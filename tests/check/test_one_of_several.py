@@ -1,0 +1,98 @@
+"""Order or signs that are not as declared, where several explanations fit about as well."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from check.conftest import Arm
+from steelyard.base.arrays import Array
+from steelyard.check.decision.ranked_readings import ranking
+from steelyard.check.decision.search_with_unknown_bodies import LIKELY, Explanation, Search
+from steelyard.check.decision.undecided_questions import undecided
+from steelyard.check.decision.verdict_of_log import SHOWN_EXPLANATIONS, one_of_several
+from steelyard.check.finding import Severity
+from steelyard.check.hypotheses.readings_and_likelihood import Hypothesis, Reading
+
+
+@pytest.fixture
+def search(arm: Arm) -> Search:
+    """Explanations of a log that is as declared: that alone."""
+    case = arm.case(arm.table, known=False)
+    found = ranking(case, case.logs[0])
+    assert found is not None and found.search is not None
+    declared = found.search.declared
+    found.search.found = {declared.reading.key: declared}
+    return found.search
+
+
+def add(search: Search, reading: Reading, rise: float, says: str = "") -> None:
+    """An explanation as one change, so much likelier than the declared reading."""
+    change = Hypothesis("", says, reading, 0.0, ())
+    evidence = replace(search.declared.evidence, log=search.declared.evidence.log + rise)
+    search.found[reading.key] = Explanation(reading, (change,), evidence)
+
+
+def turned(search: Search, position: Array, effort: Array) -> Reading:
+    declared = search.declared.reading
+    return declared.changed(
+        position_scale=declared.position_scale * position,
+        effort_scale=declared.effort_scale * effort,
+    )
+
+
+def signs(*turned: int) -> Array:
+    result = np.ones(3)
+    result[list(turned)] = -1.0
+    return result
+
+
+def test_both_are_named_and_nothing_is_written(search: Search) -> None:
+    add(search, turned(search, signs(0, 2), signs(0)), 200.0)
+    add(search, turned(search, signs(), signs(2)), 197.0)
+    add(search, turned(search, signs(1), signs()), 200.0 - 2.0 * LIKELY)
+    ((one, severity),) = one_of_several(search, ())
+    assert severity == Severity.DOUBTFUL and not one.fixed and one.cause == "position sign"
+    names = one.reading.likelihood.names
+    first = f"position of '{names[0]}', '{names[2]}' has the opposite sign and effort of"
+    second = f", or effort of '{names[2]}' has the opposite sign"
+    assert one.says.startswith(f"either {first} '{names[0]}'") and one.says.endswith(second)
+    assert one.odds == pytest.approx(200.0)
+
+
+def test_more_than_a_few_are_counted_only(search: Search) -> None:
+    for k, joints in enumerate(((0,), (1,), (2,), (0, 1), (1, 2))):
+        add(search, turned(search, signs(), signs(*joints)), 100.0 - k)
+    ((one, _),) = one_of_several(search, ())
+    assert one.says.count("effort of") == SHOWN_EXPLANATIONS and one.says.endswith(", or others")
+
+
+@pytest.mark.parametrize("rise", [0.5 * LIKELY, -5.0])
+def test_none_is_named_that_is_hardly_likelier(search: Search, rise: float) -> None:
+    add(search, turned(search, signs(0), signs()), rise)
+    assert not list(one_of_several(search, ()))
+
+
+def test_a_likely_reading_with_declared_signs_leaves_no_doubt(search: Search) -> None:
+    add(search, turned(search, signs(0, 2), signs(0)), 200.0)
+    late = search.declared.reading.changed(delay=0.1)
+    add(search, late, 195.0, "efforts are late")
+    assert not list(one_of_several(search, ()))
+
+
+def test_what_is_found_already_is_not_said_again(search: Search) -> None:
+    add(search, turned(search, signs(0), signs()), 100.0)
+    ((one, severity),) = one_of_several(search, ())
+    assert not list(one_of_several(search, ((one, severity),)))
+
+
+def test_other_questions_about_signs_are_open(arm: Arm, search: Search) -> None:
+    add(search, turned(search, signs(0, 2), signs(0)), 200.0)
+    add(search, turned(search, signs(), signs(2)), 197.0)
+    case = arm.case(arm.table, known=False)
+    found = ranking(case, case.logs[0])
+    assert found is not None
+    winners = tuple(one_of_several(search, ()))
+    says = undecided(replace(found, search=search, winners=winners), "effort sign")
+    assert says.startswith("undecided: ") and winners[0][0].says in says
+    assert not undecided(replace(found, search=search, winners=winners), "joint order")
