@@ -8,7 +8,9 @@ import pytest
 from scipy.special import logsumexp
 from scipy.stats import wishart
 
+from check.conftest import Arm
 from steelyard.base.arrays import Array
+from steelyard.check.decision.ranked_readings import ranking
 from steelyard.check.hypotheses.evidence_with_unknown_bodies import _normalised, _Products
 from steelyard.check.hypotheses.laplace_over_bodies import (
     FRICTION_WIDTH,
@@ -93,3 +95,19 @@ def test_an_offset_may_balance_what_bodies_weigh_and_the_log_lacks(weight: float
     others = [column for column in range(NUISANCES) if column != OFFSET_COLUMN]
     assert sizes[others] == pytest.approx(1.0)
     assert sizes[OFFSET_COLUMN] == pytest.approx(max(1.0, weight / 2.0))
+
+
+@pytest.mark.parametrize("value", [0.0, 3.0])
+def test_an_effort_that_never_changes_is_no_evidence(arm: Arm, value: float) -> None:
+    """No sign of its joint follows from it, and no other joint's effort is lost."""
+    table = arm.table.copy()
+    table[:, arm.at("tau{}_Nm")[-1]] = value
+    case = arm.case(table, known=False)
+    found = ranking(case, case.logs[0])
+    assert found is not None and found.search is not None
+    counts = found.search.declared.evidence.counts
+    assert counts[-1] == 0.0 and (counts[:-1] > 0.0).all()
+    whole = arm.case(arm.table, known=False)
+    before = ranking(whole, whole.logs[0])
+    assert before is not None and before.search is not None
+    assert (before.search.declared.evidence.counts > 0.0).all()

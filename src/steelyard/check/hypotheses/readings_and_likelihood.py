@@ -88,8 +88,11 @@ class Likelihood:
         return np.asarray(self.gears.matrix @ rates)
 
     def driven_only(self, x: Array) -> Array:
-        """What is known per joint `(n, ...)`, zero of those without a motor, and so an effort."""
-        free = list(self.signals.unactuated)
+        """What is known per joint `(n, ...)`, zero of those whose effort is not measured.
+
+        These have no motor, or a column that never changes.
+        """
+        free = [*self.signals.unactuated, *self.excerpt.dead]
         if not free:
             return x
         found = x.copy()
