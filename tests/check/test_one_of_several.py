@@ -96,3 +96,12 @@ def test_other_questions_about_signs_are_open(arm: Arm, search: Search) -> None:
     says = undecided(replace(found, search=search, winners=winners), "effort sign")
     assert says.startswith("undecided: ") and winners[0][0].says in says
     assert not undecided(replace(found, search=search, winners=winners), "joint order")
+
+
+def test_what_does_not_explain_the_log_is_not_named(search: Search) -> None:
+    reading = turned(search, signs(0), signs())
+    add(search, reading, 100.0)
+    found = search.found[reading.key]
+    bad = replace(found.evidence, misfits=np.full(3, 0.5))
+    search.found[reading.key] = replace(found, evidence=bad)
+    assert not list(one_of_several(search, ()))

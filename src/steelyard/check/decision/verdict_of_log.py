@@ -271,8 +271,10 @@ def _causes(search: Search) -> list[str]:
 
 
 def one_of_several(search: Search, winners: Sequence[Judged]) -> Iterator[Judged]:
-    """That order or signs are not as declared, where several others fit about as well."""
+    """That order or signs are not as declared, where several others explain a log about as well."""
     best, own = search.best, search.best.reading
+    if best.evidence.percent > ROUGH_MISFIT:
+        return
     for cause in ORDER_AND_SIGNS:
         own = undone(own, search.declared.reading, cause)
     if own.key == best.reading.key or any(w.cause in ORDER_AND_SIGNS for w, _ in winners):

@@ -66,9 +66,9 @@ class Excerpt:
 
     @cached_property
     def dead(self) -> tuple[int, ...]:
-        """Effort columns that never change."""
-        change, size = np.ptp(self.e, axis=1), np.abs(self.e).max(axis=1)
-        return tuple(np.flatnonzero(change <= DEAD_EFFORT * size).tolist())
+        """Effort columns that never change beside others that do."""
+        still = np.ptp(self.e, axis=1) <= DEAD_EFFORT * np.abs(self.e).max(axis=1)
+        return () if still.all() else tuple(np.flatnonzero(still).tolist())
 
     @property
     def worth(self) -> float:
