@@ -5,6 +5,7 @@ import polars as pl
 import pytest
 
 from steelyard.base.errors import LogError
+from steelyard.logs.contents import content_of
 from steelyard.logs.formats import open_log
 
 
@@ -42,9 +43,21 @@ def test_half_a_file_is_refused(tmp_path: Path) -> None:
         open_log(path)
 
 
-def test_lists_in_cells_are_refused(tmp_path: Path) -> None:
+def test_columns_without_numbers_are_left_out_with_the_reason(tmp_path: Path) -> None:
     path = tmp_path / "run.parquet"
-    pl.DataFrame({"q": [[1.0, 2.0], [3.0, 4.0]]}).write_parquet(path)
-    with pytest.raises(LogError, match="cannot be read") as caught:
-        list(open_log(path).parts(("q",)))
-    assert "one number a row" in caught.value.fix
+    columns = {
+        "t": [0.0, 0.1],
+        "q": [[1.0] * 257, [3.0, 4.0]],
+        "on": [[True, False], [False, False]],
+        "pose": [{"x": 1.0}, {"x": 2.0}],
+        "grid": [[[1.0]], [[2.0]]],
+    }
+    pl.DataFrame(columns).write_parquet(path)
+    log = open_log(path)
+    assert log.columns == ("t", "on_1", "on_2")
+    assert np.concatenate(list(log.parts(("on_1",)))).ravel().tolist() == [1.0, 0.0]
+    why = dict(log.left_out)
+    assert list(why) == ["pose", "grid", "q"] and "257 elements" in why["q"]
+    assert [name for name, _ in content_of(log).left_out] == ["pose", "grid", "q"]
+    with pytest.raises(LogError, match="no column 'q'"):
+        list(log.parts(("q",)))

@@ -21,7 +21,7 @@ from steelyard.estimate.scores.model_comparison import units_of
 from steelyard.estimate.scores.score import low_passed, no_closed_sample
 from steelyard.identify.runs_for_model import runs_for
 from steelyard.report.result import DataFrame, frame
-from steelyard.runs.runs_of_named_logs import log_files, paths_of
+from steelyard.runs.runs_of_named_logs import log_file, paths_of
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -123,7 +123,7 @@ def residuals(
             fix="give a positive frequency, or None for that of the printed errors",
         )
     identified = load_model(model)
-    (file,) = log_files(paths_of(log))
+    (file,) = map(log_file, paths_of(log))
     (run,) = runs_for(identified, [file], progress)
     gains = identified.signals.gains
     band = band_of(effort_reference(identified), run.rate) if cutoff is None else cutoff

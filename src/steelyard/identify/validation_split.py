@@ -39,7 +39,13 @@ def propose_cut(loaded: LoadedRobot, logs: Sequence[str]) -> ProposedCut:
     """
     if len(logs) != 1:
         return ProposedCut(tuple(logs))
-    (log,) = log_files(logs)
+    log, *more = log_files(logs)
+    if more:  # episodes of a dataset, together as two windows of rows
+        rows = [parse_log_argument(one.text)[1].rows for one in (log, *more)]
+        first, end = rows[0][0], rows[-1][1] or rows[-1][0]
+        middle = first + FITTED_SHARE * (end - first)
+        border = min((row for row, _ in rows[1:]), key=lambda row: abs(row - middle))
+        return ProposedCut((f"{log.path}#{first}:{border}", f"{log.path}#{border}:{end}"))
     cut = parse_log_argument(log.text)[1]
     if cut.rows != Cut().rows:
         return ProposedCut((log.text,))

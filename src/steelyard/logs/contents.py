@@ -14,6 +14,7 @@ from steelyard.base.arrays import Array
 from steelyard.base.errors import LogError
 from steelyard.base.progress import Progress, report_progress, silent
 from steelyard.logs.formats import FORMATS
+from steelyard.logs.lerobot import is_lerobot
 from steelyard.logs.log_and_errors import ROWS_OF_PART, Log
 from steelyard.logs.log_windows import Cut
 from steelyard.robot.file.signals import TIME_UNITS
@@ -150,7 +151,7 @@ def content_of(log: Log, cut: Cut = Cut(), progress: Progress = silent) -> LogCo
     time = time_column(log, names)
     parts = with_progress(windowed(log, names, cut), log, progress, "reading the log")
     rows, columns = _columns_of(names, parts)
-    duration, rate = _clock(columns, time, rows)
+    duration, rate = (None, None) if is_lerobot(log.path) else _clock(columns, time, rows)
     twice = tuple((n, f"{k} columns are called so") for n, k in counts.items() if k > 1)
     return LogContent(
         path=f"{log.path}{cut.text}",
@@ -184,6 +185,8 @@ def with_progress(
 
 def kind_of(path: Path) -> str:
     """What kind of log is at a path."""
+    if path.is_dir() and is_lerobot(path):
+        return "LeRobot dataset"
     if path.is_dir():
         return "ROS 2 bag" if (path / "metadata.yaml").exists() else "Parquet folder"
     return FORMATS.get(path.suffix.lower(), (path.suffix,))[0]

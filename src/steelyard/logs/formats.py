@@ -17,6 +17,7 @@ from steelyard.base.errors import LogError, OutputError
 from steelyard.base.files import csv_text, refuse_existing, whole_file
 from steelyard.logs.clocks_and_combined_logs import WholeClocks
 from steelyard.logs.hdf5_matlab import open_hdf5, open_mat
+from steelyard.logs.lerobot import is_lerobot, open_lerobot
 from steelyard.logs.log_and_errors import Log, require_file
 from steelyard.logs.messages.message_log import MessageLog
 from steelyard.logs.messages.ros2_bag import METADATA
@@ -45,7 +46,7 @@ FORMATS: dict[str, tuple[str, Callable[[Path], Log]]] = {
 
 @checked()
 def open_log(path: str | Path) -> Log:
-    """The log in a file, a ROS 2 bag's folder, or a folder of Parquet files.
+    """The log in a file, a ROS 2 bag's folder, a LeRobot dataset, or a folder of Parquet files.
 
     Raises:
         LogError: Not there, of an unknown kind, or not what its suffix says.
@@ -58,6 +59,8 @@ def open_log(path: str | Path) -> Log:
     if path.is_dir():
         if (path / METADATA).is_file():
             return MessageLog.open(path)
+        if is_lerobot(path):
+            return WholeClocks.of(open_lerobot(path))
         return WholeClocks.of(ParquetLog.of_folder(path))
     require_file(path)
     if path.suffix.lower() not in FORMATS:

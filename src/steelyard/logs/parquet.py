@@ -1,14 +1,16 @@
 """Logs in Apache Parquet, through Polars: single files and folders of files, in bounded memory.
 
+A column of lists of numbers, all of the length of the first one, is a column for each element.
+
 A page is decoded whole, and a few bytes can stand for a page of any length. Files of ordinary row
 groups are known from their end alone; the pages of larger groups are walked through, header by
 header. The layout is that of apache/parquet-format, in Thrift's compact protocol.
 """
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from io import BytesIO
 from pathlib import Path
@@ -36,14 +38,17 @@ DEEPEST_THRIFT = 16
 TRUE, FALSE, BYTE, I16, I32, I64, DOUBLE, BINARY, LIST, SET, MAP, STRUCT = range(1, 13)
 
 
-@lru_cache(maxsize=64)
-def longest_page(path: Path, changed: int, size: int) -> int:
-    """Values of the longest page of a file as it was at a time, or a bound on them."""
+@lru_cache(maxsize=1 << 14)
+def longest_page(path: Path, changed: int, size: int, lists: bool = False) -> int:
+    """Values of the longest page of a file as it was at a time, or a bound on them.
+
+    Where a row may be a list, rows are no bound.
+    """
     try:
         with path.open("rb") as file:
             groups = _footer(file, size).get(4, ())
             most = max((_number(group, 3) for group in groups), default=0)
-            if most <= ORDINARY_ROWS_OF_GROUP:
+            if most <= ORDINARY_ROWS_OF_GROUP and not lists:
                 return most
             chunks = (chunk.get(3, {}) for group in groups for chunk in group.get(1, ()))
             pages = (values for meta in chunks for values in _pages(file, meta, size))
@@ -146,6 +151,28 @@ class _Thrift:
 DECODED_VALUES = 1 << 21  # values in pages that are decoded side by side
 LONGEST_PAGE = DECODED_VALUES  # values of a page
 MOST_PARQUET_COLUMNS = 1 << 16
+LONGEST_LIST = 256  # elements of a row's list up to which they are columns
+SEARCHED_ROWS = 1000  # rows in which the first list that is not empty is looked for
+
+
+@dataclass(frozen=True)
+class Element:
+    """One element of the lists of a common length in a column, or the column where that is zero."""
+
+    column: str
+    number: int
+    length: int
+
+    @property
+    def values(self) -> "polars.Expr":
+        """Numbers, missing where a list has another length."""
+        import polars as pl
+
+        if not self.length:
+            return pl.col(self.column).cast(pl.Float64, strict=False)
+        lists = _as_lists(self.column)
+        own = lists.list.get(self.number, null_on_oob=True)
+        return pl.when(lists.list.len() == self.length).then(own)
 
 
 @dataclass(frozen=True)
@@ -158,6 +185,8 @@ class ParquetLog:
     path: Path
     columns: tuple[str, ...]
     files: tuple[Path, ...]
+    elements: Mapping[str, Element] = field(default_factory=dict)  # columns that are one of a list
+    left_out: tuple[tuple[str, str], ...] = ()  # columns that hold no numbers, with the reason
 
     @classmethod
     def open(cls, path: Path) -> "ParquetLog":
@@ -166,7 +195,21 @@ class ParquetLog:
         require_polars(path)
         with _polars_errors_as_log_errors(path, "the file cannot be read as Parquet"):
             _columns_at_once(path)
-            return cls(path, tuple(_scan(path).collect_schema().names()), (path,))
+            lengths, left_out = _lengths_of_lists(path)
+            columns: list[str] = []
+            elements: dict[str, Element] = {}
+            for name in _scan(path).collect_schema().names():
+                length = lengths.get(name, 0)
+                own = {f"{name}_{k + 1}": Element(name, k, length) for k in range(length)}
+                columns += own or ([] if name in left_out else [name])
+                elements |= own
+            return cls(path, tuple(columns), (path,), elements, tuple(left_out.items()))
+
+    def renamed(self, names: Mapping[str, str]) -> "ParquetLog":
+        """The log with other names for some columns, without those named by an empty text."""
+        sources = {c: self.elements.get(c, Element(c, 0, 0)) for c in self.columns}
+        named = {names.get(c, c): source for c, source in sources.items() if names.get(c, c)}
+        return replace(self, columns=tuple(named), elements=named)
 
     @classmethod
     def of_folder(cls, path: Path) -> "ParquetLog":
@@ -187,7 +230,8 @@ class ParquetLog:
                 "which holds its metadata.yaml",
             )
         named.sort(key=lambda file: natural_order((*names[file][:-1], file.stem)))
-        first, *others = [cls.open(p) for p in named]
+        logs = [cls.open(p) for p in named]
+        first, *others = [log for log in logs if log.n_rows] or logs[:1]
         for other in others:
             absent = [f"no '{c}'" for c in first.columns if c not in other.columns]
             new = [f"also '{c}'" for c in other.columns if c not in first.columns]
@@ -198,7 +242,8 @@ class ParquetLog:
                     where=f"{first.path} and {other.path}",
                     fix="keep the files of one log in a folder of their own",
                 )
-        return cls(path, first.columns, tuple(named))
+        files = tuple(log.path for log in (first, *others))
+        return replace(first, path=path, files=files)
 
     @property
     def n_rows(self) -> int:
@@ -214,7 +259,8 @@ class ParquetLog:
         for file in self.files:
             known = len(self.files) > 1 and (start > 0 or stop is not None)
             height = _height(file) if known else 0
-            yield from _parts(file, columns, start, stop, size)
+            wanted = [self.elements.get(column, Element(column, 0, 0)) for column in columns]
+            yield from _parts(file, wanted, start, stop, size)
             start = max(0, start - height)
             stop = None if stop is None else max(0, stop - height)
             if stop == 0:
@@ -222,6 +268,12 @@ class ParquetLog:
 
 
 def _height(file: Path) -> int:
+    stat = file.stat()
+    return _height_at(file.resolve(), stat.st_mtime_ns, stat.st_size)
+
+
+@lru_cache(maxsize=1 << 14)
+def _height_at(file: Path, changed: int, size: int) -> int:
     import polars as pl
 
     with _polars_errors_as_log_errors(file, "the file cannot be read as Parquet"):
@@ -229,15 +281,14 @@ def _height(file: Path) -> int:
 
 
 def _parts(
-    file: Path, columns: Sequence[str], start: int, stop: int | None, size: int
+    file: Path, columns: Sequence[Element], start: int, stop: int | None, size: int
 ) -> Iterator[Array]:
-    import polars as pl
-
-    numbers = [pl.col(c).cast(pl.Float64, strict=False) for c in columns]
+    lists = any(column.length for column in columns)
+    numbers = [column.values.alias(str(k)) for k, column in enumerate(columns)]
     while stop is None or start < stop:
         length = size if stop is None else min(size, stop - start)
         with _polars_errors_as_log_errors(file, f"rows {start} to {start + length} cannot be read"):
-            width = _columns_at_once(file)
+            width = _columns_at_once(file, lists)
             tables = [
                 _scan(file).select(numbers[at : at + width]).slice(start, length).collect()
                 for at in range(0, len(numbers), width)
@@ -258,10 +309,50 @@ def require_polars(path: Path) -> None:
     require("polars", "polars", "Parquet files", str(path))
 
 
-def _columns_at_once(path: Path) -> int:
+def _lengths_of_lists(path: Path) -> tuple[dict[str, int], dict[str, str]]:
+    """Length of the lists in every column of lists of numbers, and why other columns are no use.
+
+    It is that of the first list that is not empty.
+    """
+    import polars as pl
+
+    lists, left_out = [], {}
+    for name, kind in _scan(path).collect_schema().items():
+        if isinstance(kind, pl.List | pl.Array):
+            inner = kind.inner
+            if isinstance(inner, pl.DataType) and (inner.is_numeric() or inner == pl.Boolean):
+                lists.append(name)
+            else:
+                left_out[name] = f"its lists hold no numbers but {inner}"
+        elif isinstance(kind, pl.Struct | pl.Object | pl.Binary):
+            left_out[name] = f"it holds no numbers but {kind.base_type()}"
+    if not lists:
+        return {}, left_out
+    _columns_at_once(path, True)
+    longest = [_as_lists(name).list.len().alias(name) for name in lists]
+    lengths = _scan(path).head(SEARCHED_ROWS).select(longest).collect()
+    found = {name: next((n for n in lengths[name] if n), 0) for name in lists}
+    left_out |= {
+        name: f"its lists have {n} elements, where {LONGEST_LIST} are as many as are read"
+        if n
+        else f"its lists are empty in the first {SEARCHED_ROWS} rows"
+        for name, n in found.items()
+        if not 0 < n <= LONGEST_LIST
+    }
+    return {name: n for name, n in found.items() if name not in left_out}, left_out
+
+
+def _as_lists(column: str) -> "polars.Expr":
+    """Lists of any numbers, or arrays of a fixed length, as lists of floats."""
+    import polars as pl
+
+    return pl.col(column).cast(pl.List(pl.Float64), strict=False)
+
+
+def _columns_at_once(path: Path, lists: bool = False) -> int:
     """How many columns can be read side by side: their pages are decoded whole."""
     stat = path.stat()
-    values = longest_page(path.resolve(), stat.st_mtime_ns, stat.st_size)
+    values = longest_page(path.resolve(), stat.st_mtime_ns, stat.st_size, lists)
     if values > LONGEST_PAGE:
         raise ValueError(
             f"one of its pages holds {values} values, where {LONGEST_PAGE} are as many as are read"

@@ -15,6 +15,7 @@ from steelyard.base.errors import LogError
 from steelyard.base.progress import Progress, report_progress, silent
 from steelyard.logs.clocks_and_combined_logs import Numbered
 from steelyard.logs.formats import open_log
+from steelyard.logs.lerobot import is_lerobot, open_lerobot
 from steelyard.logs.log_windows import Cut, parse_log_argument
 from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
 from steelyard.robot.file.robot_file import load_robot
@@ -38,16 +39,52 @@ class LogArgument:
 
 
 def log_files(arguments: Sequence[str]) -> list[LogArgument]:
-    """The files of logs; each must be there and be a log.
+    """The files of logs; each must be there and be a log. A dataset is one log for each episode.
 
     Raises:
         LogError: One is not.
     """
     found = []
     for text in arguments:
-        path = parse_log_argument(text)[0]
+        path, cut = parse_log_argument(text)
         open_log(path)
-        found.append(LogArgument(text, path))
+        if is_lerobot(path):
+            found += _of_dataset(text, path, cut)
+        else:
+            found.append(LogArgument(text, path))
+    return found
+
+
+def log_file(argument: str) -> LogArgument:
+    """The one log that an argument names; `LogError` where it is several, as of a dataset."""
+    found = log_files([argument])
+    if len(found) > 1:
+        raise LogError(
+            f"the dataset has {len(found)} episodes there, and one is needed",
+            where=argument,
+            fix=f"name one by its rows: {found[0].text}; `steelyard log info` lists them",
+        )
+    return found[0]
+
+
+def _of_dataset(text: str, path: Path, cut: Cut) -> list[LogArgument]:
+    """One log for each episode of a dataset, or for the part of it in a window of rows."""
+    if cut.seconds != Cut().seconds:
+        return [LogArgument(text, path)]
+    first, last = cut.rows
+    parts = [
+        (max(start, first), stop if last is None else min(stop, last))
+        for start, stop in open_lerobot(path).episodes
+    ]
+    found = [
+        LogArgument(f"{path}{Cut(rows=part).text}", path) for part in parts if part[0] < part[1]
+    ]
+    if not found:
+        raise LogError(
+            "the dataset has no episode in these rows",
+            where=text,
+            fix="name other rows, or the whole dataset",
+        )
     return found
 
 
@@ -77,9 +114,13 @@ def _overlap(one: LogArgument, other: LogArgument) -> bool:
 
 
 def sha256(path: Path) -> str:
-    """Hash of a file, read in parts; of a folder, that of its files' names and hashes."""
+    """Hash of a file, read in parts; of a folder, that of its files' names and hashes.
+
+    Videos and images of a dataset, which are not read, do not count.
+    """
     if path.is_dir():
-        files = sorted(file for file in path.rglob("*") if file.is_file())
+        folders = [path / "meta", path / "data"] if is_lerobot(path) else [path]
+        files = sorted(file for one in folders for file in one.rglob("*") if file.is_file())
         listed = (f"{file.relative_to(path).as_posix()} {sha256(file)}\n" for file in files)
         return hashlib.sha256("".join(listed).encode()).hexdigest()
     digest = hashlib.sha256()

@@ -28,7 +28,7 @@ _QUANTITIES: dict[Quantity, frozenset[str]] = {
 }
 _TARGETS = frozenset(
     "des desired d target targets ref reference references cmd command commands commanded set "
-    "setpoint setpoints sp goal goals demand demanded planned".split()
+    "setpoint setpoints sp goal goals demand demanded planned action actions".split()
 )
 _AVOIDED = _TARGETS | frozenset(
     "error err ext external tcp temp temperature temperatures voltage".split()
@@ -54,6 +54,10 @@ _UNITS = frozenset.union(*_UNITS_OF.values())
 _OF_MESSAGES = re.compile(
     r"/.*/(stamp|log_time|(?P<quantity>position|velocity|effort)/(?P<joint>.+))"
 )
+_OF_DATASETS = re.compile(
+    r"observation[./](?P<quantity>state|position|velocity|effort|torque|tau|current)[./](?P<joint>.+)"
+)
+"""Names in LeRobot's datasets: a state is a position, unless the element's name says otherwise."""
 MOTORS = frozenset("motor motors qm dqm taum".split())  # words of columns of the motors' side
 TORQUES = frozenset("tau taum torque torques trq".split())
 CURRENTS = frozenset("current currents curr cur i".split())
@@ -85,6 +89,8 @@ class Column:
         if found := _OF_MESSAGES.fullmatch(self.name):
             named: Quantity = found["quantity"] or "time"  # type: ignore[assignment]
             return named
+        if (of := _OF_DATASETS.fullmatch(self.name)) and of["quantity"] == "state":
+            return Column(of["joint"]).quantity or "position"
         first = len(self.words) - len(words_of(re.split(r"[./]", self.name)[-1]))
         for number, word in enumerate(self.words):
             for quantity, names in _QUANTITIES.items():
@@ -103,7 +109,7 @@ class Column:
         """The words that may name a joint; all but the topic's if the log is of messages."""
         if self.label:
             return words_of(self.label)
-        found = _OF_MESSAGES.fullmatch(self.name)
+        found = _OF_MESSAGES.fullmatch(self.name) or _OF_DATASETS.fullmatch(self.name)
         return words_of(found["joint"]) if found and found["joint"] else self.words
 
     @property

@@ -35,7 +35,7 @@ from steelyard.identify.runs_for_model import runs_for, was_fitted
 from steelyard.robot.robot import Robot
 from steelyard.runs.rest_speed_and_speed_histogram import rest_speed_of_runs
 from steelyard.runs.run import Run
-from steelyard.runs.runs_of_named_logs import log_files, paths_of, refuse_overlaps
+from steelyard.runs.runs_of_named_logs import log_file, log_files, paths_of, refuse_overlaps
 from steelyard.uses.contact.contact_page import LEAST_LASTING_SHARE, Contacts
 from steelyard.uses.effort_plausibility import refuse_other_efforts
 from steelyard.uses.payload.payload_fit import unknown_payload
@@ -321,7 +321,7 @@ def contact(
         ()
     """
     identified = load_model(model)
-    inspected, given = log_files([str(log)]), log_files(paths_of(calibrate))
+    inspected, given = [log_file(str(log))], log_files(paths_of(calibrate))
     refuse_overlaps(given, inspected)
     (run,) = runs_for(identified, inspected, progress, at_rest=True)
     free = runs_for(identified, given, progress, at_rest=True)

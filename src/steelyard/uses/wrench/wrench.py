@@ -32,7 +32,7 @@ from steelyard.report.page_figures import Figure, Group, Key, Traced, area, even
 from steelyard.report.result import Result, print_verdict
 from steelyard.report.tables import PlainTable, Row, narrow_table
 from steelyard.report.words import NONE, significant
-from steelyard.runs.runs_of_named_logs import log_files
+from steelyard.runs.runs_of_named_logs import log_file
 from steelyard.uses.control.feedforward import refuse_unknown_gains
 from steelyard.uses.wrench.measured_wrench_and_sensor_mounting import (
     UNITS,
@@ -485,7 +485,7 @@ def external_wrench(
         chosen = Smoothed(expected, duration)
     else:
         chosen = (Weighted if method == "weighted" else InverseJacobian)(expected)
-    (file,) = log_files([str(log)])
+    file = log_file(str(log))
     columns = [measured] if isinstance(measured, str) else list(measured)
     if columns:
         reader = Sensor(
