@@ -99,6 +99,25 @@ def test_an_offset_that_jumps_is_found_with_its_joint(arm: Arm) -> None:
     assert value == pytest.approx(jump, rel=0.03)
 
 
+def test_offsets_of_all_joints_that_jump_are_no_payload(arm: Arm) -> None:
+    table, efforts = arm.table.copy(), arm.at("tau{}_Nm")
+    jumps = 0.3 * np.std(table[:, efforts], axis=0) * [1.0, -1.0, 1.0]
+    table[HALF:, efforts] += jumps
+    (finding,) = found(arm, table)
+    assert finding.joints == arm.robot.joint_names and "offsets jump between" in finding.says
+    values = [float(x) for x in re.findall(r"by ([+-][\d.]+) ±", finding.says)]
+    np.testing.assert_allclose(values, jumps, rtol=0.05)
+
+
+def test_a_torque_of_the_position_is_no_jump_of_an_offset(arm: Arm) -> None:
+    """A hose pulls one way in the first half of a slow motion, and the other way in the second."""
+    table, t = arm.table.copy(), arm.table[:, 0]
+    column = arm.at("tau{}_Nm")[0]
+    pull = 0.3 * np.std(table[:, column]) * np.sin(np.pi * (t / t[-1] - 0.5))
+    table[:, column] += pull
+    assert not any("offset" in finding.says for finding in found(arm, table))
+
+
 def test_a_sound_log_is_no_change_and_slow_drift_is_of_friction(arm: Arm) -> None:
     assert found(arm, arm.table) == ()
     drift = arm.table.copy()

@@ -98,6 +98,24 @@ def test_currents_as_torques_are_refused_without_numbers(arm):
     assert fix is not None and 'gain = "identify"' in fix.says and "--loaded" in fix.says
 
 
+@pytest.mark.slow
+def test_joints_off_by_their_own_large_factors_are_never_ok(six):
+    table = six.table.copy()
+    table[:, six.at(TAU)] /= np.array([900.0, 1200.0, 800.0, 200.0, 200.0, 150.0])
+    found = six.examined(table, known=False)
+    assert wrong(found) == ["effort kind"] and not found.edits
+    assert {"effort unit", "gain", "payload"} <= set(found.open_checks)
+
+
+@pytest.mark.slow
+def test_links_of_another_size_leave_the_kind_of_efforts_open(six):
+    table = six.table.copy()
+    table[:, six.at(TAU)] *= 1.8
+    found = six.examined(table, known=False)
+    kind = next(f for f in found.findings if f.check == "effort kind")
+    assert kind.severity or (not kind.answered and "times as heavy" in kind.says)
+
+
 def test_a_dead_effort_is_not_that_of_another_joint(six):
     table = six.table.copy()
     table[:, six.at(TAU)[0]] = 0.0

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.signal import butter, sosfiltfilt
 
 from check.conftest import Arm
 from steelyard.base.arrays import Array
@@ -14,6 +15,7 @@ from steelyard.check.finding import Severity
 from steelyard.check.hypotheses.signs_and_delay_by_friction import (
     by_presliding,
     delays_of,
+    no_common_delay,
     residual_delay,
 )
 from steelyard.estimate.information.base_parameters_and_regressor import base_regressor
@@ -45,6 +47,22 @@ def test_efforts_in_time_and_lags_that_differ_are_no_delay(arm: Arm) -> None:
     assert residual_delay(arm.case(arm.table, known=False)) is None
     lags = np.array([0.002, 0.011, 0.03])
     assert residual_delay(arm.case(late(arm, lags), known=False)) is None
+
+
+@pytest.mark.slow
+def test_efforts_that_lead_in_fast_motion_only_are_no_delay(arm: Arm) -> None:
+    """A drive or a filter shifts slow and fast motion by different times; a delay does not."""
+    early, efforts = late(arm, np.full(3, -0.045)), arm.at("tau{}_Nm")
+    table, low = early.copy(), butter(2, 1.0, fs=200.0, output="sos")
+    for j in efforts:
+        table[:, j] += sosfiltfilt(low, arm.table[:, j] - early[:, j])
+    case = arm.case(table, known=False)
+    found = EFFORT_DELAY(case)
+    assert Severity.WRONG not in [finding.severity for finding in found]
+    assert not edits_that_serve_all_logs(found)[0].fix or not found[0].fix.edits
+    assert no_common_delay(case, case.logs[0], -0.045)
+    case = arm.case(early, known=False)
+    assert not no_common_delay(case, case.logs[0], -0.045)
 
 
 @pytest.mark.slow

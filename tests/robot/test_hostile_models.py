@@ -40,6 +40,7 @@ def test_what_is_no_file_on_a_disk_is_not_read(tmp_path: Path, names: str) -> No
     [
         f'<size nuser_body="2000000000"/>{BODY}',
         '<asset><hfield name="h" nrow="200000" ncol="200000" size="1 1 1 1"/></asset>' + BODY,
+        '<asset><hfield name="h" nrow="60000" ncol="60000" size="1 1 1 1"/></asset>' + BODY,
         '<worldbody><replicate count="2000"><replicate count="2000"><body><joint/>'
         '<geom size=".1"/></body></replicate></replicate></worldbody>',
     ],

@@ -218,6 +218,13 @@ def signals(old: str, new: str) -> str:
 CURRENT = 'kind = "motor_current"\nunit = "A"'
 TORQUE = 'kind = "joint_torque"\nunit = ["Nm", "N"]'
 ERRORS = {
+    "deep": (
+        '[robot]\nurdf = "two.urdf"\njoints = ' + "[" * 3000,
+        "nested too deeply",
+        "robot.toml",
+        "quotes",
+    ),
+    "long name": (f'[robot]\nurdf = "{"9" * 400}"', "does not exist", "urdf", "relative"),
     "syntax": ('[robot]\nurdf = two.urdf"', "not valid TOML", "robot.toml", "quotes"),
     "degrees": (signals('time = "t"', 'time = "t"\nposition_offset = [-90.0, 0.0]'),
                 "-90 of 'elbow' looks like degrees", "position_offset", "write -1.5708"),

@@ -1,9 +1,11 @@
 """Before the fit: gains, zero offsets, friction laws and fields that a robot file leaves open."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from math import inf
+
+import numpy as np
 
 from steelyard.base.errors import DataError, ModelError
 from steelyard.base.progress import Progress, silent
@@ -38,10 +40,12 @@ from steelyard.estimate.nonlinear.nonlinear_parameters import (
 from steelyard.estimate.payload.drive_gains import GainEstimate, identified_gains
 from steelyard.estimate.prior.prior_constraint_kinds import knowledge_of
 from steelyard.estimate.scores.cross_validation import TooShortError
+from steelyard.estimate.scores.effort_errors import gains_known
 from steelyard.model.model import Model, model_with_open_friction, with_friction
 from steelyard.model.terms.axes_and_fields import finds_of
 from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
 from steelyard.robot.file.signals import Signals
+from steelyard.robot.inertia_and_placement import INERTIAL_NAMES, Inertia
 from steelyard.runs.run import Run, fastest_of
 
 TOO_SHORT = (
@@ -128,6 +132,10 @@ def prepare_fit(task: FitTask, estimator: Estimator[Information]) -> PreparedFit
             with_signals(run, replace(run.recording.signals, gains=given, unknown_gains=none))
             for run in runs
         )
+    signals = runs[0].recording.signals
+    if not all(gains_known(signals.effort_units, signals.gains)):
+        task = replace(task, model=_in_unit_of_log(task.model, task.information_of, runs))
+        model = task.model
     offsets = _offsets(task, runs, gains)
     if offsets is not None:
         runs = tuple(with_offsets(runs, offsets.values))
@@ -149,6 +157,40 @@ def prepare_fit(task: FitTask, estimator: Estimator[Information]) -> PreparedFit
         *([] if converged else [_NOT_CONVERGED]),
     )
     return PreparedFit(model, runs, information_of, choice, found.findings, gains, offsets, notes)
+
+
+def _in_unit_of_log(
+    model: Model,
+    information_of: Callable[[Model, Sequence[Run]], InformationOf],
+    runs: Sequence[Run],
+) -> Model:
+    """The model with nominal bodies as large as efforts of an unknown common unit have them.
+
+    A gain of 1 stands for that unit: without this, the prior would be so many times too heavy.
+    """
+    information, robot = information_of(model, runs)(base_regressor(model)), model.robot
+    base = base_parameters(model)
+    place = {name: k for k, name in enumerate(base.names)}
+    standard = np.zeros(len(base.names))
+    for body, ten in zip(robot.bodies, robot.nominal, strict=True):
+        for kind, value in zip(INERTIAL_NAMES, ten, strict=True):
+            if (name := f"{kind}.{body.name}") in place:
+                standard[place[name]] = value
+    values = dict(zip(base.base_names, base.base_values(standard), strict=True))
+    sizes = []
+    for row, sees in enumerate(information.layout.sees):
+        gram = information.row_gram(row)
+        nominal = np.array([values.get(information.layout.columns[k], 0.0) for k in sees])
+        moved = float(nominal @ gram[:-1, :-1] @ nominal)
+        if moved > 0.0 and gram[-1, -1] > 0.0:
+            sizes.append(0.5 * np.log(gram[-1, -1] / moved))
+    if not sizes:
+        return model
+    scale = float(np.exp(np.median(sizes)))
+    bodies = tuple(
+        replace(body, inertia=Inertia.from_ten(scale * body.inertia.ten)) for body in robot.bodies
+    )
+    return replace(model, robot=replace(robot, bodies=bodies))
 
 
 def _friction_choice(

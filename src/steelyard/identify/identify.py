@@ -10,10 +10,11 @@ from steelyard.base.arrays import Parameters
 from steelyard.base.checked_arguments import checked
 from steelyard.base.errors import LogError
 from steelyard.base.progress import Progress, silent
-from steelyard.check.all_checks import Diagnosis
+from steelyard.check.all_checks import BASIC_CHECKS, Diagnosis
 from steelyard.check.case_from_files_and_precheck import notes_of_precheck, prechecked
 from steelyard.check.decision.gear_signs_and_couplings import missing_coupling
 from steelyard.check.decision.joint_zeros_and_quarter_turns import turned_joints
+from steelyard.check.decision.undecided_questions import UNTIL_OTHER
 from steelyard.check.finding import Finding, Severity
 from steelyard.check.findings_text_and_page import groups, open_words, print_notes
 from steelyard.check.fitted.fitted_case_and_ranked_causes import FittedCase
@@ -320,9 +321,27 @@ def _doubts(diagnosis: Diagnosis, found: Sequence[Finding]) -> tuple[Finding, ..
     return tuple(Finding(check, "", Severity.DOUBTFUL, note, "") for check, note in says)
 
 
+EXPLAINED_QUESTIONS = 2  # open questions up to which the headline says why
+
+
 def _open_questions(diagnosis: Diagnosis) -> tuple[Finding, ...]:
     """What the check of the logs could not decide, in one finding."""
-    if not diagnosis.inconclusive:
+    if diagnosis.inconclusive:
+        says, checks = (
+            f"check of the logs: {open_words(diagnosis)}",
+            ", ".join(diagnosis.open_checks),
+        )
+        return (Finding("open questions", "", Severity.DOUBTFUL, says, checks),)
+    basic = {check.name for check in BASIC_CHECKS}
+    left = [f for f in diagnosis.findings if f.check in basic and not f.answered]
+    found = {f.check: f.says for f in left if not f.says.startswith(UNTIL_OTHER)}
+    if not found:
         return ()
-    says, checks = f"check of the logs: {open_words(diagnosis)}", ", ".join(diagnosis.open_checks)
-    return (Finding("open questions", "", Severity.DOUBTFUL, says, checks),)
+    reasons = [f"{check}: {why.removeprefix('undecided: ')}" for check, why in found.items()]
+    says = (
+        f"the logs do not decide {', '.join(found)}: a wrong one may fit as well, which the error "
+        "above does not show"
+    )
+    whole = f"{says}. {'; '.join(reasons)}"
+    brief = whole if len(found) <= EXPLAINED_QUESTIONS else says
+    return (Finding.ok(whole, headline=True, brief=brief).by("open questions"),)

@@ -220,7 +220,11 @@ def _with_context(recording: Recording, found: Survey, chain: Chain) -> tuple[Re
         rows=(max(0, rows[0] - spare), None if rows[1] is None else rows[1] + spare),
     )
     wide = replace(recording, cut=wider)
-    around = replace(survey(wide, chain.processing), rate=found.rate)
+    around = survey(wide, chain.processing)
+    first, last = found.segments[0].start, found.segments[-1].stop
+    # what lies beyond a gap is no context, but another part of the log, or another episode
+    segments = tuple(s for s in around.segments if s.stop > first and s.start < last)
+    around = replace(around, rate=found.rate, segments=segments)
     return replace(wide, left_out=around.left_out), around
 
 

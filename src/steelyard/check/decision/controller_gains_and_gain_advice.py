@@ -24,6 +24,7 @@ from steelyard.check.finding import Edit, Finding, Fix, Severity
 from steelyard.check.hypotheses.log_excerpt import excerpt_of
 from steelyard.check.hypotheses.nuisance_fit_and_score import REST_SPEED
 from steelyard.check.hypotheses.readings_and_likelihood import Hypothesis
+from steelyard.check.hypotheses.signs_and_delay_by_friction import NO_DELAY_ADVICE
 from steelyard.estimate.friction.friction_mixes import with_any_speed
 from steelyard.estimate.information.base_parameters_and_regressor import base_regressor
 from steelyard.estimate.information.gather import gather
@@ -37,7 +38,11 @@ TORQUE_WORDS = frozenset("tau torque torques moment moments".split())
 CURRENT_WORDS = frozenset("current currents curr i".split())
 FRICTION_KNOTS = 24  # speeds between which friction is linear
 INTERVAL_PARTS = 12  # parts of the time for intervals
-LACKS_WEIGHT = "log whole efforts, or add to them the gravity torque that the controller subtracts"
+LACKS_WEIGHT = (
+    "find out which it is: masses and centres of the model file, a counterweight or spring that it "
+    "lacks, or a controller that subtracts a computed weight: then log whole efforts, or add to "
+    "them the gravity torque that the controller subtracts"
+)
 NARROW_INTERVAL = 0.05  # half-width of a gain's 95 % interval over it, to be written
 
 
@@ -158,6 +163,8 @@ def unwritten_number_advice(case: Case, hypothesis: Hypothesis, *, sure: bool) -
         if gains is not None:
             return _of_controller(case, gains)
         return Fix(_of_other_torques(case, hypothesis) + _listed_sources(case, sure=sure))
+    if hypothesis.cause == "effort delay":
+        return Fix(NO_DELAY_ADVICE)
     other = {
         "mounting": (
             "an external force acts on the arm (a cable, a balancer), or lengths and axes differ "

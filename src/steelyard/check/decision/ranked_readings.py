@@ -1,7 +1,10 @@
 """Readings of a log, ranked: all explanations at once, so that one fault raises one alarm."""
 
+import os
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -90,6 +93,26 @@ class LogVerdict:
 
 
 @remembered
+def rankings(case: Case) -> dict[CheckedLog, LogVerdict]:
+    """Explanations of every log that has some, not judged yet; see `ranking`.
+
+    Several logs are looked at on several cores.
+    """
+    number, found = len(case.logs), dict[CheckedLog, LogVerdict]()
+    with ThreadPoolExecutor(min(number, os.cpu_count() or 1)) as pool:
+        try:
+            ranked = pool.map(partial(ranking, case), case.logs)
+            for done, log in enumerate(case.logs):
+                report_progress(case.progress, COMPARING_PHASE, done, number, log.name)
+                if (one := next(ranked)) is not None:
+                    found[log] = one
+            report_progress(case.progress, COMPARING_PHASE, number, number, case.logs[-1].name)
+        finally:
+            pool.shutdown(cancel_futures=True)
+    return found
+
+
+@remembered
 def ranking(case: Case, evidence: CheckedLog) -> LogVerdict | None:
     """Explanations, not judged yet; `None` without motion, or if the robot is unknown."""
     signals, knowledge = evidence.recording.signals, case.knowledge
@@ -105,8 +128,6 @@ def ranking(case: Case, evidence: CheckedLog) -> LogVerdict | None:
     if unknown.any() and not knowledge.identified:
         factors = np.where(unknown, best_factors(likelihood.declared), 1.0)
         likelihood = replace(likelihood, gains=likelihood.gains * factors)
-    number, of = case.logs.index(evidence), len(case.logs)
-    report_progress(case.progress, COMPARING_PHASE, number, of, evidence.name)
     others = _others(likelihood, case.reference)
     declared = likelihood.declared
     first = now = Hypothesis("", AS_DECLARED, declared, 0.0, (), declared.score)
@@ -114,7 +135,6 @@ def ranking(case: Case, evidence: CheckedLog) -> LogVerdict | None:
         return None
     if not knowledge.identified:
         found = Search(likelihood, others, unknown)
-        report_progress(case.progress, COMPARING_PHASE, number + 1, of, evidence.name)
         if not found.found:
             return None
         return LogVerdict(first, (tuple(x.as_hypothesis() for x in found.ordered()),), search=found)
@@ -126,7 +146,6 @@ def ranking(case: Case, evidence: CheckedLog) -> LogVerdict | None:
         if gain < DECISIVE_GAIN or best.cause in CAUSES_OF_OTHER_CHECKS or not has_bad_joint(best):
             break
         now = best
-    report_progress(case.progress, COMPARING_PHASE, number + 1, of, evidence.name)
     return LogVerdict(first, tuple(rounds))
 
 

@@ -13,11 +13,16 @@ from steelyard.check.decision.ranked_readings import DECISIVE_GAIN, LogVerdict
 from steelyard.check.decision.search_with_unknown_bodies import (
     COPIED,
     FACTOR_CAUSES,
+    Explanation,
     Search,
     alike,
     least_mass,
 )
-from steelyard.check.decision.verdict_of_log import CLEAN, HEAVIEST_FACTOR
+from steelyard.check.decision.verdict_of_log import (
+    CLEAN,
+    HEAVIEST_FACTOR,
+    friction_alone_explains,
+)
 from steelyard.check.hypotheses.evidence_with_unknown_bodies import WIDTHS
 from steelyard.check.hypotheses.position_hypotheses import (
     ZERO_CAUSE,
@@ -32,10 +37,12 @@ FAIR_BODIES_MISFIT = 5.0  # misfit [%] up to which nothing is hidden by it
 SHOWN_ALTERNATIVES = 3  # alternatives that are named
 TRIED_FACTORS = {"effort kind": HEAVIEST_FACTOR, "effort unit": 1000.0}
 """Factors on all efforts that must fit clearly worse."""
+NOTICED_SIZE = 1.5  # of all links over the nominal ones: model files are off by less as a whole
 OTHER_GAIN = 1.5  # factor on one joint's effort that must fit clearly worse
 NOTICED_ZERO_RISE = 8.0
 """Rise of the log-likelihood by a zero offset from which on zeros are not called those of the
 reference: by chance less than once in a thousand logs, and on logs of a UR10e up to 4.4."""
+UNTIL_OTHER = "undecided until"  # another question is decided
 UNKNOWN_GAINS = {
     "gain": 'undecided: unknown gains (gain = "identify") are not compared with the model file',
     "payload": 'undecided: unknown gains (gain = "identify") would have a similar effect',
@@ -49,13 +56,16 @@ def undecided(decision: LogVerdict, cause: str) -> str:
     reading, signals, search = decision.last.reading, decision.likelihood.signals, decision.search
     if search is None:
         return _zeros(reading) if cause == ZERO_CAUSE else ""
+    best, declared = search.best, search.declared.reading
     open_factor = [r.cause for r, _ in decision.winners if not r.fixed and r.cause in FACTOR_CAUSES]
-    if open_factor and cause in (*FACTOR_CAUSES, "payload"):
-        return f"undecided until '{open_factor[-1]}' is decided"
+    if not any(r.cause in FACTOR_CAUSES for r, _ in decision.winners):
+        changed = [c.cause for c in best.changes if c.cause in FACTOR_CAUSES]
+        open_factor += [c for c in changed if not alike(c, best.reading, declared)]
+    if open_factor and cause in (*FACTOR_CAUSES, "payload") and cause != open_factor[-1]:
+        return f"{UNTIL_OTHER} '{open_factor[-1]}' is decided"
     if cause in UNKNOWN_GAINS and any(signals.unknown_gains):
         return UNKNOWN_GAINS[cause]
     misfit = f"the log has a misfit of {search.best.evidence.percent:.1f} % with free link inertias"
-    best, declared = search.best, search.declared.reading
     if cause == "payload" and (size := hidden_mass(search)):
         return f"undecided: {misfit}, and {size}"
     if cause in COPIED and not alike(cause, best.reading, declared):
@@ -72,7 +82,27 @@ def undecided(decision: LogVerdict, cause: str) -> str:
             f"efforts times {x:.3g}" for x, o in zip(sizes, odds, strict=True) if o > -ANSWERED
         ]
     listed = ", ".join(near[:SHOWN_ALTERNATIVES]) + ", ..." * (len(near) > SHOWN_ALTERNATIVES)
-    return f"undecided: {misfit}; other readings fit about as well: {listed}" if near else ""
+    others = f"; other readings fit about as well: {listed}" * bool(near)
+    known = not any(signals.unknown_gains)
+    if cause == "effort kind" and known and (far := other_size(best)):
+        return f"undecided: {far}{others}"
+    return f"undecided: {misfit}{others}" if near else ""
+
+
+def other_size(best: Explanation) -> str:
+    """That the links that fit best are far larger or smaller than the nominal ones, or nothing.
+
+    Efforts that are all off by one factor have the same effect.
+    """
+    scale = best.evidence.scale
+    if abs(np.log(scale)) < np.log(NOTICED_SIZE):
+        return ""
+    if friction_alone_explains(best.reading, best.evidence.score):
+        return ""
+    return (
+        f"the links that fit best are {scale:.2g} times as heavy as those of the model file: "
+        "its masses, or all efforts, are off by about that"
+    )
 
 
 def hidden_mass(search: Search) -> str:

@@ -27,7 +27,7 @@ from steelyard.check.decision.ranked_readings import (
     disagrees,
     has_bad_joint,
     mirrors,
-    ranking,
+    rankings,
 )
 from steelyard.check.decision.search_with_unknown_bodies import (
     COPIED,
@@ -50,7 +50,11 @@ from steelyard.check.hypotheses.readings_and_likelihood import (
     Hypothesis,
     Reading,
 )
-from steelyard.check.hypotheses.signs_and_delay_by_friction import friction_alone, presliding_score
+from steelyard.check.hypotheses.signs_and_delay_by_friction import (
+    friction_alone,
+    no_common_delay,
+    presliding_score,
+)
 from steelyard.estimate.payload.runs_with_payload import carrier
 
 SURE = 20.0
@@ -94,14 +98,29 @@ def judge_log(case: Case, evidence: CheckedLog) -> LogVerdict | None:
 
 @remembered
 def _alone(case: Case, evidence: CheckedLog) -> LogVerdict | None:
-    found = ranking(case, evidence)
+    ranked = rankings(case)
+    found = ranked.get(evidence)
     if found is None:
         return None
     if found.search is None:
         return _by_reference(found)
-    rankings = {log.name: ranking(case, log) for log in case.logs if log is not evidence}
-    others = {log: x.search for log, x in rankings.items() if x is not None and x.search}
-    return _by_evidence(found, found.search, others)
+    others = {e.name: x.search for e, x in ranked.items() if e is not evidence and x.search}
+    return _with_one_delay(case, evidence, _by_evidence(found, found.search, others))
+
+
+def _with_one_delay(case: Case, evidence: CheckedLog, found: LogVerdict) -> LogVerdict:
+    """The same verdict, with a delay that joints or slow motion contradict no longer sure.
+
+    With another cause beside it the log as it is read says nothing of that.
+    """
+    if [(w.cause, severity) for w, severity in found.winners] != [("effort delay", Severity.WRONG)]:
+        return found
+    ((one, _),) = found.winners
+    against = no_common_delay(case, evidence, one.reading.delay - found.declared.reading.delay)
+    if not against:
+        return found
+    one = replace(one, says=f"{one.says}, but {against}", fixed=False)
+    return replace(found, winners=((one, Severity.DOUBTFUL),))
 
 
 def _by_reference(found: LogVerdict) -> LogVerdict:
@@ -431,11 +450,18 @@ def _scale(search: Search, winners: Sequence[Judged]) -> Iterator[Judged]:
     Beyond `HEAVIEST_FACTOR` something is wrong with the efforts. There is no finding where friction
     alone fits as well as bodies.
     """
-    best, found = search.best, search.best.evidence
+    if any(w.cause in FACTOR_CAUSES for w, _ in winners):
+        return
+    declared = search.declared.reading
+    best = next(  # by what is declared: factors that are no finding have the same effect
+        (x for x in search.ordered() if all(alike(c, x.reading, declared) for c in FACTOR_CAUSES)),
+        search.best,
+    )
+    found = best.evidence
     factor, far = 1.0 / found.scale, abs(np.log(found.scale)) > np.log(HEAVIEST_FACTOR)
     if abs(np.log(factor)) < np.log(NOTICED_FACTOR) or (far and found.sized < SURE):
         return
-    if found.percent > ROUGH_MISFIT or any(w.cause in FACTOR_CAUSES for w, _ in winners):
+    if found.percent > ROUGH_MISFIT:
         return
     reading, signals = best.reading, best.reading.likelihood.signals
     if friction_alone_explains(reading, found.score):

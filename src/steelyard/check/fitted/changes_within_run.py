@@ -52,6 +52,7 @@ class ChangeWithinRun:
     std: float  # its standard deviation
     explained: float  # share of the squared residual; of a load the geometric mean over rows
     rise: float  # what it takes from the squared residual, over the noise that is left
+    left: float = 0.0  # standard deviation of what one row's residual is beside it [effort's unit]
 
     @property
     def when(self) -> str:
@@ -137,7 +138,8 @@ def offset_steps(run: Information) -> list[ChangeWithinRun]:
             if bend <= LEAST_LEFT_SHARE * row.after[places[0], places[0]]:
                 bend, slope = np.inf, 0.0
             numbers = _by_one_column(slope, bend, row.left, row.freedom - 1.0)
-            change = ChangeWithinRun(*about, number, *numbers)
+            noise = float(np.sqrt((1.0 - numbers[2]) * row.left / row.freedom))
+            change = ChangeWithinRun(*about, number, *numbers, noise)
             if number not in found or change.rise > found[number].rise:
                 found[number] = change
     return list(found.values())
@@ -242,6 +244,7 @@ def _drift_of_row(
 LEAST_LOAD_SHARE, LEAST_OFFSET_SHARE = 0.5, 0.93
 """Least share of the squared residual that a change explains. In sound logs of nine real robots at
 most 0.14 (those shorter than 8 s aside) and 0.43; friction that falls by 60 % has up to 0.78."""
+MOST_LEFT_BY_STEP = 8.0  # residual that an offset's step leaves, over noise
 LEAST_CHANGE_RISE = {"load": 200.0, "offset": 100.0}  # over noise; at most 92 in those logs
 LEAST_DRIFT_SHARE, DRIFT_RISES, LEAST_DRIFT = 0.3, 100.0, 0.05
 """Least share of a joint's squared residual that a drift of its scale explains, least rise, and
@@ -309,14 +312,20 @@ def _of_run(case: FittedCase, run: Information, logged: Run) -> Iterator[Finding
             log=log,
         )
         return
-    load, rows = load_change(run, model.robot, base), scale_drifts(run)
-    drifts = [drift for drift in rows if _sure_drift(drift)]
-    # share that all drifts explain together, geometric mean over rows, as of a load
-    logs = [np.log(max(1.0 - drift.explained, LEAST_LEFT_SHARE)) for drift in rows]
-    share = 1.0 - np.exp(np.mean(logs)) if drifts else 0.0
+    load = load_change(run, model.robot, base)
+    drifts = [drift for drift in scale_drifts(run) if _sure_drift(drift)]
+    drifting = {drift.row: drift.explained for drift in drifts}
+    steps = [
+        step
+        for step in offset_steps(run)
+        if step.certain(LEAST_OFFSET_SHARE, LEAST_CHANGE_RISE["offset"])
+        and step.explained > drifting.get(step.row, 0.0)
+        and not _more_is_left(case, step)
+    ]
+    by_load = load.explained if load else 0.0
     if (
         load
-        and share <= load.explained
+        and max(_together(x, len(coordinates)) for x in (drifts, steps)) <= by_load
         and load.certain(LEAST_LOAD_SHARE, LEAST_CHANGE_RISE["load"])
     ):
         way = "picks up" if load.value > 0.0 else "puts down"
@@ -324,26 +333,48 @@ def _of_run(case: FittedCase, run: Information, logged: Run) -> Iterator[Finding
         says = f"the arm {way} a payload of {mass} {load.when}"
         yield Finding.wrong(says, _explains(load, LEAST_LOAD_SHARE), fix=load.cut, log=log)
         return
-    drifting = {drift.row: drift.explained for drift in drifts}
-    steps = [
-        step
-        for step in offset_steps(run)
-        if step.certain(LEAST_OFFSET_SHARE, LEAST_CHANGE_RISE["offset"])
-        and step.explained > drifting.get(step.row, 0.0)
-    ]
-    for step in steps:
-        joint = coordinates[step.row]
-        yield Finding.doubtful(
-            f"the offset of '{joint.name}' jumps by {step.value:+.3g} ± {Z95 * step.std:.1g} "
-            f"{joint.effort_unit} {step.when}, as after a new zero of its torque sensor",
-            _explains(step, LEAST_OFFSET_SHARE),
-            (joint.name,),
-            fix=step.cut,
-            log=log,
-        )
+    if steps:
+        yield _offsets_found(steps, coordinates, log)
     if not steps:
         warm = [drift for drift in scale_drifts(run, friction=True) if _sure_drift(drift)]
         yield from _drift_found(run, drifts or warm, model.robot.joint_names, friction=not drifts)
+
+
+def _together(changes: Sequence[ChangeWithinRun], rows: int) -> float:
+    """Share that changes of single rows explain, geometric mean over all rows, as of a load."""
+    left = [np.log(max(1.0 - change.explained, LEAST_LEFT_SHARE)) for change in changes]
+    return 1.0 - float(np.exp(np.sum(left) / rows))
+
+
+def _more_is_left(case: FittedCase, step: ChangeWithinRun) -> bool:
+    """Whether far more than noise is left: a torque of the position looks like a step."""
+    if case.ranked is None:
+        return False
+    return bool(step.left > MOST_LEFT_BY_STEP * case.ranked.beside.noise[step.row])
+
+
+def _offsets_found(
+    steps: Sequence[ChangeWithinRun], coordinates: Sequence[Coordinate], log: str
+) -> Finding:
+    """The finding on offsets that jump, in the time that all jumps have in common."""
+    names = tuple(coordinates[step.row].name for step in steps)
+    sizes = [
+        f"{step.value:+.3g} ± {Z95 * step.std:.1g} {coordinates[step.row].effort_unit}"
+        for step in steps
+    ]
+    least = min(steps, key=lambda step: step.explained)
+    early = max(step.time - step.within for step in steps)
+    late = min(step.time + step.within for step in steps)
+    common = replace(least, time=0.5 * (early + late), within=0.5 * (late - early))
+    if len(steps) == 1:
+        says = f"the offset of '{names[0]}' jumps by {sizes[0]} {common.when}, as after a new zero "
+        says += "of its torque sensor"
+    else:
+        each = ", ".join(f"'{name}' by {size}" for name, size in zip(names, sizes, strict=True))
+        when = common.when if early < late else "at different times"
+        says = f"the offsets jump {when}, as after a new zero of the torque sensors: {each}"
+    cut = common.cut if early < late else least.cut
+    return Finding.doubtful(says, _explains(least, LEAST_OFFSET_SHARE), names, fix=cut, log=log)
 
 
 def _drift_found(

@@ -19,6 +19,7 @@ from steelyard.check.case_logs_and_checks import case_check
 from steelyard.check.finding import Finding, Fix, Severity
 from steelyard.check.fitted.fitted_case_and_ranked_causes import FittedCase
 from steelyard.estimate.identified_model import IdentifiedModel
+from steelyard.estimate.scores.effort_errors import known_efforts
 from steelyard.model.laws.friction_over_speed import Coulomb, Viscous
 from steelyard.model.laws.friction_with_memory import PLAUSIBLE, LoadDependent
 from steelyard.model.model import Model
@@ -75,6 +76,7 @@ def light_links(identified: IdentifiedModel) -> tuple[str, ...]:
     if found is None:
         return ()
     robot, (masses, covariance) = identified.model.robot, found
+    scaled = all(known_efforts(identified))  # else masses are up to a common factor
     half = Z95 * np.sqrt(np.maximum(np.diag(covariance), 0.0))
     sentences = []
     for index, body in enumerate(robot.bodies):
@@ -84,14 +86,14 @@ def light_links(identified: IdentifiedModel) -> tuple[str, ...]:
         beside = min((float(masses[k]) for k in around), default=0.0)
         if body.parent >= 0:
             beside = min(beside, float(masses[body.parent]))
-        nominal = body.inertia.mass if body.known else 0.0
+        nominal = body.inertia.mass if body.known and scaled else 0.0
         expected = [(nominal, f"{nominal:.3g} kg in the model file")] if nominal > 0.0 else []
         expected.append((beside, f"its neighbours have {beside:.3g} kg or more"))
         mass = float(masses[index])
         above = [(other, words) for other, words in expected if mass * LIGHT < other]
         if above:
             sure = all(mass + half[index] < other for other, _ in above)
-            doubt = "" if sure else "; its interval is so wide that the data do not say it"
+            doubt = "" if sure else "; not sure by its interval"
             interval = f"{mass:.2g} ± {half[index]:.2g} kg"
             sentences.append(
                 f"'{body.name}' {interval} ({', '.join(words for _, words in above)}{doubt})"

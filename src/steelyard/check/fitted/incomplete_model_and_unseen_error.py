@@ -103,7 +103,12 @@ def model_error_check(case: FittedCase) -> Iterable[Finding]:
 
 
 def _confirmed(case: FittedCase, ranked: RankedCauses) -> tuple[Cause, ...]:
-    """The causes to blame: shapes of a reading only if left-out motion confirms them, clearly."""
+    """The causes to blame: shapes of a reading only if left-out motion confirms them, clearly.
+
+    Nothing is blamed for residuals below the noise.
+    """
+    if np.isfinite(ranked.beside.ratios).any() and float(np.nanmax(ranked.beside.ratios)) < 1.0:
+        return ()
     gains = dict(case.tested) if any(cause.of_reading for cause in ranked.blamed) else {}
     sure = {cause: gain for cause, gain in gains.items() if gain is not None and gain.confirmed}
     least = min((gain.after for gain in sure.values()), default=0.0)

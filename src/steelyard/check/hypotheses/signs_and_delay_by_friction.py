@@ -11,8 +11,10 @@ the effort or the position of that joint counts the other way.
 
 Each effort row is fitted by least squares of its own at three delays; the sum of squares that is
 left is a parabola of the delay, $S_j(d) = S_j + b_j d + \kappa_j d^2$. Logs that are late have the
-same minimum in all joints. Joints that move slowly are left out, and the delay has to explain more
-than friction that gives way over any length does, which looks late as well.
+same minimum in all joints, at all frequencies: what lags or leads by a time that differs between
+joints, or between slow and fast motion, is a drive or an elastic joint. Joints that move slowly are
+left out, and the delay has to explain more than friction that gives way over any length does, which
+looks late as well.
 """
 
 from dataclasses import dataclass, replace
@@ -24,6 +26,7 @@ from steelyard.base.errors import SteelyardError
 from steelyard.check.case_logs_and_checks import Case, CheckedLog
 from steelyard.check.clean_runs_and_customary_model import clean_runs, customary_model, longest_run
 from steelyard.check.finding import Edit, Finding, Fix
+from steelyard.check.hypotheses.gravity_payload_and_delay import LONGEST_DELAY
 from steelyard.check.hypotheses.nuisance_fit_and_score import LikelihoodScore
 from steelyard.check.hypotheses.readings_and_likelihood import Reading
 from steelyard.estimate.information.base_parameters_and_regressor import Regressor, base_regressor
@@ -32,6 +35,7 @@ from steelyard.estimate.information.information import Information
 from steelyard.model.laws.friction_over_speed import Coulomb, Viscous
 from steelyard.model.laws.friction_with_memory import MaxwellSlip
 from steelyard.model.model import Model
+from steelyard.runs.prepare import prepare
 from steelyard.runs.run import Run, fastest_of
 from steelyard.symbolic.native.compiled_programs import recurrence
 
@@ -187,7 +191,10 @@ def _friction_of_row(
 
 
 DELAY_SHIFT = 0.008  # delay that is tried to both sides [s]
-LEAST_RESIDUAL_DELAY, SURE_DELAY = 1e-3, 4.0  # least delay [s], also in standard errors
+LEAST_RESIDUAL_DELAY = 1e-3  # least delay [s]
+SURE_DELAY = 6.0
+"""The same in standard errors, and in what joints differ by: 4 to 7 where a robot's drives
+look like a delay three times as long as the one that predicts other motion best."""
 FAST = 0.3
 """Share of its top speed from which on a joint is looked at: more slowly, friction that no law has
 looks up to 25 ms late, or 4 ms early."""
@@ -195,6 +202,8 @@ ROW_ERROR = 0.05  # standard error of a delay that is left within a row, in rows
 EXPLAINED_BY_DELAY = 0.25
 """Share of the typical squared residual that a delay must explain: up to 0.14 on real robots."""
 RENEWED, FARTHEST = 3, 0.05  # how often it is found anew around the last one, and how far [s]
+SLOW_BAND = 0.25  # cut-off below which the delay must be the same, over that of the regression
+ROWS_OF_ONE_DELAY = 0.75  # share of the moving rows whose squares must have a minimum
 
 
 @dataclass(frozen=True, eq=False)
@@ -207,6 +216,7 @@ class RowDelays:
     before: float  # typical squared residual without it
     after: float  # and with it
     rows: int  # how many rows are used
+    moving: int  # of how many that have samples enough
 
     @property
     def gone(self) -> float:
@@ -229,32 +239,89 @@ def residual_delay(case: Case) -> Finding | None:
         longest = longest_run(case)
         if longest is None or len(longest[1].segments) > 1:
             return None
-        log, run = longest
-        run = replace(run, rest_speed=np.maximum(run.rest_speed, FAST * fastest_of([run])))
+        log, run = longest[0], _fast_motion(longest[1])
         model = customary_model(case)
         regressor = base_regressor(model)
         found = delays_of(regressor, run)
-        for _ in range(RENEWED if found.gone >= 0.5 * EXPLAINED_BY_DELAY else 0):
-            more = float(np.clip(found.delay, -FARTHEST, FARTHEST))
-            rest = delays_of(regressor, _with_delay(run, more))
-            found = replace(rest, delay=more + rest.delay, before=found.before)
+        if found.gone >= 0.5 * EXPLAINED_BY_DELAY:
+            found = replace(_renewed(regressor, run, found.delay), before=found.before)
         if not found.sure or by_presliding(model, regressor, run) >= found.gone:
             return None
     except (SteelyardError, TypeError):
         return None
     ms, whole = 1e3 * found.delay, log.recording.signals.effort_delay + found.delay
     way, spread = "late" if ms > 0.0 else "early", found.std / max(abs(whole), 1e-6)
-    return Finding.wrong(
+    says = (
         f"efforts are {abs(ms):.3g} ms {way} (± {2e3 * found.std:.2g}): the residuals of a fit of "
-        f"{log.name} indicate this delay in all {found.rows} joints",
+        f"{log.name} indicate this delay in all {found.rows} joints"
+    )
+    figure = (
         f"a delay explains {100.0 * found.gone:.0f} % of the squared residual (at least "
         f"{100.0 * EXPLAINED_BY_DELAY:.0f} % required), joints differ by {1e3 * found.spread:.2g} "
-        f"ms (at most {abs(ms) / SURE_DELAY:.2g} allowed)",
+        f"ms (at most {abs(ms) / SURE_DELAY:.2g} allowed)"
+    )
+    if against := no_common_delay(case, log, found.delay):
+        return Finding.doubtful(f"{says}, but {against}", figure, fix=Fix(NO_DELAY_ADVICE))
+    return Finding.wrong(
+        says,
+        figure,
         fix=Fix(
             f"efforts are {abs(ms):.3g} ms {way}: state the delay",
             (Edit(("signals", "effort", "delay"), round(whole, 4), spread),),
         ),
     )
+
+
+NO_DELAY_ADVICE = (
+    "compare the unseen error with and without [signals.effort] delay before stating one: a drive, "
+    "a filter of the efforts or an elastic joint shifts slow and fast motion by different times"
+)
+
+
+def no_common_delay(case: Case, log: CheckedLog, delay: float) -> str:
+    """What speaks against one delay of all efforts, beside the declared one; empty if nothing does.
+
+    All joints must have it, and slow motion as much as fast motion.
+    """
+    try:
+        (run,) = clean_runs(replace(case, logs=(log,))) or (None,)
+        if run is None:
+            return ""
+        regressor = base_regressor(customary_model(case))
+        slowly = replace(
+            log.processing,
+            motion_cutoff=run.motion_cutoff,
+            matched_cutoff=SLOW_BAND * run.matched_cutoff,
+        )
+        found = {
+            "": _renewed(regressor, _fast_motion(run), delay),
+            f" below {SLOW_BAND * run.matched_cutoff:.2g} Hz": _renewed(
+                regressor, _fast_motion(prepare(log.recording, slowly)), delay
+            ),
+        }
+    except (SteelyardError, TypeError):
+        return ""
+    for band, one in found.items():
+        if (one.rows > 1 or not band) and one.rows < ROWS_OF_ONE_DELAY * one.moving:
+            return f"only {one.rows} of {one.moving} moving joints show one{band}"
+        if one.rows > 1 and SURE_DELAY * one.spread > abs(delay):
+            return f"joints do not share it{band}: they differ by {1e3 * one.spread:.2g} ms"
+        if abs(one.delay - delay) > max(abs(delay) / SURE_DELAY, 2.0 * one.std):
+            return f"a fit of the fast motion{band} shows {1e3 * one.delay:.2g} ms"
+    return ""
+
+
+def _fast_motion(run: Run) -> Run:
+    return replace(run, rest_speed=np.maximum(run.rest_speed, FAST * fastest_of([run])))
+
+
+def _renewed(regressor: Regressor, run: Run, delay: float) -> RowDelays:
+    """The delay found anew around one that is known roughly."""
+    for _ in range(RENEWED):
+        start = float(np.clip(delay, -LONGEST_DELAY, LONGEST_DELAY))
+        found = delays_of(regressor, _with_delay(run, start))
+        delay = start + float(np.clip(found.delay, -FARTHEST, FARTHEST))
+    return replace(found, delay=delay)
 
 
 def by_presliding(model: Model, regressor: Regressor, run: Run) -> float:
@@ -276,9 +343,10 @@ def delays_of(regressor: Regressor, run: Run) -> RowDelays:
     )
     slope = (late - early) / (2.0 * DELAY_SHIFT)
     bend = (late - 2.0 * left + early) / (2.0 * DELAY_SHIFT**2)
-    usable = (bend > 0.0) & (freedom >= 10.0) & (left > 0.0)
+    moving = (freedom >= 10.0) & (left > 0.0)
+    usable = moving & (bend > 0.0)
     if not usable.any():
-        return RowDelays(0.0, np.inf, np.inf, 1.0, 1.0, 0)
+        return RowDelays(0.0, np.inf, np.inf, 1.0, 1.0, 0, int(moving.sum()))
     slope, bend, left, freedom = (x[usable] for x in (slope, bend, left, freedom))
     own = -slope / (2.0 * bend)
     weights = bend * freedom / left
@@ -289,7 +357,8 @@ def delays_of(regressor: Regressor, run: Run) -> RowDelays:
     noise = np.sum(weights / np.minimum(after, 1.0)) ** -0.5
     std = np.linalg.norm([noise, spread, ROW_ERROR / run.rate])
     typical = [float(np.exp(np.mean(np.log(x)))) for x in (left, after * left)]
-    return RowDelays(delay, float(std), float(spread), typical[0], typical[1], int(usable.sum()))
+    counts = int(usable.sum()), int(moving.sum())
+    return RowDelays(delay, float(std), float(spread), typical[0], typical[1], *counts)
 
 
 def _with_delay(run: Run, delay: float) -> Run:

@@ -57,7 +57,7 @@ def model_path_of(section: RobotSection, path: Path, locate: Locate) -> Path | N
     text = str(getattr(section, given[0]))
     where = locate("robot", given[0])
     model_path = beside(path, text, where)
-    if not model_path.is_file():
+    if not os.path.isfile(model_path):  # also of a name that no file can have
         raise ModelError(
             f"the robot's {given[0]} '{model_path}' does not exist",
             where=where,

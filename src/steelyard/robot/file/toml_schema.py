@@ -209,9 +209,10 @@ def checked(path: Path, text: str, schema: type[Schema]) -> tuple[Schema, Callab
     """The text as a value of the schema, and where its keys are."""
     try:
         data = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
+    except (tomllib.TOMLDecodeError, RecursionError) as error:
+        why = "brackets are nested too deeply" if isinstance(error, RecursionError) else error
         raise ModelError(
-            f"the robot file is not valid TOML: {error}",
+            f"the robot file is not valid TOML: {why}",
             where=str(path),
             fix="correct that line, or a bracket or quote left open above it: text in quotes, "
             "lists in [ ], each key once",

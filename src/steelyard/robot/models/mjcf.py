@@ -34,8 +34,11 @@ _FOLDERS = ("assetdir", "meshdir", "texturedir")
 _REPEATING = ("replicate", "composite", "flexcomp")  # elements whose counts multiply
 _LARGE = re.compile(r"(?<![\d.])[1-9]\d{5}|[\d.][eE]\+?[1-9]|\d[KMGTPE]\b")
 """Numbers of six digits and more."""
+_GRIDS = ("hfield", "texture")  # elements of rows and columns, whose numbers multiply
+_LARGE_SIDE = re.compile(r"(?<![\d.])[1-9]\d{4}")  # numbers of five digits and more
 MOST_SECONDS = 60  # time that a model with large counts may take to compile
 MOST_MEMORY = 4 << 30  # bytes of memory that it may take, where the system can limit it
+_FAILURES = (ValueError, RuntimeError, mujoco.FatalError)  # where a file cannot be compiled
 _COMPILE = """
 import sys
 sys.path[:] = filter(None, sys.path)  # no module of the folder that this is run in
@@ -71,15 +74,18 @@ def compiled(path: Path) -> Compiled:
     elements = _elements(path, (), set())
     values = ((e.tag, text) for e in elements for text in e.attributes.values())
     # a number may be a count that fills the memory
-    if any(tag in _REPEATING or _LARGE.search(text) for tag, text in values):
+    if any(
+        tag in _REPEATING or _LARGE.search(text) or (tag in _GRIDS and _LARGE_SIDE.search(text))
+        for tag, text in values
+    ):
         _refuse_endless(path)
     try:
         return Compiled(mujoco.MjModel.from_xml_path(str(path)))
-    except (ValueError, mujoco.FatalError) as error:
+    except _FAILURES as error:
         first = error
     try:
         spec = mujoco.MjSpec.from_file(str(path))
-    except (ValueError, mujoco.FatalError):
+    except _FAILURES:
         raise _refused(path, first) from None
     absent = _absent_meshes(spec, path.parent)
     replaced = _without_pictures(spec, path.parent)
@@ -95,7 +101,7 @@ def compiled(path: Path) -> Compiled:
         )
     try:
         model = spec.compile()
-    except (ValueError, mujoco.FatalError) as error:
+    except _FAILURES as error:
         raise _refused(path, error) from None
     return Compiled(
         model,
