@@ -77,6 +77,7 @@ apart but by the nominal bodies, which may be wrong."""
 STRIKING, CLEAN = 200.0, 12.0
 """Log-likelihood gained, and misfit left [%], of an explanation by a nominal model that counts
 although the declared reading is not bad in itself."""
+SIMPLER_FIT = 1.1  # misfit over the best one's up to which a simpler explanation fits as well
 FREE_INERTIAS = "free link inertias"
 NEUTRAL = 2.0  # log odds up to which a log does not show what others do
 NUMBERS = ("gain", "mounting", "effort delay")  # not written where a log does not show them
@@ -214,6 +215,8 @@ def _by_evidence(found: LogVerdict, search: Search, others: Mapping[str, Search]
         if hypothesis is not None and odds >= (SURE if fitted else LIKELY):
             # removed weight with free bodies fits other mistakes too: nothing is sure by it
             explained = best.evidence.percent <= ROUGH_MISFIT and not best.reading.held
+            if cause in ORDER_AND_SIGNS and explained and _contested(search, cause):
+                continue  # `one_of_several` says what the explanations are
             sure = odds >= SURE and explained and hypothesis.fixed
             hypothesis = replace(hypothesis, odds=odds)
             one, severity = _judged_part(search, hypothesis, odds, sure)
@@ -226,6 +229,30 @@ def _by_evidence(found: LogVerdict, search: Search, others: Mapping[str, Search]
     winners += one_of_several(search, winners)
     winners += _scale(search, winners)
     return replace(found, winners=tuple(winners), explained=best.evidence.percent <= ROUGH_MISFIT)
+
+
+def _as_good(one: Explanation, best: Explanation) -> bool:
+    """Whether an explanation is about as likely as the best, or a simpler one that fits as well.
+
+    Where the model file is far off, its errors decide between fits that are alike.
+    """
+    costs = [sum(change.cost for change in x.changes) for x in (one, best)]
+    alike_fit = one.evidence.percent <= SIMPLER_FIT * best.evidence.percent
+    return one.log > best.log - LIKELY or (costs[0] < costs[1] and alike_fit)
+
+
+def _contested(search: Search, cause: str) -> bool:
+    """Whether an explanation that is as good says something else of a cause.
+
+    Nearer ones count in the odds, and the mirror of all joints is named with the other.
+    """
+    best = search.best
+    other = mirror(best.reading).key
+    return any(
+        _as_good(one, best) and not alike(cause, one.reading, best.reading)
+        for one in search.found.values()
+        if one.log <= best.log - LIKELY and one.reading.key != other
+    )
 
 
 def _excluding(search: Search, cause: str, others: Mapping[str, Search]) -> str:
@@ -303,7 +330,7 @@ def one_of_several(search: Search, winners: Sequence[Judged]) -> Iterator[Judged
     as_declared = -np.inf
     for one in search.ordered():
         others = [x for x in ORDER_AND_SIGNS if not alike(x, one.reading, own)]
-        near = one.log > best.log - LIKELY
+        near = _as_good(one, best)
         parts = [part for x in others if near and (part := _part(search, x, one)) is not None]
         if parts:
             said.setdefault(" and ".join(part.says for part in parts), parts[0])
