@@ -16,7 +16,12 @@ from steelyard.check.decision.joint_zeros_and_quarter_turns import quarter_turns
 from steelyard.check.decision.ranked_readings import HOPELESS_MISFIT, Judged, LogVerdict
 from steelyard.check.decision.robot_file_edits import confirmed, edits_of, velocity_edits
 from steelyard.check.decision.search_with_unknown_bodies import LIKELY, least_mass
-from steelyard.check.decision.undecided_questions import misfit_hides, undecided, zero_bounds
+from steelyard.check.decision.undecided_questions import (
+    UNTIL_OTHER,
+    misfit_hides,
+    undecided,
+    zero_bounds,
+)
 from steelyard.check.decision.verdict_of_log import (
     CLEAN,
     FREE_INERTIAS,
@@ -130,7 +135,8 @@ class HypothesisCheck:
         declared, sure = decision.declared, has_finding(decision)
         unclear = undecided(decision, self.name) if sure else ""
         says, answered = unclear or self.fine(decision), sure and not unclear
-        hidden = not answered and misfit_hides(decision)
+        waits = says.startswith(UNTIL_OTHER)  # the question that it waits for counts
+        hidden = not answered and not waits and misfit_hides(decision)
         if self.name == UNEXPLAINED_CHECK and nothing_explains(decision):
             j, names = int(np.argmax(declared.misfits)), decision.likelihood.names
             much = _percent(100.0 * declared.misfits[j])
