@@ -185,7 +185,7 @@ def with_progress(
 
 def kind_of(path: Path) -> str:
     """What kind of log is at a path."""
-    if path.is_dir() and is_lerobot(path):
+    if is_lerobot(path):
         return "LeRobot dataset"
     if path.is_dir():
         return "ROS 2 bag" if (path / "metadata.yaml").exists() else "Parquet folder"
