@@ -337,11 +337,8 @@ def _open_questions(diagnosis: Diagnosis) -> tuple[Finding, ...]:
     found = {f.check: f.says for f in left if not f.says.startswith(UNTIL_OTHER)}
     if not found:
         return ()
-    reasons = [f"{check}: {why.removeprefix('undecided: ')}" for check, why in found.items()]
-    says = (
-        f"the logs do not decide {', '.join(found)}: a wrong one may fit as well, which the error "
-        "above does not show"
-    )
-    whole = f"{says}. {'; '.join(reasons)}"
-    brief = whole if len(found) <= EXPLAINED_QUESTIONS else says
+    reasons = [f"{check} ({why.removeprefix('undecided: ')})" for check, why in found.items()]
+    says = "not decided by the logs, nor shown by this error: "
+    whole = says + "; ".join(reasons)
+    brief = whole if len(found) <= EXPLAINED_QUESTIONS else says + ", ".join(found)
     return (Finding.ok(whole, headline=True, brief=brief).by("open questions"),)
