@@ -31,7 +31,7 @@ CLEAN = 3.0
 WORSE = 1.1
 """Factor by which lines that are written may raise the true error, above `CLEAN`."""
 
-DRAWS = 20
+DRAWS = 4
 LOADED = 2.0
 RIGHT = 0.95
 

@@ -1,11 +1,13 @@
 """What 95 % intervals of parameters and bands of predicted efforts cover, wrong models included.
 
-Thirty draws of each disturbance of `coverage_cases`: three runs of the demo arm are fitted as
-`identify` does it, one of another motion is predicted. Then the bands of five real robots on motion
-that was not fitted. Where the model is wrong, intervals of parameters hold, or the sentence that
-they do not cover what the model lacks stands beside the headline.
+Ten draws, or as many as the argument says, of each disturbance of `coverage_cases`: three runs of
+the demo arm are fitted as `identify` does it, one of another motion is predicted. Then the bands of
+five real robots on motion that was not fitted. Where the model is wrong, intervals of parameters
+hold, or the sentence that they do not cover what the model lacks stands beside the headline.
 """
 
+import math
+import sys
 from concurrent.futures import ProcessPoolExecutor
 from functools import partial
 from multiprocessing import get_context
@@ -29,7 +31,7 @@ from steelyard.identify.fit import Fit, calibrated, fit
 from steelyard.identify.fit_preparation import FitTask
 from steelyard.model.model import model_with_open_friction
 
-DRAWS = 30
+DRAWS = 10
 
 CHECKED = 8
 """Draws in which the fit is checked for what the model lacks."""
@@ -46,7 +48,7 @@ EDGE = 90.0
 """Of the parameters that the edge of consistent bodies concerns, a few in each draw [%]."""
 
 SCATTER = 1.0
-"""Scatter of a mean over the draws, and of one real log's, that the bounds do not count [%]."""
+"""Scatter of a mean over 30 draws, and of one real log's, that the bounds do not count [%]."""
 
 NAMED = 90.0
 """Share of the draws in which the sentence must be there where intervals do not hold [%]."""
@@ -120,9 +122,9 @@ def at_edges(row: Row, seed: int) -> tuple[list[bool], list[bool]]:
     )
 
 
-def of_edges(row: Row, pool: ProcessPoolExecutor) -> Claim:
+def of_edges(row: Row, draws: int, pool: ProcessPoolExecutor) -> Claim:
     """The claim on parameters of bodies at the edge of what can exist."""
-    found = list(pool.map(partial(at_edges, row), range(DRAWS)))
+    found = list(pool.map(partial(at_edges, row), range(draws)))
     stated, narrow = (100.0 * float(np.mean(sum(some, []))) for some in zip(*found, strict=True))
     number = sum(len(some) for some, _ in found)
     figure = f"{stated:.1f} % of {number} ({narrow:.1f} % with the curvature at the edge)"
@@ -130,30 +132,35 @@ def of_edges(row: Row, pool: ProcessPoolExecutor) -> Claim:
     return Claim(name, figure, f">= {EDGE:g} %", stated >= EDGE)
 
 
-def within(value: float, bounds: tuple[float, float]) -> bool:
+def scatter(draws: int) -> float:
+    """Of a mean over so many draws [%]."""
+    return SCATTER * math.sqrt(30.0 / draws)
+
+
+def within(value: float, bounds: tuple[float, float], draws: int = 30) -> bool:
     """Whether a share is within bounds, but for the scatter of few draws."""
-    return bounds[0] - SCATTER <= value <= bounds[1] + SCATTER
+    return bounds[0] - scatter(draws) <= value <= bounds[1] + scatter(draws)
 
 
-def spelt(bounds: tuple[float, float]) -> str:
+def spelt(bounds: tuple[float, float], draws: int) -> str:
     """Bounds for people to read."""
-    return f"{bounds[0]:g} to {bounds[1]:g} %, ± {SCATTER:g} for {DRAWS} draws"
+    return f"{bounds[0]:g} to {bounds[1]:g} %, ± {scatter(draws):.2g} for {draws} draws"
 
 
-def of_row(row: Row, pool: ProcessPoolExecutor) -> list[Claim]:
+def of_row(row: Row, draws: int, pool: ProcessPoolExecutor) -> list[Claim]:
     """Claims of one disturbance."""
-    found = np.array(list(pool.map(partial(covered, row), range(DRAWS))))
+    found = np.array(list(pool.map(partial(covered, row), range(draws))))
     parameters, bands, named = np.nanmean(found, axis=0)
     least, most = found[:, 1].min(), found[:, 1].max()
     figure = f"{bands:.1f} % (single draws {least:.0f} to {most:.0f} %)"
-    bound = spelt(PARAMETERS)
+    bound = spelt(PARAMETERS, draws)
     bound += "" if row.right else f", or the sentence in {NAMED:g} % of the draws"
-    hold = within(parameters, PARAMETERS) or (not row.right and named >= NAMED)
+    hold = within(parameters, PARAMETERS, draws) or (not row.right and named >= NAMED)
     return [
-        Claim(f"bands, {row.name}", figure, spelt(BAND), within(bands, BAND)),
+        Claim(f"bands, {row.name}", figure, spelt(BAND, draws), within(bands, BAND, draws)),
         Claim(
             f"intervals, {row.name}",
-            f"{parameters:.1f} %, named as wrong in {named:.0f} % of {CHECKED} draws",
+            f"{parameters:.1f} %, named as wrong in {named:.0f} % of {min(CHECKED, draws)} draws",
             bound,
             hold,
         ),
@@ -175,15 +182,16 @@ def real() -> list[Claim]:
     return claims
 
 
-def main() -> list[Claim]:
+def main(draws: int = DRAWS) -> list[Claim]:
     """The table of disturbances, then the real robots."""
     claims = []
     with ProcessPoolExecutor(PROCESSES, mp_context=get_context("spawn")) as pool:
         for row in ROWS:
-            claims += of_row(row, pool)
-            claims += [of_edges(row, pool)] if row.thin < 1.0 else []
+            claims += of_row(row, draws, pool)
+            claims += [of_edges(row, draws, pool)] if row.thin < 1.0 else []
+            print(claims[-1].name, claims[-1].value, file=sys.stderr, flush=True)
     return [*claims, *real()]
 
 
 if __name__ == "__main__":
-    main_of(main)
+    main_of(lambda: main(*map(int, sys.argv[1:2])))

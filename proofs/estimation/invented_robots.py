@@ -1,4 +1,4 @@
-"""Zero code on a hundred invented robots, beside the best configuration that is known for each.
+"""Zero code on invented robots, beside the best configuration that is known for each.
 
 Random arms of 3 to 8 joints, some prismatic, with a model file whose masses, centres and inertias
 are off by 10 to 60 %. Friction is Coulomb and viscous, or has one law more that the default model
@@ -6,7 +6,7 @@ does not know. Encoders, rates and noise of efforts are drawn too. "Zero code" i
 with Coulomb and viscous friction; `auto` is that file with `friction = "auto"`; the best that is
 known is the same file with the true friction laws, or one of these two where it is better. Errors
 are of the measured efforts of another motion, mean over joints, as `identify --validate` prints
-them.
+them. `python -m proofs.estimation.invented_robots N` takes N robots.
 """
 
 import sys
@@ -36,7 +36,7 @@ from steelyard.model.terms.term import Term
 from steelyard.robot.file.robot_file import load_robot
 from steelyard.simulate.ground_truth import random_truth
 
-ROBOTS, PROCESSES = 100, 2
+ROBOTS, PROCESSES = 30, 2
 OFF = (0.1, 0.6)
 INSIDE = 1.05
 """Ratio to the best configuration that is claimed where the default model knows the friction."""

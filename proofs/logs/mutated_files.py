@@ -33,7 +33,7 @@ from steelyard.runs.processing_choices import Processing
 from steelyard.runs.recording import Recording
 from steelyard.simulate.simulate import demo_runs
 
-FILES = 24_000
+FILES = 8_000
 LIMITS = Limits(seconds=20.0, room=2048.0)
 IN_CHILDREN = ("MATLAB 7.3", "HDF5", "MJCF")  # kinds of which a process is started for each file
 SLOW = 0.02  # number of these over that of others

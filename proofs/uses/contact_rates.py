@@ -35,7 +35,7 @@ from steelyard.logs.formats import write_table
 from steelyard.runs.runs_of_named_logs import log_files
 from steelyard.uses.contact.contact import common_rest_speed, contacts_in, peaks_of_free_motion
 
-ARMS, HOURS = 20, 20
+ARMS, HOURS = 10, 4
 STATED = (0.2, 1.0, 6.0)
 """False alarms per hour that are asked for."""
 HZ = 100.0
