@@ -32,6 +32,7 @@ ORDER = (
     "estimate",
     "check",
     "identify",
+    "actuators",
     "excite",
     "uses",
     "export",

@@ -1,6 +1,10 @@
 """The public names: read by type checkers and editors, and by `__init__.py` for where they are."""
 
 from steelyard import terms as terms
+from steelyard.actuators.actuator_model import ActuatorModel as ActuatorModel
+from steelyard.actuators.actuator_model import load_actuators as load_actuators
+from steelyard.actuators.identify_actuators import identify_actuators as identify_actuators
+from steelyard.actuators.identify_actuators import validate_actuators as validate_actuators
 from steelyard.base.errors import SteelyardError as SteelyardError
 from steelyard.base.motion import Motion as Motion
 from steelyard.base.motion import Trajectory as Trajectory

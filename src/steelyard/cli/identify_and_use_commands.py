@@ -45,17 +45,23 @@ def identify(
 ) -> None:
     """Identify a robot's dynamics from logs of its motion.
 
+    Of a robot file with position targets and no efforts the actuators are identified: stiffness,
+    damping, friction and rotor inertia of every joint.
+
     The exit code is 1 if the verdict is poor, by the model or by a log of --validate: the model is
     written, but should not be used before the headline's reason is corrected.
 
     Example: steelyard identify ur10e.toml run1.csv run2.csv --validate run3.csv
     """
     from steelyard.base.files import new_folder
+    from steelyard.cli.actuator_commands import actuators_identified, follows_targets
     from steelyard.identify.verdict_and_next_steps import exit_code, next_steps, step_lines
     from steelyard.robot.models.xacro import stem_of
 
     robot = call.keywords["robot"]
     folder = new_folder(output, f"steelyard-{stem_of(robot)}")
+    if follows_targets(robot):
+        return actuators_identified(call.keywords, folder, verbose, as_json)
     found = computed(call, folder)
     if as_json:
         print_json({"output": str(folder), **found.to_dict()})
@@ -77,8 +83,11 @@ def validate(
 ) -> None:
     """Score an identified model on logs that it was not fitted to.
 
+    Of identified actuators: how far positions are from those that the targets alone predict.
+
     Options:
-        max_error: Largest error, in % of the effort used; above it the exit code is 1.
+        max_error: Largest error, in % of the effort used, or of the error of "position = target";
+            above it the exit code is 1.
 
     Exit code 0: done, and the error is not too large. 1: the verdict is poor (the headline's error
     is above 30 %, or something is wrong with these logs), or with --max-error: that error is above
@@ -86,6 +95,8 @@ def validate(
 
     Example: steelyard validate steelyard-ur10e other_motion.csv
     """
+    from steelyard.actuators.actuator_model import is_actuator_model
+    from steelyard.cli.actuator_commands import actuators_validated
     from steelyard.identify.verdict_and_next_steps import (
         error_limit_words,
         exit_code,
@@ -96,6 +107,8 @@ def validate(
     )
 
     folder, model = optional_folder(output), call.keywords["model"]
+    if is_actuator_model(model):
+        return actuators_validated(call.keywords, folder, max_error, verbose, as_json)
     found = computed(call, folder)
     if as_json:
         print_json(found.to_dict()["logs"])

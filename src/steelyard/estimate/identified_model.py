@@ -52,6 +52,7 @@ from steelyard.runs.run import MotionSamples
 
 SCHEMA = "steelyard.model"
 SCHEMA_VERSION = 4
+OF_ACTUATORS = "steelyard.actuators"  # schema of what is identified from position targets
 
 BAND = 5.0
 """Band of errors that are compared between models [Hz]: the motions of arms lie below it, their
@@ -396,6 +397,12 @@ def load_model(path: str | Path | IdentifiedModel) -> IdentifiedModel:
         raise ModelError(wrong, where=str(file), fix=fix)
 
     def parse(data: Any) -> IdentifiedModel:
+        if isinstance(data, dict) and data.get("schema") == OF_ACTUATORS:
+            raise ModelError(
+                "the model is one of actuators that follow position targets, without efforts",
+                where=str(file),
+                fix="`steelyard validate` reads it; for all else identify from logs with efforts",
+            )
         if not isinstance(data, dict) or data.get("schema") != SCHEMA:
             raise ModelError("the file is not an identified model", where=str(file), fix=fix)
         if data.get("schema_version") != SCHEMA_VERSION:

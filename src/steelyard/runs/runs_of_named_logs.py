@@ -11,7 +11,7 @@ from types import MappingProxyType
 import numpy as np
 
 from steelyard.base.checked_arguments import checked
-from steelyard.base.errors import LogError
+from steelyard.base.errors import LogError, ModelError
 from steelyard.base.progress import Progress, report_progress, silent
 from steelyard.logs.clocks_and_combined_logs import Numbered
 from steelyard.logs.formats import open_log
@@ -156,6 +156,13 @@ def signals_of(loaded: LoadedRobot, log: LogArgument) -> tuple[Signals, tuple[st
     """The robot file's signals, or a guess from the log's columns with its reasons."""
     if loaded.signals is not None:
         return loaded.signals, ()
+    if loaded.targets is not None:
+        raise ModelError(
+            "the robot file names position targets, but no efforts",
+            where=loaded.where("signals", "target"),
+            fix="from these, `steelyard identify` and `steelyard validate` do what is possible: "
+            "they identify the actuators; for all else log efforts, and add [signals.effort]",
+        )
     columns, sample = sample_of(log.path)
     return guess_signals(loaded.robot, columns, sample)
 

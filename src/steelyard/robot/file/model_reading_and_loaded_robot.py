@@ -15,6 +15,7 @@ from steelyard.base.errors import ModelError, OpenModelError
 from steelyard.robot.file.effort_units_and_gears import Locate
 from steelyard.robot.file.excitation_sections import ExcitationSection
 from steelyard.robot.file.sections import (
+    ActuatorSection,
     DHSection,
     EstimationSection,
     FrictionSelection,
@@ -24,6 +25,7 @@ from steelyard.robot.file.sections import (
     ValidationSection,
 )
 from steelyard.robot.file.signals import Signals
+from steelyard.robot.file.target_signals import TargetSignals
 from steelyard.robot.floating_ball_and_coupled_joints import floating_base
 from steelyard.robot.mechanism import JointSpring, Mechanism
 from steelyard.robot.models.denavit_hartenberg import dh_mechanism
@@ -162,6 +164,8 @@ class LoadedRobot:
         base: The link that is fixed to the world; `None` if it is the model's root.
         floats: Whether that link floats in the model: its being at rest is an assumption.
         couplings_stated: Whether the file states couplings of motors, or that there are none.
+        targets: Columns of position targets and positions, where logs have no efforts.
+        actuator: What is known of the actuators that follow them.
 
     Example:
         >>> load_robot("arm.urdf").robot
@@ -187,6 +191,8 @@ class LoadedRobot:
     base: str | None = None
     floats: bool = False
     couplings_stated: bool = True
+    targets: TargetSignals | None = None
+    actuator: ActuatorSection = ActuatorSection()
 
     def __repr__(self) -> str:
         return f"LoadedRobot('{self.reference}', {self.robot!r})"

@@ -26,6 +26,7 @@ from steelyard.robot.file.model_reading_and_loaded_robot import (
 from steelyard.robot.file.model_reading_and_loaded_robot import read_mechanism as read_mechanism
 from steelyard.robot.file.sections import RobotFile, RobotSection
 from steelyard.robot.file.signals import build_signals
+from steelyard.robot.file.target_signals import build_target_signals
 from steelyard.robot.file.toml_schema import checked
 from steelyard.robot.floating_ball_and_coupled_joints import floating_base
 from steelyard.robot.inertia_and_placement import clean_rotation, rpy_rotation
@@ -137,7 +138,10 @@ def _from_toml(path: Path, text: str, sha256: str) -> LoadedRobot:
         gears = build_transmission(file.robot.transmission, robot.joint_names, locate)
         robot = robot.changed(transmission=gears)
     signals = None
-    if file.signals is not None:
+    targets = None
+    if file.signals is not None and file.signals.target and not file.signals.has_efforts:
+        targets = build_target_signals(file.signals, robot.coordinates, locate)
+    elif file.signals is not None:
         signals = build_signals(file.signals, robot.coordinates, locate, robot.transmission)
     limited = {n for n, limits in file.robot.limits.items() if limits.effort is not None}
     ignored = ignored_statements(mechanism, robot, _answers(file), limited)
@@ -172,6 +176,8 @@ def _from_toml(path: Path, text: str, sha256: str) -> LoadedRobot:
         floats=floating_base(mechanism, file.robot.base) is not None,
         couplings_stated=file.robot.transmission is None
         or file.robot.transmission.couplings_stated,
+        targets=targets,
+        actuator=file.actuator,
     )
 
 

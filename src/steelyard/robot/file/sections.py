@@ -206,6 +206,10 @@ class EffortSection(Section):
     )
 
 
+NO_EFFORTS = EffortSection.model_construct(columns=(), kind="joint_torque", unit="Nm")
+"""Stands for efforts that are not logged."""
+
+
 class SignalsSection(Section):
     """Which columns of a log are what.
 
@@ -227,6 +231,8 @@ class SignalsSection(Section):
             signs and of the side of `position`; for scores from commanded motion.
         commanded_velocity: Columns of the commanded velocities, likewise; commanded positions are
             differentiated if left out.
+        target: Columns of the targets of position-controlled joints, in the unit and with the signs
+            of `position`; without efforts, actuators are identified from them.
         effort: Columns of efforts.
     """
 
@@ -244,7 +250,47 @@ class SignalsSection(Section):
     velocity_delay: Delay = 0.0
     commanded_position: Name | Names | None = None
     commanded_velocity: Name | Names | None = None
-    effort: EffortSection
+    target: Name | Names | None = None
+    effort: EffortSection = NO_EFFORTS
+
+    @property
+    def has_efforts(self) -> bool:
+        """Whether columns of efforts are named."""
+        return self.effort is not NO_EFFORTS
+
+
+Actuated = Positive | Literal["identify"]
+
+
+class ActuatorSection(Section):
+    """Actuators of joints that follow position targets: what is known of them.
+
+    A value is one for all joints, or one each; `identify` estimates it.
+    """
+
+    law: Literal["auto", "position_pd"] = key(
+        "auto",
+        "`auto`: parts of the law are chosen by motion that is left out; `position_pd`: "
+        "controller, dry friction, rotor inertia and delay, and what is listed below.",
+    )
+    stiffness: Actuated | Many[Actuated] = key("identify", "Proportional gain [Nm/rad; N/m].")
+    damping: Actuated | Many[Actuated] = key(
+        "identify", "Derivative gain and viscous friction together [Nm s/rad; N s/m]."
+    )
+    coulomb: Actuated | Many[Actuated] = key("identify", "Dry friction [Nm; N].")
+    armature: Actuated | Many[Actuated] = key(
+        "identify", "Inertia of rotor and gears at the joint [kg m²; kg]."
+    )
+    delay: Annotated[float, Field(ge=0.0, le=2.0)] | Literal["identify"] = key(
+        "identify", "From a target in the log to its effect, of all joints [s]."
+    )
+    load_friction: Actuated | Many[Actuated] | None = key(
+        None, "Dry friction per torque of the motor."
+    )
+    torque_limit: Actuated | Many[Actuated] | None = key(None, "Largest torque [Nm; N].")
+    dead_band: Actuated | Many[Actuated] | None = key(
+        None, "Error up to which the controller does nothing [rad; m]."
+    )
 
 
 class RepetitionsTable(Section):
@@ -375,6 +421,7 @@ class RobotFile(Section):
     robot: RobotSection = key(..., "The robot.")
     model: ModelSection | None = key(None, "Torque terms.")
     signals: SignalsSection | None = key(None, "Columns of logs.")
+    actuator: ActuatorSection = key(ActuatorSection(), "Actuators of joints that follow targets.")
     processing: ProcessingSection = key(ProcessingSection(), "From rows to motion.")
     estimation: EstimationSection = key(EstimationSection(), "The estimator.")
     prior: PriorSection = key(PriorSection(), "Prior of the mass properties.")

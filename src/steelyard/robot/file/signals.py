@@ -150,22 +150,31 @@ def build_signals(
     gears: Transmission | None = None,
 ) -> Signals:
     """The signals a robot file declares, for the joints it identifies and gears, if it has any."""
+    if not section.has_efforts:
+        raise ModelError(
+            "there are neither columns of efforts nor of position targets",
+            where=locate("signals"),
+            fix="add [signals.effort] columns = ..., kind = ..., unit = ...; or target = ..., if "
+            "joints follow targets and their efforts are not logged",
+        )
     check_sides(section, gears, locate)
     columns = {
-        key: _columns(given, coordinates, locate("signals", key))
-        for key in (*_MEASURED, *_COMMANDED)
+        key: columns_of(given, coordinates, locate("signals", key))
+        for key in (*_MEASURED, *_COMMANDED, "target")
         if (given := getattr(section, key)) is not None
     }
+    _refuse_two_targets(columns, locate)
+    columns |= {"commanded_position": columns.pop("target")} if "target" in columns else {}
     _refuse_half_motion(columns, section, locate)
-    time, time_scale = _clock(section, locate)
+    time, time_scale = clock_of_section(section, locate)
     unactuated = _unactuated(section, coordinates, locate)
     effort = _effort_columns(section, coordinates, unactuated, locate)
     measured = tuple(x for j, x in enumerate(effort) if j not in unactuated)
     clock, efforts = (("signals", "time"), (time,)), (("signals", "effort", "columns"), measured)
     for keys in (_MEASURED, _COMMANDED):
         moved = [(("signals", key), columns.get(key, ())) for key in keys]
-        _check_distinct([clock, *moved, efforts], locate)
-    position_scale = _scales(section, "position", POSITION_UNITS, coordinates, locate)
+        check_distinct([clock, *moved, efforts], locate)
+    position_scale = position_scales(section, coordinates, locate)
     velocity_scale = _scales(section, "velocity", VELOCITY_UNITS, coordinates, locate)
     units, effort_scale = effort_units_of(section.effort, coordinates, locate)
     gains, unknown = gains_of(section.effort, effort, units, coordinates, locate)
@@ -237,13 +246,23 @@ def _effort_columns(
     given, where = section.effort.columns, locate("signals", "effort", "columns")
     some = [c for j, c in enumerate(coordinates) if j not in unactuated]
     few = unactuated and not isinstance(given, str) and len(given) == len(some)
-    found = list(_columns(given, some if few else coordinates, where))
+    found = list(columns_of(given, some if few else coordinates, where))
     for j in unactuated if few else ():
         found.insert(j, f"effort of {coordinates[j].name}")
     return tuple(found)
 
 
 _MEASURED, _COMMANDED = ("position", "velocity"), ("commanded_position", "commanded_velocity")
+
+
+def _refuse_two_targets(columns: Mapping[str, Sequence[str]], locate: Locate) -> None:
+    """Targets are the commanded positions."""
+    if columns.keys() >= {"target", "commanded_position"}:
+        raise ModelError(
+            "target and commanded_position are both given",
+            where=locate("signals", "target"),
+            fix="keep one of them: both are the positions that the joints are to follow",
+        )
 
 
 def _refuse_half_motion(
@@ -267,7 +286,7 @@ def _refuse_half_motion(
             )
 
 
-def _clock(section: SignalsSection, locate: Locate) -> tuple[str, float]:
+def clock_of_section(section: SignalsSection, locate: Locate) -> tuple[str, float]:
     """Column of time, or of the rows' numbers if only a rate is given, and seconds per its unit."""
     if section.rate is None and section.time is not None:
         return section.time, TIME_UNITS[section.time_unit]
@@ -316,9 +335,17 @@ def expanded(pattern: str, coordinates: Sequence[Coordinate]) -> tuple[str, ...]
     )
 
 
-def _columns(
+def position_scales(
+    section: SignalsSection, coordinates: Sequence[Coordinate], locate: Locate
+) -> Array:
+    """Rad or m per logged unit of positions, with their signs `(n,)`."""
+    return _scales(section, "position", POSITION_UNITS, coordinates, locate)
+
+
+def columns_of(
     given: str | tuple[str, ...], coordinates: Sequence[Coordinate], where: str
 ) -> tuple[str, ...]:
+    """A column for each joint, of a list or a pattern."""
     if isinstance(given, str):
         if "{}" not in given and "{joint}" not in given and len(coordinates) > 1:
             raise ModelError(
@@ -332,7 +359,8 @@ def _columns(
     return given
 
 
-def _check_distinct(lists: Sequence[tuple[tuple[str, ...], Sequence[str]]], locate: Locate) -> None:
+def check_distinct(lists: Sequence[tuple[tuple[str, ...], Sequence[str]]], locate: Locate) -> None:
+    """Refuse a column that two signals share; `lists` are keys with their columns."""
     known: dict[str, str] = {}
     for key, columns in lists:
         name = ".".join(key)

@@ -1,0 +1,1 @@
+"""Actuators of an arm that follows position targets: identified from targets and positions."""

@@ -1,0 +1,265 @@
+"""Identified actuators: what `steelyard identify` writes where joints follow position targets."""
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from steelyard.actuators.actuator_parameters import BY_NAME, KINDS, ActuatorValues, Free
+from steelyard.actuators.closed_loop_step import ArmStep
+from steelyard.base.arrays import Z95, Array, frozen, json_values
+from steelyard.base.errors import ModelError
+from steelyard.base.files import read_json
+from steelyard.estimate.identified_model import OF_ACTUATORS as SCHEMA
+from steelyard.estimate.identified_model import Provenance
+from steelyard.model.laws.laws_without_friction import RigidBody
+from steelyard.model.model import Model
+from steelyard.robot.file.target_signals import TargetSignals
+from steelyard.robot.robot import Robot, robot_from_dict, robot_to_dict
+
+SCHEMA_VERSION = 1
+
+IDENTIFIED = 0.75
+"""Share of the prior's variance that the data take away from what counts as identified."""
+
+
+@dataclass(frozen=True)
+class ActuatorParameter:
+    """One parameter of one joint, or of all: its value and 95 % interval, and where it is from.
+
+    `status` is `identified`, `not identifiable` (the interval is mostly the prior's), `stated` or
+    `not in the law`; the interval is `None` of the last two.
+    """
+
+    name: str
+    joint: str
+    unit: str
+    value: float
+    interval: tuple[float, float] | None
+    status: str
+
+    def to_dict(self) -> dict[str, Any]:
+        """As JSON values."""
+        return {**vars(self), "interval": None if self.interval is None else [*self.interval]}
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ActuatorModel:
+    """A robot whose joints follow position targets, and the law of its actuators.
+
+    Attributes:
+        robot: The robot; its bodies are those of the model file, and give all values their scale.
+        signals: Columns of its logs.
+        values: All parameters of the law, and signs of the log.
+        free: What was searched.
+        covariance: Of the search, `(p, p)`: logarithms where these were searched.
+        known: Share of the prior's variance that the data took away, `(p,)`.
+        scale: Scale of the residuals of each joint [rad; m].
+        stated: Names of the parameters that the user stated.
+        step: Length of the steps of rollouts [s].
+        provenance: Inputs and settings.
+
+    Example:
+        >>> model = load_actuators("servo-model")
+        >>> sorted(model.values.values)[:3]
+        ['armature', 'coulomb', 'damping']
+    """
+
+    robot: Robot
+    signals: TargetSignals
+    values: ActuatorValues
+    free: tuple[Free, ...]
+    covariance: Array
+    known: Array
+    scale: Array
+    stated: tuple[str, ...]
+    step: float
+    provenance: Provenance
+
+    def __repr__(self) -> str:
+        return f"ActuatorModel({self.robot!r})"
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """Names of the joints, in the order of all arrays."""
+        return self.robot.joint_names
+
+    @cached_property
+    def arm(self) -> ArmStep:
+        """The step of rollouts."""
+        return arm_step(self.robot)
+
+    @cached_property
+    def parameters(self) -> tuple[ActuatorParameter, ...]:
+        """All parameters, joint by joint."""
+        place = {(one.name, one.joint): k for k, one in enumerate(self.free)}
+        found = []
+        for kind in KINDS:
+            joints = [(-1, "all")] if kind.common else list(enumerate(self.joints))
+            for j, joint in joints:
+                value = float(self.values[kind.name][j])
+                at = place.get((kind.name, j))
+                unit = _unit(kind.unit, self.robot, j)
+                if at is None:
+                    mine = kind.name in self.stated and value != kind.default
+                    status = "stated" if mine else "not in the law"
+                    found.append(ActuatorParameter(kind.name, joint, unit, value, None, status))
+                    continue
+                interval = self._interval(at, value)
+                status = "identified" if self.known[at] > IDENTIFIED else "not identifiable"
+                found.append(ActuatorParameter(kind.name, joint, unit, value, interval, status))
+        return tuple(found)
+
+    def _interval(self, at: int, value: float) -> tuple[float, float]:
+        half = Z95 * float(np.sqrt(self.covariance[at, at]))
+        if self.free[at].kind.positive:
+            return value * float(np.exp(-half)), value * float(np.exp(half))
+        low = value - half
+        return (max(low, 0.0) if self.free[at].name == "delay" else low), value + half
+
+    def ratio(self, name: str, joint: int) -> tuple[float, float] | None:
+        """A parameter over the stiffness of its joint, and the standard deviation of its logarithm.
+
+        Ratios need no scale; `None` where one of them was not searched.
+        """
+        place = {(one.name, one.joint): k for k, one in enumerate(self.free)}
+        a, b = place.get((name, joint)), place.get(("stiffness", joint))
+        if a is None or b is None or not BY_NAME[name].positive:
+            return None
+        c = self.covariance
+        variance = float(c[a, a] + c[b, b] - 2.0 * c[a, b])
+        value = float(self.values[name][joint] / self.values["stiffness"][joint])
+        return value, float(np.sqrt(max(variance, 0.0)))
+
+    def to_dict(self) -> dict[str, Any]:
+        """As JSON values; exact."""
+        return {
+            "schema": SCHEMA,
+            "schema_version": SCHEMA_VERSION,
+            "robot": robot_to_dict(self.robot),
+            "signals": json_values(self.signals),
+            "signs": self.values.signs.tolist(),
+            "values": {name: x.tolist() for name, x in self.values.values.items()},
+            "free": [[one.name, one.joint] for one in self.free],
+            "covariance": self.covariance.tolist(),
+            "known": self.known.tolist(),
+            "scale": self.scale.tolist(),
+            "stated": list(self.stated),
+            "step_s": self.step,
+            "provenance": json_values(self.provenance),
+        }
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> "ActuatorModel":
+        """The model that `to_dict` wrote."""
+        robot, origin = robot_from_dict(data["robot"]), data["provenance"]
+        n, p = robot.n, len(data["free"])
+        signs = frozen(data["signs"], (n,))
+        given = {kind.name: frozen(data["values"][kind.name], (n,)) for kind in KINDS}
+        if not all(np.isfinite(x).all() for x in given.values()) or not (abs(signs) == 1.0).all():
+            raise ValueError("a value of an actuator is not finite, or a sign not 1 or -1")
+        free = tuple(Free(str(name), int(joint)) for name, joint in data["free"])
+        if strange := [one for one in free if one.name not in BY_NAME or not -1 <= one.joint < n]:
+            raise ValueError(
+                f"there is no parameter '{strange[0].name}' of joint {strange[0].joint}"
+            )
+        lists = {name: tuple(origin.get(name, ())) for name in ("runs", "notes", "doubts")}
+        return cls(
+            robot,
+            TargetSignals.from_dict(data["signals"]),
+            ActuatorValues(given, signs),
+            free,
+            frozen(data["covariance"], (p, p)),
+            frozen(data["known"], (p,)),
+            frozen(data["scale"], (n,)),
+            tuple(map(str, data["stated"])),
+            float(data["step_s"]),
+            Provenance(**{**origin, **lists}),
+        )
+
+    def text(self) -> str:
+        """The content of `model.json`."""
+        return json.dumps(self.to_dict(), indent=1, allow_nan=False) + "\n"
+
+
+def _unit(unit: str, robot: Robot, joint: int) -> str:
+    """The unit of a parameter at a joint, which may be prismatic."""
+    if joint < 0 or robot.coordinates[joint].kind == "revolute":
+        return unit
+    return (
+        unit.replace("Nm/rad", "N/m")
+        .replace("Nm s/rad", "N s/m")
+        .replace("Nm", "N")
+        .replace("kg m²", "kg")
+        .replace("rad", "m")
+    )
+
+
+def arm_step(robot: Robot) -> ArmStep:
+    """The step of a robot with the bodies of its model file.
+
+    Raises:
+        ModelError: It has closed chains, or bodies that are not known.
+    """
+    if robot.loops:
+        raise ModelError(
+            "the robot has closed chains, for which actuators are not identified from targets",
+            where=f"robot '{robot.name}'",
+            fix="log efforts; or lock the joints of the chain",
+        )
+    model = Model(robot, (RigidBody(),))
+    nominal = model.prior
+    if nominal is None:
+        raise ModelError(
+            "the model file has no masses, and targets and positions alone show no scale of torque",
+            where=f"robot '{robot.name}'",
+            fix="give a model file whose links have masses and inertias",
+        )
+    return ArmStep(model, nominal.values.values)
+
+
+def is_actuator_model(path: str | Path) -> bool:
+    """Whether a file, or the folder that contains it, is a model of actuators."""
+    file = Path(path)
+    file = file / "model.json" if file.is_dir() else file
+    try:
+        with file.open(encoding="utf-8") as text:
+            head = text.read(200)
+    except (OSError, ValueError):
+        return False
+    return f'"{SCHEMA}"' in head
+
+
+def load_actuators(path: "str | Path | ActuatorModel") -> ActuatorModel:
+    """Read `model.json` of identified actuators, or the folder that contains it.
+
+    Raises:
+        ModelError: It is missing, no model of actuators, or of another version.
+
+    Example:
+        >>> load_actuators("servo-model").joints
+        ('joint1', 'joint2')
+    """
+    if isinstance(path, ActuatorModel):
+        return path
+    file = Path(path)
+    file = file / "model.json" if file.is_dir() else file
+    fix = "give the model.json, or the folder, that `steelyard identify` wrote from targets"
+
+    def parse(data: Any) -> ActuatorModel:
+        if not isinstance(data, dict) or data.get("schema") != SCHEMA:
+            raise ModelError("the file is no model of actuators", where=str(file), fix=fix)
+        if data.get("schema_version") != SCHEMA_VERSION:
+            raise ModelError(
+                f"the model has schema version {data.get('schema_version')}, not {SCHEMA_VERSION}",
+                where=str(file),
+                fix="identify again with this version of steelyard",
+            )
+        return ActuatorModel.from_dict(data)
+
+    damaged = "the model is incomplete or damaged"
+    return read_json(file, parse, what="the model", damaged=damaged, fix=fix)

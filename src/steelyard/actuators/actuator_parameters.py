@@ -1,0 +1,147 @@
+r"""What an actuator law contains: its parameters by joint, their units, and how they are searched.
+
+The law is a position controller, `position_pd`: with the target $u$ and the position $q$ of a
+joint, both in the joint's coordinate,
+
+$$ \tau = \operatorname{clip}\bigl(k_p\, d_b(u(t - T) + c - q) - k_d\, \dot q,\
+   \pm \tau_{max}\bigr), $$
+
+where $d_b$ is a dead band of half-width $b$, $T$ the delay, and $c$ what the controller's zero
+differs from the encoder's. The rotor's inertia $a$ and dry friction of size $f + \mu |\tau|$ act
+beside it.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from steelyard.base.arrays import Array, frozen
+
+
+@dataclass(frozen=True)
+class Kind:
+    """One parameter of the law.
+
+    Attributes:
+        name: Its name.
+        unit: Its unit, on a revolute joint.
+        positive: Whether its logarithm is searched.
+        spread: Standard deviation of the prior: of the logarithm, or in the unit.
+        default: Value where the law does not have it.
+        common: Whether all joints share one value.
+    """
+
+    name: str
+    unit: str
+    positive: bool
+    spread: float
+    default: float
+    common: bool = False
+
+
+UNLIMITED = 1e9  # torque that no actuator has [Nm]
+
+KINDS = (
+    Kind("stiffness", "Nm/rad", True, 1.0, 1.0),
+    Kind("damping", "Nm s/rad", True, 2.0, 1e-6),
+    Kind("coulomb", "Nm", True, 2.0, 0.0),
+    Kind("load_friction", "1", True, 1.5, 0.0),
+    Kind("armature", "kg m²", True, 1.5, 1e-6),
+    Kind("torque_limit", "Nm", True, 1.0, UNLIMITED),
+    Kind("dead_band", "rad", True, 1.5, 0.0),
+    Kind("offset", "rad", False, 0.003, 0.0),
+    Kind("zero", "rad", False, 0.5, 0.0),
+    Kind("delay", "s", False, 0.05, 0.0, common=True),
+)
+BY_NAME = {kind.name: kind for kind in KINDS}
+IN_STEP = ("stiffness", "damping", "coulomb", "load_friction", "armature", "torque_limit")
+IN_STEP += ("dead_band",)
+"""Parameters that are inputs of the step."""
+
+
+@dataclass(frozen=True, eq=False)
+class ActuatorValues:
+    """Values of all parameters by name, `(n,)` each; `signs` of the log's joints against the model.
+
+    Positions of the model are `signs * logged + zero`.
+    """
+
+    values: Mapping[str, Array]
+    signs: Array
+
+    @classmethod
+    def of(cls, signs: Sequence[float], **given: Any) -> "ActuatorValues":
+        """Values of some parameters, the others their defaults."""
+        n = len(signs)
+        full = {
+            kind.name: frozen(np.broadcast_to(given.get(kind.name, kind.default), (n,)))
+            for kind in KINDS
+        }
+        return cls(full, frozen(signs))
+
+    def __getitem__(self, name: str) -> Array:
+        return self.values[name]
+
+    @property
+    def n(self) -> int:
+        """Number of joints."""
+        return len(self.signs)
+
+    def changed(self, **given: Any) -> "ActuatorValues":
+        """The same with other values of some parameters."""
+        return ActuatorValues.of(self.signs, **{**self.values, **given})
+
+
+@dataclass(frozen=True)
+class Free:
+    """A parameter that is searched: its name and its joint; joint -1 for one that all share."""
+
+    name: str
+    joint: int
+
+    @property
+    def kind(self) -> Kind:
+        """What is known of the parameter."""
+        return BY_NAME[self.name]
+
+    def at(self, values: ActuatorValues) -> float:
+        """Where it is in the search: its logarithm if it is positive."""
+        value = float(values[self.name][self.joint])
+        return float(np.log(value)) if self.kind.positive else value
+
+    def slope(self, values: ActuatorValues) -> float:
+        """Derivative of the parameter by where it is in the search."""
+        return float(values[self.name][self.joint]) if self.kind.positive else 1.0
+
+
+def free_parameters(
+    names: Sequence[str], joints: Mapping[str, Sequence[int]], n: int
+) -> tuple[Free, ...]:
+    """All that is searched for a law: each parameter at each joint, or at some joints only."""
+    return tuple(_free(names, joints, n))
+
+
+def _free(names: Sequence[str], joints: Mapping[str, Sequence[int]], n: int) -> Iterator[Free]:
+    for name in names:
+        if BY_NAME[name].common:
+            yield Free(name, -1)
+        else:
+            yield from (Free(name, j) for j in joints.get(name, range(n)))
+
+
+LARGEST_STEP = 1.0  # of a logarithm, in one step of the search
+
+
+def moved(values: ActuatorValues, free: Sequence[Free], step: Array) -> ActuatorValues:
+    """The values after a step of the search."""
+    new = {name: array.copy() for name, array in values.values.items()}
+    for one, by in zip(free, step, strict=True):
+        joints = slice(None) if one.joint < 0 else one.joint
+        if one.kind.positive:
+            new[one.name][joints] *= np.exp(np.clip(by, -LARGEST_STEP, LARGEST_STEP))
+        else:
+            new[one.name][joints] += by
+    new["delay"] = np.maximum(new["delay"], 0.0)
+    return ActuatorValues({name: frozen(array) for name, array in new.items()}, values.signs)

@@ -1,0 +1,213 @@
+r"""Output-error fit: parameters for which rollouts from the targets meet the measured positions.
+
+Levenberg-Marquardt on the negative logarithm of the likelihood of independent residuals with
+Student's distribution, one scale $s_j$ a joint, so that stretches in which the arm touches
+something count little [Lange1989],
+
+$$ \sum_j N \log s_j + \tfrac{\nu + 1}{2} \sum_k \log\bigl(1 + r_{jk}^2 / (\nu s_j^2)\bigr), $$
+
+and a prior of each parameter. Residuals follow each other, and so windows are what is taken as
+independent: with the likelihood's curvature $H$ and the gradients $g_w$ of the windows, the data
+count as the information $H S^{-1} H$, $S = \sum_w g_w g_w^T$ [White1982], and the likelihood is
+divided by how much larger $S$ is than $H$, that it does not outweigh the prior.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from types import MappingProxyType
+
+import numpy as np
+
+from steelyard.actuators.actuator_parameters import ActuatorValues, Free, moved
+from steelyard.actuators.closed_loop_step import ArmStep
+from steelyard.actuators.rollout import STEP, Rolled, rollouts
+from steelyard.actuators.target_runs import Window
+from steelyard.base.arrays import Array, frozen
+
+FREEDOM = 4.0  # of Student's distribution
+LEAST_SCALE = 1e-4  # of residuals [rad]: no encoder is better
+CONVERGED = 0.3  # nats of the objective, below which a step is the last one
+ROUNDS = 15
+TRIES = 6
+SETTLING = 0.2  # seconds of a window that do not count: its first velocity is uncertain
+
+
+@dataclass(frozen=True, eq=False)
+class Task:
+    """What is fitted to what."""
+
+    step: ArmStep
+    windows: tuple[Window, ...]
+    free: tuple[Free, ...]
+    prior: Array
+    """Means of the prior, in the coordinates of the search `(p,)`."""
+    spread: Array
+    """Its standard deviations `(p,)`."""
+    h: float = STEP
+    threads: int = 2
+
+    @classmethod
+    def of(
+        cls,
+        step: ArmStep,
+        windows: Sequence[Window],
+        free: Sequence[Free],
+        start: ActuatorValues,
+        zeros: Mapping[int, tuple[float, float]] = MappingProxyType({}),
+        h: float = STEP,
+        threads: int = 2,
+    ) -> "Task":
+        """With a prior about the start, in which joints have actuators that are alike.
+
+        That of the zeros is about the middle of what the joints' limits allow, see `zero_prior`.
+        """
+        usual = start.changed(stiffness=np.median(start["stiffness"]))
+        prior = [
+            zeros[one.joint]
+            if one.name == "zero" and one.joint in zeros
+            else (one.at(usual), one.kind.spread)
+            for one in free
+        ]
+        centre, spread = np.array(prior).reshape(-1, 2).T
+        return cls(step, tuple(windows), tuple(free), frozen(centre), frozen(spread), h, threads)
+
+    @property
+    def precision(self) -> Array:
+        """Of the prior `(p,)`."""
+        return np.asarray(self.spread**-2.0)
+
+    def rolled(self, values: ActuatorValues, slopes: bool = False) -> list[Rolled]:
+        """The windows rolled out."""
+        free = self.free if slopes else ()
+        return rollouts(self.step, values, self.windows, free, self.h, self.threads)
+
+
+@dataclass(frozen=True, eq=False)
+class Fitted:
+    """The most probable values, scales of the residuals `(n,)` [rad; m], and their covariance."""
+
+    task: Task
+    values: ActuatorValues
+    scale: Array
+    objective: float
+    repeated: float
+    """How many residuals tell what one would, were they independent."""
+    covariance: Array
+    """Of the search, `(p, p)`: logarithms where these are searched."""
+
+    @property
+    def std(self) -> Array:
+        """Standard deviations, of logarithms where these are searched `(p,)`."""
+        return np.sqrt(np.diag(self.covariance))
+
+    @property
+    def known(self) -> Array:
+        """Share of the prior's variance that the data took away, `(p,)`: 0 for what is unknown."""
+        return np.clip(1.0 - np.diag(self.covariance) * self.task.precision, 0.0, 1.0)
+
+
+def residuals(task: Task, rolled: Sequence[Rolled]) -> list[Array]:
+    """Measured less simulated positions of each window, without its first moments."""
+    return [
+        (w.q - r.q)[w.t - w.t[0] >= SETTLING] for w, r in zip(task.windows, rolled, strict=True)
+    ]
+
+
+def scales(found: Sequence[Array], start: Array | None = None) -> Array:
+    """Scale of Student's distribution of each joint's residuals."""
+    r = np.concatenate(list(found))
+    s = 1.5 * np.median(np.abs(r), axis=0) if start is None else start
+    s = np.maximum(s, LEAST_SCALE)
+    for _ in range(20):
+        weights = (FREEDOM + 1.0) / (FREEDOM + (r / s) ** 2)
+        s = np.maximum(np.sqrt(np.mean(weights * r**2, axis=0)), LEAST_SCALE)
+    return s
+
+
+def objective(
+    task: Task, values: ActuatorValues, found: Sequence[Array], scale: Array, repeated: float
+) -> float:
+    """Negative logarithm of likelihood and prior, but for constants.
+
+    `repeated` is how many residuals tell what one would, were they independent.
+    """
+    r = np.concatenate(list(found)) / scale
+    if not np.isfinite(r).all():
+        return np.inf
+    likelihood = 0.5 * (FREEDOM + 1.0) * np.log1p(r**2 / FREEDOM).sum()
+    off = np.array([one.at(values) for one in task.free]) - task.prior
+    likelihood += len(r) * np.log(scale).sum()
+    return float(likelihood / repeated + 0.5 * off @ (task.precision * off))
+
+
+def fit(
+    task: Task,
+    start: ActuatorValues,
+    rounds: int = ROUNDS,
+    report: Callable[[int, float], None] = lambda round_, value: None,
+) -> Fitted:
+    """The most probable values near a start."""
+    values, damping = start, 1e-2
+    scale = None
+    for round_ in range(rounds):
+        rolled = task.rolled(values, slopes=True)
+        found = residuals(task, rolled)
+        scale = scales(found, scale)
+        information, gradients = _quadratic(task, rolled, found, scale)
+        repeated = _repeated(information, gradients)
+        now = objective(task, values, found, scale, repeated)
+        report(round_, now)
+        off = np.array([one.at(values) for one in task.free]) - task.prior
+        curvature = information / repeated + np.diag(task.precision)
+        gradient = gradients.sum(axis=0) / repeated - task.precision * off
+        better = None
+        for _ in range(TRIES):
+            scaled = curvature + damping * np.diag(np.diag(curvature))
+            trial = moved(values, task.free, np.linalg.solve(scaled, gradient))
+            value = objective(task, trial, residuals(task, task.rolled(trial)), scale, repeated)
+            if value < now:
+                better = trial
+                break
+            damping *= 8.0
+        covariance = _covariance(task, information, gradients)
+        last = Fitted(task, values, frozen(scale), now, repeated, frozen(covariance))
+        if better is None:
+            break
+        values, damping = better, max(damping / 8.0, 1e-8)
+        last = replace(last, values=values, objective=value)
+        if now - value < CONVERGED:
+            break
+    return last
+
+
+def _quadratic(
+    task: Task, rolled: Sequence[Rolled], found: Sequence[Array], scale: Array
+) -> tuple[Array, Array]:
+    """Curvature of the likelihood `(p, p)`, and downward gradients of the windows `(W, p)`."""
+    p = len(task.free)
+    curvature, gradients = np.zeros((p, p)), []
+    for window, one, r in zip(task.windows, rolled, found, strict=True):
+        slopes = one.slopes[window.t - window.t[0] >= SETTLING]
+        weight = (FREEDOM + 1.0) / (FREEDOM + (r / scale) ** 2) / scale**2
+        flat = slopes.reshape(-1, p)
+        heavy = flat * weight.reshape(-1, 1)
+        curvature += flat.T @ heavy
+        gradients.append(heavy.T @ r.reshape(-1))
+    return curvature, np.array(gradients)
+
+
+def _repeated(information: Array, gradients: Array) -> float:
+    """How much larger the windows' gradients are than if residuals were independent."""
+    told = np.diag(information)
+    seen = told > 1e-9 * told.max()
+    return max(1.0, float(np.median((gradients**2).sum(axis=0)[seen] / told[seen])))
+
+
+def _covariance(task: Task, information: Array, gradients: Array) -> Array:
+    """With the data's information as the windows scatter, and the prior's."""
+    count = len(gradients)
+    centred = gradients - gradients.mean(axis=0)
+    spread = centred.T @ centred * count / max(count - 1, 1)
+    spread += 1e-9 * np.diag(np.diag(information)) + 1e-12 * np.eye(len(spread))
+    told = information @ np.linalg.solve(spread, information)
+    return np.linalg.inv(0.5 * (told + told.T) + np.diag(task.precision))

@@ -1,0 +1,349 @@
+"""From a robot file with position targets and logs to identified actuators and their errors."""
+
+import os
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from steelyard.actuators.actuator_model import ActuatorModel, arm_step, load_actuators
+from steelyard.actuators.actuator_parameters import ActuatorValues
+from steelyard.actuators.actuators_page import ActuatorIdentification, ActuatorValidation
+from steelyard.actuators.choice import ALWAYS, USUAL, Search, chosen
+from steelyard.actuators.closed_loop_step import ArmStep
+from steelyard.actuators.fit import Fitted, fit
+from steelyard.actuators.open_loop import open_loop
+from steelyard.actuators.read_targets import TargetLog, read_targets
+from steelyard.actuators.rollout import STEP
+from steelyard.actuators.starts import Quiet, gravity_joints, starts, zero_prior
+from steelyard.actuators.target_runs import TargetRun, Window, windows_of
+from steelyard.base.arrays import Array, frozen
+from steelyard.base.checked_arguments import checked
+from steelyard.base.errors import ModelError
+from steelyard.base.progress import Progress, report_progress, silent
+from steelyard.estimate.identified_model import Provenance
+from steelyard.identify.provenance_and_notes import provenance
+from steelyard.model.model import ValuedModel
+from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
+from steelyard.robot.file.robot_file import load_robot
+from steelyard.robot.file.target_signals import TargetSignals
+from steelyard.runs.runs_of_named_logs import (
+    LogArgument,
+    distinct_names,
+    log_files,
+    paths_of,
+    refuse_overlaps,
+)
+
+WINDOW = 4.0  # length of what is rolled out from a measured state [s]
+TRIED = 4  # combinations of signs that are fitted
+FIRST_ROUNDS, FIRST_SECONDS, FIRST_STEP = 8, 100.0, 0.02
+"""Of the fits between which signs are decided: rounds, motion [s], and steps of rollouts [s]."""
+LEAST_WINDOWS = 8
+AS_GOOD = 1.1
+"""Misfit over the least up to which signs fit as well: masses of model files are off by more."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Job:
+    """What is identified from what."""
+
+    file: LoadedRobot
+    signals: TargetSignals
+    step: ArmStep
+    known: tuple[LogArgument, ...]
+    logs: tuple[TargetLog, ...]
+    threads: int
+    progress: Progress
+
+    @property
+    def runs(self) -> list[TargetRun]:
+        """Of all logs."""
+        return [run for log in self.logs for run in log.runs]
+
+    @property
+    def nominal(self) -> ValuedModel:
+        """The bodies of the model file."""
+        found = self.step.model.prior
+        assert found is not None
+        return found
+
+
+@checked(threads=1)
+def identify_actuators(
+    robot: str | Path | LoadedRobot,
+    logs: str | Path | Iterable[str | Path],
+    validate: str | Path | Iterable[str | Path] = (),
+    *,
+    fixed_base: str | None = None,
+    threads: int | None = None,
+    progress: Progress = silent,
+) -> ActuatorIdentification:
+    """Identify the actuators of an arm from position targets and positions, without efforts.
+
+    The whole arm is simulated under its position controllers, from targets alone, and the
+    parameters are those for which positions come out as measured. The masses of the model file give
+    stiffness, damping, friction and rotor inertia their scale.
+
+    Args:
+        robot: Robot file (TOML) with `target` under `[signals]`, and no efforts.
+        logs: Logs to fit; `run.csv@5:20` is a window in seconds.
+        validate: Logs of other motions, for validation.
+        fixed_base: Link to fix to the world, for a model file; `None` for its root.
+        threads: Native threads; as many as the machine has cores if `None`.
+        progress: Receives events of progress; an exception from it stops the work.
+
+    Raises:
+        SteelyardError: A file cannot be used, or the targets are not those of the positions.
+
+    Example:
+        >>> found = identify_actuators("servo.toml", "servo_fit.csv", "servo_other.csv")
+        >>> round(max(found.validation[0].rms), 2) < 0.01
+        True
+    """
+    file = load_robot(robot, base=fixed_base)
+    signals = signals_of_targets(file)
+    known, unknown = (log_files(paths_of(x, least)) for x, least in ((logs, 1), (validate, 0)))
+    refuse_overlaps(known, unknown)
+    step = arm_step(file.robot)
+    read = _read(file, signals, [*known, *unknown], progress)
+    cores = threads or os.cpu_count() or 1
+    job = _Job(file, signals, step, tuple(known), read[: len(known)], cores, progress)
+    windows = windows_of(job.runs, WINDOW)
+    refuse_few(windows, known)
+    start, open_signs, seen = _started(job, windows)
+    search = _search(job, windows, start, seen, 2.0 * STEP)
+    count = iter(range(100))
+    fitted, rungs, parts = chosen(
+        search,
+        start,
+        _stated(file),
+        file.actuator.law == "auto",
+        lambda what: report_progress(progress, "choosing the law", next(count), 6, what),
+    )
+    final = _final(search, fitted, parts, job)
+    notes = _notes_of_zeros(job, final.values, open_signs, seen)
+    origin = provenance(file, known, (), unknown, (), (*file.notes, *notes))
+    origin = replace(origin, runs=tuple(log.name for log in job.logs))
+    model = _model(job, final, origin)
+    every = [open_loop(step, model.values, log, cores) for log in read]
+    more = tuple(note for log in read for note in log.notes)
+    return ActuatorIdentification(
+        model,
+        tuple(every[len(known) :]),
+        tuple(every[: len(known)]),
+        rungs,
+        (*file.notes, *notes, *more),
+    )
+
+
+def signals_of_targets(file: LoadedRobot) -> TargetSignals:
+    """The columns of targets that a robot file names."""
+    if file.targets is None:
+        raise ModelError(
+            "no columns of position targets are named"
+            if file.signals is None
+            else "the robot file names efforts: actuators are identified from targets without them",
+            where=file.reference,
+            fix='`steelyard init MODEL LOG` writes a robot file; or set [signals] target = "..." '
+            "there, without [signals.effort]",
+        )
+    return file.targets
+
+
+def _read(
+    file: LoadedRobot, signals: TargetSignals, logs: Sequence[LogArgument], progress: Progress
+) -> tuple[TargetLog, ...]:
+    """All logs, with distinct names."""
+    found = []
+    for k, log in enumerate(logs):
+        report_progress(progress, "reading logs", k, len(logs))
+        found.append(read_targets(log, signals, file.robot))
+    names = distinct_names([(x.name, log.path) for x, log in zip(found, logs, strict=True)])
+    return tuple(
+        replace(log, name=name, runs=tuple(replace(run, name=name) for run in log.runs))
+        for log, name in zip(found, names, strict=True)
+    )
+
+
+def refuse_few(windows: Sequence[Window], logs: Sequence[LogArgument]) -> None:
+    """A `ModelError` where there is too little for intervals."""
+    if len(windows) < LEAST_WINDOWS:
+        raise ModelError(
+            f"the logs hold {len(windows)} stretches of {WINDOW:g} s, and {LEAST_WINDOWS} are "
+            "needed",
+            where=", ".join(log.text for log in logs),
+            fix=f"give logs of {LEAST_WINDOWS * WINDOW:g} s in all, at least",
+        )
+
+
+def _stated(file: LoadedRobot) -> dict[str, Array]:
+    """What the robot file states of the actuators: `(n,)`, NaN where it is to be identified."""
+    found = {}
+    for name in (
+        "stiffness",
+        "damping",
+        "coulomb",
+        "armature",
+        "delay",
+        "load_friction",
+        "torque_limit",
+        "dead_band",
+    ):
+        given = getattr(file.actuator, name)
+        if given is None or given == "identify":
+            if given == "identify" and name not in (*ALWAYS, *USUAL):
+                found[name] = np.full(file.robot.n, np.nan)
+            continue
+        listed = given if isinstance(given, tuple) else (given,) * file.robot.n
+        if len(listed) != file.robot.n:
+            raise ModelError(
+                f"{len(listed)} values for {file.robot.n} joints",
+                where=file.where("actuator", name),
+                fix="give one value for all joints, or one each",
+            )
+        found[name] = np.array([np.nan if x == "identify" else float(x) for x in listed])
+    return found
+
+
+def _open_joints(job: _Job) -> dict[str, list[int]]:
+    """Joints at which what is stated of others is searched."""
+    return {
+        name: np.flatnonzero(np.isnan(given)).tolist()
+        for name, given in _stated(job.file).items()
+        if np.isnan(given).any() and not np.isnan(given).all()
+    }
+
+
+def _started(job: _Job, windows: Sequence[Window]) -> tuple[ActuatorValues, list[int], list[int]]:
+    """Where the fit begins, joints whose sign stays open, and those that gravity shows."""
+    s = job.signals
+    report_progress(job.progress, "finding signs and zeros", 0, 1)
+    seen = gravity_joints(job.nominal, Quiet.of(job.runs))
+    begun = starts(job.nominal, job.runs, s.signs, s.zeros)
+    some = _some(windows)
+    tried: list[Fitted] = []
+    for k, one in enumerate(begun[:TRIED]):
+        report_progress(job.progress, "finding signs and zeros", k, min(TRIED, len(begun)))
+        search = _search(job, some, one.values, seen, FIRST_STEP)
+        task = search.task(some, (*ALWAYS, *USUAL), one.values)
+        tried.append(fit(task, one.values, FIRST_ROUNDS))
+    least = min(map(_misfit, tried))
+    alike = [one for one in tried if _misfit(one) < AS_GOOD * least]
+    best = min(alike, key=_changes)
+    open_signs = [
+        j for j in seen if s.signs[j] is None and len({x.values.signs[j] for x in alike}) > 1
+    ]
+    return best.values, open_signs, seen
+
+
+def _notes_of_zeros(
+    job: _Job, values: ActuatorValues, open_signs: Sequence[int], seen: Sequence[int]
+) -> tuple[str, ...]:
+    """What was found of the log's signs and zeros."""
+    names, s, notes = job.file.robot.joint_names, job.signals, []
+    if open_signs:
+        some = ", ".join(f"{names[j]} {values.signs[j]:+g}" for j in open_signs)
+        notes.append(
+            "signs of the log against the model file are not decided by these logs: assumed are "
+            f"{some}; if they are known, state position_sign"
+        )
+    for j in seen:
+        if s.signs[j] is None and values.signs[j] < 0.0 and j not in open_signs:
+            notes.append(f"positions of {names[j]} count against the model file's")
+        if s.zeros[j] is None:
+            notes.append(
+                f"where the log of {names[j]} says zero, the model file's joint is at "
+                f"{values['zero'][j]:.3f} {job.file.robot.coordinates[j].unit}"
+            )
+    return tuple(notes)
+
+
+def _search(
+    job: _Job, windows: Sequence[Window], start: ActuatorValues, seen: Sequence[int], h: float
+) -> Search:
+    """What is searched: zeros of joints that gravity shows, near the middle of their limits."""
+    q = np.concatenate([run.q for run in job.runs])
+    robot = job.file.robot
+    zeros = {j: zero_prior(robot, q, start.signs, j) for j in seen if job.signals.zeros[j] is None}
+    joints = {"zero": list(zeros)} | _open_joints(job)
+    return Search(job.step, tuple(windows), joints, zeros, h, job.threads)
+
+
+def _misfit(found: Fitted) -> float:
+    """Geometric mean over the joints of the residuals' scale."""
+    return float(np.exp(np.log(found.scale).mean()))
+
+
+def _changes(found: Fitted) -> tuple[int, float]:
+    """How far the log is from the model's convention: joints that are reversed, and zeros."""
+    return int((found.values.signs < 0.0).sum()), float(np.abs(found.values["zero"]).sum())
+
+
+def _some(windows: Sequence[Window]) -> list[Window]:
+    """Windows of some minutes in all, spread over the logs."""
+    every = max(1, round(len(windows) * WINDOW / FIRST_SECONDS))
+    return list(windows[::every])
+
+
+def _final(search: Search, fitted: Fitted, parts: Sequence[str], job: _Job) -> Fitted:
+    """The fit to all windows, from that to some of them."""
+    task = search.task(search.windows, parts, fitted.values)
+    task = replace(task, prior=fitted.task.prior, h=STEP)
+
+    def report(round_: int, value: float) -> None:
+        report_progress(job.progress, "identifying the actuators", round_, 15)
+
+    return fit(task, fitted.values, report=report)
+
+
+def _model(job: _Job, found: Fitted, origin: Provenance) -> ActuatorModel:
+    return ActuatorModel(
+        job.file.robot,
+        job.signals,
+        found.values,
+        found.task.free,
+        frozen(found.covariance),
+        frozen(found.known),
+        found.scale,
+        tuple(_stated(job.file)),
+        STEP,
+        origin,
+    )
+
+
+@checked(threads=1)
+def validate_actuators(
+    model: str | Path | ActuatorModel,
+    logs: str | Path | Iterable[str | Path],
+    *,
+    threads: int | None = None,
+    progress: Progress = silent,
+) -> ActuatorValidation:
+    """Predict the positions of logs from their targets alone, and compare with those measured.
+
+    Args:
+        model: Identified actuators, their `model.json`, or the folder that contains it.
+        logs: The logs; `run.csv@5:20` is a window in seconds.
+        threads: Native threads; as many as the machine has cores if `None`.
+        progress: Receives events of progress; an exception from it stops the work.
+
+    Raises:
+        SteelyardError: A file cannot be used.
+
+    Example:
+        >>> found = validate_actuators("servo-model", "servo_other.csv")
+        >>> found.validation[0].log
+        'servo_other'
+    """
+    known = load_actuators(model)
+    files, found, notes = log_files(paths_of(logs, least=1)), [], []
+    for k, log in enumerate(files):
+        report_progress(progress, "simulating logs", k, len(files))
+        read = read_targets(log, known.signals, known.robot)
+        notes += read.notes
+        cores = threads or os.cpu_count() or 1
+        found.append(open_loop(known.arm, known.values, read, cores, known.step))
+    again = tuple(one.log for one in found if one.log in known.provenance.runs)
+    return ActuatorValidation(known, tuple(found), again, tuple(notes))

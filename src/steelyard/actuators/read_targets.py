@@ -1,0 +1,157 @@
+"""A log to runs of targets and positions, and what is wrong with its targets."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from steelyard.actuators.target_runs import TargetRun
+from steelyard.base.arrays import Array, frozen
+from steelyard.base.errors import LogError
+from steelyard.logs.clocks_and_combined_logs import Numbered
+from steelyard.logs.formats import open_log
+from steelyard.logs.log_and_errors import require_columns
+from steelyard.logs.log_windows import parse_log_argument
+from steelyard.robot.file.signals import ROW
+from steelyard.robot.file.target_signals import TargetSignals
+from steelyard.robot.robot import Robot
+from steelyard.runs.recording import TURN, continuous, wrapped_middles
+from steelyard.runs.runs_of_named_logs import LogArgument
+
+LEAST_ROWS = 50  # of a run
+GAP = 10.0  # times the usual step of the clock: a longer step ends a run
+LONGEST_STEP = 0.25  # of the clock [s]: below 4 Hz nothing of an actuator is seen
+MOVES = 0.02  # standard deviation from which on a joint's targets tell anything [rad; m]
+FOLLOWS, OTHER = 0.5, 0.9
+"""Correlation of a joint with its target, and with another one's, that tell another order."""
+SLOPES = (0.5, 2.0)
+"""Of positions over targets: outside, their units differ."""
+
+
+@dataclass(frozen=True, eq=False)
+class TargetLog:
+    """What one log holds.
+
+    Attributes:
+        name: Of the log, with its window.
+        runs: Pieces without a gap.
+        notes: What was left out, one sentence each.
+    """
+
+    name: str
+    runs: tuple[TargetRun, ...]
+    notes: tuple[str, ...]
+
+    @property
+    def seconds(self) -> float:
+        """Length of its runs [s]."""
+        return sum(run.seconds for run in self.runs)
+
+
+def read_targets(argument: LogArgument, signals: TargetSignals, robot: Robot) -> TargetLog:
+    """The runs of a log; a `LogError` if there is none, or if its targets are others."""
+    path, cut = parse_log_argument(argument.text)
+    name = path.stem + cut.text
+    log = open_log(path)
+    log = Numbered(log) if signals.time == ROW else log
+    require_columns(path, log.columns, signals.columns)
+    parts = list(log.parts(signals.columns, cut.rows))
+    table = np.concatenate(parts) if parts else np.zeros((0, len(signals.columns)))
+    n = signals.n
+    whole = np.isfinite(table).all(axis=1)
+    t = table[whole, 0] * signals.time_scale
+    q, target = (table[whole, k : k + n] * signals.scale for k in (1, 1 + n))
+    rising = np.r_[True, t[1:] > np.maximum.accumulate(t)[:-1]] if len(t) else whole
+    t, q, target = t[rising], q[rising], target[rising]
+    if len(t):
+        seconds = t - t[0]
+        inside = (seconds >= cut.seconds[0]) & (seconds < cut.seconds[1])
+        t, q, target = seconds[inside], q[inside], target[inside]
+    notes = []
+    if dropped := int((~whole).sum() + (~rising).sum()):
+        notes.append(f"{name}: {dropped} rows left out: without a number, or out of time")
+    runs, short = _pieces(name, t, *_unwrapped(q, target, robot))
+    if short:
+        notes.append(f"{name}: {short} rows left out, between gaps of the clock")
+    if not runs:
+        raise LogError(
+            f"the log has no {LEAST_ROWS} rows in a row with targets and positions",
+            where=argument.text,
+            fix="record some seconds at least, or name a longer window",
+        )
+    step = float(np.median(np.diff(t)))
+    if step > LONGEST_STEP:
+        raise LogError(
+            f"the log has a row every {step:.3g} s, too few to show how joints follow targets",
+            where=argument.text,
+            fix="log at 20 Hz or more; or check time_unit under [signals] of the robot file",
+        )
+    found = TargetLog(name, runs, tuple(notes))
+    refuse_other_targets(found, robot.joint_names, signals.target, argument.text)
+    return found
+
+
+def _unwrapped(q: Array, target: Array, robot: Robot) -> tuple[Array, Array]:
+    """Positions without jumps of a turn, and targets near them."""
+    q = q.copy()
+    target = target.copy()
+    if not len(q):
+        return target, q
+    for j, middle in enumerate(wrapped_middles([q])):
+        if np.isfinite(middle) and robot.coordinates[j].kind == "revolute":
+            q[:, j], _ = continuous(q[:, j], float(middle))
+            target[:, j] += TURN * np.round((q[:, j] - target[:, j]) / TURN)
+    return target, q
+
+
+def _pieces(name: str, t: Array, target: Array, q: Array) -> tuple[tuple[TargetRun, ...], int]:
+    """Runs between gaps of the clock, and how many rows are in none."""
+    if len(t) < LEAST_ROWS:
+        return (), len(t)
+    steps = np.diff(t)
+    ends = np.flatnonzero(steps > GAP * np.median(steps)) + 1
+    pieces: list[NDArray[np.intp]] = np.split(np.arange(len(t)), ends)
+    kept = [rows for rows in pieces if len(rows) >= LEAST_ROWS]
+    runs = tuple(TargetRun(name, frozen(t[r]), frozen(target[r]), frozen(q[r])) for r in kept)
+    return runs, len(t) - sum(map(len, kept))
+
+
+def refuse_other_targets(
+    log: TargetLog, joints: Sequence[str], columns: Sequence[str], where: str
+) -> None:
+    """A `LogError` where targets are in another order or unit than the positions."""
+    q = np.concatenate([run.q for run in log.runs])
+    target = np.concatenate([run.target for run in log.runs])
+    moving = [j for j in range(q.shape[1]) if target[:, j].std() > MOVES]
+    if not moving:
+        raise LogError(
+            "no joint's target moves",
+            where=where,
+            fix="give a log in which joints move, and whose target columns are commands",
+        )
+    own, theirs = (x - x.mean(axis=0) for x in (q, target))
+    size = np.linalg.norm(own, axis=0)[:, None] * np.linalg.norm(theirs, axis=0)
+    like = (own.T @ theirs) / np.maximum(size, 1e-12)
+    for j in moving:
+        best = int(np.argmax(np.abs(like[j])))
+        if like[j, j] < FOLLOWS and best != j and abs(like[j, best]) > OTHER:
+            raise LogError(
+                f"positions of '{joints[j]}' follow the targets '{columns[best]}' (correlation "
+                f"{like[j, best]:.2f}), not '{columns[j]}' ({like[j, j]:.2f})",
+                where=where,
+                fix="correct the order of target, or of position, under [signals]",
+            )
+        slope = float(own[:, j] @ theirs[:, j] / (theirs[:, j] @ theirs[:, j]))
+        if like[j, j] > OTHER and not SLOPES[0] < slope < SLOPES[1]:
+            raise LogError(
+                f"positions of '{joints[j]}' move {slope:.3g} times as far as their targets",
+                where=where,
+                fix="targets have the unit of positions: convert the columns of one of them",
+            )
+        if like[j, j] < -FOLLOWS:
+            raise LogError(
+                f"positions of '{joints[j]}' move against their targets",
+                where=where,
+                fix="targets have the sign of positions: change the sign of one of the columns",
+            )

@@ -1,0 +1,174 @@
+r"""Rollouts of windows of logs from targets alone, side by side, and their derivatives.
+
+All windows, and all directions that a derivative is wanted along, are lanes of one machine code:
+the derivative of a rollout is carried through its steps (forward sensitivities), exactly.
+"""
+
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from steelyard.actuators.actuator_parameters import IN_STEP, ActuatorValues, Free
+from steelyard.actuators.closed_loop_step import ArmStep
+from steelyard.actuators.target_runs import Window
+from steelyard.base.arrays import Array
+from steelyard.symbolic.native.compiled_programs import Code
+
+STEP = 0.005
+"""Length of a step [s], at most; a row of a log is a whole number of them, nearly."""
+LANES = 1024  # of a batch, that its states stay in the cache
+KEPT_BYTES = 200e6  # of derivatives that a batch keeps
+
+
+@dataclass(frozen=True, eq=False)
+class Rolled:
+    """A window rolled out: positions at its rows `(N, n)` as the log counts them, and slopes.
+
+    `slopes` are the derivatives by what is searched, `(N, n, p)`; empty if none were wanted.
+    """
+
+    q: Array
+    slopes: Array
+
+
+def rollouts(
+    step: ArmStep,
+    values: ActuatorValues,
+    windows: Sequence[Window],
+    free: Sequence[Free] = (),
+    h: float = STEP,
+    threads: int = 2,
+) -> list[Rolled]:
+    """All windows rolled out from their first rows, in their order."""
+    lengths = [float(w.t[-1] - w.t[0]) for w in windows]
+    order = sorted(range(len(windows)), key=lambda k: lengths[k])
+    batches = _batches(order, lengths, max(1, len(free)), step.n, h, threads)
+    code = step.tangent if free else step.code
+
+    def one(batch: Sequence[int]) -> list[Rolled]:
+        return _Batch(step.n, values, [windows[k] for k in batch], free, h).run(code)
+
+    found: dict[int, Rolled] = {}
+    with ThreadPoolExecutor(threads) as pool:
+        for batch, rolled in zip(batches, pool.map(one, batches), strict=True):
+            found.update(zip(batch, rolled, strict=True))
+    return [found[k] for k in range(len(windows))]
+
+
+def _batches(
+    order: Sequence[int], lengths: Sequence[float], directions: int, n: int, h: float, threads: int
+) -> list[list[int]]:
+    """Windows of like lengths together, as many as fit; at least one batch a thread."""
+    most = max(1, min(LANES // directions, -(-len(order) // threads)))
+    batches: list[list[int]] = []
+    for k in order:
+        steps = lengths[k] / h
+        fits = batches and len(batches[-1]) < most
+        size = (len(batches[-1]) + 1) * steps * n * directions * 8.0 if batches else 0.0
+        if fits and size <= KEPT_BYTES:
+            batches[-1].append(k)
+        else:
+            batches.append([k])
+    return batches
+
+
+class _Batch:
+    """Some windows side by side; a lane is a window along one direction, windows the faster."""
+
+    def __init__(
+        self,
+        n: int,
+        values: ActuatorValues,
+        windows: Sequence[Window],
+        free: Sequence[Free],
+        h: float,
+    ) -> None:
+        self.n, self.values, self.windows, self.free, self.h = n, values, windows, free, h
+        self.steps = max(1, *(int(np.ceil((w.t[-1] - w.t[0]) / h - 1e-6)) for w in windows))
+        self.targets, self.lateness = self._targets()
+
+    def _targets(self) -> tuple[Array, Array]:
+        """Targets of the model's joints, and their slopes by the delay, `(steps, n, windows)`."""
+        s, v = self.values.signs, self.values
+        shape = (self.steps, self.n, len(self.windows))
+        mean, slope = np.empty(shape), np.empty(shape)
+        ahead = np.arange(self.steps) * self.h
+        for k, window in enumerate(self.windows):
+            u, by = window.run.mean_target(window.t[0] + ahead, self.h, v["delay"])
+            mean[:, :, k], slope[:, :, k] = s * (u + v["offset"]) + v["zero"], s * by
+        return mean, slope
+
+    def run(self, code: Code) -> list[Rolled]:
+        """All steps."""
+        count, n = len(self.windows), self.n
+        wide = max(1, len(self.free)) * count
+        padded = -(-wide // code.lanes) * code.lanes
+        state = self._start(padded)
+        rates = self._directions(padded) if self.free else []
+        out = np.zeros((code.n_outputs, padded))
+        arrays = [*state, *rates]
+        addresses = [x for a in arrays for x in (a.ctypes.data, padded)]
+        length = np.array([self.h])
+        arguments = [padded, *addresses, length.ctypes.data, 0, out.ctypes.data, padded]
+        q, v, u = state[:3]
+        kept = np.empty((count, self.steps + 1, n))
+        slopes = np.empty((count, self.steps + 1, n, len(self.free)))
+        late = [k for k, one in enumerate(self.free) if one.name == "delay"]
+        for k in range(self.steps + 1):
+            kept[:, k] = q[:, :count].T
+            if self.free:
+                along = rates[0][:, :wide].reshape(n, len(self.free), count)
+                slopes[:, k] = along.transpose(2, 0, 1)
+            if k == self.steps:
+                break
+            u[:, :wide].reshape(n, -1, count)[:] = self.targets[k][:, None]
+            for d in late:
+                rates[2][:, d * count : (d + 1) * count] = self.lateness[k]
+            code.raw(*arguments)
+            q[:], v[:] = out[:n], out[n : 2 * n]
+            if self.free:
+                rates[0][:], rates[1][:] = out[2 * n : 3 * n], out[3 * n :]
+        return [self._rows(k, kept[k], slopes[k]) for k in range(count)]
+
+    def _start(self, padded: int) -> list[Array]:
+        """Inputs of the step at the first rows, `(n, padded)` each."""
+        s, zero = self.values.signs, self.values["zero"]
+        arrays = [np.zeros((self.n, padded)) for _ in range(3)]
+        lanes = max(1, len(self.free)) * len(self.windows)
+        for k, window in enumerate(self.windows):
+            mine = slice(k, lanes, len(self.windows))
+            arrays[0][:, mine] = (s * window.q[0] + zero)[:, None]
+            arrays[1][:, mine] = (s * window.velocity)[:, None]
+        ones = np.ones((1, padded))
+        return [*arrays, *(self.values[name][:, None] * ones for name in IN_STEP)]
+
+    def _directions(self, padded: int) -> list[Array]:
+        """What each lane varies, in the order of the inputs."""
+        names = ("q", "v", "target", *IN_STEP)
+        rates = {name: np.zeros((self.n, padded)) for name in names}
+        count = len(self.windows)
+        for d, one in enumerate(self.free):
+            lanes, j = slice(d * count, (d + 1) * count), one.joint
+            if one.name in IN_STEP:
+                rates[one.name][j, lanes] = one.slope(self.values)
+            elif one.name == "offset":
+                rates["target"][j, lanes] = self.values.signs[j]
+            elif one.name == "zero":
+                rates["q"][j, lanes] = rates["target"][j, lanes] = 1.0
+        return list(rates.values())
+
+    def _rows(self, k: int, kept: Array, slopes: Array) -> Rolled:
+        """Of window `k` from the steps to its rows, between two steps on a line."""
+        window, s = self.windows[k], self.values.signs
+        place = np.clip((window.t - window.t[0]) / self.h, 0.0, self.steps)
+        at = np.minimum(place.astype(int), self.steps - 1)
+        share = (place - at)[:, None]
+        q = kept[at] * (1.0 - share) + kept[at + 1] * share
+        by: Any = slopes[at] * (1.0 - share[..., None]) + slopes[at + 1] * share[..., None]
+        for d, one in enumerate(self.free):
+            if one.name == "zero":
+                by[:, one.joint, d] -= 1.0
+        return Rolled(s * (q - self.values["zero"]), s[:, None] * by)

@@ -1,0 +1,87 @@
+"""What `identify` and `validate` do where joints follow position targets."""
+
+from collections.abc import Mapping
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import typer
+
+from steelyard.cli.shared_by_commands import (
+    computed,
+    file_lines,
+    print_json,
+    refuse_options,
+    show,
+)
+
+OF_EFFORTS = ("loaded", "payload_mass", "payload_frame", "commanded", "sensitivity", "bootstrap")
+OF_EFFORTS += ("each", "method")
+"""Options of `identify` that only efforts make sense of."""
+
+
+def follows_targets(robot: str) -> bool:
+    """Whether a robot file names position targets, and no efforts."""
+    from steelyard.robot.file.robot_file import load_robot
+
+    return load_robot(robot).targets is not None
+
+
+def actuators_identified(
+    given: Mapping[str, Any], folder: Path, verbose: bool, as_json: bool
+) -> None:
+    """Identify actuators with the arguments of `identify`, and print what was found."""
+    from steelyard.actuators.identify_actuators import identify_actuators
+    from steelyard.identify.verdict_and_next_steps import path_word, step_lines
+
+    options = {f"--{name.replace('_', '-')}": given.get(name) for name in OF_EFFORTS}
+    options["--no-check"] = not given.get("check", True)
+    refuse_options(
+        options,
+        "needs efforts, and the robot file names targets only",
+        "leave it out, or log efforts and add [signals.effort]",
+    )
+    known = ("robot", "logs", "validate", "fixed_base", "threads")
+    call = partial(identify_actuators, **{name: given[name] for name in known if name in given})
+    found = computed(call, folder)
+    if as_json:
+        print_json({"output": str(folder), **found.to_dict()})
+    else:
+        show(found, verbose)
+        step = (f"steelyard validate {path_word(str(folder))} OTHER_LOG", "error on another motion")
+        paths = file_lines(folder, model="model.json", report="report.html")
+        typer.echo("\n".join(["", *step_lines((step,)), paths]))
+    raise typer.Exit(int(found.verdict.level == "poor"))
+
+
+def actuators_validated(
+    given: Mapping[str, Any],
+    folder: Path | None,
+    max_error: float | None,
+    verbose: bool,
+    as_json: bool,
+) -> None:
+    """Validate actuators with the arguments of `validate`, and print what was found."""
+    from steelyard.actuators.identify_actuators import validate_actuators
+
+    refuse_options(
+        {"--commanded": given.get("commanded")},
+        "is for efforts: positions are always predicted from targets here",
+        "leave it out",
+    )
+    known = ("model", "logs")
+    call = partial(validate_actuators, **{name: given[name] for name in known})
+    found = computed(call, folder)
+    verdict = found.verdict
+    if as_json:
+        print_json(found.to_dict()["logs"])
+    else:
+        show(found, verbose)
+        if folder is not None:
+            typer.echo("\n" + file_lines(folder, report="report.html", JSON="validation.json"))
+    share = None if verdict.share is None else 100.0 * verdict.share
+    above = max_error is not None and (not found.unseen or share is None or share > max_error)
+    if above and not as_json:
+        said = "no log has unseen motion" if share is None or not found.unseen else f"{share:.3g} %"
+        typer.echo(f"\nabove --max-error: {said}, at most {max_error:g} %")
+    raise typer.Exit(int(above or verdict.level == "poor"))
