@@ -56,8 +56,10 @@ KINDS = (
     Kind("delay", "s", False, 0.05, 0.0, common=True),
 )
 BY_NAME = {kind.name: kind for kind in KINDS}
-IN_STEP = ("stiffness", "damping", "coulomb", "load_friction", "armature", "torque_limit")
-IN_STEP += ("dead_band",)
+IN_STEP = (
+    *("stiffness", "damping", "coulomb", "load_friction", "armature", "torque_limit"),
+    "dead_band",
+)
 """Parameters that are inputs of the step."""
 
 
@@ -91,7 +93,7 @@ class ActuatorValues:
 
     def changed(self, **given: Any) -> "ActuatorValues":
         """The same with other values of some parameters."""
-        return ActuatorValues.of(self.signs, **{**self.values, **given})
+        return ActuatorValues.of(self.signs.tolist(), **{**self.values, **given})
 
 
 @dataclass(frozen=True)

@@ -397,8 +397,11 @@ def _brief(one: ActuatorParameter) -> str:
     return f"{significant(one.value)} ±{100.0 * half:.0f}%"
 
 
-RATIOS = (("coulomb", "dry friction over stiffness [mrad]"), ("damping", "damping [ms]"))
-RATIOS += (("armature", "armature [10⁻³ s²]"),)
+RATIOS = (
+    ("coulomb", "dry friction over stiffness [mrad]"),
+    ("damping", "damping over stiffness [ms]"),
+    ("armature", "armature over stiffness [10⁻³ s²]"),
+)
 
 
 def ratios_table(model: ActuatorModel) -> PlainTable:

@@ -70,7 +70,7 @@ def split(windows: Sequence[Window]) -> tuple[list[Window], list[Window]]:
     """Windows that are fitted, and those left out: stretches of several windows of every log."""
     block = 3
     names = list(dict.fromkeys(w.run.name for w in windows))
-    fitted, left = [], []
+    fitted, left = list[Window](), list[Window]()
     for number, name in enumerate(names):
         mine = [w for w in windows if w.run.name == name]
         for k, window in enumerate(mine):

@@ -1,14 +1,19 @@
 r"""One step of an arm under position controllers, as machine code, and its directional derivative.
 
-The step of length $h$ is Euler's, linearly implicit in the controller's spring and damper and
-explicit in the bodies' rates: with the mass matrix $M$, the bias $b(q, \dot q)$ of gravity and
-rates, rotor inertias $a$ and the controller's torque $\tau$ from the target, without its damper,
+The step of length $h$ is that of the backward differentiation formula of second order [Gear1971]:
+it damps what is faster than $h$, such as the controller's damper against a small rotor, and its
+error is of second order, so that stiffness and damping do not depend on $h$. Implicit are the
+controller's spring and damper; mass matrix $M$ and bias $b$ of gravity and rates are taken at the
+predicted state $\hat q = q + h v$, $\hat v = 2 v - v_-$. With $k = 2 h / 3$, rotor inertias $a$ and
+the target $u$ at the end of the step,
 
-$$ A\,v^+_0 = (M + a)\,v + h\,(\tau - b), \qquad
-   A = M + \operatorname{diag}(a + h k_d + h^2 k_p), $$
+$$ A\,v^+_0 = (M + a)\,\tfrac{1}{3} (4 v - v_-) + k\,(k_p (u - \tilde q) - b), \qquad
+   \tilde q = \tfrac{1}{3} (4 q - q_-), $$
+
+$$ A = M + \operatorname{diag}(a + k\, k_d + k^2 k_p), \qquad q^+ = \tilde q + k\, v^+, $$
 
 where a controller at its torque limit has neither spring nor damper in $A$. Dry friction is an
-impulse $\lambda_j$ within $\pm h f_j$ that stops joint $j$ if it can,
+impulse $\lambda_j$ within $\pm k f_j$ that stops joint $j$ if it can,
 $v^+ = v^+_0 - A^{-1} \lambda$, by a few sweeps of projected Gauss-Seidel over the joints
 [Stewart1996], so that a joint sticks exactly, at any step. Every operation has a derivative but at
 its corners: the derivative that goes along is that of the steps themselves.
@@ -29,8 +34,8 @@ from steelyard.symbolic.native.compiled_programs import Code, compiled_equations
 from steelyard.symbolic.program_and_softening import InputArray
 
 SWEEPS = 3  # over all joints, for friction
-STATE = ("q", "v", "target")
-VARIED = (*STATE, *IN_STEP)  # inputs that a direction has a component along
+STATE = ("q", "v", "q_before", "v_before")
+VARIED = (*STATE, "target", *IN_STEP)  # inputs that a direction has a component along
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,49 +75,47 @@ class ArmStep:
 
     @property
     def _key(self) -> list[Any]:
-        return [
-            "arm under position controllers",
-            self.model.program_key,
-            self.values.tolist(),
-            SWEEPS,
-        ]
+        described = [self.model.program_key, self.values.tolist()]
+        return ["arm under position controllers", list(VARIED), *described, SWEEPS]
 
-    def _next(self, q: Any, v: Any, u: Any, *rest: Any) -> list[Any]:
+    def _next(self, q: Any, v: Any, q0: Any, v0: Any, u: Any, *rest: Any) -> list[Any]:
         """The equations of this file, over symbols."""
         from steelyard.symbolic.symbols_and_tracing import affine
 
         *given, (h,) = rest
         kp, kd, coulomb, load, armature, limit, band = given
-        values, joints = [float(x) for x in self.values], range(self.n)
-        mass, bias = affine(lambda ddq: self.model.torque_of(JointState(q, v, ddq), values), self.n)
+        values, joints, k = [float(x) for x in self.values], range(self.n), 2.0 / 3.0 * h
+        soon = [q[j] + h * v[j] for j in joints]
+        fast = [2.0 * v[j] - v0[j] for j in joints]
+        mass, bias = affine(
+            lambda ddq: self.model.torque_of(JointState(soon, fast, ddq), values), self.n
+        )
+        known = [(4.0 * q[j] - q0[j]) / 3.0 for j in joints]
+        speed = [(4.0 * v[j] - v0[j]) / 3.0 for j in joints]
         matrix, impulse, bound = [list(row) for row in mass], [], []
         for j in joints:
-            error = u[j] - q[j]
-            spring = kp[j] * (error - np.minimum(np.maximum(error, -band[j]), band[j]))
-            wanted = spring - kd[j] * v[j]
+            behind = kp[j] * np.minimum(np.maximum(u[j] - soon[j], -band[j]), band[j])
+            wanted = kp[j] * (u[j] - soon[j]) - behind - kd[j] * fast[j]
             acts = np.less_equal(abs(wanted), limit[j])
-            engaged = acts * np.less_equal(band[j], abs(error))
+            engaged = acts * np.less_equal(band[j], abs(u[j] - soon[j]))
             clipped = np.minimum(np.maximum(wanted, -limit[j]), limit[j])
-            matrix[j][j] = mass[j][j] + armature[j] + h * (acts * kd[j] + h * engaged * kp[j])
-            momentum = armature[j] * v[j]
-            for k in joints:
-                momentum = momentum + mass[j][k] * v[k]
-            torque = acts * spring + (1.0 - acts) * clipped
-            impulse.append(momentum + h * (torque - bias[j]))
-            bound.append(h * (coulomb[j] + load[j] * abs(clipped)))
-        columns = [[1.0 if j == k else 0.0 for j in joints] for k in joints]
+            spring = engaged * (kp[j] * (u[j] - known[j]) - behind)
+            matrix[j][j] = mass[j][j] + armature[j] + k * (acts * kd[j] + k * engaged * kp[j])
+            momentum = armature[j] * speed[j]
+            for i in joints:
+                momentum = momentum + mass[j][i] * speed[i]
+            impulse.append(momentum + k * (spring + (1.0 - acts) * clipped - bias[j]))
+            bound.append(k * (coulomb[j] + load[j] * abs(clipped)))
+        columns = [[1.0 if j == i else 0.0 for j in joints] for i in joints]
         (free, *inverse), _ = solved_by_factors(matrix, [impulse, *columns])
-        return _stopped(q, free, inverse, bound, h)
+        speeds = _stopped(free, inverse, bound)
+        return [*(known[j] + k * speeds[j] for j in joints), *speeds]
 
 
 def _stopped(
-    q: Sequence[Any],
-    free: Sequence[Any],
-    inverse: Sequence[Sequence[Any]],
-    bound: Sequence[Any],
-    h: Any,
+    free: Sequence[Any], inverse: Sequence[Sequence[Any]], bound: Sequence[Any]
 ) -> list[Any]:
-    """Positions and velocities behind the impulses of dry friction."""
+    """Velocities behind the impulses of dry friction."""
     joints = range(len(free))
     v, held = list(free), [0.0 * b for b in bound]
     for _ in range(SWEEPS):
@@ -120,6 +123,6 @@ def _stopped(
             wanted = held[j] + v[j] / inverse[j][j]
             within = np.minimum(np.maximum(wanted, -bound[j]), bound[j])
             change, held[j] = within - held[j], within
-            for k in joints:
-                v[k] = v[k] - inverse[j][k] * change
-    return [*(q[j] + h * v[j] for j in joints), *v]
+            for i in joints:
+                v[i] = v[i] - inverse[j][i] * change
+    return v

@@ -6,10 +6,12 @@ something count little [Lange1989],
 
 $$ \sum_j N \log s_j + \tfrac{\nu + 1}{2} \sum_k \log\bigl(1 + r_{jk}^2 / (\nu s_j^2)\bigr), $$
 
-and a prior of each parameter. Residuals follow each other, and so windows are what is taken as
-independent: with the likelihood's curvature $H$ and the gradients $g_w$ of the windows, the data
-count as the information $H S^{-1} H$, $S = \sum_w g_w g_w^T$ [White1982], and the likelihood is
-divided by how much larger $S$ is than $H$, that it does not outweigh the prior.
+and a prior of each parameter with precision $P$. Residuals follow each other, so that blocks of two
+seconds are what is taken as independent. With the likelihood's curvature $H$ and the gradients $g_b$
+of $B$ blocks, $S = \tfrac{B}{B - p} \sum_b g_b g_b^T$, the likelihood is divided by how much larger
+$S$ is than $H$, $\varphi$, that it does not outweigh the prior, and the covariance is [White1982]
+
+$$ (H / \varphi + P)^{-1} (S / \varphi^2 + P) (H / \varphi + P)^{-1}. $$
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -29,6 +31,7 @@ LEAST_SCALE = 1e-4  # of residuals [rad]: no encoder is better
 CONVERGED = 0.3  # nats of the objective, below which a step is the last one
 ROUNDS = 15
 TRIES = 6
+BLOCK = 2.0  # seconds of residuals that are taken as independent of others
 SETTLING = 0.2  # seconds of a window that do not count: its first velocity is uncertain
 
 
@@ -169,7 +172,7 @@ def fit(
                 better = trial
                 break
             damping *= 8.0
-        covariance = _covariance(task, information, gradients)
+        covariance = _covariance(task, information, gradients, repeated)
         last = Fitted(task, values, frozen(scale), now, repeated, frozen(covariance))
         if better is None:
             break
@@ -180,34 +183,68 @@ def fit(
     return last
 
 
+FINEST = 6e-4  # length of a step [s], below which none is halved
+HARMLESS = 0.3  # shift of a parameter by the error of steps, in standard deviations
+
+
+def fit_with_fine_steps(
+    task: Task, start: ActuatorValues, report: Callable[[int, float], None]
+) -> Fitted:
+    """The fit with steps so fine that their error moves no parameter by much of its interval."""
+    found = fit(task, start, report=report)
+    while task.h > FINEST:
+        shift = _shift_by_steps(found)
+        if np.abs(shift).max() <= HARMLESS:
+            break
+        task = replace(task, h=0.5 * task.h)
+        better = moved(found.values, task.free, shift * found.std)
+        found = fit(task, better, report=report)
+    return found
+
+
+def _shift_by_steps(found: Fitted) -> Array:
+    """By how much half the step would move the parameters, in standard deviations `(p,)`."""
+    task = found.task
+    rolled = task.rolled(found.values, slopes=True)
+    finer = replace(task, h=0.5 * task.h).rolled(found.values)
+    change = [a - b for a, b in zip(residuals(task, finer), residuals(task, rolled), strict=True)]
+    information, _ = _quadratic(task, rolled, residuals(task, rolled), found.scale)
+    _, gradients = _quadratic(task, rolled, change, found.scale)
+    curvature = information + found.repeated * np.diag(task.precision)
+    return np.asarray(np.linalg.solve(curvature, gradients.sum(axis=0)) / found.std)
+
+
 def _quadratic(
     task: Task, rolled: Sequence[Rolled], found: Sequence[Array], scale: Array
 ) -> tuple[Array, Array]:
-    """Curvature of the likelihood `(p, p)`, and downward gradients of the windows `(W, p)`."""
+    """Curvature of the likelihood `(p, p)`, and downward gradients of blocks `(B, p)`."""
     p = len(task.free)
     curvature, gradients = np.zeros((p, p)), []
     for window, one, r in zip(task.windows, rolled, found, strict=True):
-        slopes = one.slopes[window.t - window.t[0] >= SETTLING]
+        counts = window.t - window.t[0] >= SETTLING
+        slopes = one.slopes[counts]
         weight = (FREEDOM + 1.0) / (FREEDOM + (r / scale) ** 2) / scale**2
         flat = slopes.reshape(-1, p)
         heavy = flat * weight.reshape(-1, 1)
         curvature += flat.T @ heavy
-        gradients.append(heavy.T @ r.reshape(-1))
-    return curvature, np.array(gradients)
+        rows = (heavy * r.reshape(-1, 1)).reshape(*r.shape, p).sum(axis=1)
+        block = ((window.t[counts] - window.t[counts][0]) / BLOCK).astype(int)
+        gradients.append(np.add.reduceat(rows, np.flatnonzero(np.diff(block, prepend=-1)), axis=0))
+    return curvature, np.concatenate(gradients)
 
 
 def _repeated(information: Array, gradients: Array) -> float:
-    """How much larger the windows' gradients are than if residuals were independent."""
+    """How much larger the blocks' gradients are than if residuals were independent."""
     told = np.diag(information)
     seen = told > 1e-9 * told.max()
     return max(1.0, float(np.median((gradients**2).sum(axis=0)[seen] / told[seen])))
 
 
-def _covariance(task: Task, information: Array, gradients: Array) -> Array:
-    """With the data's information as the windows scatter, and the prior's."""
-    count = len(gradients)
+def _covariance(task: Task, information: Array, gradients: Array, repeated: float) -> Array:
+    """Of the parameters, by the scatter of the blocks' gradients."""
+    count, p = gradients.shape
     centred = gradients - gradients.mean(axis=0)
-    spread = centred.T @ centred * count / max(count - 1, 1)
-    spread += 1e-9 * np.diag(np.diag(information)) + 1e-12 * np.eye(len(spread))
-    told = information @ np.linalg.solve(spread, information)
-    return np.linalg.inv(0.5 * (told + told.T) + np.diag(task.precision))
+    spread = centred.T @ centred * count / max(count - p, 1)
+    prior = np.diag(task.precision)
+    inverse = np.linalg.inv(information / repeated + prior)
+    return np.asarray(inverse @ (spread / repeated**2 + prior) @ inverse)

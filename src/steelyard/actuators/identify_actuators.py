@@ -12,7 +12,7 @@ from steelyard.actuators.actuator_parameters import ActuatorValues
 from steelyard.actuators.actuators_page import ActuatorIdentification, ActuatorValidation
 from steelyard.actuators.choice import ALWAYS, USUAL, Search, chosen
 from steelyard.actuators.closed_loop_step import ArmStep
-from steelyard.actuators.fit import Fitted, fit
+from steelyard.actuators.fit import Fitted, fit, fit_with_fine_steps
 from steelyard.actuators.open_loop import open_loop
 from steelyard.actuators.read_targets import TargetLog, read_targets
 from steelyard.actuators.rollout import STEP
@@ -242,7 +242,7 @@ def _notes_of_zeros(
     job: _Job, values: ActuatorValues, open_signs: Sequence[int], seen: Sequence[int]
 ) -> tuple[str, ...]:
     """What was found of the log's signs and zeros."""
-    names, s, notes = job.file.robot.joint_names, job.signals, []
+    names, s, notes = job.file.robot.joint_names, job.signals, list[str]()
     if open_signs:
         some = ", ".join(f"{names[j]} {values.signs[j]:+g}" for j in open_signs)
         notes.append(
@@ -295,7 +295,7 @@ def _final(search: Search, fitted: Fitted, parts: Sequence[str], job: _Job) -> F
     def report(round_: int, value: float) -> None:
         report_progress(job.progress, "identifying the actuators", round_, 15)
 
-    return fit(task, fitted.values, report=report)
+    return fit_with_fine_steps(task, fitted.values, report)
 
 
 def _model(job: _Job, found: Fitted, origin: Provenance) -> ActuatorModel:
@@ -308,7 +308,7 @@ def _model(job: _Job, found: Fitted, origin: Provenance) -> ActuatorModel:
         frozen(found.known),
         found.scale,
         tuple(_stated(job.file)),
-        STEP,
+        found.task.h,
         origin,
     )
 

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from steelyard.actuators.actuator_parameters import IN_STEP, ActuatorValues, Free
-from steelyard.actuators.closed_loop_step import ArmStep
+from steelyard.actuators.closed_loop_step import STATE, VARIED, ArmStep
 from steelyard.actuators.target_runs import Window
 from steelyard.base.arrays import Array
 from steelyard.symbolic.native.compiled_programs import Code
@@ -95,7 +95,7 @@ class _Batch:
         s, v = self.values.signs, self.values
         shape = (self.steps, self.n, len(self.windows))
         mean, slope = np.empty(shape), np.empty(shape)
-        ahead = np.arange(self.steps) * self.h
+        ahead = (np.arange(self.steps) + 0.5) * self.h  # about the end of each step
         for k, window in enumerate(self.windows):
             u, by = window.run.mean_target(window.t[0] + ahead, self.h, v["delay"])
             mean[:, :, k], slope[:, :, k] = s * (u + v["offset"]) + v["zero"], s * by
@@ -113,7 +113,8 @@ class _Batch:
         addresses = [x for a in arrays for x in (a.ctypes.data, padded)]
         length = np.array([self.h])
         arguments = [padded, *addresses, length.ctypes.data, 0, out.ctypes.data, padded]
-        q, v, u = state[:3]
+        q, v, q0, v0, u = state[:5]
+        n_states = len(STATE)
         kept = np.empty((count, self.steps + 1, n))
         slopes = np.empty((count, self.steps + 1, n, len(self.free)))
         late = [k for k, one in enumerate(self.free) if one.name == "delay"]
@@ -126,29 +127,30 @@ class _Batch:
                 break
             u[:, :wide].reshape(n, -1, count)[:] = self.targets[k][:, None]
             for d in late:
-                rates[2][:, d * count : (d + 1) * count] = self.lateness[k]
+                rates[n_states][:, d * count : (d + 1) * count] = self.lateness[k]
             code.raw(*arguments)
-            q[:], v[:] = out[:n], out[n : 2 * n]
+            q0[:], v0[:], q[:], v[:] = q, v, out[:n], out[n : 2 * n]
             if self.free:
-                rates[0][:], rates[1][:] = out[2 * n : 3 * n], out[3 * n :]
+                dq, dv, dq0, dv0 = rates[:n_states]
+                dq0[:], dv0[:], dq[:], dv[:] = dq, dv, out[2 * n : 3 * n], out[3 * n :]
         return [self._rows(k, kept[k], slopes[k]) for k in range(count)]
 
     def _start(self, padded: int) -> list[Array]:
         """Inputs of the step at the first rows, `(n, padded)` each."""
         s, zero = self.values.signs, self.values["zero"]
-        arrays = [np.zeros((self.n, padded)) for _ in range(3)]
+        arrays = [np.zeros((self.n, padded)) for _ in range(len(STATE) + 1)]
         lanes = max(1, len(self.free)) * len(self.windows)
         for k, window in enumerate(self.windows):
             mine = slice(k, lanes, len(self.windows))
-            arrays[0][:, mine] = (s * window.q[0] + zero)[:, None]
+            arrays[0][:, mine] = (s * window.position + zero)[:, None]
             arrays[1][:, mine] = (s * window.velocity)[:, None]
+        arrays[2][:], arrays[3][:] = arrays[0] - self.h * arrays[1], arrays[1]
         ones = np.ones((1, padded))
         return [*arrays, *(self.values[name][:, None] * ones for name in IN_STEP)]
 
     def _directions(self, padded: int) -> list[Array]:
         """What each lane varies, in the order of the inputs."""
-        names = ("q", "v", "target", *IN_STEP)
-        rates = {name: np.zeros((self.n, padded)) for name in names}
+        rates = {name: np.zeros((self.n, padded)) for name in VARIED}
         count = len(self.windows)
         for d, one in enumerate(self.free):
             lanes, j = slice(d * count, (d + 1) * count), one.joint
@@ -157,7 +159,8 @@ class _Batch:
             elif one.name == "offset":
                 rates["target"][j, lanes] = self.values.signs[j]
             elif one.name == "zero":
-                rates["q"][j, lanes] = rates["target"][j, lanes] = 1.0
+                for name in ("q", "q_before", "target"):
+                    rates[name][j, lanes] = 1.0
         return list(rates.values())
 
     def _rows(self, k: int, kept: Array, slopes: Array) -> Rolled:

@@ -59,11 +59,15 @@ class TargetRun:
 
 @dataclass(frozen=True, eq=False)
 class Window:
-    """Rows `start:stop` of a run; a rollout begins at the first one, as it was measured."""
+    """Rows `start:stop` of a run; a rollout begins at the first one.
+
+    `position` and `velocity` are those that it begins with, `(n,)`.
+    """
 
     run: TargetRun
     start: int
     stop: int
+    position: Array
     velocity: Array
 
     @property
@@ -90,14 +94,19 @@ def windows_of(runs: Iterable[TargetRun], seconds: float | None) -> list[Window]
         rows[-1] = len(run.t)
         for a, b in zip(rows[:-1].tolist(), rows[1:].tolist(), strict=True):
             if b - a >= LEAST_ROWS:
-                found.append(Window(run, a, b, _velocity(run, a)))
+                found.append(Window(run, a, b, *_state(run, a)))
     return found
 
 
-def _velocity(run: TargetRun, row: int, reach: int = 2) -> Array:
-    """Velocity at a row, by a line through its neighbours; zero at the start of a run."""
+def _state(run: TargetRun, row: int, reach: int = 2) -> tuple[Array, Array]:
+    """Position and velocity at a row, by a line through its neighbours; at rest where a run starts.
+
+    An encoder's steps and noise matter less so.
+    """
     part = slice(max(0, row - reach), row + reach + 1)
     if row == 0:
-        return frozen(np.zeros(run.q.shape[1]))
+        return run.q[0], frozen(np.zeros(run.q.shape[1]))
     t = run.t[part] - run.t[part].mean()
-    return frozen(t @ run.q[part] / (t @ t))
+    velocity = t @ run.q[part] / (t @ t)
+    position = run.q[part].mean(axis=0) + velocity * (run.t[row] - run.t[part].mean())
+    return frozen(position), frozen(velocity)

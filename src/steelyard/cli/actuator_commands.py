@@ -15,8 +15,10 @@ from steelyard.cli.shared_by_commands import (
     show,
 )
 
-OF_EFFORTS = ("loaded", "payload_mass", "payload_frame", "commanded", "sensitivity", "bootstrap")
-OF_EFFORTS += ("each", "method")
+OF_EFFORTS = (
+    *("loaded", "payload_mass", "payload_frame", "commanded", "sensitivity", "bootstrap"),
+    *("each", "method"),
+)
 """Options of `identify` that only efforts make sense of."""
 
 

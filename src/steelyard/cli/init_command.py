@@ -113,9 +113,9 @@ def init(
                 "complete": not (draft.missing or draft.without_columns),
                 "joints": list(draft.identified),
                 "without_columns": list(draft.without_columns),
-                "columns_found": draft.guess is not None,
+                "columns_found": draft.guess is not None or draft.targets is not None,
                 "missing": [{"what": what, "fix": fix} for what, fix in draft.missing],
-                "guesses": [] if draft.guess is None else list(draft.guess.reasons),
+                "guesses": list(draft.reasons),
                 "gains": list(known.gains) or None,
                 "friction": "auto" if known.auto else "fixed",
                 "notes": list(notes),
@@ -218,7 +218,7 @@ def show(
             say(f"to do {fix}", "bold")
     else:
         say(f"wrote {target}: {count(len(draft.identified), 'joint')} to identify")
-    for reason in () if draft.guess is None else draft.guess.reasons:
+    for reason in draft.reasons:
         say(f"guess {reason}")
     notes = [f"note  {note}" for note in notes]
     for line in (*_beyond_columns(draft, known), *notes, *next_steps(draft, named, parts)):
@@ -256,6 +256,12 @@ def next_steps(draft: "Draft", named: Sequence[str], parts: "ProposedCut") -> li
     from steelyard.identify.verdict_and_next_steps import identify_command, path_word, step_lines
 
     target = path_word(named[1])
+    if draft.targets is not None:
+        *fitted, last = named[2:]
+        logs = " ".join(path_word(log) for log in fitted or [last])
+        more = f" --validate {path_word(last)}" if fitted else ""
+        command = f"steelyard identify {target} {logs}{more}"
+        return step_lines(((command, "review the lines marked CHECK, then:"),), 6)
     given = " ".join(path_word(log) for log in named[2:]) or "LOG..."
     review = "review the lines marked CHECK, then:"
     if len(named) > 3:

@@ -42,6 +42,7 @@ from steelyard.robot.init.guess_efforts_and_gears import (
     link_side,
     reductions,
 )
+from steelyard.robot.init.guess_targets import TargetGuess, guess_targets
 from steelyard.robot.loop_closures import between
 from steelyard.robot.mechanism import Listed, Mechanism
 from steelyard.robot.mimic_joints_and_limits import drive_of
@@ -208,7 +209,8 @@ class Assignment:
     """Joints of a proposed robot and the columns of a log that they have.
 
     `columns` is `None` without a log; `free` are all joints but those of hands, `moving` those that
-    are identified. Without a guess of the columns, `problem` says why, if there is a log.
+    are identified. Without a guess of the columns, `problem` says why, if there is a log; of a log
+    without efforts there are `targets` in its place.
     """
 
     columns: tuple[str, ...] | None
@@ -216,6 +218,7 @@ class Assignment:
     moving: tuple[Coordinate, ...]
     guess: Guess | None = None
     problem: str = ""
+    targets: TargetGuess | None = None
 
 
 @dataclass(frozen=True)
@@ -233,6 +236,13 @@ class Draft:
     guess: Guess | None
     missing: tuple[tuple[str, str], ...]  # what the file lacks and what to do, one pair each
     unreadable: bool  # whether `load_robot` refuses the file until gear ratios are filled in
+    targets: TargetGuess | None = None  # what a log without efforts seems to be
+
+    @property
+    def reasons(self) -> tuple[str, ...]:
+        """Why columns are taken for what they seem to be, one sentence each."""
+        found = self.guess or self.targets
+        return () if found is None else found.reasons
 
 
 def assigned(
@@ -264,6 +274,10 @@ def assigned(
                 error = LogError(error.wrong, where=error.where, fix=GIVE_RATE)
             if error.fix == GIVE_RATE:
                 raise error from None
+        found_targets = guess_targets(free, robot.coordinates, columns, sample or {}, rate)
+        if found_targets is not None:
+            moving = tuple(c for c in robot.coordinates if c.name in found_targets.joints)
+            return Assignment(tuple(columns), moving, moving, None, "", found_targets)
         return Assignment(tuple(columns), free, free, None, error.wrong)
     return Assignment(tuple(columns), free, tuple(c for c in free if c.name in guess.joints), guess)
 
@@ -301,6 +315,7 @@ def drafted(
         else columns_table(assignment.columns, assignment.problem, moving),
         **excitation_table(moving),
         guess=guess,
+        targets=assignment.targets,
         known=known,
         motor_side=guess is not None and guess.motor_side,
     )
@@ -315,6 +330,7 @@ def drafted(
         guess,
         tuple(_missing(assignment, guess, gears)),
         guess is not None and guess.motor_side and gears is None,
+        assignment.targets,
     )
 
 

@@ -1,0 +1,98 @@
+"""A guess of the columns of a log without efforts, of joints that follow targets."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from steelyard.base.errors import LogError
+from steelyard.robot.init.column_names import Column, by_name, by_number, finite, listed
+from steelyard.robot.init.guess_clock_positions_and_velocities import clock_of, guess_positions
+from steelyard.robot.init.guess_efforts_and_gears import changes
+from steelyard.robot.robot import Coordinate
+
+NO_MOTION = {"effort", "velocity", "acceleration", "time"}
+"""Quantities that are no target of a position."""
+
+
+@dataclass(frozen=True)
+class TargetGuess:
+    """What a log's columns of targets and positions seem to be.
+
+    `section` is `[signals]` as the robot file would say it.
+    """
+
+    section: Mapping[str, Any]
+    joints: tuple[str, ...]
+    reasons: tuple[str, ...]
+
+
+def guess_targets(
+    coordinates: Sequence[Coordinate],
+    every: Sequence[Coordinate],
+    columns: Sequence[str],
+    sample: Mapping[str, ArrayLike],
+    rate: float | None,
+) -> TargetGuess | None:
+    """Columns of targets beside those of positions; `None` if the log has efforts, or no targets.
+
+    Numbers count `every` joint of the robot where the log has a column for each, hands included.
+    """
+    named = [Column(name) for name in columns]
+    values = {name: finite(np.asarray(x)) for name, x in sample.items()}
+    efforts = [c for c in named if c.quantity == "effort" and changes(c.name, values)]
+    positions = [c for c in named if c.quantity == "position"]
+    targets = [c for c in named if c.of_target and _without_target(c).quantity not in NO_MOTION]
+    if efforts or not targets or not positions:
+        return None
+    for joints in (every, coordinates):
+        found = [_one_each(joints, some) for some in (positions, targets)]
+        if all(found):
+            return _guess(joints, found[0], found[1], columns, sample, rate)
+    return None
+
+
+def _guess(
+    joints: Sequence[Coordinate],
+    position: Sequence[Column],
+    target: Sequence[Column],
+    columns: Sequence[str],
+    sample: Mapping[str, ArrayLike],
+    rate: float | None,
+) -> TargetGuess | None:
+    values = {name: finite(np.asarray(x)) for name, x in sample.items()}
+    times = [c for c in map(Column, columns) if c.quantity == "time"]
+    try:
+        clock, time_reason = clock_of(times, position[0], columns, values, rate)
+        where = guess_positions(position, joints, values, columns, False, "joint")
+    except LogError:
+        return None
+    section = {
+        **clock,
+        "position": [c.name for c in position],
+        "position_unit": where.unit,
+        "target": [c.name for c in target],
+    }
+    reasons = (
+        time_reason,
+        f"positions are {listed(position)}; {where.reason}",
+        f"targets are {listed(target)}, in the unit and with the signs of the positions",
+        "no efforts are logged: actuators are identified from targets and positions",
+    )
+    return TargetGuess(section, tuple(c.name for c in joints), (*reasons, *where.contradictions))
+
+
+def _without_target(column: Column) -> Column:
+    """The column by the other words of its name."""
+    words = [w for w in column.words if not Column(w).of_target]
+    return replace(column, name="_".join(words))
+
+
+def _one_each(joints: Sequence[Coordinate], columns: Sequence[Column]) -> tuple[Column, ...]:
+    """A column for each joint, by name or by number; none if a joint lacks its own."""
+    named = by_name(joints, columns)
+    if len(named) == len(joints):
+        return tuple(named[c.name] for c in joints)
+    return next(iter(by_number(len(joints), columns, [c.kind for c in joints])), ())

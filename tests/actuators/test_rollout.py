@@ -1,0 +1,102 @@
+"""Rollouts under position controllers: against MuJoCo, and their derivatives against differences."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from servo_arm import URDF, Servos, moved, targets
+
+from steelyard.actuators.actuator_model import arm_step
+from steelyard.actuators.actuator_parameters import (
+    KINDS,
+    ActuatorValues,
+    free_parameters,
+)
+from steelyard.actuators.actuator_parameters import (
+    moved as moved_values,
+)
+from steelyard.actuators.closed_loop_step import ArmStep
+from steelyard.actuators.rollout import rollouts
+from steelyard.actuators.target_runs import TargetRun, windows_of
+from steelyard.robot.file.robot_file import load_robot
+
+
+@pytest.fixture(scope="module")
+def arm(tmp_path_factory: pytest.TempPathFactory) -> ArmStep:
+    place: Path = tmp_path_factory.mktemp("servos") / "servos.urdf"
+    place.write_text(URDF)
+    return arm_step(load_robot(place).robot)
+
+
+def values_of(servos: Servos) -> ActuatorValues:
+    return ActuatorValues.of((1.0, 1.0), **vars(servos))
+
+
+@pytest.mark.parametrize(
+    "servos",
+    [
+        Servos(coulomb=(0.0, 0.0)),
+        Servos(),
+        Servos(torque_limit=(0.9, 0.3), coulomb=(0.05, 0.02)),
+        Servos(armature=(1e-4, 1e-4), damping=(1.0, 0.8), delay=0.0),
+    ],
+    ids=["no friction", "friction", "torque limit", "light"],
+)
+def test_a_rollout_is_that_of_mujoco(arm: ArmStep, servos: Servos) -> None:
+    t, target = targets(6.0, seed=3)
+    start = target[0] + 0.02
+    measured = moved(servos, t, target, step=0.0002, start=start)
+    run = TargetRun("log", t, target, np.vstack([start, measured[1:]]))
+    (found,) = rollouts(arm, values_of(servos), windows_of([run], None), (), 0.0002)
+    assert measured.std(axis=0).min() > 0.1
+    assert np.abs(found.q - measured).max() < 1e-3
+
+
+def test_signs_and_zeros_of_the_log_do_not_change_the_motion(arm: ArmStep) -> None:
+    t, target = targets(4.0, seed=3)
+    values = values_of(Servos())
+    run = TargetRun("log", t, target, target)
+    (plain,) = rollouts(arm, values, windows_of([run], None))
+    signs, zero = np.array([-1.0, 1.0]), np.array([0.3, -0.2])
+    other = ActuatorValues.of(signs.tolist(), **{**values.values, "zero": zero})
+    logged = (target - zero) * signs
+    (turned,) = rollouts(arm, other, windows_of([TargetRun("log", t, logged, logged)], None))
+    np.testing.assert_allclose(turned.q * signs + zero, plain.q, atol=1e-9)
+
+
+def test_slopes_are_those_of_differences(arm: ArmStep) -> None:
+    t, target = targets(3.0, seed=5)
+    values = values_of(Servos(torque_limit=(0.7, 0.3))).changed(
+        load_friction=0.1, dead_band=0.004, offset=0.002, zero=(0.1, -0.2)
+    )
+    windows = windows_of([TargetRun("log", t, target, target + 0.01)], None)
+    free = free_parameters([kind.name for kind in KINDS], {}, 2)
+    (found,) = rollouts(arm, values, windows, free, 0.005)
+    close = []
+    for k, one in enumerate(free):
+        small = np.zeros(len(free))
+        small[k] = 1e-6
+        ends = [
+            rollouts(arm, moved_values(values, free, side * small), windows, (), 0.005)[0].q
+            for side in (1.0, -1.0)
+        ]
+        slope = (ends[0] - ends[1]) / 2e-6
+        off = np.abs(slope - found.slopes[:, :, k]).max(axis=1)
+        size = max(np.abs(slope).max(), 1e-9)
+        # where a joint starts to stick, or reaches its limit, one difference in many is another
+        close.append(np.mean(off < 1e-3 * size))
+        assert size > 1e-6, one
+    assert min(close) > 0.9
+
+
+def test_windows_in_any_number_are_rolled_out_alike(arm: ArmStep) -> None:
+    t, target = targets(20.0, seed=7)
+    run = TargetRun("log", t, target, target)
+    windows = windows_of([run], 2.0)
+    free = free_parameters(("stiffness", "delay"), {}, 2)
+    together = rollouts(arm, values_of(Servos()), windows, free)
+    assert len(windows) == 10
+    for window, one in zip(windows, together, strict=True):
+        (alone,) = rollouts(arm, values_of(Servos()), [window], free, threads=1)
+        np.testing.assert_allclose(one.q, alone.q, atol=1e-12)
+        np.testing.assert_allclose(one.slopes, alone.slopes, atol=1e-9)

@@ -1,0 +1,136 @@
+"""An arm of two joints under position servos, simulated by MuJoCo; its robot file and its logs."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import polars as pl
+from mujoco import rollout
+
+URDF = """<robot name="servos">
+  <link name="base"/>
+  <link name="upper"><inertial><origin xyz="0.06 0 0.01"/><mass value="0.25"/>
+    <inertia ixx="1e-4" iyy="4e-4" izz="4e-4" ixy="0" ixz="0" iyz="0"/></inertial></link>
+  <link name="lower"><inertial><origin xyz="0.08 0.005 0"/><mass value="0.2"/>
+    <inertia ixx="1e-4" iyy="3e-4" izz="3e-4" ixy="0" ixz="0" iyz="0"/></inertial></link>
+  <joint name="shoulder" type="revolute"><parent link="base"/><child link="upper"/>
+    <axis xyz="0 1 0"/><limit lower="-1.8" upper="1.8" velocity="6" effort="10"/></joint>
+  <joint name="elbow" type="revolute"><parent link="upper"/><child link="lower"/>
+    <origin xyz="0.12 0 0"/><axis xyz="0 1 0"/>
+    <limit lower="-1.8" upper="1.8" velocity="6" effort="10"/></joint>
+</robot>
+"""
+MJCF = """<mujoco><option timestep="{step}" integrator="implicitfast" gravity="0 0 -9.81"/>
+<worldbody><body><joint name="shoulder" axis="0 1 0" {first}/>
+<inertial pos="0.06 0 0.01" mass="0.25" diaginertia="1e-4 4e-4 4e-4"/>
+<body pos="0.12 0 0"><joint name="elbow" axis="0 1 0" {second}/>
+<inertial pos="0.08 0.005 0" mass="0.2" diaginertia="1e-4 3e-4 3e-4"/></body></body></worldbody>
+<actuator>{motors}</actuator></mujoco>"""
+STIFF = 'solreffriction="0.004 1" solimpfriction="0.999 0.9999 0.001 0.5 2"'
+
+ROBOT_FILE = """[robot]
+urdf = "servos.urdf"
+[signals]
+time = "time"
+position = "q{}"
+target = "target{}"
+"""
+
+
+@dataclass(frozen=True)
+class Servos:
+    """What the servos really are, a value per joint; the delay is common [s]."""
+
+    stiffness: tuple[float, float] = (12.0, 8.0)
+    damping: tuple[float, float] = (0.5, 0.3)
+    coulomb: tuple[float, float] = (0.12, 0.06)
+    armature: tuple[float, float] = (0.02, 0.012)
+    torque_limit: tuple[float, float] = (1e3, 1e3)
+    delay: float = 0.012
+
+    def model(self, step: float = 0.001) -> mujoco.MjModel:
+        """MuJoCo's model of the arm."""
+        joints = [
+            f'armature="{a}" frictionloss="{f}" damping="0" {STIFF}'
+            for a, f in zip(self.armature, self.coulomb, strict=True)
+        ]
+        motors = "".join(
+            f'<position joint="{name}" kp="{kp}" kv="{kd}" forcerange="-{limit} {limit}"/>'
+            for name, kp, kd, limit in zip(
+                ("shoulder", "elbow"),
+                self.stiffness,
+                self.damping,
+                self.torque_limit,
+                strict=True,
+            )
+        )
+        text = MJCF.format(step=step, first=joints[0], second=joints[1], motors=motors)
+        return mujoco.MjModel.from_xml_string(text)
+
+
+def targets(seconds: float, seed: int, rate: float = 50.0) -> tuple[np.ndarray, np.ndarray]:
+    """Ramps with rests, and sines, at the rows of a log `(N,)`, `(N, 2)`."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(0.0, seconds, 1.0 / rate)
+    found = np.zeros((len(t), 2))
+    for j in range(2):
+        knots, places = [0.0], [rng.uniform(-0.8, 0.8)]
+        while knots[-1] < seconds:
+            knots += [knots[-1] + rng.uniform(0.3, 1.5)]
+            places += [rng.uniform(-1.2, 1.2)]
+            if rng.random() < 0.4:
+                knots += [knots[-1] + rng.uniform(0.2, 0.8)]
+                places += [places[-1]]
+        found[:, j] = np.interp(t, knots, places)
+        fast = rng.uniform(1.0, 3.0)
+        found[:, j] += 0.08 * np.sin(2.0 * np.pi * fast * t) * (np.sin(0.7 * t) > 0.0)
+    return t, found
+
+
+def moved(
+    servos: Servos, t: np.ndarray, target: np.ndarray, step: float = 1e-4, start: object = None
+) -> np.ndarray:
+    """Positions at the rows, `(N, 2)`, with each target held until the next row."""
+    model = servos.model(step)
+    data = mujoco.MjData(model)
+    data.qpos[:] = target[0] if start is None else start
+    first = np.array(data.qpos)
+    state = np.zeros((1, mujoco.mj_stateSize(model, mujoco.mjtState.mjSTATE_FULLPHYSICS)))
+    mujoco.mj_getState(model, data, state[0], mujoco.mjtState.mjSTATE_FULLPHYSICS)
+    times = np.arange(round((t[-1] + 1e-9) / step) + 1) * step
+    rows = np.clip(np.searchsorted(t, times - servos.delay + 1e-9, side="right") - 1, 0, None)
+    states, _ = rollout.rollout(model, data, state, target[rows][None])
+    q = np.vstack([first, states[0, :, 1:3]])
+    return np.asarray(q[np.searchsorted(times, t - 0.5 * step)])
+
+
+def log(
+    servos: Servos,
+    seconds: float = 60.0,
+    seed: int = 0,
+    rate: float = 50.0,
+    resolution: float = 2.0 * np.pi / 4096.0,
+    noise: float = 1e-3,
+    jitter: float = 0.0,
+) -> Mapping[str, np.ndarray]:
+    """Columns of a log as an encoder with steps and noise [rad] writes it, and a jittery clock [s]."""
+    t, target = targets(seconds, seed, rate)
+    rng = np.random.default_rng(seed + 1000)
+    t = t + np.clip(jitter * rng.standard_normal(len(t)), -0.4 / rate, 0.4 / rate)
+    t = np.round(t - t[0], 4)
+    q = moved(servos, t, target)
+    q = np.round((q + noise * rng.standard_normal(q.shape)) / resolution) * resolution
+    columns = {"time": t}
+    columns |= {f"target{j + 1}": target[:, j] for j in range(2)}
+    return columns | {f"q{j + 1}": q[:, j] for j in range(2)}
+
+
+def made(folder: Path, servos: Servos = Servos(), seconds: float = 60.0) -> Path:
+    """Robot file and two logs in a folder; the robot file."""
+    (folder / "servos.urdf").write_text(URDF)
+    (folder / "servos.toml").write_text(ROBOT_FILE)
+    for seed, name in enumerate(("fit", "other")):
+        pl.DataFrame(log(servos, seconds, seed)).write_csv(folder / f"servo_{name}.csv")
+    return folder / "servos.toml"
