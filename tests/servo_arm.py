@@ -115,7 +115,7 @@ def log(
     noise: float = 1e-3,
     jitter: float = 0.0,
 ) -> Mapping[str, np.ndarray]:
-    """Columns of a log as an encoder with steps and noise [rad] writes it, and a jittery clock [s]."""
+    """Columns of a log by an encoder with steps and noise [rad], on a clock with jitter [s]."""
     t, target = targets(seconds, seed, rate)
     rng = np.random.default_rng(seed + 1000)
     t = t + np.clip(jitter * rng.standard_normal(len(t)), -0.4 / rate, 0.4 / rate)

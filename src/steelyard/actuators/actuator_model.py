@@ -242,7 +242,7 @@ def load_actuators(path: "str | Path | ActuatorModel") -> ActuatorModel:
 
     Example:
         >>> load_actuators("servo-model").joints
-        ('joint1', 'joint2')
+        ('shoulder', 'elbow')
     """
     if isinstance(path, ActuatorModel):
         return path

@@ -7,9 +7,10 @@ something count little [Lange1989],
 $$ \sum_j N \log s_j + \tfrac{\nu + 1}{2} \sum_k \log\bigl(1 + r_{jk}^2 / (\nu s_j^2)\bigr), $$
 
 and a prior of each parameter with precision $P$. Residuals follow each other, so that blocks of two
-seconds are what is taken as independent. With the likelihood's curvature $H$ and the gradients $g_b$
-of $B$ blocks, $S = \tfrac{B}{B - p} \sum_b g_b g_b^T$, the likelihood is divided by how much larger
-$S$ is than $H$, $\varphi$, that it does not outweigh the prior, and the covariance is [White1982]
+seconds are what is taken as independent. With the curvature $H$ of the likelihood and the gradients
+$g_b$ of $B$ blocks, $S = \tfrac{B}{B - p} \sum_b g_b g_b^T$, the likelihood is divided by how much
+larger $S$ is than $H$, $\varphi$, that it does not outweigh the prior, and the covariance is
+[White1982]
 
 $$ (H / \varphi + P)^{-1} (S / \varphi^2 + P) (H / \varphi + P)^{-1}. $$
 """
@@ -48,6 +49,8 @@ class Task:
     """Its standard deviations `(p,)`."""
     h: float = STEP
     threads: int = 2
+    finer: int = 1
+    """How many times shorter the steps of residuals are than those of their slopes."""
 
     @classmethod
     def of(
@@ -80,9 +83,14 @@ class Task:
         return np.asarray(self.spread**-2.0)
 
     def rolled(self, values: ActuatorValues, slopes: bool = False) -> list[Rolled]:
-        """The windows rolled out."""
-        free = self.free if slopes else ()
-        return rollouts(self.step, values, self.windows, free, self.h, self.threads)
+        """The windows rolled out, with derivatives if wanted."""
+        given, h = (self.step, values, self.windows), self.h / self.finer
+        coarse = rollouts(*given, self.free, self.h, self.threads) if slopes else []
+        if slopes and self.finer == 1:
+            return coarse
+        found = rollouts(*given, (), h, self.threads)
+        pairs = zip(found, coarse, strict=True) if slopes else ()
+        return [replace(a, slopes=b.slopes) for a, b in pairs] or found
 
 
 @dataclass(frozen=True, eq=False)
@@ -181,37 +189,6 @@ def fit(
         if now - value < CONVERGED:
             break
     return last
-
-
-FINEST = 6e-4  # length of a step [s], below which none is halved
-HARMLESS = 0.3  # shift of a parameter by the error of steps, in standard deviations
-
-
-def fit_with_fine_steps(
-    task: Task, start: ActuatorValues, report: Callable[[int, float], None]
-) -> Fitted:
-    """The fit with steps so fine that their error moves no parameter by much of its interval."""
-    found = fit(task, start, report=report)
-    while task.h > FINEST:
-        shift = _shift_by_steps(found)
-        if np.abs(shift).max() <= HARMLESS:
-            break
-        task = replace(task, h=0.5 * task.h)
-        better = moved(found.values, task.free, shift * found.std)
-        found = fit(task, better, report=report)
-    return found
-
-
-def _shift_by_steps(found: Fitted) -> Array:
-    """By how much half the step would move the parameters, in standard deviations `(p,)`."""
-    task = found.task
-    rolled = task.rolled(found.values, slopes=True)
-    finer = replace(task, h=0.5 * task.h).rolled(found.values)
-    change = [a - b for a, b in zip(residuals(task, finer), residuals(task, rolled), strict=True)]
-    information, _ = _quadratic(task, rolled, residuals(task, rolled), found.scale)
-    _, gradients = _quadratic(task, rolled, change, found.scale)
-    curvature = information + found.repeated * np.diag(task.precision)
-    return np.asarray(np.linalg.solve(curvature, gradients.sum(axis=0)) / found.std)
 
 
 def _quadratic(

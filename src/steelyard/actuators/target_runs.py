@@ -99,13 +99,11 @@ def windows_of(runs: Iterable[TargetRun], seconds: float | None) -> list[Window]
 
 
 def _state(run: TargetRun, row: int, reach: int = 2) -> tuple[Array, Array]:
-    """Position and velocity at a row, by a line through its neighbours; at rest where a run starts.
+    """Position and velocity at a row, by a line through its neighbours.
 
     An encoder's steps and noise matter less so.
     """
     part = slice(max(0, row - reach), row + reach + 1)
-    if row == 0:
-        return run.q[0], frozen(np.zeros(run.q.shape[1]))
     t = run.t[part] - run.t[part].mean()
     velocity = t @ run.q[part] / (t @ t)
     position = run.q[part].mean(axis=0) + velocity * (run.t[row] - run.t[part].mean())

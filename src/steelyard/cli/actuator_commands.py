@@ -1,4 +1,4 @@
-"""What `identify` and `validate` do where joints follow position targets."""
+"""What `identify`, `validate` and `export` do where joints follow position targets."""
 
 from collections.abc import Mapping
 from functools import partial
@@ -7,11 +7,13 @@ from typing import Any
 
 import typer
 
+from steelyard.cli import interrupt
 from steelyard.cli.shared_by_commands import (
     computed,
     file_lines,
     print_json,
     refuse_options,
+    say,
     show,
 )
 
@@ -50,9 +52,13 @@ def actuators_identified(
         print_json({"output": str(folder), **found.to_dict()})
     else:
         show(found, verbose)
-        step = (f"steelyard validate {path_word(str(folder))} OTHER_LOG", "error on another motion")
+        name = path_word(str(folder))
+        steps = (
+            (f"steelyard validate {name} OTHER_LOG", "error on another motion"),
+            (f"steelyard export {name} --to mjcf", "the arm with its actuators for MuJoCo"),
+        )
         paths = file_lines(folder, model="model.json", report="report.html")
-        typer.echo("\n".join(["", *step_lines((step,)), paths]))
+        typer.echo("\n".join(["", *step_lines(steps), paths]))
     raise typer.Exit(int(found.verdict.level == "poor"))
 
 
@@ -87,3 +93,31 @@ def actuators_validated(
         said = "no log has unseen motion" if share is None or not found.unseen else f"{share:.3g} %"
         typer.echo(f"\nabove --max-error: {said}, at most {max_error:g} %")
     raise typer.Exit(int(above or verdict.level == "poor"))
+
+
+def actuators_exported(model: str, form: str, output: Path | None, as_json: bool) -> None:
+    """Write identified actuators as MJCF, and print what the file lacks."""
+    from steelyard.actuators.actuator_model import load_actuators
+    from steelyard.base.errors import OutputError
+    from steelyard.base.files import refuse_existing, whole_file
+    from steelyard.export.model_files.actuators_mjcf import actuators_mjcf
+
+    if form != "mjcf":
+        raise OutputError(
+            f"a model of actuators is not written as {form}",
+            where="--to",
+            fix="give --to mjcf: position actuators with delay, armature and dry friction",
+        )
+    known = load_actuators(model)
+    path = output or Path(f"{known.robot.name}.xml".replace("/", "_")).absolute()
+    refuse_existing(path)
+    made = actuators_mjcf(known)
+    with whole_file(path) as part:
+        part.write_text(made.text, encoding="utf-8", newline="")
+        interrupt.too_late()
+    if as_json:
+        print_json({"file": str(path), "format": form, "unsupported": list(made.unsupported)})
+        return
+    say(f"{path}: {len(known.joints)} position actuators; its head says how targets become ctrl")
+    for sentence in made.unsupported:
+        say(f"MJCF cannot represent: {sentence}")

@@ -209,16 +209,25 @@ def export(
 
     Code is C, Python, an FMU, a ROS 2 package or an S-function for Simulink.
 
+    Identified actuators are written as MJCF, with position actuators.
+
     Of URDF and MJCF, terminal and file header list what the format cannot represent, and what
     comes from the prior instead of the data.
 
     Example: steelyard export steelyard-ur10e --to c -o ur10e-c
     """
+    from steelyard.actuators.actuator_model import is_actuator_model
     from steelyard.base.files import refuse_existing, whole_file
+    from steelyard.cli.actuator_commands import actuators_exported
     from steelyard.estimate.identified_model import load_model
     from steelyard.export.model_files.export_model_file import exported, refuse_changed
 
     form = _format(to, output)
+    if is_actuator_model(model):
+        options = {"--model": original, "--precision": precision}
+        options |= {"--function": functions, "--frame": frames}
+        refuse_options(options, "does not apply to a model of actuators", "leave it out")
+        return actuators_exported(model, form, output, as_json)
     identified = load_model(model)
     usual = f"{identified.model.robot.name}{FORMATS[form][1]}".replace("/", "_")
     path = Path(usual).absolute() if output is None else output

@@ -1,0 +1,124 @@
+"""Identified actuators as MJCF: position actuators with delay, armature and dry friction."""
+
+import xml.etree.ElementTree as ET
+from dataclasses import dataclass
+from math import ceil
+
+import numpy as np
+
+from steelyard.actuators.actuator_model import ActuatorModel
+from steelyard.actuators.actuator_parameters import UNLIMITED
+from steelyard.export.model_files.representable_content import Content
+from steelyard.export.model_files.urdf_and_mjcf import (
+    comment,
+    document,
+    mjcf_of,
+    number,
+    numbers,
+)
+from steelyard.report.words import significant
+
+TIMESTEP = 2.5e-4  # of the file [s]: its springs are explicit in MuJoCo's integration
+STIFF = {"solreffriction": "0.002 1", "solimpfriction": "0.999 0.9999 0.001 0.5 2"}
+"""Dry friction that hardly creeps."""
+
+
+DELAYED = (
+    "Delays start with ctrl = 0: before the first step, mj_initCtrlHistory sets what was commanded "
+    "before.",
+)
+
+
+@dataclass(frozen=True)
+class ActuatorFile:
+    """The text of a model file with actuators, and what it cannot represent, a sentence each."""
+
+    text: str
+    unsupported: tuple[str, ...]
+
+
+def actuators_mjcf(model: ActuatorModel) -> ActuatorFile:
+    """An MJCF of the arm, whose `ctrl` are targets in the model's joints [rad; m]."""
+    robot, values = model.robot, model.values
+    effects = tuple(
+        {"rotor": float(a), "dry": float(f)} if f > 0.0 else {"rotor": float(a)}
+        for a, f in zip(values["armature"], values["coulomb"], strict=True)
+    )
+    lacks = tuple(_unsupported(model))
+    inertias = tuple(body.inertia for body in robot.bodies)
+    root = mjcf_of(Content(robot, inertias, effects, (), (), lacks))
+    for option in root.iter("option"):
+        option.set("timestep", number(TIMESTEP))
+    for joint in root.iter("joint"):
+        joint.attrib.update(STIFF if joint.get("frictionloss") else {})
+    motors = root.find("actuator")
+    assert motors is not None
+    for motor in list(motors):
+        motors.remove(motor)
+    for j, coordinate in enumerate(robot.coordinates):
+        motors.append(_actuator(model, j, coordinate.name))
+    return ActuatorFile(document(root, _head(model, lacks)), lacks)
+
+
+def _actuator(model: ActuatorModel, j: int, name: str) -> ET.Element:
+    values = model.values
+    found = ET.Element(
+        "position",
+        name=name,
+        joint=name,
+        kp=number(float(values["stiffness"][j])),
+        kv=number(float(values["damping"][j])),
+    )
+    if (limit := float(values["torque_limit"][j])) < UNLIMITED:
+        found.set("forcerange", numbers([-limit, limit]))
+    if (delay := float(values["delay"][j])) >= TIMESTEP:
+        found.set("delay", number(delay))
+        found.set("nsample", str(ceil(delay / TIMESTEP) + 1))
+    return found
+
+
+def _unsupported(model: ActuatorModel) -> list[str]:
+    """What MJCF's position actuators do not have."""
+    found = []
+    for name, what in (
+        ("load_friction", "dry friction that grows with the motor's torque"),
+        ("dead_band", "the controller's dead band"),
+    ):
+        sizes = model.values[name]
+        if np.any(sizes > 0.0):
+            listed = ", ".join(
+                f"{joint} {significant(x)}" for joint, x in zip(model.joints, sizes, strict=True)
+            )
+            found.append(f"{what} ({listed})")
+    return found
+
+
+def _head(model: ActuatorModel, lacks: tuple[str, ...]) -> str:
+    """Where the numbers come from, how targets of the log become `ctrl`, and ranges."""
+    origin, values = model.provenance, model.values
+    lines = [
+        f"{model.robot.name}: actuators identified with steelyard {origin.version} from targets "
+        "and positions.",
+        f"Runs: {', '.join(origin.runs) or 'unknown'}.",
+        "Inputs, SHA-256:",
+        *(f"  {role}: {value}" for role, value in origin.inputs.items()),
+        "Masses and inertias are those of the model file; they give all values their scale.",
+        "ctrl is the target in the joints of this file. From a target of the log, in rad or m:",
+        *(
+            f"  {joint}: {values.signs[j]:+g} * (target {values['offset'][j]:+.6g}) "
+            f"{values['zero'][j]:+.6g}"
+            for j, joint in enumerate(model.joints)
+        ),
+        *(DELAYED if np.any(values["delay"] >= TIMESTEP) else ()),
+        "95 % intervals, as ranges for domain randomisation:",
+        *(
+            f"  {one.name} of {one.joint}: {significant(one.value)} in "
+            f"[{significant(one.interval[0])}, {significant(one.interval[1])}] {one.unit}"
+            + (", mostly prior" if one.status == "not identifiable" else "")
+            for one in model.parameters
+            if one.interval is not None
+        ),
+        "MJCF cannot represent these parts of the identified actuators:",
+        *(f"  - {sentence}" for sentence in lacks or ("nothing",)),
+    ]
+    return comment("\n".join(lines))

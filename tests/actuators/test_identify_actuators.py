@@ -1,0 +1,265 @@
+"""Actuators of an arm that MuJoCo simulates: found again, predicted, written, read, refused."""
+
+import json
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import polars as pl
+import pytest
+from typer.testing import CliRunner
+
+import steelyard
+from servo_arm import ROBOT_FILE, URDF, Servos, log, made, targets
+from steelyard.actuators.actuator_model import ActuatorModel
+from steelyard.actuators.actuators_page import ActuatorIdentification
+from steelyard.actuators.rollout import rollouts
+from steelyard.actuators.target_runs import TargetRun, windows_of
+from steelyard.base.errors import LogError, ModelError
+from steelyard.cli.app import app
+from steelyard.export.model_files.actuators_mjcf import actuators_mjcf
+
+TRUE = Servos()
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    place = tmp_path_factory.mktemp("servos")
+    made(place, TRUE)
+    return place
+
+
+@pytest.fixture(scope="module")
+def found(folder: Path) -> ActuatorIdentification:
+    result = steelyard.identify_actuators(
+        folder / "servos.toml", folder / "servo_fit.csv", folder / "servo_other.csv"
+    )
+    result.save(folder / "model")
+    return result
+
+
+def test_parameters_are_those_of_the_simulated_servos(found: ActuatorIdentification) -> None:
+    true = vars(TRUE)
+    values = {(p.name, p.joint): p for p in found.parameters}
+    for name in ("stiffness", "damping", "coulomb", "armature"):
+        for j, joint in enumerate(("shoulder", "elbow")):
+            one = values[name, joint]
+            assert one.status == "identified"
+            assert one.value == pytest.approx(true[name][j], rel=0.04), one
+            assert one.interval is not None
+            assert one.interval[0] < one.value < one.interval[1]
+    assert values["delay", "all"].value == pytest.approx(TRUE.delay, abs=3e-4)
+    assert values["zero", "elbow"].value == pytest.approx(0.0, abs=0.03)
+    assert values["dead_band", "elbow"].status == "not in the law"
+
+
+def test_unseen_motion_is_predicted_to_the_noise_of_the_encoder(
+    found: ActuatorIdentification,
+) -> None:
+    (unseen,) = found.validation
+    assert unseen.rms.max() < 1.5e-3
+    assert unseen.target_rms.min() > 0.02
+    assert found.verdict.level == "good"
+    assert found.verdict.unseen
+    assert [one.after for one in unseen.drift] == [0.1, 0.5, 2.0]
+    assert unseen.tool < 1e-3 < unseen.target_tool
+
+
+def test_a_part_that_the_servos_lack_is_not_in_the_law(found: ActuatorIdentification) -> None:
+    tried = {rung.tried: rung.kept for rung in found.law}
+    assert tried["- coulomb"] is tried["- delay"] is False
+    assert tried["+ torque_limit"] is tried["+ dead_band"] is False
+
+
+def test_the_model_is_read_again_as_it_was(found: ActuatorIdentification, folder: Path) -> None:
+    again = steelyard.load_actuators(folder / "model")
+    assert again.to_dict() == found.model.to_dict()
+    scored = steelyard.validate_actuators(again, folder / "servo_other.csv")
+    np.testing.assert_allclose(scored.validation[0].rms, found.validation[0].rms, rtol=1e-9)
+    assert "on motion that was not fitted" in str(scored)
+    fitted = steelyard.validate_actuators(again, folder / "servo_fit.csv")
+    assert fitted.verdict.level == "none"
+    assert "does not validate" in str(fitted)
+
+
+def test_report_and_text_say_what_was_found(found: ActuatorIdentification, folder: Path) -> None:
+    page = (folder / "model" / "report.html").read_text("utf-8")
+    assert "Measured and predicted motion" in page and "stiffness" in page
+    text = str(found)
+    assert "GOOD" in text and "masses in the model file" in text and "shoulder" in text
+    json.dumps(found.to_dict(), allow_nan=False)
+
+
+def test_exported_mjcf_moves_as_the_rollout(found: ActuatorIdentification) -> None:
+    model = found.model
+    text = actuators_mjcf(model).text
+    arm = mujoco.MjModel.from_xml_string(text)
+    step = arm.opt.timestep
+    t, target = targets(10.0, seed=11)
+    (window,) = windows_of([TargetRun("log", t, target, np.tile(target[0], (len(t), 1)))], None)
+    (ours,) = rollouts(model.arm, model.values, [window], (), 2e-4)
+    data, every = mujoco.MjData(arm), round(0.02 / step)
+    v = model.values
+    ctrl = v.signs * (target + v["offset"]) + v["zero"]
+    data.qpos[:] = v.signs * target[0] + v["zero"]
+    for j in range(2):
+        held = np.full((arm.actuator_history[j, 0], 1), ctrl[0, j])
+        mujoco.mj_initCtrlHistory(arm, data, j, None, held)
+    times, worst = np.arange(round(10.0 / step)) * step, 0.0
+    rows = np.searchsorted(t, times + 1e-9, side="right") - 1
+    for k, row in enumerate(rows):
+        if k % every == 0:
+            q = v.signs * (data.qpos - v["zero"])
+            worst = max(worst, float(np.abs(q - ours.q[k // every]).max()))
+        data.ctrl[:] = ctrl[row]
+        mujoco.mj_step(arm, data)
+    assert worst < 1e-3
+    assert "95 % intervals" in text and "ctrl is the target" in text
+
+
+def test_reversed_and_shifted_columns_are_found(folder: Path, tmp_path: Path) -> None:
+    (tmp_path / "servos.urdf").write_text(URDF)
+    (tmp_path / "servos.toml").write_text(ROBOT_FILE)
+    for name in ("servo_fit", "servo_other"):
+        table = pl.read_csv(folder / f"{name}.csv")
+        pl.DataFrame(
+            {
+                column: -table[column] + 0.4 if column in ("q1", "target1") else table[column]
+                for column in table.columns
+            }
+        ).write_csv(tmp_path / f"{name}.csv")
+    other = steelyard.identify_actuators(
+        tmp_path / "servos.toml", tmp_path / "servo_fit.csv", tmp_path / "servo_other.csv"
+    )
+    assert other.validation[0].rms.max() < 1.6e-3
+    turned = other.model.values
+    stiffness = turned["stiffness"]
+    if turned.signs.tolist() == [-1.0, 1.0]:
+        assert turned["zero"][0] == pytest.approx(0.4, abs=0.05)
+        assert stiffness == pytest.approx(TRUE.stiffness, rel=0.1)
+    else:
+        assert any("not decided" in note for note in other.notes)
+
+
+def test_what_is_stated_is_kept(folder: Path) -> None:
+    text = (folder / "servos.toml").read_text() + (
+        'position_sign = [1, 1]\nposition_offset = [0.0, 0.0]\n[actuator]\nlaw = "position_pd"\n'
+        'stiffness = [12.0, "identify"]\ndelay = 0.012\ntorque_limit = 50.0\n'
+    )
+    (folder / "stated.toml").write_text(text)
+    result = steelyard.identify_actuators(folder / "stated.toml", folder / "servo_fit.csv")
+    values = {(p.name, p.joint): p for p in result.parameters}
+    assert values["stiffness", "shoulder"].value == 12.0
+    assert values["stiffness", "shoulder"].status == "stated"
+    assert values["stiffness", "elbow"].value == pytest.approx(8.0, rel=0.04)
+    assert values["delay", "all"].status == values["torque_limit", "elbow"].status == "stated"
+    assert values["zero", "shoulder"].value == 0.0
+    assert len(result.law) == 1
+    assert result.verdict.level == "none" and "no log validates" in result.verdict.line
+
+
+@pytest.mark.parametrize(
+    ("change", "wrong"),
+    [
+        ({"target1": "target2", "target2": "target1"}, "follow the targets"),
+        ({"target1": 57.3}, "times as far"),
+        ({"target2": -1.0}, "against their targets"),
+        ({"target1": 0.0, "target2": 0.0}, "no joint's target moves"),
+        ({"time": 50.0}, "too few to show"),
+    ],
+    ids=["order", "degrees", "sign", "still", "slow clock"],
+)
+def test_targets_that_are_others_are_refused(
+    folder: Path, tmp_path: Path, change: dict[str, str | float], wrong: str
+) -> None:
+    table = pl.read_csv(folder / "servo_fit.csv")
+    new = {
+        name: table[by] if isinstance(by := change.get(name, 1.0), str) else table[name] * by
+        for name in table.columns
+    }
+    pl.DataFrame(new).write_csv(tmp_path / "log.csv")
+    with pytest.raises(LogError, match=wrong):
+        steelyard.identify_actuators(folder / "servos.toml", tmp_path / "log.csv")
+
+
+def test_rows_without_numbers_are_left_out_and_counted(folder: Path, tmp_path: Path) -> None:
+    table = pl.read_csv(folder / "servo_fit.csv")
+    q = table["q1"].to_numpy().copy()
+    q[100:110] = np.nan
+    t = table["time"].to_numpy().copy()
+    t[1500:] += 3.0
+    pl.DataFrame({**{c: table[c] for c in table.columns}, "q1": q, "time": t}).write_csv(
+        tmp_path / "log.csv"
+    )
+    result = steelyard.identify_actuators(folder / "servos.toml", tmp_path / "log.csv")
+    assert any("10 rows left out" in note for note in result.notes)
+    assert result.fitted[0].rms.max() < 1.5e-3
+
+
+def test_short_logs_and_robots_without_masses_are_refused(folder: Path, tmp_path: Path) -> None:
+    with pytest.raises(ModelError, match="stretches of 4 s"):
+        steelyard.identify_actuators(folder / "servos.toml", f"{folder / 'servo_fit.csv'}@0:10")
+    bare = URDF[: URDF.index("<inertial>")] + URDF[URDF.index("</inertial>") + 11 :]
+    (tmp_path / "servos.urdf").write_text(bare)
+    (tmp_path / "servos.toml").write_text(ROBOT_FILE)
+    with pytest.raises(ModelError, match="no masses|mass"):
+        steelyard.identify_actuators(tmp_path / "servos.toml", folder / "servo_fit.csv")
+
+
+def test_a_damaged_model_is_refused(found: ActuatorIdentification, tmp_path: Path) -> None:
+    data = found.model.to_dict()
+    for change in (
+        {"signs": [1.0, 2.0]},
+        {"free": [["mass", 0]]},
+        {"values": {}},
+        {"covariance": [[1.0]]},
+        {"schema_version": 99},
+    ):
+        (tmp_path / "model.json").write_text(json.dumps({**data, **change}))
+        with pytest.raises(ModelError):
+            steelyard.load_actuators(tmp_path)
+    assert isinstance(ActuatorModel.from_dict(data), ActuatorModel)
+
+
+def test_commands_do_the_same(
+    found: ActuatorIdentification, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    run = CliRunner().invoke
+    model = str(folder / "model")
+    done = run(app, ["validate", model, str(folder / "servo_other.csv"), "--json"])
+    assert done.exit_code == 0, done.output
+    (one,) = json.loads(done.output)
+    assert set(one["open_loop"]["rms"]) == {"shoulder", "elbow"}
+    assert [x["after_s"] for x in one["open_loop"]["drift"]] == [0.1, 0.5, 2.0]
+    above = run(app, ["validate", model, str(folder / "servo_other.csv"), "--max-error", "0.1"])
+    assert above.exit_code == 1 and "above --max-error" in above.output
+    done = run(app, ["export", model, "--to", "mjcf", "-o", "arm.xml"])
+    assert done.exit_code == 0 and mujoco.MjModel.from_xml_path("arm.xml").nu == 2
+    refused = run(app, ["export", model, "--to", "urdf"])
+    assert refused.exit_code == 2 and "--to mjcf" in refused.output
+    toml, logs = str(folder / "servos.toml"), str(folder / "servo_fit.csv")
+    refused = run(app, ["identify", toml, logs, "--bootstrap", "30"])
+    assert refused.exit_code == 2 and "needs efforts" in refused.output
+    refused = run(app, ["check", toml, logs])
+    assert refused.exit_code == 2 and "identify the actuators" in refused.output
+    refused = run(app, ["health", model, logs])
+    assert refused.exit_code == 2 and "without efforts" in refused.output
+
+
+def test_init_finds_targets_and_identify_follows(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    table = log(TRUE, 40.0, seed=4)
+    names = {"target1": "cmd_shoulder", "target2": "cmd_elbow", "q1": "pos_shoulder"}
+    names["q2"] = "pos_elbow"
+    pl.DataFrame({names.get(k, k): x for k, x in table.items()}).write_parquet("log.parquet")
+    run = CliRunner().invoke
+    done = run(app, ["init", str(folder / "servos.urdf"), "log.parquet", "-o", "arm.toml"])
+    assert done.exit_code == 0, done.output
+    assert "targets are cmd_shoulder, cmd_elbow" in done.output
+    done = run(app, ["identify", "arm.toml", "log.parquet", "-o", "out", "--json"])
+    assert done.exit_code == 0, done.output
+    assert json.loads(done.output)["fitted"][0]["open_loop"]["rms"]["elbow"] < 1.5e-3
+    assert sorted(p.name for p in Path("out").iterdir()) == ["model.json", "report.html"]
