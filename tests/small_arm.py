@@ -3,7 +3,8 @@
 from pathlib import Path
 from shutil import copyfile
 
-import servo_arm
+from proofs.support import servo_arm
+
 import steelyard
 from steelyard.excite.trajectories.fourier import random_fourier
 from steelyard.excite.trajectories.trajectory_files import write_motion
@@ -37,7 +38,8 @@ def made(place: Path) -> None:
         copyfile(place / name / "log.csv", place / f"{name}.csv")
     steelyard.identify(robot, place / "fit.csv").save(place / "arm-model")
     servos = servo_arm.made(place, seconds=40.0)
-    known = 'position_sign = [1, 1]\nposition_offset = [0.0, 0.0]\n[actuator]\nlaw = "position_pd"\n'
+    known = "position_sign = [1, 1]\nposition_offset = [0.0, 0.0]\n"
+    known += '[actuator]\nlaw = "position_pd"\n'
     servos.rename(place / "servo.toml").write_text(servo_arm.ROBOT_FILE + known)
     actuators = steelyard.identify_actuators(place / "servo.toml", place / "servo_fit.csv")
     actuators.save(place / "servo-model")

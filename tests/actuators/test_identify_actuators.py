@@ -7,10 +7,10 @@ import mujoco
 import numpy as np
 import polars as pl
 import pytest
+from proofs.support.servo_arm import ROBOT_FILE, URDF, Servos, log, made, targets
 from typer.testing import CliRunner
 
 import steelyard
-from servo_arm import ROBOT_FILE, URDF, Servos, log, made, targets
 from steelyard.actuators.actuator_model import ActuatorModel
 from steelyard.actuators.actuators_page import ActuatorIdentification
 from steelyard.actuators.rollout import rollouts
@@ -263,3 +263,43 @@ def test_init_finds_targets_and_identify_follows(
     assert done.exit_code == 0, done.output
     assert json.loads(done.output)["fitted"][0]["open_loop"]["rms"]["elbow"] < 1.5e-3
     assert sorted(p.name for p in Path("out").iterdir()) == ["model.json", "report.html"]
+
+
+@pytest.mark.parametrize("version", [2, 3])
+def test_a_dataset_of_teleoperation_is_identified(
+    folder: Path, tmp_path: Path, version: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    frames = []
+    for episode in range(4):
+        table = log(TRUE, 15.0, seed=20 + episode)
+        pairs = {
+            name: np.stack([table[f"{short}{j}"] for j in (1, 2)], axis=1).astype(np.float32)
+            for name, short in (("action", "target"), ("observation.state", "q"))
+        }
+        lists = {k: pl.Series(x.tolist(), dtype=pl.List(pl.Float32)) for k, x in pairs.items()}
+        rows = {"timestamp": table["time"], "episode_index": np.full(len(table["time"]), episode)}
+        frames.append(pl.DataFrame({**lists, **rows}))
+    data = Path("data", "chunk-000")
+    data.mkdir(parents=True)
+    Path("meta").mkdir()
+    names = ["shoulder.pos", "elbow.pos"]
+    feature = {"dtype": "float32", "shape": [2], "names": names}
+    features = {"action": feature, "observation.state": feature}
+    info = {"codebase_version": f"v{version}.0", "fps": 50, "features": features}
+    Path("meta", "info.json").write_text(json.dumps(info))
+    if version == 2:
+        for k, frame in enumerate(frames):
+            frame.write_parquet(data / f"episode_{k:06d}.parquet")
+    else:
+        pl.concat(frames).write_parquet(data / "file-000.parquet")
+        Path("meta", "episodes").mkdir()
+        frames[0].select("timestamp").write_parquet("meta/episodes/file-000.parquet")
+    done = CliRunner().invoke(
+        app, ["init", str(folder / "servos.urdf"), ".", "-o", "arm.toml", "--no-input"]
+    )
+    assert done.exit_code == 0, done.output
+    assert "targets are action" in done.output.replace("\n", " ")
+    fitted = steelyard.identify_actuators("arm.toml", ".#0:2250", ".#2250:3000")
+    assert len(fitted.fitted) == 3 and len(fitted.validation) == 1
+    assert fitted.validation[0].rms.max() < 1.7e-3

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from proofs.support.servo_arm import URDF, Servos, moved, targets
 
-from servo_arm import URDF, Servos, moved, targets
 from steelyard.actuators.actuator_model import arm_step
 from steelyard.actuators.actuator_parameters import (
     KINDS,

@@ -327,7 +327,8 @@ def errors_table(model: ActuatorModel, found: Sequence[OpenLoop]) -> PlainTable:
 
 
 def _milli(x: float) -> str:
-    return significant(1e3 * float(x))
+    """A thousandth is the unit; less than a thousandth of it is nothing."""
+    return significant(1e3 * float(x)) if abs(x) >= 1e-6 else "0"
 
 
 def _drift(found: Sequence[OpenLoop], after: float, joint: int | None) -> str:
@@ -346,7 +347,7 @@ def _drift(found: Sequence[OpenLoop], after: float, joint: int | None) -> str:
 def logs_table(model: ActuatorModel, found: Sequence[OpenLoop]) -> PlainTable:
     """Errors of each log, joint by joint."""
     rows = [Row((one.log, *(_milli(x) for x in one.rms), _milli(one.tool))) for one in found]
-    return PlainTable("", "", ("log", *model.joints, "tool [mm]"), rows)
+    return PlainTable("By log", "", ("log", *model.joints, "tool [mm]"), rows)
 
 
 def parameters_table(model: ActuatorModel) -> PlainTable:

@@ -16,7 +16,8 @@ from steelyard.base.arrays import Array
 ALWAYS = ("stiffness", "damping", "armature", "offset", "zero")
 USUAL = ("coulomb", "delay")
 POSSIBLE = ("load_friction", "torque_limit", "dead_band")
-LEAST_GAIN = 0.01  # share of the left-out error that a part has to take away
+LEAST_GAIN = 0.03  # share of the left-out error that a part which is added has to take away
+LEAST_LOSS = 0.005  # share that it has to grow by without a part that is kept
 LEFT_OUT = 4  # every one of so many blocks of windows is left out
 SHORT = 5  # rounds of a fit that begins at another one
 REACH = 0.8  # of the largest torque: where a limit is tried first
@@ -145,7 +146,7 @@ def chosen(
             first = now.values.changed(**{part: BY_NAME[part].default})
         other = fit(search.task(fitted, others, first), first, SHORT)
         new = left_out_error(search, other.values, left)
-        better = new < error * (1.0 - LEAST_GAIN) if adds else new <= error * (1.0 + LEAST_GAIN)
+        better = new < error * (1.0 - LEAST_GAIN) if adds else new <= error * (1.0 + LEAST_LOSS)
         rungs.append(Rung(others, f"{sign} {part}", new, better))
         if better:
             now, error, parts = other, new, others

@@ -40,8 +40,10 @@ WINDOW = 4.0  # length of what is rolled out from a measured state [s]
 TRIED = 4  # combinations of signs that are fitted
 FIRST_ROUNDS, FIRST_SECONDS, FIRST_STEP = 8, 100.0, 0.02
 """Of the fits between which signs are decided: rounds, motion [s], and steps of rollouts [s]."""
+CHOICE_SECONDS = 200.0  # of motion on which parts of the law are tried [s]
 LEAST_WINDOWS = 8
-FINER = 4  # times shorter are the steps of the last fit, and of all that it predicts
+LAST_ROUNDS = 5  # of the fit with the finest steps
+FINER = 2  # times shorter are the steps of the last fit, and of all that it predicts
 AS_GOOD = 1.1
 """Misfit over the least up to which signs fit as well: masses of model files are off by more."""
 
@@ -114,7 +116,7 @@ def identify_actuators(
     windows = windows_of(job.runs, WINDOW)
     refuse_few(windows, known)
     start, open_signs, seen = _started(job, windows)
-    search = _search(job, windows, start, seen, 2.0 * STEP)
+    search = _search(job, _some(windows, CHOICE_SECONDS), start, seen, 2.0 * STEP)
     count = iter(range(100))
     fitted, rungs, parts = chosen(
         search,
@@ -123,7 +125,7 @@ def identify_actuators(
         file.actuator.law == "auto",
         lambda what: report_progress(progress, "choosing the law", next(count), 6, what),
     )
-    final = _final(search, fitted, parts, job)
+    final = _final(replace(search, windows=tuple(windows)), fitted, parts, job)
     notes = _notes_of_zeros(job, final.values, open_signs, seen)
     origin = provenance(file, known, (), unknown, (), (*file.notes, *notes))
     origin = replace(origin, runs=tuple(log.name for log in job.logs))
@@ -223,7 +225,7 @@ def _started(job: _Job, windows: Sequence[Window]) -> tuple[ActuatorValues, list
     report_progress(job.progress, "finding signs and zeros", 0, 1)
     seen = gravity_joints(job.nominal, Quiet.of(job.runs))
     begun = starts(job.nominal, job.runs, s.signs, s.zeros)
-    some = _some(windows)
+    some = _some(windows, FIRST_SECONDS)
     tried: list[Fitted] = []
     for k, one in enumerate(begun[:TRIED]):
         report_progress(job.progress, "finding signs and zeros", k, min(TRIED, len(begun)))
@@ -282,22 +284,23 @@ def _changes(found: Fitted) -> tuple[int, float]:
     return int((found.values.signs < 0.0).sum()), float(np.abs(found.values["zero"]).sum())
 
 
-def _some(windows: Sequence[Window]) -> list[Window]:
-    """Windows of some minutes in all, spread over the logs."""
-    every = max(1, round(len(windows) * WINDOW / FIRST_SECONDS))
+def _some(windows: Sequence[Window], seconds: float) -> list[Window]:
+    """Windows of about so long in all, spread over the logs."""
+    every = max(1, round(len(windows) * WINDOW / seconds))
     return list(windows[::every])
 
 
 def _final(search: Search, fitted: Fitted, parts: Sequence[str], job: _Job) -> Fitted:
     """The fit to all windows, from that to some of them."""
     task = search.task(search.windows, parts, fitted.values)
-    task = replace(task, prior=fitted.task.prior, h=STEP)
+    task = replace(task, prior=fitted.task.prior)
 
     def report(round_: int, value: float) -> None:
         report_progress(job.progress, "identifying the actuators", round_, 15)
 
     coarse = fit(task, fitted.values, report=report)
-    return fit(replace(task, finer=FINER), coarse.values, report=report)
+    fine = replace(task, h=STEP, finer=FINER)
+    return fit(fine, coarse.values, LAST_ROUNDS, report)
 
 
 def _model(job: _Job, found: Fitted, origin: Provenance) -> ActuatorModel:
