@@ -23,6 +23,8 @@ from steelyard.robot.robot import Robot, robot_from_dict, robot_to_dict
 
 SCHEMA_VERSION = 1
 
+LEAST_STEP, MOST_STEP = 1e-4, 0.05  # of rollouts [s]
+
 IDENTIFIED = 0.75
 """Share of the prior's variance that the data take away from what counts as identified."""
 
@@ -160,13 +162,26 @@ class ActuatorModel:
         n, p = robot.n, len(data["free"])
         signs = frozen(data["signs"], (n,))
         given = {kind.name: frozen(data["values"][kind.name], (n,)) for kind in KINDS}
-        if not all(np.isfinite(x).all() for x in given.values()) or not (abs(signs) == 1.0).all():
-            raise ValueError("a value of an actuator is not finite, or a sign not 1 or -1")
+        if not (abs(signs) == 1.0).all():
+            raise ValueError("a sign is not 1 or -1")
+        for kind in KINDS:
+            x = given[kind.name]
+            least = 1e-12 if kind.name in ("stiffness", "armature") else 0.0
+            if not np.isfinite(x).all() or (kind.positive and (x < least).any()):
+                raise ValueError(f"'{kind.name}' is not finite, or not what an actuator can have")
+        step = float(data["step_s"])
+        if not LEAST_STEP <= step <= MOST_STEP:
+            raise ValueError(
+                f"steps of {step:g} s are not between {LEAST_STEP:g} and {MOST_STEP:g}"
+            )
         free = tuple(Free(str(name), int(joint)) for name, joint in data["free"])
         if strange := [one for one in free if one.name not in BY_NAME or not -1 <= one.joint < n]:
             raise ValueError(
                 f"there is no parameter '{strange[0].name}' of joint {strange[0].joint}"
             )
+        for name in ("covariance", "known", "scale"):
+            if not np.isfinite(np.asarray(data[name], dtype=float)).all():
+                raise ValueError(f"'{name}' holds a value that is not finite")
         lists = {name: tuple(origin.get(name, ())) for name in ("runs", "notes", "doubts")}
         return cls(
             robot,
@@ -177,7 +192,7 @@ class ActuatorModel:
             frozen(data["known"], (p,)),
             frozen(data["scale"], (n,)),
             tuple(map(str, data["stated"])),
-            float(data["step_s"]),
+            step,
             Provenance(**{**origin, **lists}),
         )
 

@@ -140,9 +140,17 @@ def _from_toml(path: Path, text: str, sha256: str) -> LoadedRobot:
     signals = None
     targets = None
     if file.signals is not None and file.signals.target and not file.signals.has_efforts:
+        _refuse_of_efforts(file, locate)
         targets = build_target_signals(file.signals, robot.coordinates, locate)
     elif file.signals is not None:
         signals = build_signals(file.signals, robot.coordinates, locate, robot.transmission)
+    if targets is None and file.actuator.model_fields_set:
+        raise ModelError(
+            "actuators are described, but no position targets without efforts",
+            where=locate("actuator"),
+            fix="add target = ... under [signals] and leave out [signals.effort]; or remove "
+            "[actuator]",
+        )
     limited = {n for n, limits in file.robot.limits.items() if limits.effort is not None}
     ignored = ignored_statements(mechanism, robot, _answers(file), limited)
     notes += tuple(ignored.values())
@@ -179,6 +187,24 @@ def _from_toml(path: Path, text: str, sha256: str) -> LoadedRobot:
         targets=targets,
         actuator=file.actuator,
     )
+
+
+def _refuse_of_efforts(file: RobotFile, locate: Locate) -> None:
+    """What only efforts make sense of is refused beside targets alone, not ignored."""
+    for name in ("model", "processing", "estimation", "prior", "validation"):
+        section = getattr(file, name)
+        if section is not None and section.model_fields_set:
+            raise ModelError(
+                f"[{name}] is for logs with efforts, and only position targets are named",
+                where=locate(name),
+                fix=f"remove [{name}], or add [signals.effort]",
+            )
+    if file.knowledge:
+        raise ModelError(
+            "[[knowledge]] is for logs with efforts, and only position targets are named",
+            where=locate("knowledge"),
+            fix="remove it, or add [signals.effort]",
+        )
 
 
 def _answers(file: RobotFile) -> set[Answer]:
