@@ -114,7 +114,7 @@ def test_exported_mjcf_moves_as_the_rollout(found: ActuatorIdentification) -> No
         data.ctrl[:] = ctrl[row]
         mujoco.mj_step(arm, data)
     assert worst < 1e-3
-    assert "95 % intervals" in text and "ctrl is the target" in text
+    assert "95 % intervals" in text and "ctrl = +1" in text and "actuatorfrcrange" not in text
 
 
 def test_reversed_and_shifted_columns_are_found(folder: Path, tmp_path: Path) -> None:
@@ -197,7 +197,7 @@ def test_rows_without_numbers_are_left_out_and_counted(folder: Path, tmp_path: P
 
 
 def test_short_logs_and_robots_without_masses_are_refused(folder: Path, tmp_path: Path) -> None:
-    with pytest.raises(ModelError, match="stretches of 4 s"):
+    with pytest.raises(ModelError, match="32 s are needed"):
         steelyard.identify_actuators(folder / "servos.toml", f"{folder / 'servo_fit.csv'}@0:10")
     bare = URDF[: URDF.index("<inertial>")] + URDF[URDF.index("</inertial>") + 11 :]
     (tmp_path / "servos.urdf").write_text(bare)
@@ -213,6 +213,22 @@ def test_a_damaged_model_is_refused(found: ActuatorIdentification, tmp_path: Pat
         {"free": [["mass", 0]]},
         {"values": {}},
         {"covariance": [[1.0]]},
+        {"covariance": (-np.eye(len(data["free"]))).tolist()},
+        {"step_s": 0.0},
+        {"step_s": 1e-12},
+        {"step_s": -1.0},
+        {"step_s": "x"},
+        {"values": {**data["values"], "stiffness": [-12.0, 8.0]}},
+        {"values": {**data["values"], "stiffness": [1e300, 8.0]}},
+        {"values": {**data["values"], "damping": [0.1, -5.0]}},
+        {"values": {**data["values"], "torque_limit": [1.0, -1.0]}},
+        {"values": {**data["values"], "delay": [1e6, 1e6]}},
+        {"values": {**data["values"], "delay": [0.0, 0.1]}},
+        {"signals": {**data["signals"], "position": ["q1"]}},
+        {"signals": {**data["signals"], "position": [1, 2]}},
+        {"signals": {**data["signals"], "time_scale": "x"}},
+        {"provenance": {**data["provenance"], "inputs": ["x"]}},
+        {"free": data["free"] * 100_000},
         {"schema_version": 99},
     ):
         (tmp_path / "model.json").write_text(json.dumps({**data, **change}))
@@ -303,3 +319,106 @@ def test_a_dataset_of_teleoperation_is_identified(
     fitted = steelyard.identify_actuators("arm.toml", ".#0:2250", ".#2250:3000")
     assert len(fitted.fitted) == 3 and len(fitted.validation) == 1
     assert fitted.validation[0].rms.max() < 1.7e-3
+
+
+def rewritten(folder: Path, to: Path, name: str = "servo_fit", **columns: np.ndarray) -> Path:
+    table = pl.read_csv(folder / f"{name}.csv")
+    pl.DataFrame({c: columns.get(c, table[c]) for c in table.columns}).write_csv(to)
+    return to
+
+
+def test_logs_that_cannot_be_used_are_refused_with_the_reason(
+    found: ActuatorIdentification, folder: Path, tmp_path: Path
+) -> None:
+    table, file = pl.read_csv(folder / "servo_fit.csv"), tmp_path / "log.csv"
+    t, q = table["time"].to_numpy(), table["q1"].to_numpy()
+    far = t.copy()
+    far[100] = 1e12
+    for columns, wrong in (
+        ({"q1": np.full(len(q), np.nan)}, "column 'q1' has no number"),
+        ({"time": far}, "rows are not later"),
+        ({"time": t[::-1].copy()}, "rows are not later"),
+        ({"time": t + 10.0 * np.floor(np.arange(len(t)) / 30)}, "no 50 rows in a row"),
+    ):
+        rewritten(folder, file, **columns)
+        with pytest.raises(LogError, match=wrong):
+            steelyard.identify_actuators(folder / "servos.toml", file)
+        with pytest.raises(LogError, match=wrong):
+            steelyard.validate_actuators(found.model, file)
+    huge = table["target1"].to_numpy().copy()
+    huge[500] = 1e6
+    rewritten(folder, file, target1=huge)
+    scored = steelyard.validate_actuators(found.model, file)
+    assert "1 rows left out" in scored.notes[0] and scored.validation[0].rms.max() < 2e-3
+
+
+def test_fitted_motion_is_known_by_its_content(
+    found: ActuatorIdentification, folder: Path, tmp_path: Path
+) -> None:
+    copy = tmp_path / "other_name.csv"
+    copy.write_bytes((folder / "servo_fit.csv").read_bytes())
+    scored = steelyard.validate_actuators(found.model, [copy, folder / "servo_other.csv"])
+    assert scored.fitted == ("other_name",) and len(scored.fresh) == 1
+    same = tmp_path / "servo_fit.csv"
+    same.write_bytes((folder / "servo_other.csv").read_bytes())
+    assert steelyard.validate_actuators(found.model, same).fitted == ()
+    part = steelyard.identify_actuators(
+        folder / "servos.toml", f"{folder / 'servo_fit.csv'}@0:40"
+    ).model
+    here = str(folder / "servo_fit.csv")
+    assert steelyard.validate_actuators(part, f"{here}@0:39").fitted == ("servo_fit@:39",)
+    assert steelyard.validate_actuators(part, f"{here}@41:60").fitted == ()
+
+
+def test_a_joint_that_does_not_move_is_named_and_not_identified(
+    folder: Path, tmp_path: Path
+) -> None:
+    table = pl.read_csv(folder / "servo_fit.csv")
+    file = rewritten(
+        folder,
+        tmp_path / "log.csv",
+        q2=np.full(len(table), 0.1),
+        target2=np.full(len(table), 0.1),
+    )
+    result = steelyard.identify_actuators(folder / "servos.toml", file)
+    status = {(p.name, p.joint): p.status for p in result.parameters}
+    assert status["coulomb", "elbow"] == status["stiffness", "elbow"] == "assumed"
+    assert status["coulomb", "shoulder"] == "identified"
+    assert any("elbow: no motion" in words for words in result.warnings)
+
+
+def test_a_torque_limit_that_is_reached_is_found(tmp_path: Path) -> None:
+    weak = Servos(torque_limit=(0.8, 0.4))
+    made(tmp_path, weak)
+    result = steelyard.identify_actuators(
+        tmp_path / "servos.toml", tmp_path / "servo_fit.csv", tmp_path / "servo_other.csv"
+    )
+    limits = {p.joint: p for p in result.parameters if p.name == "torque_limit"}
+    assert limits["shoulder"].value == pytest.approx(0.8, rel=0.1)
+    assert limits["elbow"].value == pytest.approx(0.4, rel=0.15)
+    assert result.validation[0].rms.max() < 0.02
+
+
+def test_motion_beyond_the_limits_of_the_joints_is_never_good(folder: Path, tmp_path: Path) -> None:
+    text = (folder / "servos.toml").read_text()
+    (tmp_path / "servos.urdf").write_text(URDF)
+    (tmp_path / "servos.toml").write_text(text + "position_offset = [0.0, 3.0]\n")
+    result = steelyard.identify_actuators(
+        tmp_path / "servos.toml", folder / "servo_fit.csv", folder / "servo_other.csv"
+    )
+    assert result.verdict.level == "poor"
+    assert any("elbow moves over" in words for words in result.warnings)
+    with pytest.raises(ModelError, match="cannot be right"):
+        actuators_mjcf(result.model)
+
+
+def test_what_the_model_misses_is_named(
+    found: ActuatorIdentification, folder: Path, tmp_path: Path
+) -> None:
+    table = pl.read_csv(folder / "servo_other.csv")
+    q = table["q1"].to_numpy().copy()
+    q[600:1800] = q[600]
+    file = rewritten(folder, tmp_path / "limp.csv", "servo_other", q1=q)
+    scored = steelyard.validate_actuators(found.model, file)
+    assert scored.verdict.level != "good"
+    assert any("a servo that is off: shoulder in limp" in words for words in scored.warnings)

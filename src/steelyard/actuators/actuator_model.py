@@ -9,7 +9,15 @@ from typing import Any
 
 import numpy as np
 
-from steelyard.actuators.actuator_parameters import BY_NAME, KINDS, ActuatorValues, Free
+from steelyard.actuators.actuator_parameters import (
+    BY_NAME,
+    KINDS,
+    UNLIMITED,
+    ActuatorValues,
+    Free,
+    Kind,
+)
+from steelyard.actuators.choice import WIDE
 from steelyard.actuators.closed_loop_step import ArmStep
 from steelyard.base.arrays import Z95, Array, frozen, json_values
 from steelyard.base.errors import ModelError
@@ -23,6 +31,9 @@ from steelyard.robot.robot import Robot, robot_from_dict, robot_to_dict
 
 SCHEMA_VERSION = 1
 
+CANNOT_BE = "sign or zero cannot be right"  # how the note on motion beyond limits begins
+BEYOND_LIMITS = 0.2  # how far motion may leave the limits of a model file [rad; m]
+LONGEST_DELAY = 2.0  # [s]
 LEAST_STEP, MOST_STEP = 1e-4, 0.05  # of rollouts [s]
 
 IDENTIFIED = 0.75
@@ -33,8 +44,10 @@ IDENTIFIED = 0.75
 class ActuatorParameter:
     """One parameter of one joint, or of all: its value and 95 % interval, and where it is from.
 
-    `status` is `identified`, `not identifiable` (the interval is mostly the prior's), `stated` or
-    `not in the law`; the interval is `None` of the last two.
+    `status` is `identified`, `not identifiable` (the interval is wide, or mostly the prior's),
+    `assumed` (like the other joints: the stiffness where gravity hardly loads the joint, all of a
+    joint that does not move),
+    `stated` or `not in the law`; the interval is `None` of the last three.
     """
 
     name: str
@@ -62,6 +75,7 @@ class ActuatorModel:
         known: Share of the prior's variance that the data took away, `(p,)`.
         scale: Scale of the residuals of each joint [rad; m].
         stated: Names of the parameters that the user stated.
+        weighed: Numbers of the joints that gravity loads, whose torques have a scale.
         step: Length of the steps of rollouts [s].
         provenance: Inputs and settings.
 
@@ -79,6 +93,7 @@ class ActuatorModel:
     known: Array
     scale: Array
     stated: tuple[str, ...]
+    weighed: tuple[int, ...]
     step: float
     provenance: Provenance
 
@@ -107,14 +122,21 @@ class ActuatorModel:
                 at = place.get((kind.name, j))
                 unit = _unit(kind.unit, self.robot, j)
                 if at is None:
-                    mine = kind.name in self.stated and value != kind.default
-                    status = "stated" if mine else "not in the law"
+                    status = "stated" if kind.name in self.stated else "not in the law"
+                    if status != "stated" and (kind.name == "stiffness" or self._searched(kind)):
+                        status = "assumed"
                     found.append(ActuatorParameter(kind.name, joint, unit, value, None, status))
                     continue
                 interval = self._interval(at, value)
-                status = "identified" if self.known[at] > IDENTIFIED else "not identifiable"
+                wide = kind.positive and self.covariance[at, at] > WIDE**2
+                sure = self.known[at] > IDENTIFIED and not wide
+                status = "identified" if sure else "not identifiable"
                 found.append(ActuatorParameter(kind.name, joint, unit, value, interval, status))
         return tuple(found)
+
+    def _searched(self, kind: Kind) -> bool:
+        """Whether a parameter was searched at some joint."""
+        return kind.name != "zero" and any(one.name == kind.name for one in self.free)
 
     def _interval(self, at: int, value: float) -> tuple[float, float]:
         half = Z95 * float(np.sqrt(self.covariance[at, at]))
@@ -123,17 +145,35 @@ class ActuatorModel:
         low = value - half
         return (max(low, 0.0) if self.free[at].name == "delay" else low), value + half
 
+    def outside_limits(self, q: Array) -> dict[str, str]:
+        """Joints that positions of a log `(N, n)` take far beyond their limits, and where to."""
+        found = {}
+        moved = self.values.signs * q + self.values["zero"]
+        for j, joint in enumerate(self.robot.coordinates):
+            low, high = float(moved[:, j].min()), float(moved[:, j].max())
+            if (
+                low < joint.limits.lower - BEYOND_LIMITS
+                or high > joint.limits.upper + BEYOND_LIMITS
+            ):
+                found[joint.name] = (
+                    f"{low:.2f} to {high:.2f} {joint.unit}, and its limits are "
+                    f"{joint.limits.lower:.3g} to {joint.limits.upper:.3g}"
+                )
+        return found
+
     def ratio(self, name: str, joint: int) -> tuple[float, float] | None:
         """A parameter over the stiffness of its joint, and the standard deviation of its logarithm.
 
-        Ratios need no scale; `None` where one of them was not searched.
+        Ratios need no scale; `None` where the parameter was not searched.
         """
         place = {(one.name, one.joint): k for k, one in enumerate(self.free)}
         a, b = place.get((name, joint)), place.get(("stiffness", joint))
-        if a is None or b is None or not BY_NAME[name].positive:
+        if a is None or not BY_NAME[name].positive:
             return None
         c = self.covariance
-        variance = float(c[a, a] + c[b, b] - 2.0 * c[a, b])
+        variance = float(c[a, a])
+        if b is not None:
+            variance += float(c[b, b] - 2.0 * c[a, b])
         value = float(self.values[name][joint] / self.values["stiffness"][joint])
         return value, float(np.sqrt(max(variance, 0.0)))
 
@@ -151,6 +191,7 @@ class ActuatorModel:
             "known": self.known.tolist(),
             "scale": self.scale.tolist(),
             "stated": list(self.stated),
+            "weighed": list(self.weighed),
             "step_s": self.step,
             "provenance": json_values(self.provenance),
         }
@@ -166,8 +207,9 @@ class ActuatorModel:
             raise ValueError("a sign is not 1 or -1")
         for kind in KINDS:
             x = given[kind.name]
-            least = 1e-12 if kind.name in ("stiffness", "armature") else 0.0
-            if not np.isfinite(x).all() or (kind.positive and (x < least).any()):
+            least = 1e-12 if kind.name in ("stiffness", "armature", "torque_limit") else 0.0
+            low = (kind.positive or kind.common) and (x < least).any()
+            if not (np.abs(x) <= UNLIMITED).all() or low or (kind.common and np.ptp(x) > 0.0):
                 raise ValueError(f"'{kind.name}' is not finite, or not what an actuator can have")
         step = float(data["step_s"])
         if not LEAST_STEP <= step <= MOST_STEP:
@@ -179,6 +221,10 @@ class ActuatorModel:
             raise ValueError(
                 f"there is no parameter '{strange[0].name}' of joint {strange[0].joint}"
             )
+        if p > len(KINDS) * n or given["delay"].max(initial=0.0) > LONGEST_DELAY:
+            raise ValueError("it holds more parameters, or a longer delay, than an arm can have")
+        if (np.diag(np.asarray(data["covariance"], dtype=float).reshape(p, p)) < 0.0).any():
+            raise ValueError("'covariance' has a negative variance")
         for name in ("covariance", "known", "scale"):
             if not np.isfinite(np.asarray(data[name], dtype=float)).all():
                 raise ValueError(f"'{name}' holds a value that is not finite")
@@ -192,8 +238,9 @@ class ActuatorModel:
             frozen(data["known"], (p,)),
             frozen(data["scale"], (n,)),
             tuple(map(str, data["stated"])),
+            tuple(j for j in map(int, data["weighed"]) if 0 <= j < n),
             step,
-            Provenance(**{**origin, **lists}),
+            Provenance(**{**origin, "inputs": dict(origin["inputs"]), **lists}),
         )
 
     def text(self) -> str:

@@ -10,19 +10,22 @@ import numpy as np
 from rich.console import Console
 from rich.text import Text
 
-from steelyard.actuators.actuator_model import ActuatorModel, ActuatorParameter
+from steelyard.actuators.actuator_model import CANNOT_BE, ActuatorModel, ActuatorParameter
 from steelyard.actuators.actuator_parameters import KINDS
-from steelyard.actuators.choice import Rung
+from steelyard.actuators.choice import LEAST_GAIN, LEAST_LOSS, Rung
 from steelyard.actuators.open_loop import AFTER, OpenLoop, tool_body
 from steelyard.base.arrays import Z95, Array
 from steelyard.report.page import figures, inspected_page, notes
 from steelyard.report.page_figures import Figure, Group, Key, drawn, line
 from steelyard.report.result import Result, print_verdict
 from steelyard.report.tables import PlainTable, Row, narrow_table
-from steelyard.report.words import NONE, Level, count, significant
+from steelyard.report.words import NONE, Level, count, first_names, significant
 
 GOOD, FAIR = 0.35, 0.8
 """Mean error over that of "position = target", up to which a model is good, or fair."""
+WORST_GOOD, WORST_FAIR = 0.7, 1.2
+"""The same of the worst joint."""
+RARE = 6.0  # error of a whole log over the usual residual, above which long stretches are missed
 POINTS = 1500  # of a line of a figure
 STILL = 1e-4  # error of "position = target" of a joint that does not move [rad; m]
 
@@ -100,7 +103,16 @@ class ActuatorIdentification(ActuatorResult):
     def warnings(self) -> tuple[str, ...]:
         """Where the scale comes from, what logs do not show, and open signs."""
         open_signs = [note for note in self.notes if "not decided" in note]
-        return (scale_words(self.model), *unknown_words(self.model), *open_signs)
+        every = (*self.fitted, *self.validation)
+        return (
+            *limit_words(self.model, every),
+            *missed_words(self.model, every),
+            *(note for note in self.notes if "no motion in these logs" in note),
+            scale_words(self.model),
+            *assumed_words(self.model),
+            *unknown_words(self.model),
+            *open_signs,
+        )
 
     @cached_property
     def parameters(self) -> tuple[ActuatorParameter, ...]:
@@ -128,12 +140,11 @@ class ActuatorIdentification(ActuatorResult):
 
     def show(self, console: Console, verbose: bool = False) -> None:
         """Print the headline, errors and parameters."""
-        _print(console, self)
+        _print(console, self, self.validation or self.fitted)
         table = parameters_table(self.model) if verbose else brief_table(self.model)
         console.print(narrow_table(table))
-        for one in (p for p in self.parameters if p.joint == "all" and p.interval):
-            console.print(Text(f"{one.name}  {_value(one)} {one.unit}, of all joints"))
-        console.print(Text(f"law  {law_words(self.law)}"))
+        for words in law_lines(self.model, self.law):
+            console.print(Text(words), soft_wrap=True)
         more = (*(note for note in self.notes if note not in self.warnings),)
         for note in more if verbose else more[:4]:
             console.print(Text(f"note {note}"), soft_wrap=True)
@@ -150,11 +161,17 @@ class ActuatorIdentification(ActuatorResult):
             f"{self.model.robot.name}: actuators",
             self.model.robot.name,
             (
-                *_error_sections(self, shown),
+                *_error_sections(self, shown, shown),
                 figures("parameters", "Parameters", tables=[parameters_table(self.model)]),
                 figures("ratios", "Ratios to the stiffness", tables=[ratios_table(self.model)]),
-                figures("law", "Choice of the law", tables=[law_table(self.law)]),
-                _motion_section(self.model, shown),
+                figures(
+                    "law",
+                    "The law",
+                    words=" ".join(f"{one}." for one in law_lines(self.model, self.law)),
+                    tables=[law_table(self.law)],
+                ),
+                *_motion_sections(self.model, shown),
+                figures("logs", "Fitted logs", tables=[fitted_table(self.fitted)]),
                 notes("notes", "Notes", self.notes, folded=True),
             ),
         )
@@ -179,23 +196,24 @@ class ActuatorValidation(ActuatorResult):
     json_name: ClassVar[str] = "validation.json"
 
     @property
-    def unseen(self) -> bool:
-        """Whether some log was not fitted."""
-        return any(one.log not in self.fitted for one in self.validation)
+    def fresh(self) -> tuple[OpenLoop, ...]:
+        """Errors of the logs that were not fitted."""
+        return tuple(one for one in self.validation if one.log not in self.fitted)
 
     @property
     def verdict(self) -> ActuatorVerdict:
         """How well the model predicts, in one line."""
-        fresh = tuple(one for one in self.validation if one.log not in self.fitted)
-        if fresh:
-            return verdict_of(self.model, fresh, "on motion that was not fitted")
+        if self.fresh:
+            return verdict_of(self.model, self.fresh, "on motion that was not fitted")
         found = verdict_of(self.model, self.validation, "on the fitted motion")
         return ActuatorVerdict("none", f"{found.line}; no log validates it", found.share, False)
 
     @property
     def warnings(self) -> tuple[str, ...]:
         """Logs that were fitted."""
-        return tuple(f"{name} was fitted: it does not validate the model" for name in self.fitted)
+        again = (f"{name} was fitted: it does not validate the model" for name in self.fitted)
+        found = (limit_words, missed_words)
+        return (*(x for of in found for x in of(self.model, self.validation)), *again)
 
     def to_dict(self) -> dict[str, Any]:
         """The verdict, and under `logs` the errors of each log."""
@@ -205,9 +223,9 @@ class ActuatorValidation(ActuatorResult):
 
     def show(self, console: Console, verbose: bool = False) -> None:
         """Print the headline and the errors."""
-        _print(console, self)
-        if len(self.validation) > 1 or verbose:
-            console.print(narrow_table(logs_table(self.model, self.validation)))
+        _print(console, self, self.fresh or self.validation)
+        if len(self.validation) > 1:
+            console.print(narrow_table(logs_table(self.model, self.validation, self.fitted)))
         for note in self.notes:
             console.print(Text(f"note {note}"), soft_wrap=True)
 
@@ -217,8 +235,8 @@ class ActuatorValidation(ActuatorResult):
             f"{self.model.robot.name}: actuators, validation",
             self.model.robot.name,
             (
-                *_error_sections(self, self.validation),
-                _motion_section(self.model, self.validation),
+                *_error_sections(self, self.fresh or self.validation, self.validation, self.fitted),
+                *_motion_sections(self.model, self.validation),
                 notes("notes", "Notes", self.notes, folded=True),
             ),
         )
@@ -240,6 +258,43 @@ def together(found: Sequence[OpenLoop], name: str = "rms") -> Array:
     return np.asarray(np.sqrt(weight @ squares / weight.sum()))
 
 
+def limit_words(model: ActuatorModel, logs: Sequence[OpenLoop]) -> tuple[str, ...]:
+    """Joints whose motion leaves the limits of the model file: their sign or zero is wrong."""
+    q = np.concatenate([one.q for one in logs])
+    return tuple(
+        f"{CANNOT_BE}: with them {joint} moves over {words}; state position_sign and "
+        "position_offset"
+        for joint, words in model.outside_limits(q).items()
+    )
+
+
+def missed_words(model: ActuatorModel, logs: Sequence[OpenLoop]) -> tuple[str, ...]:
+    """Joints whose error in some log is far above what is usual: something is not described."""
+    by: dict[str, list[str]] = {}
+    for one in logs:
+        bad = (one.rms > RARE * model.scale) & (one.rms > 0.2 * one.target_rms)
+        for j in np.flatnonzero(bad & (one.target_rms > STILL)):
+            by.setdefault(model.joints[j], []).append(one.log)
+    if not by:
+        return ()
+    listed = "; ".join(f"{joint} in {first_names(names, 3)}" for joint, names in by.items())
+    return (
+        "stretches that the model does not describe, such as contact, a stop, a torque limit, or a "
+        f"servo that is off: {listed}",
+    )
+
+
+def assumed_words(model: ActuatorModel) -> tuple[str, ...]:
+    """Joints without a scale of their own."""
+    some = [p.joint for p in model.parameters if p.status == "assumed"]
+    if not some:
+        return ()
+    return (
+        f"gravity hardly loads {', '.join(some)}: the stiffness is assumed to be the median of the "
+        "others', and gives the other values of these joints their scale; state it if it is known",
+    )
+
+
 def verdict_of(model: ActuatorModel, found: Sequence[OpenLoop], where: str) -> ActuatorVerdict:
     """Errors of all joints against those of "position = target"."""
     rms, target = together(found), together(found, "target_rms")
@@ -247,7 +302,11 @@ def verdict_of(model: ActuatorModel, found: Sequence[OpenLoop], where: str) -> A
     share = float(np.mean(rms[moves] / target[moves])) if moves.any() else None
     level: Level = "none"
     if share is not None:
-        level = "good" if share <= GOOD else "fair" if share <= FAIR else "poor"
+        most = float(np.max(rms[moves] / target[moves]))
+        good, fair = share <= GOOD and most <= WORST_GOOD, share <= FAIR and most <= WORST_FAIR
+        level = "good" if good else "fair" if fair else "poor"
+        if limit_words(model, found):
+            level = "poor"
     worst = int(np.argmax(np.where(moves, rms, -1.0)))
     mean = f"{_size(model, rms.mean())} mean over {count(len(rms), 'joint')}, "
     if len({c.kind for c in model.robot.coordinates}) > 1:
@@ -288,9 +347,8 @@ def unknown_words(model: ActuatorModel) -> tuple[str, ...]:
     return (f"not identifiable from these logs (wide intervals, marked ?): {listed}",)
 
 
-def _print(console: Console, found: ActuatorResult) -> None:
+def _print(console: Console, found: ActuatorResult, shown: Sequence[OpenLoop]) -> None:
     verdict, name = found.verdict, found.model.robot.name
-    shown = found.validation or getattr(found, "fitted", ())
     console.print(Text(f"{name}: actuators"), style="dim")
     label = "" if verdict.level == "none" else f"{verdict.level.upper()}  "
     print_verdict(console, label + verdict.line, _claim(), found.warnings)
@@ -300,7 +358,7 @@ def _print(console: Console, found: ActuatorResult) -> None:
 def _claim() -> str:
     return (
         "Positions are predicted from the targets alone, from the first row on: root mean squares. "
-        "Drift: some time after a measured state."
+        "Drift: the error some time after a start from a measured state, over many such starts."
     )
 
 
@@ -323,7 +381,7 @@ def errors_table(model: ActuatorModel, found: Sequence[OpenLoop]) -> PlainTable:
     units = "mrad" if all(c.kind == "revolute" for c in model.robot.coordinates) else "mrad; mm"
     headings = ("joint", f"rms [{units}]", "position = target")
     words = f'The tool is the origin of "{name}".'
-    return PlainTable("", words, (*headings, *(f"after {x:g} s" for x in AFTER)), rows)
+    return PlainTable("", words, (*headings, *(f"drift {x:g} s" for x in AFTER)), rows)
 
 
 def _milli(x: float) -> str:
@@ -344,10 +402,28 @@ def _drift(found: Sequence[OpenLoop], after: float, joint: int | None) -> str:
     return _milli(float(np.sqrt(weight @ value**2 / weight.sum())))
 
 
-def logs_table(model: ActuatorModel, found: Sequence[OpenLoop]) -> PlainTable:
+def logs_table(
+    model: ActuatorModel, found: Sequence[OpenLoop], fitted: Sequence[str] = ()
+) -> PlainTable:
     """Errors of each log, joint by joint."""
-    rows = [Row((one.log, *(_milli(x) for x in one.rms), _milli(one.tool))) for one in found]
-    return PlainTable("By log", "", ("log", *model.joints, "tool [mm]"), rows)
+    rows = [
+        Row(
+            (
+                one.log + " (fitted)" * (one.log in fitted),
+                *(_milli(x) for x in one.rms),
+                _milli(one.tool),
+            )
+        )
+        for one in found
+    ]
+    words = "Errors in mrad (mm of sliding joints)."
+    return PlainTable("By log", words, ("log", *model.joints, "tool [mm]"), rows)
+
+
+def fitted_table(fitted: Sequence[OpenLoop]) -> PlainTable:
+    """The logs that the parameters are from."""
+    rows = [Row((one.log, significant(one.seconds))) for one in fitted]
+    return PlainTable("", "", ("log", "length [s]"), rows)
 
 
 def parameters_table(model: ActuatorModel) -> PlainTable:
@@ -368,7 +444,8 @@ def parameters_table(model: ActuatorModel) -> PlainTable:
 
 def _value(one: ActuatorParameter) -> str:
     if one.interval is None:
-        return f"{significant(one.value)} (stated)" if one.status == "stated" else NONE
+        told = one.status in ("stated", "assumed")
+        return f"{significant(one.value)} ({one.status})" if told else NONE
     low, high = one.interval
     mark = " ?" if one.status == "not identifiable" else ""
     return f"{significant(one.value)} [{significant(low, 2)}, {significant(high, 2)}]{mark}"
@@ -379,7 +456,8 @@ def brief_table(model: ActuatorModel) -> PlainTable:
     used = [
         k
         for k in KINDS
-        if k.positive and any(p.name == k.name and p.interval for p in model.parameters)
+        if k.positive
+        and any(p.name == k.name and p.status != "not in the law" for p in model.parameters)
     ]
     rows = []
     for joint in model.joints:
@@ -391,6 +469,8 @@ def brief_table(model: ActuatorModel) -> PlainTable:
 
 def _brief(one: ActuatorParameter) -> str:
     if one.interval is None:
+        if one.status == "assumed":
+            return f"{significant(one.value)} assumed"
         return significant(one.value) if one.status == "stated" else NONE
     if one.status == "not identifiable":
         return f"{significant(one.value, 2)} ?"
@@ -423,14 +503,34 @@ def ratios_table(model: ActuatorModel) -> PlainTable:
     return PlainTable("", words, ("joint", *(heading for _, heading in RATIOS)), rows)
 
 
-def law_words(law: Sequence[Rung]) -> str:
-    """What the law has, and what was tried in vain."""
-    kept = [r.tried for r in law if r.kept and r.tried[:1] in "+-"]
-    other = [r.tried for r in law if not r.kept]
-    words = "position_pd with " + ", ".join(p.replace("_", " ") for p in law_parts(law))
-    if not kept and not other:
-        return f"{words}, as stated"
-    return f"{words}; tried on left-out motion and not kept: {', '.join(other) or 'none'}"
+def law_lines(model: ActuatorModel, law: Sequence[Rung]) -> list[str]:
+    """What the law has, what of the usual one it does without, and what was tried in vain."""
+    parts = [p for p in law_parts(law) if p not in ("stiffness", "damping", "offset", "zero")]
+    lines = [f"law    position controller with {', '.join(_words(p) for p in parts)}"]
+    delay = next(p for p in model.parameters if p.name == "delay")
+    if delay.interval is not None:
+        low, high = (1e3 * x for x in delay.interval)
+        size = f"{significant(1e3 * delay.value)} [{significant(low, 2)}, {significant(high, 2)}]"
+        lines.append(f"delay  {size} ms, of all joints")
+    elif delay.status == "stated":
+        lines.append(f"delay  {significant(1e3 * delay.value)} ms, as stated")
+    else:
+        lines.append("delay  none: motion that was left out is predicted as well without one")
+    tried = [_words(r.tried[2:]) for r in law if r.tried.startswith("+") and not r.kept]
+    if tried:
+        lines.append(f"tried on left-out motion, and not needed: {', '.join(tried)}")
+    return lines
+
+
+def _words(part: str) -> str:
+    """A part of the law in words."""
+    return {
+        "coulomb": "dry friction",
+        "armature": "rotor inertia",
+        "load_friction": "friction that grows with the load",
+        "torque_limit": "a torque limit",
+        "dead_band": "a dead band",
+    }.get(part, part.replace("_", " "))
 
 
 def law_parts(law: Sequence[Rung]) -> tuple[str, ...]:
@@ -440,28 +540,51 @@ def law_parts(law: Sequence[Rung]) -> tuple[str, ...]:
 
 def law_table(law: Sequence[Rung]) -> PlainTable:
     """Laws that were tried."""
-    rows = [
-        Row((r.tried.replace("_", " "), _milli(r.error), "kept" if r.kept else "not kept"))
-        for r in law
-    ]
-    words = "Each is fitted without a quarter of the motion, and judged by it."
-    headings = ("tried", "error of left-out motion [mrad; mm]", "")
-    return PlainTable("", words, headings, rows, (0, 2))
+    rows = []
+    for r in law:
+        sign, part = r.tried[:1], _words(r.tried[2:])
+        name = f"with {part}" if sign == "+" else f"without {part}" if sign == "-" else r.tried
+        rows.append(Row((name, _milli(r.error), "taken" if r.kept else "not taken")))
+    words = (
+        "Each is fitted without a quarter of the motion, and judged by the residuals of that "
+        "quarter: geometric mean of their usual and their root mean square size. A part is "
+        f"added if it takes away {LEAST_GAIN:.0%} of it, and left out if the error grows by less "
+        f"than {LEAST_LOSS:.1%} without it."
+    )
+    return PlainTable("", words, ("law", "left-out error [mrad]", ""), rows, (0, 2))
 
 
-def _error_sections(result: ActuatorResult, shown: Sequence[OpenLoop]) -> Iterator[Any]:
+def _error_sections(
+    result: ActuatorResult,
+    shown: Sequence[OpenLoop],
+    every: Sequence[OpenLoop],
+    fitted: Sequence[str] = (),
+) -> Iterator[Any]:
+    """Errors of what counts, all logs one by one, and what qualifies them."""
     verdict = result.verdict
     label = "" if verdict.level == "none" else f"{verdict.level.upper()}: "
     tables = [errors_table(result.model, shown)]
-    tables += [logs_table(result.model, shown)] if len(shown) > 1 else []
+    tables += [logs_table(result.model, every, fitted)] if len(every) > 1 else []
     yield figures("errors", "Open loop", words=f"{label}{verdict.line}. {_claim()}", tables=tables)
     yield notes("limits", "Limits of this result", result.warnings)
 
 
-def _motion_section(model: ActuatorModel, shown: Sequence[OpenLoop]) -> Any:
-    if not shown:
-        return None
-    return figures(
+SHOWN_LOGS = 6  # whose motion the page shows
+
+
+def _motion_sections(model: ActuatorModel, shown: Sequence[OpenLoop]) -> Iterator[Any]:
+    """Positions, and their errors on a scale of their own."""
+    some = shown[:SHOWN_LOGS]
+    note = f"The first {SHOWN_LOGS} of {len(shown)} logs." if len(shown) > SHOWN_LOGS else ""
+    joints = range(model.robot.n)
+    yield figures(
+        "motion-error",
+        "Error over time",
+        legend=[Key("--residual", "measured less predicted position")],
+        groups=[Group([_error_figure(model, one, j) for j in joints], one.log) for one in some],
+        note=note,
+    )
+    yield figures(
         "motion",
         "Measured and predicted motion",
         legend=[
@@ -469,13 +592,18 @@ def _motion_section(model: ActuatorModel, shown: Sequence[OpenLoop]) -> Any:
             Key("--predicted", "predicted from targets"),
             Key("--interval", "target"),
         ],
-        groups=[
-            Group([_figure(model, one, j) for j in range(model.robot.n)], one.log, "", "one")
-            for one in shown[:6]
-        ],
-        note="Errors of each joint are in the table above."
-        + (f" The first 6 of {len(shown)} logs." if len(shown) > 6 else ""),
+        groups=[Group([_figure(model, one, j) for j in joints], one.log) for one in some],
+        note=note,
     )
+
+
+def _error_figure(model: ActuatorModel, one: OpenLoop, j: int) -> Figure:
+    t, y = drawn(one.t, 1e3 * (one.q[:, j] - one.predicted[:, j]), POINTS)
+    label = f"Error of the predicted position of {model.joints[j]} in {one.log}"
+    unit = "mrad" if model.robot.coordinates[j].kind == "revolute" else "mm"
+    traces = [line("error", t, y, "--residual", width=1.2)]
+    more = {"showlegend": False}
+    return Figure(model.joints[j], label, "time [s]", f"error [{unit}]", traces, more)
 
 
 def _figure(model: ActuatorModel, one: OpenLoop, j: int) -> Figure:

@@ -1,7 +1,7 @@
 """Which parts the actuator law needs, by motion that is left out of the fit."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -16,10 +16,12 @@ from steelyard.base.arrays import Array
 ALWAYS = ("stiffness", "damping", "armature", "offset", "zero")
 USUAL = ("coulomb", "delay")
 POSSIBLE = ("load_friction", "torque_limit", "dead_band")
-LEAST_GAIN = 0.03  # share of the left-out error that a part which is added has to take away
+WIDE = 0.35  # standard deviation of a logarithm, above which a value is not known
+LEAST_GAIN = 0.02  # share of the left-out error that a part which is added has to take away
 LEAST_LOSS = 0.005  # share that it has to grow by without a part that is kept
 LEFT_OUT = 4  # every one of so many blocks of windows is left out
 SHORT = 5  # rounds of a fit that begins at another one
+LIMITS = 7  # torque limits that are tried, from the largest torque of a spring to its median
 REACH = 0.8  # of the largest torque: where a limit is tried first
 
 
@@ -30,7 +32,7 @@ class Rung:
     Attributes:
         parts: Parameters that are searched.
         tried: The part in question, with a sign: `+ dead_band`, `- delay`.
-        error: Geometric mean over the joints of the scale of left-out residuals [rad; m].
+        error: Size of left-out residuals, see `left_out_error` [rad; m].
         kept: Whether the law goes on with it.
     """
 
@@ -83,11 +85,15 @@ def split(windows: Sequence[Window]) -> tuple[list[Window], list[Window]]:
 
 
 def left_out_error(search: Search, values: ActuatorValues, left: Sequence[Window]) -> float:
-    """Geometric mean over the joints of the scale of residuals."""
+    """Geometric mean of scale and root mean square of residuals, and over the joints.
+
+    The scale shows what is usual, the root mean square what is rare, such as a torque limit.
+    """
     rolled = rollouts(search.step, values, left, (), search.h, search.threads)
     task = search.task(left, (), values)
-    scale = scales(residuals(task, rolled))
-    return float(np.exp(np.log(scale).mean()))
+    found = residuals(task, rolled)
+    rms = np.sqrt(np.mean(np.concatenate(found) ** 2, axis=0))
+    return float(np.exp(0.5 * np.log(scales(found) * np.maximum(rms, 1e-9)).mean()))
 
 
 def with_part(values: ActuatorValues, part: str, windows: Sequence[Window]) -> ActuatorValues:
@@ -110,10 +116,12 @@ def with_stated(
     return values
 
 
-def largest_torque(windows: Sequence[Window], values: ActuatorValues) -> Array:
-    """Of the springs of the controllers along the logs, but for the rarest, `(n,)`."""
+def largest_torque(
+    windows: Sequence[Window], values: ActuatorValues, share: float = 0.995
+) -> Array:
+    """Of the springs of the controllers along the logs, in this share of all rows, `(n,)`."""
     error = np.concatenate([w.run.target[w.start : w.stop] - w.q for w in windows])
-    return np.asarray(values["stiffness"] * np.quantile(np.abs(error), 0.995, axis=0) + 1e-6)
+    return np.asarray(values["stiffness"] * np.quantile(np.abs(error), share, axis=0) + 1e-6)
 
 
 def chosen(
@@ -122,8 +130,10 @@ def chosen(
     stated: Mapping[str, Array],
     automatic: bool,
     progress: Callable[[str], None] = lambda what: None,
-) -> tuple[Fitted, tuple[Rung, ...], tuple[str, ...]]:
-    """The law that predicts left-out motion best, its fit without that motion, and what was tried.
+) -> tuple[Fitted, tuple[Rung, ...], tuple[str, ...], Search]:
+    """The law that predicts left-out motion best, and its fit without that motion.
+
+    Then what was tried, the parts of the law, and the search with the joints that have them.
 
     A part that the user states is in the law in any case; no other one is tried unless the choice
     is `automatic`.
@@ -140,17 +150,53 @@ def chosen(
         sign = "+" if adds else "-"
         progress(f"{sign} {part}")
         others = (*parts, part) if adds else tuple(p for p in parts if p != part)
+        of, first = search, now.values.changed(**{part: BY_NAME[part].default})
         if adds:
             first = with_part(now.values, part, fitted)
-        else:
-            first = now.values.changed(**{part: BY_NAME[part].default})
-        other = fit(search.task(fitted, others, first), first, SHORT)
+        if part == "torque_limit":
+            first, joints = _limited(search, now.values, fitted)
+            of = replace(search, joints={**search.joints, part: joints})
+            if not joints:
+                rungs.append(Rung(others, f"{sign} {part}", error, False))
+                continue
+        other = fit(of.task(fitted, others, first), first, SHORT)
         new = left_out_error(search, other.values, left)
-        better = new < error * (1.0 - LEAST_GAIN) if adds else new <= error * (1.0 + LEAST_LOSS)
+        if adds:
+            better = new < error * (1.0 - LEAST_GAIN) and _shown(other, part)
+        else:
+            better = new <= error * (1.0 + LEAST_LOSS)
         rungs.append(Rung(others, f"{sign} {part}", new, better))
         if better:
-            now, error, parts = other, new, others
-    return now, tuple(rungs), parts
+            now, error, parts, search = other, new, others, of
+    return now, tuple(rungs), parts, search
+
+
+def _shown(found: Fitted, part: str) -> bool:
+    """Whether the data show a part at some joint: its interval ends at half and at twice, or less.
+
+    What only continues a fit that has not ended lowers the error too.
+    """
+    std = [s for one, s in zip(found.task.free, found.std, strict=True) if one.name == part]
+    return min(std) < WIDE
+
+
+def _limited(
+    search: Search, values: ActuatorValues, windows: Sequence[Window]
+) -> tuple[ActuatorValues, list[int]]:
+    """Values with torque limits where one lowers the error of fitted motion, and these joints."""
+    best = left_out_error(search, values, windows)
+    largest, usual = (largest_torque(windows, values, share) for share in (0.995, 0.5))
+    joints = []
+    for j in search.joints.get("torque_limit", range(search.step.n)):
+        for limit in np.geomspace(0.9 * largest[j], usual[j], LIMITS):
+            limits = values["torque_limit"].copy()
+            limits[j] = limit
+            tried = values.changed(torque_limit=limits)
+            error = left_out_error(search, tried, windows)
+            if error < best * (1.0 - LEAST_LOSS):
+                values, best = tried, error
+                joints += [j] * (j not in joints)
+    return values, joints
 
 
 def _questions(stated: Mapping[str, Array]) -> Iterator[tuple[str, bool]]:

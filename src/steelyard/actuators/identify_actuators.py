@@ -8,12 +8,16 @@ from pathlib import Path
 import numpy as np
 
 from steelyard.actuators.actuator_model import ActuatorModel, arm_step, load_actuators
-from steelyard.actuators.actuator_parameters import ActuatorValues
-from steelyard.actuators.actuators_page import ActuatorIdentification, ActuatorValidation
+from steelyard.actuators.actuator_parameters import KINDS, ActuatorValues
+from steelyard.actuators.actuators_page import (
+    ActuatorIdentification,
+    ActuatorValidation,
+    limit_words,
+)
 from steelyard.actuators.choice import ALWAYS, USUAL, Search, chosen
 from steelyard.actuators.closed_loop_step import ArmStep
 from steelyard.actuators.fit import Fitted, fit
-from steelyard.actuators.open_loop import open_loop
+from steelyard.actuators.open_loop import OpenLoop, open_loop
 from steelyard.actuators.read_targets import TargetLog, read_targets
 from steelyard.actuators.rollout import STEP
 from steelyard.actuators.starts import Quiet, gravity_joints, starts, zero_prior
@@ -24,6 +28,7 @@ from steelyard.base.errors import ModelError
 from steelyard.base.progress import Progress, report_progress, silent
 from steelyard.estimate.identified_model import Provenance
 from steelyard.identify.provenance_and_notes import provenance
+from steelyard.identify.runs_for_model import fitted_before
 from steelyard.model.model import ValuedModel
 from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
 from steelyard.robot.file.robot_file import load_robot
@@ -42,6 +47,9 @@ FIRST_ROUNDS, FIRST_SECONDS, FIRST_STEP = 8, 100.0, 0.02
 """Of the fits between which signs are decided: rounds, motion [s], and steps of rollouts [s]."""
 CHOICE_SECONDS = 200.0  # of motion on which parts of the law are tried [s]
 LEAST_WINDOWS = 8
+STILL = 0.03  # range of a joint that does not move [rad; m]
+LOADED = 0.15
+"""Scatter of a joint's gravity along the logs over its dry friction, that gives it a scale."""
 LAST_ROUNDS = 5  # of the fit with the finest steps
 FINER = 2  # times shorter are the steps of the last fit, and of all that it predicts
 AS_GOOD = 1.1
@@ -118,7 +126,7 @@ def identify_actuators(
     start, open_signs, seen = _started(job, windows)
     search = _search(job, _some(windows, CHOICE_SECONDS), start, seen, 2.0 * STEP)
     count = iter(range(100))
-    fitted, rungs, parts = chosen(
+    fitted, rungs, parts, search = chosen(
         search,
         start,
         _stated(file),
@@ -126,11 +134,17 @@ def identify_actuators(
         lambda what: report_progress(progress, "choosing the law", next(count), 6, what),
     )
     final = _final(replace(search, windows=tuple(windows)), fitted, parts, job)
+    still = [x for j, x in enumerate(file.robot.joint_names) if j not in moving_joints(job)]
     notes = _notes_of_zeros(job, final.values, open_signs, seen)
+    if still:
+        notes += (f"{', '.join(still)}: no motion in these logs, nothing of it is identified",)
     origin = provenance(file, known, (), unknown, (), (*file.notes, *notes))
     origin = replace(origin, runs=tuple(log.name for log in job.logs))
     model = _model(job, final, origin)
     every = [open_loop(step, model.values, log, cores, model.step) for log in read]
+    beyond = limit_words(model, every)
+    origin = replace(origin, notes=(*origin.notes, *beyond))
+    model = replace(model, provenance=origin)
     more = tuple(note for log in read for note in log.notes)
     return ActuatorIdentification(
         model,
@@ -172,9 +186,10 @@ def _read(
 
 def refuse_few(windows: Sequence[Window], logs: Sequence[LogArgument]) -> None:
     """A `ModelError` where there is too little for intervals."""
-    if len(windows) < LEAST_WINDOWS:
+    seconds = sum(float(w.t[-1] - w.t[0]) for w in windows)
+    if len(windows) < LEAST_WINDOWS or seconds < 0.9 * LEAST_WINDOWS * WINDOW:
         raise ModelError(
-            f"the logs hold {len(windows)} stretches of {WINDOW:g} s, and {LEAST_WINDOWS} are "
+            f"the logs hold {seconds:.3g} s that can be used, and {LEAST_WINDOWS * WINDOW:g} s are "
             "needed",
             where=", ".join(log.text for log in logs),
             fix=f"give logs of {LEAST_WINDOWS * WINDOW:g} s in all, at least",
@@ -250,7 +265,8 @@ def _notes_of_zeros(
         some = ", ".join(f"{names[j]} {values.signs[j]:+g}" for j in open_signs)
         notes.append(
             "signs of the log against the model file are not decided by these logs: assumed are "
-            f"{some}; if they are known, state position_sign"
+            f"{some}. Errors of joints are the same with others; the posture of the arm, its tool "
+            "and torques are not: look at a log in the model's joints, and state position_sign"
         )
     for j in seen:
         if s.signs[j] is None and values.signs[j] < 0.0 and j not in open_signs:
@@ -270,8 +286,43 @@ def _search(
     q = np.concatenate([run.q for run in job.runs])
     robot = job.file.robot
     zeros = {j: zero_prior(robot, q, start.signs, j) for j in seen if job.signals.zeros[j] is None}
-    joints = {"zero": list(zeros)} | _open_joints(job)
+    moving, loaded = moving_joints(job), weighed(job, start)
+    joints: dict[str, list[int]] = {kind.name: moving for kind in KINDS}
+    joints |= {"stiffness": [j for j in loaded if j in moving] or moving}
+    joints |= {"zero": [j for j in zeros if j in moving]}
+    for name, some in _open_joints(job).items():
+        joints[name] = [j for j in some if j in moving]
     return Search(job.step, tuple(windows), joints, zeros, h, job.threads)
+
+
+def moving_joints(job: _Job) -> list[int]:
+    """Joints that move in some log."""
+    spread = np.max([np.ptp(run.q, axis=0) for run in job.runs], axis=0)
+    return np.flatnonzero(spread > STILL).tolist()
+
+
+def weighed(job: _Job, values: ActuatorValues) -> list[int]:
+    """Joints whose gravity, along the logs, is large enough to give their torques a scale.
+
+    All of them if there is none.
+    """
+    q = np.concatenate([run.q for run in job.runs])
+    q = values.signs * q[:: max(1, len(q) // 1000)] + values["zero"]
+    spread = np.asarray(job.nominal.gravity(q)).std(axis=0)
+    found = np.flatnonzero(spread > LOADED * values["coulomb"]).tolist()
+    return found or list(range(job.signals.n))
+
+
+def like_the_others(values: ActuatorValues, loaded: Sequence[int]) -> ActuatorValues:
+    """Joints without a scale of their own have the stiffness of those that gravity loads."""
+    if not loaded:
+        return values
+    usual = float(np.median(values["stiffness"][list(loaded)]))
+    factor = np.ones(values.n)
+    rest = [j for j in range(values.n) if j not in loaded]
+    factor[rest] = usual / values["stiffness"][rest]
+    scaled = ("stiffness", "damping", "coulomb", "armature")
+    return values.changed(**{name: values[name] * factor for name in scaled})
 
 
 def _misfit(found: Fitted) -> float:
@@ -292,13 +343,14 @@ def _some(windows: Sequence[Window], seconds: float) -> list[Window]:
 
 def _final(search: Search, fitted: Fitted, parts: Sequence[str], job: _Job) -> Fitted:
     """The fit to all windows, from that to some of them."""
-    task = search.task(search.windows, parts, fitted.values)
-    task = replace(task, prior=fitted.task.prior)
+    loaded = search.joints.get("stiffness", ()) if "stiffness" in parts else ()
+    start = like_the_others(fitted.values, loaded if "stiffness" not in _stated(job.file) else ())
+    task = search.task(search.windows, parts, start)
 
     def report(round_: int, value: float) -> None:
         report_progress(job.progress, "identifying the actuators", round_, 15)
 
-    coarse = fit(task, fitted.values, report=report)
+    coarse = fit(task, start, report=report)
     fine = replace(task, h=STEP, finer=FINER)
     return fit(fine, coarse.values, LAST_ROUNDS, report)
 
@@ -313,6 +365,7 @@ def _model(job: _Job, found: Fitted, origin: Provenance) -> ActuatorModel:
         frozen(found.known),
         found.scale,
         tuple(_stated(job.file)),
+        tuple(weighed(job, found.values)),
         found.task.h / found.task.finer,
         origin,
     )
@@ -343,12 +396,17 @@ def validate_actuators(
         'servo_other'
     """
     known = load_actuators(model)
-    files, found, notes = log_files(paths_of(logs, least=1)), [], []
+    files, found = log_files(paths_of(logs, least=1)), list[OpenLoop]()
+    notes = list[str]()
     for k, log in enumerate(files):
         report_progress(progress, "simulating logs", k, len(files))
         read = read_targets(log, known.signals, known.robot)
         notes += read.notes
         cores = threads or os.cpu_count() or 1
         found.append(open_loop(known.arm, known.values, read, cores, known.step))
-    again = tuple(one.log for one in found if one.log in known.provenance.runs)
+    again = tuple(
+        one.log
+        for one, log in zip(found, files, strict=True)
+        if fitted_before(known.provenance, log)
+    )
     return ActuatorValidation(known, tuple(found), again, tuple(notes))

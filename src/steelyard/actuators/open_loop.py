@@ -12,6 +12,7 @@ from steelyard.actuators.read_targets import TargetLog
 from steelyard.actuators.rollout import STEP, rollouts
 from steelyard.actuators.target_runs import TargetRun, Window, windows_of
 from steelyard.base.arrays import Array
+from steelyard.base.errors import LogError
 from steelyard.model.equations.inverse_dynamics import carried_point
 from steelyard.robot.robot import Robot
 
@@ -82,6 +83,12 @@ def open_loop(
     """A log predicted from its first row on, each of its runs by itself."""
     windows = windows_of(log.runs, None)
     predicted = np.concatenate([r.q for r in rollouts(step, values, windows, (), h, threads)])
+    if not np.isfinite(predicted).all():
+        raise LogError(
+            "the simulation from targets diverges",
+            where=log.name,
+            fix="check targets and positions of the log, and what the model says of its actuators",
+        )
     t, q, target = (
         np.concatenate([getattr(run, name) for run in log.runs]) for name in ("t", "q", "target")
     )

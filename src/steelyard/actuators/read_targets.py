@@ -19,7 +19,10 @@ from steelyard.robot.robot import Robot
 from steelyard.runs.recording import TURN, continuous, wrapped_middles
 from steelyard.runs.runs_of_named_logs import LogArgument
 
-LEAST_ROWS = 50  # of a run
+LEAST_ROWS, LEAST_SECONDS = 50, 1.0
+"""Of a run."""
+ABSURD = 1e3  # no joint is so far [rad; m]
+MOST_OUT_OF_TIME = 0.9  # share of rows that have to be later than all before them
 GAP = 10.0  # times the usual step of the clock: a longer step ends a run
 LONGEST_STEP = 0.25  # of the clock [s]: below 4 Hz nothing of an actuator is seen
 MOVES = 0.02  # standard deviation from which on a joint's targets tell anything [rad; m]
@@ -59,10 +62,28 @@ def read_targets(argument: LogArgument, signals: TargetSignals, robot: Robot) ->
     parts = list(log.parts(signals.columns, cut.rows))
     table = np.concatenate(parts) if parts else np.zeros((0, len(signals.columns)))
     n = signals.n
-    whole = np.isfinite(table).all(axis=1)
+    with np.errstate(invalid="ignore"):
+        given = np.isfinite(table) & (np.abs(table * _sizes(signals)) < ABSURD)
+    for column, some in zip(signals.columns, given.T, strict=True):
+        if len(table) and not some.any():
+            raise LogError(
+                f"the column '{column}' has no number that can be used",
+                where=argument.text,
+                fix="name the columns of targets and positions under [signals]",
+            )
+    whole = given.all(axis=1)
     t = table[whole, 0] * signals.time_scale
     q, target = (table[whole, k : k + n] * signals.scale for k in (1, 1 + n))
-    rising = np.r_[True, t[1:] > np.maximum.accumulate(t)[:-1]] if len(t) else whole
+    rising = np.ones(len(t), dtype=np.bool_)
+    rising[1:] = t[1:] > np.maximum.accumulate(t)[:-1]
+    if rising.mean() < MOST_OUT_OF_TIME:
+        first = int(np.flatnonzero(np.diff(t) <= 0.0)[0])
+        raise LogError(
+            f"{int((~rising).sum())} of {len(t)} rows are not later than rows before them",
+            where=f"{argument.text}, column '{signals.time}', from usable row {first + 1} on",
+            fix="correct the clock: a single time that is far ahead has the same effect; or sort "
+            "the rows",
+        )
     t, q, target = t[rising], q[rising], target[rising]
     if len(t):
         seconds = t - t[0]
@@ -92,6 +113,11 @@ def read_targets(argument: LogArgument, signals: TargetSignals, robot: Robot) ->
     return found
 
 
+def _sizes(signals: TargetSignals) -> Array:
+    """Rad, m or nothing of the time per logged unit, by column."""
+    return np.concatenate([[0.0], signals.scale, signals.scale])
+
+
 def _unwrapped(q: Array, target: Array, robot: Robot) -> tuple[Array, Array]:
     """Positions without jumps of a turn, and targets near them."""
     q = q.copy()
@@ -112,7 +138,7 @@ def _pieces(name: str, t: Array, target: Array, q: Array) -> tuple[tuple[TargetR
     steps = np.diff(t)
     ends = np.flatnonzero(steps > GAP * np.median(steps)) + 1
     pieces: list[NDArray[np.intp]] = np.split(np.arange(len(t)), ends)
-    kept = [rows for rows in pieces if len(rows) >= LEAST_ROWS]
+    kept = [r for r in pieces if len(r) >= LEAST_ROWS and t[r[-1]] - t[r[0]] >= LEAST_SECONDS]
     runs = tuple(TargetRun(name, frozen(t[r]), frozen(target[r]), frozen(q[r])) for r in kept)
     return runs, len(t) - sum(map(len, kept))
 

@@ -88,9 +88,9 @@ def actuators_validated(
         if folder is not None:
             typer.echo("\n" + file_lines(folder, report="report.html", JSON="validation.json"))
     share = None if verdict.share is None else 100.0 * verdict.share
-    above = max_error is not None and (not found.unseen or share is None or share > max_error)
+    above = max_error is not None and (not found.fresh or share is None or share > max_error)
     if above and not as_json:
-        said = "no log has unseen motion" if share is None or not found.unseen else f"{share:.3g} %"
+        said = "no log has unseen motion" if share is None or not found.fresh else f"{share:.3g} %"
         typer.echo(f"\nabove --max-error: {said}, at most {max_error:g} %")
     raise typer.Exit(int(above or verdict.level == "poor"))
 

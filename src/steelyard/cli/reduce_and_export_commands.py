@@ -224,7 +224,7 @@ def export(
 
     form = _format(to, output)
     if is_actuator_model(model):
-        options = {"--model": original, "--precision": precision}
+        options: dict[str, object] = {"--model": original, "--precision": precision}
         options |= {"--function": functions, "--frame": frames}
         refuse_options(options, "does not apply to a model of actuators", "leave it out")
         return actuators_exported(model, form, output, as_json)

@@ -4,29 +4,28 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from steelyard.base.progress import Progress
-from steelyard.estimate.identified_model import IdentifiedModel
+from steelyard.estimate.identified_model import IdentifiedModel, Provenance
 from steelyard.identify.repeated_motion import repeat_of
 from steelyard.robot.file.signals import Signals
 from steelyard.runs.processing_choices import Processing
 from steelyard.runs.run import Run
-from steelyard.runs.runs_of_named_logs import LogArgument, _overlap, prepared, recording_of, sha256
+from steelyard.runs.runs_of_named_logs import LogArgument, overlap, prepared, recording_of, sha256
 from steelyard.runs.spectrum_and_period import Repetitions
 
 
-def fitted_before(identified: IdentifiedModel, log: LogArgument) -> bool:
-    """Whether the model was identified from samples of this log, whatever it is called now."""
-    origin = identified.provenance
+def fitted_before(origin: Provenance, log: LogArgument) -> bool:
+    """Whether a model was identified from samples of this log, whatever it is called now."""
     inputs = {h for role, h in origin.inputs.items() if role.startswith("identification ")}
     if sha256(log.path) not in inputs:
         return False
     names = [run.rpartition("/")[2] for run in origin.runs]
     cuts = [name.removeprefix(log.path.stem) for name in names if name.startswith(log.path.stem)]
-    return not cuts or any(_overlap(log, LogArgument(f"{log.path}{cut}", log.path)) for cut in cuts)
+    return not cuts or any(overlap(log, LogArgument(f"{log.path}{cut}", log.path)) for cut in cuts)
 
 
 def was_fitted(identified: IdentifiedModel, log: LogArgument, run: Run) -> bool:
     """Whether the model was identified from this log, or from rows of its run in another one."""
-    if fitted_before(identified, log):
+    if fitted_before(identified.provenance, log):
         return True
     repeat = repeat_of(identified.motions, run)
     return repeat is not None and repeat.same

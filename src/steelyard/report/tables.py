@@ -73,7 +73,7 @@ def light_table(
         side: Literal["left", "right"] = "left" if number in left else "right"
         unbroken = whole and number not in left
         overflow: Literal["ellipsis", "fold"] = "ellipsis" if unbroken else "fold"
-        table.add_column(heading, justify=side, overflow=overflow, no_wrap=unbroken)
+        table.add_column(Text(heading), justify=side, overflow=overflow, no_wrap=unbroken)
     return table
 
 
@@ -92,7 +92,7 @@ def narrow_table(table: PlainTable, columns: Sequence[int] | None = None) -> Tab
     shown = Table(box=SIMPLE_HEAD, show_edge=False, padding=(0, 1, 0, 0))
     for number in chosen:
         side: Literal["left", "right"] = "left" if number in table.text else "right"
-        shown.add_column(table.headings[number], justify=side, overflow="fold")
+        shown.add_column(Text(table.headings[number]), justify=side, overflow="fold")
     return _with_rows(shown, table, chosen)
 
 

@@ -94,7 +94,7 @@ def refuse_overlaps(fitted: Sequence[LogArgument], unseen: Sequence[LogArgument]
     tested = [(log, other) for log in fitted for other in unseen]
     for pairs, role in ((again, "is fitted twice"), (tested, "is both fitted and validated")):
         for log, other in pairs:
-            if log.path.resolve() == other.path.resolve() and _overlap(log, other):
+            if log.path.resolve() == other.path.resolve() and overlap(log, other):
                 raise LogError(
                     f"a part of '{log.path.name}' {role}",
                     where=f"{log.text} and {other.text}",
@@ -102,7 +102,7 @@ def refuse_overlaps(fitted: Sequence[LogArgument], unseen: Sequence[LogArgument]
                 )
 
 
-def _overlap(one: LogArgument, other: LogArgument) -> bool:
+def overlap(one: LogArgument, other: LogArgument) -> bool:
     """Whether two windows share samples; one in seconds and one in rows cannot be compared."""
     a, b = parse_log_argument(one.text)[1], parse_log_argument(other.text)[1]
     whole = Cut()

@@ -6,8 +6,10 @@ from math import ceil
 
 import numpy as np
 
-from steelyard.actuators.actuator_model import ActuatorModel
+from steelyard.actuators.actuator_model import CANNOT_BE, ActuatorModel, ActuatorParameter
 from steelyard.actuators.actuator_parameters import UNLIMITED
+from steelyard.base.arrays import Z95
+from steelyard.base.errors import ModelError
 from steelyard.export.model_files.representable_content import Content
 from steelyard.export.model_files.urdf_and_mjcf import (
     comment,
@@ -16,6 +18,7 @@ from steelyard.export.model_files.urdf_and_mjcf import (
     number,
     numbers,
 )
+from steelyard.model.terms.urdf_mjcf_parts import AxisPartKind
 from steelyard.report.words import significant
 
 TIMESTEP = 2.5e-4  # of the file [s]: its springs are explicit in MuJoCo's integration
@@ -38,19 +41,30 @@ class ActuatorFile:
 
 
 def actuators_mjcf(model: ActuatorModel) -> ActuatorFile:
-    """An MJCF of the arm, whose `ctrl` are targets in the model's joints [rad; m]."""
+    """An MJCF of the arm, whose `ctrl` are targets in the model's joints [rad; m].
+
+    Raises:
+        ModelError: The fitted motion is outside the limits of the joints, which MuJoCo enforces.
+    """
+    if wrong := [note for note in model.provenance.notes if note.startswith(CANNOT_BE)]:
+        raise ModelError(
+            wrong[0],
+            where=f"model of '{model.robot.name}'",
+            fix="state position_sign and position_offset in the robot file, and identify again",
+        )
     robot, values = model.robot, model.values
-    effects = tuple(
+    effects: list[dict[AxisPartKind, float]] = [
         {"rotor": float(a), "dry": float(f)} if f > 0.0 else {"rotor": float(a)}
         for a, f in zip(values["armature"], values["coulomb"], strict=True)
-    )
+    ]
     lacks = tuple(_unsupported(model))
     inertias = tuple(body.inertia for body in robot.bodies)
-    root = mjcf_of(Content(robot, inertias, effects, (), (), lacks))
+    root = mjcf_of(Content(robot, inertias, tuple(effects), (), (), lacks))
     for option in root.iter("option"):
         option.set("timestep", number(TIMESTEP))
     for joint in root.iter("joint"):
         joint.attrib.update(STIFF if joint.get("frictionloss") else {})
+        joint.attrib.pop("actuatorfrcrange", None)  # a limit is what was identified, or stated
     motors = root.find("actuator")
     assert motors is not None
     for motor in list(motors):
@@ -103,22 +117,45 @@ def _head(model: ActuatorModel, lacks: tuple[str, ...]) -> str:
         "Inputs, SHA-256:",
         *(f"  {role}: {value}" for role, value in origin.inputs.items()),
         "Masses and inertias are those of the model file; they give all values their scale.",
-        "ctrl is the target in the joints of this file. From a target of the log, in rad or m:",
+        "Bodies have no shapes here: no meshes, no contacts.",
+        f"The step is {TIMESTEP:g} s. With longer ones MuJoCo's explicit springs take half a step",
+        "times kp from the damping.",
+        "Targets and positions of the log, in rad or m, in the joints of this file; ctrl is held",
+        "from row to row:",
         *(
-            f"  {joint}: {values.signs[j]:+g} * (target {values['offset'][j]:+.6g}) "
+            f"  {joint}: ctrl = {values.signs[j]:+g} * (target {values['offset'][j]:+.6g}) "
+            f"{values['zero'][j]:+.6g}, qpos = {values.signs[j]:+g} * position "
             f"{values['zero'][j]:+.6g}"
             for j, joint in enumerate(model.joints)
         ),
-        *(DELAYED if np.any(values["delay"] >= TIMESTEP) else ()),
-        "95 % intervals, as ranges for domain randomisation:",
-        *(
-            f"  {one.name} of {one.joint}: {significant(one.value)} in "
-            f"[{significant(one.interval[0])}, {significant(one.interval[1])}] {one.unit}"
-            + (", mostly prior" if one.status == "not identifiable" else "")
-            for one in model.parameters
-            if one.interval is not None
-        ),
+        *(DELAYED if np.any(values["delay"] >= TIMESTEP) else ("No delay was identified.",)),
+        "Parameters, with 95 % intervals. For domain randomisation draw one scale for all values",
+        "of a joint, and the ratios to its stiffness: these are much sharper than the values.",
+        *(_range(one) for one in model.parameters if one.status != "not in the law"),
+        "Ratios to the stiffness, with 95 % intervals:",
+        *_ratios(model),
         "MJCF cannot represent these parts of the identified actuators:",
         *(f"  - {sentence}" for sentence in lacks or ("nothing",)),
     ]
     return comment("\n".join(lines))
+
+
+def _range(one: ActuatorParameter) -> str:
+    """A parameter with its interval, or where else it is from."""
+    value = f"  {one.name} of {one.joint}: {significant(one.value)} {one.unit}"
+    if one.interval is None:
+        return f"{value}, {one.status}"
+    low, high = (significant(x) for x in one.interval)
+    unsure = ", mostly not from the data" if one.status == "not identifiable" else ""
+    return f"{value} [{low}, {high}]{unsure}"
+
+
+def _ratios(model: ActuatorModel) -> list[str]:
+    found = []
+    for j, joint in enumerate(model.joints):
+        for name in ("damping", "coulomb", "armature"):
+            if (ratio := model.ratio(name, j)) is not None:
+                value, std = ratio
+                low, high = (significant(value * np.exp(s * Z95 * std)) for s in (-1.0, 1.0))
+                found.append(f"  {name} of {joint}: {significant(value)} [{low}, {high}]")
+    return found

@@ -51,6 +51,13 @@ class TargetSignals:
         lists = {name: tuple(x) for name, x in values.items() if isinstance(x, list)}
         if any(len(x) != len(data["position"]) for x in lists.values()):
             raise ValueError("the signals' lists differ in length")
+        names = (values["time"], *lists["position"], *lists["target"])
+        if not all(isinstance(name, str) for name in names):
+            raise ValueError("a column's name is no text")
+        if not 0.0 < float(values["time_scale"]) < 1e6 or (values["scale"] <= 0.0).any():
+            raise ValueError("a unit of the signals cannot be used")
+        if not all(sign in (None, 1, -1) for sign in lists["signs"]):
+            raise ValueError("a sign is not 1 or -1")
         return cls(**{**values, **lists})
 
 

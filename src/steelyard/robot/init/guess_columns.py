@@ -274,6 +274,11 @@ def _why_not(
             f"{', '.join(missing)}{perhaps}"
         )
     topics = {name.partition("/position/")[0] for name in columns if "/position/" in name}
+    if not like and quantity == "effort" and any(c.of_target for c in every):
+        return (
+            "no efforts are logged, but targets: `steelyard init MODEL LOG` writes a robot file "
+            "from which the actuators are identified"
+        )
     if not like and quantity == "effort" and topics:
         return f"messages of {', '.join(sorted(topics))} have positions, but no values of efforts"
     if not like:

@@ -370,7 +370,7 @@ def identify_payload(
     compared = (
         f"the model was identified from {log.path.name}: compared with itself it has no payload"
         for log in loaded
-        if not without and fitted_before(identified, log)
+        if not without and fitted_before(identified.provenance, log)
     )
     return replace(found, notes=(*found.notes, *dropped(identified.model, runs), *compared))
 

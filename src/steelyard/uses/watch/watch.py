@@ -196,7 +196,7 @@ def calibrated_thresholds(
     progress: Progress,
 ) -> tuple[ContactThresholds, list[str]]:
     """Thresholds from residuals as the stream has them, and what they rest on."""
-    unseen = [log for log in logs if not fitted_before(identified, log)]
+    unseen = [log for log in logs if not fitted_before(identified.provenance, log)]
     if not unseen:
         raise DataError(
             "all calibration logs were fitted: their residuals say nothing of other motion",
