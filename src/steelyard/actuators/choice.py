@@ -177,7 +177,7 @@ def _shown(found: Fitted, part: str) -> bool:
     What only continues a fit that has not ended lowers the error too.
     """
     std = [s for one, s in zip(found.task.free, found.std, strict=True) if one.name == part]
-    return min(std) < WIDE
+    return bool(min(std) < WIDE)
 
 
 def _limited(
