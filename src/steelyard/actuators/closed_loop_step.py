@@ -33,6 +33,7 @@ from steelyard.model.model import Model
 from steelyard.symbolic.native.compiled_programs import Code, compiled_equations
 from steelyard.symbolic.program_and_softening import InputArray
 
+DIRECTIONS = 3  # that one lane of the derivative carries along: the step itself is then shared
 SWEEPS = 3  # over all joints, for friction
 STATE = ("q", "v", "q_before", "v_before")
 VARIED = (*STATE, "target", *IN_STEP)  # inputs that a direction has a component along
@@ -58,20 +59,24 @@ class ArmStep:
 
     @cached_property
     def tangent(self) -> Code:
-        """The same with a direction behind `VARIED`; its outputs are followed by their rates."""
+        """The same with directions behind `VARIED`; rates of the outputs follow, one by one."""
         from steelyard.symbolic.symbols_and_tracing import carried_along
 
         count = len(VARIED)
         inputs = [InputArray(name, self.n) for name in VARIED]
-        inputs += [InputArray(f"d{name}", self.n) for name in VARIED]
+        inputs += [InputArray(f"{name} {k}", self.n) for k in range(DIRECTIONS) for name in VARIED]
         inputs += [InputArray("h", 1, shared=True)]
 
         def both(*x: Any) -> list[Any]:
             found = self._next(*x[:count], x[-1])
-            at, along = ([y for part in some for y in part] for some in (x[:count], x[count:-1]))
-            return [*found, *carried_along(found, at, along)]
+            at = [y for part in x[:count] for y in part]
+            result = list(found)
+            for k in range(1, DIRECTIONS + 1):
+                along = [y for part in x[k * count : (k + 1) * count] for y in part]
+                result += carried_along(found, at, along)
+            return result
 
-        return compiled_equations([*self._key, "tangent"], both, inputs)
+        return compiled_equations([*self._key, "tangent", DIRECTIONS], both, inputs)
 
     @property
     def _key(self) -> list[Any]:

@@ -12,14 +12,14 @@ from typing import Any
 import numpy as np
 
 from steelyard.actuators.actuator_parameters import IN_STEP, ActuatorValues, Free
-from steelyard.actuators.closed_loop_step import STATE, VARIED, ArmStep
+from steelyard.actuators.closed_loop_step import DIRECTIONS, STATE, VARIED, ArmStep
 from steelyard.actuators.target_runs import Window
 from steelyard.base.arrays import Array
 from steelyard.symbolic.native.compiled_programs import Code
 
 STEP = 0.005
 """Length of a step [s], at most; a row of a log is a whole number of them, nearly."""
-LANES = 1024  # of a batch, that its states stay in the cache
+LANES = 512  # of a batch, that its states stay in the cache
 KEPT_BYTES = 200e6  # of derivatives that a batch keeps
 
 
@@ -62,7 +62,8 @@ def _batches(
     order: Sequence[int], lengths: Sequence[float], directions: int, n: int, h: float, threads: int
 ) -> list[list[int]]:
     """Windows of like lengths together, as many as fit; at least one batch a thread."""
-    most = max(1, min(LANES // directions, -(-len(order) // threads)))
+    lanes = -(-directions // DIRECTIONS)
+    most = max(1, min(LANES // lanes, -(-len(order) // threads)))
     batches: list[list[int]] = []
     for k in order:
         steps = lengths[k] / h
@@ -103,43 +104,53 @@ class _Batch:
 
     def run(self, code: Code) -> list[Rolled]:
         """All steps."""
-        count, n = len(self.windows), self.n
-        wide = max(1, len(self.free)) * count
+        count, n, p = len(self.windows), self.n, len(self.free)
+        groups = max(1, -(-p // DIRECTIONS))
+        wide = groups * count
         padded = -(-wide // code.lanes) * code.lanes
-        state = self._start(padded)
-        rates = self._directions(padded) if self.free else []
+        state = self._start(padded, groups)
+        rates = self._directions(padded) if p else []
         out = np.zeros((code.n_outputs, padded))
-        arrays = [*state, *rates]
+        arrays = [*state, *(array for along in rates for array in along.values())]
         addresses = [x for a in arrays for x in (a.ctypes.data, padded)]
         length = np.array([self.h])
         arguments = [padded, *addresses, length.ctypes.data, 0, out.ctypes.data, padded]
         q, v, q0, v0, u = state[:5]
-        n_states = len(STATE)
         kept = np.empty((count, self.steps + 1, n))
-        slopes = np.empty((count, self.steps + 1, n, len(self.free)))
-        late = [k for k, one in enumerate(self.free) if one.name == "delay"]
+        slopes = np.empty((count, self.steps + 1, n, p))
+        late = [d for d, one in enumerate(self.free) if one.name == "delay"]
         for k in range(self.steps + 1):
             kept[:, k] = q[:, :count].T
-            if self.free:
-                along = rates[0][:, :wide].reshape(n, len(self.free), count)
-                slopes[:, k] = along.transpose(2, 0, 1)
+            for slot, along in enumerate(rates):
+                by = along["q"][:, :wide].reshape(n, groups, count).transpose(2, 0, 1)
+                some = slopes[:, k, :, slot::DIRECTIONS]
+                some[:] = by[:, :, : some.shape[2]]
             if k == self.steps:
                 break
             u[:, :wide].reshape(n, -1, count)[:] = self.targets[k][:, None]
             for d in late:
-                rates[n_states][:, d * count : (d + 1) * count] = self.lateness[k]
+                rates[d % DIRECTIONS]["target"][:, self._lanes(d)] = self.lateness[k]
             code.raw(*arguments)
             q0[:], v0[:], q[:], v[:] = q, v, out[:n], out[n : 2 * n]
-            if self.free:
-                dq, dv, dq0, dv0 = rates[:n_states]
-                dq0[:], dv0[:], dq[:], dv[:] = dq, dv, out[2 * n : 3 * n], out[3 * n :]
+            for slot, along in enumerate(rates):
+                first = 2 * n * (slot + 1)
+                along["q_before"][:], along["v_before"][:] = along["q"], along["v"]
+                along["q"][:], along["v"][:] = (
+                    out[first : first + n],
+                    out[first + n : first + 2 * n],
+                )
         return [self._rows(k, kept[k], slopes[k]) for k in range(count)]
 
-    def _start(self, padded: int) -> list[Array]:
+    def _lanes(self, d: int) -> slice:
+        """Lanes of direction `d`, in the slot that it has in each of them."""
+        count = len(self.windows)
+        return slice(d // DIRECTIONS * count, (d // DIRECTIONS + 1) * count)
+
+    def _start(self, padded: int, groups: int) -> list[Array]:
         """Inputs of the step at the first rows, `(n, padded)` each."""
         s, zero = self.values.signs, self.values["zero"]
         arrays = [np.zeros((self.n, padded)) for _ in range(len(STATE) + 1)]
-        lanes = max(1, len(self.free)) * len(self.windows)
+        lanes = groups * len(self.windows)
         for k, window in enumerate(self.windows):
             mine = slice(k, lanes, len(self.windows))
             arrays[0][:, mine] = (s * window.position + zero)[:, None]
@@ -148,20 +159,19 @@ class _Batch:
         ones = np.ones((1, padded))
         return [*arrays, *(self.values[name][:, None] * ones for name in IN_STEP)]
 
-    def _directions(self, padded: int) -> list[Array]:
-        """What each lane varies, in the order of the inputs."""
-        rates = {name: np.zeros((self.n, padded)) for name in VARIED}
-        count = len(self.windows)
+    def _directions(self, padded: int) -> list[dict[str, Array]]:
+        """What each lane varies, by input, for each of its slots."""
+        rates = [{name: np.zeros((self.n, padded)) for name in VARIED} for _ in range(DIRECTIONS)]
         for d, one in enumerate(self.free):
-            lanes, j = slice(d * count, (d + 1) * count), one.joint
+            along, lanes, j = rates[d % DIRECTIONS], self._lanes(d), one.joint
             if one.name in IN_STEP:
-                rates[one.name][j, lanes] = one.slope(self.values)
+                along[one.name][j, lanes] = one.slope(self.values)
             elif one.name == "offset":
-                rates["target"][j, lanes] = self.values.signs[j]
+                along["target"][j, lanes] = self.values.signs[j]
             elif one.name == "zero":
                 for name in ("q", "q_before", "target"):
-                    rates[name][j, lanes] = 1.0
-        return list(rates.values())
+                    along[name][j, lanes] = 1.0
+        return rates
 
     def _rows(self, k: int, kept: Array, slopes: Array) -> Rolled:
         """Of window `k` from the steps to its rows, between two steps on a line."""
