@@ -15,7 +15,6 @@ from steelyard.actuators.actuator_parameters import (
     UNLIMITED,
     ActuatorValues,
     Free,
-    Kind,
 )
 from steelyard.actuators.choice import WIDE
 from steelyard.actuators.closed_loop_step import ArmStep
@@ -123,7 +122,7 @@ class ActuatorModel:
                 unit = _unit(kind.unit, self.robot, j)
                 if at is None:
                     status = "stated" if kind.name in self.stated else "not in the law"
-                    if status != "stated" and (kind.name == "stiffness" or self._searched(kind)):
+                    if status != "stated" and value != kind.default and kind.name != "zero":
                         status = "assumed"
                     found.append(ActuatorParameter(kind.name, joint, unit, value, None, status))
                     continue
@@ -133,10 +132,6 @@ class ActuatorModel:
                 status = "identified" if sure else "not identifiable"
                 found.append(ActuatorParameter(kind.name, joint, unit, value, interval, status))
         return tuple(found)
-
-    def _searched(self, kind: Kind) -> bool:
-        """Whether a parameter was searched at some joint."""
-        return kind.name != "zero" and any(one.name == kind.name for one in self.free)
 
     def _interval(self, at: int, value: float) -> tuple[float, float]:
         half = Z95 * float(np.sqrt(self.covariance[at, at]))

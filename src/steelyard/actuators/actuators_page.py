@@ -286,7 +286,7 @@ def missed_words(model: ActuatorModel, logs: Sequence[OpenLoop]) -> tuple[str, .
 
 def assumed_words(model: ActuatorModel) -> tuple[str, ...]:
     """Joints without a scale of their own."""
-    some = [p.joint for p in model.parameters if p.status == "assumed"]
+    some = [p.joint for p in model.parameters if (p.name, p.status) == ("stiffness", "assumed")]
     if not some:
         return ()
     return (

@@ -48,8 +48,8 @@ FIRST_ROUNDS, FIRST_SECONDS, FIRST_STEP = 8, 100.0, 0.02
 CHOICE_SECONDS = 200.0  # of motion on which parts of the law are tried [s]
 LEAST_WINDOWS = 8
 STILL = 0.03  # range of a joint that does not move [rad; m]
-LOADED = 0.15
-"""Scatter of a joint's gravity along the logs over its dry friction, that gives it a scale."""
+LOADED = 0.3
+"""Size of a joint's gravity along the logs, over its dry friction, that gives it a scale."""
 LAST_ROUNDS = 5  # of the fit with the finest steps
 FINER = 2  # times shorter are the steps of the last fit, and of all that it predicts
 AS_GOOD = 1.1
@@ -140,7 +140,7 @@ def identify_actuators(
         notes += (f"{', '.join(still)}: no motion in these logs, nothing of it is identified",)
     origin = provenance(file, known, (), unknown, (), (*file.notes, *notes))
     origin = replace(origin, runs=tuple(log.name for log in job.logs))
-    model = _model(job, final, origin)
+    model = _model(job, final, origin, search.joints["stiffness"])
     every = [open_loop(step, model.values, log, cores, model.step) for log in read]
     beyond = limit_words(model, every)
     origin = replace(origin, notes=(*origin.notes, *beyond))
@@ -308,8 +308,8 @@ def weighed(job: _Job, values: ActuatorValues) -> list[int]:
     """
     q = np.concatenate([run.q for run in job.runs])
     q = values.signs * q[:: max(1, len(q) // 1000)] + values["zero"]
-    spread = np.asarray(job.nominal.gravity(q)).std(axis=0)
-    found = np.flatnonzero(spread > LOADED * values["coulomb"]).tolist()
+    size = np.sqrt(np.mean(np.asarray(job.nominal.gravity(q)) ** 2, axis=0))
+    found = np.flatnonzero(size > LOADED * values["coulomb"]).tolist()
     return found or list(range(job.signals.n))
 
 
@@ -355,7 +355,7 @@ def _final(search: Search, fitted: Fitted, parts: Sequence[str], job: _Job) -> F
     return fit(fine, coarse.values, LAST_ROUNDS, report)
 
 
-def _model(job: _Job, found: Fitted, origin: Provenance) -> ActuatorModel:
+def _model(job: _Job, found: Fitted, origin: Provenance, loaded: Sequence[int]) -> ActuatorModel:
     return ActuatorModel(
         job.file.robot,
         job.signals,
@@ -365,7 +365,7 @@ def _model(job: _Job, found: Fitted, origin: Provenance) -> ActuatorModel:
         frozen(found.known),
         found.scale,
         tuple(_stated(job.file)),
-        tuple(weighed(job, found.values)),
+        tuple(loaded),
         found.task.h / found.task.finer,
         origin,
     )

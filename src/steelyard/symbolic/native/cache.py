@@ -31,6 +31,7 @@ SOURCES = (
     "robot/inertia_and_placement.py",
     "robot/robot.py",
     "estimate/information",
+    "actuators/closed_loop_step.py",
     "estimate/closed_loop",
     "estimate/external",
     "check/hypotheses/nuisance_fit_and_score.py",
