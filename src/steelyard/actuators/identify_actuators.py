@@ -50,8 +50,8 @@ LEAST_WINDOWS = 8
 STILL = 0.03  # range of a joint that does not move [rad; m]
 LOADED = 0.3
 """Size of a joint's gravity along the logs, over its dry friction, that gives it a scale."""
-LAST_ROUNDS = 5  # of the fit with the finest steps
-FINER = 2  # times shorter are the steps of the last fit, and of all that it predicts
+LAST_ROUNDS = 8  # of the fit with the finest steps
+FINER = 4  # times shorter are the steps of the last fit, and of all that it predicts
 AS_GOOD = 1.1
 """Misfit over the least up to which signs fit as well: masses of model files are off by more."""
 
