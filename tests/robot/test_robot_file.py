@@ -243,6 +243,8 @@ ERRORS = {
                       "add a [robot] table"),
     "missing key": (ROBOT + '[signals]\ntime = "t"\nposition = "q{}"', "neither columns of efforts",
                     "line 3, [signals]", "or target = ..., if joints follow targets"),
+    "no number": (ROBOT + '[[knowledge]]\nkind = "mass"\nlink = "l1"\nlower = nan',
+                  "'lower' is nan", "line 6, [knowledge[1]] lower", "write a number"),
     "wrong type": (ROBOT + "gravity = [0]", "the list 'gravity' is too short",
                    "line 3, [robot] gravity", "give it 3 entries"),
     "too long": (ROBOT + "gravity = [0, 0, 1, 2]", "cannot be used for 'gravity'",

@@ -218,10 +218,25 @@ def checked(path: Path, text: str, schema: type[Schema]) -> tuple[Schema, Callab
             "lists in [ ], each key once",
         ) from None
     locate = partial(place_of, path, toml_lines(text))
+    if (path_of_nan := next(_not_numbers(data), None)) is not None:
+        raise ModelError(
+            f"'{path_of_nan[-1]}' is nan, which is no number",
+            where=locate(*path_of_nan),
+            fix="write a number, or leave the key out",
+        )
     try:
         return schema.model_validate(data), locate
     except ValidationError as error:
         raise _explained(error, data, schema, locate) from None
+
+
+def _not_numbers(data: Any, path: KeyPath = ()) -> Iterator[KeyPath]:
+    """Where values are nan: also in tables whose keys are checked later, by their kind."""
+    if isinstance(data, float) and data != data:
+        yield path
+    if isinstance(data, dict | list):
+        for name, value in data.items() if isinstance(data, dict) else enumerate(data):
+            yield from _not_numbers(value, (*path, name))
 
 
 def _explained(
