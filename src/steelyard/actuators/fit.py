@@ -65,7 +65,7 @@ class Task:
     ) -> "Task":
         """With a prior about the start, in which joints have actuators that are alike.
 
-        That of the zeros is about the middle of what the joints' limits allow, see `zero_prior`.
+        That of the zeros is about the model file's own, if limits allow it, see `zero_prior`.
         """
         usual = start.changed(stiffness=np.median(start["stiffness"]))
         prior = [

@@ -282,7 +282,7 @@ def _notes_of_zeros(
 def _search(
     job: _Job, windows: Sequence[Window], start: ActuatorValues, seen: Sequence[int], h: float
 ) -> Search:
-    """What is searched: zeros of joints that gravity shows, near the middle of their limits."""
+    """What is searched: at joints that move, zeros only where gravity shows them."""
     q = np.concatenate([run.q for run in job.runs])
     robot = job.file.robot
     zeros = {j: zero_prior(robot, q, start.signs, j) for j in seen if job.signals.zeros[j] is None}
