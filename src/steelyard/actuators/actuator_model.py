@@ -74,7 +74,6 @@ class ActuatorModel:
         known: Share of the prior's variance that the data took away, `(p,)`.
         scale: Scale of the residuals of each joint [rad; m].
         stated: Names of the parameters that the user stated.
-        weighed: Numbers of the joints that gravity loads, whose torques have a scale.
         step: Length of the steps of rollouts [s].
         provenance: Inputs and settings.
 
@@ -92,7 +91,6 @@ class ActuatorModel:
     known: Array
     scale: Array
     stated: tuple[str, ...]
-    weighed: tuple[int, ...]
     step: float
     provenance: Provenance
 
@@ -186,7 +184,6 @@ class ActuatorModel:
             "known": self.known.tolist(),
             "scale": self.scale.tolist(),
             "stated": list(self.stated),
-            "weighed": list(self.weighed),
             "step_s": self.step,
             "provenance": json_values(self.provenance),
         }
@@ -233,7 +230,6 @@ class ActuatorModel:
             frozen(data["known"], (p,)),
             frozen(data["scale"], (n,)),
             tuple(map(str, data["stated"])),
-            tuple(j for j in map(int, data["weighed"]) if 0 <= j < n),
             step,
             Provenance(**{**origin, "inputs": dict(origin["inputs"]), **lists}),
         )

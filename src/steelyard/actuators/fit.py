@@ -100,9 +100,6 @@ class Fitted:
     task: Task
     values: ActuatorValues
     scale: Array
-    objective: float
-    repeated: float
-    """How many residuals tell what one would, were they independent."""
     covariance: Array
     """Of the search, `(p, p)`: logarithms where these are searched."""
 
@@ -181,11 +178,11 @@ def fit(
                 break
             damping *= 8.0
         covariance = _covariance(task, information, gradients, repeated)
-        last = Fitted(task, values, frozen(scale), now, repeated, frozen(covariance))
+        last = Fitted(task, values, frozen(scale), frozen(covariance))
         if better is None:
             break
         values, damping = better, max(damping / 8.0, 1e-8)
-        last = replace(last, values=values, objective=value)
+        last = replace(last, values=values)
         if now - value < CONVERGED:
             break
     return last

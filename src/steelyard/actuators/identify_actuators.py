@@ -63,7 +63,6 @@ class _Job:
     file: LoadedRobot
     signals: TargetSignals
     step: ArmStep
-    known: tuple[LogArgument, ...]
     logs: tuple[TargetLog, ...]
     threads: int
     progress: Progress
@@ -120,7 +119,7 @@ def identify_actuators(
     step = arm_step(file.robot)
     read = _read(file, signals, [*known, *unknown], progress)
     cores = threads or os.cpu_count() or 1
-    job = _Job(file, signals, step, tuple(known), read[: len(known)], cores, progress)
+    job = _Job(file, signals, step, read[: len(known)], cores, progress)
     windows = windows_of(job.runs, WINDOW)
     refuse_few(windows, known)
     start, open_signs, seen = _started(job, windows)
@@ -140,7 +139,7 @@ def identify_actuators(
         notes += (f"{', '.join(still)}: no motion in these logs, nothing of it is identified",)
     origin = provenance(file, known, (), unknown, (), (*file.notes, *notes))
     origin = replace(origin, runs=tuple(log.name for log in job.logs))
-    model = _model(job, final, origin, search.joints["stiffness"])
+    model = _model(job, final, origin)
     every = [open_loop(step, model.values, log, cores, model.step) for log in read]
     beyond = limit_words(model, every)
     origin = replace(origin, notes=(*origin.notes, *beyond))
@@ -355,7 +354,7 @@ def _final(search: Search, fitted: Fitted, parts: Sequence[str], job: _Job) -> F
     return fit(fine, coarse.values, LAST_ROUNDS, report)
 
 
-def _model(job: _Job, found: Fitted, origin: Provenance, loaded: Sequence[int]) -> ActuatorModel:
+def _model(job: _Job, found: Fitted, origin: Provenance) -> ActuatorModel:
     return ActuatorModel(
         job.file.robot,
         job.signals,
@@ -365,7 +364,6 @@ def _model(job: _Job, found: Fitted, origin: Provenance, loaded: Sequence[int]) 
         frozen(found.known),
         found.scale,
         tuple(_stated(job.file)),
-        tuple(loaded),
         found.task.h / found.task.finer,
         origin,
     )
