@@ -56,6 +56,8 @@ class Search:
     """Joints at which a parameter is searched, where that is not all of them."""
     zeros: Mapping[int, tuple[float, float]]
     """Prior of the zeros that are searched, see `zero_prior`."""
+    centre: ActuatorValues
+    """About which the prior of all other parameters is: where the search began."""
     h: float
     threads: int
 
@@ -63,10 +65,10 @@ class Search:
         """What is searched of these parts."""
         return free_parameters(parts, self.joints, self.step.n)
 
-    def task(self, windows: Sequence[Window], parts: Sequence[str], start: ActuatorValues) -> Task:
+    def task(self, windows: Sequence[Window], parts: Sequence[str]) -> Task:
         """To fit these parts."""
         free = self.free(parts)
-        return Task.of(self.step, windows, free, start, self.zeros, self.h, self.threads)
+        return Task.of(self.step, windows, free, self.centre, self.zeros, self.h, self.threads)
 
 
 def split(windows: Sequence[Window]) -> tuple[list[Window], list[Window]]:
@@ -90,7 +92,7 @@ def left_out_error(search: Search, values: ActuatorValues, left: Sequence[Window
     The scale shows what is usual, the root mean square what is rare, such as a torque limit.
     """
     rolled = rollouts(search.step, values, left, (), search.h, search.threads)
-    task = search.task(left, (), values)
+    task = search.task(left, ())
     found = residuals(task, rolled)
     rms = np.sqrt(np.mean(np.concatenate(found) ** 2, axis=0))
     return float(np.exp(0.5 * np.log(scales(found) * np.maximum(rms, 1e-9)).mean()))
@@ -143,7 +145,9 @@ def chosen(
     usual = [*ALWAYS, *USUAL, *(p for p in POSSIBLE if p in stated)]
     parts = tuple(p for p in usual if p not in stated or np.isnan(stated[p]).any())
     progress("the usual law")
-    now = fit(search.task(fitted, parts, begin), begin)
+    first = {p: with_part(begin, p, fitted)[p] for p in POSSIBLE}
+    search = replace(search, centre=search.centre.changed(**first))
+    now = fit(search.task(fitted, parts), begin)
     error = left_out_error(search, now.values, left)
     rungs = [Rung(parts, "the usual law", error, True)]
     for part, adds in _questions(stated) if automatic else ():
@@ -159,7 +163,7 @@ def chosen(
             if not joints:
                 rungs.append(Rung(others, f"{sign} {part}", error, False))
                 continue
-        other = fit(of.task(fitted, others, first), first, SHORT)
+        other = fit(of.task(fitted, others), first, SHORT)
         new = left_out_error(search, other.values, left)
         if adds:
             better = new < error * (1.0 - LEAST_GAIN) and _shown(other, part)

@@ -58,24 +58,24 @@ class Task:
         step: ArmStep,
         windows: Sequence[Window],
         free: Sequence[Free],
-        start: ActuatorValues,
+        centre: ActuatorValues,
         zeros: Mapping[int, tuple[float, float]] = MappingProxyType({}),
         h: float = STEP,
         threads: int = 2,
     ) -> "Task":
-        """With a prior about the start, in which joints have actuators that are alike.
+        """With a prior about `centre`, in which joints have actuators that are alike.
 
         That of the zeros is about the model file's own, if limits allow it, see `zero_prior`.
         """
-        usual = start.changed(stiffness=np.median(start["stiffness"]))
+        usual = centre.changed(stiffness=np.median(centre["stiffness"]))
         prior = [
             zeros[one.joint]
             if one.name == "zero" and one.joint in zeros
             else (one.at(usual), one.kind.spread)
             for one in free
         ]
-        centre, spread = np.array(prior).reshape(-1, 2).T
-        return cls(step, tuple(windows), tuple(free), frozen(centre), frozen(spread), h, threads)
+        mean, spread = np.array(prior).reshape(-1, 2).T
+        return cls(step, tuple(windows), tuple(free), frozen(mean), frozen(spread), h, threads)
 
     @property
     def precision(self) -> Array:

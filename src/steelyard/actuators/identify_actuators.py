@@ -122,11 +122,11 @@ def identify_actuators(
     job = _Job(file, signals, step, read[: len(known)], cores, progress)
     windows = windows_of(job.runs, WINDOW)
     refuse_few(windows, known)
-    start, open_signs, seen = _started(job, windows)
+    begun, start, open_signs, seen = _started(job, windows)
     search = _search(job, _some(windows, CHOICE_SECONDS), start, seen, 2.0 * STEP)
     count = iter(range(100))
     fitted, rungs, parts, search = chosen(
-        search,
+        replace(search, centre=begun),
         start,
         _stated(file),
         file.actuator.law == "auto",
@@ -233,26 +233,29 @@ def _open_joints(job: _Job) -> dict[str, list[int]]:
     }
 
 
-def _started(job: _Job, windows: Sequence[Window]) -> tuple[ActuatorValues, list[int], list[int]]:
-    """Where the fit begins, joints whose sign stays open, and those that gravity shows."""
+def _started(
+    job: _Job, windows: Sequence[Window]
+) -> tuple[ActuatorValues, ActuatorValues, list[int], list[int]]:
+    """Where slow motion begins, and a first fit to some windows ends.
+
+    Then joints whose sign stays open, and those that gravity shows.
+    """
     s = job.signals
     report_progress(job.progress, "finding signs and zeros", 0, 1)
     seen = gravity_joints(job.nominal, Quiet.of(job.runs))
     begun = starts(job.nominal, job.runs, s.signs, s.zeros)
     some = _some(windows, FIRST_SECONDS)
-    tried: list[Fitted] = []
+    tried: dict[int, Fitted] = {}
     for k, one in enumerate(begun[:TRIED]):
         report_progress(job.progress, "finding signs and zeros", k, min(TRIED, len(begun)))
         search = _search(job, some, one.values, seen, FIRST_STEP)
-        task = search.task(some, (*ALWAYS, *USUAL), one.values)
-        tried.append(fit(task, one.values, FIRST_ROUNDS))
-    least = min(map(_misfit, tried))
-    alike = [one for one in tried if _misfit(one) < AS_GOOD * least]
-    best = min(alike, key=_changes)
-    open_signs = [
-        j for j in seen if s.signs[j] is None and len({x.values.signs[j] for x in alike}) > 1
-    ]
-    return best.values, open_signs, seen
+        tried[k] = fit(search.task(some, (*ALWAYS, *USUAL)), one.values, FIRST_ROUNDS)
+    least = min(map(_misfit, tried.values()))
+    alike = {k: one for k, one in tried.items() if _misfit(one) < AS_GOOD * least}
+    best = min(alike, key=lambda k: _changes(alike[k]))
+    signs = np.array([one.values.signs for one in alike.values()])
+    open_signs = [j for j in seen if s.signs[j] is None and np.ptp(signs[:, j]) > 0.0]
+    return begun[best].values, alike[best].values, open_signs, seen
 
 
 def _notes_of_zeros(
@@ -291,7 +294,7 @@ def _search(
     joints |= {"zero": [j for j in zeros if j in moving]}
     for name, some in _open_joints(job).items():
         joints[name] = [j for j in some if j in moving]
-    return Search(job.step, tuple(windows), joints, zeros, h, job.threads)
+    return Search(job.step, tuple(windows), joints, zeros, start, h, job.threads)
 
 
 def moving_joints(job: _Job) -> list[int]:
@@ -344,7 +347,7 @@ def _final(search: Search, fitted: Fitted, parts: Sequence[str], job: _Job) -> F
     """The fit to all windows, from that to some of them."""
     loaded = search.joints.get("stiffness", ()) if "stiffness" in parts else ()
     start = like_the_others(fitted.values, loaded if "stiffness" not in _stated(job.file) else ())
-    task = search.task(search.windows, parts, start)
+    task = search.task(search.windows, parts)
 
     def report(round_: int, value: float) -> None:
         report_progress(job.progress, "identifying the actuators", round_, 15)
