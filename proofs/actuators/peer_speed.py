@@ -26,6 +26,8 @@ from steelyard.export.model_files.actuators_mjcf import actuators_mjcf
 from steelyard.robot.file.robot_file import load_robot
 from steelyard.runs.runs_of_named_logs import LogArgument
 
+TIMED = True  # nothing else may run beside it
+
 SECONDS, THREADS, PEER_STEP = 50.0, 2, 2e-3
 PARTS = ("stiffness", "damping", "coulomb", "armature", "offset", "delay")
 FASTER = 20.0

@@ -32,6 +32,8 @@ from steelyard.model.model import Model
 from steelyard.robot.file.robot_file import load_robot
 from steelyard.robot.robot import Robot
 
+TIMED = True  # nothing else may run beside it
+
 SHARPNESS = 16.0
 SIZES = (0.01, 0.03, 0.1, 0.3, 1.0, 3.0)
 """Motions of which the one that shows a law best is taken: differences need figures."""

@@ -15,6 +15,8 @@ from proofs.support.claims import Claim, main_of
 
 from steelyard.simulate.simulate import demo_runs
 
+TIMED = True  # nothing else may run beside it
+
 ROWS = 10_000_000
 SMALL = 1_000_000
 MORE = 64.0

@@ -40,6 +40,8 @@ from steelyard.simulate.virtual_robot import VirtualRobot
 sys.path.insert(0, str(Path(__file__).parents[2] / "tests"))
 from closed_chains import Oracle, five_bar, parallelogram  # noqa: E402
 
+TIMED = True  # nothing else may run beside it
+
 L1, L2 = 0.25, 0.35
 TORQUE_NOISE = 0.02
 """White torque noise over the typical torque of each joint."""

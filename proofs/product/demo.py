@@ -35,6 +35,8 @@ from steelyard.runs.runs_of_named_logs import processing_of_robot
 from steelyard.simulate.ground_truth import random_truth
 from steelyard.simulate.virtual_robot import VirtualRobot, customary_sensors
 
+TIMED = True  # nothing else may run beside it
+
 SEEDS = range(10)
 FREQUENCIES = (0.1, 0.25, 0.5)
 BLEND = 2.0

@@ -10,6 +10,8 @@ from pathlib import Path
 from proofs.robots.scores import EXAMPLES, ur10e_logs, ur10e_validation
 from proofs.support.claims import Claim, data_folder, main_of
 
+TIMED = True  # nothing else may run beside it
+
 
 def _identify(folder: Path, number: int, cache: Path) -> float:
     command = [sys.executable, "-m", "steelyard", "identify", str(EXAMPLES / "ur10e.toml")]

@@ -18,6 +18,8 @@ from typing import TypeVar
 
 from proofs.support.claims import Claim, main_of
 
+TIMED = True  # nothing else may run beside it
+
 PACKAGE = Path(__file__).parents[2] / "src" / "steelyard"
 LARGEST = 24
 """Files that a folder may hold, so that its list is read at a glance."""

@@ -18,6 +18,8 @@ from steelyard.estimate.reduction.backward_elimination import CRITERIA, FullMode
 from steelyard.identify.identify import Identification
 from steelyard.identify.reduce import ReducedModel
 
+TIMED = True  # nothing else may run beside it
+
 ROBOT = str(EXAMPLES / "ur10e.toml")
 POOR = "ur-20_02_06-20sec_5harm"
 RULES = (

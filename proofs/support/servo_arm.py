@@ -1,4 +1,4 @@
-"""An arm of two joints under position servos, simulated by MuJoCo; its robot file and its logs."""
+"""Arms of two joints, or of one, under position servos that MuJoCo simulates; files and logs."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -28,6 +28,18 @@ MJCF = """<mujoco><option timestep="{step}" integrator="implicitfast" gravity="0
 <body pos="0.12 0 0"><joint name="elbow" axis="0 1 0" {second}/>
 <inertial pos="0.08 0.005 0" mass="0.2" diaginertia="1e-4 3e-4 3e-4"/></body></body></worldbody>
 <actuator>{motors}</actuator></mujoco>"""
+BENCH_URDF = """<robot name="bench">
+  <link name="base"/>
+  <link name="pendulum"><inertial><origin xyz="0.15 0 0"/><mass value="0.5"/>
+    <inertia ixx="1e-4" iyy="5e-4" izz="5e-4" ixy="0" ixz="0" iyz="0"/></inertial></link>
+  <joint name="motor" type="revolute"><parent link="base"/><child link="pendulum"/>
+    <axis xyz="0 1 0"/><limit lower="-1.8" upper="1.8" velocity="9" effort="10"/></joint>
+</robot>
+"""
+BENCH_MJCF = """<mujoco><option timestep="{step}" integrator="implicitfast" gravity="0 0 -9.81"/>
+<worldbody><body><joint name="motor" axis="0 1 0" {first}/>
+<inertial pos="0.15 0 0" mass="0.5" diaginertia="1e-4 5e-4 5e-4"/></body></worldbody>
+<actuator>{motors}</actuator></mujoco>"""
 STIFF = 'solreffriction="0.004 1" solimpfriction="0.999 0.9999 0.001 0.5 2"'
 
 ROBOT_FILE = """[robot]
@@ -37,45 +49,64 @@ time = "time"
 position = "q{}"
 target = "target{}"
 """
+BENCH_FILE = ROBOT_FILE.replace("servos", "bench")
 
 
 @dataclass(frozen=True)
 class Servos:
     """What the servos really are, a value per joint; the delay is common [s]."""
 
-    stiffness: tuple[float, float] = (12.0, 8.0)
-    damping: tuple[float, float] = (0.5, 0.3)
-    coulomb: tuple[float, float] = (0.12, 0.06)
-    armature: tuple[float, float] = (0.02, 0.012)
-    torque_limit: tuple[float, float] = (1e3, 1e3)
+    stiffness: tuple[float, ...] = (12.0, 8.0)
+    damping: tuple[float, ...] = (0.5, 0.3)
+    coulomb: tuple[float, ...] = (0.12, 0.06)
+    armature: tuple[float, ...] = (0.02, 0.012)
+    torque_limit: tuple[float, ...] = (1e3, 1e3)
     delay: float = 0.012
+    back_emf: tuple[float, ...] = (0.0, 0.0)
+    stribeck: tuple[float, ...] = (0.0, 0.0)
+    stribeck_speed: tuple[float, ...] = (1.0, 1.0)
+    load_friction: tuple[float, ...] = (0.0, 0.0)
+
+    @property
+    def n(self) -> int:
+        """Number of joints: two of the arm, one of the bench."""
+        return len(self.stiffness)
 
     def model(self, step: float = 0.001) -> mujoco.MjModel:
         """MuJoCo's model of the arm."""
         joints = [
-            f'armature="{a}" frictionloss="{f}" damping="0" {STIFF}'
-            for a, f in zip(self.armature, self.coulomb, strict=True)
+            f'armature="{a}" frictionloss="{f}" damping="{e}" {STIFF}'
+            for a, f, e in zip(self.armature, self.coulomb, self.back_emf, strict=True)
         ]
         motors = "".join(
             f'<position joint="{name}" kp="{kp}" kv="{kd}" forcerange="-{limit} {limit}"/>'
             for name, kp, kd, limit in zip(
-                ("shoulder", "elbow"),
+                ("shoulder", "elbow") if self.n == 2 else ("motor",),
                 self.stiffness,
                 self.damping,
                 self.torque_limit,
                 strict=True,
             )
         )
-        text = MJCF.format(step=step, first=joints[0], second=joints[1], motors=motors)
+        text = MJCF if self.n == 2 else BENCH_MJCF
+        text = text.format(step=step, first=joints[0], second=joints[-1], motors=motors)
         return mujoco.MjModel.from_xml_string(text)
 
+    def friction(self, v: np.ndarray, torque: np.ndarray) -> np.ndarray:
+        """Size of dry friction at speeds and torques of the motors, `(n,)`."""
+        slow = np.exp(-((v / np.array(self.stribeck_speed)) ** 2))
+        load = np.array(self.load_friction) * np.abs(torque)
+        return np.array(self.coulomb) + np.array(self.stribeck) * slow + load
 
-def targets(seconds: float, seed: int, rate: float = 50.0) -> tuple[np.ndarray, np.ndarray]:
-    """Ramps with rests, and sines, at the rows of a log `(N,)`, `(N, 2)`."""
+
+def targets(
+    seconds: float, seed: int, rate: float = 50.0, joints: int = 2
+) -> tuple[np.ndarray, np.ndarray]:
+    """Ramps with rests, and sines, at the rows of a log `(N,)`, `(N, joints)`."""
     rng = np.random.default_rng(seed)
     t = np.arange(0.0, seconds, 1.0 / rate)
-    found = np.zeros((len(t), 2))
-    for j in range(2):
+    found = np.zeros((len(t), joints))
+    for j in range(joints):
         knots, places = [0.0], [rng.uniform(-0.8, 0.8)]
         while knots[-1] < seconds:
             knots += [knots[-1] + rng.uniform(0.3, 1.5)]
@@ -92,7 +123,7 @@ def targets(seconds: float, seed: int, rate: float = 50.0) -> tuple[np.ndarray, 
 def moved(
     servos: Servos, t: np.ndarray, target: np.ndarray, step: float = 1e-4, start: object = None
 ) -> np.ndarray:
-    """Positions at the rows, `(N, 2)`, with each target held until the next row."""
+    """Positions at the rows, `(N, n)`, with each target held until the next row."""
     model = servos.model(step)
     data = mujoco.MjData(model)
     data.qpos[:] = target[0] if start is None else start
@@ -101,8 +132,16 @@ def moved(
     mujoco.mj_getState(model, data, state[0], mujoco.mjtState.mjSTATE_FULLPHYSICS)
     times = np.arange(round((t[-1] + 1e-9) / step) + 1) * step
     rows = np.clip(np.searchsorted(t, times - servos.delay + 1e-9, side="right") - 1, 0, None)
+    if any(servos.stribeck) or any(servos.load_friction):
+        q = [first]
+        for row in rows:
+            model.dof_frictionloss[:] = servos.friction(data.qvel, data.actuator_force)
+            data.ctrl[:] = target[row]
+            mujoco.mj_step(model, data)
+            q.append(data.qpos.copy())
+        return np.asarray(np.array(q)[np.searchsorted(times, t - 0.5 * step)])
     states, _ = rollout.rollout(model, data, state, target[rows][None])
-    q = np.vstack([first, states[0, :, 1:3]])
+    q = np.vstack([first, states[0, :, 1 : 1 + servos.n]])
     return np.asarray(q[np.searchsorted(times, t - 0.5 * step)])
 
 
@@ -116,15 +155,15 @@ def log(
     jitter: float = 0.0,
 ) -> Mapping[str, np.ndarray]:
     """Columns of a log by an encoder with steps and noise [rad], on a clock with jitter [s]."""
-    t, target = targets(seconds, seed, rate)
+    t, target = targets(seconds, seed, rate, servos.n)
     rng = np.random.default_rng(seed + 1000)
     t = t + np.clip(jitter * rng.standard_normal(len(t)), -0.4 / rate, 0.4 / rate)
     t = np.round(t - t[0], 4)
     q = moved(servos, t, target)
     q = np.round((q + noise * rng.standard_normal(q.shape)) / resolution) * resolution
     columns = {"time": t}
-    columns |= {f"target{j + 1}": target[:, j] for j in range(2)}
-    return columns | {f"q{j + 1}": q[:, j] for j in range(2)}
+    columns |= {f"target{j + 1}": target[:, j] for j in range(servos.n)}
+    return columns | {f"q{j + 1}": q[:, j] for j in range(servos.n)}
 
 
 def made(folder: Path, servos: Servos = Servos(), seconds: float = 60.0) -> Path:

@@ -1,7 +1,12 @@
 """Actuators of an arm that MuJoCo simulates: found again, predicted, written, read, refused."""
 
+import ast
 import json
+import sys
+import types
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -18,6 +23,7 @@ from steelyard.actuators.target_runs import TargetRun, windows_of
 from steelyard.base.errors import LogError, ModelError
 from steelyard.cli.app import app
 from steelyard.export.model_files.actuators_mjcf import actuators_mjcf
+from steelyard.export.model_files.actuators_python import actuators_python
 
 TRUE = Servos()
 
@@ -117,6 +123,47 @@ def test_exported_mjcf_moves_as_the_rollout(found: ActuatorIdentification) -> No
     assert "95 % intervals" in text and "ctrl = +1" in text and "actuatorfrcrange" not in text
 
 
+@pytest.mark.parametrize("framework", ["isaaclab", "mjlab"])
+def test_exported_configurations_hold_the_values(
+    found: ActuatorIdentification,
+    folder: Path,
+    tmp_path: Path,
+    framework: str,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    file = tmp_path / "arm.py"
+    arguments = ["export", str(folder / "model"), "--to", framework, "-o", str(file)]
+    assert CliRunner().invoke(app, arguments).exit_code == 0
+    module = {"isaaclab": "isaaclab.actuators", "mjlab": "mjlab.actuator"}[framework]
+    stub, code = types.ModuleType(module), dict[str, Any]()
+    stub.DelayedPDActuatorCfg = stub.BuiltinPositionActuatorCfg = dict  # type: ignore[attr-defined]
+    monkeypatch.setitem(sys.modules, framework, types.ModuleType(framework))
+    monkeypatch.setitem(sys.modules, module, stub)
+    exec(file.read_text("utf-8"), code)
+    made = code["actuators"](0.005)
+    values, listed = found.model.values, list(made.values() if framework == "isaaclab" else made)
+    dry, late = {
+        "isaaclab": ("dynamic_friction", "max_delay"),
+        "mjlab": ("frictionloss", "delay_max_lag"),
+    }[framework]
+    for j, one in enumerate(listed):
+        for name in ("stiffness", "damping", "armature"):
+            assert one[name] == values[name][j]
+        assert one[dry] == values["coulomb"][j]
+        assert one["effort_limit"] is None
+        assert one[late] == round(values["delay"][j] / 0.005)
+    assert len(listed) == 2 and "95 % intervals" in file.read_text("utf-8")
+
+
+def test_names_of_joints_stay_text_in_configurations(found: ActuatorIdentification) -> None:
+    robot = found.model.robot
+    name = "a'\")\nimport os\n#"
+    joints = (replace(robot.coordinates[0], name=name), robot.coordinates[1])
+    odd = replace(found.model, robot=replace(robot, coordinates=joints))
+    tree = ast.parse(actuators_python(odd, "mjlab").text)
+    assert [ast.unparse(x) for x in tree.body if isinstance(x, ast.Import)] == ["import re"]
+
+
 def test_reversed_and_shifted_columns_are_found(folder: Path, tmp_path: Path) -> None:
     (tmp_path / "servos.urdf").write_text(URDF)
     (tmp_path / "servos.toml").write_text(ROBOT_FILE)
@@ -138,7 +185,7 @@ def test_reversed_and_shifted_columns_are_found(folder: Path, tmp_path: Path) ->
         assert turned["zero"][0] == pytest.approx(0.4, abs=0.05)
         assert stiffness == pytest.approx(TRUE.stiffness, rel=0.1)
     else:
-        assert any("not decided" in note for note in other.notes)
+        assert any("not decided" in words for words in other.warnings) and other.model.open_signs
 
 
 def test_what_is_stated_is_kept(folder: Path) -> None:

@@ -39,8 +39,11 @@ def values_of(servos: Servos) -> ActuatorValues:
         Servos(),
         Servos(torque_limit=(0.9, 0.3), coulomb=(0.0, 0.0)),
         Servos(armature=(1e-4, 1e-4), damping=(1.0, 0.8), delay=0.0),
+        Servos(torque_limit=(0.9, 0.3), back_emf=(0.3, 0.2), coulomb=(0.0, 0.0)),
+        Servos(stribeck=(0.1, 0.05), stribeck_speed=(0.3, 0.2)),
+        Servos(load_friction=(0.1, 0.05), coulomb=(0.05, 0.03)),
     ],
-    ids=["no friction", "friction", "torque limit", "light"],
+    ids=["no friction", "friction", "torque limit", "light", "back-EMF", "Stribeck", "load"],
 )
 def test_a_rollout_is_that_of_mujoco(arm: ArmStep, servos: Servos) -> None:
     t, target = targets(6.0, seed=3)
@@ -76,8 +79,10 @@ def test_slopes_are_those_of_differences(arm: ArmStep) -> None:
     values = values_of(Servos(torque_limit=(0.7, 0.3))).changed(
         load_friction=0.1, dead_band=0.004, offset=0.002, zero=(0.1, -0.2)
     )
+    values = values.changed(back_emf=(0.05, 0.03), stribeck=(0.06, 0.03), stribeck_speed=0.4)
     windows = windows_of([TargetRun("log", t, target, target + 0.01)], None)
-    free = free_parameters([kind.name for kind in KINDS], {}, 2)
+    free = free_parameters([*(kind.name for kind in KINDS), "delays"], {}, 2)
+    assert len(free) == 2 * len(KINDS) + 1
     (found,) = rollouts(arm, values, windows, free, 0.005)
     close = []
     for k, one in enumerate(free):

@@ -16,7 +16,7 @@ from steelyard.actuators.actuator_parameters import (
     ActuatorValues,
     Free,
 )
-from steelyard.actuators.choice import WIDE
+from steelyard.actuators.choice import POSSIBLE, WIDE
 from steelyard.actuators.closed_loop_step import ArmStep
 from steelyard.base.arrays import Z95, Array, frozen, json_values
 from steelyard.base.errors import ModelError
@@ -30,11 +30,12 @@ from steelyard.robot.robot import Robot, robot_from_dict, robot_to_dict
 
 SCHEMA_VERSION = 1
 
-CANNOT_BE = "sign or zero cannot be right"  # how the note on motion beyond limits begins
 BEYOND_LIMITS = 0.2  # how far motion may leave the limits of a model file [rad; m]
 LONGEST_DELAY = 2.0  # [s]
 LEAST_STEP, MOST_STEP = 1e-4, 0.05  # of rollouts [s]
 
+OF_JOINTS = ("still", "open_signs", "beyond_limits")  # fields that are names of joints
+POSITIVE = ("stiffness", "armature", "torque_limit", "stribeck_speed")
 IDENTIFIED = 0.75
 """Share of the prior's variance that the data take away from what counts as identified."""
 
@@ -75,6 +76,9 @@ class ActuatorModel:
         scale: Scale of the residuals of each joint [rad; m].
         stated: Names of the parameters that the user stated.
         step: Length of the steps of rollouts [s].
+        still: Joints that do not move in the fitted logs: nothing of them is identified.
+        open_signs: Joints whose sign against the model file the fitted logs do not decide.
+        beyond_limits: Joints that the motion of logs takes far beyond their limits.
         provenance: Inputs and settings.
 
     Example:
@@ -92,6 +96,9 @@ class ActuatorModel:
     scale: Array
     stated: tuple[str, ...]
     step: float
+    still: tuple[str, ...]
+    open_signs: tuple[str, ...]
+    beyond_limits: tuple[str, ...]
     provenance: Provenance
 
     def __repr__(self) -> str:
@@ -113,7 +120,8 @@ class ActuatorModel:
         place = {(one.name, one.joint): k for k, one in enumerate(self.free)}
         found = []
         for kind in KINDS:
-            joints = [(-1, "all")] if kind.common else list(enumerate(self.joints))
+            common = kind.name == "delay" and np.ptp(self.values["delay"]) == 0.0
+            joints = [(-1, "all")] if common else list(enumerate(self.joints))
             for j, joint in joints:
                 value = float(self.values[kind.name][j])
                 at = place.get((kind.name, j))
@@ -185,6 +193,7 @@ class ActuatorModel:
             "scale": self.scale.tolist(),
             "stated": list(self.stated),
             "step_s": self.step,
+            **{name: list(getattr(self, name)) for name in OF_JOINTS},
             "provenance": json_values(self.provenance),
         }
 
@@ -194,14 +203,16 @@ class ActuatorModel:
         robot, origin = robot_from_dict(data["robot"]), data["provenance"]
         n, p = robot.n, len(data["free"])
         signs = frozen(data["signs"], (n,))
-        given = {kind.name: frozen(data["values"][kind.name], (n,)) for kind in KINDS}
+        lacking = {kind.name: [kind.default] * n for kind in KINDS if kind.part in POSSIBLE}
+        listed = {**lacking, **data["values"]}
+        given = {kind.name: frozen(listed[kind.name], (n,)) for kind in KINDS}
         if not (abs(signs) == 1.0).all():
             raise ValueError("a sign is not 1 or -1")
         for kind in KINDS:
             x = given[kind.name]
-            least = 1e-12 if kind.name in ("stiffness", "armature", "torque_limit") else 0.0
-            low = (kind.positive or kind.common) and (x < least).any()
-            if not (np.abs(x) <= UNLIMITED).all() or low or (kind.common and np.ptp(x) > 0.0):
+            least = 1e-12 if kind.name in POSITIVE else 0.0
+            low = (kind.positive or kind.name == "delay") and (x < least).any()
+            if not (np.abs(x) <= UNLIMITED).all() or low:
                 raise ValueError(f"'{kind.name}' is not finite, or not what an actuator can have")
         step = float(data["step_s"])
         if not LEAST_STEP <= step <= MOST_STEP:
@@ -213,6 +224,8 @@ class ActuatorModel:
             raise ValueError(
                 f"there is no parameter '{strange[0].name}' of joint {strange[0].joint}"
             )
+        if Free("delay", -1) in free and np.ptp(given["delay"]) > 0.0:
+            raise ValueError("the delay of all joints is not one value")
         if p > len(KINDS) * n or given["delay"].max(initial=0.0) > LONGEST_DELAY:
             raise ValueError("it holds more parameters, or a longer delay, than an arm can have")
         if (np.diag(np.asarray(data["covariance"], dtype=float).reshape(p, p)) < 0.0).any():
@@ -231,6 +244,7 @@ class ActuatorModel:
             frozen(data["scale"], (n,)),
             tuple(map(str, data["stated"])),
             step,
+            *(tuple(map(str, data.get(name, ()))) for name in OF_JOINTS),
             Provenance(**{**origin, "inputs": dict(origin["inputs"]), **lists}),
         )
 

@@ -4,11 +4,12 @@ The law is a position controller, `position_pd`: with the target $u$ and the pos
 joint, both in the joint's coordinate,
 
 $$ \tau = \operatorname{clip}\bigl(k_p\, d_b(u(t - T) + c - q) - k_d\, \dot q,\
-   \pm \tau_{max}\bigr), $$
+   \pm \tau_{max}\bigr) - k_e\, \dot q, $$
 
-where $d_b$ is a dead band of half-width $b$, $T$ the delay, and $c$ what the controller's zero
-differs from the encoder's. The rotor's inertia $a$ and dry friction of size $f + \mu |\tau|$ act
-beside it.
+where $d_b$ is a dead band of half-width $b$, $T$ the delay, $c$ what the controller's zero
+differs from the encoder's, and $k_e$ the back-EMF of a motor whose voltage is limited: its largest
+torque falls with speed. The rotor's inertia $a$ and dry friction of size
+$f + f_s e^{-(\dot q / v_s)^2} + \mu |\tau|$ act beside it.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -30,7 +31,7 @@ class Kind:
         positive: Whether its logarithm is searched.
         spread: Standard deviation of the prior: of the logarithm, or in the unit.
         default: Value where the law does not have it.
-        common: Whether all joints share one value.
+        of: Part of the law that it belongs to, if that is not its own.
     """
 
     name: str
@@ -38,7 +39,12 @@ class Kind:
     positive: bool
     spread: float
     default: float
-    common: bool = False
+    of: str = ""
+
+    @property
+    def part(self) -> str:
+        """Part of the law that it belongs to."""
+        return self.of or self.name
 
 
 UNLIMITED = 1e9  # torque that no actuator has [Nm]
@@ -46,19 +52,22 @@ UNLIMITED = 1e9  # torque that no actuator has [Nm]
 KINDS = (
     Kind("stiffness", "Nm/rad", True, 1.0, 1.0),
     Kind("damping", "Nm s/rad", True, 2.0, 1e-6),
+    Kind("back_emf", "Nm s/rad", True, 2.0, 0.0),
     Kind("coulomb", "Nm", True, 2.0, 0.0),
+    Kind("stribeck", "Nm", True, 1.5, 0.0),
+    Kind("stribeck_speed", "rad/s", True, 1.0, 1.0, of="stribeck"),
     Kind("load_friction", "1", True, 1.5, 0.0),
     Kind("armature", "kg m²", True, 1.5, 1e-6),
     Kind("torque_limit", "Nm", True, 1.0, UNLIMITED),
     Kind("dead_band", "rad", True, 1.5, 0.0),
     Kind("offset", "rad", False, 0.003, 0.0),
     Kind("zero", "rad", False, 0.5, 0.0),
-    Kind("delay", "s", False, 0.05, 0.0, common=True),
+    Kind("delay", "s", False, 0.05, 0.0),
 )
 BY_NAME = {kind.name: kind for kind in KINDS}
 IN_STEP = (
-    *("stiffness", "damping", "coulomb", "load_friction", "armature", "torque_limit"),
-    "dead_band",
+    *("stiffness", "damping", "back_emf", "coulomb", "stribeck", "stribeck_speed"),
+    *("load_friction", "armature", "torque_limit", "dead_band"),
 )
 """Parameters that are inputs of the step."""
 
@@ -119,18 +128,25 @@ class Free:
 
 
 def free_parameters(
-    names: Sequence[str], joints: Mapping[str, Sequence[int]], n: int
+    parts: Sequence[str], joints: Mapping[str, Sequence[int]], n: int
 ) -> tuple[Free, ...]:
-    """All that is searched for a law: each parameter at each joint, or at some joints only."""
-    return tuple(_free(names, joints, n))
+    """All that is searched for a law: parameters of its parts at all joints, or at some only.
+
+    The part `delay` is one for all joints, `delays` one for each.
+    """
+    return tuple(_free(parts, joints, n))
 
 
-def _free(names: Sequence[str], joints: Mapping[str, Sequence[int]], n: int) -> Iterator[Free]:
-    for name in names:
-        if BY_NAME[name].common:
-            yield Free(name, -1)
+def _free(parts: Sequence[str], joints: Mapping[str, Sequence[int]], n: int) -> Iterator[Free]:
+    for part in parts:
+        if part == "delay" and joints.get("delay", [-1]):
+            yield Free("delay", -1)
+        elif part == "delays":
+            yield from (Free("delay", j) for j in joints.get("delay", range(n)))
         else:
-            yield from (Free(name, j) for j in joints.get(name, range(n)))
+            for kind in KINDS:
+                if kind.part == part != "delay":
+                    yield from (Free(kind.name, j) for j in joints.get(kind.name, range(n)))
 
 
 LARGEST_STEP = 1.0  # of a logarithm, in one step of the search

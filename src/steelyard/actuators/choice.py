@@ -1,12 +1,18 @@
 """Which parts the actuator law needs, by motion that is left out of the fit."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from steelyard.actuators.actuator_parameters import BY_NAME, ActuatorValues, Free, free_parameters
+from steelyard.actuators.actuator_parameters import (
+    BY_NAME,
+    KINDS,
+    ActuatorValues,
+    Free,
+    free_parameters,
+)
 from steelyard.actuators.closed_loop_step import ArmStep
 from steelyard.actuators.fit import Fitted, Task, fit, residuals, scales
 from steelyard.actuators.rollout import rollouts
@@ -15,7 +21,11 @@ from steelyard.base.arrays import Array
 
 ALWAYS = ("stiffness", "damping", "armature", "offset", "zero")
 USUAL = ("coulomb", "delay")
-POSSIBLE = ("load_friction", "torque_limit", "dead_band")
+POSSIBLE = ("delays", "stribeck", "load_friction", "torque_limit", "back_emf", "dead_band")
+REPLACED = {"delays": "delay", "back_emf": "damping"}
+"""Parts that others take the place of."""
+NEEDED = {"delays": "delay", "back_emf": "torque_limit"}
+"""Parts without which others are not tried."""
 WIDE = 0.35  # standard deviation of a logarithm, above which a value is not known
 LEAST_GAIN = 0.02  # share of the left-out error that a part which is added has to take away
 LEAST_LOSS = 0.005  # share that it has to grow by without a part that is kept
@@ -98,24 +108,40 @@ def left_out_error(search: Search, values: ActuatorValues, left: Sequence[Window
     return float(np.exp(0.5 * np.log(scales(found) * np.maximum(rms, 1e-9)).mean()))
 
 
-def with_part(values: ActuatorValues, part: str, windows: Sequence[Window]) -> ActuatorValues:
-    """Values with a first one of a part that they lack."""
-    first: dict[str, Any] = {
+def first_values(values: ActuatorValues, windows: Sequence[Window]) -> dict[str, Any]:
+    """Where the search begins for what a law may lack, by parameter."""
+    return {
+        "stribeck": 0.3 * values["coulomb"] + 1e-3,
+        "stribeck_speed": 0.1,
         "load_friction": 0.05,
         "torque_limit": REACH * largest_torque(windows, values),
+        "back_emf": values["damping"],
         "dead_band": 0.2 * values["coulomb"] / values["stiffness"] + 1e-4,
     }
-    return values.changed(**{part: first[part]})
+
+
+def with_part(values: ActuatorValues, part: str, windows: Sequence[Window]) -> ActuatorValues:
+    """Values with first ones of a part that they lack, without the part that it replaces."""
+    first = first_values(values, windows)
+    first = {name: x for name, x in first.items() if BY_NAME[name].part == part}
+    return without(values.changed(**first), REPLACED.get(part, "")) if first else values
+
+
+def without(values: ActuatorValues, part: str) -> ActuatorValues:
+    """Values of a law that lacks a part."""
+    return values.changed(**{kind.name: kind.default for kind in KINDS if kind.part == part})
 
 
 def with_stated(
     values: ActuatorValues, stated: Mapping[str, Array], windows: Sequence[Window]
 ) -> ActuatorValues:
     """Values as they are stated; NaN are those that are to be identified, and begin somewhere."""
-    for part, given in stated.items():
-        first = with_part(values, part, windows) if part in POSSIBLE else values
-        values = values.changed(**{part: np.where(np.isnan(given), first[part], given)})
-    return values
+    parts = {BY_NAME[name].part for name in stated}
+    first = first_values(values, windows)
+    values = values.changed(**{k: x for k, x in first.items() if BY_NAME[k].part in parts})
+    return values.changed(
+        **{name: np.where(np.isnan(x), values[name], x) for name, x in stated.items()}
+    )
 
 
 def largest_torque(
@@ -142,19 +168,24 @@ def chosen(
     """
     fitted, left = split(search.windows)
     begin = with_stated(start, stated, fitted)
-    usual = [*ALWAYS, *USUAL, *(p for p in POSSIBLE if p in stated)]
-    parts = tuple(p for p in usual if p not in stated or np.isnan(stated[p]).any())
+    given = {BY_NAME[name].part for name in stated}
+    if len(set(stated.get("delay", [0.0]))) > 1 or np.isnan(stated.get("delay", 0.0)).any():
+        given |= {"delays"}
+    parts = tuple(p for p in (*ALWAYS, *USUAL, *POSSIBLE) if p in given or p not in POSSIBLE)
+    parts = tuple(p for p in parts if p != "delay" or "delays" not in given)
     progress("the usual law")
-    first = {p: with_part(begin, p, fitted)[p] for p in POSSIBLE}
-    search = replace(search, centre=search.centre.changed(**first))
+    search = replace(search, centre=search.centre.changed(**first_values(begin, fitted)))
     now = fit(search.task(fitted, parts), begin)
     error = left_out_error(search, now.values, left)
     rungs = [Rung(parts, "the usual law", error, True)]
-    for part, adds in _questions(stated) if automatic else ():
+    for part, adds in _questions(given) if automatic else ():
+        if adds and NEEDED.get(part, parts[0]) not in parts:
+            continue
         sign = "+" if adds else "-"
         progress(f"{sign} {part}")
-        others = (*parts, part) if adds else tuple(p for p in parts if p != part)
-        of, first = search, now.values.changed(**{part: BY_NAME[part].default})
+        gone = REPLACED.get(part, "") if adds else part
+        others = (*(p for p in parts if p != gone), *((part,) if adds else ()))
+        of, first = search, without(now.values, part)
         if adds:
             first = with_part(now.values, part, fitted)
         if part == "torque_limit":
@@ -181,7 +212,7 @@ def _shown(found: Fitted, part: str) -> bool:
     What only continues a fit that has not ended lowers the error too.
     """
     std = [s for one, s in zip(found.task.free, found.std, strict=True) if one.name == part]
-    return bool(min(std) < WIDE)
+    return bool(min(std, default=0.0) < WIDE)
 
 
 def _limited(
@@ -203,7 +234,8 @@ def _limited(
     return values, joints
 
 
-def _questions(stated: Mapping[str, Array]) -> Iterator[tuple[str, bool]]:
-    """Parts that may be left out, then those that may be added."""
-    yield from ((part, False) for part in USUAL if part not in stated)
-    yield from ((part, True) for part in POSSIBLE if part not in stated)
+def _questions(given: Collection[str]) -> Iterator[tuple[str, bool]]:
+    """Parts that may be left out, then those that may be added; not those that are given."""
+    yield from ((part, False) for part in USUAL if part not in given)
+    free = (p for p in POSSIBLE if p not in given and REPLACED.get(p, "") not in given)
+    yield from ((part, True) for part in free)

@@ -10,11 +10,11 @@ the target $u$ at the end of the step,
 $$ A\,v^+_0 = (M + a)\,\tfrac{1}{3} (4 v - v_-) + k\,(k_p (u - \tilde q) - b), \qquad
    \tilde q = \tfrac{1}{3} (4 q - q_-), $$
 
-$$ A = M + \operatorname{diag}(a + k\, k_d + k^2 k_p), \qquad q^+ = \tilde q + k\, v^+, $$
+$$ A = M + \operatorname{diag}(a + k\, (k_d + k_e) + k^2 k_p), \qquad q^+ = \tilde q + k\, v^+, $$
 
-where a controller at its torque limit has neither spring nor damper in $A$. Dry friction is an
-impulse $\lambda_j$ within $\pm k f_j$ that stops joint $j$ if it can,
-$v^+ = v^+_0 - A^{-1} \lambda$, by a few sweeps of projected Gauss-Seidel over the joints
+where a controller at its torque limit has neither spring nor damper $k_d$ in $A$. Dry friction is
+an impulse $\lambda_j$ within $\pm k f_j$, with $f_j$ at the predicted state, that stops joint $j$
+if it can, $v^+ = v^+_0 - A^{-1} \lambda$, by a few sweeps of projected Gauss-Seidel over the joints
 [Stewart1996], so that a joint sticks exactly, at any step. Every operation has a derivative but at
 its corners: the derivative that goes along is that of the steps themselves.
 """
@@ -88,7 +88,7 @@ class ArmStep:
         from steelyard.symbolic.symbols_and_tracing import affine
 
         *given, (h,) = rest
-        kp, kd, coulomb, load, armature, limit, band = given
+        kp, kd, emf, coulomb, stribeck, stribeck_speed, load, armature, limit, band = given
         values, joints, k = [float(x) for x in self.values], range(self.n), 2.0 / 3.0 * h
         soon = [q[j] + h * v[j] for j in joints]
         fast = [2.0 * v[j] - v0[j] for j in joints]
@@ -105,12 +105,14 @@ class ArmStep:
             engaged = acts * np.less_equal(band[j], abs(u[j] - soon[j]))
             clipped = np.minimum(np.maximum(wanted, -limit[j]), limit[j])
             spring = engaged * (kp[j] * (u[j] - known[j]) - behind)
-            matrix[j][j] = mass[j][j] + armature[j] + k * (acts * kd[j] + k * engaged * kp[j])
+            damper = acts * kd[j] + emf[j]
+            matrix[j][j] = mass[j][j] + armature[j] + k * (damper + k * engaged * kp[j])
             momentum = armature[j] * speed[j]
             for i in joints:
                 momentum = momentum + mass[j][i] * speed[i]
             impulse.append(momentum + k * (spring + (1.0 - acts) * clipped - bias[j]))
-            bound.append(k * (coulomb[j] + load[j] * abs(clipped)))
+            slow = np.exp(-((fast[j] / stribeck_speed[j]) ** 2))
+            bound.append(k * (coulomb[j] + stribeck[j] * slow + load[j] * abs(clipped)))
         columns = [[1.0 if j == i else 0.0 for j in joints] for i in joints]
         (free, *inverse), _ = solved_by_factors(matrix, [impulse, *columns])
         speeds = _stopped(free, inverse, bound)

@@ -8,11 +8,10 @@ from pathlib import Path
 import numpy as np
 
 from steelyard.actuators.actuator_model import ActuatorModel, arm_step, load_actuators
-from steelyard.actuators.actuator_parameters import KINDS, ActuatorValues
+from steelyard.actuators.actuator_parameters import IN_STEP, KINDS, ActuatorValues
 from steelyard.actuators.actuators_page import (
     ActuatorIdentification,
     ActuatorValidation,
-    limit_words,
 )
 from steelyard.actuators.choice import ALWAYS, USUAL, Search, chosen
 from steelyard.actuators.closed_loop_step import ArmStep
@@ -133,17 +132,13 @@ def identify_actuators(
         lambda what: report_progress(progress, "choosing the law", next(count), 6, what),
     )
     final = _final(replace(search, windows=tuple(windows)), fitted, parts, job)
-    still = [x for j, x in enumerate(file.robot.joint_names) if j not in moving_joints(job)]
     notes = _notes_of_zeros(job, final.values, open_signs, seen)
-    if still:
-        notes += (f"{', '.join(still)}: no motion in these logs, nothing of it is identified",)
     origin = provenance(file, known, (), unknown, (), (*file.notes, *notes))
     origin = replace(origin, runs=tuple(log.name for log in job.logs))
-    model = _model(job, final, origin)
+    model = _model(job, final, open_signs, origin)
     every = [open_loop(step, model.values, log, cores, model.step) for log in read]
-    beyond = limit_words(model, every)
-    origin = replace(origin, notes=(*origin.notes, *beyond))
-    model = replace(model, provenance=origin)
+    moved = np.concatenate([one.q for one in every])
+    model = replace(model, beyond_limits=tuple(model.outside_limits(moved)))
     more = tuple(note for log in read for note in log.notes)
     return ActuatorIdentification(
         model,
@@ -198,16 +193,7 @@ def refuse_few(windows: Sequence[Window], logs: Sequence[LogArgument]) -> None:
 def _stated(file: LoadedRobot) -> dict[str, Array]:
     """What the robot file states of the actuators: `(n,)`, NaN where it is to be identified."""
     found = {}
-    for name in (
-        "stiffness",
-        "damping",
-        "coulomb",
-        "armature",
-        "delay",
-        "load_friction",
-        "torque_limit",
-        "dead_band",
-    ):
+    for name in (*IN_STEP, "delay"):
         given = getattr(file.actuator, name)
         if given is None or given == "identify":
             if given == "identify" and name not in (*ALWAYS, *USUAL):
@@ -225,11 +211,11 @@ def _stated(file: LoadedRobot) -> dict[str, Array]:
 
 
 def _open_joints(job: _Job) -> dict[str, list[int]]:
-    """Joints at which what is stated of others is searched."""
+    """Joints at which what is stated of others is searched; none of what is stated of all."""
     return {
         name: np.flatnonzero(np.isnan(given)).tolist()
         for name, given in _stated(job.file).items()
-        if np.isnan(given).any() and not np.isnan(given).all()
+        if not np.isnan(given).all()
     }
 
 
@@ -263,13 +249,6 @@ def _notes_of_zeros(
 ) -> tuple[str, ...]:
     """What was found of the log's signs and zeros."""
     names, s, notes = job.file.robot.joint_names, job.signals, list[str]()
-    if open_signs:
-        some = ", ".join(f"{names[j]} {values.signs[j]:+g}" for j in open_signs)
-        notes.append(
-            "signs of the log against the model file are not decided by these logs: assumed are "
-            f"{some}. Errors of joints are the same with others; the posture of the arm, its tool "
-            "and torques are not: look at a log in the model's joints, and state position_sign"
-        )
     for j in seen:
         if s.signs[j] is None and values.signs[j] < 0.0 and j not in open_signs:
             notes.append(f"positions of {names[j]} count against the model file's")
@@ -357,7 +336,10 @@ def _final(search: Search, fitted: Fitted, parts: Sequence[str], job: _Job) -> F
     return fit(fine, coarse.values, LAST_ROUNDS, report)
 
 
-def _model(job: _Job, found: Fitted, origin: Provenance) -> ActuatorModel:
+def _model(
+    job: _Job, found: Fitted, open_signs: Sequence[int], origin: Provenance
+) -> ActuatorModel:
+    moving, names = moving_joints(job), job.file.robot.joint_names
     return ActuatorModel(
         job.file.robot,
         job.signals,
@@ -368,6 +350,9 @@ def _model(job: _Job, found: Fitted, origin: Provenance) -> ActuatorModel:
         found.scale,
         tuple(_stated(job.file)),
         found.task.h / found.task.finer,
+        tuple(name for j, name in enumerate(names) if j not in moving),
+        tuple(names[j] for j in open_signs),
+        (),
         origin,
     )
 

@@ -129,7 +129,9 @@ class _Batch:
                 break
             u[:, :wide].reshape(n, -1, count)[:] = self.targets[k][:, None]
             for d in late:
-                rates[d % DIRECTIONS]["target"][:, self._lanes(d)] = self.lateness[k]
+                j = self.free[d].joint
+                joints = slice(None) if j < 0 else slice(j, j + 1)
+                rates[d % DIRECTIONS]["target"][joints, self._lanes(d)] = self.lateness[k, joints]
             code.raw(*arguments)
             q0[:], v0[:], q[:], v[:] = q, v, out[:n], out[n : 2 * n]
             for slot, along in enumerate(rates):

@@ -96,22 +96,29 @@ def actuators_validated(
 
 
 def actuators_exported(model: str, form: str, output: Path | None, as_json: bool) -> None:
-    """Write identified actuators as MJCF, and print what the file lacks."""
+    """Write identified actuators for a simulator, and print what the file lacks."""
     from steelyard.actuators.actuator_model import load_actuators
     from steelyard.base.errors import OutputError
     from steelyard.base.files import refuse_existing, whole_file
     from steelyard.export.model_files.actuators_mjcf import actuators_mjcf
+    from steelyard.export.model_files.actuators_python import actuators_python
 
-    if form != "mjcf":
+    if form not in ("mjcf", "isaaclab", "mjlab"):
         raise OutputError(
             f"a model of actuators is not written as {form}",
             where="--to",
-            fix="give --to mjcf: position actuators with delay, armature and dry friction",
+            fix="give --to mjcf, isaaclab or mjlab: position actuators with delay, armature and "
+            "dry friction",
         )
     known = load_actuators(model)
-    path = output or Path(f"{known.robot.name}.xml".replace("/", "_")).absolute()
+    ending = ".xml" if form == "mjcf" else f"_{form}.py"
+    path = output or Path(f"{known.robot.name}{ending}".replace("/", "_")).absolute()
     refuse_existing(path)
-    made = actuators_mjcf(known)
+    made = (
+        actuators_mjcf(known)
+        if form == "mjcf"
+        else actuators_python(known, "isaaclab" if form == "isaaclab" else "mjlab")
+    )
     with whole_file(path) as part:
         part.write_text(made.text, encoding="utf-8", newline="")
         interrupt.too_late()
@@ -120,4 +127,4 @@ def actuators_exported(model: str, form: str, output: Path | None, as_json: bool
         return
     say(f"{path}: {len(known.joints)} position actuators; its head says how targets become ctrl")
     for sentence in made.unsupported:
-        say(f"MJCF cannot represent: {sentence}")
+        say(f"{form} cannot represent: {sentence}")

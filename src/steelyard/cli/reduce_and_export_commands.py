@@ -161,7 +161,7 @@ def _refuse_same(folder: Path, motion_folder: Path) -> None:
         )
 
 
-Kind = Literal["urdf", "mjcf", "c", "python", "fmu", "ros2", "simulink"]
+Kind = Literal["urdf", "mjcf", "c", "python", "fmu", "ros2", "simulink", "isaaclab", "mjlab"]
 FORMATS: dict[Kind, tuple[str, str]] = {
     "urdf": ("URDF", ".urdf"),
     "mjcf": ("MJCF", ".xml"),
@@ -170,6 +170,8 @@ FORMATS: dict[Kind, tuple[str, str]] = {
     "fmu": ("an FMU", ".fmu"),
     "ros2": ("a ROS 2 package", "-ros2"),
     "simulink": ("Simulink", "-simulink"),
+    "isaaclab": ("a configuration of Isaac Lab", "_isaaclab.py"),
+    "mjlab": ("a configuration of mjlab", "_mjlab.py"),
 }
 """What is written, in words, and the usual ending of its name."""
 
@@ -209,7 +211,8 @@ def export(
 
     Code is C, Python, an FMU, a ROS 2 package or an S-function for Simulink.
 
-    Identified actuators are written as MJCF, with position actuators.
+    Identified actuators are written as MJCF with position actuators, or as configurations of Isaac
+    Lab (isaaclab) or mjlab.
 
     Of URDF and MJCF, terminal and file header list what the format cannot represent, and what
     comes from the prior instead of the data.
@@ -217,6 +220,7 @@ def export(
     Example: steelyard export steelyard-ur10e --to c -o ur10e-c
     """
     from steelyard.actuators.actuator_model import is_actuator_model
+    from steelyard.base.errors import OutputError
     from steelyard.base.files import refuse_existing, whole_file
     from steelyard.cli.actuator_commands import actuators_exported
     from steelyard.estimate.identified_model import load_model
@@ -229,6 +233,12 @@ def export(
         refuse_options(options, "does not apply to a model of actuators", "leave it out")
         return actuators_exported(model, form, output, as_json)
     identified = load_model(model)
+    if form == "isaaclab" or form == "mjlab":
+        raise OutputError(
+            f"{FORMATS[form][0]} is of actuators, and this model is identified from efforts",
+            where="--to",
+            fix="give --to mjcf or urdf; or identify from logs of targets without efforts",
+        )
     usual = f"{identified.model.robot.name}{FORMATS[form][1]}".replace("/", "_")
     path = Path(usual).absolute() if output is None else output
     refuse_existing(path)
@@ -263,10 +273,11 @@ def _format(to: Kind | None, output: Path | None) -> Kind:
         raise OutputError(
             "no format is named",
             where="--to" if output is None else str(output),
-            fix="give --to urdf, mjcf, c, python, fmu, ros2 or simulink, or end the name of "
-            "--output in .urdf, .xml, .py or .fmu",
+            fix=f"give --to {', '.join(FORMATS)}, or end the name of --output in .urdf, .xml, "
+            ".py or .fmu",
         )
-    if of_ending not in (None, form) and ending != ".xml":
+    code = of_ending == "python" and form in ("isaaclab", "mjlab")
+    if of_ending not in (None, form) and ending != ".xml" and not code:
         what, usual = FORMATS[form]
         name = f"end its name in '{usual}'" if usual.startswith(".") else "name a folder"
         raise OutputError(

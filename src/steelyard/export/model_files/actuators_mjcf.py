@@ -1,12 +1,13 @@
 """Identified actuators as MJCF: position actuators with delay, armature and dry friction."""
 
 import xml.etree.ElementTree as ET
+from collections.abc import Sequence
 from dataclasses import dataclass
 from math import ceil
 
 import numpy as np
 
-from steelyard.actuators.actuator_model import CANNOT_BE, ActuatorModel, ActuatorParameter
+from steelyard.actuators.actuator_model import ActuatorModel, ActuatorParameter
 from steelyard.actuators.actuator_parameters import UNLIMITED
 from steelyard.base.arrays import Z95
 from steelyard.base.errors import ModelError
@@ -46,18 +47,13 @@ def actuators_mjcf(model: ActuatorModel) -> ActuatorFile:
     Raises:
         ModelError: The fitted motion is outside the limits of the joints, which MuJoCo enforces.
     """
-    if wrong := [note for note in model.provenance.notes if note.startswith(CANNOT_BE)]:
-        raise ModelError(
-            wrong[0],
-            where=f"model of '{model.robot.name}'",
-            fix="state position_sign and position_offset in the robot file, and identify again",
-        )
+    refuse_beyond_limits(model)
     robot, values = model.robot, model.values
     effects: list[dict[AxisPartKind, float]] = [
         {"rotor": float(a), "dry": float(f)} if f > 0.0 else {"rotor": float(a)}
         for a, f in zip(values["armature"], values["coulomb"], strict=True)
     ]
-    lacks = tuple(_unsupported(model))
+    lacks = unsupported(model, ("stribeck", "load_friction", "dead_band"))
     inertias = tuple(body.inertia for body in robot.bodies)
     root = mjcf_of(Content(robot, inertias, tuple(effects), (), (), lacks))
     for option in root.iter("option"):
@@ -65,6 +61,8 @@ def actuators_mjcf(model: ActuatorModel) -> ActuatorFile:
     for joint in root.iter("joint"):
         joint.attrib.update(STIFF if joint.get("frictionloss") else {})
         joint.attrib.pop("actuatorfrcrange", None)  # a limit is what was identified, or stated
+        emf = float(values["back_emf"][model.joints.index(str(joint.get("name")))])
+        joint.attrib.update({"damping": number(emf)} if emf > 0.0 else {})
     motors = root.find("actuator")
     assert motors is not None
     for motor in list(motors):
@@ -91,35 +89,70 @@ def _actuator(model: ActuatorModel, j: int, name: str) -> ET.Element:
     return found
 
 
-def _unsupported(model: ActuatorModel) -> list[str]:
-    """What MJCF's position actuators do not have."""
+def refuse_beyond_limits(model: ActuatorModel) -> None:
+    """A `ModelError` where the fitted motion is outside of the joints' limits."""
+    if model.beyond_limits:
+        raise ModelError(
+            f"sign or zero of {', '.join(model.beyond_limits)} cannot be right: the fitted motion "
+            "is far beyond the limits of the model file",
+            where=f"model of '{model.robot.name}'",
+            fix="state position_sign and position_offset in the robot file, and identify again",
+        )
+
+
+def unsupported(model: ActuatorModel, names: Sequence[str]) -> tuple[str, ...]:
+    """Parameters of the model that a format lacks, in words with their sizes."""
+    what = {
+        "stribeck": "dry friction that falls with speed",
+        "load_friction": "dry friction that grows with the motor's torque",
+        "dead_band": "the controller's dead band",
+        "back_emf": "a torque limit that falls with speed",
+    }
     found = []
-    for name, what in (
-        ("load_friction", "dry friction that grows with the motor's torque"),
-        ("dead_band", "the controller's dead band"),
-    ):
+    for name in names:
         sizes = model.values[name]
         if np.any(sizes > 0.0):
             listed = ", ".join(
                 f"{joint} {significant(x)}" for joint, x in zip(model.joints, sizes, strict=True)
             )
-            found.append(f"{what} ({listed})")
-    return found
+            found.append(f"{what[name]} ({listed})")
+    return tuple(found)
 
 
 def _head(model: ActuatorModel, lacks: tuple[str, ...]) -> str:
     """Where the numbers come from, how targets of the log become `ctrl`, and ranges."""
-    origin, values = model.provenance, model.values
+    values = model.values
     lines = [
+        *origin_lines(model),
+        "Bodies have no shapes here: no meshes, no contacts.",
+        f"The step is {TIMESTEP:g} s. With longer ones MuJoCo's explicit springs take half a step",
+        "times kp from the damping.",
+        *target_lines(model),
+        *(DELAYED if np.any(values["delay"] >= TIMESTEP) else ("No delay was identified.",)),
+        *range_lines(model),
+        "MJCF cannot represent these parts of the identified actuators:",
+        *(f"  - {sentence}" for sentence in lacks or ("nothing",)),
+    ]
+    return comment("\n".join(lines))
+
+
+def origin_lines(model: ActuatorModel) -> list[str]:
+    """Where the numbers come from: version, runs, and hashes of the inputs."""
+    origin = model.provenance
+    return [
         f"{model.robot.name}: actuators identified with steelyard {origin.version} from targets "
         "and positions.",
         f"Runs: {', '.join(origin.runs) or 'unknown'}.",
         "Inputs, SHA-256:",
         *(f"  {role}: {value}" for role, value in origin.inputs.items()),
         "Masses and inertias are those of the model file; they give all values their scale.",
-        "Bodies have no shapes here: no meshes, no contacts.",
-        f"The step is {TIMESTEP:g} s. With longer ones MuJoCo's explicit springs take half a step",
-        "times kp from the damping.",
+    ]
+
+
+def target_lines(model: ActuatorModel) -> list[str]:
+    """How targets of the log become those of the model's joints."""
+    values = model.values
+    return [
         "Targets and positions of the log, in rad or m, in the joints of this file; ctrl is held",
         "from row to row:",
         *(
@@ -128,16 +161,18 @@ def _head(model: ActuatorModel, lacks: tuple[str, ...]) -> str:
             f"{values['zero'][j]:+.6g}"
             for j, joint in enumerate(model.joints)
         ),
-        *(DELAYED if np.any(values["delay"] >= TIMESTEP) else ("No delay was identified.",)),
+    ]
+
+
+def range_lines(model: ActuatorModel) -> list[str]:
+    """Values, ratios and their intervals."""
+    return [
         "Parameters, with 95 % intervals. For domain randomisation draw one scale for all values",
         "of a joint, and the ratios to its stiffness: these are much sharper than the values.",
         *(_range(one) for one in model.parameters if one.status != "not in the law"),
         "Ratios to the stiffness, with 95 % intervals:",
         *_ratios(model),
-        "MJCF cannot represent these parts of the identified actuators:",
-        *(f"  - {sentence}" for sentence in lacks or ("nothing",)),
     ]
-    return comment("\n".join(lines))
 
 
 def _range(one: ActuatorParameter) -> str:

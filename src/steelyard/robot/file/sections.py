@@ -260,6 +260,7 @@ class SignalsSection(Section):
 
 
 Actuated = Positive | Literal["identify"]
+Delay = Annotated[float, Field(ge=0.0, le=2.0)] | Literal["identify"]
 
 
 class ActuatorSection(Section):
@@ -277,12 +278,21 @@ class ActuatorSection(Section):
     damping: Actuated | Many[Actuated] = key(
         "identify", "Derivative gain and viscous friction together [Nm s/rad; N s/m]."
     )
+    back_emf: Actuated | Many[Actuated] | None = key(
+        None, "Damping that acts beside the torque limit: back-EMF [Nm s/rad; N s/m]."
+    )
     coulomb: Actuated | Many[Actuated] = key("identify", "Dry friction [Nm; N].")
+    stribeck: Actuated | Many[Actuated] | None = key(
+        None, "Dry friction at rest, beyond that of fast motion [Nm; N]."
+    )
+    stribeck_speed: Actuated | Many[Actuated] | None = key(
+        None, "Speed over which it falls [rad/s; m/s]."
+    )
     armature: Actuated | Many[Actuated] = key(
         "identify", "Inertia of rotor and gears at the joint [kg m²; kg]."
     )
-    delay: Annotated[float, Field(ge=0.0, le=2.0)] | Literal["identify"] = key(
-        "identify", "From a target in the log to its effect, of all joints [s]."
+    delay: Delay | Many[Delay] = key(
+        "identify", "From a target in the log to its effect, of all joints or each [s]."
     )
     load_friction: Actuated | Many[Actuated] | None = key(
         None, "Dry friction per torque of the motor."

@@ -37,6 +37,7 @@ _LARGE = re.compile(r"(?<![\d.])[1-9]\d{5}|[\d.][eE]\+?[1-9]|\d[KMGTPE]\b")
 _GRIDS = ("hfield", "texture")  # elements of rows and columns, whose numbers multiply
 _LARGE_SIDE = re.compile(r"(?<![\d.])[1-9]\d{4}")  # numbers of five digits and more
 MOST_SECONDS = 60  # time that a model with large counts may take to compile
+MOST_CPU_SECONDS = 12  # the same of the processor, where the system can limit it
 MOST_MEMORY = 4 << 30  # bytes of memory that it may take, where the system can limit it
 _FAILURES = (ValueError, RuntimeError, mujoco.FatalError)  # where a file cannot be compiled
 _COMPILE = """
@@ -44,6 +45,7 @@ import sys
 sys.path[:] = filter(None, sys.path)  # no module of the folder that this is run in
 try:
     import resource
+    resource.setrlimit(resource.RLIMIT_CPU, (int(sys.argv[3]), int(sys.argv[3])))
     resource.setrlimit(resource.RLIMIT_AS, (int(sys.argv[2]), int(sys.argv[2])))
 except (ImportError, OSError, ValueError):
     pass
@@ -147,15 +149,16 @@ def _elements(path: Path, above: tuple[Path, ...], fine: set[Path]) -> list[Elem
 
 def _refuse_endless(path: Path) -> None:
     """Compile a model in a process of its own first, and refuse one that is beyond its bounds."""
-    command = [sys.executable, "-c", _COMPILE, str(path), str(MOST_MEMORY)]
+    limits = (str(MOST_MEMORY), str(MOST_CPU_SECONDS))
+    command = [sys.executable, "-c", _COMPILE, str(path), *limits]
     try:
         failed = subprocess.run(command, capture_output=True, timeout=MOST_SECONDS).returncode
     except subprocess.TimeoutExpired:
         failed = 1
     if failed:
         raise ModelError(
-            f"MuJoCo does not compile the file within {MOST_SECONDS} s and "
-            f"{MOST_MEMORY >> 30} GiB of memory",
+            f"MuJoCo does not compile the file within {MOST_CPU_SECONDS} s of the processor, "
+            f"{MOST_SECONDS} s in all and {MOST_MEMORY >> 30} GiB of memory",
             where=str(path),
             fix="make the counts and sizes in the MJCF smaller (replicate, size, hfield, texture)",
         )

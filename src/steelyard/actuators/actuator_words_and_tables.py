@@ -1,0 +1,361 @@
+"""Words and tables about actuators: how far off motion is, what the law has, and its values."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from steelyard.actuators.actuator_model import ActuatorModel, ActuatorParameter
+from steelyard.actuators.actuator_parameters import KINDS
+from steelyard.actuators.choice import LEAST_GAIN, LEAST_LOSS, Rung
+from steelyard.actuators.open_loop import AFTER, OpenLoop, tool_body
+from steelyard.base.arrays import Z95, Array
+from steelyard.report.tables import PlainTable, Row
+from steelyard.report.words import NONE, Level, count, first_names, significant
+
+GOOD, FAIR = 0.35, 0.8
+"""Mean error over that of "position = target", up to which a model is good, or fair."""
+WORST_GOOD, WORST_FAIR = 0.7, 1.2
+"""The same of the worst joint."""
+RARE = 6.0  # error of a whole log over the usual residual, above which long stretches are missed
+STILL = 1e-4  # error of "position = target" of a joint that does not move [rad; m]
+
+
+@dataclass(frozen=True)
+class ActuatorVerdict:
+    """The headline: how far off motion is, and what that rests on."""
+
+    level: Level
+    line: str
+    share: float | None
+    unseen: bool
+
+    def to_dict(self) -> dict[str, Any]:
+        """As JSON values."""
+        return {
+            "level": self.level,
+            "line": self.line,
+            "share_of_position_is_target": self.share,
+            "unseen": self.unseen,
+        }
+
+
+def together(found: Sequence[OpenLoop], name: str = "rms") -> Array:
+    """Root mean square over logs of an error by joint, by their lengths, `(n,)`."""
+    weight = np.array([one.seconds for one in found])
+    squares = np.array([getattr(one, name) ** 2 for one in found])
+    return np.asarray(np.sqrt(weight @ squares / weight.sum()))
+
+
+def limit_words(model: ActuatorModel, logs: Sequence[OpenLoop]) -> tuple[str, ...]:
+    """Joints whose motion leaves the limits of the model file: their sign or zero is wrong."""
+    q = np.concatenate([one.q for one in logs])
+    return tuple(
+        f"sign or zero cannot be right: with them {joint} moves over {words}; state position_sign "
+        "and position_offset"
+        for joint, words in model.outside_limits(q).items()
+    )
+
+
+def open_words(model: ActuatorModel) -> tuple[str, ...]:
+    """What is assumed of joints that the fitted logs do not show."""
+    found = []
+    if model.still:
+        still = ", ".join(model.still)
+        found.append(f"{still}: no motion in the fitted logs, nothing of it is identified")
+    if model.open_signs:
+        signs = dict(zip(model.joints, model.values.signs, strict=True))
+        some = ", ".join(f"{joint} {signs[joint]:+g}" for joint in model.open_signs)
+        found.append(
+            "signs of the log against the model file are not decided by the fitted logs: assumed "
+            f"are {some}. Errors of joints are the same with others; the posture of the arm, its "
+            "tool and torques are not: look at a log in the model's joints, and state position_sign"
+        )
+    return tuple(found)
+
+
+def missed_words(model: ActuatorModel, logs: Sequence[OpenLoop]) -> tuple[str, ...]:
+    """Joints whose error in some log is far above what is usual: something is not described."""
+    by: dict[str, list[str]] = {}
+    for one in logs:
+        bad = (one.rms > RARE * model.scale) & (one.rms > 0.2 * one.target_rms)
+        for j in np.flatnonzero(bad & (one.target_rms > STILL)):
+            by.setdefault(model.joints[j], []).append(one.log)
+    if not by:
+        return ()
+    listed = "; ".join(f"{joint} in {first_names(names, 3)}" for joint, names in by.items())
+    return (
+        "stretches that the model does not describe, such as contact, a stop, a torque limit, or a "
+        f"servo that is off: {listed}",
+    )
+
+
+def assumed_words(model: ActuatorModel) -> tuple[str, ...]:
+    """Joints without a scale of their own."""
+    some = [p.joint for p in model.parameters if (p.name, p.status) == ("stiffness", "assumed")]
+    if not some:
+        return ()
+    return (
+        f"gravity hardly loads {', '.join(some)}: the stiffness is assumed to be the median of the "
+        "others', and gives the other values of these joints their scale; state it if it is known",
+    )
+
+
+def verdict_of(model: ActuatorModel, found: Sequence[OpenLoop], where: str) -> ActuatorVerdict:
+    """Errors of all joints against those of "position = target"."""
+    rms, target = together(found), together(found, "target_rms")
+    moves = target > STILL
+    share = float(np.mean(rms[moves] / target[moves])) if moves.any() else None
+    level: Level = "none"
+    if share is not None:
+        most = float(np.max(rms[moves] / target[moves]))
+        good, fair = share <= GOOD and most <= WORST_GOOD, share <= FAIR and most <= WORST_FAIR
+        level = "good" if good else "fair" if fair else "poor"
+        if limit_words(model, found):
+            level = "poor"
+    worst = int(np.argmax(np.where(moves, rms, -1.0)))
+    mean = f"{_size(model, rms.mean())} mean over {count(len(rms), 'joint')}, "
+    if len({c.kind for c in model.robot.coordinates}) > 1:
+        mean = ""
+    line = (
+        f"open loop {where}: {mean}{_size(model, rms[worst], worst)} of {model.joints[worst]}, "
+        "the worst"
+    )
+    if share is not None:
+        line += f'; {share:.0%} of the error of "position = target"'
+    return ActuatorVerdict(level, line, share, True)
+
+
+def _size(model: ActuatorModel, error: float, joint: int = 0) -> str:
+    unit = "mrad" if model.robot.coordinates[joint].kind == "revolute" else "mm"
+    return f"{significant(1e3 * float(error))} {unit}"
+
+
+def scale_words(model: ActuatorModel) -> str:
+    """Where stiffness and friction have their scale from."""
+    if "stiffness" in model.stated:
+        return "torques have the scale of the stiffness that is stated"
+    return (
+        "torques, stiffness and inertia have the scale of the masses in the model file: if these "
+        "are off by 10 %, so are all; ratios and the error above are not"
+    )
+
+
+def unknown_words(model: ActuatorModel) -> tuple[str, ...]:
+    """Parameters that the logs do not show, by name."""
+    by: dict[str, list[str]] = {}
+    for one in model.parameters:
+        if one.status == "not identifiable" and one.name not in ("offset", "zero"):
+            by.setdefault(one.name, []).append(one.joint)
+    if not by:
+        return ()
+    listed = "; ".join(f"{name} of {', '.join(joints)}" for name, joints in by.items())
+    return (f"not identifiable from these logs (wide intervals, marked ?): {listed}",)
+
+
+CLAIM = (
+    "Positions are predicted from the targets alone, from the first row on: root mean squares. "
+    "Drift: the error some time after a start from a measured state, over many such starts."
+)
+
+
+def errors_table(model: ActuatorModel, found: Sequence[OpenLoop]) -> PlainTable:
+    """Errors by joint, all logs together."""
+    rms, target = together(found), together(found, "target_rms")
+    rows = []
+    for j, joint in enumerate(model.joints):
+        drifts = [_drift(found, after, j) for after in AFTER]
+        cells = [milli(rms[j]), milli(target[j]), *drifts]
+        rows.append(Row((joint, *cells)))
+    weight = np.array([one.seconds for one in found])
+    tool, meant = (
+        float(np.sqrt(weight @ np.array([getattr(one, name) ** 2 for one in found]) / weight.sum()))
+        for name in ("tool", "target_tool")
+    )
+    last = [_drift(found, after, None) for after in AFTER]
+    rows.append(Row(("tool [mm]", milli(tool), milli(meant), *last), total=True))
+    name = model.robot.bodies[tool_body(model.robot)].name
+    units = "mrad" if all(c.kind == "revolute" for c in model.robot.coordinates) else "mrad; mm"
+    headings = ("joint", f"rms [{units}]", "position = target")
+    words = f'The tool is the origin of "{name}".'
+    return PlainTable("", words, (*headings, *(f"drift {x:g} s" for x in AFTER)), rows)
+
+
+def milli(x: float) -> str:
+    """A thousandth is the unit; less than a thousandth of it is nothing."""
+    return significant(1e3 * float(x)) if abs(x) >= 1e-6 else "0"
+
+
+def _drift(found: Sequence[OpenLoop], after: float, joint: int | None) -> str:
+    known = [
+        (one.seconds, x.tool if joint is None else float(x.rms[joint]))
+        for one in found
+        for x in one.drift
+        if x.after == after
+    ]
+    if not known:
+        return NONE
+    weight, value = np.array(known).T
+    return milli(float(np.sqrt(weight @ value**2 / weight.sum())))
+
+
+def logs_table(
+    model: ActuatorModel, found: Sequence[OpenLoop], fitted: Sequence[str] = ()
+) -> PlainTable:
+    """Errors of each log, joint by joint."""
+    rows = [
+        Row(
+            (
+                one.log + " (fitted)" * (one.log in fitted),
+                *(milli(x) for x in one.rms),
+                milli(one.tool),
+            )
+        )
+        for one in found
+    ]
+    words = "Errors in mrad (mm of sliding joints)."
+    return PlainTable("By log", words, ("log", *model.joints, "tool [mm]"), rows)
+
+
+def fitted_table(fitted: Sequence[OpenLoop]) -> PlainTable:
+    """The logs that the parameters are from."""
+    rows = [Row((one.log, significant(one.seconds))) for one in fitted]
+    return PlainTable("", "", ("log", "length [s]"), rows)
+
+
+def parameters_table(model: ActuatorModel) -> PlainTable:
+    """A row per joint, a column per parameter of the law, with 95 % intervals."""
+    used = [k for k in KINDS if any(p.name == k.name and p.interval for p in model.parameters)]
+    used += [k for k in KINDS if k not in used and k.name in model.stated]
+    shared = {p.name for p in model.parameters if p.joint == "all"}
+    own = [k for k in used if k.name not in shared]
+    rows = []
+    for joint in model.joints:
+        mine = {p.name: p for p in model.parameters if p.joint == joint}
+        rows.append(Row((joint, *(_value(mine[k.name]) for k in own))))
+    headings = ("joint", *(f"{k.name.replace('_', ' ')} [{k.unit}]" for k in own))
+    common = [p for p in model.parameters if p.joint == "all" and p.interval]
+    words = "".join(f" The {p.name} of all joints is {_value(p)} {p.unit}." for p in common)
+    told = f"95 % intervals in brackets; ? where the logs do not show the value.{words}"
+    return PlainTable("", told, headings, rows)
+
+
+def _value(one: ActuatorParameter) -> str:
+    if one.interval is None:
+        told = one.status in ("stated", "assumed")
+        return f"{significant(one.value)} ({one.status})" if told else NONE
+    low, high = one.interval
+    mark = " ?" if one.status == "not identifiable" else ""
+    return f"{significant(one.value)} [{significant(low, 2)}, {significant(high, 2)}]{mark}"
+
+
+def brief_table(model: ActuatorModel) -> PlainTable:
+    """The parameters of the law in few columns, for the terminal: `?` for wide intervals."""
+    used = [
+        k
+        for k in KINDS
+        if k.positive
+        and any(p.name == k.name and p.status != "not in the law" for p in model.parameters)
+    ]
+    rows = []
+    for joint in model.joints:
+        mine = {p.name: p for p in model.parameters if p.joint == joint}
+        rows.append(Row((joint, *(_brief(mine[k.name]) for k in used))))
+    headings = (f"{k.name.replace('_', ' ')} {k.unit}".removesuffix(" 1") for k in used)
+    return PlainTable("", "", ("joint", *headings), rows)
+
+
+def _brief(one: ActuatorParameter) -> str:
+    if one.interval is None:
+        if one.status == "assumed":
+            return f"{significant(one.value)} assumed"
+        return significant(one.value) if one.status == "stated" else NONE
+    if one.status == "not identifiable":
+        return f"{significant(one.value, 2)} ?"
+    half = 0.5 * (one.interval[1] - one.interval[0]) / one.value
+    return f"{significant(one.value)} ±{100.0 * half:.0f}%"
+
+
+RATIOS = (
+    ("coulomb", "dry friction over stiffness [mrad]"),
+    ("damping", "damping over stiffness [ms]"),
+    ("armature", "armature over stiffness [10⁻³ s²]"),
+)
+
+
+def ratios_table(model: ActuatorModel) -> PlainTable:
+    """What positions alone determine: parameters over the stiffness."""
+    rows = []
+    for j, joint in enumerate(model.joints):
+        cells = []
+        for name, _ in RATIOS:
+            found = model.ratio(name, j)
+            if found is None:
+                cells.append(NONE)
+                continue
+            value, std = found
+            low, high = value * np.exp(-Z95 * std), value * np.exp(Z95 * std)
+            cells.append(f"{milli(value)} [{milli(low)}, {milli(high)}]")
+        rows.append(Row((joint, *cells)))
+    words = "These need no masses; 95 % intervals in brackets."
+    return PlainTable("", words, ("joint", *(heading for _, heading in RATIOS)), rows)
+
+
+def law_lines(model: ActuatorModel, law: Sequence[Rung]) -> list[str]:
+    """What the law has, what of the usual one it does without, and what was tried in vain."""
+    parts = [
+        p for p in law_parts(law) if p not in ("stiffness", "damping", "offset", "zero", "delay")
+    ]
+    lines = [f"law    position controller with {', '.join(_words(p) for p in parts)}"]
+    lines += [_delay_line(p) for p in model.parameters if p.name == "delay"]
+    tried = [_words(r.tried[2:]) for r in law if r.tried.startswith("+") and not r.kept]
+    if tried:
+        lines.append(f"tried on left-out motion, and not needed: {', '.join(tried)}")
+    return lines
+
+
+def _delay_line(delay: ActuatorParameter) -> str:
+    of = f"of {'all joints' if delay.joint == 'all' else delay.joint}"
+    if delay.interval is not None:
+        low, high = (1e3 * x for x in delay.interval)
+        size = f"{significant(1e3 * delay.value)} [{significant(low, 2)}, {significant(high, 2)}]"
+        return f"delay  {size} ms, {of}"
+    if delay.status in ("stated", "assumed"):
+        return f"delay  {significant(1e3 * delay.value)} ms {of}, {delay.status}"
+    return "delay  none: motion that was left out is predicted as well without one"
+
+
+def _words(part: str) -> str:
+    """A part of the law in words."""
+    return {
+        "coulomb": "dry friction",
+        "armature": "rotor inertia",
+        "stribeck": "friction that falls with speed (Stribeck)",
+        "load_friction": "friction that grows with the load",
+        "back_emf": "a torque limit that falls with speed (back-EMF)",
+        "delays": "a delay of each joint",
+        "torque_limit": "a torque limit",
+        "dead_band": "a dead band",
+    }.get(part, part.replace("_", " "))
+
+
+def law_parts(law: Sequence[Rung]) -> tuple[str, ...]:
+    """Parameters of the law that was chosen."""
+    return next(r.parts for r in reversed(law) if r.kept)
+
+
+def law_table(law: Sequence[Rung]) -> PlainTable:
+    """Laws that were tried."""
+    rows = []
+    for r in law:
+        sign, part = r.tried[:1], _words(r.tried[2:])
+        name = f"with {part}" if sign == "+" else f"without {part}" if sign == "-" else r.tried
+        rows.append(Row((name, milli(r.error), "taken" if r.kept else "not taken")))
+    words = (
+        "Each is fitted without a quarter of the motion, and judged by the residuals of that "
+        "quarter: geometric mean of their usual and their root mean square size. A part is "
+        f"added if it takes away {LEAST_GAIN:.0%} of it, and left out if the error grows by less "
+        f"than {LEAST_LOSS:.1%} without it."
+    )
+    return PlainTable("", words, ("law", "left-out error [mrad]", ""), rows, (0, 2))
