@@ -29,10 +29,10 @@ from steelyard.estimate.least_squares.known_bounded_and_ridge import (
     base_bounds,
     fixed_values,
 )
-from steelyard.estimate.least_squares.recursive_least_squares import Recursive
 from steelyard.estimate.least_squares.weighted_robust_and_whitened import (
     Huber,
     OrdinaryLeastSquares,
+    Recursive,
     Reweighted,
     Tukey,
     Weigh,
@@ -94,7 +94,7 @@ def _least_squares(kind: type[OrdinaryLeastSquares | WeightedLeastSquares]) -> M
 
 def _without_known(estimator: Estimator[Information], context: Context) -> Estimator[Information]:
     """The estimator without the columns whose values prior constraints give."""
-    fixed = fixed_values(context.regressor.base, context.knowledge).values
+    fixed, _ = fixed_values(context.regressor.base, context.knowledge)
     return WithKnownValues(estimator, fixed) if fixed else estimator
 
 

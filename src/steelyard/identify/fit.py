@@ -274,7 +274,7 @@ def _ignored(
         unused: tuple[str, ...] = ()
         least_squares = method.name in PLAIN_LEAST_SQUARES
         if least_squares and loaded.knowledge:
-            unused = fixed_values(context.regressor.base, context.knowledge).unused
+            _, unused = fixed_values(context.regressor.base, context.knowledge)
         if unused:
             only = f"{method.name} uses of [[knowledge]] only values of whole base parameters"
             notes.append(f"{only}, not: {'; '.join(unused)}")

@@ -40,7 +40,7 @@ from steelyard.estimate.consistent.scaled_parameters_and_penalties import Entrop
 from steelyard.estimate.estimate import Estimate, StandardEstimate
 from steelyard.estimate.information.base_parameters_and_regressor import BaseMap
 from steelyard.estimate.information.information import Information
-from steelyard.estimate.least_squares.normal_equations import Runs, Solution, Spread, described
+from steelyard.estimate.least_squares.normal_equations import Runs, Solution, described
 from steelyard.estimate.least_squares.weighted_robust_and_whitened import Whitened, whitened
 from steelyard.estimate.prior.body_priors import Knowledge
 
@@ -203,7 +203,7 @@ class Consistent:
         solution = _solution(data, lift @ standard, spread @ spread.T, self.base)
         fit = replace(data.fit, solution=solution)
         name = f"physically consistent ({self.form.name} prior)"
-        estimate = described(name, fit, Spread.of(solution, solution.inverse))
+        estimate = described(name, fit, solution.inverse)
         names = estimate.parameters.names
         place = {n: k for k, n in enumerate(self.base.base_names)}
         learned = _share(lift @ known.scale, free, after, before)[[place[n] for n in names]]
@@ -266,7 +266,7 @@ def _spreads(data: Whitened, program: Program, tried: Tried) -> tuple[Array, Arr
     known, free = program.unknowns, program.constraints.free
     prior = program.stated_precision(tried.u, tried.gamma)
     after, before = (
-        free @ _root_of_inverse(free.T @ precision @ free)
+        free @ root_of_inverse(free.T @ precision @ free)
         for precision in (prior + known.matrix.T @ known.matrix, prior)
     )
     if not np.array_equal(data.noise, np.eye(len(data.noise))):
@@ -275,13 +275,8 @@ def _spreads(data: Whitened, program: Program, tried: Tried) -> tuple[Array, Arr
     return after, before
 
 
-def inverse_of(precision: Array) -> Array:
-    """Inverse of a precision; of what nothing is known, a large variance."""
-    root = _root_of_inverse(precision)
-    return root @ root.T
-
-
-def _root_of_inverse(precision: Array) -> Array:
+def root_of_inverse(precision: Array) -> Array:
+    """Root of the inverse of a precision; of what nothing is known, that of a large variance."""
     values, vectors = np.linalg.eigh(precision)
     floor = 1e-14 * max(float(values.max(initial=0.0)), 1.0)
     return np.asarray(vectors / np.sqrt(np.maximum(values, floor)))

@@ -139,9 +139,18 @@ def refuse_contradictions(knowledge: Knowledge) -> None:
 
 
 def contradictions(knowledge: Knowledge) -> tuple[str, ...]:
-    """Labels of constraints and bounds of which all but one, but not all, can hold together."""
+    """Labels of constraints and bounds of which all but one, but not all, can hold together.
+
+    Bounds of the parameters of bodies are left out.
+    """
     allowed = partial(_allowed, knowledge)
-    rows = (*_bounds(knowledge), *knowledge.rows)
+    ends = zip(knowledge.names, knowledge.lower.tolist(), knowledge.upper.tolist(), strict=True)
+    bounds = (
+        Row(f"'{name}' is {in_words((low, high))} by its law", {name: 1.0}, low, high)
+        for (name, low, high), of_body in zip(ends, knowledge.of_bodies, strict=True)
+        if not of_body and (np.isfinite(low) or np.isfinite(high))
+    )
+    rows = (*bounds, *knowledge.rows)
     if not knowledge.rows or allowed(rows):
         return ()
     return tuple(dict.fromkeys(row.label for row in irreducible(rows, allowed)))
@@ -168,16 +177,6 @@ def irreducible(
     return kept
 
 
-def _bounds(knowledge: Knowledge) -> tuple[Row, ...]:
-    """Bounds of the parameters but those of bodies."""
-    bounds = zip(knowledge.names, knowledge.lower.tolist(), knowledge.upper.tolist(), strict=True)
-    return tuple(
-        Row(f"'{name}' is {in_words((low, high))} by its law", {name: 1.0}, low, high)
-        for (name, low, high), of_body in zip(bounds, knowledge.of_bodies, strict=True)
-        if not of_body and (np.isfinite(low) or np.isfinite(high))
-    )
-
-
 def _allowed(knowledge: Knowledge, rows: tuple[Row, ...]) -> bool:
     r"""Whether physically consistent bodies allow rows: all hold with next to no slack.
 
@@ -193,16 +192,14 @@ def _allowed(knowledge: Knowledge, rows: tuple[Row, ...]) -> bool:
     planes = np.vstack([-found.matrix[above], found.matrix[below], np.zeros(count)])
     planes = np.column_stack([planes, -np.ones(len(planes))])
     ends = np.concatenate([-found.lower[above], found.upper[below], [1.0]])
-    body, bodies = apart(MARGIN), range(len(knowledge.bodies))
+    body = apart(MARGIN)
     matrix = np.column_stack([body.matrix, -ONE])
-    blocks = (
-        Block("nonnegative", np.arange(count + 1), planes, ends),  # no slack is below -1
-        *(
-            replace(body, columns=np.append(10 * k + np.arange(10), count), matrix=matrix)
-            for k in bodies
-        ),
+    bodies = (
+        replace(body, columns=np.append(10 * k + np.arange(10), count), matrix=matrix)
+        for k in range(len(knowledge.bodies))
     )
-    least = Conic(np.zeros(count + 1), np.eye(count + 1)[count], blocks)
+    slack = Block("nonnegative", np.arange(count + 1), planes, ends)  # none is below -1
+    least = Conic(np.zeros(count + 1), np.eye(count + 1)[count], (slack, *bodies))
     try:
         return bool(solved(least, "prior constraints")[count] < _NEARLY)
     except Unsolved:

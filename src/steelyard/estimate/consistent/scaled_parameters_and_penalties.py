@@ -10,12 +10,12 @@ Every form keeps $X \succeq \delta 1$: a body with margin.
 """
 
 from dataclasses import dataclass
-from typing import ClassVar, Protocol
+from typing import ClassVar
 
 import numpy as np
 
 from steelyard.base.arrays import Array, frozen
-from steelyard.estimate.consistent.conic_solver import Block
+from steelyard.estimate.consistent.conic_solver import Block, Conic
 from steelyard.estimate.information.base_parameters_and_regressor import BaseMap
 from steelyard.estimate.least_squares.weighted_robust_and_whitened import Whitened
 from steelyard.estimate.prior.body_priors import Knowledge
@@ -126,38 +126,6 @@ _TWICE = 2.0 - ONE
 FAINT = 1e-6  # weight that keeps bodies without prior bounded
 
 
-@dataclass(frozen=True, eq=False)
-class BodyPenalty:
-    """Quadratic and linear cost of a body's ten unknowns, then of its helpers, and its cones."""
-
-    square: Array
-    linear: Array
-    blocks: tuple[Block, ...]  # columns count from the body's first unknown, helpers from 10
-
-
-class Form(Protocol):
-    """A penalty on a body's distance from its prior."""
-
-    name: ClassVar[str]
-    penalises: ClassVar[bool]
-
-    @property
-    def margin(self) -> float:
-        """Least eigenvalue of `X`."""
-
-    def part(self, weight: float) -> BodyPenalty:
-        """Cost and cones of one body, the penalty times a weight."""
-
-    def cost(self, x: Array) -> float:
-        """The penalty of one `X`, shape `(4, 4)`; zero at the prior."""
-
-    def slope(self, x: Array) -> Array:
-        """Derivative of the penalty by the ten entries of `X`, shape `(10,)`."""
-
-    def curvature(self, x: Array) -> Array:
-        """Second derivative of the penalty by the ten entries of `X`, shape `(10, 10)`."""
-
-
 @dataclass(frozen=True)
 class Entropic:
     r"""$\mathrm{tr}\,X - \log\det X - 4$, the divergence of two mass distributions [Lee2020].
@@ -168,23 +136,35 @@ class Entropic:
 
     name: ClassVar[str] = "entropic"
     penalises: ClassVar[bool] = True
-    margin: float = 1e-3
+    margin: float = 1e-3  # least eigenvalue of `X`
 
-    def part(self, weight: float) -> BodyPenalty:
-        """Ten entries of `Z` and four logarithms help."""
+    def part(self, weight: float) -> Conic:
+        """Cost and cones of one body's ten unknowns, then of helpers: entries of `Z`, logarithms.
+
+        The penalty counts `weight` times.
+        """
         linear = weight * np.concatenate([ONE, np.zeros(10), -np.ones(4)])
-        return BodyPenalty(np.zeros(24), linear, (_bordered(), *_logarithms(), apart(self.margin)))
+        logarithms = (
+            Block(
+                "exponential",
+                np.array([20 + k, 10 + diagonal]),
+                np.array([[-1.0, 0.0], [0.0, 0.0], [0.0, -1.0]]),
+                np.array([0.0, 1.0, 0.0]),
+            )
+            for k, diagonal in enumerate(np.flatnonzero(ONE))
+        )
+        return Conic(np.zeros(24), linear, (_bordered(), *logarithms, apart(self.margin)))
 
     def cost(self, x: Array) -> float:
-        """The divergence."""
+        """The divergence of one `X`, shape `(4, 4)`; zero at the prior."""
         return float(np.trace(x) - np.linalg.slogdet(x)[1] - ORDER)
 
     def slope(self, x: Array) -> Array:
-        r"""$\mathrm{tr}((1 - X^{-1}) E_a)$."""
+        r"""Derivative by the ten entries of `X`, $\mathrm{tr}((1 - X^{-1}) E_a)$."""
         return np.asarray(np.tensordot(BASIS, np.eye(ORDER) - np.linalg.inv(x), axes=2))
 
     def curvature(self, x: Array) -> Array:
-        r"""$\mathrm{tr}(X^{-1} E_a X^{-1} E_b)$."""
+        r"""Second derivative by them, $\mathrm{tr}(X^{-1} E_a X^{-1} E_b)$."""
         turned = np.linalg.solve(x, BASIS)
         return np.asarray(np.einsum("aij,bji->ab", turned, turned))
 
@@ -199,10 +179,10 @@ class Pullback:
     centre: ClassVar[Array] = ONE
     margin: float = 1e-3
 
-    def part(self, weight: float) -> BodyPenalty:
+    def part(self, weight: float) -> Conic:
         """A quadratic around a centre; no helpers."""
         size = weight * self.size
-        return BodyPenalty(size * _TWICE, -size * self.centre, (apart(self.margin),))
+        return Conic(size * _TWICE, -size * self.centre, (apart(self.margin),))
 
     def cost(self, x: Array) -> float:
         """Half the squared distance."""
@@ -230,6 +210,9 @@ class Free(Pullback):
     centre: ClassVar[Array] = np.zeros(10)
 
 
+Form = Entropic | Pullback  # a penalty on a body's distance from its prior
+
+
 def apart(margin: float) -> Block:
     """`X - margin` is positive semidefinite."""
     return Block("semidefinite", np.arange(10), -np.diag(np.sqrt(_TWICE)), -margin * ONE, ORDER)
@@ -246,16 +229,3 @@ def _bordered() -> Block:
         if i == j:
             matrix[places.index((ORDER + i, ORDER + i)), 10 + k] = 1.0
     return Block("semidefinite", np.arange(20), -matrix, np.zeros(len(matrix)), 2 * ORDER)
-
-
-def _logarithms() -> tuple[Block, ...]:
-    """Each of the last four helpers is at most the logarithm of an entry of `D`."""
-    return tuple(
-        Block(
-            "exponential",
-            np.array([20 + k, 10 + diagonal]),
-            np.array([[-1.0, 0.0], [0.0, 0.0], [0.0, -1.0]]),
-            np.array([0.0, 1.0, 0.0]),
-        )
-        for k, diagonal in enumerate(np.flatnonzero(ONE))
-    )

@@ -29,7 +29,6 @@ from steelyard.estimate.information.information import Information
 from steelyard.estimate.information.kept_filtered_samples import FilteredSamples, Index
 from steelyard.estimate.least_squares.covariance_from_residuals import honest_covariance
 from steelyard.estimate.least_squares.normal_equations import (
-    Spread,
     described,
     inverse_of_gram,
     refuse_few,
@@ -117,7 +116,16 @@ class MotionNoise:
         """Estimate all columns that the data see."""
         start = WeightedLeastSquares(per_run=self.per_run)(samples.information())
         refuse_few(samples.information(), len(start.parameters), FREEDOM)
-        problem = _Problem.of(self.regressor, samples, start, _roots(samples))
+        roots = []
+        for source in samples.sources:
+            if source.error is None:
+                raise DataError(
+                    "the propagation of position noise to the motion is unknown",
+                    where=source.run,
+                    fix="gather the samples from a run, whose filters are known",
+                )
+            roots.append(motion_roots(source.error.covariance()))
+        problem = _Problem.of(self.regressor, samples, start, roots)
         state = problem.likeliest(problem.at(problem.first, np.square(start.sigma)))
         for count in range(1, self.rounds + 1):
             before = state.values
@@ -126,20 +134,6 @@ class MotionNoise:
                 return problem.estimate(start, state, f"converged after {count} steps")
             state = problem.likeliest(state)
         return problem.estimate(start, state, f"not converged after {self.rounds} steps")
-
-
-def _roots(samples: FilteredSamples) -> list[Array]:
-    """Per source what an error of motion is made of, see `motion_roots`."""
-    found = []
-    for source in samples.sources:
-        if source.error is None:
-            raise DataError(
-                "the propagation of position noise to the motion is unknown",
-                where=source.run,
-                fix="gather the samples from a run, whose filters are known",
-            )
-        found.append(motion_roots(source.error.covariance()))
-    return found
 
 
 @dataclass(frozen=True, eq=False)
@@ -335,4 +329,4 @@ class TotalLeastSquares:
         covariance = honest_covariance(fit, inverse / lengths[:, None] / lengths)
         ratios = found.variances / fit.variances
         covariance *= np.average(ratios, weights=information.n_samples)
-        return described("total least squares", found, Spread.of(found.solution, covariance))
+        return described("total least squares", found, covariance)

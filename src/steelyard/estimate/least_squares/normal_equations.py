@@ -130,6 +130,8 @@ def explained(
     seen = {names[column] for own in eliminated for column in own.columns}
     result = []
     for one in blind:
+        if one.name in seen:
+            continue
         k = names.index(one.name)
         hiding = (
             names[column]
@@ -138,7 +140,7 @@ def explained(
             if abs(slope) * lengths[column] > TIED * lengths[k]
         )
         tied = tuple(dict.fromkeys((*one.tied_to, *hiding)))
-        result += [] if one.name in seen else [Unidentifiable(one.name, tied)]
+        result.append(Unidentifiable(one.name, tied))
     return tuple(result)
 
 
@@ -277,20 +279,6 @@ def variances_of(data: Runs, solution: Solution, weights: Array) -> Array:
     return np.maximum(variances, floor)
 
 
-@dataclass(frozen=True, eq=False)
-class Spread:
-    """Covariance of the shared parameters, and per run that of its own."""
-
-    shared: Array
-    own: tuple[Array, ...]
-
-    @classmethod
-    def of(cls, solution: Solution, covariance: Array) -> "Spread":
-        """That of a covariance of the shared parameters that are kept."""
-        kept = solution.kept
-        return cls(covariance, tuple(p.covariance(kept, covariance) for p in solution.locals))
-
-
 def scores_of(
     data: Runs, locals_: Sequence[Eliminated], kept: Sequence[int], weights: Array
 ) -> Array:
@@ -311,11 +299,17 @@ def shared_map(own: Eliminated, kept: Sequence[int]) -> Array:
     return shared
 
 
-def described(name: str, fit: Fit, spread: Spread) -> Estimate:
-    """The estimate of a fit, under the estimator's name."""
-    data, solution, variances = fit.data, fit.solution, fit.variances
-    layout = data.whole.layout
-    values, covariance, own = _with_locals(solution, spread)
+def described(
+    name: str, fit: Fit, shared: Array, locals_: Sequence[Array] | None = None
+) -> Estimate:
+    """The estimate of a fit, under the estimator's name, with covariances.
+
+    That of the shared parameters, and per run that of its own; as the former makes it if `None`.
+    """
+    data, solution, layout = fit.data, fit.solution, fit.data.whole.layout
+    if locals_ is None:
+        locals_ = [part.covariance(solution.kept, shared) for part in solution.locals]
+    values, covariance, own = _with_locals(solution, shared, locals_)
     columns = [*solution.kept, *own]
     order = np.argsort(columns)
 
@@ -329,7 +323,7 @@ def described(name: str, fit: Fit, spread: Spread) -> Estimate:
         parameters=named([columns[k] for k in order], values[order]),
         covariance=frozen(covariance[np.ix_(order, order)]),
         blind=solution.blind,
-        sigma=frozen(np.sqrt(variances)),
+        sigma=frozen(np.sqrt(fit.variances)),
         n_samples=frozen(data.whole.n_samples),
         condition=condition_of(solution.normal),
         condition_normalised=condition_of(unit_length(solution.normal)[0]),
@@ -337,13 +331,15 @@ def described(name: str, fit: Fit, spread: Spread) -> Estimate:
             RunParameters(
                 part.run, named(part.columns, part.values), frozen(np.sqrt(np.diag(covariance)))
             )
-            for part, covariance in zip(solution.locals, spread.own, strict=True)
+            for part, covariance in zip(solution.locals, locals_, strict=True)
             if part.columns
         ),
     )
 
 
-def _with_locals(solution: Solution, spread: Spread) -> tuple[Array, Array, list[int]]:
+def _with_locals(
+    solution: Solution, shared: Array, locals_: Sequence[Array]
+) -> tuple[Array, Array, list[int]]:
     """Shared values and covariance, joined by what a new run is to be expected to have.
 
     Of a column that every run has for itself that is the mean over runs, with the variance
@@ -354,16 +350,16 @@ def _with_locals(solution: Solution, spread: Spread) -> tuple[Array, Array, list
     for column in own:
         parts = [
             (part.values[k], covariance[k, k])
-            for part, covariance in zip(solution.locals, spread.own, strict=True)
+            for part, covariance in zip(solution.locals, locals_, strict=True)
             for k, mine in enumerate(part.columns)
             if mine == column
         ]
         found = np.array([value for value, _ in parts])
         means.append(found.mean())
         variances.append(found.var(ddof=1) if len(found) > 1 else parts[0][1])
-    size = len(spread.shared)
+    size = len(shared)
     total = np.zeros((size + len(own), size + len(own)))
-    total[:size, :size] = (spread.shared + spread.shared.T) / 2.0
+    total[:size, :size] = (shared + shared.T) / 2.0
     total[range(size, len(total)), range(size, len(total))] = variances
     return np.concatenate([solution.values[solution.kept], means]), total, own
 

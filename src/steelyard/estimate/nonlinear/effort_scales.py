@@ -28,7 +28,7 @@ import numpy as np
 from steelyard.base.arrays import Z95, Array, frozen
 from steelyard.base.errors import DataError
 from steelyard.base.progress import Progress, report_progress, silent
-from steelyard.estimate.consistent.convex_estimator import Consistent, inverse_of
+from steelyard.estimate.consistent.convex_estimator import Consistent, root_of_inverse
 from steelyard.estimate.estimate import Estimate, StandardEstimate
 from steelyard.estimate.information.information import Information
 from steelyard.estimate.known_effort_scales import KnownScales
@@ -61,11 +61,6 @@ class Scales:
     standard: Array  # all standard parameters, then the logarithms of the scales
 
     @property
-    def std(self) -> Array:
-        """Standard deviations of the logarithms, shape `(rows,)`."""
-        return np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
-
-    @property
     def deviation(self) -> float:
         """$d$: robust standard deviation of the logarithms around their median, within bounds."""
         logs = np.log(self.values)
@@ -73,11 +68,6 @@ class Scales:
             return DEVIATION[1]
         scatter = float(np.median(np.abs(logs - np.median(logs)))) / NORMAL_MEDIAN
         return float(np.clip(scatter, *DEVIATION))
-
-    @property
-    def before(self) -> str:
-        """How well a scale is known without the data, for people to read."""
-        return f"known a priori to ± {100.0 * Z95 * self.deviation:.0f} %, the scatter of most"
 
     @property
     def prior_std(self) -> Array:
@@ -125,14 +115,9 @@ class Scaled:
         precision = program.stated_precision(u, gamma)
         precision += program.unknowns.matrix.T @ program.unknowns.matrix
         n, columns = len(self.rows), information.layout.columns
-        spread = np.outer(at.prior_std, at.prior_std) * inverse_of(precision)[-n:, -n:]
-        return Scales(
-            np.exp(logs),
-            spread,
-            self.estimator.base.values_of(columns, standard[:-n]),
-            gamma,
-            standard,
-        )
+        root = at.prior_std[:, None] * root_of_inverse(precision)[-n:]
+        values = self.estimator.base.values_of(columns, standard[:-n])
+        return Scales(np.exp(logs), root @ root.T, values, gamma, standard)
 
     def converged(self, information: Information, at: Scales, *, weigh: bool = False) -> Scales:
         """Steps until the scales stand still; arguments and errors as of `step`.
@@ -156,10 +141,9 @@ class Scaled:
         that they were found with: with another one they would be others. Condition numbers are
         those of the parameters, without the scales.
         """
-        names = self._names
         logged = information.scaled(scales.values, information.signature.effort)
         wide = replace(self._wide(scales), gamma=scales.gamma or None)
-        found = _without(wide(self._extended(logged, scales)), names)
+        found = _without(wide(self._extended(logged, scales)), self._names)
         own = whitened(information, equal=self.estimator.equal).fit.solution
         return replace(
             found,
@@ -237,11 +221,10 @@ class EffortScales:
         values = zip(self.joints, self.found.values, self.known.half_width, strict=True)
         listed = ", ".join(f"{joint} {x:.2f} ± {half:.2f}" for joint, x, half in values)
         return (
-            "a scale of the efforts is estimated per joint (logged over model, "
-            f"{self.found.before}): {listed}; "
-            f"error on left-out motion {self.error:.3g} % instead of {self.without:.3g} %; masses "
-            'are as uncertain as the scales; effort_scales = "off" in [estimation] keeps the given '
-            "gains"
+            "a scale of the efforts is estimated per joint (logged over model, known a priori to "
+            f"± {100.0 * Z95 * self.found.deviation:.0f} %, the scatter of most): {listed}; error "
+            f"on left-out motion {self.error:.3g} % instead of {self.without:.3g} %; masses are as "
+            'uncertain as the scales; effort_scales = "off" in [estimation] keeps the given gains'
         )
 
     def to_dict(self) -> dict[str, Any]:

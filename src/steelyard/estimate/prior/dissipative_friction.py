@@ -165,7 +165,7 @@ def _sliding(law: ActsOnAxes, robot: Robot, speeds: Array) -> tuple[Array, Array
 def _works(
     law: ActsOnAxes, robot: Robot, axes: Sequence[Axis], tops: Array, ranges: Sequence[float]
 ) -> Array:
-    """Energies of closed cycles over their lengths, per unit of each parameter of a law.
+    """Energies of the last of three cycles over their lengths, per unit of each parameter of a law.
 
     The coordinates move at once, with the speeds `tops` that `CYCLES` refers to, `(axes,)`. Shape
     `(parameters, len(ranges) * len(CYCLES))`.
@@ -184,21 +184,13 @@ def _works(
     else:
         every = _along(law, robot, axes, np.concatenate(paths), np.concatenate(speeds, axis=1))
         forces = np.split(every, len(cycles), axis=1)
-    works = [_work(f, s, remembers) for f, s in zip(forces, steps, strict=True)]
+    works = []
+    for force, step in zip(forces, steps, strict=True):
+        last = force[:, -len(there) :]
+        if remembers:  # forces change within a step; they are constant along it otherwise
+            last = 0.5 * (last + force[:, -len(there) - 1 : -1])
+        works.append(last @ step[-len(there) :])
     return np.array(works).T / (2.0 * np.array([reach for reach, _ in cycles]))
-
-
-def _work(force: Array, steps: Array, remembers: bool) -> Array:
-    """Energy of the last of three cycles, per unit of each parameter.
-
-    Forces are of shape `(parameters, N)`, steps of the position up to each sample `(N,)`. Of a law
-    that remembers forces change within a step; they are constant along it otherwise.
-    """
-    once = 2 * (len(HALF) - 1)
-    last = force[:, -once:]
-    if remembers:
-        last = 0.5 * (last + force[:, -once - 1 : -1])
-    return np.asarray(last @ steps[-once:])
 
 
 def _turned(

@@ -1,15 +1,14 @@
-"""What a kind of prior constraint is: its protocol, where it stands, bounded quantities."""
+"""What prior constraints are made from: their place in a model and file, bounded quantities."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
-from typing import ClassVar, NoReturn, Protocol
+from typing import NoReturn
 
 import numpy as np
 
 from steelyard.base.errors import ModelError, advice
-from steelyard.estimate.prior.body_priors import Row, rigid_bodies
-from steelyard.estimate.prior.priors_from_tables import body_index
+from steelyard.estimate.prior.body_priors import Row, body_index, rigid_bodies
 from steelyard.model.model import Model
 
 
@@ -63,15 +62,6 @@ class ConstraintContext:
 
 
 Interval = tuple[float, float]  # lower and upper bound
-
-
-class PriorConstraint(Protocol):
-    """One kind of knowledge, with what a table of the robot file says of it."""
-
-    kind: ClassVar[str]
-
-    def rows(self, scope: ConstraintContext) -> list[Row]:
-        """The constraint over a model's standard parameters, if that has them."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,22 +1,20 @@
 """Kinds of prior constraints on bodies and parameters, by their names in robot files."""
 
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar, Literal, cast
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 
 from steelyard.base.arrays import Array
 from steelyard.base.errors import ModelError
 from steelyard.estimate.consistent.prior_weight_and_contradictions import refuse_contradictions
-from steelyard.estimate.prior.body_priors import Knowledge, Row
+from steelyard.estimate.prior.body_priors import Knowledge, Row, given_knowledge
 from steelyard.estimate.prior.dissipative_friction import dissipation_rows, shaped
 from steelyard.estimate.prior.prior_constraint_and_bounded_quantity import (
     Bounded,
     ConstraintContext,
-    PriorConstraint,
     in_words,
 )
-from steelyard.estimate.prior.priors_from_tables import given_knowledge
 from steelyard.model.laws.register import TERMS
 from steelyard.model.model import Model
 from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
@@ -304,6 +302,7 @@ CONSTRAINTS: dict[str, type[Any]] = {
         Symmetric,
     )
 }
+"""Every kind of knowledge: `rows` gives it over a model's standard parameters, if that has them."""
 
 KINDS = Kinds(CONSTRAINTS, "kind", "kind of knowledge", "knowledge of kind")
 
@@ -324,18 +323,18 @@ def knowledge_of(model: Model, loaded: LoadedRobot, fastest: Array | None = None
     notes = list(known.notes)
     for number, table in enumerate(loaded.knowledge):
         where = loaded.where("knowledge", number)
-        constraint = cast(PriorConstraint, KINDS.built(table, where))
+        constraint: Any = KINDS.built(table, where)
         if loaded.friction and (absent := _of_absent_law(constraint, model)):
             notes.append(f"the model has no '{absent}': prior constraints on it are ignored")
             continue
         mine = constraint.rows(ConstraintContext(model, where))
-        for name in model.per_run_names:
-            if any(name in row.coefficients for row in mine):
-                raise ModelError(
-                    f"every run has a '{name}' of its own, which no prior constraint can act on",
-                    where=where,
-                    fix="remove the constraint, or remove per_run from the term",
-                )
+        acted_on = {name for row in mine for name in row.coefficients}
+        if own := [name for name in model.per_run_names if name in acted_on]:
+            raise ModelError(
+                f"every run has a '{own[0]}' of its own, which no prior constraint can act on",
+                where=where,
+                fix="remove the constraint, or remove per_run from the term",
+            )
         rows += mine
     lower, loosened = _loosened(known, rows)
     notes += [f"'{name}' may be below zero, as the robot file allows" for name in loosened]
@@ -350,7 +349,7 @@ def knowledge_of(model: Model, loaded: LoadedRobot, fastest: Array | None = None
     return replace(known, curves=curves, shaped=shaped(model, curves))
 
 
-def _of_absent_law(constraint: PriorConstraint, model: Model) -> str | None:
+def _of_absent_law(constraint: Any, model: Model) -> str | None:
     """The parameter of a friction law that the model lacks, if a constraint names one."""
     if not isinstance(constraint, Known | Tied):
         return None
