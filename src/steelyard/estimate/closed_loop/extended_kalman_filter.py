@@ -196,11 +196,9 @@ def filtered(
         if impossible or not np.abs(missed).max() < _FAR:
             off = f"it is more than {_FAR:g} rad (m) off"
             why = "its mass matrix is no longer positive definite" if impossible else off
-            raise DataError(
-                f"the Kalman filter diverged at {run.motion.t[k]:.2f} s: {why}",
-                where=run.name,
-                fix="filter the motion more, or take another estimator",
-            )
+            wrong = f"the Kalman filter diverged at {run.motion.t[k]:.2f} s: {why}"
+            fix = "filter the motion more, or take another estimator"
+            raise DataError(wrong, where=run.name, fix=fix)
         surprise += state.correct(missed)
     belief = steps.about + state.mean[3 * n :], state.spread[3 * n :, 3 * n :]
     return belief, surprise / (len(run.q) - 1)

@@ -85,20 +85,16 @@ class Simulating(ABC):
             if size <= quiet or size <= exact * _cost(torque, step.sigma):
                 break
         else:
-            raise DataError(
-                f"{self.name} did not converge within {self.rounds} rounds",
-                where=experiment.where,
-                fix="filter the motion more, or log one that excites the joints more",
-            )
+            wrong = f"{self.name} did not converge within {self.rounds} rounds"
+            fix = "filter the motion more, or log one that excites the joints more"
+            raise DataError(wrong, where=experiment.where, fix=fix)
         start, covariance = experiment.start, step.covariance
         if covariance is None:
             covariance = np.asarray(np.linalg.inv(step.precision))
         if not (np.isfinite(step.values).all() and np.isfinite(covariance).all()):
-            raise DataError(
-                f"{self.name} ended with values that are not finite",
-                where=experiment.where,
-                fix="log a motion that excites the joints more",
-            )
+            wrong = f"{self.name} ended with values that are not finite"
+            fix = "log a motion that excites the joints more"
+            raise DataError(wrong, where=experiment.where, fix=fix)
         return replace(
             start,
             estimator=self.name,

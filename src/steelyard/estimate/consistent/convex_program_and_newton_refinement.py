@@ -18,8 +18,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.base.arrays import Array
-from steelyard.estimate.consistent.conic_solver import Block, Conic
-from steelyard.estimate.consistent.scaled_parameters_and_penalties import Form, Free, Unknowns
+from steelyard.estimate.consistent.conic_solver_and_scaled_parameters import (
+    Block,
+    Conic,
+    Form,
+    Free,
+    Unknowns,
+)
 from steelyard.estimate.prior.body_priors import Knowledge, Row
 from steelyard.robot.inertia_and_placement import INERTIAL_NAMES
 

@@ -188,11 +188,9 @@ def optimum_within(root: Array, vector: Array, lower: Array, upper: Array) -> Ar
     ends = (lower * lengths, upper * lengths)
     found = lsq_linear(root / lengths, vector, ends, method="bvls", tol=1e-14)
     if not found.success:
-        raise DataError(
-            f"bounded least squares did not converge: {found.message}",
-            where=f"{len(lengths)} parameters",
-            fix="remove bounds that contradict the data, or use WLS",
-        )
+        wrong = f"bounded least squares did not converge: {found.message}"
+        fix = "remove bounds that contradict the data, or use WLS"
+        raise DataError(wrong, where=f"{len(lengths)} parameters", fix=fix)
     return np.asarray(np.clip(found.x / lengths, lower, upper))
 
 
@@ -272,7 +270,6 @@ class _RidgeProblem:
 
     @classmethod
     def of(cls, unit: Array, deviation: Array, fit: Fit) -> "_RidgeProblem":
-        """The problem beside a free fit."""
         values, vectors = np.linalg.eigh(unit)
         rest, spent = 0.0, 0
         for run, own in zip(fit.data.runs, fit.solution.locals, strict=True):

@@ -70,11 +70,9 @@ class Runs:
         columns = information.layout.columns
         for name in per_run:
             if name not in columns:
-                raise DataError(
-                    f"there is no column '{name}' that could be estimated per run",
-                    where="parameters per run",
-                    fix=f"its columns are {', '.join(columns[:12])}, ...",
-                )
+                wrong = f"there is no column '{name}' that could be estimated per run"
+                fix = f"its columns are {', '.join(columns[:12])}, ..."
+                raise DataError(wrong, where="parameters per run", fix=fix)
         if not per_run:
             return cls(information, (information,), ())
         groups = information.windows_of_runs.values()
@@ -97,8 +95,16 @@ class Runs:
         eliminated = []
         for run in self.runs:
             matrix, vector, _ = run.normal(weights)
-            squares += np.diag(matrix)
-            own = self._eliminated(run, matrix, vector)
+            sizes = np.diag(matrix)
+            squares += sizes
+            # the run's own columns that it sees, as a function of the shared ones
+            columns = [k for k in self.local if sizes[k] > 1e-24 * sizes.max(initial=1e-300)]
+            unit, lengths = unit_length(matrix[np.ix_(columns, columns)])
+            inverse = np.linalg.pinv(unit, rcond=SEEN, hermitian=True) / lengths[:, None] / lengths
+            slopes, offset = -inverse @ matrix[columns], inverse @ vector[columns]
+            slopes[:, list(self.local)] = 0.0
+            name, zeros = run.windows[0].run if run.windows else "", np.zeros(len(columns))
+            own = Eliminated(name, tuple(columns), offset, slopes, inverse, zeros)
             across = matrix[:, list(own.columns)]
             total += matrix + across @ own.slopes
             right += vector - across @ own.offset
@@ -106,18 +112,6 @@ class Runs:
         own_columns = list(self.local)
         total[own_columns], total[:, own_columns], right[own_columns] = 0.0, 0.0, 0.0
         return 0.5 * (total + total.T), right, tuple(eliminated), squares
-
-    def _eliminated(self, run: Information, matrix: Array, vector: Array) -> Eliminated:
-        """The run's own columns that it sees, as a function of the shared ones."""
-        sizes = np.diag(matrix)
-        columns = [k for k in self.local if sizes[k] > 1e-24 * sizes.max(initial=1e-300)]
-        own, lengths = unit_length(matrix[np.ix_(columns, columns)])
-        inverse = np.linalg.pinv(own, rcond=SEEN, hermitian=True) / lengths[:, None] / lengths
-        slopes = -inverse @ matrix[columns]
-        slopes[:, list(self.local)] = 0.0
-        name = run.windows[0].run if run.windows else ""
-        zeros = np.zeros(len(columns))
-        return Eliminated(name, tuple(columns), inverse @ vector[columns], slopes, inverse, zeros)
 
 
 def explained(
@@ -189,11 +183,9 @@ def solve(data: Runs, weights: Array, before: Solution | None = None) -> Solutio
     lengths = np.sqrt(np.maximum(squares, 0.0))
     blind = explained(blind, eliminated, lengths, information.layout.columns)
     if not kept:
-        raise DataError(
-            "none of the model's parameters is identifiable from the data",
-            where=information.runs or "no window",
-            fix="log a motion in which the joints move",
-        )
+        wrong = "none of the model's parameters is identifiable from the data"
+        fix = "log a motion in which the joints move"
+        raise DataError(wrong, where=information.runs or "no window", fix=fix)
     refuse_few(information, len(kept), 1.0)
     normal = matrix[np.ix_(kept, kept)]
     reduced, scale = unit_length(normal)

@@ -123,11 +123,9 @@ class Recursive:
 
     def __post_init__(self) -> None:
         if not 0.0 < self.forgetting <= 1.0:
-            raise DataError(
-                f"a forgetting factor of {self.forgetting:g} per second is not valid",
-                where="recursive least squares",
-                fix="give a weight above 0 and up to 1, such as 0.98",
-            )
+            wrong = f"a forgetting factor of {self.forgetting:g} per second is not valid"
+            fix = "give a weight above 0 and up to 1, such as 0.98"
+            raise DataError(wrong, where="recursive least squares", fix=fix)
 
     def __call__(self, information: Information) -> Estimate:
         """The estimate after all windows, in their order."""
@@ -147,9 +145,7 @@ class Recursive:
         covariance = inverse @ noise @ inverse
         note = f"data {-1.0 / np.log(self.forgetting):.3g} s old have weight 1/e"
         return replace(
-            found,
-            covariance=frozen(0.5 * (covariance + covariance.T)),
-            notes=(*found.notes, note),
+            found, covariance=frozen(0.5 * (covariance + covariance.T)), notes=(*found.notes, note)
         )
 
 

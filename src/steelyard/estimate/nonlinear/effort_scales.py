@@ -29,17 +29,11 @@ from steelyard.base.arrays import Z95, Array, frozen
 from steelyard.base.errors import DataError
 from steelyard.base.progress import Progress, report_progress, silent
 from steelyard.estimate.consistent.convex_estimator import Consistent, root_of_inverse
-from steelyard.estimate.estimate import Estimate, StandardEstimate
+from steelyard.estimate.estimate import Estimate, KnownScales, StandardEstimate
 from steelyard.estimate.information.information import Information
-from steelyard.estimate.known_effort_scales import KnownScales
 from steelyard.estimate.least_squares.normal_equations import condition_of, unit_length
 from steelyard.estimate.least_squares.weighted_robust_and_whitened import whitened
-from steelyard.estimate.scores.cross_validation import (
-    FEWEST,
-    LEAST_GAIN_PER_PARAMETER,
-    logarithms,
-    windows_of_folds,
-)
+from steelyard.estimate.scores import cross_validation
 
 DEVIATION = (0.02, 0.1)  # least and greatest $d$, the greatest where no scale is known
 NORMAL_MEDIAN = 0.6745  # median size of a standard normal variable
@@ -90,11 +84,10 @@ class Scaled:
 
     def unscaled(self, information: Information, gamma: float | None = None) -> Scales:
         """All scales 1, with a weight of the prior; of that which the estimate finds, if `None`."""
-        found, n = self.estimator.values(information, gamma), len(self.rows)
-        standard = np.concatenate([found.standard, np.zeros(n)])
-        return Scales(
-            np.ones(n), DEVIATION[1] ** 2 * np.eye(n), found.values, found.gamma, standard
-        )
+        values, gamma, standard = self.estimator.values(information, gamma)
+        n = len(self.rows)
+        standard = np.concatenate([standard, np.zeros(n)])
+        return Scales(np.ones(n), DEVIATION[1] ** 2 * np.eye(n), values, gamma, standard)
 
     def step(self, information: Information, at: Scales, *, weigh: bool = False) -> Scales:
         """One Gauss-Newton step from scales and parameters that were reached, efforts as logged.
@@ -253,7 +246,7 @@ def effort_scales(
         return None
     if not _significant(found):
         return None
-    folds = information.grouped(windows_of_folds(information))
+    folds = information.grouped(cross_validation.windows_of_folds(information))
     errors = []
     for fold in range(len(folds.windows)):
         report_progress(progress, "judging effort scales", fold, len(folds.windows))
@@ -264,12 +257,17 @@ def effort_scales(
             with_scales = scaled.converged(rest, found)
         except DataError:
             continue
-        sizes = left_out.effort_squares()
-        errors.append([_errors(left_out, scales, sizes) for scales in (plain, with_scales)])
-    if len(errors) < FEWEST:
+        sizes, two = left_out.effort_squares(), []
+        for scales in (plain, with_scales):  # efforts as logged
+            logged = left_out.scaled(1.0 / scales.values, left_out.signature.effort)
+            squares = logged.residual_squares(scales.parameters) * np.square(scales.values)
+            shares = 100.0 * np.sqrt(squares / np.where(sizes > 0.0, sizes, np.inf))
+            two.append(float(cross_validation.logarithms(shares[None], sizes[None])[0]))
+        errors.append(two)
+    if len(errors) < cross_validation.FEWEST:
         return None
     plain_errors, scaled_errors = np.array(errors).T
-    if (plain_errors - scaled_errors).mean() <= LEAST_GAIN_PER_PARAMETER:
+    if (plain_errors - scaled_errors).mean() <= cross_validation.LEAST_GAIN_PER_PARAMETER:
         return None
     mean = np.exp([scaled_errors.mean(), plain_errors.mean()])
     return EffortScales(information.layout.rows, found, float(mean[0]), float(mean[1]), scaled)
@@ -280,11 +278,3 @@ def _significant(scales: Scales) -> bool:
     from scipy.special import chdtrc
 
     return bool(chdtrc(len(scales.values), scales.distance) < CHANCE)
-
-
-def _errors(left_out: Information, scales: Scales, sizes: Array) -> float:
-    """Logarithm of the error on what was left out, efforts as logged."""
-    logged = left_out.scaled(1.0 / scales.values, left_out.signature.effort)
-    squares = logged.residual_squares(scales.parameters) * np.square(scales.values)
-    shares = 100.0 * np.sqrt(squares / np.where(sizes > 0.0, sizes, np.inf))
-    return float(logarithms(shares[None], sizes[None])[0])

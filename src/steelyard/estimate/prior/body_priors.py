@@ -26,6 +26,20 @@ class Row:
     upper: float = np.inf
 
 
+def in_words(interval: tuple[float, float], unit: str = "") -> str:
+    """A bound as people say it: `at least 3 kg`, `between 3 and 5 kg`, `3 kg`."""
+    low, high = interval
+    if low == high:
+        text = f"{low:g}"
+    elif not np.isfinite(high):
+        text = f"at least {low:g}"
+    elif not np.isfinite(low):
+        text = f"at most {high:g}"
+    else:
+        text = f"between {low:g} and {high:g}"
+    return f"{text} {unit}".rstrip()
+
+
 @dataclass(frozen=True, eq=False)
 class Knowledge:
     """What is known before the data."""

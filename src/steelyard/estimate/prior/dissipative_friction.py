@@ -65,7 +65,13 @@ def dissipation_rows(model: Model, fastest: Sequence[float] | Array) -> tuple[Ro
     found = list(_coordinates(model, laws, np.asarray(fastest)))
     rows, robot = dict[Coordinate, list[Row]](), model.robot
     for group in _groups(found):
-        ranges = _ranges(group[0].laws, robot)
+        cycles: set[float] = set()  # around the lengths of the laws that remember
+        for law in group[0].laws:
+            if isinstance(law, Presliding):
+                lengths = law.lengths_of(law.axes(robot))
+                cycles |= {2.0 * length for length in lengths}
+                cycles |= {float(max(lengths) * r) for r in RANGES}
+        ranges = sorted(cycles)
         axes, tops = [part.axis for part in group], np.array([part.top for part in group])
         works = [_works(law, robot, axes, tops, ranges) for law in group[0].laws]
         rows |= {part: _rows_of(part, robot, ranges, works) for part in group}
@@ -138,17 +144,6 @@ def _rows_of(
         Row(label, {n: float(x) for n, x in zip(names, row, strict=True) if x}, lower=0.0)
         for row in unit
     ]
-
-
-def _ranges(laws: Sequence[ActsOnAxes], robot: Robot) -> list[float]:
-    """Ranges of cycles, around the lengths of the laws that remember."""
-    found: set[float] = set()
-    for law in laws:
-        if isinstance(law, Presliding):
-            lengths = law.lengths_of(law.axes(robot))
-            found |= {2.0 * length for length in lengths}
-            found |= {float(max(lengths) * r) for r in RANGES}
-    return sorted(found)
 
 
 def _sliding(law: ActsOnAxes, robot: Robot, speeds: Array) -> tuple[Array, Array]:
