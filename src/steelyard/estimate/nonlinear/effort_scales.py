@@ -55,6 +55,11 @@ class Scales:
     standard: Array  # all standard parameters, then the logarithms of the scales
 
     @property
+    def std(self) -> Array:
+        """Standard deviations of the logarithms, shape `(rows,)`."""
+        return np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
+
+    @property
     def deviation(self) -> float:
         """$d$: robust standard deviation of the logarithms around their median, within bounds."""
         logs = np.log(self.values)
@@ -62,6 +67,11 @@ class Scales:
             return DEVIATION[1]
         scatter = float(np.median(np.abs(logs - np.median(logs)))) / NORMAL_MEDIAN
         return float(np.clip(scatter, *DEVIATION))
+
+    @property
+    def before(self) -> str:
+        """How well a scale is known without the data, for people to read."""
+        return f"known a priori to ± {100.0 * Z95 * self.deviation:.0f} %, the scatter of most"
 
     @property
     def prior_std(self) -> Array:
@@ -214,10 +224,10 @@ class EffortScales:
         values = zip(self.joints, self.found.values, self.known.half_width, strict=True)
         listed = ", ".join(f"{joint} {x:.2f} ± {half:.2f}" for joint, x, half in values)
         return (
-            "a scale of the efforts is estimated per joint (logged over model, known a priori to "
-            f"± {100.0 * Z95 * self.found.deviation:.0f} %, the scatter of most): {listed}; error "
-            f"on left-out motion {self.error:.3g} % instead of {self.without:.3g} %; masses are as "
-            'uncertain as the scales; effort_scales = "off" in [estimation] keeps the given gains'
+            "a scale of the efforts is estimated per joint (logged over model, "
+            f"{self.found.before}): {listed}; error on left-out motion {self.error:.3g} % instead "
+            f"of {self.without:.3g} %; masses are as uncertain as the scales; "
+            'effort_scales = "off" in [estimation] keeps the given gains'
         )
 
     def to_dict(self) -> dict[str, Any]:
