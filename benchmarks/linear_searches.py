@@ -13,7 +13,7 @@ import numpy as np
 from steelyard.base.arrays import Array
 from steelyard.estimate.estimate import Estimate
 from steelyard.estimate.information.information import Information
-from steelyard.estimate.least_squares.covariance_from_residuals import scatter, spread_of
+from steelyard.estimate.least_squares.covariance_from_residuals import covariances, scatter
 from steelyard.estimate.least_squares.known_bounded_and_ridge import (
     AT_BOUND,
     BoundedLeastSquares,
@@ -77,7 +77,7 @@ class Box:
         locals_ = tuple(part.solved(full) for part in data.normal(1.0 / variances)[2])
         solution = replace(old, values=full, inverse=inverse_of_gram(matrix), locals=locals_)
         found = Fit(data, solution, variances)
-        made = described_fit(name, found, spread_of(found, scatter(fit) / variances))
+        made = described_fit(name, found, *covariances(found, scatter(fit) / variances))
         at_bounds = self.at_bounds(values)
         at = (f"at a bound: {', '.join(at_bounds)}",) if at_bounds else ()
         return replace(made, notes=(*notes, *at))

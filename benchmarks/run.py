@@ -31,6 +31,7 @@ from steelyard.estimate.information.filter_and_gram import (  # noqa: E402
     Accumulator,
     ParallelFilter,  # noqa: E402
     Stretch,
+    Tiling,
 )
 from steelyard.estimate.information.gather import accumulate, cut_pieces  # noqa: E402
 from steelyard.estimate.information.information import Information, Signature, Window  # noqa: E402
@@ -180,7 +181,7 @@ def floor_rows(found: Regressor, ours: float) -> list[Row]:
     accumulator = Accumulator(found)
     a = np.random.default_rng(0).normal(size=(1500, 1500))
     rate = 2.0 * 1500**3 / best(lambda: a @ a)
-    tiles = len(accumulator.tiling.firsts) * TILE_ROWS * TILE_COLUMNS
+    tiles = len(Tiling.of(found.layout).firsts) * TILE_ROWS * TILE_COLUMNS
     operations = found.code.about["n_operations"] + 2 * tiles + accumulator.width
     floor = operations / rate
     return [

@@ -3,7 +3,7 @@
 import numpy as np
 
 from steelyard.base.arrays import Array
-from steelyard.estimate.consistent.scaled_parameters_and_penalties import ONE, Unknowns
+from steelyard.estimate.consistent.conic_solver_and_scaled_parameters import ONE, Unknowns
 
 
 def at_prior(unknowns: Unknowns) -> Array:

@@ -5,8 +5,8 @@ import warnings
 import cvxpy as cp
 import numpy as np
 
+from steelyard.estimate.consistent.conic_solver_and_scaled_parameters import WIDEST
 from steelyard.estimate.consistent.convex_estimator import Consistent
-from steelyard.estimate.consistent.scaled_parameters_and_penalties import WIDEST
 from steelyard.estimate.least_squares.weighted_robust_and_whitened import Whitened
 from steelyard.robot.inertia_and_placement import INERTIAL_NAMES
 

@@ -19,9 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.base.arrays import Array
-from steelyard.estimate.consistent.convex_estimator import Consistent
-from steelyard.estimate.consistent.convex_program_and_newton_refinement import Program
-from steelyard.estimate.consistent.scaled_parameters_and_penalties import (
+from steelyard.estimate.consistent.conic_solver_and_scaled_parameters import (
     BASIS,
     COLUMNS,
     ENTRIES,
@@ -30,6 +28,8 @@ from steelyard.estimate.consistent.scaled_parameters_and_penalties import (
     ORDER,
     ROWS,
 )
+from steelyard.estimate.consistent.convex_estimator import Consistent
+from steelyard.estimate.consistent.convex_program_and_newton_refinement import Program
 
 BARRIERS = (1.0, 1e-2, 1e-4, 1e-6, 1e-8)
 """Weights of the barrier, one after the other; four of the last per body is what it may cost."""

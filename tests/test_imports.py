@@ -42,7 +42,7 @@ ORDER = (
 )
 RANK = {room: rank for rank, room in enumerate(ORDER)}
 ONE_FILE = {
-    "clarabel": {"estimate/consistent/conic_solver.py"},
+    "clarabel": {"estimate/consistent/conic_solver_and_scaled_parameters.py"},
     "pymoo": {"excite/search/search_methods.py"},
     "cma": {"excite/search/search_methods.py"},
     "llvmlite": {"symbolic/native/compiler.py"},

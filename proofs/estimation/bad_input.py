@@ -246,7 +246,7 @@ def of_rest(given: Path, work: Path) -> list[Claim]:
 def of_solver(given: Path) -> list[Claim]:
     """Whatever number of iterations: the optimum, or an error that says it is none."""
     from steelyard.base.errors import SteelyardError
-    from steelyard.estimate.consistent.conic_solver import Unsolved
+    from steelyard.estimate.consistent.conic_solver_and_scaled_parameters import Unsolved
     from steelyard.estimate.consistent.convex_estimator import Consistent
     from steelyard.estimate.information.base_parameters_and_regressor import (
         base_parameters,

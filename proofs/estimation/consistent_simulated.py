@@ -19,8 +19,8 @@ from proofs.support.claims import Claim, main_of
 from proofs.support.consistent_cases import Case, drawn, perturbed, prior_model, replaced
 
 from steelyard.base.errors import DataError
+from steelyard.estimate.consistent.conic_solver_and_scaled_parameters import Free, Pullback
 from steelyard.estimate.consistent.convex_estimator import Consistent
-from steelyard.estimate.consistent.scaled_parameters_and_penalties import Free, Pullback
 from steelyard.estimate.estimate import Estimate
 from steelyard.estimate.least_squares.weighted_robust_and_whitened import WeightedLeastSquares
 from steelyard.estimate.prior.body_priors import Knowledge, Row

@@ -20,7 +20,7 @@ from steelyard.base.arrays import Z95, Array
 from steelyard.estimate.information.base_parameters_and_regressor import base_regressor
 from steelyard.estimate.information.information import Information
 from steelyard.estimate.least_squares.weighted_robust_and_whitened import WeightedLeastSquares
-from steelyard.estimate.reduction.reduction import reduce
+from steelyard.estimate.reduction.stopping_rules_and_reduction import reduce
 from steelyard.model.model import Model
 
 DRAWS, RUNS, COUNT = 200, 4, 240

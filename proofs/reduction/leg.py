@@ -30,7 +30,7 @@ from steelyard.base.motion import Trajectory
 from steelyard.estimate.information.base_parameters_and_regressor import base_regressor
 from steelyard.estimate.information.information import Information
 from steelyard.estimate.least_squares.weighted_robust_and_whitened import OrdinaryLeastSquares
-from steelyard.estimate.reduction.reduction import reduce
+from steelyard.estimate.reduction.stopping_rules_and_reduction import reduce
 from steelyard.excite.excite_and_reduce_loop import Round, reduction_loop
 from steelyard.excite.trajectories.trajectory_files import read_trajectory
 from steelyard.model.model import model_of

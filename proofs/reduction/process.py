@@ -24,11 +24,13 @@ from steelyard.base.arrays import Array
 from steelyard.estimate.information.base_parameters_and_regressor import Regressor, base_regressor
 from steelyard.estimate.information.kept_filtered_samples import FilteredSamples
 from steelyard.estimate.least_squares.normal_equations import condition_of
-from steelyard.estimate.reduction.backward_elimination import State
-from steelyard.estimate.reduction.left_out_errors_and_stopping_rules import (
-    MeanAbsoluteTolerance,
+from steelyard.estimate.reduction.backward_elimination_and_left_out_errors import State
+from steelyard.estimate.reduction.stopping_rules_and_reduction import (
+    Reduction,
+    criterion_of,
+    reduce,
+    within_tolerance,
 )
-from steelyard.estimate.reduction.reduction import Reduction, criterion_of, reduce
 from steelyard.excite.design_problem_from_tables import limits_of
 from steelyard.excite.planned.plans_from_tables import planned
 from steelyard.excite.trajectories.exact_slowed_and_chained_trajectories import ExactTrajectory
@@ -150,7 +152,7 @@ def reduced(samples: FilteredSamples) -> Reduction:
     moving = [row for row, speed in zip(rows, speeds, strict=True) if speed > STILL * speeds.max()]
     information = samples.information().select(left)
     keep = [f"{law}.{row}" for row in moving for law in ("coulomb", "viscous")]
-    rule = MeanAbsoluteTolerance(TOLERANCE, samples=samples)
+    rule = within_tolerance(TOLERANCE, samples)
     return reduce(information, criterion_of("mean_column"), rule, keep=keep)
 
 

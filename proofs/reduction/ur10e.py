@@ -14,7 +14,11 @@ from proofs.robots.scores import EXAMPLES, ur10e_logs, ur10e_validation
 from proofs.support.claims import Claim, data_folder, main_of
 
 import steelyard
-from steelyard.estimate.reduction.backward_elimination import CRITERIA, FullModel, backward
+from steelyard.estimate.reduction.backward_elimination_and_left_out_errors import (
+    CRITERIA,
+    FullModel,
+    backward,
+)
 from steelyard.identify.identify import Identification
 from steelyard.identify.reduce import ReducedModel
 

@@ -16,15 +16,14 @@ import numpy as np
 from proofs.support.claims import Claim, data_folder, main_of
 
 from steelyard.base.progress import silent
-from steelyard.estimate.friction.friction_mixes import with_any_speed
+from steelyard.estimate.friction.friction_mixes_and_curves import with_any_speed
 from steelyard.estimate.information.base_parameters_and_regressor import (
     base_parameters,
     base_regressor,
 )
 from steelyard.estimate.information.gather import gather
 from steelyard.estimate.information.information import Information
-from steelyard.estimate.payload.bilinear_least_squares import Bilinear
-from steelyard.estimate.payload.drive_gains import GainEstimate, identified_gains
+from steelyard.estimate.payload.drive_gains import Bilinear, GainEstimate, identified_gains
 from steelyard.estimate.payload.runs_with_payload import carrier, load_case
 from steelyard.model.model import Model, model_with_open_friction
 from steelyard.robot.file.robot_file import LoadedRobot, load_robot

@@ -25,7 +25,7 @@ import steelyard
 from steelyard.base.arrays import Array
 from steelyard.base.progress import silent
 from steelyard.estimate.external.contact_thresholds import ContactThresholds
-from steelyard.estimate.scores.residual_noise_and_traces import (
+from steelyard.estimate.scores.residual_traces_and_band_calibration import (
     ResidualTrace,
     residual_trace,
     thresholds_of,

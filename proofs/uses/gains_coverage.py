@@ -14,7 +14,7 @@ from proofs.support.claims import Claim, main_of
 from proofs.support.coverage_cases import NOISE, ROWS, Row, noise, robot_file
 
 from steelyard.base.arrays import Array
-from steelyard.estimate.friction.friction_mixes import with_any_speed
+from steelyard.estimate.friction.friction_mixes_and_curves import with_any_speed
 from steelyard.estimate.information.base_parameters_and_regressor import Regressor, base_regressor
 from steelyard.estimate.information.filter_and_gram import Accumulator, Stretch
 from steelyard.estimate.information.information import Information, Signature, Window

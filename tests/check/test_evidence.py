@@ -21,7 +21,7 @@ from steelyard.check.hypotheses.laplace_over_bodies import (
     nominal_bodies,
 )
 from steelyard.check.hypotheses.nuisance_fit_and_score import NUISANCES, OFFSET_COLUMN
-from steelyard.estimate.consistent.scaled_parameters_and_penalties import COLUMNS, ROWS
+from steelyard.estimate.consistent.conic_solver_and_scaled_parameters import COLUMNS, ROWS
 
 POSITIVE = np.array([[True, True, True, False]])  # friction and rotor inertia, and an offset
 

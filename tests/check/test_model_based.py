@@ -19,7 +19,7 @@ from steelyard.check.efforts_by_gravity_payload_and_friction import effort_predi
 from steelyard.check.finding import Edit, Finding, Fix, Severity
 from steelyard.check.hypotheses.nuisance_fit_and_score import fit_nuisances, shared_fit
 from steelyard.check.identifiability_check import identifiability_check
-from steelyard.estimate.known_effort_scales import KnownScales
+from steelyard.estimate.estimate import KnownScales
 from steelyard.robot.file.toml_edits import edited
 from steelyard.robot.inertia_and_placement import Inertia
 

@@ -21,7 +21,7 @@ from steelyard.check.fitted.causes_of_residuals import (
     strongest_period,
 )
 from steelyard.check.fitted.incomplete_model_and_unseen_error import model_error_check
-from steelyard.estimate.consistent.prior_weight_and_contradictions import TERM_MISSING
+from steelyard.estimate.consistent.convex_estimator import TERM_MISSING
 from steelyard.estimate.information.base_parameters_and_regressor import base_regressor
 from steelyard.estimate.information.information import Information
 from steelyard.estimate.nonlinear.nonlinear_parameters import information_from

@@ -11,7 +11,7 @@ import steelyard
 from cli.conftest import Command
 from cli.mistakes import leftovers
 from steelyard.estimate.identified_model import IdentifiedModel
-from steelyard.estimate.scores.residual_noise_and_traces import residual_trace
+from steelyard.estimate.scores.residual_traces_and_band_calibration import residual_trace
 
 PUSH = (1.5, 1.9)
 """When the demo arm is pushed [s]."""

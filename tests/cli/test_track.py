@@ -13,7 +13,7 @@ from cli.conftest import Command
 from cli.mistakes import ROBOT
 from cli.river_files import edited
 from steelyard.base.files import write_json
-from steelyard.estimate.known_effort_scales import KnownScales
+from steelyard.estimate.estimate import KnownScales
 from steelyard.excite.trajectories.trajectory_files import read_motion
 from steelyard.export.code.export_code import origin_of
 from steelyard.model.laws.friction_with_memory import Dahl

@@ -9,7 +9,6 @@ import pytest
 from steelyard.base.arrays import Parameters
 from steelyard.base.errors import DataError
 from steelyard.base.progress import Event, Stopped
-from steelyard.estimate.bootstrap_and_sensitivity import bootstrap
 from steelyard.estimate.estimate import Estimate
 from steelyard.estimate.information.base_parameters_and_regressor import Layout
 from steelyard.estimate.information.information import Information, Signature, Window
@@ -17,6 +16,7 @@ from steelyard.estimate.least_squares.weighted_robust_and_whitened import (
     OrdinaryLeastSquares,
     WeightedLeastSquares,
 )
+from steelyard.estimate.parameter_status_bootstrap_and_sensitivity import bootstrap
 
 LAYOUT = Layout(("mean", "rest"), ("Nm", "Nm"), ("joint",), ((0, 1),))
 

@@ -14,14 +14,14 @@ from steelyard.estimate.information.base_parameters_and_regressor import base_re
 from steelyard.estimate.information.gather import gather
 from steelyard.estimate.information.information import Information
 from steelyard.estimate.least_squares.weighted_robust_and_whitened import WeightedLeastSquares
-from steelyard.estimate.scores.band_calibration_on_left_out_motion import (
+from steelyard.estimate.scores.cross_validation import runs_left_out, stretches_left_out
+from steelyard.estimate.scores.parts_and_bands_along_run import Bands
+from steelyard.estimate.scores.residual_traces_and_band_calibration import (
     calibrate,
     correlation_of,
     quantile,
+    residual_trace,
 )
-from steelyard.estimate.scores.cross_validation import runs_left_out, stretches_left_out
-from steelyard.estimate.scores.parts_and_bands_along_run import Bands
-from steelyard.estimate.scores.residual_noise_and_traces import residual_trace
 from steelyard.estimate.scores.score import score
 from steelyard.model.laws.friction_over_speed import Stribeck
 from steelyard.model.laws.register import DEFAULT_TERMS
@@ -179,7 +179,7 @@ def test_of_long_runs_the_first_samples_are_predicted(monkeypatch: pytest.Monkey
 
     monkeypatch.setattr("steelyard.estimate.scores.cross_validation.LONGEST", 4.0 * unseen.rate)
     monkeypatch.setattr(
-        "steelyard.estimate.scores.band_calibration_on_left_out_motion.residual_trace", watched
+        "steelyard.estimate.scores.residual_traces_and_band_calibration.residual_trace", watched
     )
     assert 90.0 <= coverage(calibrated(tuple(fitted)), unseen) <= 99.0
     assert durations and max(durations) <= 4.0
@@ -193,7 +193,7 @@ def test_motion_whose_residual_cannot_be_had_still_makes_bands(
         raise kind("a loop cannot close at rest", where="run", fix="correct it")
 
     monkeypatch.setattr(
-        "steelyard.estimate.scores.band_calibration_on_left_out_motion.residual_trace", refuse
+        "steelyard.estimate.scores.residual_traces_and_band_calibration.residual_trace", refuse
     )
     known = calibrated(runs_of(1, 2)).calibration
     assert known is not None and known.peaks is None

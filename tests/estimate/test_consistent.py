@@ -10,13 +10,13 @@ from at_prior import at_prior
 from cvxpy_oracle import cvxpy_problem, solved
 from invented import tree
 from steelyard.base.errors import DataError
-from steelyard.estimate.consistent.convex_estimator import Consistent
-from steelyard.estimate.consistent.scaled_parameters_and_penalties import (
+from steelyard.estimate.consistent.conic_solver_and_scaled_parameters import (
     Entropic,
     Form,
     Free,
     Pullback,
 )
+from steelyard.estimate.consistent.convex_estimator import Consistent
 from steelyard.estimate.estimate import Estimate
 from steelyard.estimate.information.base_parameters_and_regressor import base_regressor
 from steelyard.estimate.information.filter_and_gram import Accumulator, Stretch

@@ -11,8 +11,8 @@ import pytest
 from invented import tree
 from log_cholesky_oracle import Criterion, LogCholesky, entries
 from steelyard.base.progress import silent
+from steelyard.estimate.consistent.conic_solver_and_scaled_parameters import BASIS
 from steelyard.estimate.consistent.convex_estimator import Consistent
-from steelyard.estimate.consistent.scaled_parameters_and_penalties import BASIS
 from steelyard.estimate.estimate import Estimate, StandardEstimate
 from steelyard.estimate.information.base_parameters_and_regressor import (
     Regressor,

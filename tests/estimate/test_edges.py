@@ -6,15 +6,15 @@ import pytest
 from at_prior import at_prior
 from in_amperes import GAINS, ROBOT, run_of
 from steelyard.base.arrays import Z95, Parameters
+from steelyard.estimate.consistent.conic_solver_and_scaled_parameters import (
+    Entropic,
+    Pullback,
+    unknowns,
+)
 from steelyard.estimate.consistent.convex_estimator import Consistent
 from steelyard.estimate.consistent.convex_program_and_newton_refinement import (
     Program,
     conic_constraints,
-)
-from steelyard.estimate.consistent.scaled_parameters_and_penalties import (
-    Entropic,
-    Pullback,
-    unknowns,
 )
 from steelyard.estimate.information.base_parameters_and_regressor import base_regressor
 from steelyard.estimate.information.gather import gather

@@ -269,7 +269,6 @@ def test_dictionary_columns_are_the_terms_columns(law: type[Any], field: str) ->
 
 @pytest.mark.slow
 def test_too_many_columns_are_searched_one_after_another(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("steelyard.estimate.nonlinear.nonlinear_parameters.WIDEST", 40)
     monkeypatch.setattr("steelyard.estimate.nonlinear.grid_search.WIDEST", 40)
     terms, wanted = (*BARE, Dahl(length=1e-3)), (*BARE, Dahl(length=LENGTHS))
     information_of, passes = data(terms, Stribeck(speed=0.07), 0.02)

@@ -13,7 +13,7 @@ from steelyard.base.arrays import Parameters
 from steelyard.base.errors import DataError
 from steelyard.base.motion import Motion
 from steelyard.estimate.friction.friction_choice import FrictionChoice, _staged, choose_friction
-from steelyard.estimate.friction.friction_mixes import mix_name
+from steelyard.estimate.friction.friction_mixes_and_curves import mix_name
 from steelyard.estimate.information.base_parameters_and_regressor import base_regressor
 from steelyard.estimate.least_squares.weighted_robust_and_whitened import WeightedLeastSquares
 from steelyard.estimate.nonlinear.nonlinear_parameters import information_from

@@ -9,7 +9,7 @@ from closed_chains import five_bar
 from report.conftest import identified, robot
 from steelyard.base.arrays import Z95, Parameters
 from steelyard.base.motion import Motion
-from steelyard.estimate.friction.friction_curves import friction_curves
+from steelyard.estimate.friction.friction_mixes_and_curves import friction_curves
 from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.estimate.information.base_parameters_and_regressor import base_parameters
 from steelyard.model.laws.friction_over_speed import Coulomb, Viscous

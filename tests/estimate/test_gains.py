@@ -14,8 +14,7 @@ from loaded import GAINS, LOAD, MODEL, TOOL, UNITS, run
 from steelyard.base.errors import DataError, ModelError, SteelyardError
 from steelyard.estimate.information.base_parameters_and_regressor import base_parameters
 from steelyard.estimate.information.information import Information, Window
-from steelyard.estimate.payload.bilinear_least_squares import Bilinear
-from steelyard.estimate.payload.drive_gains import identified_gains
+from steelyard.estimate.payload.drive_gains import Bilinear, identified_gains
 from steelyard.estimate.payload.runs_with_payload import _scatter, carrier, load_case
 
 JOINTS = MODEL.robot.joint_names

@@ -12,10 +12,9 @@ from invented import tree
 from steelyard.base.arrays import Parameters
 from steelyard.base.errors import ModelError, OutputError
 from steelyard.base.motion import Motion
-from steelyard.estimate.estimate import Estimate, Unidentifiable
+from steelyard.estimate.estimate import Estimate, KnownScales, Unidentifiable
 from steelyard.estimate.identified_model import Cutoffs, IdentifiedModel, Provenance, load_model
 from steelyard.estimate.information.base_parameters_and_regressor import base_parameters
-from steelyard.estimate.known_effort_scales import KnownScales
 from steelyard.model.laws.friction_over_speed import Coulomb
 from steelyard.model.laws.laws_without_friction import RigidBody
 from steelyard.model.model import Model

@@ -9,8 +9,7 @@ from loaded import run
 from steelyard.base.arrays import Array
 from steelyard.base.errors import DataError
 from steelyard.estimate.information.information import Information, Signature
-from steelyard.estimate.payload.marginal_information import covariance_of, inverse, marginal
-from steelyard.estimate.payload.runs_with_payload import joined
+from steelyard.estimate.payload.runs_with_payload import covariance_of, inverse, joined, marginal
 
 RUNS = run(1, noise=0.1), run(2, noise=0.1)
 SIZE = len(RUNS[0].layout.columns)

@@ -84,8 +84,8 @@ def test_values_come_from_constraints_on_all_members_of_a_group() -> None:
     knowledge = default_knowledge(MODEL)
 
     def fixed(*given: Row) -> tuple[dict[str, float], tuple[str, ...]]:
-        found = fixed_values(base, replace(knowledge, rows=given))
-        return dict(found.values), found.unused
+        values, unused = fixed_values(base, replace(knowledge, rows=given))
+        return dict(values), unused
 
     assert fixed(Row("2 x = 3", {single: 2.0}, 3.0, 3.0)) == ({single: 1.5}, ())
     assert fixed(Row("bounded", {single: 1.0}, 0.0, 3.0)) == ({}, ("bounded",))

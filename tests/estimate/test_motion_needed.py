@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from steelyard.estimate.friction.friction_mixes import joint_motions, lacking
+from steelyard.estimate.friction.friction_mixes_and_curves import joint_motions, lacking
 from steelyard.robot.robot import Coordinate
 
 STEP = 0.01

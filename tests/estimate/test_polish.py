@@ -7,15 +7,15 @@ import pytest
 
 from at_prior import at_prior
 from estimate.test_consistent import REGRESSOR, TRUTH, heavier, information_of, known
-from steelyard.estimate.consistent.conic_solver import solved
-from steelyard.estimate.consistent.convex_estimator import Consistent
-from steelyard.estimate.consistent.convex_program_and_newton_refinement import Program, polished
-from steelyard.estimate.consistent.scaled_parameters_and_penalties import (
+from steelyard.estimate.consistent.conic_solver_and_scaled_parameters import (
     Entropic,
     Form,
     Free,
     Pullback,
+    solved,
 )
+from steelyard.estimate.consistent.convex_estimator import Consistent
+from steelyard.estimate.consistent.convex_program_and_newton_refinement import Program, polished
 from steelyard.estimate.least_squares.weighted_robust_and_whitened import whitened
 from steelyard.estimate.prior.body_priors import Row
 
@@ -89,12 +89,12 @@ def test_a_point_beyond_a_constraint_is_left_to_the_solver() -> None:
 
 def test_values_of_a_similar_problem_spare_the_solver(monkeypatch: pytest.MonkeyPatch) -> None:
     consistent = Consistent(REGRESSOR.base, known(rows=CONSTRAINTS))
-    first = consistent.values(information_of(0.05))
-    alone = consistent.values(information_of(0.06), first.gamma)
+    _, gamma, near = consistent.values(information_of(0.05))
+    alone, _, _ = consistent.values(information_of(0.06), gamma)
     monkeypatch.delattr("steelyard.estimate.consistent.convex_estimator.solved")
-    again = consistent.values(information_of(0.06), first.gamma, first.standard)
-    assert again.gamma == first.gamma
-    np.testing.assert_allclose(again.values, alone.values, rtol=1e-7, atol=1e-9)
+    again, same, _ = consistent.values(information_of(0.06), gamma, near)
+    assert same == gamma
+    np.testing.assert_allclose(again, alone, rtol=1e-7, atol=1e-9)
 
 
 def test_slopes_are_those_of_the_objective() -> None:

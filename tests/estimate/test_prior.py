@@ -15,8 +15,8 @@ from steelyard.estimate.prior.body_priors import (
     Knowledge,
     corrected_body,
     default_knowledge,
+    given_knowledge,
 )
-from steelyard.estimate.prior.priors_from_tables import given_knowledge
 from steelyard.model.laws.friction_over_speed import Viscous
 from steelyard.model.model import Model
 from steelyard.robot.file.robot_file import load_robot

@@ -17,8 +17,12 @@ from steelyard.estimate.consistent.prior_weight_and_contradictions import (
     refuse_contradictions,
 )
 from steelyard.estimate.prior.body_priors import Knowledge, Row, default_knowledge
-from steelyard.estimate.prior.prior_constraint_and_bounded_quantity import ConstraintContext
-from steelyard.estimate.prior.prior_constraint_kinds import CONSTRAINTS, KINDS, knowledge_of
+from steelyard.estimate.prior.prior_constraint_kinds import (
+    CONSTRAINTS,
+    KINDS,
+    ConstraintContext,
+    knowledge_of,
+)
 from steelyard.model.laws.friction_over_speed import Viscous
 from steelyard.model.laws.register import DEFAULT_TERMS, term_of
 from steelyard.model.model import Model

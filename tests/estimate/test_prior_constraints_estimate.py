@@ -17,8 +17,7 @@ from steelyard.estimate.information.base_parameters_and_regressor import (
 from steelyard.estimate.information.filter_and_gram import Accumulator, Stretch
 from steelyard.estimate.information.information import Information, Signature, Window
 from steelyard.estimate.prior.body_priors import Knowledge, default_knowledge
-from steelyard.estimate.prior.prior_constraint_and_bounded_quantity import ConstraintContext
-from steelyard.estimate.prior.prior_constraint_kinds import KINDS
+from steelyard.estimate.prior.prior_constraint_kinds import KINDS, ConstraintContext
 from steelyard.model.model import Model
 from steelyard.robot.inertia_and_placement import Inertia
 

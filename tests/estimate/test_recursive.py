@@ -8,13 +8,11 @@ from invented import single, tree
 from steelyard.base.errors import DataError
 from steelyard.estimate.information.base_parameters_and_regressor import base_regressor
 from steelyard.estimate.information.information import Information
-from steelyard.estimate.least_squares.recursive_least_squares import (
+from steelyard.estimate.least_squares.weighted_robust_and_whitened import (
     MOST_WINDOWS_APART,
     Recursive,
-    after,
-)
-from steelyard.estimate.least_squares.weighted_robust_and_whitened import (
     WeightedLeastSquares,
+    after,
 )
 from steelyard.model.model import Model
 

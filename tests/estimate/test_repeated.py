@@ -5,8 +5,8 @@ import pytest
 
 from steelyard.base.arrays import Parameters
 from steelyard.base.errors import DataError
-from steelyard.estimate.bootstrap_and_sensitivity import RepeatedEstimates
 from steelyard.estimate.estimate import Estimate
+from steelyard.estimate.parameter_status_bootstrap_and_sensitivity import RepeatedEstimates
 
 WANG = {
     "p2": ([13.8238, 14.0202, 13.7847, 13.8903, 13.8968], 13.8831, 0.5783),

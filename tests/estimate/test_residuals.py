@@ -3,7 +3,10 @@
 import numpy as np
 import pytest
 
-from steelyard.estimate.scores.residual_noise_and_traces import ResidualNoise, noise_floor
+from steelyard.estimate.scores.residual_traces_and_band_calibration import (
+    ResidualNoise,
+    noise_floor,
+)
 
 RATE, CUTOFF = 200.0, 5.0
 T = np.arange(6000) / RATE

@@ -10,7 +10,11 @@ from steelyard.base.arrays import Z95, Parameters
 from steelyard.estimate.estimate import Estimate, Removed, Unidentifiable
 from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.estimate.information.base_parameters_and_regressor import base_parameters
-from steelyard.estimate.parameter_status import SMALL, effort_shares, statuses
+from steelyard.estimate.parameter_status_bootstrap_and_sensitivity import (
+    SMALL,
+    effort_shares,
+    statuses,
+)
 from steelyard.model.laws.friction_over_speed import Viscous
 from steelyard.model.laws.laws_without_friction import RigidBody
 from weighed import identified_of

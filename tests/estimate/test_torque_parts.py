@@ -10,8 +10,7 @@ from invented import single, tree
 from steelyard.base.arrays import Parameters
 from steelyard.base.motion import Motion
 from steelyard.estimate.scores.parts_and_bands_along_run import PARTS, TorqueSplit
-from steelyard.estimate.scores.residual_noise_and_traces import MOST_KEPT
-from steelyard.estimate.scores.score import score
+from steelyard.estimate.scores.score import MOST_KEPT, score
 from steelyard.model.laws.friction_over_speed import Coulomb, Viscous
 from steelyard.model.laws.friction_with_memory import Dahl, LoadDependent
 from steelyard.model.laws.laws_without_friction import Offset, RigidBody, RotorInertia, Spring

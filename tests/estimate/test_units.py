@@ -7,7 +7,7 @@ import pytest
 
 from at_prior import at_prior
 from estimate.test_consistent import REGRESSOR, heavier, information_of
-from steelyard.estimate.consistent.conic_solver import solved
+from steelyard.estimate.consistent.conic_solver_and_scaled_parameters import solved
 from steelyard.estimate.consistent.convex_estimator import Consistent
 from steelyard.estimate.consistent.convex_program_and_newton_refinement import Program
 from steelyard.estimate.least_squares.weighted_robust_and_whitened import whitened

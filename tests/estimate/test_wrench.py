@@ -6,7 +6,7 @@ import pytest
 from steelyard.base.arrays import Array
 from steelyard.base.errors import DataError
 from steelyard.estimate.external.momentum_observer_with_wrench_and_contact import momentum_residual
-from steelyard.estimate.external.wrench_methods import (
+from steelyard.estimate.external.wrench_methods_and_observer_step import (
     Expected,
     ExternalEfforts,
     InverseJacobian,

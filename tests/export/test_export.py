@@ -17,10 +17,9 @@ from moving import geared
 from steelyard.base.errors import ModelError
 from steelyard.base.motion import Motion
 from steelyard.estimate.covariance_and_band_widths import EDGES, Calibration
-from steelyard.estimate.estimate import Unidentifiable
+from steelyard.estimate.estimate import KnownScales, Unidentifiable
 from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.estimate.information.base_parameters_and_regressor import base_parameters
-from steelyard.estimate.known_effort_scales import KnownScales
 from steelyard.export.model_files.export_model_file import exported, refuse_changed
 from steelyard.export.model_files.representable_content import FIT_HEADING, Format, content_of
 from steelyard.model.laws.friction_over_speed import (

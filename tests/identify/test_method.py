@@ -8,8 +8,7 @@ import steelyard
 from small_arm import URDF
 from steelyard.base.errors import ModelError, SteelyardError
 from steelyard.base.progress import silent
-from steelyard.estimate.data_for_estimators import Sources
-from steelyard.estimate.estimator_register import ESTIMATORS
+from steelyard.estimate.estimator_register import ESTIMATORS, Sources
 from steelyard.estimate.information.base_parameters_and_regressor import base_regressor
 from steelyard.excite.trajectories.fourier import random_fourier
 from steelyard.excite.trajectories.trajectory_files import write_motion

@@ -13,12 +13,6 @@ from steelyard.base.arrays import Parameters
 from steelyard.check.all_checks import Diagnosis
 from steelyard.check.finding import ComparedHypothesis, Edit, Fix, Picture, Severity, Trace
 from steelyard.check.finding import Finding as SaidFinding
-from steelyard.estimate.bootstrap_and_sensitivity import (
-    Bootstrap,
-    RepeatedEstimates,
-    Sensitivity,
-    Variation,
-)
 from steelyard.estimate.consistent.convex_estimator import Consistent
 from steelyard.estimate.estimate import (
     Estimate,
@@ -32,6 +26,12 @@ from steelyard.estimate.identified_model import Cutoffs, IdentifiedModel, Proven
 from steelyard.estimate.information.base_parameters_and_regressor import BaseMap, base_parameters
 from steelyard.estimate.nonlinear.effort_scales import EffortScales, Scaled, Scales
 from steelyard.estimate.nonlinear.nonlinear_parameters import Finding, ZeroOffsets
+from steelyard.estimate.parameter_status_bootstrap_and_sensitivity import (
+    Bootstrap,
+    RepeatedEstimates,
+    Sensitivity,
+    Variation,
+)
 from steelyard.estimate.payload.drive_gains import GainEstimate
 from steelyard.estimate.prior.body_priors import Knowledge
 from steelyard.estimate.scores.effort_errors import BandErrors, JointError

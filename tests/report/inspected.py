@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 
 from steelyard.estimate.external.contact_thresholds import RANGES, ContactThresholds
-from steelyard.estimate.external.wrench_methods import Expected
+from steelyard.estimate.external.wrench_methods_and_observer_step import Expected
 from steelyard.estimate.payload.payload_estimate import PayloadEstimate
-from steelyard.estimate.scores.residual_noise_and_traces import ResidualTrace
+from steelyard.estimate.scores.residual_traces_and_band_calibration import ResidualTrace
 from steelyard.robot.inertia_and_placement import Placement
 from steelyard.robot.robot import Frame
 from steelyard.uses.contact.contact import ContactEvent, JointLoad

@@ -11,7 +11,7 @@ import pytest
 
 from report.conftest import identified, robot
 from steelyard.base.arrays import Parameters
-from steelyard.estimate.reduction.reduction import Reduction
+from steelyard.estimate.reduction.stopping_rules_and_reduction import Reduction
 from steelyard.identify.page.parameters_and_truth import parameter_rows
 from steelyard.identify.page.reduction_and_removals import samples_of
 from steelyard.identify.page.report_content import ReportContent

@@ -9,7 +9,7 @@ from rich.console import Console
 
 from report.inspected import contact_content, payload_events
 from steelyard.check.finding import Finding, Severity
-from steelyard.estimate.known_effort_scales import KnownScales
+from steelyard.estimate.estimate import KnownScales
 from steelyard.estimate.scores.effort_errors import pooled
 from steelyard.identify.page.effort_error_words import coverage_words
 from steelyard.identify.page.report_content import ReportContent

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from report.inspected import wrench_content
-from steelyard.estimate.external.wrench_methods import Expected
+from steelyard.estimate.external.wrench_methods_and_observer_step import Expected
 from steelyard.uses.wrench.wrench import ExternalWrench
 
 CONTENT = wrench_content()

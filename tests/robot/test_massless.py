@@ -11,8 +11,7 @@ from steelyard.estimate.information.base_parameters_and_regressor import (
     full_regressor,
 )
 from steelyard.estimate.payload.runs_with_payload import carrier
-from steelyard.estimate.prior.body_priors import default_knowledge
-from steelyard.estimate.prior.priors_from_tables import body_index
+from steelyard.estimate.prior.body_priors import body_index, default_knowledge
 from steelyard.model.laws.laws_without_friction import RigidBody
 from steelyard.model.model import Model
 from steelyard.robot.models.mjcf import read_mjcf

@@ -104,7 +104,7 @@ def test_unusable_wrenches_are_refused(arm: Robot, tmp_path: Path) -> None:
 
 
 def test_a_wrench_on_the_base_is_refused(arm: Robot) -> None:
-    from steelyard.estimate.external.compiled_observer_step import moved_frame
+    from steelyard.estimate.external.wrench_methods_and_observer_step import moved_frame
     from steelyard.robot.robot import Frame
 
     fixed = arm.changed(frames=(*arm.frames, Frame("table", -1, np.eye(3), np.zeros(3))))

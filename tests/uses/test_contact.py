@@ -8,7 +8,10 @@ import pytest
 from invented import tree
 from steelyard.base.errors import DataError, LogError
 from steelyard.estimate.external.contact_thresholds import ContactThresholds
-from steelyard.estimate.scores.residual_noise_and_traces import ResidualTrace, supported_rate
+from steelyard.estimate.scores.residual_traces_and_band_calibration import (
+    ResidualTrace,
+    supported_rate,
+)
 from steelyard.uses.contact.contact import contacts_in, links_carried_by, without_contact
 from steelyard.uses.effort_plausibility import refuse_other_efforts, refuse_without
 

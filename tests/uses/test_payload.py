@@ -11,9 +11,9 @@ from invented import ball
 from loaded import GAINS, LOAD, MODEL, REGRESSOR, TOOL, UNITS, run
 from steelyard.base.arrays import Z95
 from steelyard.base.errors import DataError, ModelError, SteelyardError
+from steelyard.estimate.estimate import KnownScales
 from steelyard.estimate.identified_model import Cutoffs, IdentifiedModel, Provenance
 from steelyard.estimate.information.information import Information, Signature
-from steelyard.estimate.known_effort_scales import KnownScales
 from steelyard.estimate.least_squares.weighted_robust_and_whitened import WeightedLeastSquares
 from steelyard.estimate.payload.payload_estimate import PayloadEstimate
 from steelyard.estimate.payload.runs_with_payload import drifting

@@ -6,7 +6,7 @@ import pytest
 from steelyard.base.arrays import Array
 from steelyard.base.errors import DataError
 from steelyard.estimate.external.contact_thresholds import ONSET, ContactThresholds
-from steelyard.estimate.scores.residual_noise_and_traces import ResidualTrace
+from steelyard.estimate.scores.residual_traces_and_band_calibration import ResidualTrace
 from steelyard.uses.contact.contact import ContactEvent, ContactStart, ContactStream, contacts_in
 from steelyard.uses.payload.change_detection import SlidingMass
 from steelyard.uses.payload.pick_up_and_put_down import Kind, PayloadEvent, PayloadEvents

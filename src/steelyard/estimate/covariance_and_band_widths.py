@@ -56,9 +56,8 @@ class Calibration:
     @property
     def text(self) -> str:
         """What it rests on, for people to read."""
-        if self.kind == "runs":
-            return f"calibrated on {self.count} left-out runs"
-        return f"calibrated on {self.count} left-out segments of one motion"
+        what = "runs" if self.kind == "runs" else "segments of one motion"
+        return f"calibrated on {self.count} left-out {what}"
 
     def factor(self, speed: Array, moving: NDArray[np.bool_]) -> Array:
         """Half-width in standard deviations, shape `(n, B)`, as `speed` and `moving` are."""

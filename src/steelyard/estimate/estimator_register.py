@@ -1,25 +1,29 @@
-"""All estimators by the names of commands and tables; the requested one, used on data."""
+"""All estimators by the names of commands and tables, what they are given of runs, their use."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
+from functools import cached_property, reduce
+from operator import add
+from typing import Any, Literal
 
 import numpy as np
 
 from steelyard.base.errors import DataError, ModelError, advice
 from steelyard.base.progress import Progress, silent
 from steelyard.estimate.closed_loop.extended_kalman_filter import KalmanParameters
+from steelyard.estimate.closed_loop.simulated_experiment import Experiment
 from steelyard.estimate.closed_loop.simulating_estimators import (
     ClosedLoopOutputError,
     Didim,
     InstrumentalVariables,
 )
+from steelyard.estimate.consistent.conic_solver_and_scaled_parameters import Free, Pullback
 from steelyard.estimate.consistent.convex_estimator import Consistent
-from steelyard.estimate.consistent.scaled_parameters_and_penalties import Free, Pullback
-from steelyard.estimate.data_for_estimators import Needs, Sources
 from steelyard.estimate.estimate import Estimate, Estimator
 from steelyard.estimate.information.base_parameters_and_regressor import Layout, Regressor
-from steelyard.estimate.information.information import Information
+from steelyard.estimate.information.filter_and_gram import ParallelFilter
+from steelyard.estimate.information.information import Information, Window
+from steelyard.estimate.information.kept_filtered_samples import FilteredSamples, in_units_of_joints
 from steelyard.estimate.least_squares.errors_in_variables import MotionNoise, TotalLeastSquares
 from steelyard.estimate.least_squares.genetic_algorithm import Genetic
 from steelyard.estimate.least_squares.known_bounded_and_ridge import (
@@ -29,10 +33,10 @@ from steelyard.estimate.least_squares.known_bounded_and_ridge import (
     base_bounds,
     fixed_values,
 )
-from steelyard.estimate.least_squares.recursive_least_squares import Recursive
 from steelyard.estimate.least_squares.weighted_robust_and_whitened import (
     Huber,
     OrdinaryLeastSquares,
+    Recursive,
     Reweighted,
     Tukey,
     Weigh,
@@ -40,11 +44,67 @@ from steelyard.estimate.least_squares.weighted_robust_and_whitened import (
 )
 from steelyard.estimate.prior.body_priors import Knowledge
 from steelyard.estimate.prior.prior_constraint_kinds import knowledge_of
-from steelyard.estimate.reduction.reduction import reduced
+from steelyard.estimate.reduction.stopping_rules_and_reduction import reduced
 from steelyard.model.model import Model
 from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
 from steelyard.robot.file.sections import GeneticSection
 from steelyard.runs.run import Run, fastest_of
+
+Needs = Literal["information", "samples", "experiment"]  # see `estimate.Estimator`
+
+
+@dataclass(frozen=True, eq=False)
+class Sources:
+    """What estimators look at, of runs: samples and experiments are gathered on first use."""
+
+    regressor: Regressor
+    runs: Sequence[Run]
+    information: Information
+    threads: int
+    progress: Progress
+
+    def data(self, needs: Needs, information: Information) -> Any:
+        """What an estimator is given of the runs in the windows of an information."""
+        if needs == "information":
+            return information
+        return self.samples(information) if needs == "samples" else self.experiment(information)
+
+    def samples(self, information: Information) -> FilteredSamples:
+        """The samples that were summed up in the windows of an information."""
+        given, found = _by_run(information), []
+        for run in self.runs:
+            if run.name in given:
+                # samples are in the middle of the filter, not at its start
+                taps = ParallelFilter.design(run.matched_cutoff, run.rate).taps
+                lag, half = ((len(taps) - 1) // 2) / run.rate, 0.5 / run.rate
+                windows = [
+                    replace(w, start=w.start + lag - half, stop=w.stop + lag + half)
+                    for w in given[run.name]
+                ]
+                found.append(self._gathered[run.name].during(windows))
+        return reduce(add, found)
+
+    def experiment(self, information: Information) -> Experiment:
+        """An experiment of the runs of an information; how they were controlled is not logged."""
+        given, whole = _by_run(information), _by_run(self.information)
+        for name, mine in given.items():
+            if mine != whole[name]:
+                wrong = "it simulates whole runs, and a part of this one is left out"
+                fix = "give several logs, or several cuts of this one: LOG@0:10 LOG@10:20"
+                raise DataError(wrong, where=name, fix=fix)
+        runs = [run for run in self.runs if run.name in given]
+        return Experiment.of_runs(self.regressor, runs, information=information)
+
+    @cached_property
+    def _gathered(self) -> dict[str, FilteredSamples]:
+        runs = self.runs
+        found = in_units_of_joints(self.regressor, runs, self.threads, self.progress)
+        return {run.name: samples for run, samples in zip(runs, found, strict=True)}
+
+
+def _by_run(information: Information) -> dict[str, set[Window]]:
+    runs, windows = information.windows_of_runs, information.windows
+    return {run: {windows[k] for k in mine} for run, mine in runs.items()}
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,11 +134,9 @@ class Offer:
     def make(self, context: Context) -> Estimator[Any]:
         """The estimator for a model and what is known of it."""
         if context.per_run and not self.per_run:
-            raise DataError(
-                "it does not estimate parameters per run",
-                where=", ".join(context.per_run),
-                fix="use another estimator, or leave per_run = true out of the robot file",
-            )
+            wrong = "it does not estimate parameters per run"
+            fix = "use another estimator, or leave per_run = true out of the robot file"
+            raise DataError(wrong, where=", ".join(context.per_run), fix=fix)
         return self.estimator(context)
 
 
@@ -93,8 +151,7 @@ def _least_squares(kind: type[OrdinaryLeastSquares | WeightedLeastSquares]) -> M
 
 
 def _without_known(estimator: Estimator[Information], context: Context) -> Estimator[Information]:
-    """The estimator without the columns whose values prior constraints give."""
-    fixed = fixed_values(context.regressor.base, context.knowledge).values
+    fixed, _ = fixed_values(context.regressor.base, context.knowledge)
     return WithKnownValues(estimator, fixed) if fixed else estimator
 
 
@@ -220,11 +277,8 @@ def offer_of(name: str, where: str, others: tuple[str, ...] = ()) -> Offer:
     known = {plain(offer.name): offer for offer in ESTIMATORS}
     if plain(name) not in known:
         names = (*(offer.name for offer in ESTIMATORS), *others)
-        raise ModelError(
-            f"there is no estimator '{name}'",
-            where=where,
-            fix=advice(name, names, "estimators", len(names)),
-        )
+        fix = advice(name, names, "estimators", len(names))
+        raise ModelError(f"there is no estimator '{name}'", where=where, fix=fix)
     return known[plain(name)]
 
 
@@ -267,21 +321,14 @@ def on_information(offer: Offer, context: Context, sources: Sources) -> Estimato
     """An estimator for parts of some runs, whatever of them it looks at."""
 
     def estimate(information: Information) -> Estimate:
-        estimator = offer.make(context)
+        estimator, why = offer.make(context), "its values are not finite"
         try:
             found = estimator(sources.data(offer.needs, information))
+            if np.isfinite(found.values.values).all():
+                return found
         except np.linalg.LinAlgError as error:
-            raise _failed(offer, information, f"a matrix cannot be solved with ({error})") from None
-        if not np.isfinite(found.values.values).all():
-            raise _failed(offer, information, "its values are not finite")
-        return found
+            why = f"a matrix cannot be solved with ({error})"
+        fix = "log a motion that excites the joints more, or take another estimator"
+        raise DataError(f"{offer.name} gives no estimate: {why}", where=information.runs, fix=fix)
 
     return estimate
-
-
-def _failed(offer: Offer, information: Information, why: str) -> DataError:
-    return DataError(
-        f"{offer.name} gives no estimate: {why}",
-        where=information.runs,
-        fix="log a motion that excites the joints more, or take another estimator",
-    )

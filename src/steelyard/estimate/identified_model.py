@@ -24,23 +24,24 @@ from steelyard.estimate.covariance_and_band_widths import (
     dead_zone,
     rest_speed_of,
 )
-from steelyard.estimate.estimate import Estimate
-from steelyard.estimate.external.compiled_observer_step import (
-    Axes,
-    StepProgram,
-    columns_quantity,
-    moved_frame,
-)
+from steelyard.estimate.estimate import Estimate, KnownScales
 from steelyard.estimate.external.contact_thresholds import ContactThresholds
 from steelyard.estimate.external.momentum_observer_with_wrench_and_contact import (
     NOISE,
     Observer,
     check_bandwidth,
 )
-from steelyard.estimate.external.wrench_methods import FORCE, LEVER, Expected
+from steelyard.estimate.external.wrench_methods_and_observer_step import (
+    FORCE,
+    LEVER,
+    Axes,
+    Expected,
+    columns_quantity,
+    moved_frame,
+    step_code,
+)
 from steelyard.estimate.information.base_parameters_and_regressor import BaseMap
 from steelyard.estimate.information.filter_and_gram import noise_bandwidth
-from steelyard.estimate.known_effort_scales import KnownScales
 from steelyard.model.dynamics import Dynamics
 from steelyard.model.model import Model, ValuedModel
 from steelyard.model.sample_by_sample import Stepper
@@ -264,13 +265,12 @@ class IdentifiedModel(Dynamics):
         bandwidth = usual if bandwidth is None else bandwidth
         check_bandwidth(bandwidth)
         if thresholds is not None and bandwidth != usual:
-            raise DataError(
-                f"thresholds for {usual:g} Hz do not fit a bandwidth of {bandwidth:g} Hz",
-                where="observe()",
-                fix="leave the bandwidth out",
-            )
+            wrong = f"thresholds for {usual:g} Hz do not fit a bandwidth of {bandwidth:g} Hz"
+            fix = "leave the bandwidth out"
+            raise DataError(wrong, where="observe()", fix=fix)
         return Observer(
-            StepProgram.of(self.model, moved_frame(self.robot, frame), axes),
+            self.model,
+            step_code(self.model, moved_frame(self.robot, frame), axes),
             self.valued.values.values,
             partial(self.start().evaluate, columns_quantity(self.base.independent)),
             self.effort_uncertainty(NOISE * bandwidth),
@@ -363,16 +363,6 @@ class IdentifiedModel(Dynamics):
         return Path(folder)
 
 
-def _beside(path: Path) -> str:
-    """Models that may be meant, in folders of a similar name or within; empty if there are none."""
-    models, inside = (
-        sorted(file.parent for file in folder.glob("*/model.json"))
-        for folder in (path.parent, path)
-    )
-    found = [path.parent / name for name in nearest(path.name, (x.name for x in models))] or inside
-    return f"did you mean {' or '.join(map(str, found[:3]))}?" if found else ""
-
-
 @checked()
 def load_model(path: str | Path | IdentifiedModel) -> IdentifiedModel:
     """Read `model.json`, or the folder that contains it; a model is returned as it is.
@@ -390,8 +380,15 @@ def load_model(path: str | Path | IdentifiedModel) -> IdentifiedModel:
     if file.is_dir():
         file = file / "model.json"
     fix = "give the model.json, or the output folder, that `steelyard identify` wrote"
-    if not file.exists():
-        fix = _beside(Path(path)) or fix
+    if not file.exists():  # models may be meant in folders of a similar name, or within
+        given = Path(path)
+        beside, inside = (
+            sorted(one.parent for one in folder.glob("*/model.json"))
+            for folder in (given.parent, given)
+        )
+        similar = nearest(given.name, (folder.name for folder in beside))
+        meant = [given.parent / name for name in similar] or inside
+        fix = f"did you mean {' or '.join(map(str, meant[:3]))}?" if meant else fix
     elif file.suffix == ".toml":
         wrong = "the file is a robot file, not an identified model"
         raise ModelError(wrong, where=str(file), fix=fix)

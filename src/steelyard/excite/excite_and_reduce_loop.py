@@ -9,7 +9,7 @@ from steelyard.base.checked_arguments import checked
 from steelyard.base.motion import Rig, run
 from steelyard.base.progress import Progress, silent
 from steelyard.estimate.identified_model import IdentifiedModel, load_model
-from steelyard.estimate.reduction.reduction import criterion_of
+from steelyard.estimate.reduction.stopping_rules_and_reduction import criterion_of
 from steelyard.excite.excite import design_task
 from steelyard.excite.search.parallel_search import SearchBudget
 from steelyard.excite.searched_or_planned_motion import condition_of_motion

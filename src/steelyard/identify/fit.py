@@ -10,7 +10,6 @@ from steelyard.check.fitted.binding_constraints import contradicted_rows
 from steelyard.check.fitted.changes_within_run import force_of_run, force_words
 from steelyard.check.fitted.gear_side_and_rotors import LINK_SIDE_INSTEAD, rotors_at_zero
 from steelyard.estimate.consistent.convex_estimator import Consistent
-from steelyard.estimate.data_for_estimators import Sources
 from steelyard.estimate.estimate import Estimate, Estimator
 from steelyard.estimate.estimator_register import (
     KNOWLEDGE,
@@ -19,6 +18,7 @@ from steelyard.estimate.estimator_register import (
     WEIGHTS,
     Context,
     Offer,
+    Sources,
     context_of,
     method_of,
     offer_of,
@@ -39,8 +39,8 @@ from steelyard.estimate.least_squares.weighted_robust_and_whitened import (
 )
 from steelyard.estimate.nonlinear.effort_scales import EffortScales, effort_scales
 from steelyard.estimate.prior.body_priors import Knowledge
-from steelyard.estimate.scores.band_calibration_on_left_out_motion import calibrate
 from steelyard.estimate.scores.cross_validation import choose_cutoff
+from steelyard.estimate.scores.residual_traces_and_band_calibration import calibrate
 from steelyard.identify.fit_preparation import (
     TOO_SHORT,
     FitTask,
@@ -274,7 +274,7 @@ def _ignored(
         unused: tuple[str, ...] = ()
         least_squares = method.name in PLAIN_LEAST_SQUARES
         if least_squares and loaded.knowledge:
-            unused = fixed_values(context.regressor.base, context.knowledge).unused
+            _, unused = fixed_values(context.regressor.base, context.knowledge)
         if unused:
             only = f"{method.name} uses of [[knowledge]] only values of whole base parameters"
             notes.append(f"{only}, not: {'; '.join(unused)}")

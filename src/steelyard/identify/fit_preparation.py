@@ -17,7 +17,7 @@ from steelyard.estimate.friction.friction_choice import (
     choose_friction,
     refuse_listed,
 )
-from steelyard.estimate.friction.friction_mixes import PLAIN, with_any_speed
+from steelyard.estimate.friction.friction_mixes_and_curves import PLAIN, with_any_speed
 from steelyard.estimate.information.base_parameters_and_regressor import (
     BaseMap,
     base_parameters,
@@ -34,7 +34,6 @@ from steelyard.estimate.nonlinear.nonlinear_parameters import (
     find_fields,
     find_offsets,
     information_from,
-    needs_reference,
     with_offsets,
 )
 from steelyard.estimate.payload.drive_gains import GainEstimate, identified_gains
@@ -148,7 +147,7 @@ def prepare_fit(task: FitTask, estimator: Estimator[Information]) -> PreparedFit
     found = find_fields(model, information_of, progress=task.progress)
     model, converged = found.model, True
     refuse_twins(model, base_parameters(model))
-    if needs_reference(model):
+    if any(term.needs_reference for term in model.terms):
         model, converged = converged_reference(model, information_of, estimator)
     notes = (
         *([] if gains is None else [_gain_note(gains)]),

@@ -32,15 +32,15 @@ from steelyard.estimate.information.kept_filtered_samples import in_units_of_joi
 from steelyard.estimate.nonlinear.nonlinear_parameters import information_from
 from steelyard.estimate.prior.body_priors import Row
 from steelyard.estimate.prior.prior_constraint_kinds import knowledge_of
-from steelyard.estimate.reduction.left_out_errors_and_stopping_rules import (
-    MeanAbsoluteTolerance,
-    StoppingRule,
-    Tolerance,
+from steelyard.estimate.reduction.stopping_rules_and_reduction import (
+    Reduction,
+    criterion_of,
+    least_squares,
     rule_of,
+    within_tolerance,
 )
-from steelyard.estimate.reduction.reduction import Reduction, criterion_of, least_squares
-from steelyard.estimate.reduction.reduction import reduce as reduced_by
-from steelyard.estimate.scores.band_calibration_on_left_out_motion import calibrate
+from steelyard.estimate.reduction.stopping_rules_and_reduction import reduce as reduced_by
+from steelyard.estimate.scores.residual_traces_and_band_calibration import calibrate
 from steelyard.estimate.scores.score import RunScore
 from steelyard.identify.page.reduction_and_removals import parameter_comparison
 from steelyard.identify.page.report_content import ReportContent
@@ -183,7 +183,12 @@ def reduce(
     chosen_by, rule = criterion_of(criterion), rule_of(stop)
     equal = weights == "equal"
     estimator = least_squares(equal)
-    tolerance = _tolerance_of(rule) if error == "mean_absolute" else None
+    if error == "mean_absolute" and not rule.bounded:
+        raise ModelError(
+            f"stopping rule '{rule.name}' compares no mean absolute errors",
+            where="--error mean_absolute",
+            fix="add --stop tolerance=5, or leave --error out",
+        )
     known, unknown = log_files(paths_of(logs, least=1)), log_files(paths_of(validate))
     refuse_overlaps(known, unknown)
     repetitions = identified.processing.repetitions
@@ -196,15 +201,15 @@ def reduce(
         rests = identified.model.has_memory
         return information_from(some, rests=rests, threads=cores, progress=progress)(regressor)
 
-    if tolerance is not None:
+    if error == "mean_absolute":
         samples = sum_of(add, in_units_of_joints(regressor, runs, cores, progress))
-        rule = MeanAbsoluteTolerance(tolerance.tolerance, samples=samples)
+        rule = within_tolerance(rule.tolerance, samples)
     before = identified.estimate.removed
     gone = {one.name for one in before}
     columns = [name for name in regressor.layout.columns if name not in gone]
     kept, dropped_first = matching(keep, columns, "--keep"), matching(drop, columns, "--drop")
     _refuse_contradiction(kept, dropped_first, columns)
-    if essential == "moving_friction" or (essential is None and isinstance(rule, Tolerance)):
+    if essential == "moving_friction" or (essential is None and rule.bounded):
         friction = moving_friction(identified.model, runs, columns)
         kept += tuple(name for name in friction if name not in dropped_first)
     everything = information_of(runs)
@@ -446,17 +451,6 @@ def _without_empty_terms(identified: IdentifiedModel) -> IdentifiedModel:
     return replace(
         identified, model=smaller, base=base, estimate=replace(estimate, standard=standard)
     )
-
-
-def _tolerance_of(rule: StoppingRule) -> Tolerance:
-    """The rule, as one that compares errors of joints; `ModelError` for others."""
-    if not isinstance(rule, Tolerance):
-        raise ModelError(
-            f"stopping rule '{rule.name}' compares no mean absolute errors",
-            where="--error mean_absolute",
-            fix="add --stop tolerance=5, or leave --error out",
-        )
-    return rule
 
 
 def _inputs(**logs: Sequence[LogArgument]) -> dict[str, str]:

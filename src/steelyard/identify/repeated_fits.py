@@ -10,7 +10,11 @@ from steelyard.base.checked_arguments import checked
 from steelyard.base.errors import DataError, LogError
 from steelyard.base.files import csv_text
 from steelyard.base.progress import Progress, report_progress
-from steelyard.estimate.bootstrap_and_sensitivity import (
+from steelyard.estimate.estimate import Estimate
+from steelyard.estimate.identified_model import IdentifiedModel, load_model
+from steelyard.estimate.information.base_parameters_and_regressor import base_regressor
+from steelyard.estimate.information.information import Information
+from steelyard.estimate.parameter_status_bootstrap_and_sensitivity import (
     FACTORS,
     Bootstrap,
     RepeatedEstimates,
@@ -18,10 +22,6 @@ from steelyard.estimate.bootstrap_and_sensitivity import (
     Variation,
     bootstrap,
 )
-from steelyard.estimate.estimate import Estimate
-from steelyard.estimate.identified_model import IdentifiedModel, load_model
-from steelyard.estimate.information.base_parameters_and_regressor import base_regressor
-from steelyard.estimate.information.information import Information
 from steelyard.estimate.scores.score import RunScore
 from steelyard.identify.fit import EstimatorOf, Fit
 from steelyard.identify.page.bootstrap_repeats_and_sensitivity import repeated_table

@@ -8,7 +8,7 @@ import numpy as np
 
 from steelyard.base.arrays import Array, frozen, set_fields
 from steelyard.base.errors import DataError, LogError, ModelError
-from steelyard.estimate.external.compiled_observer_step import moved_frame
+from steelyard.estimate.external.wrench_methods_and_observer_step import moved_frame
 from steelyard.logs.formats import open_log
 from steelyard.robot.inertia_and_placement import Inertia
 from steelyard.robot.robot import Robot

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from steelyard.base.arrays import Array
 from steelyard.base.errors import LogError
-from steelyard.estimate.scores.residual_noise_and_traces import ResidualTrace
+from steelyard.estimate.scores.residual_traces_and_band_calibration import ResidualTrace
 
 ABSENT = 0.6  # least share of a predicted part of the efforts that an absent part lacks
 EXPLAINED = 0.5  # share of the squared residual that its absence must explain

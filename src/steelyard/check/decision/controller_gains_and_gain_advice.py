@@ -25,7 +25,7 @@ from steelyard.check.hypotheses.log_excerpt import excerpt_of
 from steelyard.check.hypotheses.nuisance_fit_and_score import REST_SPEED
 from steelyard.check.hypotheses.readings_and_likelihood import Hypothesis
 from steelyard.check.hypotheses.signs_and_delay_by_friction import NO_DELAY_ADVICE
-from steelyard.estimate.friction.friction_mixes import with_any_speed
+from steelyard.estimate.friction.friction_mixes_and_curves import with_any_speed
 from steelyard.estimate.information.base_parameters_and_regressor import base_regressor
 from steelyard.estimate.information.gather import gather
 from steelyard.estimate.payload.drive_gains import identified_gains

@@ -9,7 +9,7 @@ from steelyard.base.errors import LogError
 from steelyard.check.case_logs_and_checks import CheckedLog
 from steelyard.check.decision.controller_gains_and_gain_advice import gains_of_logs
 from steelyard.check.hypotheses.log_excerpt import Excerpt, excerpt_of
-from steelyard.estimate.friction.friction_mixes import joint_motions, lacking
+from steelyard.estimate.friction.friction_mixes_and_curves import joint_motions, lacking
 from steelyard.logs.formats import open_log
 from steelyard.model.laws.laws_without_friction import RigidBody
 from steelyard.model.model import Model

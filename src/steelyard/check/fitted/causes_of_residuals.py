@@ -37,7 +37,7 @@ from steelyard.estimate.scores.cross_validation import (
     logarithms,
     per_fold,
 )
-from steelyard.estimate.scores.residual_noise_and_traces import residual_blocks
+from steelyard.estimate.scores.residual_traces_and_band_calibration import residual_blocks
 from steelyard.model.laws.friction_over_speed import Quadratic, Stribeck
 from steelyard.model.laws.friction_with_memory import Dahl, LoadDependent
 from steelyard.model.laws.laws_without_friction import Cogging, Spring

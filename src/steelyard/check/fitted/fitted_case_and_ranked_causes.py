@@ -33,7 +33,10 @@ from steelyard.estimate.least_squares.weighted_robust_and_whitened import Weight
 from steelyard.estimate.nonlinear.effort_scales import EffortScales
 from steelyard.estimate.nonlinear.nonlinear_parameters import information_from
 from steelyard.estimate.payload.drive_gains import GainEstimate
-from steelyard.estimate.scores.residual_noise_and_traces import ResidualNoise, residual_noise
+from steelyard.estimate.scores.residual_traces_and_band_calibration import (
+    ResidualNoise,
+    residual_noise,
+)
 from steelyard.estimate.scores.score import RunScore
 from steelyard.model.model import Model
 from steelyard.runs.run import Run

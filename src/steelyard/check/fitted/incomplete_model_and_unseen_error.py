@@ -33,9 +33,9 @@ from steelyard.check.fitted.fitted_case_and_ranked_causes import (
 )
 from steelyard.check.hypotheses.position_hypotheses import ZERO_CAUSE
 from steelyard.check.hypotheses.readings_and_likelihood import Likelihood
-from steelyard.estimate.consistent.prior_weight_and_contradictions import TERM_MISSING
+from steelyard.estimate.consistent.convex_estimator import TERM_MISSING
 from steelyard.estimate.identified_model import IdentifiedModel
-from steelyard.estimate.scores.residual_noise_and_traces import ResidualNoise
+from steelyard.estimate.scores.residual_traces_and_band_calibration import ResidualNoise
 from steelyard.estimate.scores.score import RunScore
 from steelyard.model.laws.laws_without_friction import Cogging
 from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot

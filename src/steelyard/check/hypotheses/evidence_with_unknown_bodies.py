@@ -24,7 +24,7 @@ from steelyard.check.hypotheses.nuisance_fit_and_score import (
     LikelihoodScore,
 )
 from steelyard.check.hypotheses.readings_and_likelihood import Key, Likelihood, Reading
-from steelyard.estimate.consistent.scaled_parameters_and_penalties import ten_map
+from steelyard.estimate.consistent.conic_solver_and_scaled_parameters import ten_map
 from steelyard.estimate.information.base_parameters_and_regressor import (
     Regressor,
     base_parameters,

@@ -21,7 +21,7 @@ from scipy.special import gammaln
 
 from steelyard.base.arrays import Array
 from steelyard.check.hypotheses.nuisance_fit_and_score import NUISANCES
-from steelyard.estimate.consistent.scaled_parameters_and_penalties import BASIS
+from steelyard.estimate.consistent.conic_solver_and_scaled_parameters import BASIS
 
 FRICTION_WIDTH, TYPICAL_FRICTION = 2.0, 0.1
 """Relative width of friction, and its most likely size over the effort."""

@@ -15,7 +15,7 @@ the filter knows little, cannot leave the values that a mechanism can have. Pass
 until that makes no difference; each is a Gauss-Newton step of maximum likelihood.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
@@ -37,16 +37,13 @@ _NORM = np.sqrt(70.0)  # fourth difference of white noise of size 1: root of 1 +
 _GAUSSIAN = 1.482602218505602  # standard deviation over the median size of normal numbers
 
 
-def white_noise(values: Array) -> Array:
+def white_noise(values: Array, differenced: int = 0) -> Array:
     """Standard deviation of the white noise on smooth uniform samples `(N, C)`, shape `(C,)`.
 
     Fourth differences hold next to nothing of what is smooth; their median size does not mind a few
-    jumps.
+    jumps. The values may be `differenced` so many times already.
     """
-    return _noise_of(np.diff(values, n=_ORDER, axis=0))
-
-
-def _noise_of(differences: Array) -> Array:
+    differences = np.diff(values, n=_ORDER - differenced, axis=0)
     return np.asarray(_GAUSSIAN * np.median(np.abs(differences), axis=0) / _NORM)
 
 
@@ -63,7 +60,7 @@ def torque_noise(tau: Array, q: Array) -> Array:
         own = answered[:, joint]
         near = np.column_stack((own[:-2], own[1:-1], own[2:]))
         rest[:, joint] -= near @ np.linalg.lstsq(near, rest[:, joint], rcond=None)[0]
-    return _noise_of(rest)
+    return white_noise(rest, _ORDER)
 
 
 _TURN, _SPEED, _SHARE = 1e-6, 1e-5, 1e-4  # changes of positions, speeds, and the rest over its size
@@ -199,11 +196,9 @@ def filtered(
         if impossible or not np.abs(missed).max() < _FAR:
             off = f"it is more than {_FAR:g} rad (m) off"
             why = "its mass matrix is no longer positive definite" if impossible else off
-            raise DataError(
-                f"the Kalman filter diverged at {run.motion.t[k]:.2f} s: {why}",
-                where=run.name,
-                fix="filter the motion more, or take another estimator",
-            )
+            wrong = f"the Kalman filter diverged at {run.motion.t[k]:.2f} s: {why}"
+            fix = "filter the motion more, or take another estimator"
+            raise DataError(wrong, where=run.name, fix=fix)
         surprise += state.correct(missed)
     belief = steps.about + state.mean[3 * n :], state.spread[3 * n :, 3 * n :]
     return belief, surprise / (len(run.q) - 1)
@@ -245,7 +240,13 @@ class KalmanParameters(Simulating):
         values, scale = experiment.start_values.values, self.uncertainty * sizes
         raised = np.ones(len(noises[0].torque))
         for number in range(self.rounds):
-            (found, covariance), surprise = self._passed(experiment, noises, values, scale)
+            belief, surprises = (values, np.diag(scale**2)), []
+            made = simulate_soundly(experiment, values, self.progress)
+            for run, noise, quiet in zip(experiment.runs, noises, made, strict=True):
+                steps, torques = Steps(experiment, noise, values, scale), quiet.tau[..., 0]
+                belief, surprise = filtered(run, noise, steps, torques, belief, self.progress)
+                surprises.append(surprise)
+            (found, covariance), surprise = belief, np.mean(surprises, axis=0)
             if (surprise > _CREDIBLE_ERROR_RATIO).any():
                 factor = np.maximum(surprise, 1.0)
                 raised *= factor
@@ -262,15 +263,3 @@ class KalmanParameters(Simulating):
                     f"{raised.max():.2g} times that of the sensors"
                 )
             yield Step(values, change, precision, sigma, sigma, covariance, counts, tuple(notes))
-
-    def _passed(
-        self, experiment: Experiment, noises: Sequence[Noise], values: Array, scale: Array
-    ) -> tuple[Belief, Array]:
-        """One pass over all runs, and how surprising each joint's positions were, `(n,)`."""
-        belief, surprises = (values, np.diag(scale**2)), []
-        made = simulate_soundly(experiment, values, self.progress)
-        for run, noise, quiet in zip(experiment.runs, noises, made, strict=True):
-            steps = Steps(experiment, noise, values, scale)
-            belief, surprise = filtered(run, noise, steps, quiet.tau[..., 0], belief, self.progress)
-            surprises.append(surprise)
-        return belief, np.asarray(np.mean(surprises, axis=0))

@@ -7,7 +7,7 @@ friction, turn within a small speed instead (see `softened`): with fixed steps t
 chatter.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property, reduce
 from typing import Any
@@ -125,27 +125,25 @@ class Forward:
     def code(self) -> Code:
         """One step of integration; see `runge_kutta`."""
 
-        def build() -> tuple[Program, dict[str, Any]]:
-            def outputs(effort: Efforts, applied: Sequence[Scalar]) -> list[Scalar]:
-                found, pivots = accelerations(effort, applied)
-                return [*found, *pivots]
+        def outputs(effort: Efforts, applied: Sequence[Scalar]) -> list[Scalar]:
+            found, pivots = accelerations(effort, applied)
+            return [*found, *pivots]
 
-            return runge_kutta(self._traced(outputs), self.n), {}
-
-        return compiled(["forward", self.model.program_key, list(self.columns)], build)
+        return self._compiled("forward", lambda: runge_kutta(self._traced(outputs), self.n))
 
     @cached_property
     def _mass(self) -> Code:
-        def build() -> tuple[Program, dict[str, Any]]:
-            def outputs(effort: Efforts, _: Sequence[Scalar]) -> list[Scalar]:
-                from steelyard.symbolic.symbols_and_tracing import affine
+        def outputs(effort: Efforts, _: Sequence[Scalar]) -> list[Scalar]:
+            from steelyard.symbolic.symbols_and_tracing import affine
 
-                mass, bias = affine(effort, self.n)
-                return [entry for row in mass for entry in row] + bias
+            mass, bias = affine(effort, self.n)
+            return [entry for row in mass for entry in row] + bias
 
-            return self._traced(outputs), {}
+        return self._compiled("mass and bias", lambda: self._traced(outputs))
 
-        return compiled(["mass and bias", self.model.program_key, list(self.columns)], build)
+    def _compiled(self, kind: str, program: Callable[[], Program]) -> Code:
+        key = [kind, self.model.program_key, list(self.columns)]
+        return compiled(key, lambda: (program(), {}))
 
     def _traced(self, outputs: Any) -> Program:
         """A program over state, applied efforts, parameters and widths, its jumps softened.

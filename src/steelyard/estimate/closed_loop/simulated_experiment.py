@@ -107,10 +107,7 @@ class Experiment:
 
     @classmethod
     def of_runs(
-        cls,
-        regressor: Regressor,
-        runs: Sequence[Run],
-        information: Information | None = None,
+        cls, regressor: Regressor, runs: Sequence[Run], information: Information | None = None
     ) -> "Experiment":
         """An experiment of logged runs; their efforts become joint torques by the gains.
 
@@ -121,11 +118,9 @@ class Experiment:
         Forward(regressor.model, regressor.base.independent)
         parts = tuple(part for run in runs for part in _stretches(run))
         if not parts:
-            raise DataError(
-                f"no segment without gaps is as long as {_SHORTEST:g} s",
-                where=", ".join(run.name for run in runs),
-                fix="log for longer",
-            )
+            wrong = f"no segment without gaps is as long as {_SHORTEST:g} s"
+            fix = "log for longer"
+            raise DataError(wrong, where=", ".join(run.name for run in runs), fix=fix)
         if information is None:
             information = information_from(runs)(regressor)
         found = cls(regressor, parts, (), information)
@@ -179,11 +174,9 @@ class Experiment:
 def _stretches(run: Run) -> list[Measured]:
     signals = run.recording.signals
     if any(signals.unknown_gains):
-        raise DataError(
-            "simulating the robot needs joint torques, but the drive gains are unknown",
-            where=run.name,
-            fix="give the gains in [signals.effort], or leave out estimators that simulate",
-        )
+        wrong = "simulating the robot needs joint torques, but the drive gains are unknown"
+        fix = "give the gains in [signals.effort], or leave out estimators that simulate"
+        raise DataError(wrong, where=run.name, fix=fix)
     whole = run.whole()
     chain = replace(run.chain, processing=replace(run.chain.processing, motion=_RAW))
     raw = replace(run, chain=chain).whole()

@@ -78,34 +78,30 @@ class Simulating(ABC):
     def __call__(self, experiment: Experiment) -> Estimate:
         """Estimate all columns that the filtered motion shows."""
         torque = FilteredRows.of(experiment, [run.tau.T for run in experiment.runs])
-        fix = "filter the motion more, or log one that excites the joints more"
         for number, step in enumerate(self.steps(experiment, torque)):
+            notes = step.notes or (f"{number + 1} {self.counted}",)
             size = float(step.change @ step.precision @ step.change)
             quiet, exact = self.quiet**2 * len(step.change), self.exact**2
             if size <= quiet or size <= exact * _cost(torque, step.sigma):
-                return self._estimate(experiment, step, torque.counts, number + 1)
-        wrong = f"{self.name} did not converge within {self.rounds} rounds"
-        raise DataError(wrong, where=experiment.where, fix=fix)
-
-    def _estimate(self, experiment: Experiment, step: Step, counts: Array, rounds: int) -> Estimate:
-        """The estimate with the start's names and blind parameters."""
+                break
+        else:
+            wrong = f"{self.name} did not converge within {self.rounds} rounds"
+            fix = "filter the motion more, or log one that excites the joints more"
+            raise DataError(wrong, where=experiment.where, fix=fix)
         start, covariance = experiment.start, step.covariance
         if covariance is None:
             covariance = np.asarray(np.linalg.inv(step.precision))
         if not (np.isfinite(step.values).all() and np.isfinite(covariance).all()):
-            raise DataError(
-                f"{self.name} ended with values that are not finite",
-                where=experiment.where,
-                fix="log a motion that excites the joints more",
-            )
-        notes = step.notes or (f"{rounds} {self.counted}",)
+            wrong = f"{self.name} ended with values that are not finite"
+            fix = "log a motion that excites the joints more"
+            raise DataError(wrong, where=experiment.where, fix=fix)
         return replace(
             start,
             estimator=self.name,
             parameters=Parameters(start.parameters.names, start.parameters.units, step.values),
             covariance=frozen((covariance + covariance.T) / 2.0),
             sigma=frozen(step.deviations),
-            n_samples=frozen(counts if step.counts is None else step.counts),
+            n_samples=frozen(torque.counts if step.counts is None else step.counts),
             notes=(*experiment.notes, *experiment.start_values.notes, *notes),
         )
 
@@ -169,7 +165,9 @@ class ClosedLoopOutputError(Simulating):
             while damping < _MOST_DAMPING:
                 scaled = step.precision + damping * np.diag(np.diag(step.precision))
                 moved = values + np.linalg.solve(scaled, side)
-                if self._cost_at(experiment, moved, step.sigma) < cost:
+                simulated = simulate(experiment, moved, self.progress)
+                sound = all(found.sound[0] for found in simulated)
+                if sound and _cost(_residual(experiment, simulated), step.sigma) < cost:
                     break
                 damping *= 10.0
             else:
@@ -190,13 +188,6 @@ class ClosedLoopOutputError(Simulating):
             for found in simulated
         ]
         return _residual(experiment, simulated), FilteredRows.of(experiment, slopes)
-
-    def _cost_at(self, experiment: Experiment, values: Array, sigma: Array) -> float:
-        """The sum of squares; infinite where the model cannot be simulated."""
-        simulated = simulate(experiment, values, self.progress)
-        if not all(found.sound[0] for found in simulated):
-            return np.inf
-        return _cost(_residual(experiment, simulated), sigma)
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,6 +8,7 @@ consistency the penalty is steep, which makes no parameter better known: the pri
 the curvature that it has at its own values.
 """
 
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
@@ -15,12 +16,16 @@ from functools import partial
 import numpy as np
 
 from steelyard.base.arrays import Array, Parameters, frozen
-from steelyard.estimate.consistent.conic_solver import (
+from steelyard.base.errors import DataError
+from steelyard.estimate.consistent.conic_solver_and_scaled_parameters import (
     AIM,
     MOST_ITERATIONS,
+    Entropic,
+    Form,
     Infeasible,
     Unsolved,
     solved,
+    unknowns,
 )
 from steelyard.estimate.consistent.convex_program_and_newton_refinement import (
     Program,
@@ -28,19 +33,19 @@ from steelyard.estimate.consistent.convex_program_and_newton_refinement import (
     polished,
 )
 from steelyard.estimate.consistent.prior_weight_and_contradictions import (
+    LEAST_PRIOR_WEIGHT,
+    MOST_NAMED,
     PARTS,
     Tried,
     active_bounds,
-    cost_notes,
     far_constraints,
     refuse_contradictions,
     weighed,
 )
-from steelyard.estimate.consistent.scaled_parameters_and_penalties import Entropic, Form, unknowns
 from steelyard.estimate.estimate import Estimate, StandardEstimate
 from steelyard.estimate.information.base_parameters_and_regressor import BaseMap
 from steelyard.estimate.information.information import Information
-from steelyard.estimate.least_squares.normal_equations import Runs, Solution, Spread, described
+from steelyard.estimate.least_squares.normal_equations import Runs, Solution, described
 from steelyard.estimate.least_squares.weighted_robust_and_whitened import Whitened, whitened
 from steelyard.estimate.prior.body_priors import Knowledge
 
@@ -57,15 +62,10 @@ ENOUGH = 5e-5
 the data and the prior together leave a distance of the root of `2 g`."""
 
 LISTED = 6  # prior constraints that the notes list
-
-
-@dataclass(frozen=True, eq=False)
-class ConsistentValues:
-    """Values without covariances."""
-
-    values: Array  # of the information's columns, `(p,)`, zero without a base parameter
-    gamma: float  # weight of the prior that they were estimated with
-    standard: Array  # all standard parameters
+CONTRADICTED = 2.0  # standard deviations by which data violate a constraint that they contradict
+EDGE = 0.02  # least eigenvalue of a body's `X` below which it is at the edge of consistent bodies
+TERM_MISSING = "a term is missing or wrong"  # the end of a note, and of no other
+CONSTRAINTS_IN_NOTE = 6  # active constraints that a note names
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,11 +93,12 @@ class Consistent:
 
     def values(
         self, information: Information, gamma: float | None = None, near: Array | None = None
-    ) -> ConsistentValues:
-        """Values of the information's columns, without covariances.
+    ) -> tuple[Array, float, Array]:
+        """Values of the information's columns `(p,)`, zero without a base parameter.
 
-        No run has parameters of its own. `gamma` is the weight of the prior, as of a call if
-        `None`; `near` are standard parameters of a similar problem, to begin at.
+        Then the weight of the prior, `gamma` or as of a call if `None`, and all standard
+        parameters. No run has parameters of its own. `near` are standard parameters of a similar
+        problem, to begin at.
         """
         data = whitened(information, equal=self.equal)
         program = self.program(data)
@@ -108,7 +109,7 @@ class Consistent:
             tried = self._tried(program, gamma, begin)
         standard = program.unknowns.standard(tried.u)
         values = self.base.values_of(information.layout.columns, standard)
-        return ConsistentValues(values, tried.gamma, standard)
+        return values, tried.gamma, standard
 
     def program(self, data: Whitened) -> Program:
         """The convex program of whitened data."""
@@ -174,7 +175,6 @@ class Consistent:
         return self._tried(program, 0.0 if stated is None else stated)
 
     def _tried(self, program: Program, gamma: float, near: Array | None = None) -> Tried:
-        """The solution with one weight."""
         u = self.solve(program, gamma, near)
         return Tried(gamma, u, program.unknowns.chi_squared(u), program.evidence(u, gamma))
 
@@ -203,7 +203,7 @@ class Consistent:
         solution = _solution(data, lift @ standard, spread @ spread.T, self.base)
         fit = replace(data.fit, solution=solution)
         name = f"physically consistent ({self.form.name} prior)"
-        estimate = described(name, fit, Spread.of(solution, solution.inverse))
+        estimate = described(name, fit, solution.inverse)
         names = estimate.parameters.names
         place = {n: k for k, n in enumerate(self.base.base_names)}
         learned = _share(lift @ known.scale, free, after, before)[[place[n] for n in names]]
@@ -235,11 +235,63 @@ class Consistent:
                 f"{len(program.unknowns.vector)} is within noise)"
             )
 
-        def covariance(some: Program, tried: Tried) -> Array:
-            root = _spreads(data, some, tried)[0]
-            return root @ root.T
+        return notes + self._cost_notes(data, program, found)
 
-        return notes + cost_notes(program, self.knowledge, found, self._tried, covariance)
+    def _cost_notes(self, data: Whitened, program: Program, found: Tried) -> list[str]:
+        """What contradicts the data: knowledge, physical constraints, or the prior."""
+        rank, rise, notes = len(program.unknowns.vector), found.rise, list[str]()
+        knowledge = replace(self.knowledge, rows=())
+        try:
+            if self.knowledge.rows:
+                bare = replace(program, constraints=conic_constraints(program.unknowns, knowledge))
+                free = self._tried(bare, found.gamma)
+                if against := _contradicted(program, free.u, _spreads(data, bare, free)[0]):
+                    notes.append(
+                        f"the data contradict the prior constraints, which raise χ² by "
+                        f"{rise - free.rise:.4g}: {'; '.join(against)}"
+                    )
+                program, rise = bare, free.rise
+            if rise > rank and (physical := self._physical(data, program, knowledge)):
+                return [*notes, physical]
+        except DataError:
+            return notes
+        if rise > 2.0 * rank and any(program.unknowns.priors):
+            notes.append(
+                f"a prior with this uncertainty raises χ² by {rise:.4g}, where up to {rank} is "
+                "within noise: the data contradict it"
+            )
+        return notes
+
+    def _physical(self, data: Whitened, program: Program, knowledge: Knowledge) -> str | None:
+        """What bounds and consistent bodies cost without a prior; nothing if noise explains it."""
+        whole = self._tried(program, LEAST_PRIOR_WEIGHT)
+        if whole.rise <= len(program.unknowns.vector):
+            return None
+        lower = np.where(knowledge.of_bodies, knowledge.lower, -np.inf)
+        upper = np.where(knowledge.of_bodies, knowledge.upper, np.inf)
+        unbounded = replace(knowledge, lower=lower, upper=upper, curves=())
+        bare = replace(program, constraints=conic_constraints(program.unknowns, unbounded))
+        alone = self._tried(bare, LEAST_PRIOR_WEIGHT)
+        root = _spreads(data, program, whole)[0]
+        _, at = active_bounds(program, whole.u, root @ root.T)
+        thin = np.linalg.eigvalsh(program.unknowns.pseudo(whole.u))[:, 0] <= EDGE
+        edges = [name for name, near in zip(knowledge.bodies, thin, strict=True) if near]
+        parts = (
+            (whole.rise - alone.rise, "bounds of", grouped(at, knowledge.names)),
+            (alone.rise, "valid inertia of", edges),
+        )
+        most = CONSTRAINTS_IN_NOTE
+        named = [
+            f"{kind} {', '.join(names[:most])}"
+            f"{f' and {len(names) - most} more' if len(names) > most else ''} ({cost:.4g})"
+            for cost, kind, names in sorted(parts, key=lambda part: -part[0])
+            if names and cost > 0.05 * whole.rise
+        ]
+        active = f"; active: {'; '.join(named)}" if named else ""
+        return (
+            f"physical constraints (valid inertias, bounds such as friction >= 0) raise χ² by "
+            f"{whole.rise:.4g} even without a prior{active}: {TERM_MISSING}"
+        )
 
     def _standard(
         self, estimate: Estimate, values: Array, spread: Array, share: Array
@@ -266,7 +318,7 @@ def _spreads(data: Whitened, program: Program, tried: Tried) -> tuple[Array, Arr
     known, free = program.unknowns, program.constraints.free
     prior = program.stated_precision(tried.u, tried.gamma)
     after, before = (
-        free @ _root_of_inverse(free.T @ precision @ free)
+        free @ root_of_inverse(free.T @ precision @ free)
         for precision in (prior + known.matrix.T @ known.matrix, prior)
     )
     if not np.array_equal(data.noise, np.eye(len(data.noise))):
@@ -275,13 +327,8 @@ def _spreads(data: Whitened, program: Program, tried: Tried) -> tuple[Array, Arr
     return after, before
 
 
-def inverse_of(precision: Array) -> Array:
-    """Inverse of a precision; of what nothing is known, a large variance."""
-    root = _root_of_inverse(precision)
-    return root @ root.T
-
-
-def _root_of_inverse(precision: Array) -> Array:
+def root_of_inverse(precision: Array) -> Array:
+    """Root of the inverse of a precision; of what nothing is known, that of a large variance."""
     values, vectors = np.linalg.eigh(precision)
     floor = 1e-14 * max(float(values.max(initial=0.0)), 1.0)
     return np.asarray(vectors / np.sqrt(np.maximum(values, floor)))
@@ -315,3 +362,39 @@ def _solution(data: Whitened, values: Array, covariance: Array, base: BaseMap) -
         inverse=covariance[np.ix_(kept, kept)],
         locals=tuple(part.solved(full) for part in data.eliminated),
     )
+
+
+def _contradicted(program: Program, free: Array, root: Array) -> tuple[str, ...]:
+    """Constraints that the data contradict; `free` is the optimum without them, `(m,)`.
+
+    `root` is that of its covariance.
+    """
+    constraints, known = program.constraints, program.unknowns
+    found: dict[str, tuple[float, float]] = {}
+    values, stds = constraints.matrix @ free, np.linalg.norm(constraints.matrix @ root, axis=1)
+    standard = dict(zip(known.names, known.standard(free).tolist(), strict=True))
+    for row, value, std, low, high in zip(
+        constraints.rows, values, stds, constraints.lower, constraints.upper, strict=True
+    ):
+        missed = max(low - value, value - high)
+        if missed <= CONTRADICTED * std or missed <= 0.0:
+            continue
+        worth = missed / max(std, 1e-300)
+        data = sum(factor * standard[name] for name, factor in row.coefficients.items())
+        if row.label not in found or worth > found[row.label][0]:
+            found[row.label] = (worth, data)
+    order = sorted(found, key=lambda label: -found[label][0])
+    lines = [f"{label}: {found[label][1]:.4g} without it" for label in order[:MOST_NAMED]]
+    rest = len(order) - MOST_NAMED
+    return (*lines, *([f"and {rest} more"] if rest > 0 else []))
+
+
+def grouped(names: Sequence[str], every: Sequence[str]) -> list[str]:
+    """Names of parameters; a law of which all are among them is `law.*`."""
+    found: dict[str, None] = {}
+    for name in names:
+        law = name.split(".")[0]
+        family = [other for other in every if other.split(".")[0] == law]
+        whole = len(family) > 1 and set(family) <= set(names)
+        found[f"{law}.*" if whole else name] = None
+    return list(found)

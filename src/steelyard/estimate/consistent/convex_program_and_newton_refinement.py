@@ -18,8 +18,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.base.arrays import Array
-from steelyard.estimate.consistent.conic_solver import Block, Conic
-from steelyard.estimate.consistent.scaled_parameters_and_penalties import Form, Free, Unknowns
+from steelyard.estimate.consistent.conic_solver_and_scaled_parameters import (
+    Block,
+    Conic,
+    Form,
+    Free,
+    Unknowns,
+)
 from steelyard.estimate.prior.body_priors import Knowledge, Row
 from steelyard.robot.inertia_and_placement import INERTIAL_NAMES
 
@@ -58,7 +63,14 @@ class ConicConstraints:
 
 def conic_constraints(unknowns: Unknowns, knowledge: Knowledge) -> ConicConstraints:
     """Bounds of the parameters and the user's rows; those that hold for any body are left out."""
-    rows = (*_bounds(unknowns, knowledge), *knowledge.curves, *knowledge.rows)
+    bodies = {name for name in unknowns.names if name.split(".")[0] in INERTIAL_NAMES}
+    bounds = []
+    for k, name in enumerate(unknowns.names):
+        low, high = float(knowledge.lower[k]), float(knowledge.upper[k])
+        low = -np.inf if name in knowledge.shaped or (name in bodies and low == 0.0) else low
+        if np.isfinite(low) or np.isfinite(high):
+            bounds.append(Row(f"{name} between {low:g} and {high:g}", {name: 1.0}, low, high))
+    rows = (*bounds, *knowledge.curves, *knowledge.rows)
     found = scaled_rows(rows, unknowns.names, unknowns.scale)
     lower, upper, equal = found.lower, found.upper, found.equal
     lower = np.where((lower < -UNREACHED_BOUND) & ~equal, -np.inf, lower)
@@ -74,17 +86,6 @@ def scaled_rows(rows: tuple[Row, ...], names: Sequence[str], scale: Array) -> Co
     sizes = np.where(sizes > 0.0, sizes, 1.0)
     lower, upper = np.reshape([(row.lower, row.upper) for row in rows], (-1, 2)).T / sizes
     return ConicConstraints(rows, matrix / sizes[:, None], lower, upper)
-
-
-def _bounds(unknowns: Unknowns, knowledge: Knowledge) -> list[Row]:
-    bodies = {name for name in unknowns.names if name.split(".")[0] in INERTIAL_NAMES}
-    found = []
-    for k, name in enumerate(unknowns.names):
-        low, high = float(knowledge.lower[k]), float(knowledge.upper[k])
-        low = -np.inf if name in knowledge.shaped or (name in bodies and low == 0.0) else low
-        if np.isfinite(low) or np.isfinite(high):
-            found.append(Row(f"{name} between {low:g} and {high:g}", {name: 1.0}, low, high))
-    return found
 
 
 @dataclass(frozen=True, eq=False)
@@ -265,7 +266,5 @@ def _gaining(program: Program, gamma: float, u: Array, step: Array, allowed: flo
 
 def _inside(program: Program, u: Array) -> bool:
     """Whether every body is well within the margin."""
-    margin = program.form.margin
-    return bool(
-        np.linalg.eigvalsh(program.unknowns.pseudo(u))[:, 0].min(initial=np.inf) > 1.01 * margin
-    )
+    least = np.linalg.eigvalsh(program.unknowns.pseudo(u))[:, 0].min(initial=np.inf)
+    return bool(least > 1.01 * program.form.margin)

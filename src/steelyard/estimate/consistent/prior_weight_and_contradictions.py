@@ -18,16 +18,21 @@ import numpy as np
 
 from steelyard.base.arrays import Array
 from steelyard.base.errors import DataError
-from steelyard.estimate.consistent.conic_solver import Block, Conic, Unsolved, solved
+from steelyard.estimate.consistent.conic_solver_and_scaled_parameters import (
+    ONE,
+    Block,
+    Conic,
+    Unsolved,
+    apart,
+    scale_of,
+    solved,
+)
 from steelyard.estimate.consistent.convex_program_and_newton_refinement import (
     ConicConstraints,
     Program,
-    conic_constraints,
     scaled_rows,
 )
-from steelyard.estimate.consistent.scaled_parameters_and_penalties import ONE, apart, scale_of
-from steelyard.estimate.prior.body_priors import Knowledge, Row
-from steelyard.estimate.prior.prior_constraint_and_bounded_quantity import in_words
+from steelyard.estimate.prior.body_priors import Knowledge, Row, in_words
 from steelyard.estimate.scores.cross_validation import chance_of
 
 LEAST_PRIOR_WEIGHT, MOST_PRIOR_WEIGHT = 1e-3, 1e4  # uncertainties of 3000 % and 1 %
@@ -80,7 +85,6 @@ class _Search:
     found: dict[float, Tried] = field(default_factory=dict)
 
     def at(self, gamma: float) -> Tried:
-        """The solution with a weight."""
         if gamma not in self.found:
             apart = {abs(np.log(gamma / known)): tried.u for known, tried in self.found.items()}
             self.found[gamma] = self.attempt(gamma, apart[min(apart)] if apart else None)
@@ -139,9 +143,18 @@ def refuse_contradictions(knowledge: Knowledge) -> None:
 
 
 def contradictions(knowledge: Knowledge) -> tuple[str, ...]:
-    """Labels of constraints and bounds of which all but one, but not all, can hold together."""
+    """Labels of constraints and bounds of which all but one, but not all, can hold together.
+
+    Bounds of the parameters of bodies are left out.
+    """
     allowed = partial(_allowed, knowledge)
-    rows = (*_bounds(knowledge), *knowledge.rows)
+    ends = zip(knowledge.names, knowledge.lower.tolist(), knowledge.upper.tolist(), strict=True)
+    bounds = (
+        Row(f"'{name}' is {in_words((low, high))} by its law", {name: 1.0}, low, high)
+        for (name, low, high), of_body in zip(ends, knowledge.of_bodies, strict=True)
+        if not of_body and (np.isfinite(low) or np.isfinite(high))
+    )
+    rows = (*bounds, *knowledge.rows)
     if not knowledge.rows or allowed(rows):
         return ()
     return tuple(dict.fromkeys(row.label for row in irreducible(rows, allowed)))
@@ -168,16 +181,6 @@ def irreducible(
     return kept
 
 
-def _bounds(knowledge: Knowledge) -> tuple[Row, ...]:
-    """Bounds of the parameters but those of bodies."""
-    bounds = zip(knowledge.names, knowledge.lower.tolist(), knowledge.upper.tolist(), strict=True)
-    return tuple(
-        Row(f"'{name}' is {in_words((low, high))} by its law", {name: 1.0}, low, high)
-        for (name, low, high), of_body in zip(bounds, knowledge.of_bodies, strict=True)
-        if not of_body and (np.isfinite(low) or np.isfinite(high))
-    )
-
-
 def _allowed(knowledge: Knowledge, rows: tuple[Row, ...]) -> bool:
     r"""Whether physically consistent bodies allow rows: all hold with next to no slack.
 
@@ -193,16 +196,14 @@ def _allowed(knowledge: Knowledge, rows: tuple[Row, ...]) -> bool:
     planes = np.vstack([-found.matrix[above], found.matrix[below], np.zeros(count)])
     planes = np.column_stack([planes, -np.ones(len(planes))])
     ends = np.concatenate([-found.lower[above], found.upper[below], [1.0]])
-    body, bodies = apart(MARGIN), range(len(knowledge.bodies))
+    body = apart(MARGIN)
     matrix = np.column_stack([body.matrix, -ONE])
-    blocks = (
-        Block("nonnegative", np.arange(count + 1), planes, ends),  # no slack is below -1
-        *(
-            replace(body, columns=np.append(10 * k + np.arange(10), count), matrix=matrix)
-            for k in bodies
-        ),
+    bodies = (
+        replace(body, columns=np.append(10 * k + np.arange(10), count), matrix=matrix)
+        for k in range(len(knowledge.bodies))
     )
-    least = Conic(np.zeros(count + 1), np.eye(count + 1)[count], blocks)
+    slack = Block("nonnegative", np.arange(count + 1), planes, ends)  # none is below -1
+    least = Conic(np.zeros(count + 1), np.eye(count + 1)[count], (slack, *bodies))
     try:
         return bool(solved(least, "prior constraints")[count] < _NEARLY)
     except Unsolved:
@@ -213,9 +214,8 @@ DISTANCE_TO_BOUND, DISTANCE_BEYOND_BOUND = 1e-3, 1e-3
 """Distance to a bound, and distance beyond it at the data's optimum, in standard deviations, at
 which it counts as active."""
 
-CONTRADICTED = 2.0  # standard deviations by which data violate a constraint that they contradict
 FAR = 1e3  # size of a constraint to be checked, in units of a body's prior or of the whole effort
-CONTRADICTED_IN_NOTE = 3  # constraints that are named: those that the data contradict most
+MOST_NAMED = 3  # constraints that are named at most
 
 
 def active_bounds(program: Program, u: Array, covariance: Array) -> tuple[Array, tuple[str, ...]]:
@@ -250,116 +250,9 @@ def active_bounds(program: Program, u: Array, covariance: Array) -> tuple[Array,
     return at, tuple(dict.fromkeys(names))
 
 
-def contradicted(program: Program, free: Array, covariance: Array) -> tuple[str, ...]:
-    """Constraints that the data contradict; `free` `(m,)` is the optimum without them."""
-    constraints, known = program.constraints, program.unknowns
-    found: dict[str, tuple[float, float]] = {}
-    values, roots = constraints.matrix @ free, constraints.matrix @ covariance
-    stds = np.sqrt(np.maximum(np.sum(roots * constraints.matrix, axis=1), 0.0))
-    standard = dict(zip(known.names, known.standard(free).tolist(), strict=True))
-    for row, value, std, low, high in zip(
-        constraints.rows, values, stds, constraints.lower, constraints.upper, strict=True
-    ):
-        missed = max(low - value, value - high)
-        if missed <= CONTRADICTED * std or missed <= 0.0:
-            continue
-        worth = missed / max(std, 1e-300)
-        data = sum(factor * standard[name] for name, factor in row.coefficients.items())
-        if row.label not in found or worth > found[row.label][0]:
-            found[row.label] = (worth, data)
-    order = sorted(found, key=lambda label: -found[label][0])
-    lines = [f"{label}: {found[label][1]:.4g} without it" for label in order[:CONTRADICTED_IN_NOTE]]
-    rest = len(order) - CONTRADICTED_IN_NOTE
-    return (*lines, *([f"and {rest} more"] if rest > 0 else []))
-
-
 def far_constraints(constraints: ConicConstraints) -> tuple[str, ...]:
     """Constraints of sizes that hardly any parameter has, for messages."""
     ends = np.abs([constraints.lower, constraints.upper])
     sizes = np.where(np.isfinite(ends), ends, 0.0).max(axis=0)
     found = [row.label for row, size in zip(constraints.rows, sizes, strict=True) if size > FAR]
-    return tuple(dict.fromkeys(found))[:CONTRADICTED_IN_NOTE]
-
-
-EDGE = 0.02  # least eigenvalue of a body's `X` below which it is at the edge of consistent bodies
-TERM_MISSING = "a term is missing or wrong"  # the end of a note, and of no other
-CONSTRAINTS_IN_NOTE = 6  # active constraints that a note names
-
-SolveProgram = Callable[[Program, float], Tried]
-Spread = Callable[[Program, Tried], Array]
-
-
-def cost_notes(
-    program: Program, knowledge: Knowledge, found: Tried, attempt: SolveProgram, spread: Spread
-) -> list[str]:
-    """What contradicts the data: knowledge, physical constraints, or the prior.
-
-    `attempt` solves a program with a weight of the prior, and `spread` is the covariance of a
-    solution's unknowns, `(m, m)`.
-    """
-    rank, gamma, rise, notes = len(program.unknowns.vector), found.gamma, found.rise, []
-    try:
-        if knowledge.rows:
-            knowledge = replace(knowledge, rows=())
-            bare = replace(program, constraints=conic_constraints(program.unknowns, knowledge))
-            free = attempt(bare, gamma)
-            if against := contradicted(program, free.u, spread(bare, free)):
-                notes.append(
-                    f"the data contradict the prior constraints, which raise χ² by "
-                    f"{rise - free.rise:.4g}: {'; '.join(against)}"
-                )
-            program, rise = bare, free.rise
-        if rise > rank and (physical := _physical(program, knowledge, attempt, spread)):
-            return [*notes, physical]
-    except DataError:
-        return notes
-    if rise > 2.0 * rank and any(program.unknowns.priors):
-        notes.append(
-            f"a prior with this uncertainty raises χ² by {rise:.4g}, where up to {rank} is within "
-            "noise: the data contradict it"
-        )
-    return notes
-
-
-def _physical(
-    program: Program, knowledge: Knowledge, attempt: SolveProgram, spread: Spread
-) -> str | None:
-    """What bounds and consistent bodies cost without a prior; nothing if noise explains it."""
-    whole = attempt(program, LEAST_PRIOR_WEIGHT)
-    if whole.rise <= len(program.unknowns.vector):
-        return None
-    lower = np.where(knowledge.of_bodies, knowledge.lower, -np.inf)
-    upper = np.where(knowledge.of_bodies, knowledge.upper, np.inf)
-    unbounded = replace(knowledge, lower=lower, upper=upper, curves=())
-    bare = replace(program, constraints=conic_constraints(program.unknowns, unbounded))
-    alone = attempt(bare, LEAST_PRIOR_WEIGHT)
-    _, at = active_bounds(program, whole.u, spread(program, whole))
-    thin = np.linalg.eigvalsh(program.unknowns.pseudo(whole.u))[:, 0] <= EDGE
-    edges = [name for name, near in zip(knowledge.bodies, thin, strict=True) if near]
-    parts = (
-        (whole.rise - alone.rise, "bounds of", grouped(at, knowledge.names)),
-        (alone.rise, "valid inertia of", edges),
-    )
-    most = CONSTRAINTS_IN_NOTE
-    named = [
-        f"{kind} {', '.join(names[:most])}"
-        f"{f' and {len(names) - most} more' if len(names) > most else ''} ({cost:.4g})"
-        for cost, kind, names in sorted(parts, key=lambda part: -part[0])
-        if names and cost > 0.05 * whole.rise
-    ]
-    active = f"; active: {'; '.join(named)}" if named else ""
-    return (
-        f"physical constraints (valid inertias, bounds such as friction >= 0) raise χ² by "
-        f"{whole.rise:.4g} even without a prior{active}: {TERM_MISSING}"
-    )
-
-
-def grouped(names: Sequence[str], every: Sequence[str]) -> list[str]:
-    """Names of parameters; a law of which all are among them is `law.*`."""
-    found: dict[str, None] = {}
-    for name in names:
-        law = name.split(".")[0]
-        family = [other for other in every if other.split(".")[0] == law]
-        whole = len(family) > 1 and set(family) <= set(names)
-        found[f"{law}.*" if whole else name] = None
-    return list(found)
+    return tuple(dict.fromkeys(found))[:MOST_NAMED]

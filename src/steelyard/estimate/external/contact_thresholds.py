@@ -341,19 +341,15 @@ def changes_at_rest(t: Array, residual: Array, ranges: NDArray[np.intp], step: f
     ends = np.flatnonzero(calm & np.concatenate([~calm[1:] | gaps, [True]])) + 1
     for start, stop in zip(begins, ends, strict=True):
         some = residual[:, start:stop]
-        change = some - _slow_mean(some, step)
+        # the mean of the samples so far; from `CREEP` on it forgets
+        first = min(some.shape[1], round(CREEP / step))
+        mean = np.cumsum(some[:, :first], axis=1) / np.arange(1, first + 1)
+        later = np.concatenate([mean[:, -1:], some[:, first:]], axis=1)
+        slow = low_passed(later, 1.0 / (2.0 * np.pi * CREEP), 1.0 / step)
+        change = some - np.concatenate([mean, slow[:, 1:]], axis=1)
         tested = slice(round(QUIET / step), max(0, stop - start - round(ONSET / step)))
         found[:, start:stop][:, tested] = change[:, tested]
     return found
-
-
-def _slow_mean(signals: Array, step: float) -> Array:
-    """Mean of the samples so far, shape `(n, N)`; from `CREEP` on it forgets."""
-    first = min(signals.shape[1], round(CREEP / step))
-    mean = np.cumsum(signals[:, :first], axis=1) / np.arange(1, first + 1)
-    later = np.concatenate([mean[:, -1:], signals[:, first:]], axis=1)
-    slow = low_passed(later, 1.0 / (2.0 * np.pi * CREEP), 1.0 / step)
-    return np.concatenate([mean, slow[:, 1:]], axis=1)
 
 
 class ChangeStepper:

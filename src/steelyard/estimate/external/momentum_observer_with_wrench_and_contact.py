@@ -16,11 +16,11 @@ from steelyard.base.arrays import Z95, Array, frozen
 from steelyard.base.errors import DataError
 from steelyard.base.motion import numbers
 from steelyard.estimate.covariance_and_band_widths import EffortUncertainty
-from steelyard.estimate.external.compiled_observer_step import STATES, StepProgram
 from steelyard.estimate.external.contact_thresholds import ChangeStepper, ContactThresholds
-from steelyard.estimate.external.wrench_methods import Expected
+from steelyard.estimate.external.wrench_methods_and_observer_step import STATES, Expected
 from steelyard.model.compiled_quantity import check_angles
-from steelyard.symbolic.native.compiled_programs import SampleCall
+from steelyard.model.torque_and_quantities import Equations
+from steelyard.symbolic.native.compiled_programs import Code, SampleCall
 from steelyard.symbolic.native.llvm_vector_code import MAX_ANGLE
 
 PER_PERIOD = 10.0  # samples that a period of the observer's bandwidth needs
@@ -30,11 +30,9 @@ NOISE = 0.5 * np.pi  # noise bandwidth of a low-pass of first order over its ban
 def check_bandwidth(bandwidth: float) -> None:
     """Check a bandwidth."""
     if not 0.0 < bandwidth < np.inf:
-        raise DataError(
-            f"{bandwidth:g} Hz is no bandwidth",
-            where="observer of external efforts",
-            fix="give a frequency above zero, such as 8 Hz",
-        )
+        wrong = f"{bandwidth:g} Hz is no bandwidth"
+        fix = "give a frequency above zero, such as 8 Hz"
+        raise DataError(wrong, where="observer of external efforts", fix=fix)
 
 
 def momentum_residual(momentum: Array, effort: Array, rate: float) -> Array:
@@ -76,7 +74,8 @@ class Observer:
 
     def __init__(
         self,
-        program: StepProgram,
+        equations: Equations,
+        code: Code,
         values: Array,
         columns: Callable[[Array, Array, Array], Array],
         uncertainty: EffortUncertainty,
@@ -85,11 +84,12 @@ class Observer:
         expected: Expected,
         thresholds: ContactThresholds | None = None,
     ) -> None:
-        """Begin; `columns` are regressor entries `(n, c)` at a sample, `values` of all parameters.
+        """Begin; `code` is that of a step, `values` are those of all parameters.
 
-        Thresholds of contact must be for this bandwidth [Hz]; without, no contact is reported.
+        `columns` are regressor entries `(n, c)` at a sample. Thresholds of contact must be for this
+        bandwidth [Hz]; without, no contact is reported.
         """
-        code, n = program.code, len(rest_speed)
+        n = len(rest_speed)
         self.bandwidth, self.expected = bandwidth, expected
         self.steps = self.gaps = 0
         """Samples so far, and gaps in time among them."""
@@ -105,8 +105,8 @@ class Observer:
         self._state, self._sample = np.zeros(STATES * n), np.zeros(3 * n)
         self._scalars = np.zeros(3)
         self._q, self._dq, self._tau = (self._sample[k * n : k * n + n] for k in range(3))
-        self._scan = program.equations.scan() if program.equations.n_channels else None
-        self._channels = np.zeros(program.equations.n_channels)
+        self._scan = equations.scan() if equations.n_channels else None
+        self._channels = np.zeros(equations.n_channels)
         self._covariance = np.zeros((n, n))
         self._values, self._variances = np.ascontiguousarray(values), expected.variances
         inputs = (
@@ -138,11 +138,9 @@ class Observer:
             self._q[:], self._dq[:], self._tau[:] = q, dq, tau
         except (TypeError, ValueError):
             shapes = ", ".join(str(np.shape(x)) for x in (q, dq, tau))
-            raise DataError(
-                f"values of shapes {shapes} for {self._n} joints",
-                where="q, dq, tau",
-                fix="give one number per joint in each",
-            ) from None
+            wrong = f"values of shapes {shapes} for {self._n} joints"
+            fix = "give one number per joint in each"
+            raise DataError(wrong, where="q, dq, tau", fix=fix) from None
         gap = since > self._longest
         left, inverse = (1.0, 0.0) if gap else (exp(-self._rate * since), 1.0 / since)
         if gap:
@@ -207,15 +205,12 @@ class Observer:
             DataError: The observer has no thresholds.
         """
         if self._thresholds is None:
-            raise DataError(
-                "the observer has no thresholds of contact",
-                where="contact of an observer",
-                fix="give thresholds to observe(), such as those of steelyard.contact(...)",
-            )
+            wrong = "the observer has no thresholds of contact"
+            fix = "give thresholds to observe(), such as those of steelyard.contact(...)"
+            raise DataError(wrong, where="contact of an observer", fix=fix)
         return (np.abs(self._state[3 * self._n :]) > self._limits) | self._changed
 
     def _begin(self) -> None:
-        """Forget what was before."""
         n = self._n
         self._state[2 * n : 3 * n], self._state[3 * n :] = self._dq, 0.0
         self._due = -inf

@@ -21,7 +21,7 @@ from steelyard.base.errors import DataError, ModelError
 from steelyard.base.progress import Progress, report_progress, silent
 from steelyard.estimate.consistent.convex_estimator import Consistent
 from steelyard.estimate.estimate import Estimator
-from steelyard.estimate.friction.friction_mixes import (
+from steelyard.estimate.friction.friction_mixes_and_curves import (
     DIRECTION,
     LOAD,
     PLAIN,
@@ -235,14 +235,14 @@ class FrictionMixErrors:
         estimator = self.consistent(whole, base)
         if not self.gammas:
             everything = self.moving.select(self.wide.columns_of(mix))
-            self.gammas.append(estimator.values(_plain(everything)).gamma)
+            self.gammas.append(estimator.values(_plain(everything))[1])
         near: list[Array] = []
 
         def fitted(information: Information) -> Array:
             report_progress(self.progress, "choosing friction laws", len(self.known), self.count)
-            found = estimator.values(_plain(information), self.gammas[0], *near)
-            near[:] = [found.standard]
-            return found.values
+            values, _, standard = estimator.values(_plain(information), self.gammas[0], *near)
+            near[:] = [standard]
+            return values
 
         return fitted
 
@@ -296,7 +296,6 @@ class FrictionMixErrors:
 
 
 def _plain(information: Information) -> Information:
-    """With the names that columns have in a model."""
     named = tuple(name.partition("@")[0] for name in information.layout.columns)
     return replace(information, layout=replace(information.layout, columns=named))
 
@@ -359,11 +358,9 @@ def refuse_listed(model: Model) -> None:
     for term in laws:
         twice = [p.name for p in term.parameters(model.robot) if p.name in model.names]
         if twice:
-            raise ModelError(
-                f"friction is to be chosen, but '{term.law}' is listed ('{twice[0]}')",
-                where=f"list of terms of robot '{model.robot.name}'",
-                fix='leave friction laws of the joints out of `terms`, or friction = "auto"',
-            )
+            wrong = f"friction is to be chosen, but '{term.law}' is listed ('{twice[0]}')"
+            fix = 'leave friction laws of the joints out of `terms`, or friction = "auto"'
+            raise ModelError(wrong, where=f"list of terms of robot '{model.robot.name}'", fix=fix)
 
 
 def _staged(
@@ -380,8 +377,13 @@ def _staged(
         found = [(mix, error) for mix in mixes if (error := judge.errors(mix)) is not None]
         found += judge.per_joint(extra) if number == 0 else []
         table += [pair for pair in found if pair[0] not in [mix for mix, _ in table]]
-        chosen = _simplest(found) if number else _least(found)
-        kept = chosen[: len(chosen) - len(extra)] if number == 0 else chosen
+        if number == 0:
+            chosen = _least(found)
+            kept = chosen[: len(chosen) - len(extra)]
+        else:  # the first not worse than the best; what is added must gain beyond chance
+            best = min((error for _, error in found), key=lambda error: float(error.mean()))
+            most = float(found[0][1].mean())
+            kept = next(mix for mix, e in found if not worse(e, best) and e.mean() <= most)
     rows = []
     for mix, error in table:
         against = error - table[0][1]
@@ -397,13 +399,6 @@ def _least(found: Sequence[tuple[Mix, Array]]) -> Mix:
     if not any(worse(first[1], error, DIRECTION_LOSS_PROBABILITY) for _, error in found):
         return first[0]
     return next(mix for mix, error in found if (error - best).mean() <= LEAST_GAIN_PER_PARAMETER)
-
-
-def _simplest(found: Sequence[tuple[Mix, Array]]) -> Mix:
-    """The first mix of a stage not worse than the best; what is added must gain beyond chance."""
-    best = min((error for _, error in found), key=lambda error: float(error.mean()))
-    most = float(found[0][1].mean())
-    return next(mix for mix, e in found if not worse(e, best) and e.mean() <= most)
 
 
 def worse(error: Array, best: Array, sure: float = LOSS_PROBABILITY) -> bool:

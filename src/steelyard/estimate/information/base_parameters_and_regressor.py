@@ -59,7 +59,16 @@ def independent_columns(matrix: Array) -> list[int]:
         return []
     unit = matrix[:, seen] / np.linalg.norm(matrix[:, seen], axis=0)
     triangle = np.asarray(np.linalg.qr(unit, mode="r"))
-    natural, basis = _natural(triangle)
+    basis, natural = np.empty((len(triangle), min(triangle.shape)), order="F"), list[int]()
+    for k, rest in enumerate(triangle.T):
+        before = basis[:, : len(natural)]
+        for _ in range(2):
+            rest = rest - before @ (before.T @ rest)
+        new = float(np.linalg.norm(rest))
+        if new > NEW:
+            basis[:, len(natural)] = rest / new
+            natural.append(k)
+    basis = basis[:, : len(natural)]
     values: Array = np.linalg.svd(triangle, compute_uv=False)
     missing = rank(values) - len(natural)
     others = [k for k in range(len(seen)) if k not in set(natural)]
@@ -77,21 +86,6 @@ def rank(values: Array) -> int:
     sizes = np.maximum(np.append(values / values[0], 0.0), ROUNDING)
     first = max(1, int((sizes >= GAP).sum()))
     return first + int(np.argmax(sizes[first - 1 : -1] / sizes[first:]))
-
-
-def _natural(columns: Array) -> tuple[list[int], Array]:
-    """Unit columns that are new by `NEW`, one after another; an orthonormal basis of them."""
-    rows, count = columns.shape
-    basis, taken = np.empty((rows, min(rows, count)), order="F"), list[int]()
-    for k in range(count):
-        before, rest = basis[:, : len(taken)], columns[:, k]
-        for _ in range(2):
-            rest = rest - before @ (before.T @ rest)
-        new = float(np.linalg.norm(rest))
-        if new > NEW:
-            basis[:, len(taken)] = rest / new
-            taken.append(k)
-    return taken, basis[:, : len(taken)]
 
 
 FAINT = 1e-3
@@ -199,7 +193,7 @@ def base_parameters(model: Model) -> BaseMap:
         >>> base.base_names[:2]
         ('mx.upper', 'mz.upper')
     """
-    return _found("base", model, independent_columns, _with_low_thresholds)
+    return _found("base", model, _with_low_thresholds(model), independent_columns)
 
 
 def clear_map(model: Model) -> BaseMap:
@@ -212,20 +206,16 @@ def clear_map(model: Model) -> BaseMap:
     """
     if model.robot.passive:
         return base_parameters(model)
-    return _found("clear base", model, lambda regressor: _clear(model, regressor))
+    return _found("clear base", model, model, lambda regressor: _clear(model, regressor))
 
 
-def _found(
-    kind: str,
-    model: Model,
-    choose: Callable[[Array], list[int]],
-    shown: Callable[[Model], Model] = lambda model: model,
-) -> BaseMap:
+def _found(kind: str, model: Model, shown: Model, choose: Callable[[Array], list[int]]) -> BaseMap:
+    """The base parameters that are chosen from the regressor of the model as it is shown."""
     key = cache.key_of([kind, FAINT, ENGINE, model.program_key])
     entry = cache.load(key)
     if entry is not None:
         return BaseMap.from_dict(entry[0])
-    regressor = full_regressor(shown(model))
+    regressor = full_regressor(shown)
     independent, seen = choose(regressor), set(seen_columns(regressor))
     columns = range(regressor.shape[1])
     dependent = [k for k in columns if k in seen and k not in set(independent)]

@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache, cached_property
 from math import lcm
+from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -131,10 +132,9 @@ class Stretch:
         check_angles(self.q)
 
     @property
-    def inputs(self) -> tuple[Array, Array, Array, Array, Array]:
+    def inputs(self) -> tuple[Array, ...]:
         """What the kernel reads."""
-        channels = np.empty((0, self.q.shape[1])) if self.channels is None else self.channels
-        return self.q, self.dq, self.ddq, channels, self.effort
+        return self.q, self.dq, self.ddq, cast(Array, self.channels), self.effort
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,11 +160,6 @@ class Accumulator:
 
     regressor: Regressor
     matched: ParallelFilter = ParallelFilter.design(1.0, 1.0)  # every sample unchanged
-
-    @cached_property
-    def tiling(self) -> Tiling:
-        """Tiles of the Gram matrices."""
-        return Tiling.of(self.regressor.layout)
 
     @property
     def width(self) -> int:
@@ -194,7 +189,8 @@ class Accumulator:
             part = slice(first, first + count)
             work.add(block, count, None if weights is None else weights[:, part])
             if beside is not None:
-                work.add_beside(block, beside[:, part])
+                work.weigh(block, beside[:, part])
+                work.add_grams(block, count, work.beside)
         return work.result()
 
     def rows(self, stretch: Stretch) -> tuple[Array, Array]:
@@ -242,9 +238,8 @@ class Accumulator:
 
     def _beside(self, stretch: Stretch) -> Array | None:
         """Ones of filtered samples beside rests, `(n, outputs)`; `None` if there are none."""
-        if stretch.weights is None or np.all(stretch.weights > 0.0):
-            return None
-        if self.outputs(stretch.q.shape[1]) == 0:
+        n_outputs = self.outputs(stretch.q.shape[1])
+        if stretch.weights is None or n_outputs == 0 or np.all(stretch.weights > 0.0):
             return None
         sizes = np.abs(self.matched.taps)
         resting = (stretch.weights == 0.0).astype(np.float64)
@@ -270,7 +265,8 @@ class _Workspace:
         self.y = np.zeros((rows, -(-(samples + spare) // lanes) * lanes + PADDING))
         outputs = samples // decimation + FIR_OUTPUTS + lanes
         self.z = np.zeros((rows, -(-outputs // lanes) * lanes + PADDING))
-        self.sums = np.zeros((len(accumulator.tiling.firsts), TILE_ROWS * TILE_COLUMNS, lanes))
+        self.tiling = Tiling.of(accumulator.regressor.layout)
+        self.sums = np.zeros((len(self.tiling.firsts), TILE_ROWS * TILE_COLUMNS, lanes))
         self.beside = np.zeros_like(self.sums)
         self.absolute = np.zeros((accumulator.width, lanes))
         self.counts = np.zeros(len(accumulator.regressor.layout.rows))
@@ -283,8 +279,12 @@ class _Workspace:
             return
         whole = count - count % code.lanes
         if whole:
-            place = self.y.ctypes.data + 8 * column
-            code.raw(whole, *_addresses(stretch, start), place, self.y.shape[1])
+            addresses = (
+                number
+                for x in stretch.inputs
+                for number in (x.ctypes.data + 8 * start, x.strides[0] // 8)
+            )
+            code.raw(whole, *addresses, self.y.ctypes.data + 8 * column, self.y.shape[1])
         if whole < count:
             part = slice(start + whole, start + count)
             values = code([x[:, part] for x in stretch.inputs])
@@ -303,37 +303,30 @@ class _Workspace:
     def add(self, block: Array, count: int, weights: Array | None = None) -> None:
         """Add the first `count` samples of a block of rows, weighted per effort row."""
         if weights is not None:
-            self._weigh(block, weights)
-        self._add_grams(block, count, self.sums)
+            self.weigh(block, weights)
+        self.add_grams(block, count, self.sums)
         width, absolute = self.accumulator.width, self.absolute.ctypes.data
         loops().absolute(*_place(block), self._padded(count), width, absolute)
         self.counts += count if weights is None else np.count_nonzero(weights, axis=1)
 
-    def add_beside(self, block: Array, marks: Array) -> None:
-        """Add those samples of a block that `add` has weighted that `marks` `(n, count)` marks."""
-        self._weigh(block, marks)
-        self._add_grams(block, marks.shape[1], self.beside)
-
-    def _weigh(self, block: Array, weights: Array) -> None:
+    def weigh(self, block: Array, weights: Array) -> None:
         """Multiply rows by the roots of their weights, shape `(n, count)`."""
         roots = np.repeat(np.sqrt(weights), self.accumulator.regressor.layout.widths, axis=0)
         block[: len(roots), : weights.shape[1]] *= roots
 
-    def _add_grams(self, block: Array, count: int, sums: Array) -> None:
+    def add_grams(self, block: Array, count: int, sums: Array) -> None:
         """Add the products of the first `count` samples."""
-        padded, firsts = self._padded(count), self.accumulator.tiling.firsts
+        padded, firsts = self._padded(count), self.tiling.firsts
         block[:, count:padded] = 0.0
         tiles = firsts.ctypes.data, len(firsts)
         loops().gram(*_place(block), padded, *tiles, sums.ctypes.data)
 
     def _padded(self, count: int) -> int:
-        """So many samples as whole vectors."""
         lanes = self.accumulator.regressor.code.lanes
         return -(-count // lanes) * lanes
 
     def result(self) -> Sums:
-        """The sums, lanes added up."""
-        places = self.accumulator.tiling.cells
+        places = self.tiling.cells
         grams, beside = (x.sum(axis=2).ravel()[places] for x in (self.sums, self.beside))
         return Sums(grams, self.absolute.sum(axis=1), self.counts, beside)
 
@@ -341,10 +334,3 @@ class _Workspace:
 def _place(rows: Array) -> tuple[int, int]:
     """Address and row stride of a buffer, as the machine code takes them."""
     return rows.ctypes.data, rows.shape[1]
-
-
-def _addresses(stretch: Stretch, start: int) -> list[int]:
-    """Address of sample `start` and row stride of every input, as the machine code takes them."""
-    return [
-        number for x in stretch.inputs for number in (x.ctypes.data + 8 * start, x.strides[0] // 8)
-    ]

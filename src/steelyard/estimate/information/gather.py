@@ -3,7 +3,7 @@
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import chain
 from typing import TypeVar
 
@@ -49,53 +49,44 @@ def gather(
     knows. Windows should not be longer than `longest` [s]; merged ones may. A `LogError` says that
     no stretch of the run is as long as the filter, or that an effort never changes.
     """
-    begun = start_pass(regressor, run, rests, longest)
-    accumulator, signature, duration = begun.accumulator, begun.signature, run.duration
-    found = accumulate(accumulator, begun.pieces, signature, threads, duration, progress)
+    accumulator, pieces, signature = start_pass(regressor, run, rests, longest)
+    found = accumulate(accumulator, pieces, signature, threads, run.duration, progress)
     if not found.windows:
-        raise begun.too_short()
+        raise too_short(accumulator, run)
     return found.with_effective_samples(accumulator.matched.inflation)
 
 
-@dataclass(frozen=True, eq=False)
-class GramPass:
-    """A run on its way into sums: pieces with their halo, to be read once, and what sums mean."""
-
-    run: Run
-    accumulator: Accumulator
-    pieces: Iterator[Piece]
-    signature: Signature
-
-    def too_short(self) -> LogError:
-        """What to say if nothing came out: no stretch as long as the filter, or joints rest."""
-        run, taps = self.run, len(self.accumulator.matched.taps)
-        lengths, moving, warm = Counter[int](), 0, 0
-        model = self.accumulator.regressor.model
-        for block in blocks_with_channels(run.blocks(), model, lambda block, own: own):
-            lengths[block.segment] += len(block.t)
-            warm += int(block.moving.any(axis=0).sum())
-        for block in run.blocks():
-            moving += int(block.moving.any(axis=0).sum())
-        longest = max(lengths.values(), default=0)
-        if longest < taps:
-            return LogError(
-                f"no segment of the log is as long as its filter ({taps / run.rate:.2f} s): the "
-                f"longest has {longest / run.rate:.2g} s",
-                where=run.name,
-                fix="log for longer, or raise matched_cutoff in [processing] of the robot file",
-            )
-        forgotten = f", and friction with memory has forgotten its unknown start in {warm}"
+def too_short(accumulator: Accumulator, run: Run) -> LogError:
+    """What to say if nothing came out: no stretch as long as the filter, or joints rest."""
+    taps, model = len(accumulator.matched.taps), accumulator.regressor.model
+    lengths, moving, warm = Counter[int](), 0, 0
+    for block in blocks_with_channels(run.blocks(), model, lambda block, own: own):
+        lengths[block.segment] += len(block.t)
+        warm += int(block.moving.any(axis=0).sum())
+    for block in run.blocks():
+        moving += int(block.moving.any(axis=0).sum())
+    longest = max(lengths.values(), default=0)
+    if longest < taps:
         return LogError(
-            f"no sample of the log counts: of {lengths.total()} samples a joint moves in {moving}"
-            + (forgotten if model.has_memory else ""),
+            f"no segment of the log is as long as its filter ({taps / run.rate:.2f} s): the "
+            f"longest has {longest / run.rate:.2g} s",
             where=run.name,
-            fix="record a longer and faster motion"
-            + (f" (the filter needs {taps / run.rate:.2g} s of it)" if taps > 1 else ""),
+            fix="log for longer, or raise matched_cutoff in [processing] of the robot file",
         )
+    forgotten = f", and friction with memory has forgotten its unknown start in {warm}"
+    return LogError(
+        f"no sample of the log counts: of {lengths.total()} samples a joint moves in {moving}"
+        + (forgotten if model.has_memory else ""),
+        where=run.name,
+        fix="record a longer and faster motion"
+        + (f" (the filter needs {taps / run.rate:.2g} s of it)" if taps > 1 else ""),
+    )
 
 
-def start_pass(regressor: Regressor, run: Run, rests: bool, longest: float = np.inf) -> GramPass:
-    """A pass over a run that has not read anything yet; see `gather`."""
+def start_pass(
+    regressor: Regressor, run: Run, rests: bool, longest: float = np.inf
+) -> tuple[Accumulator, Iterator[Piece], Signature]:
+    """A pass over a run that has not read anything yet, and what its sums mean; see `gather`."""
     signals = run.recording.signals
     steps = enumerate(zip(signals.effort, run.quality.effort_resolution, strict=True))
     if dead := [c for j, (c, step) in steps if step == 0 and j not in signals.unactuated]:
@@ -121,7 +112,7 @@ def start_pass(regressor: Regressor, run: Run, rests: bool, longest: float = np.
         effort=run.effort_units,
         filters=f"motion {run.motion_cutoff:g} Hz, matched {matched.cutoff:g} Hz",
     )
-    return GramPass(run, accumulator, pieces, signature)
+    return accumulator, pieces, signature
 
 
 Mask = NDArray[np.bool_]
@@ -162,19 +153,17 @@ def cut_pieces(
             joined = buffered[0] if len(buffered) == 1 else Block.joined(buffered)
             size, start = len(joined.t), 0
             while size - start >= need or (ended and start < size):
-                yield _piece(joined.part(start, min(start + need, size)), name, length)
+                part = joined.part(start, min(start + need, size))
+                weights = None if part.moving.all() else part.moving.astype(np.float64)
+                if part.weights is not None:
+                    weights = part.weights if weights is None else part.weights * weights
+                stop = float(part.t[min(length, len(part.t)) - 1])
+                stretch = Stretch(part.q, part.dq, part.ddq, part.effort, weights, part.channels)
+                yield Window(name, float(part.t[0]), stop), stretch
                 start += length
             buffered = [] if ended else [joined.part(start, size)]
         if block is not None:
             buffered.append(block)
-
-
-def _piece(block: Block, name: str, length: int) -> Piece:
-    weights = None if block.moving.all() else block.moving.astype(np.float64)
-    if block.weights is not None:
-        weights = block.weights if weights is None else block.weights * weights
-    window = Window(name, float(block.t[0]), float(block.t[min(length, len(block.t)) - 1]))
-    return window, Stretch(block.q, block.dq, block.ddq, block.effort, weights, block.channels)
 
 
 def accumulate(

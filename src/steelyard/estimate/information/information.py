@@ -30,11 +30,9 @@ class Signature:
         for field in ("model", "columns", "effort", "filters"):
             mine, theirs = getattr(self, field), getattr(other, field)
             if mine != theirs:
-                raise DataError(
-                    f"information of unequal {field} cannot be added ({mine} and {theirs})",
-                    where=where,
-                    fix="gather both with the same robot file and the same cut-offs",
-                )
+                wrong = f"information of unequal {field} cannot be added ({mine} and {theirs})"
+                fix = "gather both with the same robot file and the same cut-offs"
+                raise DataError(wrong, where=where, fix=fix)
 
 
 @dataclass(frozen=True)
@@ -204,11 +202,9 @@ class Information:
         """The same data, seen by some of the columns only, in the order given."""
         for name in names:
             if name not in self.layout.columns:
-                raise DataError(
-                    f"there is no column '{name}'",
-                    where=f"information of runs {self.runs}",
-                    fix=f"its columns are {', '.join(self.layout.columns[:12])}, ...",
-                )
+                wrong = f"there is no column '{name}'"
+                fix = f"its columns are {', '.join(self.layout.columns[:12])}, ..."
+                raise DataError(wrong, where=f"information of runs {self.runs}", fix=fix)
         old = [self.layout.columns.index(name) for name in names]
         transform = np.zeros((len(self.layout.columns), len(old)))
         transform[old, range(len(old))] = 1.0
@@ -310,7 +306,6 @@ class Information:
 
     @cached_property
     def _whole(self) -> tuple[Array, ...]:
-        """Gram matrix of every row over all windows."""
         sums = self.grams.sum(axis=0)
         return tuple(frozen(self._matrices(sums, row)) for row in range(len(self.layout.rows)))
 

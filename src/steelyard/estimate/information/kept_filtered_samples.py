@@ -12,7 +12,7 @@ from steelyard.base.arrays import Array, frozen
 from steelyard.base.progress import Progress, report_progress, silent
 from steelyard.estimate.information.base_parameters_and_regressor import Layout, Regressor
 from steelyard.estimate.information.filter_and_gram import Accumulator
-from steelyard.estimate.information.gather import Piece, in_order, start_pass
+from steelyard.estimate.information.gather import Piece, in_order, start_pass, too_short
 from steelyard.estimate.information.information import Information, Signature, Window, packed
 from steelyard.runs.motion_error_from_noise import MotionError, motion_error
 from steelyard.runs.run import Run
@@ -191,14 +191,14 @@ def gather_samples(
     of `gather`.
     """
     wanted = regressor.model.has_memory if rests is None else rests
-    begun, layout = start_pass(regressor, run, wanted), regressor.layout
-    accumulator, n = begun.accumulator, len(layout.rows)
+    accumulator, pieces, signature = start_pass(regressor, run, wanted)
+    layout, n = regressor.layout, len(regressor.layout.rows)
     kept = _Kept(max(1, most), n)
-    for piece, found in in_order(accumulator.rows, begun.pieces, threads):
+    for piece, found in in_order(accumulator.rows, pieces, threads):
         kept.add(_instants(accumulator, piece, run.rate, *found))
         report_progress(progress, f"gathering {run.name}", piece[0].stop, run.duration)
     if not kept.parts:
-        raise begun.too_short()
+        raise too_short(accumulator, run)
     chosen = accumulator.matched
     share = 1.0 / replace(chosen, decimation=chosen.decimation * kept.step).inflation
     error = motion_error(run, chosen.taps)
@@ -208,7 +208,7 @@ def gather_samples(
     at = tuple(np.flatnonzero(weight) for weight in weights)
     return FilteredSamples(
         layout=layout,
-        signature=begun.signature,
+        signature=signature,
         sources=(SampledRun(run.name, share, error),),
         source=np.zeros(len(t), dtype=np.intp),
         t=frozen(t),

@@ -45,7 +45,6 @@ from steelyard.base.arrays import Array
 from steelyard.estimate.least_squares.normal_equations import (
     Eliminated,
     Fit,
-    Spread,
     scores_of,
     shared_map,
     solve,
@@ -155,10 +154,13 @@ def _scatter(fit: Fit, most: int) -> Array:
     return np.where(enough, np.where(factors < 1.0, low, factors), 1.0)
 
 
-def spread_of(fit: Fit, noise: Array, weights: Array | None = None) -> Spread:
-    """What noise does to a fit, and what samples beside rests move where rows have weights.
+def covariances(
+    fit: Fit, noise: Array, weights: Array | None = None
+) -> tuple[Array, tuple[Array, ...]]:
+    """Covariance of the shared parameters by noise, and per run that of its own.
 
-    The noise is the variance of the residuals times the square of their weight, per row.
+    The noise is the variance of the residuals times the square of their weight, per row. What
+    samples beside rests move is added where rows have weights.
     """
     solution = fit.solution
     kept, inverse = solution.kept, solution.inverse
@@ -173,7 +175,7 @@ def spread_of(fit: Fit, noise: Array, weights: Array | None = None) -> Spread:
         cross = mine @ shared_map(own, kept) @ inverse @ slopes.T
         alone = mine[:, list(own.columns)] @ own.inverse
         each.append(alone + slopes @ covariance @ slopes.T + cross + cross.T)
-    return Spread(covariance, tuple(each))
+    return covariance, tuple(each)
 
 
 def honest_covariance(fit: Fit, inverse: Array, prior: Array | None = None) -> Array:

@@ -29,7 +29,6 @@ from steelyard.estimate.information.information import Information
 from steelyard.estimate.information.kept_filtered_samples import FilteredSamples, Index
 from steelyard.estimate.least_squares.covariance_from_residuals import honest_covariance
 from steelyard.estimate.least_squares.normal_equations import (
-    Spread,
     described,
     inverse_of_gram,
     refuse_few,
@@ -60,14 +59,13 @@ def slopes(
     motion, such as states of friction with memory, stays as it is. Roots are those of every source,
     see `motion_roots`; values are those of all columns, `(p,)`.
     """
-    variances = np.zeros((len(samples.rows), len(samples)))
+    layout, variances = regressor.layout, np.zeros((len(samples.rows), len(samples)))
     bends = [np.zeros((len(samples), row.shape[1] - 1)) for row in samples.rows]
     for number, root in enumerate(roots):
         mine = np.flatnonzero(samples.source == number)
         for first in range(0, len(mine), BLOCK):
             block = mine[first : first + BLOCK]
             changes = _changes(regressor, samples, block, root)
-            layout = regressor.layout
             for row, (start, seen) in enumerate(zip(layout.starts, layout.sees, strict=True)):
                 part = changes[start : start + len(seen)]
                 torque = np.einsum("cdb,c->db", part, values[list(seen)])
@@ -117,7 +115,14 @@ class MotionNoise:
         """Estimate all columns that the data see."""
         start = WeightedLeastSquares(per_run=self.per_run)(samples.information())
         refuse_few(samples.information(), len(start.parameters), FREEDOM)
-        problem = _Problem.of(self.regressor, samples, start, _roots(samples))
+        roots = []
+        for source in samples.sources:
+            if source.error is None:
+                wrong = "the propagation of position noise to the motion is unknown"
+                fix = "gather the samples from a run, whose filters are known"
+                raise DataError(wrong, where=source.run, fix=fix)
+            roots.append(motion_roots(source.error.covariance()))
+        problem = _Problem.of(self.regressor, samples, start, roots)
         state = problem.likeliest(problem.at(problem.first, np.square(start.sigma)))
         for count in range(1, self.rounds + 1):
             before = state.values
@@ -126,20 +131,6 @@ class MotionNoise:
                 return problem.estimate(start, state, f"converged after {count} steps")
             state = problem.likeliest(state)
         return problem.estimate(start, state, f"not converged after {self.rounds} steps")
-
-
-def _roots(samples: FilteredSamples) -> list[Array]:
-    """Per source what an error of motion is made of, see `motion_roots`."""
-    found = []
-    for source in samples.sources:
-        if source.error is None:
-            raise DataError(
-                "the propagation of position noise to the motion is unknown",
-                where=source.run,
-                fix="gather the samples from a run, whose filters are known",
-            )
-        found.append(motion_roots(source.error.covariance()))
-    return found
 
 
 @dataclass(frozen=True, eq=False)
@@ -172,7 +163,6 @@ class _Problem:
     def of(
         cls, regressor: Regressor, samples: FilteredSamples, start: Estimate, roots: list[Array]
     ) -> "_Problem":
-        """Begin at an estimate."""
         columns, known = samples.layout.columns, start.parameters.as_dict()
         own = {name for one in start.per_run for name in one.parameters.names}
         names = tuple(name for name in start.parameters.names if name not in own)
@@ -201,7 +191,6 @@ class _Problem:
         return self._state(_State(values, own, residuals, motion, bends, (), 0.0))
 
     def _state(self, state: _State) -> _State:
-        """The same with what follows from the variances."""
         total = tuple(
             own / weight + motion
             for own, weight, motion in zip(
@@ -335,4 +324,4 @@ class TotalLeastSquares:
         covariance = honest_covariance(fit, inverse / lengths[:, None] / lengths)
         ratios = found.variances / fit.variances
         covariance *= np.average(ratios, weights=information.n_samples)
-        return described("total least squares", found, Spread.of(found.solution, covariance))
+        return described("total least squares", found, covariance)

@@ -17,9 +17,8 @@ from steelyard.base.progress import Progress, report_progress, silent
 from steelyard.estimate.estimate import Estimate, Evolution
 from steelyard.estimate.information.base_parameters_and_regressor import BaseMap
 from steelyard.estimate.information.information import Information
-from steelyard.estimate.least_squares.covariance_from_residuals import scatter, spread_of
+from steelyard.estimate.least_squares.covariance_from_residuals import covariances, scatter
 from steelyard.estimate.least_squares.known_bounded_and_ridge import (
-    Bounds,
     base_bounds,
     refuse_bad_bounds,
     residual_squares,
@@ -33,7 +32,6 @@ from steelyard.estimate.least_squares.normal_equations import (
 )
 from steelyard.estimate.least_squares.weighted_robust_and_whitened import WeightedLeastSquares
 from steelyard.estimate.prior.body_priors import Knowledge
-from steelyard.robot.inertia_and_placement import Inertia
 
 CROSSOVER, MUTATION = 0.8, 0.2  # probability of an individual, and of a gene; not printed
 STEP = 0.1  # first standard deviation of a mutation, over the width of the box; not printed
@@ -95,7 +93,10 @@ def bounded_by_priors(knowledge: Knowledge) -> Knowledge:
     lower, upper = knowledge.lower.copy(), knowledge.upper.copy()
     for body, prior in enumerate(knowledge.priors):
         if prior is not None:
-            lower[knowledge.tens(body)], upper[knowledge.tens(body)] = _up_to_twice(prior)
+            tens, moment = knowledge.tens(body), 0.5 * float(prior.ten[[4, 6, 9]].sum())
+            first, product = 2.0 * np.sqrt(prior.mass * moment), np.isin(range(6), (1, 3, 4))
+            lower[tens] = [0.0, *[-first] * 3, *np.where(product, -moment, 0.0)]
+            upper[tens] = [2.0 * prior.mass, *[first] * 3, *np.where(product, moment, 2.0 * moment)]
     for row in knowledge.rows:
         if len(row.coefficients) == 1:
             ((name, factor),) = row.coefficients.items()
@@ -104,16 +105,6 @@ def bounded_by_priors(knowledge: Knowledge) -> Knowledge:
             lower[k] = low if np.isfinite(low) else lower[k]
             upper[k] = high if np.isfinite(high) else upper[k]
     return replace(knowledge, lower=lower, upper=upper)
-
-
-def _up_to_twice(body: Inertia) -> tuple[Array, Array]:
-    """Bounds of the ten of a body of up to twice the mass and the second moments, `(10,)` each."""
-    moment = 0.5 * float(body.ten[[4, 6, 9]].sum())
-    first = 2.0 * np.sqrt(body.mass * moment)
-    upper = [2.0 * body.mass, *[first] * 3]
-    upper += [moment if k in (1, 3, 4) else 2.0 * moment for k in range(6)]
-    lower = [0.0, *[-first] * 3, *(-moment if k in (1, 3, 4) else 0.0 for k in range(6))]
-    return np.array(lower), np.array(upper)
 
 
 AT_BOUND = 1e-3  # distance from a bound, over the range, up to which a value lies on it
@@ -166,7 +157,7 @@ class Genetic:
         full[solution.kept] = values
         fit = free.at(full)
         factors = scatter(WeightedLeastSquares().fit(information))
-        made = described("genetic algorithm", fit, spread_of(fit, factors * fit.variances, ones))
+        made = described("genetic algorithm", fit, *covariances(fit, factors * fit.variances, ones))
         end = float(np.sqrt(max(least, 0.0) / count))
         room = np.minimum(values - lower, upper - values)
         held = np.flatnonzero(room <= AT_BOUND * (upper - lower))
@@ -189,7 +180,15 @@ class Genetic:
         known = bounded_by_priors(self.knowledge)
         every = base_bounds(self.base, known)
         bounds = {name: every.get(name, (-np.inf, np.inf)) for name in names}
-        if missing := self._unbounded(bounds, known):
+        ends = zip(known.names, known.lower, known.upper, strict=True)
+        free = {name for name, *both in ends if not np.isfinite(both).all()}
+        groups = {
+            name: [self.base.names[k] for k in np.flatnonzero(row)]
+            for name, row in zip(self.base.base_names, self.base.lift, strict=True)
+        }
+        open_ = [name for name, both in bounds.items() if not np.isfinite(both).all()]
+        members = dict.fromkeys(x for name in open_ for x in groups.get(name, [name]))
+        if missing := [x for x in members if x in free or x not in known.names]:
             raise DataError(
                 f"the genetic algorithm has no bounds to search between for {', '.join(missing)}",
                 where="[[knowledge]]",
@@ -200,15 +199,3 @@ class Genetic:
         refuse_bad_bounds(bounds, names)
         lower, upper = np.array([bounds[name] for name in names]).T
         return lower, upper
-
-    def _unbounded(self, bounds: Bounds, known: Knowledge) -> list[str]:
-        """Standard parameters that leave base parameters without bounds."""
-        ends = zip(known.names, known.lower, known.upper, strict=True)
-        free = {name for name, *both in ends if not np.isfinite(both).all()}
-        groups = {
-            name: [self.base.names[k] for k in np.flatnonzero(row)]
-            for name, row in zip(self.base.base_names, self.base.lift, strict=True)
-        }
-        open_ = [name for name, both in bounds.items() if not np.isfinite(both).all()]
-        members = [x for name in open_ for x in groups.get(name, [name])]
-        return list(dict.fromkeys(x for x in members if x in free or x not in known.names))

@@ -21,16 +21,15 @@ import numpy as np
 from steelyard.base.arrays import Array, Parameters, frozen
 from steelyard.base.errors import DataError
 from steelyard.estimate.estimate import Estimate, Estimator
-from steelyard.estimate.information.base_parameters_and_regressor import BaseMap, Layout
+from steelyard.estimate.information.base_parameters_and_regressor import BaseMap
 from steelyard.estimate.information.information import Information
 from steelyard.estimate.least_squares.covariance_from_residuals import (
+    covariances,
     honest_covariance,
     scatter,
-    spread_of,
 )
 from steelyard.estimate.least_squares.normal_equations import (
     Fit,
-    Spread,
     described,
     inverse_of_gram,
     unit_length,
@@ -42,16 +41,13 @@ from steelyard.estimate.least_squares.weighted_robust_and_whitened import (
 from steelyard.estimate.prior.body_priors import Knowledge
 
 
-@dataclass(frozen=True)
-class Fixed:
-    """Base parameters that constraints determine alone, and labels of those that determine none."""
+def fixed_values(
+    base: BaseMap, knowledge: Knowledge
+) -> tuple[Mapping[str, float], tuple[str, ...]]:
+    """Base parameters all of whose members have a value that constraints of single ones give.
 
-    values: Mapping[str, float]
-    unused: tuple[str, ...]
-
-
-def fixed_values(base: BaseMap, knowledge: Knowledge) -> Fixed:
-    """Base parameters all of whose members have a value that constraints of single ones give."""
+    And labels of the constraints that determine none.
+    """
     known: dict[str, float] = {}
     for row in knowledge.rows:
         if len(row.coefficients) == 1 and row.lower == row.upper:
@@ -68,7 +64,7 @@ def fixed_values(base: BaseMap, knowledge: Knowledge) -> Fixed:
         for row in knowledge.rows
         if row.lower != row.upper or not row.coefficients.keys() <= used & known.keys()
     ]
-    return Fixed(values, tuple(unused))
+    return values, tuple(unused)
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,24 +84,21 @@ class WithKnownValues:
         names, units = ([of[k] for k in left] for of in (columns, information.layout.units))
         given = np.array([known.get(name, 0.0) for name in columns])
         others = information.map(np.eye(len(columns))[:, left], names, units, given)
-        return _joined(self.inner(others), information.layout, known)
-
-
-def _joined(estimate: Estimate, layout: Layout, known: Mapping[str, float]) -> Estimate:
-    """The estimate with the known parameters among the others, in the order of the columns."""
-    found = estimate.parameters.as_dict()
-    order = [k for k, name in enumerate(layout.columns) if name in found or name in known]
-    names = tuple(layout.columns[k] for k in order)
-    at = [names.index(name) for name in estimate.parameters.names]
-    covariance = np.zeros((len(names), len(names)))
-    covariance[np.ix_(at, at)] = estimate.covariance
-    values = [known[name] if name in known else found[name] for name in names]
-    return replace(
-        estimate,
-        parameters=Parameters(names, tuple(layout.units[k] for k in order), values),
-        covariance=frozen(covariance),
-        known=tuple(name for name in names if name in known),
-    )
+        estimate = self.inner(others)
+        values = estimate.parameters.as_dict() | known
+        order = [k for k, name in enumerate(columns) if name in values]
+        parameters = Parameters(
+            tuple(columns[k] for k in order),
+            tuple(information.layout.units[k] for k in order),
+            [values[columns[k]] for k in order],
+        )
+        at = [parameters.names.index(name) for name in estimate.parameters.names]
+        covariance = np.zeros((len(order), len(order)))
+        covariance[np.ix_(at, at)] = estimate.covariance
+        known_names = tuple(name for name in parameters.names if name in known)
+        return replace(
+            estimate, parameters=parameters, covariance=frozen(covariance), known=known_names
+        )
 
 
 Bounds = Mapping[str, tuple[float, float]]  # by name of the column; infinite if none
@@ -180,11 +173,11 @@ class BoundedLeastSquares:
         inverse = inverse_of_gram(matrix[np.ix_(old.kept, old.kept)])
         own = tuple(part.solved(full) for part in eliminated)
         found = Fit(fit.data, replace(old, values=full, inverse=inverse, locals=own), variances)
-        spread = spread_of(found, scatter(fit) / variances)
+        both = covariances(found, scatter(fit) / variances)
         slack = AT_BOUND / np.linalg.norm(root, axis=0)
         at = np.flatnonzero((values <= lower + slack) | (values >= upper - slack))
         notes = (f"at a bound: {', '.join(names[k] for k in at)}",) if len(at) else ()
-        return replace(described("bounded least squares", found, spread), notes=notes)
+        return replace(described("bounded least squares", found, *both), notes=notes)
 
 
 def optimum_within(root: Array, vector: Array, lower: Array, upper: Array) -> Array:
@@ -195,11 +188,9 @@ def optimum_within(root: Array, vector: Array, lower: Array, upper: Array) -> Ar
     ends = (lower * lengths, upper * lengths)
     found = lsq_linear(root / lengths, vector, ends, method="bvls", tol=1e-14)
     if not found.success:
-        raise DataError(
-            f"bounded least squares did not converge: {found.message}",
-            where=f"{len(lengths)} parameters",
-            fix="remove bounds that contradict the data, or use WLS",
-        )
+        wrong = f"bounded least squares did not converge: {found.message}"
+        fix = "remove bounds that contradict the data, or use WLS"
+        raise DataError(wrong, where=f"{len(lengths)} parameters", fix=fix)
     return np.asarray(np.clip(found.x / lengths, lower, upper))
 
 
@@ -248,13 +239,14 @@ class Ridge:
         unit, lengths = unit_length(matrix[np.ix_(kept, kept)])
         problem = _RidgeProblem.of(unit, lengths * (solution.values[kept] - target), fit)
         weight = problem.best() if self.weight is None else self.weight
-        values = np.zeros(len(vector))
-        values[kept] = target + problem.step(weight) / lengths
-        inverse = problem.inverse(weight)
+        values, left = np.zeros(len(vector)), problem.eigenvalues + weight
+        step = problem.vectors @ (problem.eigenvalues / left * problem.free)
+        values[kept] = target + step / lengths
+        inverse = (problem.vectors / left) @ problem.vectors.T
         prior = np.diag(weight * np.square(lengths))
         covariance = honest_covariance(fit, inverse / lengths[:, None] / lengths, prior)
         drawn = fit.at(values)
-        found = described("ridge regression", drawn, Spread.of(drawn.solution, covariance))
+        found = described("ridge regression", drawn, covariance)
         # one minus the ratio of the variances after and before the data
         learned = np.clip(1.0 - weight * np.diag(inverse), 0.0, 1.0)
         share = {names[k]: x for k, x in zip(kept, learned, strict=True)}
@@ -278,7 +270,6 @@ class _RidgeProblem:
 
     @classmethod
     def of(cls, unit: Array, deviation: Array, fit: Fit) -> "_RidgeProblem":
-        """The problem beside a free fit."""
         values, vectors = np.linalg.eigh(unit)
         rest, spent = 0.0, 0
         for run, own in zip(fit.data.runs, fit.solution.locals, strict=True):
@@ -310,12 +301,3 @@ class _RidgeProblem:
             lambda x: float(self.score(np.exp(np.array(x)))), bounds=around, method="bounded"
         )
         return float(np.exp(refined.x if refined.fun < scores[k] else grid[k]))
-
-    def step(self, weight: float) -> Array:
-        """Deviation from the target, shape `(k,)`."""
-        d = self.eigenvalues
-        return np.asarray(self.vectors @ (d / (d + weight) * self.free))
-
-    def inverse(self, weight: float) -> Array:
-        """Covariance after the data, shape `(k, k)`."""
-        return np.asarray((self.vectors / (self.eigenvalues + weight)) @ self.vectors.T)

@@ -70,11 +70,9 @@ class Runs:
         columns = information.layout.columns
         for name in per_run:
             if name not in columns:
-                raise DataError(
-                    f"there is no column '{name}' that could be estimated per run",
-                    where="parameters per run",
-                    fix=f"its columns are {', '.join(columns[:12])}, ...",
-                )
+                wrong = f"there is no column '{name}' that could be estimated per run"
+                fix = f"its columns are {', '.join(columns[:12])}, ..."
+                raise DataError(wrong, where="parameters per run", fix=fix)
         if not per_run:
             return cls(information, (information,), ())
         groups = information.windows_of_runs.values()
@@ -97,8 +95,16 @@ class Runs:
         eliminated = []
         for run in self.runs:
             matrix, vector, _ = run.normal(weights)
-            squares += np.diag(matrix)
-            own = self._eliminated(run, matrix, vector)
+            sizes = np.diag(matrix)
+            squares += sizes
+            # the run's own columns that it sees, as a function of the shared ones
+            columns = [k for k in self.local if sizes[k] > 1e-24 * sizes.max(initial=1e-300)]
+            unit, lengths = unit_length(matrix[np.ix_(columns, columns)])
+            inverse = np.linalg.pinv(unit, rcond=SEEN, hermitian=True) / lengths[:, None] / lengths
+            slopes, offset = -inverse @ matrix[columns], inverse @ vector[columns]
+            slopes[:, list(self.local)] = 0.0
+            name, zeros = run.windows[0].run if run.windows else "", np.zeros(len(columns))
+            own = Eliminated(name, tuple(columns), offset, slopes, inverse, zeros)
             across = matrix[:, list(own.columns)]
             total += matrix + across @ own.slopes
             right += vector - across @ own.offset
@@ -106,18 +112,6 @@ class Runs:
         own_columns = list(self.local)
         total[own_columns], total[:, own_columns], right[own_columns] = 0.0, 0.0, 0.0
         return 0.5 * (total + total.T), right, tuple(eliminated), squares
-
-    def _eliminated(self, run: Information, matrix: Array, vector: Array) -> Eliminated:
-        """The run's own columns that it sees, as a function of the shared ones."""
-        sizes = np.diag(matrix)
-        columns = [k for k in self.local if sizes[k] > 1e-24 * sizes.max(initial=1e-300)]
-        own, lengths = unit_length(matrix[np.ix_(columns, columns)])
-        inverse = np.linalg.pinv(own, rcond=SEEN, hermitian=True) / lengths[:, None] / lengths
-        slopes = -inverse @ matrix[columns]
-        slopes[:, list(self.local)] = 0.0
-        name = run.windows[0].run if run.windows else ""
-        zeros = np.zeros(len(columns))
-        return Eliminated(name, tuple(columns), inverse @ vector[columns], slopes, inverse, zeros)
 
 
 def explained(
@@ -130,6 +124,8 @@ def explained(
     seen = {names[column] for own in eliminated for column in own.columns}
     result = []
     for one in blind:
+        if one.name in seen:
+            continue
         k = names.index(one.name)
         hiding = (
             names[column]
@@ -138,7 +134,7 @@ def explained(
             if abs(slope) * lengths[column] > TIED * lengths[k]
         )
         tied = tuple(dict.fromkeys((*one.tied_to, *hiding)))
-        result += [] if one.name in seen else [Unidentifiable(one.name, tied)]
+        result.append(Unidentifiable(one.name, tied))
     return tuple(result)
 
 
@@ -187,11 +183,9 @@ def solve(data: Runs, weights: Array, before: Solution | None = None) -> Solutio
     lengths = np.sqrt(np.maximum(squares, 0.0))
     blind = explained(blind, eliminated, lengths, information.layout.columns)
     if not kept:
-        raise DataError(
-            "none of the model's parameters is identifiable from the data",
-            where=information.runs or "no window",
-            fix="log a motion in which the joints move",
-        )
+        wrong = "none of the model's parameters is identifiable from the data"
+        fix = "log a motion in which the joints move"
+        raise DataError(wrong, where=information.runs or "no window", fix=fix)
     refuse_few(information, len(kept), 1.0)
     normal = matrix[np.ix_(kept, kept)]
     reduced, scale = unit_length(normal)
@@ -277,20 +271,6 @@ def variances_of(data: Runs, solution: Solution, weights: Array) -> Array:
     return np.maximum(variances, floor)
 
 
-@dataclass(frozen=True, eq=False)
-class Spread:
-    """Covariance of the shared parameters, and per run that of its own."""
-
-    shared: Array
-    own: tuple[Array, ...]
-
-    @classmethod
-    def of(cls, solution: Solution, covariance: Array) -> "Spread":
-        """That of a covariance of the shared parameters that are kept."""
-        kept = solution.kept
-        return cls(covariance, tuple(p.covariance(kept, covariance) for p in solution.locals))
-
-
 def scores_of(
     data: Runs, locals_: Sequence[Eliminated], kept: Sequence[int], weights: Array
 ) -> Array:
@@ -311,11 +291,17 @@ def shared_map(own: Eliminated, kept: Sequence[int]) -> Array:
     return shared
 
 
-def described(name: str, fit: Fit, spread: Spread) -> Estimate:
-    """The estimate of a fit, under the estimator's name."""
-    data, solution, variances = fit.data, fit.solution, fit.variances
-    layout = data.whole.layout
-    values, covariance, own = _with_locals(solution, spread)
+def described(
+    name: str, fit: Fit, shared: Array, locals_: Sequence[Array] | None = None
+) -> Estimate:
+    """The estimate of a fit, under the estimator's name, with covariances.
+
+    That of the shared parameters, and per run that of its own; as the former makes it if `None`.
+    """
+    data, solution, layout = fit.data, fit.solution, fit.data.whole.layout
+    if locals_ is None:
+        locals_ = [part.covariance(solution.kept, shared) for part in solution.locals]
+    values, covariance, own = _with_locals(solution, shared, locals_)
     columns = [*solution.kept, *own]
     order = np.argsort(columns)
 
@@ -329,7 +315,7 @@ def described(name: str, fit: Fit, spread: Spread) -> Estimate:
         parameters=named([columns[k] for k in order], values[order]),
         covariance=frozen(covariance[np.ix_(order, order)]),
         blind=solution.blind,
-        sigma=frozen(np.sqrt(variances)),
+        sigma=frozen(np.sqrt(fit.variances)),
         n_samples=frozen(data.whole.n_samples),
         condition=condition_of(solution.normal),
         condition_normalised=condition_of(unit_length(solution.normal)[0]),
@@ -337,13 +323,15 @@ def described(name: str, fit: Fit, spread: Spread) -> Estimate:
             RunParameters(
                 part.run, named(part.columns, part.values), frozen(np.sqrt(np.diag(covariance)))
             )
-            for part, covariance in zip(solution.locals, spread.own, strict=True)
+            for part, covariance in zip(solution.locals, locals_, strict=True)
             if part.columns
         ),
     )
 
 
-def _with_locals(solution: Solution, spread: Spread) -> tuple[Array, Array, list[int]]:
+def _with_locals(
+    solution: Solution, shared: Array, locals_: Sequence[Array]
+) -> tuple[Array, Array, list[int]]:
     """Shared values and covariance, joined by what a new run is to be expected to have.
 
     Of a column that every run has for itself that is the mean over runs, with the variance
@@ -354,16 +342,16 @@ def _with_locals(solution: Solution, spread: Spread) -> tuple[Array, Array, list
     for column in own:
         parts = [
             (part.values[k], covariance[k, k])
-            for part, covariance in zip(solution.locals, spread.own, strict=True)
+            for part, covariance in zip(solution.locals, locals_, strict=True)
             for k, mine in enumerate(part.columns)
             if mine == column
         ]
         found = np.array([value for value, _ in parts])
         means.append(found.mean())
         variances.append(found.var(ddof=1) if len(found) > 1 else parts[0][1])
-    size = len(spread.shared)
+    size = len(shared)
     total = np.zeros((size + len(own), size + len(own)))
-    total[:size, :size] = (spread.shared + spread.shared.T) / 2.0
+    total[:size, :size] = (shared + shared.T) / 2.0
     total[range(size, len(total)), range(size, len(total))] = variances
     return np.concatenate([solution.values[solution.kept], means]), total, own
 

@@ -1,4 +1,4 @@
-r"""Ordinary, weighted and robust least squares; information as a whitened problem.
+r"""Ordinary, weighted, recursive and robust least squares; information as a whitened problem.
 
 Weights are one per effort row, $1/\sigma_j^2$, found by iteration: fit, take each row's residuals,
 fit again [Gautier1997]. Information counts filtered samples for what they are worth, as many as
@@ -22,15 +22,16 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from steelyard.base.arrays import Array, frozen
+from steelyard.base.errors import DataError
 from steelyard.estimate.estimate import Estimate, Estimator
 from steelyard.estimate.information.information import Information
 from steelyard.estimate.information.kept_filtered_samples import FilteredSamples
 from steelyard.estimate.least_squares.covariance_from_residuals import (
+    covariances,
     inflations,
     moved,
     note_of,
     scatter,
-    spread_of,
 )
 from steelyard.estimate.least_squares.normal_equations import (
     Eliminated,
@@ -64,8 +65,8 @@ class OrdinaryLeastSquares:
         solution = solve(data, ones)
         fit = Fit(data, solution, variances=variances_of(data, solution, ones))
         factors = scatter(WeightedLeastSquares(per_run=self.per_run).fit(information))
-        spread = spread_of(fit, factors * fit.variances, ones)
-        estimate = described("ordinary least squares", fit, spread)
+        both = covariances(fit, factors * fit.variances, ones)
+        estimate = described("ordinary least squares", fit, *both)
         return replace(estimate, notes=note_of(information.layout.rows, factors))
 
 
@@ -81,8 +82,8 @@ class WeightedLeastSquares:
         """Estimate all columns that the data see."""
         fit = self.fit(information)
         factors = scatter(fit)
-        spread = spread_of(fit, factors / fit.variances, 1.0 / fit.variances)
-        estimate = described("weighted least squares", fit, spread)
+        both = covariances(fit, factors / fit.variances, 1.0 / fit.variances)
+        estimate = described("weighted least squares", fit, *both)
         return replace(estimate, notes=note_of(information.layout.rows, factors))
 
     def fit(self, information: Information) -> Fit:
@@ -102,6 +103,59 @@ class WeightedLeastSquares:
                 break
             logs = mixed(points, changes)
         return Fit(data, solution, variances)
+
+
+MOST_WINDOWS_APART = 48  # windows that are kept apart, for the correlation of residuals
+
+
+@dataclass(frozen=True)
+class Recursive:
+    r"""Weighted least squares window by window, of parameters that may drift [Ljung1999].
+
+    What was learned fades as $\lambda^{\Delta t}$ with the time of the windows after it. Kept are
+    the faded sums of products, not an inverse: nothing has to be guessed before the first window,
+    and the size is constant however long it goes on.
+    """
+
+    # weight, after a second of further data, of what was learned before, above 0 and up to 1; with
+    # 1 nothing fades, and the estimate is that of weighted least squares of all windows
+    forgetting: float = 1.0
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.forgetting <= 1.0:
+            wrong = f"a forgetting factor of {self.forgetting:g} per second is not valid"
+            fix = "give a weight above 0 and up to 1, such as 0.98"
+            raise DataError(wrong, where="recursive least squares", fix=fix)
+
+    def __call__(self, information: Information) -> Estimate:
+        """The estimate after all windows, in their order."""
+        faded = squared = information.of(())
+        for number, window in enumerate(information.windows):
+            keep = self.forgetting ** max(window.stop - window.start, 0.0)
+            part = information.of([number])
+            faded, squared = after(faded, keep, part), after(squared, keep**2, part)
+        found = WeightedLeastSquares()(faded)
+        found = replace(found, estimator=f"recursive {found.estimator}")
+        if self.forgetting == 1.0:
+            return found
+        # samples are weighted by their age: in what noise does these weights enter squared
+        variances, names = np.square(np.maximum(found.sigma, 1e-300)), found.parameters.names
+        inverse = inverse_of_gram(faded.select(names).normal(1.0 / variances)[0])
+        noise = squared.select(names).normal(1.0 / variances)[0]
+        covariance = inverse @ noise @ inverse
+        note = f"data {-1.0 / np.log(self.forgetting):.3g} s old have weight 1/e"
+        return replace(
+            found, covariance=frozen(0.5 * (covariance + covariance.T)), notes=(*found.notes, note)
+        )
+
+
+def after(before: Information, keep: float, new: Information) -> Information:
+    """Sums that have faded, and new ones; neighbours merge when there get too many."""
+    both = before.with_effective_samples(1.0 / keep) + new
+    count = len(both.windows)
+    if count <= MOST_WINDOWS_APART:
+        return both
+    return both.grouped([range(k, min(k + 2, count)) for k in range(0, count, 2)])
 
 
 def mixed(points: list[Array], changes: list[Array]) -> Array:

@@ -28,18 +28,12 @@ import numpy as np
 from steelyard.base.arrays import Z95, Array, frozen
 from steelyard.base.errors import DataError
 from steelyard.base.progress import Progress, report_progress, silent
-from steelyard.estimate.consistent.convex_estimator import Consistent, inverse_of
-from steelyard.estimate.estimate import Estimate, StandardEstimate
+from steelyard.estimate.consistent.convex_estimator import Consistent, root_of_inverse
+from steelyard.estimate.estimate import Estimate, KnownScales, StandardEstimate
 from steelyard.estimate.information.information import Information
-from steelyard.estimate.known_effort_scales import KnownScales
 from steelyard.estimate.least_squares.normal_equations import condition_of, unit_length
 from steelyard.estimate.least_squares.weighted_robust_and_whitened import whitened
-from steelyard.estimate.scores.cross_validation import (
-    FEWEST,
-    LEAST_GAIN_PER_PARAMETER,
-    logarithms,
-    windows_of_folds,
-)
+from steelyard.estimate.scores import cross_validation
 
 DEVIATION = (0.02, 0.1)  # least and greatest $d$, the greatest where no scale is known
 NORMAL_MEDIAN = 0.6745  # median size of a standard normal variable
@@ -100,11 +94,10 @@ class Scaled:
 
     def unscaled(self, information: Information, gamma: float | None = None) -> Scales:
         """All scales 1, with a weight of the prior; of that which the estimate finds, if `None`."""
-        found, n = self.estimator.values(information, gamma), len(self.rows)
-        standard = np.concatenate([found.standard, np.zeros(n)])
-        return Scales(
-            np.ones(n), DEVIATION[1] ** 2 * np.eye(n), found.values, found.gamma, standard
-        )
+        values, gamma, standard = self.estimator.values(information, gamma)
+        n = len(self.rows)
+        standard = np.concatenate([standard, np.zeros(n)])
+        return Scales(np.ones(n), DEVIATION[1] ** 2 * np.eye(n), values, gamma, standard)
 
     def step(self, information: Information, at: Scales, *, weigh: bool = False) -> Scales:
         """One Gauss-Newton step from scales and parameters that were reached, efforts as logged.
@@ -125,14 +118,9 @@ class Scaled:
         precision = program.stated_precision(u, gamma)
         precision += program.unknowns.matrix.T @ program.unknowns.matrix
         n, columns = len(self.rows), information.layout.columns
-        spread = np.outer(at.prior_std, at.prior_std) * inverse_of(precision)[-n:, -n:]
-        return Scales(
-            np.exp(logs),
-            spread,
-            self.estimator.base.values_of(columns, standard[:-n]),
-            gamma,
-            standard,
-        )
+        root = at.prior_std[:, None] * root_of_inverse(precision)[-n:]
+        values = self.estimator.base.values_of(columns, standard[:-n])
+        return Scales(np.exp(logs), root @ root.T, values, gamma, standard)
 
     def converged(self, information: Information, at: Scales, *, weigh: bool = False) -> Scales:
         """Steps until the scales stand still; arguments and errors as of `step`.
@@ -156,10 +144,9 @@ class Scaled:
         that they were found with: with another one they would be others. Condition numbers are
         those of the parameters, without the scales.
         """
-        names = self._names
         logged = information.scaled(scales.values, information.signature.effort)
         wide = replace(self._wide(scales), gamma=scales.gamma or None)
-        found = _without(wide(self._extended(logged, scales)), names)
+        found = _without(wide(self._extended(logged, scales)), self._names)
         own = whitened(information, equal=self.estimator.equal).fit.solution
         return replace(
             found,
@@ -238,10 +225,9 @@ class EffortScales:
         listed = ", ".join(f"{joint} {x:.2f} ± {half:.2f}" for joint, x, half in values)
         return (
             "a scale of the efforts is estimated per joint (logged over model, "
-            f"{self.found.before}): {listed}; "
-            f"error on left-out motion {self.error:.3g} % instead of {self.without:.3g} %; masses "
-            'are as uncertain as the scales; effort_scales = "off" in [estimation] keeps the given '
-            "gains"
+            f"{self.found.before}): {listed}; error on left-out motion {self.error:.3g} % instead "
+            f"of {self.without:.3g} %; masses are as uncertain as the scales; "
+            'effort_scales = "off" in [estimation] keeps the given gains'
         )
 
     def to_dict(self) -> dict[str, Any]:
@@ -270,7 +256,7 @@ def effort_scales(
         return None
     if not _significant(found):
         return None
-    folds = information.grouped(windows_of_folds(information))
+    folds = information.grouped(cross_validation.windows_of_folds(information))
     errors = []
     for fold in range(len(folds.windows)):
         report_progress(progress, "judging effort scales", fold, len(folds.windows))
@@ -281,12 +267,17 @@ def effort_scales(
             with_scales = scaled.converged(rest, found)
         except DataError:
             continue
-        sizes = left_out.effort_squares()
-        errors.append([_errors(left_out, scales, sizes) for scales in (plain, with_scales)])
-    if len(errors) < FEWEST:
+        sizes, two = left_out.effort_squares(), []
+        for scales in (plain, with_scales):  # efforts as logged
+            logged = left_out.scaled(1.0 / scales.values, left_out.signature.effort)
+            squares = logged.residual_squares(scales.parameters) * np.square(scales.values)
+            shares = 100.0 * np.sqrt(squares / np.where(sizes > 0.0, sizes, np.inf))
+            two.append(float(cross_validation.logarithms(shares[None], sizes[None])[0]))
+        errors.append(two)
+    if len(errors) < cross_validation.FEWEST:
         return None
     plain_errors, scaled_errors = np.array(errors).T
-    if (plain_errors - scaled_errors).mean() <= LEAST_GAIN_PER_PARAMETER:
+    if (plain_errors - scaled_errors).mean() <= cross_validation.LEAST_GAIN_PER_PARAMETER:
         return None
     mean = np.exp([scaled_errors.mean(), plain_errors.mean()])
     return EffortScales(information.layout.rows, found, float(mean[0]), float(mean[1]), scaled)
@@ -297,11 +288,3 @@ def _significant(scales: Scales) -> bool:
     from scipy.special import chdtrc
 
     return bool(chdtrc(len(scales.values), scales.distance) < CHANCE)
-
-
-def _errors(left_out: Information, scales: Scales, sizes: Array) -> float:
-    """Logarithm of the error on what was left out, efforts as logged."""
-    logged = left_out.scaled(1.0 / scales.values, left_out.signature.effort)
-    squares = logged.residual_squares(scales.parameters) * np.square(scales.values)
-    shares = 100.0 * np.sqrt(squares / np.where(sizes > 0.0, sizes, np.inf))
-    return float(logarithms(shares[None], sizes[None])[0])

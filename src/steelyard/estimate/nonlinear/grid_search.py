@@ -147,31 +147,24 @@ class Problem:
         return min(found, key=lambda result: result[2])
 
     def _from(self, choice: Indices) -> tuple[Indices, Costs, float]:
-        energy = self.information.effort_squares() / np.maximum(self.information.n_samples, 1.0)
-        variances = np.where(energy > 0.0, energy, 1.0)
+        counts, layout = self.information.n_samples, self.information.layout
+        energy = self.information.effort_squares() / np.maximum(counts, 1.0)
+        first = variances = np.where(energy > 0.0, energy, 1.0)
+        sees = np.zeros((len(layout.rows), len(layout.columns)))
+        for row, seen in enumerate(layout.sees):
+            sees[row, list(seen)] = 1.0
         costs = Costs.of(self.information, self.shared, self.slots, 1.0 / variances)
         for _ in range(ROUNDS):
             choice, _ = costs.descended(choice)
-            updated = self._variances(costs, choice)
-            change = float(np.abs(updated / variances - 1.0).max())
-            variances = updated
+            squares, before = self.information.residual_squares(costs.values(choice)), variances
+            # a parameter counts in equal parts in all rows that see it
+            present = sees[:, np.concatenate([self.shared, self.slots.of(choice[None])[0]])]
+            used = np.sum(present / np.maximum(present.sum(axis=0), 1.0), axis=1)
+            variances = np.maximum(squares / np.maximum(counts - used, 1.0), EXACT * first)
             costs = Costs.of(self.information, self.shared, self.slots, 1.0 / variances)
-            if change < TOLERANCE:
+            if np.abs(variances / before - 1.0).max() < TOLERANCE:
                 break
-        return choice, costs, float(self.information.n_samples @ np.log(variances))
-
-    def _variances(self, costs: Costs, choice: Indices) -> Array:
-        """Residual variance per row; a parameter counts in equal parts in all rows that see it."""
-        squares = self.information.residual_squares(costs.values(choice))
-        counts = self.information.n_samples
-        present = np.concatenate([self.shared, self.slots.of(choice[None])[0]])
-        sees = np.zeros((len(squares), len(self.information.layout.columns)))
-        for row, seen in enumerate(self.information.layout.sees):
-            sees[row, list(seen)] = 1.0
-        used = np.sum(sees[:, present] / np.maximum(sees[:, present].sum(axis=0), 1.0), axis=1)
-        energy = self.information.effort_squares() / np.maximum(counts, 1.0)
-        floor = EXACT * np.where(energy > 0.0, energy, 1.0)
-        return np.asarray(np.maximum(squares / np.maximum(counts - used, 1.0), floor))
+        return choice, costs, float(counts @ np.log(variances))
 
 
 RISE = 3.841458820694124  # rise of the costs, in variances, at the ends of a 95 % interval
@@ -198,12 +191,19 @@ class CostShape:
         place = np.array([grid[k] for grid, k in zip(grids, choice, strict=True)])
         inner = []
         for u, (grid, k) in enumerate(zip(grids, choice, strict=True)):
-            if 0 < k < len(grid) - 1:
-                slopes[u], bends[u, u] = _parabola(costs, choice, u, np.diff(grid[k - 1 : k + 2]))
+            if 0 < k < len(grid) - 1:  # slope and second derivative along the unknown
+                steps = np.diff(grid[k - 1 : k + 2])
+                low, middle, high = costs(np.array([_moved(choice, {u: d}) for d in (-1, 0, 1)]))
+                below, above = (low - middle) / steps[0], (high - middle) / steps[1]
+                slopes[u] = (above * steps[0] - below * steps[1]) / steps.sum()
+                bends[u, u] = 2.0 * (above + below) / steps.sum()
                 inner += [u] if bends[u, u] > 0.0 else []
         for k, u in enumerate(inner):
-            for v in inner[:k]:
-                bends[u, v] = bends[v, u] = _twist(costs, choice, grids, u, v)
+            for v in inner[:k]:  # mixed second derivative
+                trial = [_moved(choice, {u: a, v: b}) for a in (1, -1) for b in (1, -1)]
+                spans = [grids[w][choice[w] + 1] - grids[w][choice[w] - 1] for w in (u, v)]
+                f = costs(np.array(trial))
+                bends[u, v] = bends[v, u] = (f[0] - f[1] - f[2] + f[3]) / (spans[0] * spans[1])
         matrix, spread = bends[np.ix_(inner, inner)], np.diag(np.full(count, np.inf))
         if inner and np.linalg.eigvalsh(matrix)[0] <= 0.0:
             matrix = np.diag(np.diag(matrix))
@@ -232,21 +232,18 @@ class CostShape:
         middle, grid = self.place[unknown], self.grids[unknown]
         if half <= self.step(unknown) and grid[0] < middle - half and middle + half < grid[-1]:
             return middle - half, middle + half
-        roots = np.sqrt(np.maximum(self._profile(unknown), 0.0))
+        # rise of the costs, least over all other unknowns, along the unknown's grid
+        least = float(self.costs(self.choice[None])[0]) - self.gains[unknown]
+        rises = np.empty(len(grid))
+        for k in range(len(grid)):
+            start = _moved(self.choice, {unknown: k - int(self.choice[unknown])})
+            rises[k] = self.costs.descended(start, fixed=unknown)[1] - least
+        roots = np.sqrt(np.maximum(rises, 0.0))
         below, above = grid < middle, grid > middle
         return (
             _crossing(middle, grid[below][::-1], roots[below][::-1]),
             _crossing(middle, grid[above], roots[above]),
         )
-
-    def _profile(self, unknown: int) -> Array:
-        """Rise of the costs, least over all other unknowns, along the unknown's grid."""
-        least = float(self.costs(self.choice[None])[0]) - self.gains[unknown]
-        result = np.empty(len(self.grids[unknown]))
-        for k in range(len(result)):
-            start = _moved(self.choice, {unknown: k - int(self.choice[unknown])})
-            result[k] = self.costs.descended(start, fixed=unknown)[1] - least
-        return result
 
 
 def _crossing(middle: float, places: Array, roots: Array) -> float:
@@ -257,23 +254,6 @@ def _crossing(middle: float, places: Array, roots: Array) -> float:
         return float(places[-1])
     share = (np.sqrt(RISE) - roots[last]) / (roots[last + 1] - roots[last])
     return float(places[last] + share * (places[last + 1] - places[last]))
-
-
-def _parabola(costs: Costs, choice: Indices, u: int, steps: Array) -> tuple[float, float]:
-    """Slope and second derivative along an unknown, `steps` below and above the choice."""
-    trial = np.array([_moved(choice, {u: d}) for d in (-1, 0, 1)])
-    low, middle, high = costs(trial)
-    below, above = (low - middle) / steps[0], (high - middle) / steps[1]
-    slope = (above * steps[0] - below * steps[1]) / steps.sum()
-    return float(slope), float(2.0 * (above + below) / steps.sum())
-
-
-def _twist(costs: Costs, choice: Indices, grids: Sequence[Array], u: int, v: int) -> float:
-    """Mixed second derivative along two unknowns."""
-    trial = np.array([_moved(choice, {u: a, v: b}) for a in (1, -1) for b in (1, -1)])
-    f = costs(trial)
-    spans = [grids[w][choice[w] + 1] - grids[w][choice[w] - 1] for w in (u, v)]
-    return float((f[0] - f[1] - f[2] + f[3]) / (spans[0] * spans[1]))
 
 
 def _moved(choice: Indices, by: dict[int, int]) -> Indices:

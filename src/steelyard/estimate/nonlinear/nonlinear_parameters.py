@@ -37,17 +37,7 @@ from steelyard.estimate.information.base_parameters_and_regressor import Regress
 from steelyard.estimate.information.gather import gather
 from steelyard.estimate.information.information import Information
 from steelyard.estimate.least_squares.weighted_robust_and_whitened import WeightedLeastSquares
-from steelyard.estimate.nonlinear.grid_search import (
-    WIDEST,
-    InformationOf,
-    Search,
-    Unknown,
-    bounds_of,
-    points_of,
-    unknowns_of,
-    value_of,
-    with_fields,
-)
+from steelyard.estimate.nonlinear import grid_search
 from steelyard.model.model import Model
 from steelyard.model.terms.axes_and_fields import finds_of
 from steelyard.model.terms.geometry_and_effort_errors import GeometryErrors
@@ -121,7 +111,7 @@ def information_from(
     longest: float = np.inf,
     threads: int = 1,
     progress: Progress = silent,
-) -> InformationOf:
+) -> grid_search.InformationOf:
     """What runs say, efforts in the joints' units; every call is a pass; options as of `gather`."""
 
     def information_of(regressor: Regressor) -> Information:
@@ -139,7 +129,7 @@ def information_from(
 
 def find_fields(
     model: Model,
-    information_of: InformationOf,
+    information_of: grid_search.InformationOf,
     *,
     starts: int = 8,
     seed: int = 0,
@@ -151,19 +141,20 @@ def find_fields(
     intervals of one then hold for the values of the others. The search starts from `starts` random
     choices of candidates. A `ModelError` says that a field cannot be found from data.
     """
-    unknowns = unknowns_of(model)
-    logs = {u: float(np.mean(bounds_of(u))) for u in unknowns}
+    unknowns = grid_search.unknowns_of(model)
+    logs = {u: float(np.mean(grid_search.bounds_of(u))) for u in unknowns}
     groups = _groups(model, unknowns)
     random = np.random.default_rng(seed)
-    findings: dict[Unknown, Finding] = {}
+    findings: dict[grid_search.Unknown, Finding] = {}
     for _ in range(FIELD_ROUNDS if len(groups) > 1 else len(groups)):
         before = dict(logs)
         for group in groups:
             fixed = {
-                t: with_fields(model, t, logs) for t in {u.term for u in unknowns} - set(group)
+                t: grid_search.with_fields(model, t, logs)
+                for t in {u.term for u in unknowns} - set(group)
             }
             mine = tuple(u for u in unknowns if u.term in group)
-            shape = Search(_with(model, fixed), group, mine)(
+            shape = grid_search.Search(_with(model, fixed), group, mine)(
                 information_of, starts, random, progress
             )
             for k, u in enumerate(mine):
@@ -173,13 +164,13 @@ def find_fields(
                     term=model.terms[u.term].law,
                     field=u.field,
                     joint=u.axis,
-                    value=value_of(u, logs[u]),
-                    interval=(value_of(u, low), value_of(u, high)),
+                    value=grid_search.value_of(u, logs[u]),
+                    interval=(grid_search.value_of(u, low), grid_search.value_of(u, high)),
                     bounds=(u.find.lower, u.find.upper),
                 )
         if all(abs(logs[u] - before[u]) < FIELD_TOLERANCE for u in unknowns):
             break
-    done = _with(model, {u.term: with_fields(model, u.term, logs) for u in unknowns})
+    done = _with(model, {u.term: grid_search.with_fields(model, u.term, logs) for u in unknowns})
     return FoundFields(done, tuple(findings[u] for u in unknowns))
 
 
@@ -187,19 +178,21 @@ def _with(model: Model, terms: Mapping[int, Term]) -> Model:
     return Model(model.robot, tuple(terms.get(k, term) for k, term in enumerate(model.terms)))
 
 
-def _groups(model: Model, unknowns: Sequence[Unknown]) -> list[tuple[int, ...]]:
+def _groups(model: Model, unknowns: Sequence[grid_search.Unknown]) -> list[tuple[int, ...]]:
     """Terms that are searched together, so that no pass gets too wide."""
     groups: list[tuple[int, ...]] = []
     room = 0
     for term in dict.fromkeys(u.term for u in unknowns):
         count = len(finds_of(model.terms[term]))
-        width = points_of(model, term) ** count * len(model.terms[term].parameters(model.robot))
+        width = grid_search.points_of(model, term) ** count * len(
+            model.terms[term].parameters(model.robot)
+        )
         if groups and width <= room:
             groups[-1] += (term,)
             room -= width
         else:
             groups.append((term,))
-            room = WIDEST - width
+            room = grid_search.WIDEST - width
     return groups
 
 
@@ -241,20 +234,15 @@ def bodies_of(estimate: Estimate) -> dict[str, float]:
 
 
 def reference_of(
-    model: Model, information_of: InformationOf, estimator: Estimator[Information]
+    model: Model, information_of: grid_search.InformationOf, estimator: Estimator[Information]
 ) -> dict[str, float]:
     """Bodies fitted without load-dependent friction."""
     terms = tuple(t for t in model.terms if not t.needs_reference)
     return bodies_of(estimator(information_of(base_regressor(replace(model, terms=terms)))))
 
 
-def needs_reference(model: Model) -> bool:
-    """Whether a term's load comes from a reference model."""
-    return any(term.needs_reference for term in model.terms)
-
-
 def converged_reference(
-    model: Model, information_of: InformationOf, estimator: Estimator[Information]
+    model: Model, information_of: grid_search.InformationOf, estimator: Estimator[Information]
 ) -> tuple[Model, bool]:
     """Fit, take the bodies as reference, refit until they stand still; whether they do."""
     reference = reference_of(model, information_of, estimator)
@@ -328,7 +316,7 @@ def with_offsets(runs: Sequence[Run], offsets: Array) -> tuple[Run, ...]:
 
 def find_offsets(
     model: Model,
-    information_at: Callable[[Array], InformationOf],
+    information_at: Callable[[Array], grid_search.InformationOf],
     start: Array,
     wanted: Sequence[bool],
 ) -> ZeroOffsets:
@@ -341,11 +329,9 @@ def find_offsets(
         DataError: The robot has closed chains.
     """
     if model.robot.passive:
-        raise DataError(
-            "zero offsets of closed chains cannot be estimated",
-            where=f"robot '{model.robot.name}'",
-            fix="give position_offset = [...] in [signals]",
-        )
+        wrong = "zero offsets of closed chains cannot be estimated"
+        fix = "give position_offset = [...] in [signals]"
+        raise DataError(wrong, where=f"robot '{model.robot.name}'", fix=fix)
     fit = WeightedLeastSquares(per_run=model.per_run_names)
     values, spread, converged = start.copy(), np.full(len(start), np.nan), False
     bodies = bodies_of(fit(information_at(values.copy())(base_regressor(model))))

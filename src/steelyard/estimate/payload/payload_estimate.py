@@ -218,13 +218,10 @@ def payload_of(
 def refuse_unseen(covariance: Array, frame: Frame) -> None:
     """Data that see none of the payload's numbers weigh nothing."""
     if np.isnan(np.diag(covariance)).all():
-        raise DataError(
-            "no parameter of the payload is identifiable from the data",
-            where=f"frame '{frame.name}'",
-            fix="log a motion that turns the payload against gravity, with and without it",
-        )
+        wrong = "no parameter of the payload is identifiable from the data"
+        fix = "log a motion that turns the payload against gravity, with and without it"
+        raise DataError(wrong, where=f"frame '{frame.name}'", fix=fix)
 
 
 def _interval(value: float, half: float, unit: str) -> str:
-    """A value and the half-width of its interval."""
     return f"{value:.4g} ± {half:.2g} {unit}" if np.isfinite(value) else "not identifiable"

@@ -6,6 +6,8 @@ their own day: old parameters of a run = its transform @ shared parameters.
 The payload's numbers, moved to the frame of the body that carries it, add to that body's: with
 `lift` the map from standard to base parameters, $\phi_\mathrm{base} + B\,\phi_L$, $B$ = `lift`'s
 ten columns of the body times the move.
+
+What such runs say about some parameters, all others free, is a marginal information.
 """
 
 from collections.abc import Collection, Sequence
@@ -22,6 +24,56 @@ from steelyard.estimate.information.information import Information
 from steelyard.model.model import Model
 from steelyard.robot.inertia_and_placement import INERTIAL_NAMES, INERTIAL_UNITS, Inertia
 from steelyard.robot.robot import Frame, Robot
+
+SEEN = 1e-10  # share of a parameter's information, all others free, that counts as some
+TOUCHED = 1e-4  # component along an unseen direction from which on a parameter is not seen
+RANK = 1e-13  # relative eigenvalue of a scaled normal matrix whose direction is left at zero
+
+
+def inverse(matrix: Array) -> Array:
+    """Inverse of a symmetric, non-negative matrix; directions without information stay at zero."""
+    size = np.sqrt(np.maximum(np.diag(matrix), 0.0))
+    scale = np.where(size > 0.0, size, np.inf)
+    values, vectors = np.linalg.eigh(matrix / scale[:, None] / scale)
+    kept = values > RANK * values.max(initial=1e-300) * len(values)
+    part = vectors[:, kept] / scale[:, None]
+    return np.asarray((part / values[kept]) @ part.T)
+
+
+def marginal(matrix: Array, chosen: Sequence[int]) -> Array:
+    """Information left of some when all others are free, $A_{cc} - A_{co} A_{oo}^{-1} A_{oc}$."""
+    mine = list(chosen)
+    others = [k for k in range(len(matrix)) if k not in set(mine)]
+    cross = matrix[np.ix_(mine, others)]
+    left = matrix[np.ix_(mine, mine)] - cross @ inverse(matrix[np.ix_(others, others)]) @ cross.T
+    return np.asarray((left + left.T) / 2.0)
+
+
+def _scaled(matrix: Array, chosen: Sequence[int]) -> tuple[Array, Array, Array]:
+    """Scale of each chosen parameter, eigenvalues and vectors of what is left about them in it."""
+    size = np.sqrt(np.maximum(np.diag(matrix)[list(chosen)], 0.0))
+    scale = np.where(size > 0.0, size, np.inf)
+    values, vectors = np.linalg.eigh(marginal(matrix, chosen) / scale[:, None] / scale)
+    return scale, values, vectors
+
+
+def seen_information(matrix: Array, chosen: Sequence[int]) -> Array:
+    """The same without directions that the data do not see, which rounding leaves in it."""
+    scale, values, vectors = _scaled(matrix, chosen)
+    seen = values >= SEEN
+    kept = vectors[:, seen] * np.where(np.isfinite(scale), scale, 0.0)[:, None]
+    return np.asarray((kept * values[seen]) @ kept.T)
+
+
+def covariance_of(matrix: Array, chosen: Sequence[int]) -> Array:
+    """Covariance `(c, c)` of chosen of `p` parameters with an information matrix; NaN if unseen."""
+    scale, values, vectors = _scaled(matrix, chosen)
+    null = values < SEEN
+    kept = vectors[:, ~null] / scale[:, None]
+    covariance = np.asarray((kept / values[~null]) @ kept.T)
+    blind = np.linalg.norm(vectors[:, null], axis=1) > TOUCHED
+    covariance[blind, :] = covariance[:, blind] = np.nan
+    return covariance
 
 
 def carrier(robot: Robot, name: str | None = None) -> Frame:
@@ -40,11 +92,8 @@ def carrier(robot: Robot, name: str | None = None) -> Frame:
     elif robot.bodies[frame.body].massless:
         wrong, which = "lies between two joints of one body, and has no mass", "link with mass"
     if wrong:
-        raise ModelError(
-            f"frame '{name}' {wrong}",
-            where=f"robot '{robot.name}'",
-            fix=f"name a {which}, such as '{robot.bodies[-1].name}'",
-        )
+        fix = f"name a {which}, such as '{robot.bodies[-1].name}'"
+        raise ModelError(f"frame '{name}' {wrong}", where=f"robot '{robot.name}'", fix=fix)
     return frame
 
 
@@ -52,11 +101,9 @@ def payload_lift(robot: Robot, base: BaseMap, frame: Frame) -> Array:
     """What a payload's ten numbers in a frame add to the base parameters, shape `(b, 10)`."""
     body = robot.bodies[frame.body].name
     if f"{INERTIAL_NAMES[0]}.{body}" not in base.names:
-        raise ModelError(
-            "a payload adds to the robot's bodies, but the model's terms have none",
-            where=f"robot '{robot.name}', list of terms",
-            fix='list the term "rigid_body", and identify the model anew',
-        )
+        wrong = "a payload adds to the robot's bodies, but the model's terms have none"
+        fix = 'list the term "rigid_body", and identify the model anew'
+        raise ModelError(wrong, where=f"robot '{robot.name}', list of terms", fix=fix)
     move = np.array(
         [Inertia.from_ten(e).moved(frame.rotation, frame.position).ten for e in np.eye(10)]
     ).T
@@ -85,11 +132,8 @@ def joined(
     found = []
     for information, transform in parts:
         if not information.windows:
-            raise DataError(
-                "the run has no usable samples",
-                where="information of a run",
-                fix="leave the run out, or log a motion in which the joints move",
-            )
+            fix = "leave the run out, or log a motion in which the joints move"
+            raise DataError("the run has no usable samples", where="information of a run", fix=fix)
         rows = zip(information.layout.sees, sees, strict=True)
         moved = [block_diag(transform[np.ix_(old, seen)], 1.0) for old, seen in rows]
         whole = information.grouped([range(len(information.windows))])
@@ -103,9 +147,9 @@ FREEDOM = 2.0  # expected squares of scores below which they are too few
 def scatter(information: Information, values: Array, variances: Array, covariance: Array) -> Array:
     """How many times more than by white residuals a fit scatters, per row, shape `(rows,)`.
 
-    By the scores of windows, or of whole runs where that is more (see
-    `steelyard.estimate.least_squares.residual_covariance`); one where chance explains them. Few
-    windows know a factor badly: it is wider as Student's quantile is.
+    By the scores of windows, or of whole runs where that is more, see `covariance_from_residuals`;
+    one where chance explains them. Few windows know a factor badly: it is wider as Student's
+    quantile is.
     """
     from scipy.special import stdtrit
 

@@ -1,15 +1,18 @@
-"""Knowledge of bodies before the data: priors from the model file and from simple solid shapes."""
+"""Knowledge of bodies before the data: priors of the model file, of `[prior]`, of solid shapes."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from steelyard.base.arrays import Array, by_key, frozen
+from steelyard.base.errors import ModelError, advice
 from steelyard.model.model import Model
-from steelyard.robot.inertia_and_placement import INERTIAL_NAMES, Inertia
+from steelyard.robot.file.effort_units_and_gears import Locate
+from steelyard.robot.file.sections import LinkPriorSection, PriorSection
+from steelyard.robot.inertia_and_placement import INERTIAL_NAMES, Inertia, symmetric
 from steelyard.robot.robot import Body, Robot
 
 
@@ -21,6 +24,20 @@ class Row:
     coefficients: Mapping[str, float]  # $a_k$ by name
     lower: float = -np.inf
     upper: float = np.inf
+
+
+def in_words(interval: tuple[float, float], unit: str = "") -> str:
+    """A bound as people say it: `at least 3 kg`, `between 3 and 5 kg`, `3 kg`."""
+    low, high = interval
+    if low == high:
+        text = f"{low:g}"
+    elif not np.isfinite(high):
+        text = f"at least {low:g}"
+    elif not np.isfinite(low):
+        text = f"at most {high:g}"
+    else:
+        text = f"between {low:g} and {high:g}"
+    return f"{text} {unit}".rstrip()
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,6 +80,7 @@ class Knowledge:
 
 
 DENSITY = 2000.0  # of a stand-in [kg/m³]: castings with motors, gears and air in them
+STEEL = 8000.0  # density that no real body exceeds [kg/m³]
 
 
 def of_spread(mass: float, com: ArrayLike, spread: ArrayLike) -> Inertia:
@@ -104,8 +122,9 @@ def capsule(mass: float, start: ArrayLike, end: ArrayLike, radius: float | None 
     """
     first, last = np.asarray(start, dtype=np.float64), np.asarray(end, dtype=np.float64)
     length = float(np.linalg.norm(last - first))
-    if radius is None:
-        radius = _capsule_radius(mass, length)
+    if radius is None:  # the root of pi r^2 l + 4/3 pi r^3 = m / density
+        roots = np.roots([4.0 / 3.0, length, 0.0, -mass / (np.pi * DENSITY)])
+        radius = float(roots[np.isreal(roots) & (roots.real > 0.0)].real[0])
     if length < 1e-9:
         return ball(mass, first, radius)
     volumes = np.array([length, 4.0 / 3.0 * radius])
@@ -118,19 +137,8 @@ def capsule(mass: float, start: ArrayLike, end: ArrayLike, radius: float | None 
     return of_spread(mass, (first + last) / 2.0, spread)
 
 
-def densest(mass: float) -> float:
-    """Second moment of a ball of steel [kg m²]: no real body of that mass is closer together."""
-    return mass * _ball_radius(mass, 8000.0) ** 2 / 5.0
-
-
 def _ball_radius(mass: float, density: float) -> float:
     return float(np.cbrt(0.75 * mass / (np.pi * density)))
-
-
-def _capsule_radius(mass: float, length: float) -> float:
-    r"""The root of $\pi r^2 l + \tfrac43 \pi r^3 = m / \rho$."""
-    roots = np.roots([4.0 / 3.0, length, 0.0, -mass / (np.pi * DENSITY)])
-    return float(roots[np.isreal(roots) & (roots.real > 0.0)].real[0])
 
 
 THINNEST = 1e-2
@@ -160,15 +168,25 @@ def default_knowledge(model: Model) -> Knowledge:
 
 
 def knowledge_with(model: Model, priors: Mapping[str, PriorBody]) -> Knowledge:
-    """Priors of the bodies named, and the bounds of the terms' parameters."""
+    """Priors of the bodies named, with notes on them, and the bounds of the terms' parameters."""
     bodies = tuple(body.name for body in rigid_bodies(model).values())
+    alike = by_key((one.why, f"'{name}'") for name, one in priors.items() if one.why)
+    notes = [
+        f"the prior of link{'s' * (len(names) > 1)} {', '.join(names)}: {why}"
+        for why, names in alike.items()
+    ]
+    if thin := [f"'{name}'" for name, one in priors.items() if one.thin]:
+        side = f"{np.sqrt(THINNEST):.0%}"
+        notes.append(
+            f"priors of links thinner than {side} of their length were widened: {', '.join(thin)}"
+        )
     return Knowledge(
         names=model.names,
         bodies=bodies,
         priors=tuple(priors[name].inertia if name in priors else None for name in bodies),
         lower=np.array([p.lower for p in model.parameters]),
         upper=np.array([p.upper for p in model.parameters]),
-        notes=notes_on(priors),
+        notes=tuple(notes),
     )
 
 
@@ -196,21 +214,6 @@ def model_prior(robot: Robot, index: int) -> PriorBody:
     return PriorBody(solid, f"{wrong}; a solid body of {mass:.3g} kg between its joints is assumed")
 
 
-def notes_on(corrected: Mapping[str, PriorBody]) -> tuple[str, ...]:
-    """What was corrected, by the names of the links."""
-    alike = by_key((one.why, f"'{name}'") for name, one in corrected.items() if one.why)
-    notes = [
-        f"the prior of link{'s' * (len(names) > 1)} {', '.join(names)}: {why}"
-        for why, names in alike.items()
-    ]
-    if thin := [f"'{name}'" for name, one in corrected.items() if one.thin]:
-        side = f"{np.sqrt(THINNEST):.0%}"
-        notes.append(
-            f"priors of links thinner than {side} of their length were widened: {', '.join(thin)}"
-        )
-    return tuple(notes)
-
-
 def corrected_body(given: Inertia, *, noted: bool = False) -> PriorBody:
     r"""The consistent body nearest to a given one, of the same mass, above zero, and centre.
 
@@ -221,7 +224,7 @@ def corrected_body(given: Inertia, *, noted: bool = False) -> PriorBody:
     """
     flaw = given.flaw()
     moments, axes = np.linalg.eigh(spread_of(given))
-    if moments[-1] < densest(given.mass):
+    if moments[-1] < given.mass * _ball_radius(given.mass, STEEL) ** 2 / 5.0:
         zero = np.abs(moments).max() <= given.rounding
         was = ("its moments of inertia are zero" if zero else flaw) or "it is denser than steel"
         return PriorBody(
@@ -264,3 +267,80 @@ def _ends(robot: Robot, index: int) -> Sequence[Array]:
     if ends or not frames:
         return ends
     return [max(frames, key=lambda position: float(np.linalg.norm(position)))]
+
+
+def given_knowledge(model: Model, section: PriorSection, where: Locate) -> Knowledge:
+    """What model file and section `[prior]` say: bodies, and bounds of the terms' parameters."""
+    for name in section.links:
+        body_index(model.robot, name, where("prior", "links", name))
+    corrected = {
+        body.name: one
+        for k, body in rigid_bodies(model).items()
+        if (one := _prior(model.robot, k, section, where)) is not None
+    }
+    return replace(knowledge_with(model, corrected), uncertainty=section.uncertainty)
+
+
+def body_index(robot: Robot, name: str, where: str) -> int:
+    """Which moving body a link's name means; a `ModelError` says which one carries a fixed link."""
+    names = [body.name for body in robot.bodies]
+    if name in names and not robot.bodies[names.index(name)].massless:
+        return names.index(name)
+    carrier = next((f.body for f in robot.frames if f.name == name), None)
+    if name in names:
+        wrong = f"link '{name}' is a frame between two joints of one body, and has no mass"
+        fix = "name the body itself"
+    elif carrier is None:
+        wrong, fix = f"the robot has no moving link '{name}'", advice(name, names, "moving links")
+    elif carrier < 0:
+        wrong, fix = f"link '{name}' does not move", advice(name, names, "moving links")
+    else:
+        wrong = f"link '{name}' moves with link '{names[carrier]}', whose numbers include it"
+        fix = f"name '{names[carrier]}', and give the properties of both together in its frame"
+    raise ModelError(wrong, where=where, fix=fix)
+
+
+def _prior(robot: Robot, index: int, section: PriorSection, where: Locate) -> PriorBody | None:
+    body = robot.bodies[index]
+    given = section.links.get(body.name, LinkPriorSection(source=section.source))
+    _refuse_unclear(body.name, given, where("prior", "links", body.name))
+    if given.source == "none":
+        return None
+    if given.model_fields_set <= {"source"}:
+        return model_prior(robot, index)
+    known = body.known and body.inertia.mass > 0.0
+    guess = body.inertia.mass if known else assumed_mass(robot)
+    mass = guess if given.mass is None else given.mass
+    if given.box is not None:
+        solid = box(mass, given.box.centre, given.box.size)
+    elif given.capsule is not None:
+        solid = capsule(mass, given.capsule.start, given.capsule.end, given.capsule.radius)
+    else:  # what the table leaves out is the model's, scaled to the mass
+        scaled = Inertia.from_ten(body.inertia.ten * (mass / guess)) if known else None
+        model = assumed_body(robot, index, mass) if scaled is None else scaled
+        com, six = model.com if given.com is None else given.com, given.inertia_com
+        around = model.inertia_com if six is None else symmetric(six)
+        solid = Inertia.about_com(mass, com, around)
+    corrected = corrected_body(solid)
+    if given.mass is not None or known:
+        return corrected
+    reason = f"its mass is not known; {mass:.3g} kg are assumed"
+    return replace(corrected, why=f"{reason}; {corrected.why}" if corrected.why else reason)
+
+
+def _refuse_unclear(name: str, given: LinkPriorSection, where: str) -> None:
+    shapes = [key for key in ("box", "capsule") if getattr(given, key) is not None]
+    points = [key for key in ("com", "inertia_com") if getattr(given, key) is not None]
+    if not given.model_fields_set:
+        wrong = ""
+        fix = 'give mass = ..., a box, a capsule, or com and inertia_com; or source = "none"'
+    elif given.source == "none" and len(given.model_fields_set) > 1:
+        wrong = " is none, but properties are given"
+        fix = 'leave out source = "none", or the other keys'
+    elif len(shapes) == 2 or (shapes and points):
+        one, other, *_ = (*shapes, *points)
+        wrong = f" has {one} and {other} at once"
+        fix = "keep one of them: a box, a capsule, or com and inertia_com"
+    else:
+        return
+    raise ModelError(f"the prior of link '{name}'{wrong}", where=where, fix=fix)

@@ -65,7 +65,13 @@ def dissipation_rows(model: Model, fastest: Sequence[float] | Array) -> tuple[Ro
     found = list(_coordinates(model, laws, np.asarray(fastest)))
     rows, robot = dict[Coordinate, list[Row]](), model.robot
     for group in _groups(found):
-        ranges = _ranges(group[0].laws, robot)
+        cycles: set[float] = set()  # around the lengths of the laws that remember
+        for law in group[0].laws:
+            if isinstance(law, Presliding):
+                lengths = law.lengths_of(law.axes(robot))
+                cycles |= {2.0 * length for length in lengths}
+                cycles |= {float(max(lengths) * r) for r in RANGES}
+        ranges = sorted(cycles)
         axes, tops = [part.axis for part in group], np.array([part.top for part in group])
         works = [_works(law, robot, axes, tops, ranges) for law in group[0].laws]
         rows |= {part: _rows_of(part, robot, ranges, works) for part in group}
@@ -140,17 +146,6 @@ def _rows_of(
     ]
 
 
-def _ranges(laws: Sequence[ActsOnAxes], robot: Robot) -> list[float]:
-    """Ranges of cycles, around the lengths of the laws that remember."""
-    found: set[float] = set()
-    for law in laws:
-        if isinstance(law, Presliding):
-            lengths = law.lengths_of(law.axes(robot))
-            found |= {2.0 * length for length in lengths}
-            found |= {float(max(lengths) * r) for r in RANGES}
-    return sorted(found)
-
-
 def _sliding(law: ActsOnAxes, robot: Robot, speeds: Array) -> tuple[Array, Array]:
     """A motion that slides at one speed after the other: position and speed at two samples each."""
     far = 1.0
@@ -165,7 +160,7 @@ def _sliding(law: ActsOnAxes, robot: Robot, speeds: Array) -> tuple[Array, Array
 def _works(
     law: ActsOnAxes, robot: Robot, axes: Sequence[Axis], tops: Array, ranges: Sequence[float]
 ) -> Array:
-    """Energies of closed cycles over their lengths, per unit of each parameter of a law.
+    """Energies of the last of three cycles over their lengths, per unit of each parameter of a law.
 
     The coordinates move at once, with the speeds `tops` that `CYCLES` refers to, `(axes,)`. Shape
     `(parameters, len(ranges) * len(CYCLES))`.
@@ -184,21 +179,13 @@ def _works(
     else:
         every = _along(law, robot, axes, np.concatenate(paths), np.concatenate(speeds, axis=1))
         forces = np.split(every, len(cycles), axis=1)
-    works = [_work(f, s, remembers) for f, s in zip(forces, steps, strict=True)]
+    works = []
+    for force, step in zip(forces, steps, strict=True):
+        last = force[:, -len(there) :]
+        if remembers:  # forces change within a step; they are constant along it otherwise
+            last = 0.5 * (last + force[:, -len(there) - 1 : -1])
+        works.append(last @ step[-len(there) :])
     return np.array(works).T / (2.0 * np.array([reach for reach, _ in cycles]))
-
-
-def _work(force: Array, steps: Array, remembers: bool) -> Array:
-    """Energy of the last of three cycles, per unit of each parameter.
-
-    Forces are of shape `(parameters, N)`, steps of the position up to each sample `(N,)`. Of a law
-    that remembers forces change within a step; they are constant along it otherwise.
-    """
-    once = 2 * (len(HALF) - 1)
-    last = force[:, -once:]
-    if remembers:
-        last = 0.5 * (last + force[:, -once - 1 : -1])
-    return np.asarray(last @ steps[-once:])
 
 
 def _turned(

@@ -1,27 +1,114 @@
-"""Kinds of prior constraints on bodies and parameters, by their names in robot files."""
+"""Kinds of prior constraints on bodies and parameters, by their names in robot files; their use."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar, Literal, cast
+from fnmatch import fnmatchcase
+from typing import Any, ClassVar, Literal, NoReturn
 
 import numpy as np
 
 from steelyard.base.arrays import Array
-from steelyard.base.errors import ModelError
+from steelyard.base.errors import ModelError, advice
 from steelyard.estimate.consistent.prior_weight_and_contradictions import refuse_contradictions
-from steelyard.estimate.prior.body_priors import Knowledge, Row
-from steelyard.estimate.prior.dissipative_friction import dissipation_rows, shaped
-from steelyard.estimate.prior.prior_constraint_and_bounded_quantity import (
-    Bounded,
-    ConstraintContext,
-    PriorConstraint,
+from steelyard.estimate.prior.body_priors import (
+    Knowledge,
+    Row,
+    body_index,
+    given_knowledge,
     in_words,
+    rigid_bodies,
 )
-from steelyard.estimate.prior.priors_from_tables import given_knowledge
+from steelyard.estimate.prior.dissipative_friction import dissipation_rows, shaped
 from steelyard.model.laws.register import TERMS
 from steelyard.model.model import Model
 from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
 from steelyard.robot.file.tables_by_kind import Kinds
 from steelyard.robot.inertia_and_placement import INERTIAL_NAMES
+
+
+@dataclass(frozen=True, eq=False)
+class ConstraintContext:
+    """A model's parameters and a constraint's place; what is not there is a `ModelError`."""
+
+    model: Model
+    where: str
+
+    def body(self, name: str) -> str:
+        """The name, if a moving link with parameters has it."""
+        body_index(self.model.robot, name, self.where)
+        if not rigid_bodies(self.model):
+            self.refuse(
+                f"the model has no mass properties of link '{name}'",
+                'add "rigid_body" to the terms, or remove the constraint',
+            )
+        return name
+
+    @property
+    def bodies(self) -> tuple[str, ...]:
+        """Names of all moving links."""
+        return tuple(body.name for body in rigid_bodies(self.model).values())
+
+    def parameters(self, pattern: str) -> tuple[str, ...]:
+        """Parameters that a name means; `*` in it stands for anything."""
+        found = tuple(n for n in self.model.names if n == pattern or fnmatchcase(n, pattern))
+        if not found:
+            fix = advice(pattern, self.model.names, "parameters")
+            self.refuse(f"the model has no parameter '{pattern}'", fix)
+        return found
+
+    def parameter(self, name: str) -> str:
+        """The name, if a parameter has it."""
+        if name not in self.model.names:
+            fix = advice(name, self.model.names, "parameters")
+            self.refuse(f"the model has no parameter '{name}'", fix)
+        return name
+
+    def refuse(self, wrong: str, fix: str) -> NoReturn:
+        """Refuse this constraint."""
+        raise ModelError(wrong, where=self.where, fix=fix)
+
+    def row(
+        self, label: str, coefficients: Mapping[str, float], interval: "Interval | float"
+    ) -> Row:
+        """A row with the constraint in words, and its place in the file."""
+        low, high = (interval, interval) if isinstance(interval, float) else interval
+        return Row(f"{label} ({self.where})", coefficients, low, high)
+
+
+Interval = tuple[float, float]  # lower and upper bound
+
+
+@dataclass(frozen=True, kw_only=True)
+class Bounded:
+    """A quantity that is known, or lies between bounds.
+
+    Attributes:
+        lower: Least value; none if `None`.
+        upper: Greatest value; none if `None`.
+        value: The value itself, instead of bounds.
+    """
+
+    lower: float | None = None
+    upper: float | None = None
+    value: float | None = None
+
+    def interval(self, scope: ConstraintContext) -> Interval:
+        """Lower and upper bound, in this order; or one value, not beside bounds."""
+        bounds = self.lower is not None or self.upper is not None
+        if bounds == (self.value is not None):
+            scope.refuse(
+                "a value and bounds are given" if bounds else "neither value nor bounds are given",
+                "give value = ..., or lower = ... and upper = ..., or one of these",
+            )
+        if self.value is not None:
+            return self.value, self.value
+        low = -np.inf if self.lower is None else self.lower
+        high = np.inf if self.upper is None else self.upper
+        if low > high:
+            scope.refuse(
+                f"the lower bound {low:g} is above the upper bound {high:g}", "exchange them"
+            )
+        return low, high
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -304,6 +391,7 @@ CONSTRAINTS: dict[str, type[Any]] = {
         Symmetric,
     )
 }
+"""Every kind of knowledge: `rows` gives it over a model's standard parameters, if that has them."""
 
 KINDS = Kinds(CONSTRAINTS, "kind", "kind of knowledge", "knowledge of kind")
 
@@ -324,18 +412,16 @@ def knowledge_of(model: Model, loaded: LoadedRobot, fastest: Array | None = None
     notes = list(known.notes)
     for number, table in enumerate(loaded.knowledge):
         where = loaded.where("knowledge", number)
-        constraint = cast(PriorConstraint, KINDS.built(table, where))
+        constraint: Any = KINDS.built(table, where)
         if loaded.friction and (absent := _of_absent_law(constraint, model)):
             notes.append(f"the model has no '{absent}': prior constraints on it are ignored")
             continue
         mine = constraint.rows(ConstraintContext(model, where))
-        for name in model.per_run_names:
-            if any(name in row.coefficients for row in mine):
-                raise ModelError(
-                    f"every run has a '{name}' of its own, which no prior constraint can act on",
-                    where=where,
-                    fix="remove the constraint, or remove per_run from the term",
-                )
+        acted_on = {name for row in mine for name in row.coefficients}
+        if own := [name for name in model.per_run_names if name in acted_on]:
+            wrong = f"every run has a '{own[0]}' of its own, which no prior constraint can act on"
+            fix = "remove the constraint, or remove per_run from the term"
+            raise ModelError(wrong, where=where, fix=fix)
         rows += mine
     lower, loosened = _loosened(known, rows)
     notes += [f"'{name}' may be below zero, as the robot file allows" for name in loosened]
@@ -350,7 +436,7 @@ def knowledge_of(model: Model, loaded: LoadedRobot, fastest: Array | None = None
     return replace(known, curves=curves, shaped=shaped(model, curves))
 
 
-def _of_absent_law(constraint: PriorConstraint, model: Model) -> str | None:
+def _of_absent_law(constraint: Any, model: Model) -> str | None:
     """The parameter of a friction law that the model lacks, if a constraint names one."""
     if not isinstance(constraint, Known | Tied):
         return None

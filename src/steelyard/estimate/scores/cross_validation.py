@@ -92,11 +92,9 @@ def _within(spans: Mapping[str, tuple[float, float]]) -> Fold:
 def _refuse_one_name(runs: Sequence[Run]) -> None:
     names = [run.name for run in runs]
     if twice := [name for name in names if names.count(name) > 1]:
-        raise DataError(
-            f"{names.count(twice[0])} runs are called '{twice[0]}'",
-            where="runs of the cross-validation",
-            fix="give every run a name of its own",
-        )
+        wrong = f"{names.count(twice[0])} runs are called '{twice[0]}'"
+        fix = "give every run a name of its own"
+        raise DataError(wrong, where="runs of the cross-validation", fix=fix)
 
 
 @dataclass(frozen=True)
@@ -108,10 +106,14 @@ class Folding:
 
     def parts(self, moving: Information) -> tuple[Fold, ...]:
         """The parts with motion: runs, or stretches with as much of it each."""
-        names = tuple(moving.windows_of_runs)
         if self.left_out == "run":
-            return tuple(_of_run(name) for name in names)
-        edges = {name: _edges(moving, name) for name in names}
+            return tuple(_of_run(name) for name in moving.windows_of_runs)
+        edges = {}
+        for name, mine in moving.windows_of_runs.items():  # stretches with as much motion each
+            before = np.cumsum([0.0, *moving.counts[mine].sum(axis=1)])
+            at = np.searchsorted(before, before[-1] * np.arange(1, FOLDS) / FOLDS)
+            starts = [moving.windows[k].start for k in mine] + [np.inf]
+            edges[name] = [-np.inf, *(starts[k] for k in at), np.inf]
         spans = ({name: (x[k], x[k + 1]) for name, x in edges.items()} for k in range(FOLDS))
         parts = (_within(some) for some in spans)
         return tuple(part for part in parts if any(map(part, moving.windows)))
@@ -129,15 +131,6 @@ def folding(runs: Sequence[Run]) -> Folding:
     if len(runs) > 1 and not once:
         return Folding("run", float("inf"))
     return Folding("segment", min(longest_window([run]) for run in runs))
-
-
-def _edges(moving: Information, run: str) -> list[float]:
-    """Times that divide a run into stretches with as much motion each."""
-    mine = [k for k, window in enumerate(moving.windows) if window.run == run]
-    before = np.cumsum([0.0, *moving.counts[mine].sum(axis=1)])
-    at = np.searchsorted(before, before[-1] * np.arange(1, FOLDS) / FOLDS)
-    starts = [moving.windows[k].start for k in mine] + [np.inf]
-    return [-np.inf, *(starts[k] for k in at), np.inf]
 
 
 def windows_of_folds(information: Information) -> tuple[tuple[int, ...], ...]:
@@ -314,7 +307,6 @@ class _Course:
 
     @cached_property
     def tree(self) -> Any:
-        """Its states, to find those near others."""
         from scipy.spatial import KDTree
 
         return KDTree(self.states)

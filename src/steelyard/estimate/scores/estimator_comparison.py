@@ -16,19 +16,13 @@ from numpy.typing import NDArray
 from steelyard.base.arrays import Array, finite_json, frozen
 from steelyard.base.errors import SteelyardError
 from steelyard.base.progress import Progress, Stopped, report_progress, silent
-from steelyard.estimate.data_for_estimators import Needs
 from steelyard.estimate.estimate import Estimate, Estimator
-from steelyard.estimate.estimator_register import Context, Offer
+from steelyard.estimate.estimator_register import Context, Needs, Offer
 from steelyard.estimate.information.base_parameters_and_regressor import BaseMap
 from steelyard.estimate.information.information import Information
 from steelyard.estimate.least_squares.weighted_robust_and_whitened import WeightedLeastSquares
 from steelyard.estimate.prior.body_priors import Knowledge
-from steelyard.estimate.scores.cross_validation import (
-    folds_of,
-    standard_error,
-    stretches_of,
-    too_short,
-)
+from steelyard.estimate.scores import cross_validation
 from steelyard.robot.inertia_and_placement import Inertia
 from steelyard.runs.run import Run
 
@@ -100,7 +94,7 @@ class EstimatorScore:
     def standard_error(self) -> float | None:
         """Standard error of the mean over the parts [%]."""
         known = self.means[np.isfinite(self.means)]
-        return standard_error(known) if len(known) > 1 else None
+        return cross_validation.standard_error(known) if len(known) > 1 else None
 
     @property
     def whole(self) -> bool:
@@ -237,7 +231,9 @@ def within_standard_error(score: EstimatorScore, best: EstimatorScore) -> bool:
     tiny = 1e-12
     known = np.isfinite(score.means) & np.isfinite(best.means)
     loss = np.log(np.maximum(score.means[known], tiny) / np.maximum(best.means[known], tiny))
-    return float(loss.mean()) <= min(max(standard_error(loss), NEGLIGIBLE_LOSS), LOSS_THAT_COUNTS)
+    return float(loss.mean()) <= min(
+        max(cross_validation.standard_error(loss), NEGLIGIBLE_LOSS), LOSS_THAT_COUNTS
+    )
 
 
 def _why(chosen: EstimatorScore, best: EstimatorScore, close: Sequence[EstimatorScore]) -> str:
@@ -286,17 +282,17 @@ class Parts:
         """Runs, or stretches of a single one."""
         windows = tuple(
             tuple(k for k, w in enumerate(information.windows) if fold(w))
-            for fold in folds_of(runs)
+            for fold in cross_validation.folds_of(runs)
         )
+        names = tuple(run.name for run in runs)
         if not all(windows):
-            where = ", ".join(run.name for run in runs)
-            raise too_short(where, "log longer, or several runs")
+            raise cross_validation.too_short(", ".join(names), "log longer, or several runs")
         if len(runs) > 1:
-            return cls(tuple(run.name for run in runs), "run", information, windows, others)
+            return cls(names, "run", information, windows, others)
         first, last = runs[0].span
         names = tuple(
             f"{max(part.start, first):.3g} to {min(part.stop, last):.3g} s"
-            for part in stretches_of(runs[0])
+            for part in cross_validation.stretches_of(runs[0])
         )
         return cls(names, "segment", information, windows, others)
 
@@ -448,10 +444,9 @@ def _chi_square(estimate: Estimate, context: Context, parts: Parts, noise: Array
     own = {one.run: one.parameters.as_dict() for one in estimate.per_run}
     shared = base_values(estimate, base)
     squares = np.zeros(len(noise))
-    for run in information.windows_of_runs:
+    for run, windows in information.windows_of_runs.items():
         mine = own.get(run, {})
         values = [mine.get(name, v) for name, v in zip(base.base_names, shared, strict=True)]
-        windows = [k for k, window in enumerate(information.windows) if window.run == run]
         with np.errstate(all="ignore"):
             squares += information.of(windows).residual_squares(np.array(values))
     freedom = float(information.n_samples.sum()) - len(base)

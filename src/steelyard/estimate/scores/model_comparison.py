@@ -167,11 +167,9 @@ def refuse_different(
     """Two models are of one robot, with efforts in the same units."""
     where = f"models {names[0]} and {names[1]}"
     if first.joints != other.joints:
-        raise ModelError(
-            f"one has the joints {', '.join(first.joints)}, the other {', '.join(other.joints)}",
-            where=where,
-            fix="compare models of the same robot, with the joints in the same order",
-        )
+        wrong = f"one has the joints {', '.join(first.joints)}, the other {', '.join(other.joints)}"
+        fix = "compare models of the same robot, with the joints in the same order"
+        raise ModelError(wrong, where=where, fix=fix)
     if not same_efforts(other, first) and units_of(first) != units_of(other):
         raise ModelError(
             f"the efforts of one are in {', '.join(dict.fromkeys(units_of(first)))}, those of the "

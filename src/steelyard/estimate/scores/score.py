@@ -33,7 +33,6 @@ from steelyard.estimate.scores.parts_and_bands_along_run import (
     TorqueSplit,
     Traces,
 )
-from steelyard.estimate.scores.residual_noise_and_traces import MOST_KEPT
 from steelyard.model.model import ValuedModel
 from steelyard.runs.run import Block, Run
 from steelyard.runs.smoothing.smoothing_methods_and_zero_phase_filters import (
@@ -43,6 +42,7 @@ from steelyard.runs.smoothing.smoothing_methods_and_zero_phase_filters import (
     require_fitting,
 )
 
+MOST_KEPT = 5000  # samples of a run that are kept at most, with their parts
 CONTEXT = 6.0  # of rests beside a motion [s]: an abrupt stop is low-passed with what follows it
 
 
@@ -179,11 +179,9 @@ def score(
 
 def no_closed_sample(valued: ValuedModel, run: Run) -> DataError:
     """The error of a run without a sample at which the model can be evaluated."""
-    return DataError(
-        f"the loops of '{valued.model.robot.name}' close at no sample of the run",
-        where=run.name,
-        fix="check the loops' points and links, and the zeros and signs of the positions",
-    )
+    wrong = f"the loops of '{valued.model.robot.name}' close at no sample of the run"
+    fix = "check the loops' points and links, and the zeros and signs of the positions"
+    return DataError(wrong, where=run.name, fix=fix)
 
 
 @dataclass(frozen=True, eq=False)

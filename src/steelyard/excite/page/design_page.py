@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from steelyard.base.arrays import Array
-from steelyard.estimate.parameter_status import WELL
+from steelyard.estimate.parameter_status_bootstrap_and_sensitivity import WELL
 from steelyard.excite.constraints.certificate import COVERS, Extreme, Proof
 from steelyard.excite.page import design_text as words
 from steelyard.excite.page.design_text import DesignContent

@@ -15,8 +15,11 @@ from typing import Any
 import numpy as np
 
 from steelyard.base.arrays import Array, Parameters
-from steelyard.estimate.external.compiled_observer_step import observed_torque, slow_velocities
 from steelyard.estimate.external.contact_thresholds import ContactThresholds
+from steelyard.estimate.external.wrench_methods_and_observer_step import (
+    observed_torque,
+    slow_velocities,
+)
 from steelyard.estimate.information.base_parameters_and_regressor import base_parameters
 from steelyard.model.equations.inverse_dynamics import JointState, Scalar, corrected
 from steelyard.model.model import Model

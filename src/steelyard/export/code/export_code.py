@@ -10,7 +10,7 @@ from steelyard.base.errors import DataError, ModelError, OutputError, refuse_unk
 from steelyard.base.files import refuse_existing, whole_file, whole_folder
 from steelyard.estimate.external.contact_thresholds import FEWEST
 from steelyard.estimate.identified_model import IdentifiedModel, load_model
-from steelyard.estimate.scores.residual_noise_and_traces import thresholds_of
+from steelyard.estimate.scores.residual_traces_and_band_calibration import thresholds_of
 from steelyard.export.code.c_code import CCode, c_files, identifier, identifiers, named_functions
 from steelyard.export.code.controller_functions import (
     FUNCTIONS,

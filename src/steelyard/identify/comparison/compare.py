@@ -14,11 +14,11 @@ from steelyard.base.checked_arguments import checked
 from steelyard.base.errors import DataError, ModelError
 from steelyard.base.progress import Progress, report_progress, silent
 from steelyard.check.case_from_files_and_precheck import notes_of_precheck, prechecked
-from steelyard.estimate.data_for_estimators import Sources
 from steelyard.estimate.estimator_register import (
     ESTIMATORS,
     Context,
     Offer,
+    Sources,
     context_of,
     method_of,
     offer_of,

@@ -7,7 +7,7 @@ from rich.console import RenderableType
 from rich.text import Text
 
 from steelyard.base.arrays import Z95
-from steelyard.estimate.friction.friction_mixes import mix_name
+from steelyard.estimate.friction.friction_mixes_and_curves import mix_name
 from steelyard.estimate.scores.model_comparison import (
     ComparedModel,
     ModelComparison,

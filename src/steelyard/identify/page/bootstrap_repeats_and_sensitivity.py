@@ -8,7 +8,7 @@ from rich.console import RenderableType
 from rich.text import Text
 
 from steelyard.base.arrays import Array
-from steelyard.estimate.bootstrap_and_sensitivity import (
+from steelyard.estimate.parameter_status_bootstrap_and_sensitivity import (
     Bootstrap,
     RepeatedEstimates,
     Sensitivity,

@@ -9,7 +9,7 @@ from rich.text import Text
 
 from steelyard.base.arrays import json_values
 from steelyard.estimate.friction.friction_choice import FrictionChoice
-from steelyard.estimate.friction.friction_curves import FrictionCurve, friction_curves
+from steelyard.estimate.friction.friction_mixes_and_curves import FrictionCurve, friction_curves
 from steelyard.estimate.nonlinear.nonlinear_parameters import Finding
 from steelyard.estimate.scores.parts_and_bands_along_run import PARTS, TorqueParts
 from steelyard.identify.page.report_content import ReportContent, fitted_samples

@@ -12,7 +12,13 @@ from rich.text import Text
 from steelyard.base.arrays import Z95, records
 from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.estimate.information.base_parameters_and_regressor import symbols
-from steelyard.estimate.parameter_status import FROM_DATA, SMALL, WELL, ParameterStatus, statuses
+from steelyard.estimate.parameter_status_bootstrap_and_sensitivity import (
+    FROM_DATA,
+    SMALL,
+    WELL,
+    ParameterStatus,
+    statuses,
+)
 from steelyard.identify.page.report_content import ReportContent
 from steelyard.model.laws.register import description_of
 from steelyard.report.page import FigureSection, Numbers, Section

@@ -8,8 +8,8 @@ from rich.console import RenderableType
 from rich.text import Text
 
 from steelyard.estimate.identified_model import IdentifiedModel
-from steelyard.estimate.reduction.backward_elimination import CRITERIA
-from steelyard.estimate.reduction.reduction import Reduction
+from steelyard.estimate.reduction.backward_elimination_and_left_out_errors import CRITERIA
+from steelyard.estimate.reduction.stopping_rules_and_reduction import Reduction
 from steelyard.estimate.scores.effort_errors import pooled
 from steelyard.identify.page.effort_error_words import MOVING, WHOLE
 from steelyard.identify.page.report_content import ReportContent

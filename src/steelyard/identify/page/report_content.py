@@ -6,14 +6,18 @@ from dataclasses import dataclass, field
 from steelyard.base.arrays import Parameters
 from steelyard.check.all_checks import Diagnosis
 from steelyard.check.finding import Finding
-from steelyard.estimate.bootstrap_and_sensitivity import Bootstrap, RepeatedEstimates, Sensitivity
 from steelyard.estimate.friction.friction_choice import FrictionChoice
 from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.estimate.nonlinear.effort_scales import EffortScales
 from steelyard.estimate.nonlinear.nonlinear_parameters import Finding as FieldFinding
 from steelyard.estimate.nonlinear.nonlinear_parameters import ZeroOffsets
+from steelyard.estimate.parameter_status_bootstrap_and_sensitivity import (
+    Bootstrap,
+    RepeatedEstimates,
+    Sensitivity,
+)
 from steelyard.estimate.payload.drive_gains import GainEstimate
-from steelyard.estimate.reduction.reduction import Reduction
+from steelyard.estimate.reduction.stopping_rules_and_reduction import Reduction
 from steelyard.estimate.scores.parts_and_bands_along_run import TorqueParts
 from steelyard.estimate.scores.score import RunScore
 from steelyard.report.page import PageContent

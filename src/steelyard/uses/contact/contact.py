@@ -24,7 +24,7 @@ from steelyard.estimate.identified_model import IdentifiedModel, load_model
 from steelyard.estimate.information.base_parameters_and_regressor import base_regressor
 from steelyard.estimate.information.gather import gather
 from steelyard.estimate.scores.effort_errors import effort_reference
-from steelyard.estimate.scores.residual_noise_and_traces import (
+from steelyard.estimate.scores.residual_traces_and_band_calibration import (
     ResidualTrace,
     residual_cutoff,
     residual_trace,

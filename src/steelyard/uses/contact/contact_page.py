@@ -12,7 +12,7 @@ from rich.text import Text
 
 from steelyard.base.arrays import Array
 from steelyard.estimate.external.contact_thresholds import RANGES, ContactThresholds
-from steelyard.estimate.scores.residual_noise_and_traces import ResidualTrace
+from steelyard.estimate.scores.residual_traces_and_band_calibration import ResidualTrace
 from steelyard.report.page import figures, inspected_page, notes
 from steelyard.report.page_figures import Figure, Group, Key, area, line
 from steelyard.report.result import Result, print_verdict

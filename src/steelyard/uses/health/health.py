@@ -17,7 +17,10 @@ from steelyard.base.progress import Progress, silent
 from steelyard.estimate.identified_model import IdentifiedModel, load_model
 from steelyard.estimate.information.base_parameters_and_regressor import base_regressor
 from steelyard.estimate.information.gather import gather
-from steelyard.estimate.scores.residual_noise_and_traces import residual_cutoff, residual_trace
+from steelyard.estimate.scores.residual_traces_and_band_calibration import (
+    residual_cutoff,
+    residual_trace,
+)
 from steelyard.identify.provenance_and_notes import notes_of
 from steelyard.identify.runs_for_model import runs_for
 from steelyard.report.page import figures, inspected_page, notes

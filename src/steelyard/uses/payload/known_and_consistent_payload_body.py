@@ -17,15 +17,17 @@ import numpy as np
 
 from steelyard.base.arrays import Z95, Array
 from steelyard.base.errors import DataError
-from steelyard.estimate.consistent.conic_solver import Block, Conic, solved
-from steelyard.estimate.consistent.scaled_parameters_and_penalties import (
+from steelyard.estimate.consistent.conic_solver_and_scaled_parameters import (
     BASIS,
     ENTRIES,
     ORDER,
+    Block,
+    Conic,
     Entropic,
+    solved,
     ten_map,
 )
-from steelyard.estimate.payload.marginal_information import SEEN, covariance_of
+from steelyard.estimate.payload.runs_with_payload import SEEN, covariance_of
 from steelyard.estimate.prior.body_priors import of_spread
 from steelyard.robot.inertia_and_placement import Inertia
 

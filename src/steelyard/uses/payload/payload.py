@@ -19,7 +19,10 @@ from steelyard.estimate.information.gather import gather
 from steelyard.estimate.information.kept_filtered_samples import gather_samples
 from steelyard.estimate.payload.payload_estimate import PayloadEstimate
 from steelyard.estimate.payload.runs_with_payload import carrier
-from steelyard.estimate.scores.residual_noise_and_traces import residual_cutoff, residual_trace
+from steelyard.estimate.scores.residual_traces_and_band_calibration import (
+    residual_cutoff,
+    residual_trace,
+)
 from steelyard.identify.provenance_and_notes import dropped
 from steelyard.identify.runs_for_model import fitted_before, runs_for
 from steelyard.report.page import figures, inspected_page, notes

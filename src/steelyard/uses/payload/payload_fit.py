@@ -26,7 +26,6 @@ from steelyard.base.arrays import Z95, Array, frozen
 from steelyard.base.errors import DataError, SteelyardError
 from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.estimate.information.information import Information
-from steelyard.estimate.payload.marginal_information import covariance_of, inverse, seen_information
 from steelyard.estimate.payload.payload_estimate import (
     BEYOND_DOUBT,
     PayloadEstimate,
@@ -36,9 +35,12 @@ from steelyard.estimate.payload.payload_estimate import (
 from steelyard.estimate.payload.runs_with_payload import (
     LoadCase,
     carrier,
+    covariance_of,
+    inverse,
     load_case,
     refuse_foreign,
     scatter,
+    seen_information,
 )
 from steelyard.robot.file.effort_units_and_gears import MOTOR_KINDS
 from steelyard.robot.robot import Frame

@@ -16,7 +16,7 @@ from steelyard.estimate.identified_model import IdentifiedModel, load_model
 from steelyard.estimate.information.base_parameters_and_regressor import base_regressor
 from steelyard.estimate.information.kept_filtered_samples import gather_samples
 from steelyard.estimate.payload.runs_with_payload import carrier
-from steelyard.estimate.scores.residual_noise_and_traces import (
+from steelyard.estimate.scores.residual_traces_and_band_calibration import (
     FORGOTTEN,
     ResidualTrace,
     greatest,

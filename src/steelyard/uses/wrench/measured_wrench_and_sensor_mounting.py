@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from steelyard.base.arrays import Array, by_key
 from steelyard.base.errors import DataError, advice
-from steelyard.estimate.external.compiled_observer_step import moved_frame
+from steelyard.estimate.external.wrench_methods_and_observer_step import moved_frame
 from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.logs.log_windows import parse_log_argument
 from steelyard.report.tables import PlainTable, Row

@@ -13,14 +13,14 @@ from steelyard.base.arrays import Array
 from steelyard.base.checked_arguments import checked
 from steelyard.base.errors import DataError
 from steelyard.base.progress import Progress, silent
-from steelyard.estimate.external.compiled_observer_step import Axes, moved_frame
-from steelyard.estimate.external.wrench_methods import (
+from steelyard.estimate.external.wrench_methods_and_observer_step import (
     FORCE,
     LEVER,
+    Axes,
     Expected,
     InverseJacobian,
     Weighted,
-    WrenchMethod,
+    moved_frame,
 )
 from steelyard.estimate.identified_model import IdentifiedModel, load_model
 from steelyard.identify.provenance_and_notes import left_out, notes_of
@@ -52,7 +52,12 @@ from steelyard.uses.wrench.wrench_along_run import (
     estimated_wrench,
     name_of,
 )
-from steelyard.uses.wrench.wrench_kalman_smoother import DURATION, OBSERVABLE, Smoothed
+from steelyard.uses.wrench.wrench_kalman_smoother import (
+    DURATION,
+    OBSERVABLE,
+    Smoothed,
+    WrenchMethod,
+)
 
 MOST_POINTS_OF_WRENCH = 3000  # points of a line, at most
 LEAST_LASTING_SHARE = 1.0 / 3.0  # of the log with a force: something else is likelier than pushes

@@ -18,29 +18,30 @@ from numpy.typing import NDArray
 from steelyard.base.arrays import Z95, Array
 from steelyard.base.errors import DataError
 from steelyard.base.progress import Progress, report_progress, silent
-from steelyard.estimate.external.compiled_observer_step import (
-    Axes,
-    Observed,
-    moved_frame,
-    observed_quantity,
-)
 from steelyard.estimate.external.momentum_observer_with_wrench_and_contact import (
     PER_PERIOD,
     check_bandwidth,
     momentum_residual,
 )
-from steelyard.estimate.external.wrench_methods import (
+from steelyard.estimate.external.wrench_methods_and_observer_step import (
+    Axes,
     Expected,
     ExternalEfforts,
     InverseJacobian,
+    Observed,
     Wrenches,
-    WrenchMethod,
     condition_numbers,
+    moved_frame,
+    observed_quantity,
 )
 from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.estimate.information.gather import blocks_with_channels
 from steelyard.estimate.scores.parts_and_bands_along_run import TorqueSplit
-from steelyard.estimate.scores.residual_noise_and_traces import FORGOTTEN, FRICTION, residual_trace
+from steelyard.estimate.scores.residual_traces_and_band_calibration import (
+    FORGOTTEN,
+    FRICTION,
+    residual_trace,
+)
 from steelyard.model.torque_and_quantities import Quantity
 from steelyard.runs.run import Block, Run
 from steelyard.runs.smoothing.smoothing_methods_and_zero_phase_filters import (
@@ -48,7 +49,7 @@ from steelyard.runs.smoothing.smoothing_methods_and_zero_phase_filters import (
     zero_phase,
 )
 from steelyard.uses.effort_plausibility import refuse_other_efforts
-from steelyard.uses.wrench.wrench_kalman_smoother import OBSERVABLE, Smoothed
+from steelyard.uses.wrench.wrench_kalman_smoother import OBSERVABLE, Smoothed, WrenchMethod
 
 ResidualKind = Literal["momentum", "torque"]
 

@@ -19,9 +19,11 @@ import numpy as np
 
 from steelyard.base.arrays import Array
 from steelyard.base.errors import DataError
-from steelyard.estimate.external.wrench_methods import (
+from steelyard.estimate.external.wrench_methods_and_observer_step import (
     Expected,
     ExternalEfforts,
+    InverseJacobian,
+    Weighted,
     Wrenches,
     learned_of,
 )
@@ -51,7 +53,7 @@ class Smoothed:
             )
 
     def __call__(self, efforts: ExternalEfforts) -> Wrenches:
-        """See `WrenchMethod`."""
+        """Wrenches of all samples."""
         efforts = _without_negligible(efforts)
         std, size = np.sqrt(self.expected.variances), np.ones(len(efforts.torque))
         first = values, covariance = self._posterior(efforts, size)
@@ -101,6 +103,9 @@ class Smoothed:
                 MOST_WRENCH_VARIANCE,
             )
         )
+
+
+WrenchMethod = Weighted | InverseJacobian | Smoothed  # from external efforts to wrenches
 
 
 def _smoothed(

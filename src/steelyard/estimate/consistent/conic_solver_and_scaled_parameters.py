@@ -1,4 +1,7 @@
-r"""Standard parameters in the scale of their prior, and penalties on their distance from it.
+r"""Conic programs, solved by Clarabel; standard parameters in the scale of their prior, penalties.
+
+Programs are handed to Clarabel as they are, without a modelling layer between:
+$\min \tfrac12 x^T P x + q^T x$ with $b - A x$ in a product of cones.
 
 A body's pseudo-inertia is $J = L X L^T$ with $J_0 = L L^T$ that of its prior: the prior is
 $X = 1$, and margins have no unit [Wensing2018]. A body's unknowns are the ten entries of the upper
@@ -10,16 +13,161 @@ Every form keeps $X \succeq \delta 1$: a body with margin.
 """
 
 from dataclasses import dataclass
-from typing import ClassVar, Protocol
+from typing import ClassVar, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from steelyard.base.arrays import Array, frozen
-from steelyard.estimate.consistent.conic_solver import Block
+from steelyard.base.errors import DataError
 from steelyard.estimate.information.base_parameters_and_regressor import BaseMap
 from steelyard.estimate.least_squares.weighted_robust_and_whitened import Whitened
 from steelyard.estimate.prior.body_priors import Knowledge
 from steelyard.robot.inertia_and_placement import Inertia
+
+Places = NDArray[np.intp]
+
+Kind = Literal["zero", "nonnegative", "semidefinite", "exponential"]
+
+WAYS = (True, False)  # ways to solve a program, in turn: whether rows and columns are scaled before
+
+AIM = 1e-12
+"""Relative gap and infeasibility that are required of the solver. A gap moves the weighted squares
+by its root: they are good to six digits only with a tiny one."""
+
+GOOD, FAIR = 1e-8, 1e-6
+"""Gap and infeasibility at which no other way is tried, and at which a program counts as solved,
+as they are measured, whatever the solver calls them."""
+
+MOST_ITERATIONS = 200
+
+
+@dataclass(frozen=True, eq=False)
+class Block:
+    """Rows `b - A x` that lie in one cone."""
+
+    kind: Kind  # the cone
+    columns: Places  # variables that the rows look at, `k` of them
+    matrix: Array  # their coefficients, `(rows, k)`
+    offset: Array  # `b`, `(rows,)`
+    # of the matrix, for `semidefinite`: its upper triangle column by column, entries off the
+    # diagonal times the root of two
+    order: int = 0
+
+
+@dataclass(frozen=True, eq=False)
+class Conic:
+    """A conic program of `n` variables: diagonal of `P` and `q`, both `(n,)`, and the cones."""
+
+    square: Array
+    linear: Array
+    blocks: tuple[Block, ...]
+
+
+class Infeasible(DataError):
+    """Nothing satisfies all cones of a program."""
+
+
+class Unsolved(DataError):
+    """The solver stopped before the optimum."""
+
+
+def solved(
+    program: Conic,
+    where: str,
+    most_iterations: int = MOST_ITERATIONS,
+    *,
+    aim: float = AIM,
+    enough: float = 0.0,
+) -> Array:
+    """The optimum, shape `(n,)`; `where` says for messages what is solved.
+
+    Gap and infeasibility of at most `aim` are required of the solver; a gap of `enough` counts as
+    solved even if it is more than `FAIR`. Raises `Infeasible` where there is no point in all cones,
+    and `Unsolved` where the solver stopped for another reason than the optimum.
+    """
+    infeasible = Infeasible(
+        "no parameters satisfy all constraints",
+        where=where,
+        fix="relax or remove contradicting constraints",
+    )
+    ends = []
+    for scaling in WAYS:
+        end = _clarabel(program, scaling, most_iterations, aim)
+        if end.status == "PrimalInfeasible":
+            raise infeasible
+        ends.append(end)
+        if end.error <= max(GOOD, aim) or end.status == "MaxIterations":
+            break
+    best = min(ends, key=lambda end: end.error)
+    if best.error <= FAIR or (best.gap <= enough and best.infeasibility <= FAIR):
+        return best.x
+    if any(end.status == "AlmostPrimalInfeasible" for end in ends):
+        raise infeasible
+    raise Unsolved(
+        f"the solver stopped before the optimum ({best.status}, off by {best.error:.1g})",
+        where=where,
+        fix="log a more exciting motion, give a prior or a smaller uncertainty of it, "
+        "or use least squares",
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _End:
+    """Where the solver stopped; `error` is the greater of infeasibility and gap over objective."""
+
+    status: str
+    x: Array
+    gap: float
+    infeasibility: float
+    error: float
+
+
+def _clarabel(program: Conic, scaling: bool, most_iterations: int, aim: float) -> _End:
+    import clarabel
+    from scipy import sparse
+
+    settings = clarabel.DefaultSettings()
+    settings.verbose = False
+    settings.max_iter = most_iterations
+    settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = aim
+    settings.equilibrate_enable = scaling
+    settings.max_threads = 1
+    rows = np.zeros((sum(len(b.offset) for b in program.blocks), len(program.linear)))
+    start = 0
+    for block in program.blocks:
+        rows[start : start + len(block.offset), block.columns] = block.matrix
+        start += len(block.offset)
+    cones = {
+        "zero": clarabel.ZeroConeT,
+        "nonnegative": clarabel.NonnegativeConeT,
+        "semidefinite": clarabel.PSDTriangleConeT,
+    }
+    kinds = [
+        clarabel.ExponentialConeT()
+        if block.kind == "exponential"
+        else cones[block.kind](block.order or len(block.offset))
+        for block in program.blocks
+    ]
+    solver = clarabel.DefaultSolver(
+        sparse.diags_array(program.square, format="csc"),
+        program.linear,
+        sparse.csc_array(rows),
+        np.concatenate([block.offset for block in program.blocks]),
+        kinds,
+        settings,
+    )
+    solution = solver.solve()
+    x, status = np.array(solution.x), str(solution.status)
+    if "Infeasible" in status or status.startswith("Max"):
+        return _End(status, x, np.inf, np.inf, np.inf)
+    gap, *rest = np.nan_to_num(
+        [abs(solution.obj_val - solution.obj_val_dual), solution.r_prim, solution.r_dual],
+        nan=np.inf,
+    )
+    error = max(gap / max(1.0, abs(solution.obj_val)), *rest)
+    return _End(status, x, float(gap), float(max(rest)), float(error))
+
 
 ORDER = 4  # rows of a pseudo-inertia
 ENTRIES = tuple((i, j) for j in range(ORDER) for i in range(j + 1))  # upper triangle by columns
@@ -126,38 +274,6 @@ _TWICE = 2.0 - ONE
 FAINT = 1e-6  # weight that keeps bodies without prior bounded
 
 
-@dataclass(frozen=True, eq=False)
-class BodyPenalty:
-    """Quadratic and linear cost of a body's ten unknowns, then of its helpers, and its cones."""
-
-    square: Array
-    linear: Array
-    blocks: tuple[Block, ...]  # columns count from the body's first unknown, helpers from 10
-
-
-class Form(Protocol):
-    """A penalty on a body's distance from its prior."""
-
-    name: ClassVar[str]
-    penalises: ClassVar[bool]
-
-    @property
-    def margin(self) -> float:
-        """Least eigenvalue of `X`."""
-
-    def part(self, weight: float) -> BodyPenalty:
-        """Cost and cones of one body, the penalty times a weight."""
-
-    def cost(self, x: Array) -> float:
-        """The penalty of one `X`, shape `(4, 4)`; zero at the prior."""
-
-    def slope(self, x: Array) -> Array:
-        """Derivative of the penalty by the ten entries of `X`, shape `(10,)`."""
-
-    def curvature(self, x: Array) -> Array:
-        """Second derivative of the penalty by the ten entries of `X`, shape `(10, 10)`."""
-
-
 @dataclass(frozen=True)
 class Entropic:
     r"""$\mathrm{tr}\,X - \log\det X - 4$, the divergence of two mass distributions [Lee2020].
@@ -168,23 +284,35 @@ class Entropic:
 
     name: ClassVar[str] = "entropic"
     penalises: ClassVar[bool] = True
-    margin: float = 1e-3
+    margin: float = 1e-3  # least eigenvalue of `X`
 
-    def part(self, weight: float) -> BodyPenalty:
-        """Ten entries of `Z` and four logarithms help."""
+    def part(self, weight: float) -> Conic:
+        """Cost and cones of one body's ten unknowns, then of helpers: entries of `Z`, logarithms.
+
+        The penalty counts `weight` times.
+        """
         linear = weight * np.concatenate([ONE, np.zeros(10), -np.ones(4)])
-        return BodyPenalty(np.zeros(24), linear, (_bordered(), *_logarithms(), apart(self.margin)))
+        logarithms = (
+            Block(
+                "exponential",
+                np.array([20 + k, 10 + diagonal]),
+                np.array([[-1.0, 0.0], [0.0, 0.0], [0.0, -1.0]]),
+                np.array([0.0, 1.0, 0.0]),
+            )
+            for k, diagonal in enumerate(np.flatnonzero(ONE))
+        )
+        return Conic(np.zeros(24), linear, (_bordered(), *logarithms, apart(self.margin)))
 
     def cost(self, x: Array) -> float:
-        """The divergence."""
+        """The divergence of one `X`, shape `(4, 4)`; zero at the prior."""
         return float(np.trace(x) - np.linalg.slogdet(x)[1] - ORDER)
 
     def slope(self, x: Array) -> Array:
-        r"""$\mathrm{tr}((1 - X^{-1}) E_a)$."""
+        r"""Derivative by the ten entries of `X`, $\mathrm{tr}((1 - X^{-1}) E_a)$."""
         return np.asarray(np.tensordot(BASIS, np.eye(ORDER) - np.linalg.inv(x), axes=2))
 
     def curvature(self, x: Array) -> Array:
-        r"""$\mathrm{tr}(X^{-1} E_a X^{-1} E_b)$."""
+        r"""Second derivative by them, $\mathrm{tr}(X^{-1} E_a X^{-1} E_b)$."""
         turned = np.linalg.solve(x, BASIS)
         return np.asarray(np.einsum("aij,bji->ab", turned, turned))
 
@@ -199,10 +327,10 @@ class Pullback:
     centre: ClassVar[Array] = ONE
     margin: float = 1e-3
 
-    def part(self, weight: float) -> BodyPenalty:
+    def part(self, weight: float) -> Conic:
         """A quadratic around a centre; no helpers."""
         size = weight * self.size
-        return BodyPenalty(size * _TWICE, -size * self.centre, (apart(self.margin),))
+        return Conic(size * _TWICE, -size * self.centre, (apart(self.margin),))
 
     def cost(self, x: Array) -> float:
         """Half the squared distance."""
@@ -230,6 +358,9 @@ class Free(Pullback):
     centre: ClassVar[Array] = np.zeros(10)
 
 
+Form = Entropic | Pullback  # a penalty on a body's distance from its prior
+
+
 def apart(margin: float) -> Block:
     """`X - margin` is positive semidefinite."""
     return Block("semidefinite", np.arange(10), -np.diag(np.sqrt(_TWICE)), -margin * ONE, ORDER)
@@ -246,16 +377,3 @@ def _bordered() -> Block:
         if i == j:
             matrix[places.index((ORDER + i, ORDER + i)), 10 + k] = 1.0
     return Block("semidefinite", np.arange(20), -matrix, np.zeros(len(matrix)), 2 * ORDER)
-
-
-def _logarithms() -> tuple[Block, ...]:
-    """Each of the last four helpers is at most the logarithm of an entry of `D`."""
-    return tuple(
-        Block(
-            "exponential",
-            np.array([20 + k, 10 + diagonal]),
-            np.array([[-1.0, 0.0], [0.0, 0.0], [0.0, -1.0]]),
-            np.array([0.0, 1.0, 0.0]),
-        )
-        for k, diagonal in enumerate(np.flatnonzero(ONE))
-    )

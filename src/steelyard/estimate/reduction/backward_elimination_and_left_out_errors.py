@@ -1,11 +1,14 @@
-r"""Backward elimination: a model with some base parameters, which one is removed next, the path.
+r"""Backward elimination: which base parameter is removed next; errors of a path on left-out data.
 
 All states of a path share the weights of the full model's rows, $1/\sigma_j^2$ or all the same:
-with weights that
-followed each removal, a row that lost a parameter would count less, and the next removal there
-would seem cheaper than it is.
+with weights that followed each removal, a row that lost a parameter would count less, and the next
+removal there would seem cheaper than it is.
+
+Per fold the whole path is made again from the other folds: a parameter that was removed because
+the left-out fold does not need it would make that fold's error too small [Hastie2009].
 """
 
+from collections import Counter
 from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from functools import cached_property
@@ -19,6 +22,7 @@ from steelyard.estimate.information.information import Information
 from steelyard.estimate.least_squares.covariance_from_residuals import scatter, score_covariance
 from steelyard.estimate.least_squares.normal_equations import condition_of, unit_length
 from steelyard.estimate.least_squares.weighted_robust_and_whitened import WeightedLeastSquares
+from steelyard.estimate.scores import cross_validation
 
 
 @dataclass(frozen=True, eq=False)
@@ -190,10 +194,7 @@ CRITERIA: tuple[Criterion, ...] = (
         lambda s: s.full.means[list(s.active)],
     ),
     Criterion(
-        "deviation",
-        "value over standard deviation [Pham1991]",
-        "Value / std",
-        lambda s: s.ratios,
+        "deviation", "value over standard deviation [Pham1991]", "Value / std", lambda s: s.ratios
     ),
 )
 """All criteria, the default one first."""
@@ -239,11 +240,9 @@ def backward(
     complete = state = State(full, tuple(range(len(full.names))))
     essential, wanted = dict.fromkeys(keep), set(drop)
     if wanted.issuperset(full.names):
-        raise DataError(
-            "all parameters that the data show are to be removed",
-            where=", ".join(full.names[:4]),
-            fix="remove fewer",
-        )
+        wrong = "all parameters that the data show are to be removed"
+        fix = "remove fewer"
+        raise DataError(wrong, where=", ".join(full.names[:4]), fix=fix)
     requested, steps = list[Removed](), list[Removed]()
     while free := [name for name in state.names if name in wanted]:
         step, state = _without_least(state, free, criterion)
@@ -272,3 +271,117 @@ def _without_least(
     cost, own = float(state.losses[place]), float(worth[place])
     step = Removed(name, number, cost, criterion.name, own)
     return step, State(state.full, (*state.active[:place], *state.active[place + 1 :]))
+
+
+PathOf = Callable[[FullModel], Path]  # the path of a full model
+
+
+@dataclass(frozen=True, eq=False)
+class LeftOutErrors:
+    """Errors on left-out folds by the number of parameters."""
+
+    sizes: tuple[int, ...]
+    errors: Array  # relative error of each fold and effort row, `(folds, sizes, rows)` [%]
+    # one value per fold and size: the mean of the logarithms of a typical row's error and of that
+    # of all rows together, `(folds, sizes)`
+    logarithms: Array
+    # how many folds had removed a parameter before the smallest model, by name and size
+    removed: tuple[Counter[str], ...]
+    folds: tuple[str, ...]  # what was left out in turn
+
+    @property
+    def mean(self) -> Array:
+        """Mean over folds and rows per size, shape `(sizes,)` [%]."""
+        return np.asarray(self.errors.mean(axis=(0, 2)))
+
+    @property
+    def best(self) -> int:
+        """Place of the size with the least error."""
+        return int(np.argmin(self.logarithms.mean(axis=0)))
+
+    @property
+    def spread(self) -> Array:
+        """Standard error over folds of the difference to the best size, shape `(sizes,)`.
+
+        Of logarithms; folds differ far more from each other than sizes do within a fold, so the
+        differences are what tells sizes apart.
+        """
+        apart = self.logarithms - self.logarithms[:, [self.best]]
+        return np.array([cross_validation.standard_error(column) for column in apart.T])
+
+    @property
+    def rise(self) -> Array:
+        """Mean difference of the logarithms to those of the best size, shape `(sizes,)`."""
+        means = self.logarithms.mean(axis=0)
+        return np.asarray(means - means[self.best])
+
+    @property
+    def joint_rise(self) -> Array:
+        """Relative rise of each row's error to the largest model's, shape `(sizes, rows)`.
+
+        Geometric means over folds, so that a joint with hardly any effort in a fold does not hide
+        what becomes worse in the others.
+        """
+        means = np.log(np.maximum(self.errors, 1e-9)).mean(axis=0)
+        return np.asarray(np.expm1(means - means[0]))
+
+    def worse(self, size: int, tolerance: float) -> tuple[tuple[int, float], ...]:
+        """Rows whose error rises by more than the tolerance, and by how much, at a size."""
+        rises = self.joint_rise[self.sizes.index(size)] if size in self.sizes else ()
+        return tuple((k, float(rise)) for k, rise in enumerate(rises) if rise > tolerance)
+
+
+RISE = 0.05  # relative rise of a joint's left-out error that a removal may cost by default
+
+
+def folds_of(information: Information) -> tuple[tuple[str, tuple[int, ...]], ...]:
+    """Windows of every run or, where there is one run, of stretches of it, with their names."""
+    windows, parts = information.windows, cross_validation.windows_of_folds(information)
+    if len(parts) < cross_validation.FEWEST:
+        fix = "log longer or several runs, or reduce to a number of parameters"
+        raise cross_validation.too_short(information.runs or "no run", fix)
+    if len(information.windows_of_runs) > 1:
+        return tuple((windows[part[0]].run, part) for part in parts)
+    names = (f"{windows[p[0]].start:.3g} to {windows[p[-1]].stop:.3g} s" for p in parts)
+    return tuple(zip(names, parts, strict=True))
+
+
+def left_out_errors(
+    information: Information, path_of: PathOf, *, equal: bool = False
+) -> LeftOutErrors:
+    """Errors of the models of a path, each fold predicted by a path of the others."""
+    folds = folds_of(information)
+    results = []
+    for _name, mine in folds:
+        others = [k for k in range(len(information.windows)) if k not in set(mine)]
+        path = path_of(FullModel.of(information.of(others), equal=equal))
+        results.append((path, path_errors(path, information.of(mine))))
+    shared = set.intersection(*(set(path.sizes) for path, _ in results))
+    sizes = tuple(sorted(shared, reverse=True))
+    errors, logs, removed = [], [], [Counter[str]() for _ in sizes]
+    for path, (found, squares) in results:
+        at = [path.sizes.index(size) for size in sizes]
+        errors.append(found[at])
+        logs.append(cross_validation.logarithms(found[at], np.tile(squares, (len(at), 1))))
+        for place, count in zip(at, removed, strict=True):
+            count.update(step.name for step in path.steps[:place])
+    return LeftOutErrors(
+        sizes,
+        frozen(np.stack(errors)),
+        frozen(np.stack(logs)),
+        tuple(removed),
+        tuple(name for name, _ in folds),
+    )
+
+
+def path_errors(path: Path, tested: Information) -> tuple[Array, Array]:
+    """Relative errors of a path's models on other data `(states, rows)` [%]; efforts' squares."""
+    squares = tested.effort_squares()
+    size = np.where(squares > 0.0, squares, np.inf)
+    place = [tested.layout.columns.index(name) for name in path.full.names]
+    errors = np.empty((len(path.states), len(squares)))
+    for k, state in enumerate(path.states):
+        values = np.zeros(len(tested.layout.columns))
+        values[place] = state.all_values
+        errors[k] = 100.0 * np.sqrt(tested.residual_squares(values) / size)
+    return errors, squares

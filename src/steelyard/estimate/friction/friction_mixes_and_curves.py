@@ -1,10 +1,14 @@
-"""Mixes of friction laws for `friction = "auto"`, and whether logs contain enough motion for it.
+r"""Mixes of friction laws, whether logs contain enough motion for them; friction over speed.
 
 Friction laws are compared by leaving out a fifth of the motion (or one run) in turn. Every part
 should have motion of every joint at several speeds, over a distance at which laws with internal
 states become usable (three of their lengths), and all parts together motion in both directions.
 With fewer data no laws can be distinguished; with these, the comparison itself keeps Coulomb
 friction unless another law is significantly better.
+
+For a curve over speed, one joint moves at constant speed, all others rest. Friction is linear in
+its parameters, $\tau_f = J(\dot q)\,\phi_f$, so that its variance is $J C J^T$ with the covariance
+$C$ of the parameters; their errors only, not what the laws lack.
 """
 
 from collections.abc import Sequence
@@ -15,7 +19,8 @@ from typing import Any, Literal, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from steelyard.base.arrays import Array
+from steelyard.base.arrays import Z95, Array, Parameters
+from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.estimate.scores.cross_validation import FOLDS
 from steelyard.model.laws.friction_over_speed import (
     Coulomb,
@@ -30,7 +35,8 @@ from steelyard.model.laws.friction_over_speed import (
 )
 from steelyard.model.laws.friction_with_memory import Dahl, LoadDependent, LuGre, MaxwellSlip
 from steelyard.model.laws.laws_without_friction import Offset, Spring
-from steelyard.model.model import Model
+from steelyard.model.model import Model, ValuedModel
+from steelyard.model.terms.presliding_term import Presliding
 from steelyard.model.terms.term import Term
 from steelyard.robot.file.sections import EffortKind
 from steelyard.robot.robot import Coordinate, Robot
@@ -216,3 +222,86 @@ def lacking(motions: Sequence[JointMotion], coordinates: Sequence[Coordinate]) -
         elif motion.speeds < SPEEDS:
             found.append(f"{coordinate.name} moves at one speed only")
     return tuple(found)
+
+
+GRID = 60  # speeds on each side of zero
+DENSITY = 2.5  # power by which the speeds are denser near zero
+
+TRAVEL = 2.0 * np.pi
+"""Travel between two speeds where friction has memory, which has then settled [rad; m]: a whole
+turn, after which the posture of a revolute joint is the same."""
+
+
+@dataclass(frozen=True, eq=False)
+class FrictionCurve:
+    """Friction of one joint over rising speeds, shape `(G,)` [rad/s; m/s].
+
+    Efforts of the model and half-widths of their 95 % intervals are of the same shape [Nm; N].
+    """
+
+    joint: str
+    speed: Array
+    effort: Array
+    half_width: Array
+
+
+def friction_curves(
+    identified: IdentifiedModel, postures: Array, fastest: Array
+) -> tuple[FrictionCurve, ...]:
+    """The friction of every joint whose friction was identified.
+
+    Joints of closed loops that do not close at their posture, or on the travel that friction with
+    memory needs, have no curve. Of the postures `(n, n)` [rad; m], one row for each joint's curve,
+    only friction that depends on load depends; `fastest` is the largest speed of each curve, `(n,)`
+    [rad/s; m/s].
+    """
+    names, estimate = identified.model.friction_names, identified.estimate
+    known, full = estimate.parameters.names, estimate.covariance
+    if estimate.standard is not None:
+        known, full = estimate.standard.parameters.names, estimate.standard.covariance
+    # zero of parameters that were not identified
+    places = [known.index(name) if name in known else -1 for name in names]
+    covariance = np.pad(full, ((0, 1), (0, 1)))[np.ix_(places, places)]
+    curves = []
+    for j, joint in enumerate(identified.joints):
+        speed = fastest[j] * np.linspace(1.0, 0.5 / GRID, GRID) ** DENSITY
+        falling, rising = (
+            _side(identified.valued, j, names, postures[j], side) for side in (-speed, speed)
+        )
+        if falling is None or rising is None:
+            continue
+        jacobian = np.concatenate([falling, rising[::-1]])
+        if fastest[j] > 0.0 and np.any(jacobian @ covariance):
+            values = np.array([identified.valued.values[name] for name in names])
+            variance = np.einsum("gp,pq,gq->g", jacobian, covariance, jacobian)
+            half = Z95 * np.sqrt(np.maximum(variance, 0.0))
+            both = np.concatenate([-speed, speed[::-1]])
+            curves.append(FrictionCurve(joint, both, jacobian @ values, half))
+    return tuple(curves)
+
+
+def _side(
+    valued: ValuedModel, j: int, names: Sequence[str], posture: Array, speed: Array
+) -> Array | None:
+    """Friction of joint `j` per unit of each parameter, shape `(G, p)`.
+
+    The first speed is held once before, so that memory has settled there too. `None` if the
+    robot's loops do not close on the way.
+    """
+    model, speed = valued.model, np.append(speed[:1], speed)
+    q, dq = np.repeat(posture[:, None], len(speed), axis=1), np.zeros((len(posture), len(speed)))
+    dq[j] = speed
+    if any(isinstance(term, Presliding) for term in model.terms):
+        q[j] += np.sign(speed) * TRAVEL * np.arange(len(speed))
+    ddq = np.zeros_like(q)
+    scan = model.scan(drop=True)
+    channels = scan(q, dq, ddq)
+    if not scan.closed.all():
+        return None
+
+    def response(name: str) -> Array:
+        unit = [float(own == name) for own in model.names]
+        of_one = ValuedModel(model, Parameters(model.names, model.units, unit))
+        return of_one.block(q, dq, ddq, channels)[j, 1:]
+
+    return np.array([response(name) for name in names]).reshape(len(names), len(speed) - 1).T
