@@ -21,7 +21,7 @@ from steelyard.robot.file.sections import EffortSection, SignalsSection
 from steelyard.robot.file.signals import Signals, build_signals
 from steelyard.robot.robot import Robot, Transmission
 from steelyard.runs.recording import Recording
-from steelyard.simulate.drives_sensors_and_logged_columns import Sensors, TrueRun
+from steelyard.simulate.drives_sensors_and_loads import Sensors, TrueRun
 from steelyard.simulate.ground_truth import Truth, random_truth
 from steelyard.simulate.virtual_robot import VirtualRobot, write_run
 

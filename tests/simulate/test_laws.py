@@ -23,8 +23,7 @@ from steelyard.robot.robot import Robot
 from steelyard.simulate.ground_truth import Truth, random_truth
 from steelyard.simulate.laws_beside_mujoco import Laws, LawsInUse
 from steelyard.simulate.mujoco_model import build
-from steelyard.simulate.mujoco_plant import MujocoPlant
-from steelyard.simulate.virtual_robot import VirtualRobot
+from steelyard.simulate.virtual_robot import MujocoPlant, VirtualRobot
 
 MEMORIES = (
     Dahl(length=(2e-3, 1e-3, 3e-3, 5e-3)),

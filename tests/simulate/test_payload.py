@@ -10,10 +10,9 @@ from steelyard.estimate.closed_loop.feedback_and_forward_dynamics import JointPD
 from steelyard.excite.trajectories.fourier import random_fourier
 from steelyard.robot.inertia_and_placement import Inertia
 from steelyard.robot.robot import Robot
+from steelyard.simulate.drives_sensors_and_loads import Payload
 from steelyard.simulate.ground_truth import Truth, random_truth
-from steelyard.simulate.mujoco_plant import MujocoPlant
-from steelyard.simulate.payloads_and_wrenches import Payload
-from steelyard.simulate.virtual_robot import VirtualRobot
+from steelyard.simulate.virtual_robot import MujocoPlant, VirtualRobot
 
 LOAD = Inertia.about_com(2.0, [0.02, -0.01, 0.08], np.diag([0.01, 0.012, 0.006]))
 

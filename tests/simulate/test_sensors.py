@@ -3,7 +3,7 @@ import pytest
 
 from steelyard.base.errors import DataError
 from steelyard.robot.robot import Robot
-from steelyard.simulate.drives_sensors_and_logged_columns import Sensors, TrueRun
+from steelyard.simulate.drives_sensors_and_loads import Sensors, TrueRun
 
 
 def run(n: int, ticks: int = 40_001) -> TrueRun:

@@ -11,7 +11,7 @@ from steelyard.base.progress import Event, Stopped
 from steelyard.estimate.closed_loop.feedback_and_forward_dynamics import tuned_pd
 from steelyard.excite.trajectories.fourier import FourierMotion, random_fourier
 from steelyard.robot.robot import Robot
-from steelyard.simulate.drives_sensors_and_logged_columns import Sensors, TrueRun
+from steelyard.simulate.drives_sensors_and_loads import Sensors, TrueRun
 from steelyard.simulate.ground_truth import Truth, random_truth
 from steelyard.simulate.mujoco_model import build, inverse_dynamics
 from steelyard.simulate.virtual_robot import VirtualRobot

@@ -27,9 +27,15 @@ from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
 from steelyard.robot.file.robot_file import load_robot
 from steelyard.robot.file.signals import ROW
 from steelyard.robot.robot import Robot
-from steelyard.simulate.drives_sensors_and_logged_columns import Sensors, customary_drives
+from steelyard.simulate.drives_sensors_and_loads import (
+    AppliedWrench,
+    Axes,
+    Payload,
+    Sensors,
+    customary_drives,
+    read_wrench,
+)
 from steelyard.simulate.ground_truth import Truth, random_truth, read_truth
-from steelyard.simulate.payloads_and_wrenches import AppliedWrench, Axes, Payload, read_wrench
 from steelyard.simulate.virtual_robot import (
     SimulatedFiles,
     VirtualRobot,

@@ -22,7 +22,7 @@ from steelyard.report.result import Result
 from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
 from steelyard.robot.file.robot_file import load_robot
 from steelyard.robot.robot import Frame, Robot
-from steelyard.simulate.drives_sensors_and_logged_columns import Drives, customary_drives
+from steelyard.simulate.drives_sensors_and_loads import Drives, customary_drives
 from steelyard.simulate.ground_truth import Truth
 from steelyard.simulate.simulate import true_robot
 from steelyard.simulate.tracking_sections import TRACK_SECTIONS, TrackingContent
