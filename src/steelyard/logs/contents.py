@@ -163,10 +163,7 @@ def content_of(log: Log, cut: Cut = Cut(), progress: Progress = silent) -> LogCo
         rate=rate,
         columns=columns,
         left_out=(*getattr(log, "left_out", ()), *twice),
-        topics=tuple(
-            {key: getattr(topic, key) for key in ("name", "type", "count", "rate", "problem")}
-            for topic in getattr(log, "topics", ())
-        ),
+        topics=getattr(log, "topics", ()),
         remarks=tuple(getattr(log, "remarks", ())),
     )
 

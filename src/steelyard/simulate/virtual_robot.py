@@ -38,8 +38,6 @@ from steelyard.simulate.laws_beside_mujoco import Laws, LawsInUse, stable_timest
 from steelyard.simulate.mujoco_model import (
     ADVANCE,
     MujocoModel,
-    body_name,
-    body_pose,
     build,
     new_data,
     push,
@@ -112,24 +110,9 @@ class MujocoPlant:
         self._loaded = loaded
 
     def push(self, frame: Frame, wrench: Array, in_base: bool) -> Array:
-        """Let a wrench act at a frame's origin until the next call.
-
-        Args:
-            frame: A frame of a moving body, see `moved_frame`.
-            wrench: Force and torque, shape `(6,)` [N, Nm].
-            in_base: Whether it is along the axes of the base, not of the frame.
-
-        Returns:
-            The wrench along the axes of the frame, shape `(6,)`.
-        """
-        name = body_name(self._robot, frame.body)
+        """Let a wrench act at a frame's origin until the next call; see `mujoco_model.push`."""
         compiled = self._compiled[self._loaded]
-        axes, origin = body_pose(compiled, self._data, name)
-        turned = axes @ frame.rotation
-        given = wrench.reshape(2, 3)
-        base, own = (given, given @ turned) if in_base else (given @ turned.T, given)
-        push(compiled, self._data, name, base.ravel(), origin + axes @ frame.position)
-        return own.ravel()
+        return push(compiled, self._data, self._robot, frame, wrench, in_base)
 
     def state(self) -> tuple[Array, Array]:
         """Position and velocity of the independent joints, each `(n,)`."""
@@ -271,14 +254,11 @@ class VirtualRobot:
                 where=str(log),
                 fix="send a motion within the block",
             )
-        self._write(runs[0], log)
-
-    def _write(self, run: TrueRun, log: Path) -> None:
         sensors = self.sensors
         if self.signals is None:
-            write_table(log, sensors.read(run, self.robot, self._noise))
+            write_table(log, sensors.read(runs[0], self.robot, self._noise))
             return
-        reading = sensors.measure(run, self._noise, self.signals.effort_kind)
+        reading = sensors.measure(runs[0], self._noise, self.signals.effort_kind)
         columns = as_declared(reading, self.signals, velocity=sensors.velocity, gains=sensors.gains)
         write_table(log, columns | reading.further(self.robot))
 

@@ -33,11 +33,9 @@ from steelyard.runs.smoothing.smoothing_methods_and_zero_phase_filters import (
     derived_jointly,
     differentiating,
     kaiser_lowpass,
-    repeated_response,
     repeated_smoother,
 )
 
-LEAST_SPLINE_SAMPLES = 6  # least number of samples
 CORNERS = (-3.5, 0.4)
 """Decades of the corner $\\omega_c$ per sample among which cross-validation chooses."""
 CORNER_GRID = 14  # corners that are tried before the best is refined
@@ -46,16 +44,10 @@ CORNER_GRID = 14  # corners that are tried before the best is refined
 def smoothing_spline(t: Array, values: Array, weight: float | None = None) -> Array:
     r"""The smoothing spline of one channel `(N,)` and two derivatives, `(3, N)`; bent at no end.
 
-    Steps of time may differ. Its weight $\lambda$ [s³] is by default that of generalised
-    cross-validation.
+    Six samples or more may have any steps of time. The weight $\lambda$ [s³] is by default that of
+    generalised cross-validation.
     """
     step = np.diff(t)
-    if len(t) < LEAST_SPLINE_SAMPLES or not (step > 0.0).all():
-        raise LogError(
-            f"{len(t)} samples, or a time that does not increase, cannot be fitted by a spline",
-            where="smoothing spline",
-            fix=f"give {LEAST_SPLINE_SAMPLES} samples or more, in order of time",
-        )
     unit = float(np.median(step))
     step = step / unit
     chosen = cross_validated(step, values) if weight is None else weight / unit**3
@@ -173,11 +165,10 @@ class FIR:
 
         def response(omega: Array) -> Array:
             gain: Array = (freqz(taps, worN=omega)[1] * np.exp(1j * omega * middle)).real
-            return np.where(omega < np.pi * (1.0 - 1e-12), gain, 0.0)
+            return np.where(omega < np.pi * (1.0 - 1e-12), gain, 0.0) ** self.passes
 
-        every = repeated_response(response, self.passes)
         halo = RINGING_TIME * middle * self.passes
-        return differentiating(Bank.derivatives(every, halo, rate, 2).taps)
+        return differentiating(Bank.derivatives(response, halo, rate, 2).taps)
 
     def smooth(self, cutoff: float, rate: float) -> Bank:
         """The filter alone, for efforts."""
