@@ -25,6 +25,8 @@ from steelyard.robot.robot import Body, Frame, LoopClosure, Robot
 
 LEAST_INERTIA = 1e-12  # of a massless body [kg; kg m²]: MuJoCo refuses moving bodies without
 TIMESTEP = 1.25e-4  # default step of the integration [s]
+STIFFEST = (2.0 * TIMESTEP, 1.0), (0.99999, 0.99999, 1e-3, 0.5, 2.0)
+"""MuJoCo's `solref` and `solimp` of a constraint that a step fulfils."""
 ADVANCE = mujoco.mj_step  # one step of the integration of a model, under `data.qfrc_applied`
 
 
@@ -61,7 +63,6 @@ def build(
     inertial: ArrayLike | None = None,
     rotors: Sequence[Rotor] = (),
     brakes: Sequence[Brake] = (),
-    timestep: float = TIMESTEP,
 ) -> MujocoModel:
     """The MuJoCo model of a robot, under its gravity.
 
@@ -70,7 +71,7 @@ def build(
     """
     tens = robot.nominal if inertial is None else frozen(inertial, (len(robot.bodies), 10))
     carriers = _carriers(robot)
-    spec = _spec(robot, timestep)
+    spec = _spec(robot)
     placed = [spec.worldbody]
     for index, (body, ten) in enumerate(zip(robot.bodies, tens, strict=True)):
         placed.append(_add_body(placed[body.parent + 1], index, body, Inertia.from_ten(ten)))
@@ -185,14 +186,14 @@ def _carriers(robot: Robot) -> tuple[int, ...]:
     return tuple(first[index] for index in range(robot.n_joints))
 
 
-def _spec(robot: Robot, timestep: float) -> Any:
+def _spec(robot: Robot) -> Any:
     """An empty model: gravity and the integrator, everything else off."""
     spec = mujoco.MjSpec()
     spec.compiler.degree = False
     spec.compiler.autolimits = False
     spec.compiler.balanceinertia = False
     spec.option.gravity = robot.gravity
-    spec.option.timestep = timestep
+    spec.option.timestep = TIMESTEP
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_EULER
     spec.option.disableflags = (
         mujoco.mjtDisableBit.mjDSBL_CONTACT
@@ -237,7 +238,7 @@ def _tie(spec: Any, robot: Robot, index: int, carrier: int) -> None:
     tie = spec.add_equality(type=mujoco.mjtEq.mjEQ_JOINT, objtype=mujoco.mjtObj.mjOBJ_JOINT)
     tie.name1, tie.name2 = f"{index} {body.joint}", f"{carrier} {master.joint}"
     tie.data[:2] = body.offset - slope * master.offset, slope
-    tie.solref, tie.solimp = _stiffest(spec)
+    tie.solref, tie.solimp = STIFFEST
 
 
 def _pin(spec: Any, loop: LoopClosure, bodies: Sequence[Any]) -> None:
@@ -247,18 +248,13 @@ def _pin(spec: Any, loop: LoopClosure, bodies: Sequence[Any]) -> None:
     for body, name, point in zip(bodies, names, loop.points, strict=True):
         body.add_site(name=name, pos=point)
     pin.name1, pin.name2 = names
-    pin.solref, pin.solimp = _stiffest(spec)
-
-
-def _stiffest(spec: Any) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """MuJoCo's `solref` and `solimp` of a constraint that a step fulfils."""
-    return (2.0 * spec.option.timestep, 1.0), (0.99999, 0.99999, 1e-3, 0.5, 2.0)
+    pin.solref, pin.solimp = STIFFEST
 
 
 def _brake(spec: Any, robot: Robot, number: int, brake: Brake, carriers: Sequence[int]) -> None:
     """Add Coulomb friction along a tendon of the joints that it brakes."""
     tendon = spec.add_tendon(name=f"brake {number}", frictionloss=brake.level)
-    tendon.solref_friction, tendon.solimp_friction = _stiffest(spec)
+    tendon.solref_friction, tendon.solimp_friction = STIFFEST
     for name, slope in _slopes(robot, brake.row, carriers).items():
         tendon.wrap_joint(name, slope)
 
