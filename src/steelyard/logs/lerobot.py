@@ -118,18 +118,11 @@ def _episodes(path: Path, table: ParquetLog) -> tuple[tuple[tuple[int, int], ...
     numbers, times = found.T
     bad = ~(np.abs(numbers) < LARGEST_EPISODE_NUMBER)
     if bad.any():
-        raise LogError(
-            f"row {int(np.argmax(bad))} has no number of its episode",
-            where=str(path),
-            fix="export the dataset again, or give its Parquet files one by one",
-        )
+        raise _unusable(path, f"row {int(np.argmax(bad))} has no number of its episode")
     ends = [*(np.flatnonzero(np.diff(numbers)) + 1).tolist(), len(numbers)]
     if len(np.unique(numbers)) < len(ends) or not len(numbers):
-        raise LogError(
-            "the rows of an episode are not together" if len(numbers) else "the log has no rows",
-            where=str(path),
-            fix="export the dataset again, or give its Parquet files one by one",
-        )
+        apart = "the rows of an episode are not together"
+        raise _unusable(path, apart if len(numbers) else "the log has no rows")
     rows = tuple(zip([0, *ends[:-1]], ends, strict=True))
     starts, last = [], -PAUSE
     for first, stop in rows:
@@ -137,6 +130,11 @@ def _episodes(path: Path, table: ParquetLog) -> tuple[tuple[tuple[int, int], ...
         starts.append(last + PAUSE - float(own.min()) if len(own) else 0.0)
         last = float(own.max()) + starts[-1] if len(own) else last
     return rows, np.array(starts)
+
+
+def _unusable(path: Path, wrong: str) -> LogError:
+    fix = "export the dataset again, or give its Parquet files one by one"
+    return LogError(wrong, where=str(path), fix=fix)
 
 
 def _features(path: Path) -> dict[str, Any]:

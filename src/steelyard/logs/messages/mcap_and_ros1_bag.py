@@ -153,10 +153,7 @@ class RecordFile:
         """Messages of some topics, or of all, in the order of the file."""
         walk, at = self.walk(topics), self.start
         try:
-            with (
-                reading(self.path),
-                ByteSource.of_file(self.content, at, self.waiting) as file,
-            ):
+            with reading(self.path), ByteSource.of_file(self.content, at, self.waiting) as file:
                 while not walk.ended and file.at < self.end:
                     at = file.at
                     yield from walk.record(file)
