@@ -15,8 +15,7 @@ from steelyard.base.errors import LogError
 from steelyard.base.progress import Progress, report_progress, silent
 from steelyard.logs.formats import FORMATS
 from steelyard.logs.lerobot import is_lerobot
-from steelyard.logs.log_and_errors import ROWS_OF_PART, Log
-from steelyard.logs.log_windows import Cut
+from steelyard.logs.log_and_errors import ROWS_OF_PART, Cut, Log
 from steelyard.robot.file.signals import TIME_UNITS
 from steelyard.robot.init.column_names import Column
 from steelyard.robot.init.guess_clock_positions_and_velocities import guess_time

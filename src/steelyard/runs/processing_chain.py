@@ -33,7 +33,11 @@ from steelyard.runs.rows.resampling import (
 )
 from steelyard.runs.smoothing.kalman_smoother import CausalKalman
 from steelyard.runs.smoothing.likeliest_cutoffs_and_fourier import Auto
-from steelyard.runs.smoothing.smoothing_methods_and_zero_phase_filters import continued_at_ends
+from steelyard.runs.smoothing.smoothing_methods_and_zero_phase_filters import (
+    Bank,
+    Designed,
+    continued_at_ends,
+)
 
 SAMPLES_OF_PART = 8192  # samples of a part; more where margins are long
 
@@ -293,11 +297,11 @@ class ToMotion:
         p, rate, c = chain.processing, chain.rate, recording.channels
         self._flagged, self._channels = chain.flagged, c
         self._motion = p.motion.designed(chain.motion_cutoff, rate)
-        self._effort = None
+        self._effort: Bank | Designed = Designed(lambda efforts: efforts, 0)
         if p.effort is not None:
             self._effort = p.effort.smooth(p.effort_cutoff or chain.motion_cutoff, rate)
         spread = ceil(SATURATION_SPREAD * rate / chain.matched_cutoff) if chain.flagged else 0
-        halos = self._motion.halo, 0 if self._effort is None else self._effort.halo, spread
+        halos = self._motion.halo, self._effort.halo, spread
         self.whole = None in halos
         self.halo = max(halo or 0 for halo in halos)
         self._spare = [self.halo - (halo or 0) for halo in halos]
@@ -316,9 +320,7 @@ class ToMotion:
             extended[:, spare : extended.shape[1] - spare] for spare in self._spare
         )
         signals = self._motion(inner[c.q], inner[c.dq] if c.velocities else None)
-        effort = measured[c.effort]
-        if self._effort is not None:
-            effort = self._effort(effort)
+        effort = self._effort(measured[c.effort])
         weights = None
         if self._flagged:
             weights = _weights(np.abs(flags[c.count :]), self.halo - self._spare[2])

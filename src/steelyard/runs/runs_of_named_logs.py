@@ -16,7 +16,7 @@ from steelyard.base.progress import Progress, report_progress, silent
 from steelyard.logs.clocks_and_combined_logs import Numbered
 from steelyard.logs.formats import open_log
 from steelyard.logs.lerobot import is_lerobot, open_lerobot
-from steelyard.logs.log_windows import Cut, parse_log_argument
+from steelyard.logs.log_and_errors import Cut, parse_log_argument
 from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
 from steelyard.robot.file.robot_file import load_robot
 from steelyard.robot.file.signals import ROW, Signals

@@ -28,16 +28,6 @@ from steelyard.symbolic.program_and_softening import Program, softened
 VELOCITY, WIDTHS = 1, 6
 
 
-@dataclass(frozen=True)
-class PlacedTerm:
-    """A term with its place in the program's inputs."""
-
-    term: Term
-    first: int  # its first parameter
-    memory: Presliding | None  # how its memory steps; `None` without
-    at: int  # first row of its memory: positions along its axes, then states
-
-
 @dataclass(frozen=True, eq=False)
 class Laws:
     """Terms of a robot, ready to be evaluated at every step."""
@@ -48,21 +38,15 @@ class Laws:
     widths: Array  # speeds over which jumps at zero speed are spread, per joint of the robot
     model: MujocoModel
 
-    @cached_property
-    def placed(self) -> tuple[PlacedTerm, ...]:
-        """The terms with their places."""
-        found, first, at = [], 0, 0
-        for term in self.terms:
-            memory = term if isinstance(term, Presliding) else None
-            found.append(PlacedTerm(term, first, memory, at))
-            first += len(term.parameters(self.robot))
-            at += 0 if memory is None else memory.n_memory(self.robot)
-        return tuple(found)
+    @property
+    def remembering(self) -> list[Presliding]:
+        """Terms with memory, in the order in which the memory holds theirs."""
+        return [term for term in self.terms if isinstance(term, Presliding)]
 
     @property
     def n_memory(self) -> int:
         """Rows of the memory."""
-        return sum(p.memory.n_memory(self.robot) for p in self.placed if p.memory is not None)
+        return sum(term.n_memory(self.robot) for term in self.remembering)
 
     @cached_property
     def places(self) -> tuple[list[int], list[float], list[float]]:
@@ -105,18 +89,19 @@ class Laws:
         total: dict[int, Scalar] = dict(enumerate(applied))
         brakes: dict[int, Scalar] = {}
         memory: list[Scalar] = []
-        for placed in self.placed:
-            mine: Sequence[Scalar] = ()
-            if placed.memory is not None:
-                last = before[placed.at : placed.at + placed.memory.n_memory(self.robot)]
-                rows, mine = placed.memory.stepped(self.robot, JointState(q, dq, ddq), last)
-                memory += rows
-            state = JointState(q, dq, ddq, mine)
-            for (row, column), entry in placed.term.columns(self.robot, state).items():
-                effort = entry * values[placed.first + column]
+        first = 0
+        for term in self.terms:
+            state = JointState(q, dq, ddq)
+            if isinstance(term, Presliding):
+                last = before[len(memory) : len(memory) + term.n_memory(self.robot)]
+                rows, channels = term.stepped(self.robot, state, last)
+                state, memory = JointState(q, dq, ddq, channels), memory + rows
+            for (row, column), entry in term.columns(self.robot, state).items():
+                effort = entry * values[first + column]
                 total[row] = total[row] - effort if row in total else -effort
-                if placed.term.on_motors:
+                if term.on_motors:
                     brakes[row] = brakes[row] + effort if row in brakes else effort
+            first += len(term.parameters(self.robot))
         loads = sorted(total)
         forces = [total[row] / places[row][1] for row in loads]
         about.update(loads=loads, brakes=sorted(brakes))
@@ -167,11 +152,11 @@ class LawsInUse:
 
     def remember(self, q: Array, states: Array) -> None:
         """Set the memory: last positions from `q`, all joints, and states from a full memory."""
-        memory = np.array(states, dtype=np.float64)
-        for placed in self.laws.placed:
-            if placed.memory is not None:
-                for k, axis in enumerate(placed.memory.axes(self.laws.robot)):
-                    memory[placed.at + k] = np.dot(axis.row, q)
+        memory, at = np.array(states, dtype=np.float64), 0
+        for term in self.laws.remembering:
+            here = [np.dot(axis.row, q) for axis in term.axes(self.laws.robot)]
+            memory[at : at + len(here)] = here
+            at += term.n_memory(self.laws.robot)
         for rows in self._rows:
             rows[self._head :] = memory[:, None]
 

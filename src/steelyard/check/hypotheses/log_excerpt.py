@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 
 from steelyard.base.arrays import Array
 from steelyard.base.errors import LogError
-from steelyard.runs.cutoff_frequencies import cutoffs
-from steelyard.runs.processing_choices import Processing
+from steelyard.runs.processing_choices import Processing, cutoffs
 from steelyard.runs.recording import Recording
 from steelyard.runs.rows.clock_and_row_scan import (
     SHORTEST_CHAIN,

@@ -43,7 +43,7 @@ from steelyard.estimate.scores.residual_noise_and_traces import (
     residual_trace,
 )
 from steelyard.estimate.scores.score import score
-from steelyard.runs.rest_speed_and_speed_histogram import rest_speed_of_runs
+from steelyard.runs.prepare import rest_speed_of_runs
 from steelyard.runs.run import Run
 
 LEVEL = 0.95  # share of new measurements that a band holds
