@@ -30,7 +30,7 @@ def test_a_carried_payload_is_a_heavier_body(arm: Robot) -> None:
     truth = random_truth(arm, 1)
     loaded = MujocoPlant(arm, truth, Payload(LOAD, "tool"))
     welded = MujocoPlant(arm, combined(arm, truth))
-    loaded.load(True)
+    loaded.loaded = True
     control = JointPD(np.full(6, 40.0), np.full(6, 4.0))
     states = []
     for plant in (loaded, welded):

@@ -226,11 +226,8 @@ class Chain:
         """The stages, for reports."""
         p, s = self.processing, self.row_checks
         stages = [self.before] if self.before else []
-        stages += [
-            "outliers kept"
-            if s.threshold is None
-            else f"Hampel threshold {s.threshold:g} scaled MAD"
-        ]
+        hampel = None if s.threshold is None else f"Hampel threshold {s.threshold:g} scaled MAD"
+        stages.append(hampel or "outliers kept")
         if s.bridge_stale:
             stages.append("repeated rows interpolated")
         if not np.isnan(s.limits).all():

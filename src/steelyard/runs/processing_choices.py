@@ -272,29 +272,21 @@ def cutoffs(
     if motion is None:
         wide = max(MOTION_FACTOR * matched, floor)
         motion = rounded(max(matched, min(wide, MOTION_HIGHEST * rate)))
-    named = [
-        (
-            "regression",
-            "matched_cutoff" if processing.matched_cutoff else "",
-            matched,
-            MATCHED_HIGHEST,
-        ),
-        ("motion", "motion_cutoff" if processing.motion_cutoff else "", motion, NYQUIST_SHARE),
-    ]
+    keys = ("matched_cutoff", "motion_cutoff")
+    stated = [key if getattr(processing, key) else "" for key in keys]
+    named = [("regression", stated[0], matched, MATCHED_HIGHEST)]
+    named += [("motion", stated[1], motion, NYQUIST_SHARE)]
     named += [(*given, NYQUIST_SHARE) for given in processing.cutoffs_of_methods]
     for name, key, cutoff, share in named:
         if not 0.0 < cutoff <= share * rate * (1.0 + 1e-9):
-            usual = f"choose one above 0 and up to {share * rate:.4g} Hz, or log faster"
-            slow = rate <= SLOWEST_RATE
-            raise LogError(
-                f"the {name} cut-off of {cutoff:g} Hz does not fit a log of {rate:g} Hz"
-                + (": its time looks like milliseconds, not seconds" if slow else ""),
-                where=f"{where}, {key} of [processing]" if key else where,
-                fix=f"give time in seconds, or its unit as time_unit under [signals] of the robot "
-                f"file; {usual}"
-                if slow
-                else usual,
-            )
+            wrong = f"the {name} cut-off of {cutoff:g} Hz does not fit a log of {rate:g} Hz"
+            fix = f"choose one above 0 and up to {share * rate:.4g} Hz, or log faster"
+            if rate <= SLOWEST_RATE:
+                wrong += ": its time looks like milliseconds, not seconds"
+                unit = "its unit as time_unit under [signals] of the robot file"
+                fix = f"give time in seconds, or {unit}; {fix}"
+            place = f"{where}, {key} of [processing]" if key else where
+            raise LogError(wrong, where=place, fix=fix)
     return Cutoffs(motion, matched if processing.parallel_filter else 0.5 * rate)
 
 

@@ -195,15 +195,11 @@ def prepared(
     if not runs:
         return ()
     common = processing_used(wanted, runs)
-    return distinct(
-        [
-            run
-            if (run.motion_cutoff, run.matched_cutoff)
-            == (common.motion_cutoff, common.matched_cutoff)
-            else prepare(recording, common, at_rest=at_rest, before=run)
-            for run, recording in zip(runs, recordings, strict=True)
-        ]
-    )
+    wide = common.motion_cutoff, common.matched_cutoff
+    for k, run in enumerate(runs):
+        if (run.motion_cutoff, run.matched_cutoff) != wide:
+            runs[k] = prepare(recordings[k], common, at_rest=at_rest, before=run)
+    return distinct(runs)
 
 
 def runs_of(

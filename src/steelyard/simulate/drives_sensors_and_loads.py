@@ -266,14 +266,10 @@ class Reading:
         """Columns that no robot file declares: of the controller, and of the wrench."""
         columns = {}
         joints = robot.coordinates if self.commanded.size else ()
-        for name, values, unit in zip(
-            ("q_cmd", "dq_cmd", "tau_cmd"),
-            self.commanded,
-            ("{0.unit}", "{0.unit}_s", "{0.effort_unit}"),
-            strict=True,
-        ):
+        names = ("q_cmd{0}_{1.unit}", "dq_cmd{0}_{1.unit}_s", "tau_cmd{0}_{1.effort_unit}")
+        for name, values in zip(names, self.commanded, strict=True):
             for j, joint in enumerate(joints):
-                columns[f"{name}{j + 1}_{unit.format(joint)}"] = values[:, j]
+                columns[name.format(j + 1, joint)] = values[:, j]
         if self.wrench is not None:
             columns |= dict(zip(WRENCH_COLUMNS, self.wrench.T, strict=True))
         return columns

@@ -169,8 +169,7 @@ class LawsInUse:
     def brakes(self) -> Array:
         """Torque of motor-side terms at the last step, shape `(n,)`."""
         result = np.zeros(self._count)
-        if self._brakes:
-            result[self._brakes] = self._rows[self._turn][len(self._loads) : self._head, 0]
+        result[self._brakes] = self._rows[self._turn][len(self._loads) : self._head, 0]
         return result[: len(self.applied)]
 
 

@@ -86,7 +86,7 @@ def build(
     matrix = np.zeros((len(robot.bodies), robot.n_joints))
     for index, body in enumerate(robot.bodies):
         matrix[index, body.coordinate] = body.ratio
-    offset = [body.offset for body in robot.bodies]
+    offset = np.array([body.offset for body in robot.bodies])
     try:
         compiled = spec.compile()
     except ValueError as error:
@@ -97,12 +97,8 @@ def build(
         ) from error
     # MuJoCo goes through a tree depth first: the bodies in the order of its joints
     order = [int(compiled.joint(k).name.split()[0]) for k in range(compiled.njnt)]
-    return MujocoModel(
-        compiled,
-        frozen(matrix[order]),
-        frozen(np.array(offset)[order]),
-        tuple(order.index(carrier) for carrier in carriers),
-    )
+    carried = tuple(order.index(carrier) for carrier in carriers)
+    return MujocoModel(compiled, frozen(matrix[order]), frozen(offset[order]), carried)
 
 
 def inverse_dynamics(model: MujocoModel, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike) -> Array:

@@ -225,15 +225,9 @@ def track(
     frame = frame_of(loaded.robot, last_frame(loaded.robot) if tool is None else tool)
     trajectory = read_motion(Path(motion), loaded.robot)
     real, _ = true_robot(loaded, truth, friction_drift, seed)
-    found = tracking(
-        loaded.robot,
-        real,
-        trajectory,
-        controllers_of(control, [(label, each.valued) for label, each in named.items()]),
-        frame,
-        customary_drives(loaded.robot, lag),
-        progress,
-    )
+    controllers = controllers_of(control, [(label, each.valued) for label, each in named.items()])
+    drives = customary_drives(loaded.robot, lag)
+    found = tracking(loaded.robot, real, trajectory, controllers, frame, drives, progress)
     found = replace(found, random_truth=truth is None)
     settings = (
         ("control", control),

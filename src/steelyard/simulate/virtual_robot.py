@@ -62,6 +62,7 @@ class MujocoPlant:
     Attributes:
         model: The MuJoCo model, with the truth's inertias.
         timestep: Step of the integration [s].
+        loaded: Whether it carries the payload; motion goes on from the same velocities.
     """
 
     def __init__(self, robot: Robot, truth: Truth, payload: Payload | None = None) -> None:
@@ -75,16 +76,15 @@ class MujocoPlant:
             self._compiled.append(build(robot, loaded, truth.rotors, truth.brakes).compiled)
         for compiled in self._compiled:
             compiled.opt.timestep = self.timestep
-        self._robot, self._loaded = robot, False
+        self._robot, self.loaded = robot, False
         self._behind = np.reshape(
             [b.motor * np.array(b.row[: robot.n]) for b in truth.brakes if b.level > 0.0],
             (-1, robot.n),
         )
-        self._before_gears = bool(self._behind.any())
         self._carriers = np.array(self.model.carriers[: robot.n])
         self._ratios = self.model.map[self._carriers, np.arange(robot.n)]
         self._starts = self.model.offset[self._carriers]
-        self._place(robot.assembly)
+        self.place(robot.assembly[: robot.n])
 
     def place(self, q: ArrayLike) -> None:
         """Put the robot at rest at posture `q`, shape `(n,)`; passive joints close the loops."""
@@ -96,22 +96,14 @@ class MujocoPlant:
                 where=f"robot '{self._robot.name}'",
                 fix="start from a posture that the robot can take",
             )
-        self._place(full)
-
-    def _place(self, q: Array) -> None:
-        self._data = new_data(self.model)
-        self._data.qpos[:] = self.model.map @ q + self.model.offset
-        data = self._data
+        self._data = data = new_data(self.model)
+        data.qpos[:] = self.model.map @ full + self.model.offset
         self._x, self._v, self._forces = data.qpos, data.qvel, data.qfrc_applied
         self._used = LawsInUse(self._laws, self._x, self._v, data.qacc)
 
-    def load(self, loaded: bool) -> None:
-        """Take the payload, or let it go; motion goes on from the same velocities."""
-        self._loaded = loaded
-
     def push(self, frame: Frame, wrench: Array, in_base: bool) -> Array:
         """Let a wrench act at a frame's origin until the next call; see `mujoco_model.push`."""
-        compiled = self._compiled[self._loaded]
+        compiled = self._compiled[self.loaded]
         return push(compiled, self._data, self._robot, frame, wrench, in_base)
 
     def state(self) -> tuple[Array, Array]:
@@ -122,18 +114,15 @@ class MujocoPlant:
 
     def motor_friction(self) -> Array:
         """Torque of the terms that act on motors, at the last step, shape `(n,)`."""
-        brakes = self._used.brakes()
-        if not self._before_gears:
-            return brakes
         friction = self._data.efc_force[self._data.ne :][: self._data.nf]
-        return np.asarray(brakes - friction @ self._behind)
+        return np.asarray(self._used.brakes() - friction @ self._behind)
 
     def step(self, tau: Array, duration: float) -> tuple[Array, Array]:
         """Hold joint torques `tau`, shape `(n,)`, for a multiple of the time step."""
         count = round(duration / self.timestep)
         if count < 1 or abs(count * self.timestep - duration) > 1e-9:
             raise ValueError(f"{duration} s is not a multiple of the step of {self.timestep} s")
-        compiled, data, used = self._compiled[self._loaded], self._data, self._used
+        compiled, data, used = self._compiled[self.loaded], self._data, self._used
         used.applied[:] = tau
         forces, dofs, advance = self._forces, used.dofs, ADVANCE
         for _ in range(count):
@@ -215,14 +204,6 @@ class VirtualRobot:
         self._progress = progress
         self._recorded: list[TrueRun] | None = None
 
-    def place(self, q: ArrayLike) -> None:
-        """Put the robot at rest at posture `q`, shape `(n,)`."""
-        self._plant.place(q)
-
-    def step(self, tau: Array, duration: float) -> tuple[Array, Array]:
-        """Hold joint torques `tau`, shape `(n,)`, for `duration` [s]; the new `q` and `dq`."""
-        return self._plant.step(tau, duration)
-
     def send(self, trajectory: Trajectory) -> None:
         """Follow `trajectory`; it is put into the log that is being recorded, if any."""
         if self._recorded:
@@ -285,8 +266,8 @@ class VirtualRobot:
                 where=f"payload on '{self.payload.frame}'",
                 fix="attach it earlier, or make the motion longer",
             )
-        self._plant.load(bool(loaded[0]))
-        self.place(goal.q[0])
+        self._plant.loaded = bool(loaded[0])
+        self._plant.place(goal.q[0])
         felt = np.broadcast_to(felt, goal.q.shape)
         pushed = None if self.wrench is None else self.wrench.at(t)
         settling = round(_SETTLING * CONTROL_RATE)
@@ -308,30 +289,20 @@ class VirtualRobot:
             if pushed is not None and self._frame is not None and self.wrench is not None:
                 pushed[k] = self._plant.push(self._frame, pushed[k], self.wrench.axes == "base")
             if k + 1 < ticks:
-                self._plant.load(bool(loaded[k]))
+                self._plant.loaded = bool(loaded[k])
                 q[k + 1], dq[k + 1] = self._plant.step(tau, _TICK)
         report_progress(self._progress, "simulation", t[-1], t[-1])
-        return TrueRun(
-            t,
-            q,
-            dq,
-            0.5 * (np.concatenate([before[None], held[:-1]]) + held),
-            friction + self._rotors(dq),
-            self._gravity(t, q),
-            np.array([goal.q, goal.dq, command]),
-            pushed,
-        )
+        tau = 0.5 * (np.concatenate([before[None], held[:-1]]) + held)
+        motors, commanded = friction + self._rotors(dq), np.array([goal.q, goal.dq, command])
+        return TrueRun(t, q, dq, tau, motors, self._gravity(t, q), commanded, pushed)
 
     def _task(self, goal: Motion, settling: int) -> ControlTask:
         """Rest at the first posture for some ticks, and the motion."""
         before = np.repeat(goal.q[:1], settling, axis=0)
         still = np.zeros_like(before)
-        motion = Motion(
-            np.concatenate([goal.t[0] - _TICK * np.arange(settling, 0, -1), goal.t]),
-            np.concatenate([before, goal.q]),
-            np.concatenate([still, goal.dq]),
-            np.concatenate([still, goal.ddq]),
-        )
+        t = np.concatenate([goal.t[0] - _TICK * np.arange(settling, 0, -1), goal.t])
+        parts = (before, goal.q), (still, goal.dq), (still, goal.ddq)
+        motion = Motion(t, *map(np.concatenate, parts))
         inertia, fastest = joint_inertia(self._masses, CONTROL_RATE)
         if self.drives.dead_time > 0.0:
             fastest = min(fastest, _PHASE / self.drives.dead_time)

@@ -331,15 +331,11 @@ class _BagWalk(Walk):
 
     def _connect(self, number: int, fields: Fields, about: bytes) -> None:
         text = {name: value.decode(errors="replace") for name, value in _split(about).items()}
-        topic = fields.get(b"topic", b"").decode(errors="replace")
+        topic = re.sub("/+", "/", fields.get(b"topic", b"").decode(errors="replace")) or "/"
         package, _, name = text.get(b"type", "").rpartition("/")
-        self.channels[number] = Channel(
-            re.sub("/+", "/", topic) or "/",
-            f"{package}/msg/{name}" if package else name,
-            "ros1",
-            text.get(b"message_definition", ""),
-            "ros1msg",
-        )
+        kind = f"{package}/msg/{name}" if package else name
+        definition = text.get(b"message_definition", "")
+        self.channels[number] = Channel(topic, kind, "ros1", definition, "ros1msg")
 
 
 def _fields(source: ByteSource) -> Fields:

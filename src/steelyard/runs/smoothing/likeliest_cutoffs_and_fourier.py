@@ -113,15 +113,10 @@ def fourier_series(
         sums += basis.T @ values[start : start + HARMONIC_SAMPLES]
     found = np.linalg.solve(gram, sums)
     first = 1 + drift
-    series = Series(
-        frequency,
-        origin,
-        frozen(found[0]),
-        frozen(found[1] / span if drift else np.zeros(values.shape[1])),
-        frozen(found[first : first + harmonics]),
-        frozen(found[first + harmonics :]),
-        frozen(np.zeros(values.shape[1])),
-    )
+    zero = np.zeros(values.shape[1])
+    lines = found[0], found[1] / span if drift else zero
+    waves = found[first : first + harmonics], found[first + harmonics :]
+    series = Series(frequency, origin, *map(frozen, (*lines, *waves, zero)))
     left = values - series.at(t)[0]
     return replace(series, noise=frozen(np.sqrt(np.square(left).sum(axis=0) / (len(t) - columns))))
 
@@ -145,12 +140,8 @@ def refined_frequency(t: Array, values: Array, near: float) -> float:
 
     reach = 0.1 / float(t[-1] - t[0])
     least = 0.985 / float(t[-1] - t[0])
-    found = minimize_scalar(
-        loss,
-        bounds=(max(near - reach, least), near + reach),
-        method="bounded",
-        options={"xatol": 1e-7 * near},
-    )
+    bounds = max(near - reach, least), near + reach
+    found = minimize_scalar(loss, bounds=bounds, method="bounded", options={"xatol": 1e-7 * near})
     return float(found.x)
 
 

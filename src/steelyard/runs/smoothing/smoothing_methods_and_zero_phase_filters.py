@@ -319,10 +319,9 @@ class Butterworth:
     def __post_init__(self) -> None:
         check_passes(self.passes, self.name)
         if not 1 < self.order <= HIGHEST_ORDER:
+            wrong = "cannot be differentiated twice" if self.order < 2 else "rings"
             raise ModelError(
-                f"a Butterworth low-pass of order {self.order} cannot be differentiated twice"
-                if self.order < 2
-                else f"a Butterworth low-pass of order {self.order} rings",
+                f"a Butterworth low-pass of order {self.order} {wrong}",
                 where="butterworth",
                 fix=f"choose an order from 2 to {HIGHEST_ORDER}",
             )

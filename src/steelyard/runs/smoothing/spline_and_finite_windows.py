@@ -185,10 +185,9 @@ class MovingAverage:
     def __post_init__(self) -> None:
         check_passes(self.passes, self.name)
         if self.span % 2 == 0 or not 1 <= self.span <= LONGEST_SPAN:
+            wrong = "has no middle" if self.span % 2 == 0 else "is not valid"
             raise ModelError(
-                f"a moving average over {self.span} samples has no middle"
-                if self.span % 2 == 0
-                else f"a moving average over {self.span} samples is not valid",
+                f"a moving average over {self.span} samples {wrong}",
                 where="moving_average",
                 fix=f"choose an odd number from 1 to {LONGEST_SPAN}",
             )
