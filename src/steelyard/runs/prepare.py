@@ -165,18 +165,15 @@ def prepare(
         mean = mean_of_periods(recording, processing.repetitions)
         return prepare_mean(mean, recording.name, processing)
     loaded = recording.in_memory()
-    known = None if before is None else before.survey
-    found = survey(loaded, processing) if known is None else known
+    found = survey(loaded, processing) if before is None else before.survey
     loaded, recording = (replace(one, left_out=found.left_out) for one in (loaded, recording))
     if found.band.frequency == 0.0 and not at_rest:
         raise no_joint_moves(recording)
     band = found.band
     cut = cutoffs(processing, band.frequency, found.rate, recording.where, band.floor)
     _long_enough(recording, found, cut)
-    if before is None or known is None:
-        motion = _chosen_method(processing.motion, recording, found)
-    else:
-        motion = before.chain.processing.motion
+    made = None if before is None else before.chain.processing.motion
+    motion = made or _chosen_method(processing.motion, recording, found)
     processing = replace(processing, motion=motion)
     chain = _chain(processing, found, cut)
     loaded, wide = _with_context(loaded, found, chain)

@@ -207,7 +207,9 @@ def simulate(
             where="--dry-run",
             fix="give a number above 0 and at most 1, such as 0.2",
         )
-    once = _one_period(loaded.robot, motion, period, periods, dry_run, seed)
+    if motion is None:  # before it is made
+        _check_length(period or RANDOM_PERIOD, periods, dry_run)
+    once = _one_period(loaded.robot, motion, period, seed)
     _check_length(once.duration, periods, dry_run)
     trajectory = _repeated(once, loaded.robot, periods)
     if dry_run < 1.0:
@@ -307,17 +309,10 @@ def _wrench(
 
 
 def _one_period(
-    robot: Robot,
-    motion: str | Path | None,
-    period: float | None,
-    periods: int,
-    dry_run: float,
-    seed: int,
+    robot: Robot, motion: str | Path | None, period: float | None, seed: int
 ) -> ExactTrajectory:
     if motion is None:
-        seconds = RANDOM_PERIOD if period is None else period
-        _check_length(seconds, periods, dry_run)
-        return random_fourier(robot, seed=seed, period=seconds)
+        return random_fourier(robot, seed=seed, period=period or RANDOM_PERIOD)
     if period is not None:
         raise DataError(
             "a period of the random motion is given together with a motion",

@@ -28,7 +28,6 @@ from steelyard.base.errors import LogError
 from steelyard.logs.log_and_errors import (
     ROWS_OF_PART,
     RowRange,
-    reading,
     require_columns,
     require_file,
 )
@@ -41,7 +40,7 @@ from steelyard.logs.messages.containers_and_decoding import (
     seconds,
 )
 from steelyard.logs.messages.mcap_and_ros1_bag import BAG1_MAGIC, open_bag1
-from steelyard.logs.messages.ros2_bag import Bag2, storage
+from steelyard.logs.messages.ros2_bag import Bag2, first_bytes, storage
 from steelyard.logs.messages.topics_and_message_fields import (
     LOG_TIME,
     STAMP,
@@ -206,9 +205,7 @@ def _container(path: Path) -> Container:
     if path.is_dir():
         return Bag2.open(path)
     require_file(path)
-    with reading(path), path.open("rb") as file:
-        start = file.read(len(BAG1_MAGIC))
-    return open_bag1(path) if start == BAG1_MAGIC else storage(path)
+    return open_bag1(path) if first_bytes(path).startswith(BAG1_MAGIC) else storage(path)
 
 
 def _samples(
