@@ -69,16 +69,14 @@ class Laws:
             from steelyard.symbolic.symbols_and_tracing import symbolic
 
             about: dict[str, Any] = {}
-            program = symbolic(lambda *given: self._outputs(about, *given), self._inputs())
+            rows = dict.fromkeys(("position", "velocity", "acceleration"), len(self.model.offset))
+            rows |= {"applied": self.robot.n, "memory": self.n_memory}
+            rows |= {"parameters": len(self.values), "widths": len(self.model.offset)}
+            inputs = [Input(name, n, shared=name != "memory") for name, n in rows.items()]
+            program = symbolic(lambda *given: self._outputs(about, *given), inputs)
             return softened(program, VELOCITY, WIDTHS), about
 
         return compiled(["virtual", described, *self.places], build)
-
-    def _inputs(self) -> tuple[Input, ...]:
-        rows = dict.fromkeys(("position", "velocity", "acceleration"), len(self.model.offset))
-        rows |= {"applied": self.robot.n, "memory": self.n_memory}
-        rows |= {"parameters": len(self.values), "widths": len(self.model.offset)}
-        return tuple(Input(name, n, shared=name != "memory") for name, n in rows.items())
 
     def _outputs(self, about: dict[str, Any], *given: Sequence[Scalar]) -> list[Scalar]:
         """Rows of `code` over its inputs; tells which joints they load and brake."""
