@@ -243,18 +243,9 @@ class VirtualRobot:
         columns = as_declared(reading, self.signals, velocity=sensors.velocity, gains=sensors.gains)
         write_table(log, columns | reading.further(self.robot))
 
-    def ticks(self, trajectory: Trajectory) -> int:
-        """Ticks of the controller along a trajectory, rests included."""
-        return round((trajectory.duration + 2.0 * self.rest) * CONTROL_RATE) + 1
-
-    def follow(self, trajectory: Trajectory, felt: ArrayLike = 0.0) -> TrueRun:
-        """Follow `trajectory`; what happened at every tick, without sensors.
-
-        Args:
-            trajectory: The motion.
-            felt: Errors of the positions that the controller feels, shape `(ticks, n)` [rad; m].
-        """
-        ticks = self.ticks(trajectory)
+    def follow(self, trajectory: Trajectory) -> TrueRun:
+        """Follow `trajectory`; what happened at every tick, without sensors."""
+        ticks = round((trajectory.duration + 2.0 * self.rest) * CONTROL_RATE) + 1
         t = frozen(np.arange(ticks) * _TICK)
         goal = self.wanted(trajectory, t)
         self._check_loops(t, goal.q)
@@ -268,7 +259,6 @@ class VirtualRobot:
             )
         self._plant.loaded = bool(loaded[0])
         self._plant.place(goal.q[0])
-        felt = np.broadcast_to(felt, goal.q.shape)
         pushed = None if self.wrench is None else self.wrench.at(t)
         settling = round(_SETTLING * CONTROL_RATE)
         loop = self.control.start(self._task(goal, settling))
@@ -282,8 +272,7 @@ class VirtualRobot:
         for k in range(ticks):
             if k % _TICKS_PER_EVENT == 0:
                 report_progress(self._progress, "simulation", t[k], float(t[-1]))
-            seen, speed = drives.sense(q[k] + felt[k], dq[k])
-            held[k] = tau = drives.actuate(loop(settling + k, seen, speed))
+            held[k] = tau = drives.actuate(loop(settling + k, *drives.sense(q[k], dq[k])))
             command[k] = drives.command
             friction[k] = self._plant.motor_friction()
             if pushed is not None and self._frame is not None and self.wrench is not None:
