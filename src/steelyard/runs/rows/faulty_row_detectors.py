@@ -25,33 +25,23 @@ FASTEST_STEADY_SPEED = 20.0
 
 
 class RowVerdict(IntEnum):
-    """What became of a row."""
+    """What became of a row, and the `reason` why it was dropped, for reports."""
 
-    KEPT = 0
-    UNREADABLE = 1
-    ABSURD = 2
-    EMPTY = 3
-    REPEATED = 4
-    BACKWARD = 5
-    JUMP = 6
-    LEFT_OUT = 7
+    KEPT = 0, "kept"
+    UNREADABLE = 1, "a cell that is missing or not a number"
+    ABSURD = 2, "an implausible value"
+    EMPTY = 3, "no signal of the joints, as of other topics"
+    REPEATED = 4, "a repeated time stamp"
+    BACKWARD = 5, "a time stamp before the previous one"
+    JUMP = 6, "a single jump of time or position"
+    LEFT_OUT = 7, "a frozen position"
 
-    @property
-    def reason(self) -> str:
-        """Why the row was dropped, for reports."""
-        return _REASONS[self]
+    reason: str
 
-
-_REASONS = (
-    "kept",
-    "a cell that is missing or not a number",
-    "an implausible value",
-    "no signal of the joints, as of other topics",
-    "a repeated time stamp",
-    "a time stamp before the previous one",
-    "a single jump of time or position",
-    "a frozen position",
-)
+    def __new__(cls, number: int, reason: str = "") -> "RowVerdict":  # noqa: D102
+        verdict = int.__new__(cls, number)
+        verdict._value_, verdict.reason = number, reason
+        return verdict
 
 
 def broken_rows(t: Array, x: Array, channels: Channels) -> NDArray[np.uint8]:
