@@ -146,10 +146,15 @@ class Drives:
     def seen(self, motion: Motion) -> Motion:
         """A motion, sampled at every tick, as the controller would see it with perfect encoders."""
         tick = float(motion.t[1] - motion.t[0])
-        perfect = DrivesInUse(replace(self, resolution=0.0), tick, motion.q[0])
-        q, dq = map(np.array, zip(*map(perfect.sense, motion.q, motion.dq), strict=True))
+        q, dq = motion.q, motion.dq
+        if self.speed_filter is not None:
+            from scipy.signal import lfilter
+
+            share = _lag_share(tick, self.speed_filter)
+            steps = np.diff(q, axis=0, prepend=q[:1]) / tick
+            dq = lfilter([share], [1.0, share - 1.0], steps, axis=0)
         rows = np.maximum(np.arange(len(motion)) - round(self.delay / tick), 0)
-        return Motion(motion.t, q, dq, motion.ddq[rows])
+        return Motion(motion.t, q[rows], dq[rows], motion.ddq[rows])
 
 
 def customary_drives(robot: Robot, lag: float = 0.002) -> Drives:
