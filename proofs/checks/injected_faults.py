@@ -27,7 +27,7 @@ from steelyard.excite.trajectories.fourier import random_fourier
 from steelyard.identify.fit import fit
 from steelyard.identify.fit_preparation import FitTask
 from steelyard.logs.formats import open_log
-from steelyard.logs.log_windows import parse_log_argument
+from steelyard.logs.log_and_errors import parse_log_argument
 from steelyard.model.model import model_with_open_friction, with_friction
 from steelyard.robot.file.robot_file import LoadedRobot, load_robot
 from steelyard.runs.processing_choices import Processing

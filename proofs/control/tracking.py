@@ -29,7 +29,7 @@ from steelyard.identify.identify import identify
 from steelyard.identify.reduce import reduce
 from steelyard.model.equations.frame_and_point_kinematics import frame_of, last_frame
 from steelyard.model.model import model_of
-from steelyard.simulate.drives_sensors_and_logged_columns import customary_drives
+from steelyard.simulate.drives_sensors_and_loads import customary_drives
 from steelyard.simulate.ground_truth import Truth
 from steelyard.simulate.track import TrackedRun, Tracking, tracking
 from steelyard.simulate.virtual_robot import VirtualRobot, customary_sensors

@@ -33,7 +33,7 @@ from steelyard.runs.prepare import prepare_mean
 from steelyard.runs.recording import LogInMemory, Recording
 from steelyard.runs.run import Run
 from steelyard.runs.spectrum_and_period import Repetitions
-from steelyard.simulate.drives_sensors_and_logged_columns import TrueRun
+from steelyard.simulate.drives_sensors_and_loads import TrueRun
 from steelyard.simulate.ground_truth import Truth, random_truth
 from steelyard.simulate.virtual_robot import VirtualRobot
 

@@ -30,7 +30,7 @@ from steelyard.runs.smoothing.kalman_smoother import Kalman
 from steelyard.runs.smoothing.likeliest_cutoffs_and_fourier import Fourier
 from steelyard.runs.smoothing.smoothing_methods_and_zero_phase_filters import Butterworth, Method
 from steelyard.runs.smoothing.spline_and_finite_windows import SmoothingSpline
-from steelyard.simulate.drives_sensors_and_logged_columns import Sensors, TrueRun
+from steelyard.simulate.drives_sensors_and_loads import Sensors, TrueRun
 from steelyard.simulate.ground_truth import random_truth
 from steelyard.simulate.virtual_robot import VirtualRobot, customary_sensors
 

@@ -31,7 +31,7 @@ from steelyard.robot.inertia_and_placement import Inertia
 from steelyard.robot.robot import Limits, Robot
 from steelyard.runs.prepare import prepare
 from steelyard.runs.recording import LogInMemory, Recording
-from steelyard.simulate.drives_sensors_and_logged_columns import Reading, Sensors
+from steelyard.simulate.drives_sensors_and_loads import Reading, Sensors
 from steelyard.simulate.ground_truth import random_truth
 from steelyard.simulate.mujoco_model import build
 from steelyard.simulate.typical_torques_and_masses import typical_torque

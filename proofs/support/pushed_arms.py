@@ -26,8 +26,8 @@ from steelyard.robot.file.robot_file import load_robot
 from steelyard.robot.file.signals import Signals
 from steelyard.runs.run import Run
 from steelyard.runs.runs_of_named_logs import log_files, prepared, recording_of
+from steelyard.simulate.drives_sensors_and_loads import AppliedWrench
 from steelyard.simulate.ground_truth import Truth, random_truth
-from steelyard.simulate.payloads_and_wrenches import AppliedWrench
 from steelyard.simulate.virtual_robot import VirtualRobot, customary_sensors
 
 FILES = {

@@ -23,8 +23,8 @@ from steelyard.model.equations.frame_and_point_kinematics import frame_kinematic
 from steelyard.model.model import model_with_open_friction
 from steelyard.robot.file.robot_file import load_robot
 from steelyard.robot.inertia_and_placement import Inertia
+from steelyard.simulate.drives_sensors_and_loads import Payload
 from steelyard.simulate.ground_truth import random_truth
-from steelyard.simulate.payloads_and_wrenches import Payload
 from steelyard.simulate.virtual_robot import VirtualRobot, customary_sensors
 from steelyard.uses.payload.payload import payload_events
 from steelyard.uses.payload.pick_up_and_put_down import PayloadEvents

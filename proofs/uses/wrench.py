@@ -31,7 +31,7 @@ from steelyard.base.arrays import Array
 from steelyard.base.motion import Motion
 from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.logs.formats import write_table
-from steelyard.simulate.payloads_and_wrenches import AppliedWrench
+from steelyard.simulate.drives_sensors_and_loads import AppliedWrench
 from steelyard.uses.wrench.wrench import ExternalWrench, MethodName
 
 SEEDS = (0, 1, 2)

@@ -30,8 +30,7 @@ from steelyard.check.signals.position_unit_and_columns import position_check
 from steelyard.check.signals.time_stamps_and_scale import clock_check
 from steelyard.check.signals.velocity_check import velocity_check
 from steelyard.logs.clocks_and_combined_logs import Numbered
-from steelyard.logs.log_and_errors import Log
-from steelyard.logs.log_windows import Cut
+from steelyard.logs.log_and_errors import Cut, Log
 from steelyard.robot.file.robot_file import load_robot
 from steelyard.robot.file.signals import ROW, VELOCITY_UNITS
 from steelyard.robot.file.toml_edits import edited

@@ -18,8 +18,8 @@ from steelyard.estimate.identified_model import load_model
 from steelyard.excite.trajectories.fourier import random_fourier
 from steelyard.robot.file.robot_file import load_robot
 from steelyard.robot.inertia_and_placement import Inertia
+from steelyard.simulate.drives_sensors_and_loads import Payload
 from steelyard.simulate.ground_truth import random_truth
-from steelyard.simulate.payloads_and_wrenches import Payload
 from steelyard.simulate.virtual_robot import VirtualRobot, customary_sensors
 from steelyard.uses.payload.payload import identify_payload, payload_events
 

@@ -12,7 +12,7 @@ from cli.conftest import Command
 from cli.mistakes import leftovers
 from cli.test_contact import changed, columns
 from steelyard.base.arrays import Array
-from steelyard.simulate.payloads_and_wrenches import read_wrench
+from steelyard.simulate.drives_sensors_and_loads import read_wrench
 from steelyard.uses.wrench import wrench_along_run as efforts
 
 AROUND = 1.5

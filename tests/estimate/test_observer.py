@@ -48,7 +48,8 @@ def pushed(force: Array, moving: bool) -> tuple[Array, Array, Array, Array]:
     """MuJoCo's arm, held by a controller, with a force [N] at the origin of its last body."""
     found = model()
     tens = found.valued.values.values[: 10 * len(ROBOT.bodies)].reshape(-1, 10)
-    plant = build(ROBOT, tens, timestep=STEP).compiled
+    plant = build(ROBOT, tens).compiled
+    plant.opt.timestep = STEP
     data = mujoco.MjData(plant)
     aim = np.linspace(0.2, 0.8, ROBOT.n)
     data.qpos[:] = aim

@@ -92,10 +92,10 @@ def test_topics_are_counted(tmp_path: Path, writer: Writer) -> None:
     more = [wrench(START + k * 250_000_000, [0.0] * 6) for k in range(5)]
     path = writer(tmp_path, in_order([*notes, *more]))
     joints, force = MessageLog.open(path).topics
-    assert (joints.name, joints.type) == ("/joint_states", "sensor_msgs/msg/JointState")
-    assert (joints.count, force.name, force.count) == (11, "/wrench", 5)
-    assert joints.start == notes[0].time / 10**9 and joints.stop == notes[-1].time / 10**9
-    assert force.rate == pytest.approx(4.0) and joints.rate == pytest.approx(10.0, rel=1e-3)
+    assert (joints["name"], joints["type"]) == ("/joint_states", "sensor_msgs/msg/JointState")
+    assert (joints["count"], force["name"], force["count"]) == (11, "/wrench", 5)
+    assert joints["rate"] == 10 / (notes[-1].time / 10**9 - notes[0].time / 10**9)
+    assert force["rate"] == pytest.approx(4.0) and joints["rate"] == pytest.approx(10.0, rel=1e-3)
     log = open_log(path)
     assert log.topics == (joints, force)  # type: ignore[attr-defined]
     assert log.remarks == ()  # type: ignore[attr-defined]

@@ -9,7 +9,7 @@ from steelyard.base.errors import LogError
 from steelyard.base.progress import Event, Stopped
 from steelyard.logs.contents import content_of, kind_of, windowed
 from steelyard.logs.formats import open_log
-from steelyard.logs.log_windows import Cut
+from steelyard.logs.log_and_errors import Cut
 
 
 @pytest.fixture

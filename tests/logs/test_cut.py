@@ -4,7 +4,7 @@ from pathlib import Path
 import pytest
 
 from steelyard.base.errors import LogError
-from steelyard.logs.log_windows import Cut, parse_log_argument
+from steelyard.logs.log_and_errors import Cut, parse_log_argument
 
 
 @pytest.mark.parametrize(

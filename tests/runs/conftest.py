@@ -10,7 +10,7 @@ import pytest
 
 from steelyard.base.arrays import frozen
 from steelyard.logs.formats import open_log
-from steelyard.logs.log_windows import parse_log_argument
+from steelyard.logs.log_and_errors import parse_log_argument
 from steelyard.robot.file.signals import Signals
 from steelyard.runs.recording import Recording
 

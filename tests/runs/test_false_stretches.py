@@ -4,10 +4,10 @@ from collections.abc import Callable
 
 import numpy as np
 
+from steelyard.runs.first_pass_over_recording import dead_efforts, frozen_positions
 from steelyard.runs.prepare import prepare
 from steelyard.runs.processing_choices import Processing
 from steelyard.runs.recording import LeftOut
-from steelyard.runs.rows.frozen_encoders_and_dead_efforts import dead_efforts, frozen_positions
 
 RATE = 200.0
 Parts = tuple[np.ndarray, np.ndarray, np.ndarray]

@@ -97,7 +97,7 @@ def test_no_parts_give_nothing() -> None:
 
 
 def test_a_bank_without_halo_scales() -> None:
-    bank = Bank.of_responses([lambda omega: np.full(len(omega), 2.0)], 0)
+    bank = Bank.derivatives(lambda omega: np.full(len(omega), 2.0), 0, 1.0, 0)
     x = np.arange(12.0).reshape(2, 6)
     (part,) = apply(bank, [x])
     np.testing.assert_allclose(part[0], 2.0 * x, atol=1e-12)

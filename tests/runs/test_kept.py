@@ -48,7 +48,7 @@ def test_every_span_has_its_samples(span: tuple[float, float], size: int, place:
     whole = swing()
     assert len(list(whole.blocks()))
     part = replace(whole, span=span)
-    assert part.kept is whole.kept and whole.kept.there == (place != "no room")
+    assert part.kept is whole.kept and (whole.kept.source is not None) == (place != "no room")
     blocks = list(part.blocks(size))
     assert max(len(block.t) for block in blocks) <= size
     assert_alike(Block.joined(blocks), read_anew(part))
@@ -89,12 +89,12 @@ def test_a_log_is_read_once(place: str, monkeypatch: pytest.MonkeyPatch) -> None
 def test_a_pass_that_ends_early_leaves_nothing() -> None:
     run = replace(swing(), kept=KeptSamples())
     next(iter(run.blocks(7)))
-    assert not run.kept.there
+    assert run.kept.source is None
 
 
 def test_nothing_kept_goes_to_another_process_or_changes() -> None:
     run = swing()
     first = next(iter(run.blocks()))
-    assert not pickle.loads(pickle.dumps(run)).kept.there
+    assert pickle.loads(pickle.dumps(run)).kept.source is None
     with pytest.raises(ValueError, match="read-only"):
         first.q[0, 0] = 1.0

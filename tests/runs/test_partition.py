@@ -5,17 +5,24 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from steelyard.runs.processing_chain import SAMPLES_OF_PART, Margin, partition, windows
-from steelyard.runs.rows.bridged_rows_segments_and_quality import Segment
+from steelyard.runs.processing_chain import SAMPLES_OF_PART, ToClock, windows
+from steelyard.runs.recording import Channels
+from steelyard.runs.rows.bridged_rows_segments_and_quality import RowChecks, Segment
 from steelyard.runs.rows.clock_and_row_scan import RowPiece
+from steelyard.runs.rows.resampling import Interpolation, Lane
 
 RATE = 100.0
 SEGMENTS = (Segment(0, 1.0, 301.0, 30_001), Segment(3, 310.0, 310.5, 51))
+IDLE = RowChecks(Channels(1, False), *np.full((4, 1), np.nan), threshold=None, bridge_stale=False)
+THREE_ROWS = Interpolation(2, lambda t, x, at: x)
+CLOCK = ToClock(
+    IDLE, RATE, [Lane(slice(k, k + 1), THREE_ROWS, x) for k, x in ((0, 0.2), (1, -0.1))]
+)
 
 
 @pytest.mark.parametrize("samples", [0, 40, 5000])
 def test_parts_hold_every_sample_once(samples: int) -> None:
-    parts = partition(SEGMENTS, RATE, Margin(samples, 0.1, 0.2, 3))
+    parts = CLOCK.parts(SEGMENTS, samples)
     for segment in SEGMENTS:
         own = [p for p in parts if p.segment is segment]
         assert own[0].first == 0 and own[-1].stop == segment.samples
@@ -33,7 +40,7 @@ def test_windows_are_the_rows_between_the_times_and_those_around() -> None:
     cuts = np.arange(777, len(t), 777)
     pieces = [RowPiece(0, a, b) for a, b in zip(np.split(t, cuts), np.split(x, cuts), strict=True)]
     other = [RowPiece(1, np.array([302.0]), np.zeros((1, 2)))]
-    parts = partition(SEGMENTS[:1], RATE, Margin(40, 0.1, 0.2, 3))
+    parts = CLOCK.parts(SEGMENTS[:1], 40)
     found = list(windows([*pieces, *other], parts))
     assert [w.part for w in found] == parts
     for window in found:

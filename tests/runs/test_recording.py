@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from steelyard.base.arrays import frozen
-from steelyard.logs.log_windows import Cut
+from steelyard.logs.log_and_errors import Cut
 from steelyard.robot.file.signals import Signals
 from steelyard.runs.recording import LoggedSamples, LogInMemory, Recording
 from steelyard.runs.rows.clock_and_row_scan import learn_clock

@@ -7,12 +7,12 @@ from scipy import signal
 
 from steelyard.base.errors import LogError
 from steelyard.estimate.information.filter_and_gram import ParallelFilter
-from steelyard.runs.cutoff_frequencies import MATCHED_FACTOR, Processing, cutoffs
-from steelyard.runs.rest_speed_and_speed_histogram import (
+from steelyard.runs.prepare import (
     SpeedHistogram,
     default_rest_speed,
     given_rest_speed,
 )
+from steelyard.runs.processing_choices import MATCHED_FACTOR, Processing, cutoffs
 from steelyard.runs.smoothing.kalman_smoother import CausalKalman, KalmanSmoother
 from steelyard.runs.smoothing.likeliest_cutoffs_and_fourier import Auto
 from steelyard.runs.smoothing.smoothing_methods_and_zero_phase_filters import Butterworth

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from scipy.interpolate import make_smoothing_spline
 
-from steelyard.base.errors import LogError
 from steelyard.runs.smoothing.spline_and_finite_windows import (
     SmoothingSpline,
     cross_validated,
@@ -15,9 +14,9 @@ from steelyard.runs.smoothing.spline_and_finite_windows import (
 @pytest.mark.parametrize("weight", [1e-8, 1e-4, 1.0])
 def test_it_is_scipys(weight: float) -> None:
     rng = np.random.default_rng(0)
-    t = 3.0 + np.cumsum(rng.uniform(0.005, 0.015, 700))
+    t = 3.0 + 0.01 * np.arange(700)
     y = 5.0 + np.sin(3.0 * t) + 0.01 * rng.standard_normal(700)
-    found, wanted = smoothing_spline(t, y, weight), make_smoothing_spline(t, y, lam=weight)
+    found, wanted = smoothing_spline(y, 100.0, weight), make_smoothing_spline(t, y, lam=weight)
     for order, values in enumerate(found):
         expected = wanted.derivative(order)(t) if order else wanted(t)
         np.testing.assert_allclose(values, expected, rtol=0, atol=1e-7 * np.abs(expected).max())
@@ -28,7 +27,7 @@ def test_cross_validation_chooses_as_scipys_does() -> None:
     t = np.arange(600.0)
     for noise in (0.05, 0.3):
         y = np.sin(t / 12.0) + noise * rng.standard_normal(600)
-        ours = smoothing_spline(t, y)[0]
+        ours = smoothing_spline(y, 1.0)[0]
         theirs = make_smoothing_spline(t, y)(t)
         assert np.abs(ours - theirs).max() < 0.1 * noise
 
@@ -36,9 +35,9 @@ def test_cross_validation_chooses_as_scipys_does() -> None:
 def test_cross_validation_looks_for_every_smoothness() -> None:
     rng = np.random.default_rng(2)
     slow = np.sin(np.arange(20_000) / 4000.0) + 0.1 * rng.standard_normal(20_000)
-    weight = cross_validated(np.ones(19_999), slow)
+    weight = cross_validated(slow)
     assert weight > 1e6
-    error = smoothing_spline(np.arange(20_000.0), slow)[0] - np.sin(np.arange(20_000) / 4000.0)
+    error = smoothing_spline(slow, 1.0)[0] - np.sin(np.arange(20_000) / 4000.0)
     assert np.std(error) < 0.01
 
 
@@ -50,8 +49,3 @@ def test_the_cutoff_can_choose() -> None:
         found = SmoothingSpline(choose="cutoff").designed(cutoff, rate)(wave[None], None)
         gain = 1.0 / (1.0 + (frequency / cutoff) ** 4)
         np.testing.assert_allclose(found[0, 0, 500:-500], gain * wave[500:-500], atol=0.02)
-
-
-def test_too_little_is_reported() -> None:
-    with pytest.raises(LogError, match="cannot be fitted by a spline"):
-        smoothing_spline(np.array([0.0, 1, 2, 2, 3, 4]), np.zeros(6))

@@ -9,7 +9,7 @@ from steelyard.base.errors import ModelError
 from steelyard.base.motion import Motion
 from steelyard.excite.trajectories.fourier import random_fourier
 from steelyard.robot.robot import Robot
-from steelyard.simulate.drives_sensors_and_logged_columns import (
+from steelyard.simulate.drives_sensors_and_loads import (
     Drives,
     DrivesInUse,
     customary_drives,

@@ -11,8 +11,7 @@ from steelyard.model.laws.friction_over_speed import Coulomb
 from steelyard.model.laws.register import DEFAULT_TERMS
 from steelyard.robot.robot import Robot
 from steelyard.simulate.ground_truth import Truth, random_truth
-from steelyard.simulate.mujoco_plant import MujocoPlant
-from steelyard.simulate.virtual_robot import VirtualRobot
+from steelyard.simulate.virtual_robot import MujocoPlant, VirtualRobot
 
 
 def test_a_joint_sticks_until_friction_is_overcome(arm: Robot) -> None:

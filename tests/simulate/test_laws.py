@@ -1,9 +1,8 @@
 """The laws as the plant's machine code steps them."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import partial
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 import pytest
@@ -18,13 +17,12 @@ from steelyard.model.laws.friction_with_memory import Dahl, LoadDependent, LuGre
 from steelyard.model.laws.laws_without_friction import RigidBody, RotorInertia
 from steelyard.model.laws.register import term_of
 from steelyard.model.model import Model
-from steelyard.model.terms.term import StatefulTerm, Term, TermSamples
+from steelyard.model.terms.term import Term, TermSamples
 from steelyard.robot.robot import Robot
 from steelyard.simulate.ground_truth import Truth, random_truth
 from steelyard.simulate.laws_beside_mujoco import Laws, LawsInUse
 from steelyard.simulate.mujoco_model import build
-from steelyard.simulate.mujoco_plant import MujocoPlant
-from steelyard.simulate.virtual_robot import VirtualRobot
+from steelyard.simulate.virtual_robot import MujocoPlant, VirtualRobot
 
 MEMORIES = (
     Dahl(length=(2e-3, 1e-3, 3e-3, 5e-3)),
@@ -80,40 +78,6 @@ def test_memory_steps_as_along_a_log(tree: Robot, law: Any) -> None:
     found = stepped(tree, law, motion)
     assert np.abs(wanted).max() > 1.0
     np.testing.assert_allclose(found, wanted, atol=1e-9 * np.abs(wanted).max())
-
-
-@dataclass(frozen=True)
-class Stranger(StatefulTerm):
-    """Dahl friction that gives no step of its states, so that the plant runs its own scan."""
-
-    law: ClassVar[str] = "stranger"
-    aside: ClassVar[tuple[str, ...]] = ()
-    length: float = 1e-3
-
-    @property
-    def _known(self) -> Dahl:
-        return Dahl(length=self.length)
-
-    def parameters(self, robot: Robot) -> Any:
-        return self._known.parameters(robot)
-
-    def columns(self, robot: Robot, state: Any) -> Any:
-        return self._known.columns(robot, state)
-
-    def n_channels(self, robot: Robot) -> int:
-        return self._known.n_channels(robot)
-
-    def warm_up(self, robot: Robot) -> Any:
-        return self._known.warm_up(robot)
-
-    def remember(self, robot: Robot, samples: TermSamples, memory: Any) -> Any:
-        return self._known.remember(robot, samples, memory)
-
-
-def test_an_unknown_memory_is_stepped_by_its_scan(tree: Robot) -> None:
-    motion = wander(tree)
-    known, strange = (stepped(tree, law, motion) for law in (Dahl(length=1e-3), Stranger()))
-    np.testing.assert_allclose(strange, known, atol=1e-12)
 
 
 def test_loads_on_passive_joints_are_borne_by_the_others(four_bar: Robot) -> None:

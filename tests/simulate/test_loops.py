@@ -14,14 +14,13 @@ from steelyard.model.laws.laws_without_friction import RigidBody, RotorInertia
 from steelyard.robot.loop_closures import gaps
 from steelyard.robot.robot import Robot
 from steelyard.simulate.ground_truth import random_truth
-from steelyard.simulate.mujoco_plant import MujocoPlant
 from steelyard.simulate.typical_torques_and_masses import (
     closed,
     passive_slopes,
     postures_of,
     typical_masses,
 )
-from steelyard.simulate.virtual_robot import VirtualRobot
+from steelyard.simulate.virtual_robot import MujocoPlant, VirtualRobot
 
 
 def joints_of(plant: MujocoPlant) -> np.ndarray:

@@ -10,10 +10,9 @@ from steelyard.estimate.closed_loop.feedback_and_forward_dynamics import JointPD
 from steelyard.excite.trajectories.fourier import random_fourier
 from steelyard.robot.inertia_and_placement import Inertia
 from steelyard.robot.robot import Robot
+from steelyard.simulate.drives_sensors_and_loads import Payload
 from steelyard.simulate.ground_truth import Truth, random_truth
-from steelyard.simulate.mujoco_plant import MujocoPlant
-from steelyard.simulate.payloads_and_wrenches import Payload
-from steelyard.simulate.virtual_robot import VirtualRobot
+from steelyard.simulate.virtual_robot import MujocoPlant, VirtualRobot
 
 LOAD = Inertia.about_com(2.0, [0.02, -0.01, 0.08], np.diag([0.01, 0.012, 0.006]))
 
@@ -31,7 +30,7 @@ def test_a_carried_payload_is_a_heavier_body(arm: Robot) -> None:
     truth = random_truth(arm, 1)
     loaded = MujocoPlant(arm, truth, Payload(LOAD, "tool"))
     welded = MujocoPlant(arm, combined(arm, truth))
-    loaded.load(True)
+    loaded.loaded = True
     control = JointPD(np.full(6, 40.0), np.full(6, 4.0))
     states = []
     for plant in (loaded, welded):

@@ -13,7 +13,7 @@ from steelyard.robot.inertia_and_placement import Inertia
 from steelyard.robot.robot import Robot
 from steelyard.simulate.ground_truth import Truth, random_truth
 from steelyard.simulate.mujoco_model import mass_matrices
-from steelyard.simulate.mujoco_plant import MujocoPlant
+from steelyard.simulate.virtual_robot import MujocoPlant
 
 
 def test_pendulum_swings_as_its_equation_says(pendulum: Robot, pendulum_truth: Truth) -> None:

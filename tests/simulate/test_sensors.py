@@ -3,7 +3,7 @@ import pytest
 
 from steelyard.base.errors import DataError
 from steelyard.robot.robot import Robot
-from steelyard.simulate.drives_sensors_and_logged_columns import Sensors, TrueRun
+from steelyard.simulate.drives_sensors_and_loads import Sensors, TrueRun
 
 
 def run(n: int, ticks: int = 40_001) -> TrueRun:
@@ -43,15 +43,6 @@ def test_names_carry_units(tree: Robot) -> None:
 def test_velocity_columns_can_be_absent(tree: Robot) -> None:
     names = list(read(Sensors(velocity=False), tree))
     assert len(names) == 9 and not any(name.startswith("dq") for name in names)
-
-
-def test_gains_make_currents(arm: Robot) -> None:
-    gains = np.array([12.0, 12.0, 10.0, 11.0, -11.0, 11.0])
-    noise = 0.1
-    plain = read(Sensors(torque_noise=noise), arm)
-    columns = read(Sensors(gains=gains, torque_noise=noise), arm)
-    assert "current6_A" in columns and "tau1_Nm" not in columns
-    np.testing.assert_allclose(stacked(columns, "current") * gains, stacked(plain, "tau"))
 
 
 def test_rate_takes_every_nth_tick(arm: Robot) -> None:

@@ -10,7 +10,7 @@ from steelyard.model.laws.friction_over_speed import Viscous
 from steelyard.model.laws.friction_with_memory import Dahl, LuGre
 from steelyard.model.laws.laws_without_friction import Spring
 from steelyard.robot.robot import Robot
-from steelyard.simulate.mujoco_plant import MujocoPlant
+from steelyard.simulate.virtual_robot import MujocoPlant
 
 
 def step_of(robot: Robot, truth: object) -> float:

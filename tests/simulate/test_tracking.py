@@ -12,7 +12,7 @@ from steelyard.model.equations.frame_and_point_kinematics import (
     last_frame,
 )
 from steelyard.robot.robot import Robot
-from steelyard.simulate.drives_sensors_and_logged_columns import customary_drives
+from steelyard.simulate.drives_sensors_and_loads import customary_drives
 from steelyard.simulate.ground_truth import Truth, random_truth
 from steelyard.simulate.track import Tracking, controllers_of, tracking
 from steelyard.uses.control.joint_controllers import control_of

@@ -14,8 +14,8 @@ from steelyard.model.terms.axes_and_fields import Find
 from steelyard.robot.inertia_and_placement import Inertia
 from steelyard.robot.robot import Limits, Robot, Transmission
 from steelyard.simulate.ground_truth import Truth, random_truth
-from steelyard.simulate.mujoco_plant import MujocoPlant
 from steelyard.simulate.typical_torques_and_masses import scales_of
+from steelyard.simulate.virtual_robot import MujocoPlant
 
 
 def test_same_seed_same_truth(arm: Robot) -> None:

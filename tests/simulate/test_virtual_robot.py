@@ -11,7 +11,7 @@ from steelyard.base.progress import Event, Stopped
 from steelyard.estimate.closed_loop.feedback_and_forward_dynamics import tuned_pd
 from steelyard.excite.trajectories.fourier import FourierMotion, random_fourier
 from steelyard.robot.robot import Robot
-from steelyard.simulate.drives_sensors_and_logged_columns import Sensors, TrueRun
+from steelyard.simulate.drives_sensors_and_loads import Sensors, TrueRun
 from steelyard.simulate.ground_truth import Truth, random_truth
 from steelyard.simulate.mujoco_model import build, inverse_dynamics
 from steelyard.simulate.virtual_robot import VirtualRobot
@@ -106,13 +106,6 @@ def test_other_endings_and_missing_folders_are_refused(arm: Robot, tmp_path: Pat
     with pytest.raises(OutputError, match="cannot be written"):
         run(rig, motion_of(arm, 1.0), tmp_path / "none" / "log.csv")
     assert not list(tmp_path.iterdir())
-
-
-def test_it_steps_under_torques(pendulum: Robot, pendulum_truth: Truth) -> None:
-    robot = VirtualRobot(pendulum, pendulum_truth)
-    robot.place([0.3])
-    q, dq = robot.step(np.zeros(1), 0.01)
-    assert q[0] < 0.3 and dq[0] < 0.0
 
 
 def test_progress_advances_and_stops(arm: Robot, tmp_path: Path) -> None:

@@ -11,15 +11,15 @@ from steelyard.base.motion import run
 from steelyard.excite.trajectories.piecewise_polynomials import SampledMotion
 from steelyard.model.equations.frame_and_point_kinematics import frame_kinematics
 from steelyard.robot.robot import Robot
-from steelyard.simulate.drives_sensors_and_logged_columns import Sensors
-from steelyard.simulate.ground_truth import Truth, random_truth
-from steelyard.simulate.payloads_and_wrenches import (
+from steelyard.simulate.drives_sensors_and_loads import (
     WRENCH_COLUMNS,
     AppliedWrench,
     Axes,
     Payload,
+    Sensors,
     read_wrench,
 )
+from steelyard.simulate.ground_truth import Truth, random_truth
 from steelyard.simulate.virtual_robot import VirtualRobot
 
 PUSH = np.array([3.0, -2.0, 4.0, 0.3, -0.2, 0.5])

@@ -14,7 +14,7 @@ from steelyard.check.case_logs_and_checks import Case, CheckedLog
 from steelyard.check.finding import Edit, Finding, Fix, Severity
 from steelyard.check.findings_text_and_page import by_edits, print_notes
 from steelyard.estimate.identified_model import IdentifiedModel
-from steelyard.logs.log_windows import parse_log_argument
+from steelyard.logs.log_and_errors import parse_log_argument
 from steelyard.model.laws.register import term_of
 from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
 from steelyard.robot.file.robot_file import load_robot, robot_text

@@ -173,7 +173,7 @@ def info(logs: list[str], as_json: bool = False) -> None:
     """
     from steelyard.logs.contents import content_of
     from steelyard.logs.formats import open_log
-    from steelyard.logs.log_windows import parse_log_argument
+    from steelyard.logs.log_and_errors import parse_log_argument
     from steelyard.report.terminal import terminal
 
     found = []
@@ -215,8 +215,7 @@ def convert(
     from steelyard.logs.clocks_and_combined_logs import SideBySide
     from steelyard.logs.contents import windowed, with_progress
     from steelyard.logs.formats import open_log, writer_for
-    from steelyard.logs.log_and_errors import require_columns
-    from steelyard.logs.log_windows import parse_log_argument
+    from steelyard.logs.log_and_errors import parse_log_argument, require_columns
 
     path, cut = parse_log_argument(source)
     opened = open_log(path)

@@ -52,7 +52,7 @@ from steelyard.model.model import Model, with_friction
 from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
 from steelyard.robot.file.sections import EstimationSection, PriorSection
 from steelyard.robot.file.signals import Signals
-from steelyard.runs.cutoff_frequencies import NYQUIST_SHARE
+from steelyard.runs.processing_choices import NYQUIST_SHARE
 from steelyard.runs.run import Run, motion_samples
 from steelyard.runs.runs_of_named_logs import processing_of_robot
 

@@ -32,9 +32,8 @@ from steelyard.report.result import DataFrame, frame
 from steelyard.report.tables import text_table
 from steelyard.report.terminal import terminal
 from steelyard.robot.file.signals import Signals
-from steelyard.runs.cutoff_frequencies import MATCHED_HIGHEST, NYQUIST_SHARE, rounded
 from steelyard.runs.prepare import prepare
-from steelyard.runs.processing_choices import Processing
+from steelyard.runs.processing_choices import MATCHED_HIGHEST, NYQUIST_SHARE, Processing, rounded
 from steelyard.runs.run import Run
 from steelyard.runs.runs_of_named_logs import LogArgument, recording_of
 

@@ -9,7 +9,7 @@ import numpy as np
 from steelyard.base.errors import LogError, SteelyardError
 from steelyard.base.progress import silent
 from steelyard.identify.repeated_motion import repeat_of, repeat_within
-from steelyard.logs.log_windows import Cut, parse_log_argument
+from steelyard.logs.log_and_errors import Cut, parse_log_argument
 from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
 from steelyard.runs.recording import Recording
 from steelyard.runs.rows.clock_and_row_scan import learn_clock

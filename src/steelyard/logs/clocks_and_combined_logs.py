@@ -3,8 +3,6 @@
 import re
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,21 +13,11 @@ from steelyard.logs.log_and_errors import ROWS_OF_PART, Log, RowRange, require_c
 from steelyard.robot.file.signals import ROW
 
 
-@dataclass(frozen=True, eq=False)
 class Numbered:
     """A log with the numbers of its rows, from zero, as one more column."""
 
-    log: Log
-
-    @property
-    def path(self) -> Path:
-        """Where it is."""
-        return self.log.path
-
-    @property
-    def columns(self) -> tuple[str, ...]:
-        """Names of its columns, and `ROW`."""
-        return (*self.log.columns, ROW)
+    def __init__(self, log: Log) -> None:
+        self.log, self.path, self.columns = log, log.path, (*log.columns, ROW)
 
     def parts(
         self, columns: Sequence[str], rows: RowRange = (0, None), size: int = ROWS_OF_PART
@@ -80,12 +68,14 @@ def with_clocks(part: Array, columns: Sequence[str], clocks: Clocks) -> Array:
     return np.column_stack([values[name] for name in columns])
 
 
-@dataclass(frozen=True, eq=False)
 class WholeClocks:
-    """A log whose clocks in two columns are in one, in seconds, which replaces both."""
+    """A log whose clocks in two columns are in one, in seconds, which stands where theirs stood."""
 
-    log: Log
-    clocks: Clocks
+    def __init__(self, log: Log, clocks: Clocks) -> None:
+        self.log, self.clocks, self.path = log, clocks, log.path
+        joined = {seconds: name for name, (seconds, _, _) in clocks.items()}
+        parts = {part for _, part, _ in clocks.values()}
+        self.columns = tuple(joined.get(name, name) for name in log.columns if name not in parts)
 
     @classmethod
     def of(cls, log: Log) -> Log:
@@ -99,18 +89,6 @@ class WholeClocks:
             raise AttributeError(name)
         return getattr(self.log, name)
 
-    @property
-    def path(self) -> Path:
-        """Where it is."""
-        return self.log.path
-
-    @property
-    def columns(self) -> tuple[str, ...]:
-        """Names of its columns; clocks stand where their seconds stood."""
-        joined = {seconds: name for name, (seconds, _, _) in self.clocks.items()}
-        parts = {part for _, part, _ in self.clocks.values()}
-        return tuple(joined.get(name, name) for name in self.log.columns if name not in parts)
-
     def parts(
         self, columns: Sequence[str], rows: RowRange = (0, None), size: int = ROWS_OF_PART
     ) -> Iterator[Array]:
@@ -120,27 +98,14 @@ class WholeClocks:
             yield with_clocks(part, columns, self.clocks) if columns else part
 
 
-@dataclass(frozen=True, eq=False)
 class SideBySide:
-    """Logs with equally many rows; columns that several have, such as time, must agree."""
+    """Logs with equally many rows; columns that are `shared`, such as time, must agree."""
 
-    logs: tuple[Log, ...]
-
-    @property
-    def path(self) -> Path:
-        """Where the first one is."""
-        return self.logs[0].path
-
-    @property
-    def columns(self) -> tuple[str, ...]:
-        """Names of all columns, each once."""
-        return tuple(dict.fromkeys(name for log in self.logs for name in log.columns))
-
-    @property
-    def shared(self) -> tuple[str, ...]:
-        """Columns of more than one log."""
-        counts = Counter(name for log in self.logs for name in set(log.columns))
-        return tuple(name for name in self.columns if counts[name] > 1)
+    def __init__(self, logs: tuple[Log, ...]) -> None:
+        self.logs, self.path = logs, logs[0].path
+        counts = Counter(name for log in logs for name in dict.fromkeys(log.columns))
+        self.columns = tuple(counts)
+        self.shared = tuple(name for name, count in counts.items() if count > 1)
 
     def parts(
         self, columns: Sequence[str], rows: RowRange = (0, None), size: int = ROWS_OF_PART

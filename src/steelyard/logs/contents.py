@@ -15,8 +15,7 @@ from steelyard.base.errors import LogError
 from steelyard.base.progress import Progress, report_progress, silent
 from steelyard.logs.formats import FORMATS
 from steelyard.logs.lerobot import is_lerobot
-from steelyard.logs.log_and_errors import ROWS_OF_PART, Log
-from steelyard.logs.log_windows import Cut
+from steelyard.logs.log_and_errors import ROWS_OF_PART, Cut, Log
 from steelyard.robot.file.signals import TIME_UNITS
 from steelyard.robot.init.column_names import Column
 from steelyard.robot.init.guess_clock_positions_and_velocities import guess_time
@@ -152,21 +151,19 @@ def content_of(log: Log, cut: Cut = Cut(), progress: Progress = silent) -> LogCo
     parts = with_progress(windowed(log, names, cut), log, progress, "reading the log")
     rows, columns = _columns_of(names, parts)
     duration, rate = (None, None) if is_lerobot(log.path) else _clock(columns, time, rows)
+    files = log.path.rglob("*") if log.path.is_dir() else [log.path]
     twice = tuple((n, f"{k} columns are called so") for n, k in counts.items() if k > 1)
     return LogContent(
         path=f"{log.path}{cut.text}",
         format=kind_of(log.path),
-        size=size_of(log.path),
+        size=sum(file.stat().st_size for file in files if file.is_file()),
         rows=rows,
         time=time,
         duration=duration,
         rate=rate,
         columns=columns,
         left_out=(*getattr(log, "left_out", ()), *twice),
-        topics=tuple(
-            {key: getattr(topic, key) for key in ("name", "type", "count", "rate", "problem")}
-            for topic in getattr(log, "topics", ())
-        ),
+        topics=getattr(log, "topics", ()),
         remarks=tuple(getattr(log, "remarks", ())),
     )
 
@@ -190,12 +187,6 @@ def kind_of(path: Path) -> str:
     if path.is_dir():
         return "ROS 2 bag" if (path / "metadata.yaml").exists() else "Parquet folder"
     return FORMATS.get(path.suffix.lower(), (path.suffix,))[0]
-
-
-def size_of(path: Path) -> int:
-    """Bytes of a file, or of the files in a folder."""
-    files = path.rglob("*") if path.is_dir() else [path]
-    return sum(file.stat().st_size for file in files if file.is_file())
 
 
 def _clock(

@@ -7,7 +7,6 @@ version 2, many in version 3. Only numbers are read: no video and no image.
 import json
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -17,7 +16,7 @@ import numpy as np
 from steelyard.base.arrays import Array
 from steelyard.base.errors import LogError
 from steelyard.logs.log_and_errors import ROWS_OF_PART, RowRange, reading
-from steelyard.logs.parquet import ParquetLog
+from steelyard.logs.parquet import Element, ParquetLog
 
 INFO = Path("meta", "info.json")
 EPISODE, TIME = "episode_index", "timestamp"
@@ -32,41 +31,26 @@ def is_lerobot(path: Path) -> bool:
     return (path / INFO).is_file()
 
 
-@dataclass(frozen=True, eq=False)
 class Dataset:
     """The rows of all episodes, one after the other, with one clock.
 
     The clock of every episode starts at zero; here each begins `PAUSE` after the end of the one
     before, which is a gap of the log. Columns are called by feature and element:
     `action.elbow_flex.pos`.
+
+    Attributes:
+        episodes: First row of each episode and the row after its last one.
+        starts: What the clock of each is shifted by [s].
     """
 
-    path: Path
-    table: ParquetLog
-    episodes: tuple[tuple[int, int], ...]  # first row and the row after the last one of each
-    starts: Array  # what the clock of each episode is shifted by [s]
-
-    @property
-    def columns(self) -> tuple[str, ...]:
-        """Names of its columns."""
-        return self.table.columns
-
-    @property
-    def n_rows(self) -> int:
-        """Number of rows."""
-        return self.table.n_rows
-
-    @property
-    def left_out(self) -> tuple[tuple[str, str], ...]:
-        """Columns that hold no numbers, with the reason."""
-        return self.table.left_out
-
-    @property
-    def remarks(self) -> tuple[str, ...]:
-        """How many episodes there are, and their rows."""
-        listed = [f"#{first}:{last}" for first, last in self.episodes[:SHOWN_EPISODES]]
-        more = ", ..." * (len(self.episodes) > SHOWN_EPISODES)
-        return (f"{len(self.episodes)} episodes, each a run: {', '.join(listed)}{more}",)
+    def __init__(
+        self, path: Path, table: ParquetLog, episodes: tuple[tuple[int, int], ...], starts: Array
+    ) -> None:
+        self.path, self.table, self.episodes, self.starts = path, table, episodes, starts
+        self.columns, self.n_rows, self.left_out = table.columns, table.n_rows, table.left_out
+        listed = [f"#{first}:{last}" for first, last in episodes[:SHOWN_EPISODES]]
+        more = ", ..." * (len(episodes) > SHOWN_EPISODES)
+        self.remarks = (f"{len(episodes)} episodes, each a run: {', '.join(listed)}{more}",)
 
     def parts(
         self, columns: Sequence[str], rows: RowRange = (0, None), size: int = ROWS_OF_PART
@@ -107,11 +91,11 @@ def _opened(path: Path, files: tuple[tuple[Path, int, int], ...]) -> Dataset:
     log = ParquetLog.of_folder(data)
     names: dict[str, str] = {}
     for column in log.columns:
-        element = log.elements.get(column)
-        feature = features.get(element.column if element else column)
-        if element is not None and element.length == 1:
+        element = log.elements.get(column, Element(column, 0, 0))
+        feature = features.get(element.column)
+        if element.length == 1:
             names[column] = element.column
-        elif element is not None:
+        elif element.length:
             labels = _labels(feature, element.length)
             names[column] = f"{element.column}.{labels[element.number]}"
         elif isinstance(feature, dict) and feature.get("dtype") in ("image", "video", "string"):
@@ -134,18 +118,11 @@ def _episodes(path: Path, table: ParquetLog) -> tuple[tuple[tuple[int, int], ...
     numbers, times = found.T
     bad = ~(np.abs(numbers) < LARGEST_EPISODE_NUMBER)
     if bad.any():
-        raise LogError(
-            f"row {int(np.argmax(bad))} has no number of its episode",
-            where=str(path),
-            fix="export the dataset again, or give its Parquet files one by one",
-        )
+        raise _unusable(path, f"row {int(np.argmax(bad))} has no number of its episode")
     ends = [*(np.flatnonzero(np.diff(numbers)) + 1).tolist(), len(numbers)]
     if len(np.unique(numbers)) < len(ends) or not len(numbers):
-        raise LogError(
-            "the rows of an episode are not together" if len(numbers) else "the log has no rows",
-            where=str(path),
-            fix="export the dataset again, or give its Parquet files one by one",
-        )
+        apart = "the rows of an episode are not together"
+        raise _unusable(path, apart if len(numbers) else "the log has no rows")
     rows = tuple(zip([0, *ends[:-1]], ends, strict=True))
     starts, last = [], -PAUSE
     for first, stop in rows:
@@ -153,6 +130,11 @@ def _episodes(path: Path, table: ParquetLog) -> tuple[tuple[tuple[int, int], ...
         starts.append(last + PAUSE - float(own.min()) if len(own) else 0.0)
         last = float(own.max()) + starts[-1] if len(own) else last
     return rows, np.array(starts)
+
+
+def _unusable(path: Path, wrong: str) -> LogError:
+    fix = "export the dataset again, or give its Parquet files one by one"
+    return LogError(wrong, where=str(path), fix=fix)
 
 
 def _features(path: Path) -> dict[str, Any]:

@@ -357,11 +357,8 @@ def _columns_at_once(path: Path, lists: bool = False) -> int:
         raise ValueError(
             f"one of its pages holds {values} values, where {LONGEST_PAGE} are as many as are read"
         )
-    return (
-        DECODED_VALUES // max(1, values)
-        if values > ORDINARY_ROWS_OF_GROUP
-        else MOST_PARQUET_COLUMNS
-    )
+    ordinary = values <= ORDINARY_ROWS_OF_GROUP
+    return MOST_PARQUET_COLUMNS if ordinary else DECODED_VALUES // values
 
 
 @contextmanager

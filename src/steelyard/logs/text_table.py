@@ -314,7 +314,10 @@ class DelimitedLog:
 
     def _parts(self, wanted: Sequence[int], rows: RowRange, size: int) -> Iterator[Array]:
         """The requested rows of the columns at some places."""
-        if (stamp := self._stamp())[0] <= SMALL:
+        with reading(self.path):
+            facts = self.path.stat()
+        if facts.st_size <= SMALL:
+            stamp = facts.st_size, facts.st_mtime_ns, facts.st_ino, facts.st_dev
             table = _kept(self, tuple(wanted), stamp)[slice(*rows)]
             for i in range(0, len(table), size):
                 yield table[i : i + size]
@@ -333,12 +336,6 @@ class DelimitedLog:
             row += length
             if stop is not None and row >= stop:
                 return
-
-    def _stamp(self) -> tuple[int, ...]:
-        """Size of the file, when it was changed, and which it is."""
-        with reading(self.path):
-            facts = self.path.stat()
-        return facts.st_size, facts.st_mtime_ns, facts.st_ino, facts.st_dev
 
     def _pieces(self, width: int) -> Iterator[bytes]:
         """The chunks, divided where very short lines would make too many cells."""
@@ -381,7 +378,7 @@ class DelimitedLog:
 
 @lru_cache(maxsize=FILES_KEPT)
 def _kept(log: DelimitedLog, wanted: tuple[int, ...], stamp: tuple[int, ...]) -> Array:
-    """Columns of all rows of a small file, shape `(N, len(wanted))`, read-only."""
+    """Columns of all rows of a small file as it was, shape `(N, len(wanted))`, read-only."""
     pieces = log._pieces(max(wanted, default=0) + 1)
     parts = [np.empty((0, len(wanted))), *(log._numbers(piece, wanted) for piece in pieces)]
     table = np.concatenate(parts)

@@ -12,7 +12,7 @@ import numpy as np
 
 from steelyard.base.arrays import Array, frozen
 from steelyard.base.errors import LogError
-from steelyard.logs.log_windows import Cut
+from steelyard.logs.log_and_errors import Cut
 from steelyard.runs.first_pass_over_recording import Survey, no_joint_moves, survey
 from steelyard.runs.processing_chain import evenly_sampled
 from steelyard.runs.recording import LogInMemory, Recording

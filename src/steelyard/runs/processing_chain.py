@@ -33,23 +33,13 @@ from steelyard.runs.rows.resampling import (
 )
 from steelyard.runs.smoothing.kalman_smoother import CausalKalman
 from steelyard.runs.smoothing.likeliest_cutoffs_and_fourier import Auto
-from steelyard.runs.smoothing.smoothing_methods_and_zero_phase_filters import continued_at_ends
+from steelyard.runs.smoothing.smoothing_methods_and_zero_phase_filters import (
+    Bank,
+    Designed,
+    continued_at_ends,
+)
 
 SAMPLES_OF_PART = 8192  # samples of a part; more where margins are long
-
-
-@dataclass(frozen=True)
-class Margin:
-    """What a sample depends on: samples around it, rows further back and on [s], rows around these.
-
-    At least `rows_per_sample` rows are brought to one sample.
-    """
-
-    samples: int
-    before: float
-    after: float
-    rows: int
-    rows_per_sample: int = 1
 
 
 @dataclass(frozen=True)
@@ -64,24 +54,6 @@ class Part:
     since: float  # time from which on rows are needed, its margin included [s]
     until: float  # time up to which they are needed [s]
     rows: int  # rows needed around these
-
-
-def partition(segments: Sequence[Segment], rate: float, margin: Margin) -> list[Part]:
-    """The parts of a log, in order of time."""
-    parts, around = [], margin.samples
-    size = max(SAMPLES_OF_PART // margin.rows_per_sample, 4 * around, 1)
-    for segment in segments:
-        for first in range(0, segment.samples, size):
-            stop = min(first + size, segment.samples)
-            begin, end = segment.start + first / rate, segment.start + stop / rate
-            since = begin - around / rate - margin.before
-            until = end + (around - 1) / rate + margin.after
-            if first == 0:
-                begin = since = -np.inf
-            if stop == segment.samples:
-                end = until = np.inf
-            parts.append(Part(segment, first, stop, begin, end, since, until, margin.rows))
-    return parts
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,13 +121,24 @@ class ToClock:
         halo = 0 if self.thinning is None else self.thinning.halo
         return halo / (self.rate * self.factor)
 
-    def margin(self, samples: int) -> Margin:
-        """What `samples` on each side of a sample, and itself, depend on."""
-        lags = [lane.lag for lane in self.lanes]
+    def parts(self, segments: Sequence[Segment], around: int) -> list[Part]:
+        """The parts of a log, in order of time, where so many samples around one count for it."""
+        lags, found = [lane.lag for lane in self.lanes], []
         rows = max(lane.kind.margin for lane in self.lanes) + 1
         rows += 0 if self.checks.idle else self.checks.halo
-        before, after = self.reach - min(lags), self.reach + max(lags)
-        return Margin(samples, before, after, rows, self.factor)
+        size = max(SAMPLES_OF_PART // self.factor, 4 * around, 1)
+        for segment in segments:
+            for first in range(0, segment.samples, size):
+                stop = min(first + size, segment.samples)
+                begin, end = (segment.start + k / self.rate for k in (first, stop))
+                since = begin - around / self.rate - (self.reach - min(lags))
+                until = end + (around - 1) / self.rate + (self.reach + max(lags))
+                if first == 0:
+                    begin = since = -np.inf
+                if stop == segment.samples:
+                    end = until = np.inf
+                found.append(Part(segment, first, stop, begin, end, since, until, rows))
+        return found
 
     def __call__(
         self, window: Window, low: int, high: int, counted: tuple[float, float] = (-np.inf, np.inf)
@@ -189,8 +172,8 @@ def evenly_sampled(
     start, stop = float(first.t[0]), float(last.t[-1])
     segment = Segment(first.segment, start, stop, sample_count(start, stop, rate))
     clock = ToClock(checks, rate, (Lane(channels, CUBIC),))
-    parts = partition([segment], rate, clock.margin(0))
-    each = [clock(w, w.part.first, w.part.stop)[0] for w in windows(pieces, parts)]
+    found = windows(pieces, clock.parts([segment], 0))
+    each = [clock(w, w.part.first, w.part.stop)[0] for w in found]
     return np.concatenate(each, axis=1)
 
 
@@ -243,11 +226,8 @@ class Chain:
         """The stages, for reports."""
         p, s = self.processing, self.row_checks
         stages = [self.before] if self.before else []
-        stages += [
-            "outliers kept"
-            if s.threshold is None
-            else f"Hampel threshold {s.threshold:g} scaled MAD"
-        ]
+        hampel = None if s.threshold is None else f"Hampel threshold {s.threshold:g} scaled MAD"
+        stages.append(hampel or "outliers kept")
         if s.bridge_stale:
             stages.append("repeated rows interpolated")
         if not np.isnan(s.limits).all():
@@ -287,7 +267,7 @@ class Chain:
         """Signals and weights of segments, in order; marked rows count between two times [s]."""
         work = ToMotion(self, recording)
         around = 0 if work.whole else work.halo
-        parts = partition(segments, self.rate, work.clock.margin(around))
+        parts = work.clock.parts(segments, around)
         held: list[Array] = []
         marks = np.zeros(COUNTS_OF_MARKS)
         for window in windows(RowScan(self.clock, recording).pieces(), parts):
@@ -314,11 +294,11 @@ class ToMotion:
         p, rate, c = chain.processing, chain.rate, recording.channels
         self._flagged, self._channels = chain.flagged, c
         self._motion = p.motion.designed(chain.motion_cutoff, rate)
-        self._effort = None
+        self._effort: Bank | Designed = Designed(lambda efforts: efforts, 0)
         if p.effort is not None:
             self._effort = p.effort.smooth(p.effort_cutoff or chain.motion_cutoff, rate)
         spread = ceil(SATURATION_SPREAD * rate / chain.matched_cutoff) if chain.flagged else 0
-        halos = self._motion.halo, 0 if self._effort is None else self._effort.halo, spread
+        halos = self._motion.halo, self._effort.halo, spread
         self.whole = None in halos
         self.halo = max(halo or 0 for halo in halos)
         self._spare = [self.halo - (halo or 0) for halo in halos]
@@ -337,9 +317,7 @@ class ToMotion:
             extended[:, spare : extended.shape[1] - spare] for spare in self._spare
         )
         signals = self._motion(inner[c.q], inner[c.dq] if c.velocities else None)
-        effort = measured[c.effort]
-        if self._effort is not None:
-            effort = self._effort(effort)
+        effort = self._effort(measured[c.effort])
         weights = None
         if self._flagged:
             weights = _weights(np.abs(flags[c.count :]), self.halo - self._spare[2])

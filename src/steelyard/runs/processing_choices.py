@@ -1,14 +1,22 @@
-"""The choices of the processing chain, and its methods by the names they have in files."""
+"""The choices of the processing chain, its methods by the names they have in files; cut-offs.
+
+The window of a filter is what holds the samples of its response to a single one that are more than
+`SMALL_WEIGHT` of the greatest: all samples of a moving average or a local polynomial, some 2.5
+periods of the cut-off of a Butterworth low-pass of fourth order.
+"""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
-from steelyard.base.arrays import json_values
-from steelyard.base.errors import ModelError
+import numpy as np
+
+from steelyard.base.arrays import Array, json_values
+from steelyard.base.errors import LogError, ModelError
 from steelyard.robot.file.sections import ProcessingSection
 from steelyard.robot.file.tables_by_kind import Kinds
 from steelyard.robot.file.toml_schema import Positive, as_declared
+from steelyard.runs.recording import Recording
 from steelyard.runs.rows.resampling import INTERPOLATIONS
 from steelyard.runs.smoothing.kalman_smoother import (
     CausalKalman,
@@ -18,7 +26,9 @@ from steelyard.runs.smoothing.kalman_smoother import (
 )
 from steelyard.runs.smoothing.likeliest_cutoffs_and_fourier import Auto, Fourier
 from steelyard.runs.smoothing.smoothing_methods_and_zero_phase_filters import (
+    Bank,
     Butterworth,
+    Designed,
     Method,
     Smoother,
 )
@@ -215,3 +225,124 @@ def requested_processing(section: ProcessingSection, where: Callable[..., str]) 
             raise ModelError(f"the effort's cutoff is {given!r}", where=place, fix=fix) from None
         wanted = replace(wanted, effort=smoother_of(settings, place), effort_cutoff=cutoff)
     return wanted
+
+
+MATCHED_FACTOR = 10.0
+"""Matched cut-off over the motion's band: effort has harmonics of the motion (products of
+velocities, friction at reversals) that a factor near 1 would remove."""
+MATCHED_LOWEST = 2.0  # lowest regression cut-off [Hz]: slower filters need logs of minutes
+MATCHED_HIGHEST = 0.2  # highest regression cut-off, per sampling rate
+MOTION_FACTOR = 3.0
+"""Motion cut-off over regression cut-off: the derivatives' filter must be flat where the parallel
+one passes, and sharp corners of friction follow from velocities it has not rounded. What it
+passes of noise, the parallel filter takes out again; on real robots a cut at the noise floor
+itself predicts worse by 1 to 3 % of the error."""
+MOTION_HIGHEST = 0.25  # highest default motion cut-off, per sampling rate
+NYQUIST_SHARE = 0.45
+"""Highest cut-off of motion or efforts that can be requested, per sampling rate."""
+SLOWEST_RATE = 2.0
+"""Rate up to which time is likelier in milliseconds than in seconds [Hz]: no robot is logged so
+slowly."""
+SHORTEST_SEGMENT = 4.0
+"""Least length of a segment in periods of the regression cut-off: what the filter spans."""
+
+
+@dataclass(frozen=True)
+class Cutoffs:
+    """Cut-off frequencies [Hz] of the motion's and of the parallel filter."""
+
+    motion: float
+    matched: float
+
+
+def cutoffs(
+    processing: Processing, band: float, rate: float, where: str, floor: float = 0.0
+) -> Cutoffs:
+    """The requested cut-offs, or those that fit the motion's band and its noise floor [Hz].
+
+    Without a parallel filter that cut-off is half the rate, all that a log can hold.
+    The motion's cut-off is never below `floor`, where the spectrum of the positions meets its
+    noise: nothing that can be distinguished from noise is removed.
+    """
+    matched = processing.matched_cutoff if processing.parallel_filter else None
+    if matched is None:
+        highest = min(MATCHED_HIGHEST * rate, processing.motion_cutoff or np.inf)
+        matched = min(rounded(max(MATCHED_FACTOR * band, MATCHED_LOWEST)), highest)
+    motion = processing.motion_cutoff
+    if motion is None:
+        wide = max(MOTION_FACTOR * matched, floor)
+        motion = rounded(max(matched, min(wide, MOTION_HIGHEST * rate)))
+    keys = ("matched_cutoff", "motion_cutoff")
+    stated = [key if getattr(processing, key) else "" for key in keys]
+    named = [("regression", stated[0], matched, MATCHED_HIGHEST)]
+    named += [("motion", stated[1], motion, NYQUIST_SHARE)]
+    named += [(*given, NYQUIST_SHARE) for given in processing.cutoffs_of_methods]
+    for name, key, cutoff, share in named:
+        if not 0.0 < cutoff <= share * rate * (1.0 + 1e-9):
+            wrong = f"the {name} cut-off of {cutoff:g} Hz does not fit a log of {rate:g} Hz"
+            fix = f"choose one above 0 and up to {share * rate:.4g} Hz, or log faster"
+            if rate <= SLOWEST_RATE:
+                wrong += ": its time looks like milliseconds, not seconds"
+                unit = "its unit as time_unit under [signals] of the robot file"
+                fix = f"give time in seconds, or {unit}; {fix}"
+            place = f"{where}, {key} of [processing]" if key else where
+            raise LogError(wrong, where=place, fix=fix)
+    return Cutoffs(motion, matched if processing.parallel_filter else 0.5 * rate)
+
+
+def rounded(value: float) -> float:
+    """Two significant digits: a figure to be read and typed again."""
+    return float(f"{value:.2g}")
+
+
+SMALL_WEIGHT = 0.05  # of a sample in a filter's response, over the greatest in it
+
+
+def require_windows_in_log(
+    processing: Processing, rate: float, samples: int, recording: Recording
+) -> None:
+    """Raise if a period of a cut-off, or the window of a filter, is longer than the log.
+
+    Args:
+        processing: The methods as requested, with the cut-off of the motion.
+        rate: Of the uniform clock [Hz].
+        samples: Length of the longest stretch of the log without a gap.
+        recording: The log.
+    """
+    motion = float(processing.motion_cutoff or 0.0)
+    has = f"{samples / rate:.3g} s without a gap"
+    given = (("motion", "motion_cutoff", motion), *processing.cutoffs_of_methods)
+    for name, key, cutoff in given:
+        if cutoff * samples < rate:
+            raise LogError(
+                f"the {name} cut-off of {cutoff:g} Hz has a period of {1.0 / cutoff:.3g} s, but "
+                f"the log has {has}",
+                where=f"{recording.where}, {key} of [processing]",
+                fix=f"choose one above {rate / samples:.2g} Hz, or log for longer",
+            )
+    joints = recording.channels.joints
+    lengths = {"motion": window(processing.motion.designed(motion, rate), joints, None)}
+    if processing.effort is not None:
+        smoother = processing.effort.smooth(processing.effort_cutoff or motion, rate)
+        lengths["effort"] = window(smoother, joints)
+    for key, length in lengths.items():
+        if length > samples:
+            raise LogError(
+                f"the filter of {key} looks at {length} samples ({length / rate:.3g} s), but the "
+                f"log has {samples} ({has})",
+                where=f"{recording.where}, {key} of [processing]",
+                fix="choose a shorter window or span, fewer passes or a higher cut-off, or log "
+                "for longer",
+            )
+
+
+def window(designed: Bank | Designed, joints: int, *velocity: None) -> int:
+    """Samples that a filter of channels looks at; 0 of one that takes whole segments."""
+    if designed.halo is None:
+        return 0
+    impulse = np.zeros((joints, 4 * designed.halo + 1))
+    impulse[:, 2 * designed.halo] = 1.0
+    response: Array = np.abs(designed(impulse, *velocity))
+    large = response > SMALL_WEIGHT * response.max(axis=-1, keepdims=True)
+    at = np.flatnonzero(large.reshape(-1, large.shape[-1]).any(axis=0))
+    return int(at[-1] - at[0] + 1)

@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 
 from steelyard.base.arrays import Array, frozen
 from steelyard.base.errors import LogError
-from steelyard.logs.log_and_errors import ROWS_OF_PART, Log, RowRange, require_columns
-from steelyard.logs.log_windows import Cut
+from steelyard.logs.log_and_errors import ROWS_OF_PART, Cut, Log, RowRange, require_columns
 from steelyard.robot.file.signals import Signals
 from steelyard.runs.rows.resampling import put_together
 

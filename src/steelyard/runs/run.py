@@ -106,8 +106,8 @@ class Run:
         judged: Where the joints move by the log alone, whatever rest speed is set: errors count
             these samples.
         quality: What was found in the log.
-        importance: Weights of efforts over time, of a mean over repetitions.
         survey: What the first look at the log found, but for its excerpt.
+        importance: Weights of efforts over time, of a mean over repetitions.
         kept: Motion and efforts, for the next pass.
 
     Example:
@@ -124,8 +124,8 @@ class Run:
     span: tuple[float, float]
     judged: Moves
     quality: Quality
+    survey: Survey
     importance: Importance | None = None
-    survey: Survey | None = None
     kept: KeptSamples = field(default_factory=KeptSamples)
 
     def __repr__(self) -> str:
@@ -161,13 +161,11 @@ class Run:
     @property
     def n_samples(self) -> int:
         """Number of samples from first to last motion."""
-        return sum(max(0, b - a) for a, b in (self._range(s, self.span) for s in self.segments))
+        return sum(max(0, b - a) for a, b in self._ranges.values())
 
     def blocks(self, size: int = BLOCK_SAMPLES) -> Iterator[Block]:
         """Samples from first to last motion, in blocks of at most `size`; can be begun anew."""
-        n, ranges = self.recording.channels.joints, {}
-        for segment in self.segments:
-            ranges[segment.number] = self._range(segment, self.span)
+        n, ranges = self.recording.channels.joints, self._ranges
         for part in self._parts(ranges):
             first, last = ranges[part.segment.number]
             begin, end = max(0, first - part.first), min(part.signals.shape[1], last - part.first)
@@ -255,14 +253,16 @@ class Run:
             None if one.weights is None else one.weights.T.copy(),
         )
 
-    def _range(self, segment: Segment, span: tuple[float, float]) -> tuple[int, int]:
-        """First sample of a segment within a span that is used, and the one after the last."""
-        early, late = lost_ends(self.recording.signals)
-        start = max(span[0], segment.start + early) - segment.start
-        stop = min(span[1], segment.stop - late) - segment.start
-        return max(0, int(np.ceil(start * self.rate - 1e-6))), min(
-            segment.samples, int(np.floor(stop * self.rate + 1e-6)) + 1
-        )
+    @property
+    def _ranges(self) -> dict[int, tuple[int, int]]:
+        """First sample of each segment within the span that is used, and the one after the last."""
+        (early, late), ranges = lost_ends(self.recording.signals), {}
+        for s in self.segments:
+            start = self.rate * (max(self.span[0], s.start + early) - s.start)
+            stop = self.rate * (min(self.span[1], s.stop - late) - s.start)
+            first, last = max(0, int(np.ceil(start - 1e-6))), int(np.floor(stop + 1e-6))
+            ranges[s.number] = first, min(s.samples, last + 1)
+        return ranges
 
 
 def fastest_of(runs: Sequence[Run]) -> Array:
@@ -334,15 +334,14 @@ def _short(values: Array) -> Any:
 def motion_rows(run: Run) -> MotionRows:
     """The rows of a run, the first `MOST_ROWS_OF_RUN` of them."""
     c, (start, stop) = run.recording.channels, run.span
-    parts, count = [], 0
+    parts, count = list[tuple[Array, Array]](), 0
     for piece in RowScan(run.chain.clock, run.recording).pieces():
         inside = (piece.t >= start) & (piece.t <= stop)
         parts.append((piece.t[inside], piece.x[inside]))
         count += len(parts[-1][0])
         if count >= MOST_ROWS_OF_RUN:
             break
-    t = np.concatenate([t for t, _ in parts])
-    x = np.concatenate([x for _, x in parts])
+    t, x = (np.concatenate(part) for part in zip(*parts, strict=True))
     q = x[:, c.q]
     return MotionRows(t, q, x[:, c.effort], _moving(t, q, run.rest_speed))
 

@@ -16,7 +16,7 @@ from steelyard.base.progress import Progress, report_progress, silent
 from steelyard.logs.clocks_and_combined_logs import Numbered
 from steelyard.logs.formats import open_log
 from steelyard.logs.lerobot import is_lerobot, open_lerobot
-from steelyard.logs.log_windows import Cut, parse_log_argument
+from steelyard.logs.log_and_errors import Cut, parse_log_argument
 from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
 from steelyard.robot.file.robot_file import load_robot
 from steelyard.robot.file.signals import ROW, Signals
@@ -195,15 +195,11 @@ def prepared(
     if not runs:
         return ()
     common = processing_used(wanted, runs)
-    return distinct(
-        [
-            run
-            if (run.motion_cutoff, run.matched_cutoff)
-            == (common.motion_cutoff, common.matched_cutoff)
-            else prepare(recording, common, at_rest=at_rest, before=run)
-            for run, recording in zip(runs, recordings, strict=True)
-        ]
-    )
+    wide = common.motion_cutoff, common.matched_cutoff
+    for k, run in enumerate(runs):
+        if (run.motion_cutoff, run.matched_cutoff) != wide:
+            runs[k] = prepare(recordings[k], common, at_rest=at_rest, before=run)
+    return distinct(runs)
 
 
 def runs_of(

@@ -73,11 +73,6 @@ class KeptSamples:
     def __reduce__(self) -> tuple[type["KeptSamples"], tuple[()]]:
         return KeptSamples, ()  # another process reads the log itself
 
-    @property
-    def there(self) -> bool:
-        """Whether anything is kept."""
-        return bool(self._parts)
-
     def of(self, source: Source) -> bool:
         """Whether samples from this source are kept."""
         return self.source is not None and self.source.alike(source)

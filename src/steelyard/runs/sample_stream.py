@@ -117,10 +117,8 @@ class SampleStream:
         if self._q is None or self._jumps == JUMPS_UNTIL_RESTART:
             self._jumps = 0
             return RowVerdict.KEPT
-        jumps = (
-            np.abs(x[self._channels.q] - self._q).max()
-            > FASTEST_LOGGED_SPEED * step + NEAR_END_OF_RANGE
-        )
+        far = np.abs(x[self._channels.q] - self._q).max()
+        jumps = far > FASTEST_LOGGED_SPEED * step + NEAR_END_OF_RANGE
         self._jumps = self._jumps + 1 if jumps else 0
         return RowVerdict.JUMP if jumps else RowVerdict.KEPT
 

@@ -142,9 +142,8 @@ def moving_span(q: Array) -> tuple[int, int]:
     right = (np.abs(q - q[:, -1:]) > far).any(axis=0)
     if not left.any():
         return 0, 0
-    return max(int(np.argmax(left)) - 1, 0), min(
-        q.shape[1] - int(np.argmax(right[::-1])) + 1, q.shape[1]
-    )
+    stop = q.shape[1] - int(np.argmax(right[::-1])) + 1
+    return max(int(np.argmax(left)) - 1, 0), min(stop, q.shape[1])
 
 
 def find_period(q: Array, rate: float) -> float | None:

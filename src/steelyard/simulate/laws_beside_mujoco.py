@@ -17,7 +17,7 @@ from steelyard.base.errors import ModelError
 from steelyard.model.equations.inverse_dynamics import JointState, Scalar
 from steelyard.model.model import Model
 from steelyard.model.terms.presliding_term import Presliding
-from steelyard.model.terms.term import StatefulTerm, Term, TermSamples, channels_of
+from steelyard.model.terms.term import Term
 from steelyard.robot.robot import Robot
 from steelyard.simulate.mujoco_model import TIMESTEP, MujocoModel, mass_matrices
 from steelyard.simulate.typical_torques_and_masses import postures_of
@@ -25,18 +25,7 @@ from steelyard.symbolic.native.compiled_programs import Code, compiled
 from steelyard.symbolic.program_and_softening import InputArray as Input
 from steelyard.symbolic.program_and_softening import Program, softened
 
-VELOCITY, WIDTHS = 1, 7
-
-
-@dataclass(frozen=True)
-class PlacedTerm:
-    """A term with its place in the program's inputs."""
-
-    term: Term
-    first: int  # its first parameter
-    memory: Presliding | None  # how its memory steps; `None` without
-    at: int  # first row of its memory: positions along its axes, then states
-    channel: int  # its first channel among those of laws that are stepped by their own scan
+VELOCITY, WIDTHS = 1, 6
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,34 +38,15 @@ class Laws:
     widths: Array  # speeds over which jumps at zero speed are spread, per joint of the robot
     model: MujocoModel
 
-    @cached_property
-    def placed(self) -> tuple[PlacedTerm, ...]:
-        """The terms with their places."""
-        found, first, at, channel = [], 0, 0, 0
-        for term in self.terms:
-            memory = term if isinstance(term, Presliding) else None
-            found.append(PlacedTerm(term, first, memory, at, channel))
-            first += len(term.parameters(self.robot))
-            if memory is not None:
-                at += memory.n_memory(self.robot)
-            else:
-                channel += channels_of(term, self.robot)
-        return tuple(found)
+    @property
+    def remembering(self) -> list[Presliding]:
+        """Terms with memory, in the order in which the memory holds theirs."""
+        return [term for term in self.terms if isinstance(term, Presliding)]
 
     @property
     def n_memory(self) -> int:
         """Rows of the memory."""
-        return sum(p.memory.n_memory(self.robot) for p in self.placed if p.memory is not None)
-
-    @property
-    def scanned(self) -> tuple[PlacedTerm, ...]:
-        """Terms that are stepped by their own scan."""
-        return tuple(p for p in self.placed if p.memory is None and channels_of(p.term, self.robot))
-
-    @property
-    def n_channels(self) -> int:
-        """Channels of the terms that are stepped by their own scan."""
-        return sum(channels_of(p.term, self.robot) for p in self.scanned)
+        return sum(term.n_memory(self.robot) for term in self.remembering)
 
     @cached_property
     def places(self) -> tuple[list[int], list[float], list[float]]:
@@ -89,8 +59,8 @@ class Laws:
     def code(self) -> Code:
         """Machine code; `about` names the joints that its rows load and brake.
 
-        Inputs: positions, velocities, accelerations, applied torques, memory, channels, parameters,
-        widths. Outputs: forces on the joints `loads`, torque of motor-side terms on the joints
+        Inputs: positions, velocities, accelerations, applied torques, memory, parameters, widths.
+        Outputs: forces on the joints `loads`, torque of motor-side terms on the joints
         `brakes`, memory.
         """
         described = Model(self.robot, self.terms).to_dict()
@@ -99,38 +69,37 @@ class Laws:
             from steelyard.symbolic.symbols_and_tracing import symbolic
 
             about: dict[str, Any] = {}
-            program = symbolic(lambda *given: self._outputs(about, *given), self._inputs())
+            rows = dict.fromkeys(("position", "velocity", "acceleration"), len(self.model.offset))
+            rows |= {"applied": self.robot.n, "memory": self.n_memory}
+            rows |= {"parameters": len(self.values), "widths": len(self.model.offset)}
+            inputs = [Input(name, n, shared=name != "memory") for name, n in rows.items()]
+            program = symbolic(lambda *given: self._outputs(about, *given), inputs)
             return softened(program, VELOCITY, WIDTHS), about
 
         return compiled(["virtual", described, *self.places], build)
 
-    def _inputs(self) -> tuple[Input, ...]:
-        rows = dict.fromkeys(("position", "velocity", "acceleration"), len(self.model.offset))
-        rows |= {"applied": self.robot.n, "memory": self.n_memory, "channels": self.n_channels}
-        rows |= {"parameters": len(self.values), "widths": len(self.model.offset)}
-        return tuple(Input(name, n, shared=name != "memory") for name, n in rows.items())
-
     def _outputs(self, about: dict[str, Any], *given: Sequence[Scalar]) -> list[Scalar]:
         """Rows of `code` over its inputs; tells which joints they load and brake."""
-        position, velocity, acceleration, applied, before, channels, values, _ = given
+        position, velocity, acceleration, applied, before, values, _ = given
         places = list(zip(*self.places, strict=True))
         q = [(position[c] - zero) / ratio for c, ratio, zero in places]
         dq, ddq = ([x[c] / ratio for c, ratio, _ in places] for x in (velocity, acceleration))
         total: dict[int, Scalar] = dict(enumerate(applied))
         brakes: dict[int, Scalar] = {}
         memory: list[Scalar] = []
-        for placed in self.placed:
-            mine = channels[placed.channel : placed.channel + channels_of(placed.term, self.robot)]
-            if placed.memory is not None:
-                last = before[placed.at : placed.at + placed.memory.n_memory(self.robot)]
-                rows, mine = placed.memory.stepped(self.robot, JointState(q, dq, ddq), last)
-                memory += rows
-            state = JointState(q, dq, ddq, mine)
-            for (row, column), entry in placed.term.columns(self.robot, state).items():
-                effort = entry * values[placed.first + column]
+        first = 0
+        for term in self.terms:
+            state = JointState(q, dq, ddq)
+            if isinstance(term, Presliding):
+                last = before[len(memory) : len(memory) + term.n_memory(self.robot)]
+                rows, channels = term.stepped(self.robot, state, last)
+                state, memory = JointState(q, dq, ddq, channels), memory + rows
+            for (row, column), entry in term.columns(self.robot, state).items():
+                effort = entry * values[first + column]
                 total[row] = total[row] - effort if row in total else -effort
-                if placed.term.on_motors:
+                if term.on_motors:
                     brakes[row] = brakes[row] + effort if row in brakes else effort
+            first += len(term.parameters(self.robot))
         loads = sorted(total)
         forces = [total[row] / places[row][1] for row in loads]
         about.update(loads=loads, brakes=sorted(brakes))
@@ -157,14 +126,11 @@ class LawsInUse:
         self.dofs = carriers[self._loads]
         self._head = len(self._loads) + len(self._brakes)
         self._rows = [np.zeros((code.n_outputs, code.lanes)) for _ in range(2)]
-        self._channels = np.zeros(laws.n_channels)
-        self._memories: list[Any] = [None] * len(laws.scanned)
         self._widths = np.zeros(len(laws.model.offset))
         self._widths[carriers] = laws.widths * np.abs(ratios)
         self._values = np.ascontiguousarray(laws.values)
-        shared = (self._channels, self._values, self._widths)
         addresses = [x for a in (*self._seen, self.applied) for x in (a.ctypes.data, 0)]
-        rest = [x for a in shared for x in (a.ctypes.data, 0)]
+        rest = [x for a in (self._values, self._widths) for x in (a.ctypes.data, 0)]
         self.forces = np.zeros(len(self._loads))
         forces = (self.forces.ctypes.data, len(self.forces), np.float64(np.inf).view(np.int64))
         self._arguments = []
@@ -175,28 +141,25 @@ class LawsInUse:
             self._arguments.append(np.array([*called, memory.ctypes.data, 0, *forces]))
         self._places = [arguments.ctypes.data for arguments in self._arguments]
         self._sample, self._turn = code.sample, 0
-        self._bodies = Model(laws.robot)
         self.forget()
 
     def forget(self) -> None:
         """Begin anew where the joints are, with all memory at zero."""
-        self.remember(self._joints(self._seen[0], self._zeros), np.zeros(self.laws.n_memory))
+        q = (self._seen[0][self._carriers] - self._zeros) / self._ratios
+        self.remember(q, np.zeros(self.laws.n_memory))
 
     def remember(self, q: Array, states: Array) -> None:
         """Set the memory: last positions from `q`, all joints, and states from a full memory."""
-        memory = np.array(states, dtype=np.float64)
-        for placed in self.laws.placed:
-            if placed.memory is not None:
-                for k, axis in enumerate(placed.memory.axes(self.laws.robot)):
-                    memory[placed.at + k] = np.dot(axis.row, q)
-        self._memories = [None] * len(self._memories)
+        memory, at = np.array(states, dtype=np.float64), 0
+        for term in self.laws.remembering:
+            here = [np.dot(axis.row, q) for axis in term.axes(self.laws.robot)]
+            memory[at : at + len(here)] = here
+            at += term.n_memory(self.laws.robot)
         for rows in self._rows:
             rows[self._head :] = memory[:, None]
 
     def step(self) -> Array:
         """Forces on the joints `dofs` for one step, overwritten by the next; the memory goes on."""
-        if self._memories:
-            self._scan()
         self._sample(self._places[self._turn])
         self._turn = 1 - self._turn
         return self.forces
@@ -204,23 +167,8 @@ class LawsInUse:
     def brakes(self) -> Array:
         """Torque of motor-side terms at the last step, shape `(n,)`."""
         result = np.zeros(self._count)
-        if self._brakes:
-            result[self._brakes] = self._rows[self._turn][len(self._loads) : self._head, 0]
+        result[self._brakes] = self._rows[self._turn][len(self._loads) : self._head, 0]
         return result[: len(self.applied)]
-
-    def _joints(self, x: Array, zeros: Array | float = 0.0) -> Array:
-        """MuJoCo's values as those of all joints, shape `(n_joints,)`."""
-        return np.asarray((x[self._carriers] - zeros) / self._ratios)
-
-    def _scan(self) -> None:
-        robot = self.laws.robot
-        q = self._joints(self._seen[0], self._zeros)[:, None]
-        dq, ddq = (self._joints(x)[:, None] for x in self._seen[1:])
-        samples = TermSamples(q, dq, ddq, lambda tens: self._bodies.rigid_torque(q, dq, ddq, tens))
-        for k, placed in enumerate(self.laws.scanned):
-            if isinstance(placed.term, StatefulTerm):
-                found, self._memories[k] = placed.term.remember(robot, samples, self._memories[k])
-                self._channels[placed.channel : placed.channel + len(found)] = found[:, 0]
 
 
 MEMORY_TIMESTEP = 1e-4  # coarsest step where friction has memory [s]
@@ -262,7 +210,7 @@ def stable_timestep(laws: Laws) -> float:
                 for slope in slopes(q, dq, states)
             )
             damping, stiffness = max(damping, slow), max(stiffness, stiff)
-    coarsest = MEMORY_TIMESTEP if laws.n_memory or laws.n_channels else TIMESTEP
+    coarsest = MEMORY_TIMESTEP if laws.n_memory else TIMESTEP
     timestep = coarsest
     while timestep * damping > 1.0 or timestep * np.sqrt(stiffness) > _STIFFEST_STEP:
         timestep *= 0.5

@@ -21,10 +21,12 @@ from numpy.typing import ArrayLike
 from steelyard.base.arrays import Array, frozen
 from steelyard.base.errors import ModelError
 from steelyard.robot.inertia_and_placement import Inertia
-from steelyard.robot.robot import Body, LoopClosure, Robot
+from steelyard.robot.robot import Body, Frame, LoopClosure, Robot
 
 LEAST_INERTIA = 1e-12  # of a massless body [kg; kg m²]: MuJoCo refuses moving bodies without
 TIMESTEP = 1.25e-4  # default step of the integration [s]
+STIFFEST = (2.0 * TIMESTEP, 1.0), (0.99999, 0.99999, 1e-3, 0.5, 2.0)
+"""MuJoCo's `solref` and `solimp` of a constraint that a step fulfils."""
 ADVANCE = mujoco.mj_step  # one step of the integration of a model, under `data.qfrc_applied`
 
 
@@ -61,7 +63,6 @@ def build(
     inertial: ArrayLike | None = None,
     rotors: Sequence[Rotor] = (),
     brakes: Sequence[Brake] = (),
-    timestep: float = TIMESTEP,
 ) -> MujocoModel:
     """The MuJoCo model of a robot, under its gravity.
 
@@ -70,22 +71,22 @@ def build(
     """
     tens = robot.nominal if inertial is None else frozen(inertial, (len(robot.bodies), 10))
     carriers = _carriers(robot)
-    spec = _spec(robot, timestep)
+    spec = _spec(robot)
     placed = [spec.worldbody]
     for index, (body, ten) in enumerate(zip(robot.bodies, tens, strict=True)):
         placed.append(_add_body(placed[body.parent + 1], index, body, Inertia.from_ten(ten)))
         if carriers[body.coordinate] != index:
-            _tie(spec, robot, index, carriers[body.coordinate], timestep)
+            _tie(spec, robot, index, carriers[body.coordinate])
     for loop in robot.loops:
-        _pin(spec, loop, [placed[body + 1] for body in loop.bodies], timestep)
+        _pin(spec, loop, [placed[body + 1] for body in loop.bodies])
     for number, rotor in enumerate(rotors):
         _turn(spec, robot, number, rotor, carriers)
     for number, brake in enumerate(brakes):
-        _brake(spec, robot, number, brake, carriers, timestep)
+        _brake(spec, robot, number, brake, carriers)
     matrix = np.zeros((len(robot.bodies), robot.n_joints))
     for index, body in enumerate(robot.bodies):
         matrix[index, body.coordinate] = body.ratio
-    offset = [body.offset for body in robot.bodies]
+    offset = np.array([body.offset for body in robot.bodies])
     try:
         compiled = spec.compile()
     except ValueError as error:
@@ -96,12 +97,8 @@ def build(
         ) from error
     # MuJoCo goes through a tree depth first: the bodies in the order of its joints
     order = [int(compiled.joint(k).name.split()[0]) for k in range(compiled.njnt)]
-    return MujocoModel(
-        compiled,
-        frozen(matrix[order]),
-        frozen(np.array(offset)[order]),
-        tuple(order.index(carrier) for carrier in carriers),
-    )
+    carried = tuple(order.index(carrier) for carrier in carriers)
+    return MujocoModel(compiled, frozen(matrix[order]), frozen(offset[order]), carried)
 
 
 def inverse_dynamics(model: MujocoModel, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike) -> Array:
@@ -143,28 +140,30 @@ def new_data(model: MujocoModel) -> Any:
     return mujoco.MjData(model.compiled)
 
 
-def push(compiled: Any, data: Any, name: str, wrench: Array, place: Array) -> None:
-    """Let a wrench act on a body from the next step on; call `body_pose` before.
+def push(
+    compiled: Any, data: Any, robot: Robot, frame: Frame, wrench: Array, in_base: bool
+) -> Array:
+    """Let a wrench act at the origin of a frame of a moving body until the next call.
 
-    Force and torque [N, Nm], shape `(6,)`, are along the base frame's axes, and act at `place`
-    there, shape `(3,)` [m]; `name` is that of `body_name`.
+    Args:
+        compiled: The `mujoco.MjModel`.
+        data: Its state.
+        robot: The robot.
+        frame: A frame of a moving body, see `moved_frame`.
+        wrench: Force and torque, shape `(6,)` [N, Nm].
+        in_base: Whether it is along the axes of the base, not of the frame.
+
+    Returns:
+        The wrench along the axes of the frame, shape `(6,)`.
     """
-    number = compiled.body(name).id
-    arm = place - data.xipos[number]
-    data.xfrc_applied[number, :3] = wrench[:3]
-    data.xfrc_applied[number, 3:] = wrench[3:] + np.cross(arm, wrench[:3])
-
-
-def body_pose(compiled: Any, data: Any, name: str) -> tuple[Array, Array]:
-    """Axes `(3, 3)` and origin `(3,)` [m] of a body where its joints are now."""
     mujoco.mj_kinematics(compiled, data)
-    number = compiled.body(name).id
-    return np.array(data.xmat[number]).reshape(3, 3), np.array(data.xpos[number])
-
-
-def body_name(robot: Robot, index: int) -> str:
-    """Name of a body of the robot in its MuJoCo model."""
-    return f"{index} {robot.bodies[index].name}"
+    number = compiled.body(f"{frame.body} {robot.bodies[frame.body].name}").id
+    axes = data.xmat[number].reshape(3, 3)
+    turned, given = axes @ frame.rotation, wrench.reshape(2, 3)
+    base, own = (given, given @ turned) if in_base else (given @ turned.T, given)
+    arm = data.xpos[number] + axes @ frame.position - data.xipos[number]
+    data.xfrc_applied[number] = *base[0], *(base[1] + np.cross(arm, base[0]))
+    return np.asarray(own.ravel())
 
 
 def _carriers(robot: Robot) -> tuple[int, ...]:
@@ -183,14 +182,14 @@ def _carriers(robot: Robot) -> tuple[int, ...]:
     return tuple(first[index] for index in range(robot.n_joints))
 
 
-def _spec(robot: Robot, timestep: float) -> Any:
+def _spec(robot: Robot) -> Any:
     """An empty model: gravity and the integrator, everything else off."""
     spec = mujoco.MjSpec()
     spec.compiler.degree = False
     spec.compiler.autolimits = False
     spec.compiler.balanceinertia = False
     spec.option.gravity = robot.gravity
-    spec.option.timestep = timestep
+    spec.option.timestep = TIMESTEP
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_EULER
     spec.option.disableflags = (
         mujoco.mjtDisableBit.mjDSBL_CONTACT
@@ -228,37 +227,30 @@ def _principal(body: Body, inertia: Inertia) -> tuple[float, Array, Array, Array
     return max(inertia.mass, LEAST_INERTIA), inertia.com, moments, axes
 
 
-def _tie(spec: Any, robot: Robot, index: int, carrier: int, timestep: float) -> None:
+def _tie(spec: Any, robot: Robot, index: int, carrier: int) -> None:
     """Hold the joint of a mimic body to that of its coordinate's first body."""
     body, master = robot.bodies[index], robot.bodies[carrier]
     slope = body.ratio / master.ratio
     tie = spec.add_equality(type=mujoco.mjtEq.mjEQ_JOINT, objtype=mujoco.mjtObj.mjOBJ_JOINT)
     tie.name1, tie.name2 = f"{index} {body.joint}", f"{carrier} {master.joint}"
     tie.data[:2] = body.offset - slope * master.offset, slope
-    tie.solref, tie.solimp = _stiffest(timestep)
+    tie.solref, tie.solimp = STIFFEST
 
 
-def _pin(spec: Any, loop: LoopClosure, bodies: Sequence[Any], timestep: float) -> None:
+def _pin(spec: Any, loop: LoopClosure, bodies: Sequence[Any]) -> None:
     """Hold a point of one body to a point of another; sites stand at the points."""
     pin = spec.add_equality(type=mujoco.mjtEq.mjEQ_CONNECT, objtype=mujoco.mjtObj.mjOBJ_SITE)
     names = [f"{end} of {loop.name}" for end in ("first end", "second end")]
     for body, name, point in zip(bodies, names, loop.points, strict=True):
         body.add_site(name=name, pos=point)
     pin.name1, pin.name2 = names
-    pin.solref, pin.solimp = _stiffest(timestep)
+    pin.solref, pin.solimp = STIFFEST
 
 
-def _stiffest(timestep: float) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """MuJoCo's `solref` and `solimp` of a constraint that a step fulfils."""
-    return (2.0 * timestep, 1.0), (0.99999, 0.99999, 1e-3, 0.5, 2.0)
-
-
-def _brake(
-    spec: Any, robot: Robot, number: int, brake: Brake, carriers: Sequence[int], timestep: float
-) -> None:
+def _brake(spec: Any, robot: Robot, number: int, brake: Brake, carriers: Sequence[int]) -> None:
     """Add Coulomb friction along a tendon of the joints that it brakes."""
     tendon = spec.add_tendon(name=f"brake {number}", frictionloss=brake.level)
-    tendon.solref_friction, tendon.solimp_friction = _stiffest(timestep)
+    tendon.solref_friction, tendon.solimp_friction = STIFFEST
     for name, slope in _slopes(robot, brake.row, carriers).items():
         tendon.wrap_joint(name, slope)
 

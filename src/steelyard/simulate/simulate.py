@@ -27,9 +27,15 @@ from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
 from steelyard.robot.file.robot_file import load_robot
 from steelyard.robot.file.signals import ROW
 from steelyard.robot.robot import Robot
-from steelyard.simulate.drives_sensors_and_logged_columns import Sensors, customary_drives
+from steelyard.simulate.drives_sensors_and_loads import (
+    AppliedWrench,
+    Axes,
+    Payload,
+    Sensors,
+    customary_drives,
+    read_wrench,
+)
 from steelyard.simulate.ground_truth import Truth, random_truth, read_truth
-from steelyard.simulate.payloads_and_wrenches import AppliedWrench, Axes, Payload, read_wrench
 from steelyard.simulate.virtual_robot import (
     SimulatedFiles,
     VirtualRobot,
@@ -201,7 +207,9 @@ def simulate(
             where="--dry-run",
             fix="give a number above 0 and at most 1, such as 0.2",
         )
-    once = _one_period(loaded.robot, motion, period, periods, dry_run, seed)
+    if motion is None:  # before it is made
+        _check_length(period or RANDOM_PERIOD, periods, dry_run)
+    once = _one_period(loaded.robot, motion, period, seed)
     _check_length(once.duration, periods, dry_run)
     trajectory = _repeated(once, loaded.robot, periods)
     if dry_run < 1.0:
@@ -301,17 +309,10 @@ def _wrench(
 
 
 def _one_period(
-    robot: Robot,
-    motion: str | Path | None,
-    period: float | None,
-    periods: int,
-    dry_run: float,
-    seed: int,
+    robot: Robot, motion: str | Path | None, period: float | None, seed: int
 ) -> ExactTrajectory:
     if motion is None:
-        seconds = RANDOM_PERIOD if period is None else period
-        _check_length(seconds, periods, dry_run)
-        return random_fourier(robot, seed=seed, period=seconds)
+        return random_fourier(robot, seed=seed, period=period or RANDOM_PERIOD)
     if period is not None:
         raise DataError(
             "a period of the random motion is given together with a motion",

@@ -22,7 +22,7 @@ from steelyard.report.result import Result
 from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
 from steelyard.robot.file.robot_file import load_robot
 from steelyard.robot.robot import Frame, Robot
-from steelyard.simulate.drives_sensors_and_logged_columns import Drives, customary_drives
+from steelyard.simulate.drives_sensors_and_loads import Drives, customary_drives
 from steelyard.simulate.ground_truth import Truth
 from steelyard.simulate.simulate import true_robot
 from steelyard.simulate.tracking_sections import TRACK_SECTIONS, TrackingContent
@@ -225,15 +225,9 @@ def track(
     frame = frame_of(loaded.robot, last_frame(loaded.robot) if tool is None else tool)
     trajectory = read_motion(Path(motion), loaded.robot)
     real, _ = true_robot(loaded, truth, friction_drift, seed)
-    found = tracking(
-        loaded.robot,
-        real,
-        trajectory,
-        controllers_of(control, [(label, each.valued) for label, each in named.items()]),
-        frame,
-        customary_drives(loaded.robot, lag),
-        progress,
-    )
+    controllers = controllers_of(control, [(label, each.valued) for label, each in named.items()])
+    drives = customary_drives(loaded.robot, lag)
+    found = tracking(loaded.robot, real, trajectory, controllers, frame, drives, progress)
     found = replace(found, random_truth=truth is None)
     settings = (
         ("control", control),

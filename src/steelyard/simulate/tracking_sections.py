@@ -93,10 +93,8 @@ def tables(found: Tracking) -> list[PlainTable]:
     headings, text = ("Joint", *names, "Unit"), (0, len(names) + 1)
     words = f"In brackets: divided by that under {names[0]}." if len(names) > 1 else ""
     made = []
-    for caption, of_joints, of_tool in (
-        ("RMS error", "rms", "tool_rms"),
-        ("Largest error", "largest", "tool_largest"),
-    ):
+    kinds = ("RMS error", "rms", "tool_rms"), ("Largest error", "largest", "tool_largest")
+    for caption, of_joints, of_tool in kinds:
         rows, values = [], [getattr(run, of_joints) for run in found.runs]
         for j, joint in enumerate(found.robot.coordinates):
             unit, factor = ERROR_UNITS[joint.unit]

@@ -87,14 +87,9 @@ def scales_of(robot: Robot, inertial: Array) -> Scales:
     model, postures = build(robot, inertial), postures_of(robot)
     masses = mass_matrices(model, postures.q)
     torque = np.sqrt(np.mean(_torques(robot, model, postures) ** 2, axis=0))
+    torque = _floored(robot.joints, torque, _LEAST_TORQUE)
     own = np.median(np.diagonal(masses, axis1=1, axis2=2), axis=0)
-    return Scales(
-        robot,
-        postures,
-        _floored(robot.joints, torque, _LEAST_TORQUE),
-        _floored(robot.joints, own, _LEAST_INERTIA),
-        masses,
-    )
+    return Scales(robot, postures, torque, _floored(robot.joints, own, _LEAST_INERTIA), masses)
 
 
 def typical_torque(robot: Robot, model: MujocoModel) -> Array:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from steelyard.base.arrays import Array, Parameters, frozen
-from steelyard.base.errors import DataError
+from steelyard.base.errors import DataError, ModelError
 from steelyard.base.files import whole_folder, write_json
 from steelyard.base.motion import Motion, Trajectory, run
 from steelyard.base.progress import Progress, report_progress, silent
@@ -22,21 +22,134 @@ from steelyard.logs.formats import write_table
 from steelyard.model.laws.laws_without_friction import RigidBody
 from steelyard.model.model import Model
 from steelyard.robot.file.signals import Signals
-from steelyard.robot.robot import Robot
-from steelyard.simulate.drives_sensors_and_logged_columns import (
+from steelyard.robot.robot import Frame, Robot
+from steelyard.simulate.drives_sensors_and_loads import (
     CONTROL_RATE,
+    AppliedWrench,
     Drives,
     DrivesInUse,
+    Payload,
     Sensors,
     TrueRun,
     as_declared,
 )
 from steelyard.simulate.ground_truth import Truth
-from steelyard.simulate.mujoco_model import build
-from steelyard.simulate.mujoco_plant import MujocoPlant
-from steelyard.simulate.payloads_and_wrenches import AppliedWrench, Payload
+from steelyard.simulate.laws_beside_mujoco import Laws, LawsInUse, stable_timestep
+from steelyard.simulate.mujoco_model import (
+    ADVANCE,
+    MujocoModel,
+    build,
+    new_data,
+    push,
+)
 from steelyard.simulate.typical_torques_and_masses import closed, typical_masses, typical_torque
 from steelyard.uses.control.joint_controllers import PD, Control, ControlTask
+
+_UNREACHED_SIZE = 1e4  # size of positions and of velocities, as vectors, that no robot reaches
+
+
+class MujocoPlant:
+    r"""A robot in MuJoCo.
+
+    MuJoCo steps $v' = v + h\,a(x, v)$, $x' = x + h\,v'$. Read as $x = q + \tfrac h2 \dot q$ this
+    is the position Verlet scheme: torques act exactly while they are held, and the error in
+    gravity and inertia is of second order in `h`; read as $x = q$ the motion would lead the torque
+    by half a step. Coulomb friction by the plain sign is implicit: within a step it stops a joint
+    that it can stop. The other laws are evaluated at every step, and the memory of friction takes
+    the same exact steps as along a log. The step is 0.125 ms, 0.1 ms for friction with memory, and
+    finer where a law is so stiff for its inertia that such a step would not be stable.
+
+    Attributes:
+        model: The MuJoCo model, with the truth's inertias.
+        timestep: Step of the integration [s].
+        loaded: Whether it carries the payload; motion goes on from the same velocities.
+    """
+
+    def __init__(self, robot: Robot, truth: Truth, payload: Payload | None = None) -> None:
+        _check_robot(robot, truth)
+        self.model: MujocoModel = build(robot, truth.inertial, truth.rotors, truth.brakes)
+        self._laws = Laws(robot, truth.laws, truth.law_values, truth.smoothing, self.model)
+        self.timestep = stable_timestep(self._laws)
+        self._compiled = [self.model.compiled]
+        if payload is not None:
+            loaded = payload.added(robot, truth.inertial)
+            self._compiled.append(build(robot, loaded, truth.rotors, truth.brakes).compiled)
+        for compiled in self._compiled:
+            compiled.opt.timestep = self.timestep
+        self._robot, self.loaded = robot, False
+        self._behind = np.reshape(
+            [b.motor * np.array(b.row[: robot.n]) for b in truth.brakes if b.level > 0.0],
+            (-1, robot.n),
+        )
+        self._carriers = np.array(self.model.carriers[: robot.n])
+        self._ratios = self.model.map[self._carriers, np.arange(robot.n)]
+        self._starts = self.model.offset[self._carriers]
+        self.place(robot.assembly[: robot.n])
+
+    def place(self, q: ArrayLike) -> None:
+        """Put the robot at rest at posture `q`, shape `(n,)`; passive joints close the loops."""
+        wanted = frozen(q, (self._robot.n,))
+        full = closed(self._robot, wanted)
+        if full is None:
+            raise DataError(
+                "the loops cannot close at positions " + " ".join(f"{x:.4g}" for x in wanted),
+                where=f"robot '{self._robot.name}'",
+                fix="start from a posture that the robot can take",
+            )
+        self._data = data = new_data(self.model)
+        data.qpos[:] = self.model.map @ full + self.model.offset
+        self._x, self._v, self._forces = data.qpos, data.qvel, data.qfrc_applied
+        self._used = LawsInUse(self._laws, self._x, self._v, data.qacc)
+
+    def push(self, frame: Frame, wrench: Array, in_base: bool) -> Array:
+        """Let a wrench act at a frame's origin until the next call; see `mujoco_model.push`."""
+        compiled = self._compiled[self.loaded]
+        return push(compiled, self._data, self._robot, frame, wrench, in_base)
+
+    def state(self) -> tuple[Array, Array]:
+        """Position and velocity of the independent joints, each `(n,)`."""
+        dq = self._v[self._carriers] / self._ratios
+        ahead = (self._x[self._carriers] - self._starts) / self._ratios
+        return ahead - 0.5 * self.timestep * dq, dq
+
+    def motor_friction(self) -> Array:
+        """Torque of the terms that act on motors, at the last step, shape `(n,)`."""
+        friction = self._data.efc_force[self._data.ne :][: self._data.nf]
+        return np.asarray(self._used.brakes() - friction @ self._behind)
+
+    def step(self, tau: Array, duration: float) -> tuple[Array, Array]:
+        """Hold joint torques `tau`, shape `(n,)`, for a multiple of the time step."""
+        count = round(duration / self.timestep)
+        if count < 1 or abs(count * self.timestep - duration) > 1e-9:
+            raise ValueError(f"{duration} s is not a multiple of the step of {self.timestep} s")
+        compiled, data, used = self._compiled[self.loaded], self._data, self._used
+        used.applied[:] = tau
+        forces, dofs, advance = self._forces, used.dofs, ADVANCE
+        for _ in range(count):
+            forces[dofs] = used.step()
+            advance(compiled, data)
+        q, dq = self.state()
+        if not (q @ q < _UNREACHED_SIZE**2 and dq @ dq < _UNREACHED_SIZE**2):
+            raise DataError(
+                "the simulation diverged",
+                where=f"robot '{self._robot.name}'",
+                fix="give smaller torques, or a true robot with more inertia",
+            )
+        return q, dq
+
+
+def _check_robot(robot: Robot, truth: Truth) -> None:
+    got, wanted = (
+        ([b.name for b in r.bodies], [c.name for c in r.joints]) for r in (truth.robot, robot)
+    )
+    if got != wanted:
+        raise ModelError(
+            f"the truth has {len(got[0])} links and {len(got[1])} joints, the robot "
+            f"{len(wanted[0])} and {len(wanted[1])}, or they differ in names",
+            where=f"truth for robot '{robot.name}'",
+            fix="take the truth that was made for this robot",
+        )
+
 
 _TICK = 1.0 / CONTROL_RATE
 _SETTLING = 0.5
@@ -91,14 +204,6 @@ class VirtualRobot:
         self._progress = progress
         self._recorded: list[TrueRun] | None = None
 
-    def place(self, q: ArrayLike) -> None:
-        """Put the robot at rest at posture `q`, shape `(n,)`."""
-        self._plant.place(q)
-
-    def step(self, tau: Array, duration: float) -> tuple[Array, Array]:
-        """Hold joint torques `tau`, shape `(n,)`, for `duration` [s]; the new `q` and `dq`."""
-        return self._plant.step(tau, duration)
-
     def send(self, trajectory: Trajectory) -> None:
         """Follow `trajectory`; it is put into the log that is being recorded, if any."""
         if self._recorded:
@@ -130,29 +235,17 @@ class VirtualRobot:
                 where=str(log),
                 fix="send a motion within the block",
             )
-        self._write(runs[0], log)
-
-    def _write(self, run: TrueRun, log: Path) -> None:
         sensors = self.sensors
         if self.signals is None:
-            write_table(log, sensors.read(run, self.robot, self._noise))
+            write_table(log, sensors.read(runs[0], self.robot, self._noise))
             return
-        reading = sensors.measure(run, self._noise, self.signals.effort_kind)
+        reading = sensors.measure(runs[0], self._noise, self.signals.effort_kind)
         columns = as_declared(reading, self.signals, velocity=sensors.velocity, gains=sensors.gains)
         write_table(log, columns | reading.further(self.robot))
 
-    def ticks(self, trajectory: Trajectory) -> int:
-        """Ticks of the controller along a trajectory, rests included."""
-        return round((trajectory.duration + 2.0 * self.rest) * CONTROL_RATE) + 1
-
-    def follow(self, trajectory: Trajectory, felt: ArrayLike = 0.0) -> TrueRun:
-        """Follow `trajectory`; what happened at every tick, without sensors.
-
-        Args:
-            trajectory: The motion.
-            felt: Errors of the positions that the controller feels, shape `(ticks, n)` [rad; m].
-        """
-        ticks = self.ticks(trajectory)
+    def follow(self, trajectory: Trajectory) -> TrueRun:
+        """Follow `trajectory`; what happened at every tick, without sensors."""
+        ticks = round((trajectory.duration + 2.0 * self.rest) * CONTROL_RATE) + 1
         t = frozen(np.arange(ticks) * _TICK)
         goal = self.wanted(trajectory, t)
         self._check_loops(t, goal.q)
@@ -164,9 +257,8 @@ class VirtualRobot:
                 where=f"payload on '{self.payload.frame}'",
                 fix="attach it earlier, or make the motion longer",
             )
-        self._plant.load(bool(loaded[0]))
-        self.place(goal.q[0])
-        felt = np.broadcast_to(felt, goal.q.shape)
+        self._plant.loaded = bool(loaded[0])
+        self._plant.place(goal.q[0])
         pushed = None if self.wrench is None else self.wrench.at(t)
         settling = round(_SETTLING * CONTROL_RATE)
         loop = self.control.start(self._task(goal, settling))
@@ -180,37 +272,26 @@ class VirtualRobot:
         for k in range(ticks):
             if k % _TICKS_PER_EVENT == 0:
                 report_progress(self._progress, "simulation", t[k], float(t[-1]))
-            seen, speed = drives.sense(q[k] + felt[k], dq[k])
-            held[k] = tau = drives.actuate(loop(settling + k, seen, speed))
+            held[k] = tau = drives.actuate(loop(settling + k, *drives.sense(q[k], dq[k])))
             command[k] = drives.command
             friction[k] = self._plant.motor_friction()
             if pushed is not None and self._frame is not None and self.wrench is not None:
                 pushed[k] = self._plant.push(self._frame, pushed[k], self.wrench.axes == "base")
             if k + 1 < ticks:
-                self._plant.load(bool(loaded[k]))
+                self._plant.loaded = bool(loaded[k])
                 q[k + 1], dq[k + 1] = self._plant.step(tau, _TICK)
         report_progress(self._progress, "simulation", t[-1], t[-1])
-        return TrueRun(
-            t,
-            q,
-            dq,
-            0.5 * (np.concatenate([before[None], held[:-1]]) + held),
-            friction + self._rotors(dq),
-            self._gravity(t, q),
-            np.array([goal.q, goal.dq, command]),
-            pushed,
-        )
+        tau = 0.5 * (np.concatenate([before[None], held[:-1]]) + held)
+        motors, commanded = friction + self._rotors(dq), np.array([goal.q, goal.dq, command])
+        return TrueRun(t, q, dq, tau, motors, self._gravity(t, q), commanded, pushed)
 
     def _task(self, goal: Motion, settling: int) -> ControlTask:
         """Rest at the first posture for some ticks, and the motion."""
         before = np.repeat(goal.q[:1], settling, axis=0)
         still = np.zeros_like(before)
-        motion = Motion(
-            np.concatenate([goal.t[0] - _TICK * np.arange(settling, 0, -1), goal.t]),
-            np.concatenate([before, goal.q]),
-            np.concatenate([still, goal.dq]),
-            np.concatenate([still, goal.ddq]),
-        )
+        t = np.concatenate([goal.t[0] - _TICK * np.arange(settling, 0, -1), goal.t])
+        parts = (before, goal.q), (still, goal.dq), (still, goal.ddq)
+        motion = Motion(t, *map(np.concatenate, parts))
         inertia, fastest = joint_inertia(self._masses, CONTROL_RATE)
         if self.drives.dead_time > 0.0:
             fastest = min(fastest, _PHASE / self.drives.dead_time)

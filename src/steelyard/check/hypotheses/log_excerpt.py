@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from steelyard.base.arrays import Array
 from steelyard.base.errors import LogError
-from steelyard.runs.cutoff_frequencies import cutoffs
-from steelyard.runs.processing_choices import Processing
+from steelyard.runs.first_pass_over_recording import FalseStretches
+from steelyard.runs.processing_choices import Processing, cutoffs
 from steelyard.runs.recording import Recording
 from steelyard.runs.rows.clock_and_row_scan import (
     SHORTEST_CHAIN,
@@ -24,7 +24,6 @@ from steelyard.runs.rows.clock_and_row_scan import (
     learn_clock,
     nice_rate,
 )
-from steelyard.runs.rows.frozen_encoders_and_dead_efforts import FalseStretches
 from steelyard.runs.rows.resampling import uniform
 from steelyard.runs.smoothing.smoothing_methods_and_zero_phase_filters import (
     Bank,

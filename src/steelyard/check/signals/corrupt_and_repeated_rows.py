@@ -18,8 +18,8 @@ from steelyard.check.signals.usable_rows_and_derivatives import (
     SignalOverview,
     signal_overview,
 )
+from steelyard.runs.first_pass_over_recording import MOVED
 from steelyard.runs.rows.faulty_row_detectors import LONGEST_STALE, RowVerdict
-from steelyard.runs.rows.frozen_encoders_and_dead_efforts import MOVED
 from steelyard.runs.run import Run
 
 DOUBTFUL_BROKEN_SHARE, WRONG_BROKEN_SHARE = 0.05, 0.3

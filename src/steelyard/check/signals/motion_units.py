@@ -34,7 +34,7 @@ from steelyard.robot.file.signals import POSITION_UNITS, ROW, VELOCITY_UNITS
 from steelyard.robot.init.column_names import Column
 from steelyard.robot.init.guess_efforts_and_gears import beyond_range
 from steelyard.robot.robot import Coordinate
-from steelyard.runs.rows.frozen_encoders_and_dead_efforts import FASTEST_SHARE
+from steelyard.runs.first_pass_over_recording import FASTEST_SHARE
 
 SHORTEST_STEP, LONGEST_STEP = 1e-4, 0.25
 """Steps of a robot's log lie between these [s], give or take `RANGE_SLACK`."""

@@ -16,7 +16,7 @@ from steelyard.check.signals.usable_rows_and_derivatives import (
     signal_overview,
     with_rows,
 )
-from steelyard.runs.rows.frozen_encoders_and_dead_efforts import MOVED
+from steelyard.runs.first_pass_over_recording import MOVED
 from steelyard.runs.run import Run
 
 FEWEST_LEVELS = 50  # different values of an effort below which it is doubtful

@@ -12,15 +12,15 @@ from numpy.typing import NDArray
 
 from steelyard.base.arrays import Array
 from steelyard.check.case_logs_and_checks import Case, CheckedLog, remembered
-from steelyard.runs.recording import Channels
-from steelyard.runs.rows.clock_and_row_scan import GAP_STEPS
-from steelyard.runs.rows.faulty_row_detectors import LARGEST_VALUE
-from steelyard.runs.rows.frozen_encoders_and_dead_efforts import (
+from steelyard.runs.first_pass_over_recording import (
     FASTEST_FACTOR,
     FASTEST_SHARE,
     MOVED,
     frozen_positions,
 )
+from steelyard.runs.recording import Channels
+from steelyard.runs.rows.clock_and_row_scan import GAP_STEPS
+from steelyard.runs.rows.faulty_row_detectors import LARGEST_VALUE
 from steelyard.runs.rows.resampling import uniform
 
 JITTER_LIMIT = 0.19

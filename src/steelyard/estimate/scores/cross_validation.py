@@ -28,7 +28,7 @@ from steelyard.estimate.least_squares.weighted_robust_and_whitened import Weight
 from steelyard.estimate.nonlinear.nonlinear_parameters import information_from
 from steelyard.model.model import Model
 from steelyard.model.terms.axes_and_fields import finds_of
-from steelyard.runs.cutoff_frequencies import rounded
+from steelyard.runs.processing_choices import rounded
 from steelyard.runs.run import Run
 
 FOLDS = 5  # stretches that a single run is divided into

@@ -62,7 +62,7 @@ from steelyard.estimate.scores import cross_validation
 from steelyard.estimate.scores.parts_and_bands_along_run import PARTS, Bands, TorqueSplit
 from steelyard.estimate.scores.score import score
 from steelyard.model.model import ValuedModel
-from steelyard.runs.rest_speed_and_speed_histogram import rest_speed_of_runs
+from steelyard.runs.prepare import rest_speed_of_runs
 from steelyard.runs.run import Block, Run
 from steelyard.runs.spectrum_and_period import welch
 

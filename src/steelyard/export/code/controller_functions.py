@@ -232,9 +232,11 @@ class Controller:
         robot = self.model.robot
         sizes = {"memory": self.n_memory, "scalars": 3}
         rest = [Input(name, sizes.get(name, robot.n)) for name in arguments[1:]]
-        inputs = [Input("q", robot.n), Input("passive", len(robot.passive)), *rest]
-        program = symbolic(build, inputs)
-        return program if robot.passive else _without(program, 1)
+        if robot.passive:
+            return symbolic(
+                build, [Input("q", robot.n), Input("passive", len(robot.passive)), *rest]
+            )
+        return symbolic(lambda q, *given: build(q, [], *given), [Input("q", robot.n), *rest])
 
     def _regressor(self, q: Any, passive: Any, dq: Any, ddq: Any) -> list[Scalar]:
         entries = self.equations.columns(JointState(q, dq, ddq, passive))
@@ -316,15 +318,3 @@ class Controller:
         outputs = (("tau", (self.model.robot.n,)), ("after", (self.n_memory,)))
         program = self._traced(("q", "dq", "ddq", "memory"), build)
         return Function("stepped", program, outputs, "efforts, and memory after a step", False)
-
-
-def _without(program: Program, array: int) -> Program:
-    """The program without an input array that has no entries."""
-    steps = [
-        step._replace(arguments=(step.arguments[0] - 1, step.arguments[1]))
-        if step.operation == "input" and step.arguments[0] > array
-        else step
-        for step in program.steps
-    ]
-    inputs = (*program.inputs[:array], *program.inputs[array + 1 :])
-    return Program(inputs, tuple(steps), program.outputs)

@@ -53,13 +53,10 @@ def controller_of(
     for frame in frames:
         frame_of(robot, frame)
     wanted = tuple(name for name in dict.fromkeys(functions) if name != OBSERVER)
-    return Controller(
-        identified.model,
-        identified.valued.values,
-        wanted or (() if functions else USUAL_FUNCTIONS),
-        tuple(dict.fromkeys(frames)) or end_frames(robot),
-        observer_of(identified) if OBSERVER in functions else None,
-    )
+    names = wanted or (() if functions else USUAL_FUNCTIONS)
+    ends = tuple(dict.fromkeys(frames)) or end_frames(robot)
+    observer = observer_of(identified) if OBSERVER in functions else None
+    return Controller(identified.model, identified.valued.values, names, ends, observer)
 
 
 def observer_of(identified: IdentifiedModel) -> ObserverNumbers:

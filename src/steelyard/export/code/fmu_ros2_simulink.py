@@ -142,11 +142,8 @@ def variables_of(code: CCode) -> list[Variable]:
     reference = loop_equations(robot).assembly if robot.passive else np.zeros(robot.n)
     joints = list(zip(code.joints, robot.joint_names, robot.coordinates, strict=True))
     found: list[Variable] = []
-    for prefix, per, meaning in (
-        ("q", "", "position"),
-        ("dq", "/s", "velocity"),
-        ("ddq", "/s2", "acceleration"),
-    ):
+    inputs = ("q", "", "position"), ("dq", "/s", "velocity"), ("ddq", "/s2", "acceleration")
+    for prefix, per, meaning in inputs:
         for k, (plain, name, joint) in enumerate(joints):
             start = float(reference[k]) if prefix == "q" else 0.0
             unit = joint.unit + per

@@ -74,13 +74,8 @@ def actuators_mjcf(model: ActuatorModel) -> ActuatorFile:
 
 def _actuator(model: ActuatorModel, j: int, name: str) -> ET.Element:
     values = model.values
-    found = ET.Element(
-        "position",
-        name=name,
-        joint=name,
-        kp=number(float(values["stiffness"][j])),
-        kv=number(float(values["damping"][j])),
-    )
+    kp, kv = (number(float(values[key][j])) for key in ("stiffness", "damping"))
+    found = ET.Element("position", name=name, joint=name, kp=kp, kv=kv)
     if (limit := float(values["torque_limit"][j])) < UNLIMITED:
         found.set("forcerange", numbers([-limit, limit]))
     if (delay := float(values["delay"][j])) >= TIMESTEP:

@@ -137,10 +137,8 @@ def urdf_with(content: Content, path: Path, head: str) -> str:
     carrying = {j.name for name in moving for j in mechanism.to_link(mechanism.joint(name).child)}
     editing = _Editing(content, original, frozenset(carrying))
     edits = [Edit(root.start, root.start, f"{head}\n")]
-    for link in root.all("link"):
-        edits += editing.link(link)
-    for joint in root.all("joint"):
-        edits += editing.joint(joint)
+    edits += [edit for link in root.all("link") for edit in editing.link(link)]
+    edits += [edit for joint in root.all("joint") for edit in editing.joint(joint)]
     return edited(original, edits)
 
 

@@ -222,20 +222,10 @@ def content_of(identified: IdentifiedModel, form: Format) -> Content:
     scaled, scales = [], identified.effort_scales
     if scales is not None:
         scaled = [f"scales of the efforts: logged efforts are {scales.words} times as large"]
-    return Content(
-        robot,
-        tuple(_inertia(robot, k, values) for k in range(len(robot.bodies))),
-        joints,
-        sums,
-        pulls,
-        (
-            *_of_robot(robot, form),
-            *scaled,
-            *unsupported,
-            *slack,
-            *(x for term in terms for x in term.unsupported),
-        ),
-    )
+    inertias = tuple(_inertia(robot, k, values) for k in range(len(robot.bodies)))
+    lost = [x for term in terms for x in term.unsupported]
+    unsupported = (*_of_robot(robot, form), *scaled, *unsupported, *slack, *lost)
+    return Content(robot, inertias, joints, sums, pulls, unsupported)
 
 
 def carriers_of(robot: Robot) -> tuple[int, ...]:

@@ -190,13 +190,8 @@ def mjcf_of(content: Content) -> ET.Element:
     robot = content.robot
     root = ET.Element("mujoco", model=robot.name)
     ET.SubElement(root, "compiler", angle="radian", autolimits="true")
-    ET.SubElement(
-        root,
-        "option",
-        timestep=number(TIMESTEP),
-        integrator="implicitfast",
-        gravity=numbers(robot.gravity),
-    )
+    option = ET.SubElement(root, "option", timestep=number(TIMESTEP), integrator="implicitfast")
+    option.set("gravity", numbers(robot.gravity))
     bodies = _bodies(content, ET.SubElement(root, "worldbody"))
     names = [body.get("name", WORLD) for body in bodies]
     for frame in frames_of(robot, names):
@@ -227,13 +222,8 @@ def _bodies(content: Content, world: ET.Element) -> list[ET.Element]:
             rotation = rotation @ turn(body.axis, start)
         _pose(element, position, rotation)
         com, about = rounded(inertia)
-        ET.SubElement(
-            element,
-            "inertial",
-            pos=numbers(com),
-            mass=number(inertia.mass),
-            fullinertia=numbers([about[i, j] for i, j in FULL_INERTIA]),
-        )
+        body_mass = ET.SubElement(element, "inertial", pos=numbers(com), mass=number(inertia.mass))
+        body_mass.set("fullinertia", numbers([about[i, j] for i, j in FULL_INERTIA]))
         joint = ET.SubElement(element, "joint", name=body.joint, type=kind, axis=numbers(body.axis))
         if start:
             joint.set("ref", number(start))
@@ -287,13 +277,8 @@ def _tendons(root: ET.Element, content: Content, bodies: Sequence[ET.Element]) -
             if coefficient:
                 ET.SubElement(tendon, "joint", joint=joint.name, coef=number(coefficient))
     for pull in content.pulls:
-        tendon = ET.SubElement(
-            tendons,
-            "spatial",
-            name=pull.name,
-            stiffness=number(pull.stiffness),
-            springlength=number(pull.preload / pull.stiffness),
-        )
+        tendon = ET.SubElement(tendons, "spatial", name=pull.name, stiffness=number(pull.stiffness))
+        tendon.set("springlength", number(pull.preload / pull.stiffness))
         for end, (link, point) in enumerate(zip(pull.links, pull.points, strict=True), start=1):
             frame = frame_of(robot, link)
             name = f"{pull.name} end {end}"
@@ -315,14 +300,9 @@ def _equalities(root: ET.Element, robot: Robot, bodies: Sequence[ET.Element]) ->
     equalities = ET.SubElement(root, "equality")
     for index in followers:
         body = robot.bodies[index]
-        ET.SubElement(
-            equalities,
-            "joint",
-            joint1=body.joint,
-            joint2=robot.bodies[carriers[body.coordinate]].joint,
-            polycoef=f"0 {number(body.ratio)} 0 0 0",
-            solref=STIFF,
-        )
+        master = robot.bodies[carriers[body.coordinate]].joint
+        tie = ET.SubElement(equalities, "joint", joint1=body.joint, joint2=master)
+        tie.attrib |= {"polycoef": f"0 {number(body.ratio)} 0 0 0", "solref": STIFF}
     for loop in robot.loops:
         pin = ET.SubElement(equalities, "connect", name=loop.name)
         for end, carrier, point in zip((1, 2), loop.bodies, loop.points, strict=True):

@@ -57,27 +57,6 @@ class Container(Protocol):
         """Messages of some topics, or of all, in the order of the file; damage is a `LogError`."""
 
 
-@dataclass(frozen=True)
-class Topic:
-    """One topic of a log of messages, for the user, recorded from `start` to `stop` [s].
-
-    The problem is why no columns are read from it; it is empty if some are.
-    """
-
-    name: str
-    type: str
-    count: int
-    start: float
-    stop: float
-    problem: str
-
-    @property
-    def rate(self) -> float:
-        """Mean rate of its messages [Hz]; zero for fewer than two."""
-        span = self.stop - self.start
-        return (self.count - 1) / span if span > 0.0 else 0.0
-
-
 def seconds(nanoseconds: int) -> float:
     """The float nearest to so many nanoseconds [s].
 

@@ -153,10 +153,7 @@ class RecordFile:
         """Messages of some topics, or of all, in the order of the file."""
         walk, at = self.walk(topics), self.start
         try:
-            with (
-                reading(self.path),
-                ByteSource.of_file(self.content, at, self.waiting) as file,
-            ):
+            with reading(self.path), ByteSource.of_file(self.content, at, self.waiting) as file:
                 while not walk.ended and file.at < self.end:
                     at = file.at
                     yield from walk.record(file)
@@ -334,15 +331,11 @@ class _BagWalk(Walk):
 
     def _connect(self, number: int, fields: Fields, about: bytes) -> None:
         text = {name: value.decode(errors="replace") for name, value in _split(about).items()}
-        topic = fields.get(b"topic", b"").decode(errors="replace")
+        topic = re.sub("/+", "/", fields.get(b"topic", b"").decode(errors="replace")) or "/"
         package, _, name = text.get(b"type", "").rpartition("/")
-        self.channels[number] = Channel(
-            re.sub("/+", "/", topic) or "/",
-            f"{package}/msg/{name}" if package else name,
-            "ros1",
-            text.get(b"message_definition", ""),
-            "ros1msg",
-        )
+        kind = f"{package}/msg/{name}" if package else name
+        definition = text.get(b"message_definition", "")
+        self.channels[number] = Channel(topic, kind, "ros1", definition, "ros1msg")
 
 
 def _fields(source: ByteSource) -> Fields:

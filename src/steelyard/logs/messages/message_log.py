@@ -19,6 +19,7 @@ from functools import cached_property, partial
 from itertools import chain, islice, pairwise
 from math import isfinite, nan
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -27,7 +28,6 @@ from steelyard.base.errors import LogError
 from steelyard.logs.log_and_errors import (
     ROWS_OF_PART,
     RowRange,
-    reading,
     require_columns,
     require_file,
 )
@@ -35,13 +35,12 @@ from steelyard.logs.messages.containers_and_decoding import (
     Channel,
     Container,
     Decoder,
-    Topic,
     Unreadable,
     decoder,
     seconds,
 )
 from steelyard.logs.messages.mcap_and_ros1_bag import BAG1_MAGIC, open_bag1
-from steelyard.logs.messages.ros2_bag import Bag2, storage
+from steelyard.logs.messages.ros2_bag import Bag2, first_bytes, storage
 from steelyard.logs.messages.topics_and_message_fields import (
     LOG_TIME,
     STAMP,
@@ -113,7 +112,6 @@ def _forward(samples: Iterator[Sample]) -> Iterator[Sample]:
         current = following
 
 
-ROWS_OF_BLOCK = 1024  # rows that are put together at a time
 _NOTHING = np.zeros(0)
 
 
@@ -150,8 +148,8 @@ class MessageLog:
         return self.container.remarks
 
     @cached_property
-    def topics(self) -> tuple[Topic, ...]:
-        """Its topics, by a pass over the whole file on first use."""
+    def topics(self) -> tuple[dict[str, Any], ...]:
+        """Its topics as JSON values, by a pass over the whole file on first use."""
         return count_topics(self.container, self.layouts)
 
     def parts(
@@ -167,19 +165,12 @@ class MessageLog:
                         fix="record it with its definition, or name columns of another topic",
                     )
         require_columns(self.path, self.columns, columns)
-        blocks: list[Array] = []
-        for block in self._blocks(columns, rows, min(size, ROWS_OF_BLOCK)):
-            blocks.append(block)
-            over = sum(len(b) for b in blocks) - size
-            if over >= 0:
-                table = np.concatenate(blocks)
-                yield table[:size]
-                blocks = [table[size:].copy()] if over else []
-        if blocks:
-            yield np.concatenate(blocks)
+        found = self._rows(columns, rows)
+        while part := list(islice(found, size)):
+            yield np.array(part)
 
-    def _blocks(self, columns: Sequence[str], rows: RowRange, size: int) -> Iterator[Array]:
-        """Consecutive rows, `size` at a time."""
+    def _rows(self, columns: Sequence[str], rows: RowRange) -> Iterator[Array]:
+        """Consecutive rows, each `(len(columns),)`."""
         wanted = enumerate(self._places[column] for column in columns)
         by_topic = by_key((layout, (k, name)) for k, (layout, name) in wanted)
         (base, places), *others = by_topic.items()
@@ -192,18 +183,13 @@ class MessageLog:
         ]
         own = [k for k, _ in places]
         reach = -np.inf
-        table, count = np.empty((size, len(columns))), 0
         for (t, values), (later, _) in pairwise(chain(samples, ((nan, _NOTHING),))):
-            table[count, own] = values
+            row = np.empty(len(columns))
+            row[own] = values
             reach = max(reach, min(t, later) if isfinite(later) else t)
             for at, track in tracks:
-                table[count, at] = track.at(t, reach)
-            count += 1
-            if count == size:
-                yield table
-                table, count = np.empty_like(table), 0
-        if count:
-            yield table[:count]
+                row[at] = track.at(t, reach)
+            yield row
 
     @cached_property
     def _places(self) -> dict[str, tuple[Layout, str]]:
@@ -219,9 +205,7 @@ def _container(path: Path) -> Container:
     if path.is_dir():
         return Bag2.open(path)
     require_file(path)
-    with reading(path), path.open("rb") as file:
-        start = file.read(len(BAG1_MAGIC))
-    return open_bag1(path) if start == BAG1_MAGIC else storage(path)
+    return open_bag1(path) if first_bytes(path).startswith(BAG1_MAGIC) else storage(path)
 
 
 def _samples(

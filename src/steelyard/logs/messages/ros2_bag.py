@@ -205,8 +205,8 @@ def _unpacked(data: bytes | None) -> bytes | None:
 def storage(path: Path) -> Container:
     """A file of a ROS 2 bag, whatever its suffix, packed or not."""
     require_file(path)
-    content = unpacked_copy(path) if _start(path).startswith(ZSTD_MAGIC) else path
-    start = _start(content)
+    content = unpacked_copy(path) if first_bytes(path).startswith(ZSTD_MAGIC) else path
+    start = first_bytes(content)
     if start.startswith(MCAP_MAGIC):
         return open_mcap(path, content)
     if start == SQLITE_MAGIC:
@@ -218,7 +218,8 @@ def storage(path: Path) -> Container:
     )
 
 
-def _start(path: Path) -> bytes:
+def first_bytes(path: Path) -> bytes:
+    """As many bytes of a file as its kind is known by."""
     with reading(path), path.open("rb") as file:
         return file.read(len(SQLITE_MAGIC))
 

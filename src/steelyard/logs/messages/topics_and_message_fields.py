@@ -14,7 +14,6 @@ from steelyard.logs.messages.containers_and_decoding import (
     LARGEST_MESSAGE,
     Container,
     Message,
-    Topic,
     Unreadable,
     decoder,
     seconds,
@@ -277,18 +276,20 @@ def scan_topics(container: Container) -> tuple[Layout, ...]:
     return tuple(sorted(joints, key=lambda x: (not x.of_joints, -joints[x], x.name)))
 
 
-def count_topics(container: Container, layouts: Iterable[Layout]) -> tuple[Topic, ...]:
-    """Counts and times of all topics, by a pass over all messages."""
+def count_topics(container: Container, layouts: Iterable[Layout]) -> tuple[dict[str, Any], ...]:
+    """Counts and mean rates [Hz] of all topics, by a pass over all messages, as JSON values."""
     found: dict[str, tuple[int, float, float]] = {}
     for message in container.messages():
         name, time = message.channel.topic, seconds(message.time)
         count, start, stop = found.get(name, (0, inf, -inf))
         found[name] = count + 1, min(start, time), max(stop, time)
-    return tuple(
-        Topic(layout.name, layout.type, *found[layout.name], layout.problem)
-        for layout in layouts
-        if layout.name in found
-    )
+    topics = []
+    for layout in (one for one in layouts if one.name in found):
+        count, start, stop = found[layout.name]
+        rate = (count - 1) / (stop - start) if stop > start else 0.0
+        topics.append({"name": layout.name, "type": layout.type, "count": count, "rate": rate})
+        topics[-1]["problem"] = layout.problem
+    return tuple(topics)
 
 
 def _too_many(container: Container, what: str) -> LogError:

@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 
 from steelyard.base.arrays import Array
 from steelyard.base.errors import LogError
-from steelyard.logs.log_and_errors import RowRange
-from steelyard.logs.log_windows import Cut
+from steelyard.logs.log_and_errors import Cut, RowRange
 from steelyard.runs.recording import Recording, rows_left_out
 from steelyard.runs.rows.faulty_row_detectors import (
     FASTEST_LOGGED_SPEED,

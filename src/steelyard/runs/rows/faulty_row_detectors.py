@@ -25,33 +25,23 @@ FASTEST_STEADY_SPEED = 20.0
 
 
 class RowVerdict(IntEnum):
-    """What became of a row."""
+    """What became of a row, and the `reason` why it was dropped, for reports."""
 
-    KEPT = 0
-    UNREADABLE = 1
-    ABSURD = 2
-    EMPTY = 3
-    REPEATED = 4
-    BACKWARD = 5
-    JUMP = 6
-    LEFT_OUT = 7
+    KEPT = 0, "kept"
+    UNREADABLE = 1, "a cell that is missing or not a number"
+    ABSURD = 2, "an implausible value"
+    EMPTY = 3, "no signal of the joints, as of other topics"
+    REPEATED = 4, "a repeated time stamp"
+    BACKWARD = 5, "a time stamp before the previous one"
+    JUMP = 6, "a single jump of time or position"
+    LEFT_OUT = 7, "a frozen position"
 
-    @property
-    def reason(self) -> str:
-        """Why the row was dropped, for reports."""
-        return _REASONS[self]
+    reason: str
 
-
-_REASONS = (
-    "kept",
-    "a cell that is missing or not a number",
-    "an implausible value",
-    "no signal of the joints, as of other topics",
-    "a repeated time stamp",
-    "a time stamp before the previous one",
-    "a single jump of time or position",
-    "a frozen position",
-)
+    def __new__(cls, number: int, reason: str = "") -> "RowVerdict":  # noqa: D102
+        verdict = int.__new__(cls, number)
+        verdict._value_, verdict.reason = number, reason
+        return verdict
 
 
 def broken_rows(t: Array, x: Array, channels: Channels) -> NDArray[np.uint8]:
@@ -221,7 +211,7 @@ class Extremes:
     """The highest and lowest value of each channel and how it stays there, from parts."""
 
     def __init__(self, channels: int) -> None:
-        self._sides = [(_Top(), _Top()) for _ in range(channels)]
+        self._tops = [_Top() for _ in range(2 * channels)]  # of the channels, then upside down
         self._squares = np.zeros(channels)
         self._changes = np.zeros(channels, dtype=np.int64)
         self._rows = 0
@@ -234,16 +224,14 @@ class Extremes:
         self._changes += np.count_nonzero(change, axis=1)
         self._rows += x.shape[1]
         self._last = x[:, -1:].copy()
-        for (top, bottom), row in zip(self._sides, x, strict=True):
+        for top, row in zip(self._tops, np.concatenate((x, -x)), strict=True):
             top.add(row)
-            bottom.add(-row)
 
     def end_segment(self) -> None:
         """What follows does not follow the rows before."""
         self._last = self._last[:, :0]
-        for top, bottom in self._sides:
+        for top in self._tops:
             top.end_stay()
-            bottom.end_stay()
 
     def limits(self, resolution: Array) -> Array:
         """Lower and upper value at which each channel is cut off, shape `(C, 2)`; NaN for none.
@@ -255,11 +243,11 @@ class Extremes:
         least = np.maximum(ROWS_OF_STAY, STAY_OVER_USUAL * (self._rows / changes))
         usual = np.sqrt(self._squares / changes)
         step = np.maximum(ABRUPT_STEP * usual, ABRUPT_QUANTA * resolution)
-        found = [
-            (-bottom.limit(*known), top.limit(*known))
-            for (top, bottom), *known in zip(self._sides, least, step, strict=True)
-        ]
-        return np.array(found).reshape(-1, 2)
+        known = np.tile((least, step), 2).T
+        high, low = np.reshape(
+            [t.limit(*k) for t, k in zip(self._tops, known, strict=True)], (2, -1)
+        )
+        return np.column_stack((-low, high))
 
 
 class _Top:

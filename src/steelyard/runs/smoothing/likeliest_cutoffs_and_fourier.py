@@ -38,6 +38,7 @@ from steelyard.runs.smoothing.smoothing_methods_and_zero_phase_filters import (
     Designed,
     butterworth,
     continued_at_ends,
+    derived_jointly,
     settling,
 )
 from steelyard.runs.spectrum_and_period import find_period, folded, mean_period, moving_span
@@ -112,15 +113,10 @@ def fourier_series(
         sums += basis.T @ values[start : start + HARMONIC_SAMPLES]
     found = np.linalg.solve(gram, sums)
     first = 1 + drift
-    series = Series(
-        frequency,
-        origin,
-        frozen(found[0]),
-        frozen(found[1] / span if drift else np.zeros(values.shape[1])),
-        frozen(found[first : first + harmonics]),
-        frozen(found[first + harmonics :]),
-        frozen(np.zeros(values.shape[1])),
-    )
+    zero = np.zeros(values.shape[1])
+    lines = found[0], found[1] / span if drift else zero
+    waves = found[first : first + harmonics], found[first + harmonics :]
+    series = Series(frequency, origin, *map(frozen, (*lines, *waves, zero)))
     left = values - series.at(t)[0]
     return replace(series, noise=frozen(np.sqrt(np.square(left).sum(axis=0) / (len(t) - columns))))
 
@@ -144,12 +140,8 @@ def refined_frequency(t: Array, values: Array, near: float) -> float:
 
     reach = 0.1 / float(t[-1] - t[0])
     least = 0.985 / float(t[-1] - t[0])
-    found = minimize_scalar(
-        loss,
-        bounds=(max(near - reach, least), near + reach),
-        method="bounded",
-        options={"xatol": 1e-7 * near},
-    )
+    bounds = max(near - reach, least), near + reach
+    found = minimize_scalar(loss, bounds=bounds, method="bounded", options={"xatol": 1e-7 * near})
     return float(found.x)
 
 
@@ -330,23 +322,14 @@ class Auto:
         wide_halo = wide.halo or 0
         halo = max(wide_halo, *(one.halo for one in low.values()))
 
-        def inner(extended: Array, own: int) -> Array:
-            return extended[:, halo - own : extended.shape[1] - halo + own]
+        def states(extended: Array, order: int) -> Array:
+            spare = halo - (low[order].halo if order in low else wide_halo)
+            inner = extended[:, spare : extended.shape[1] - spare]
+            return low[order](inner) if order in low else wide(inner, None)
 
-        def local(q: Array, dq: Array | None) -> Array:
-            result = np.empty((3, len(q), q.shape[1] - 2 * halo))
-            if 3 not in low or (dq is not None and 2 not in low):
-                velocity = None if dq is None else inner(dq, wide_halo)
-                result[:] = wide(inner(q, wide_halo), velocity)
-            if 3 in low:
-                used = slice(0, 3 if dq is None else 1)
-                result[used] = low[3](inner(q, low[3].halo))[used]
-            if dq is not None and 2 in low:
-                result[1:] = low[2](inner(dq, low[2].halo))
-            return result
-
+        local = replace(derived_jointly(states), halo=halo)
         if self.period is None or self.cutoffs is None:
-            return Designed(local, halo)
+            return local
         length, joints = self.period * rate, [j - 1 for j in self.periodic]
         bent = int(ENDS_LEFT_OUT * rate / min(self.cutoffs))
 

@@ -17,7 +17,7 @@ as well as in its transition. Central differences only approach it (with seven p
 short at a quarter of the rate), so the low-pass and the derivative are designed as one filter.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from functools import reduce
 from typing import ClassVar, Protocol, runtime_checkable
@@ -89,20 +89,15 @@ class Bank:
         object.__setattr__(self, "taps", frozen(self.taps))
 
     @classmethod
-    def of_responses(cls, responses: Sequence[Response], halo: int) -> "Bank":
-        """The filters with these responses, cut off behind `halo` samples."""
-        omega = np.linspace(0.0, np.pi, fast_length(4 * halo + 2) // 2 + 1)
-        rows = [np.fft.irfft(response(omega)) for response in responses]
-        return cls(np.roll(np.array(rows), halo, axis=-1)[:, : 2 * halo + 1])
-
-    @classmethod
     def derivatives(cls, response: Response, halo: int, rate: float, highest: int) -> "Bank":
-        """A low-pass that vanishes at half the rate [Hz], and its derivatives up to `highest`."""
+        """A low-pass that vanishes at half the rate [Hz], and its derivatives up to `highest`.
 
-        def derived(times: int) -> Response:
-            return lambda omega: response(omega) * (1j * omega * rate) ** times
-
-        return cls.of_responses([derived(times) for times in range(highest + 1)], halo)
+        All are cut off behind `halo` samples.
+        """
+        omega = np.linspace(0.0, np.pi, fast_length(4 * halo + 2) // 2 + 1)
+        powers = (1j * omega * rate) ** np.arange(highest + 1)[:, None]
+        rows = np.fft.irfft(response(omega) * powers)
+        return cls(np.roll(rows, halo, axis=-1)[:, : 2 * halo + 1])
 
     @property
     def halo(self) -> int:
@@ -154,11 +149,6 @@ def repeated_smoother(taps: Array, passes: int) -> Bank:
 def convolved(rows: Array, taps: Array, times: int) -> Array:
     """Filters `(k, N)` behind more passes of another one `(M,)`: `(k, N + times (M - 1))`."""
     return np.array([reduce(np.convolve, [taps] * times, row) for row in rows])
-
-
-def repeated_response(response: Response, passes: int) -> Response:
-    """The frequency response of several passes."""
-    return lambda omega: response(omega) ** passes
 
 
 def kaiser_lowpass(suppression: float, width: float, cutoff: float) -> Array:
@@ -224,7 +214,7 @@ def low_pass(
 ) -> Bank:
     """The zero-phase low-pass as an operation with a halo, its response cut off at `tail`."""
     halo = settling(cutoff, rate, order, tail)
-    return Bank.of_responses([butterworth(cutoff, rate, order)], halo)
+    return Bank.derivatives(butterworth(cutoff, rate, order), halo, rate, 0)
 
 
 def require_fitting(cutoff: float, rate: float) -> None:
@@ -247,6 +237,7 @@ def zero_phase(values: Array, cutoff: float, rate: float, order: int = LOWPASS_O
     return np.concatenate(filtered, axis=-1).T.reshape(values.shape)
 
 
+@dataclass(frozen=True)
 class Designed:
     """A method or a smoother made for one cut-off and rate.
 
@@ -256,12 +247,12 @@ class Designed:
     which is given at once.
     """
 
-    def __init__(self, function: Callable[..., Array], halo: int | None = None) -> None:
-        self._function, self.halo = function, halo
+    function: Callable[..., Array]
+    halo: int | None = None
 
     def __call__(self, *channels: Array | None) -> Array:
         """The results."""
-        return self._function(*channels)
+        return self.function(*channels)
 
 
 def derived_jointly(states: Callable[[Array, int], Array]) -> Designed:
@@ -328,10 +319,9 @@ class Butterworth:
     def __post_init__(self) -> None:
         check_passes(self.passes, self.name)
         if not 1 < self.order <= HIGHEST_ORDER:
+            wrong = "cannot be differentiated twice" if self.order < 2 else "rings"
             raise ModelError(
-                f"a Butterworth low-pass of order {self.order} cannot be differentiated twice"
-                if self.order < 2
-                else f"a Butterworth low-pass of order {self.order} rings",
+                f"a Butterworth low-pass of order {self.order} {wrong}",
                 where="butterworth",
                 fix=f"choose an order from 2 to {HIGHEST_ORDER}",
             )
@@ -339,8 +329,9 @@ class Butterworth:
     def designed(self, cutoff: float, rate: float) -> Designed:
         """The filter and its derivatives for a cut-off [Hz] and a rate [Hz]."""
         halo = self.passes * settling(cutoff, rate, self.order)
-        response = repeated_response(butterworth(cutoff, rate, self.order), self.passes)
-        return differentiating(Bank.derivatives(response, halo, rate, 2).taps)
+        once = butterworth(cutoff, rate, self.order)
+        every = Bank.derivatives(lambda omega: once(omega) ** self.passes, halo, rate, 2)
+        return differentiating(every.taps)
 
     def smooth(self, cutoff: float, rate: float) -> Bank:
         """The filter alone, for efforts."""

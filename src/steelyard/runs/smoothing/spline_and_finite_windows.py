@@ -33,58 +33,44 @@ from steelyard.runs.smoothing.smoothing_methods_and_zero_phase_filters import (
     derived_jointly,
     differentiating,
     kaiser_lowpass,
-    repeated_response,
     repeated_smoother,
 )
 
-LEAST_SPLINE_SAMPLES = 6  # least number of samples
 CORNERS = (-3.5, 0.4)
 """Decades of the corner $\\omega_c$ per sample among which cross-validation chooses."""
 CORNER_GRID = 14  # corners that are tried before the best is refined
 
 
-def smoothing_spline(t: Array, values: Array, weight: float | None = None) -> Array:
+def smoothing_spline(values: Array, rate: float, weight: float | None = None) -> Array:
     r"""The smoothing spline of one channel `(N,)` and two derivatives, `(3, N)`; bent at no end.
 
-    Steps of time may differ. Its weight $\lambda$ [s³] is by default that of generalised
-    cross-validation.
+    There are six samples or more, at a rate [Hz]. The weight $\lambda$ [s³] is by default that of
+    generalised cross-validation.
     """
-    step = np.diff(t)
-    if len(t) < LEAST_SPLINE_SAMPLES or not (step > 0.0).all():
-        raise LogError(
-            f"{len(t)} samples, or a time that does not increase, cannot be fitted by a spline",
-            where="smoothing spline",
-            fix=f"give {LEAST_SPLINE_SAMPLES} samples or more, in order of time",
-        )
-    unit = float(np.median(step))
-    step = step / unit
-    chosen = cross_validated(step, values) if weight is None else weight / unit**3
-    curvature, change = _solved(step, values, chosen)
+    chosen = cross_validated(values) if weight is None else weight * rate**3
+    curvature, change = _solved(values, chosen)
     value = values - change
-    bent = np.concatenate(([0.0], curvature, [0.0]))
-    secant = np.diff(value) / step
-    rate = np.empty(len(t))
-    rate[:-1] = secant - step * (2.0 * bent[:-1] + bent[1:]) / 6.0
-    rate[-1] = secant[-1] + step[-1] * (bent[-2] + 2.0 * bent[-1]) / 6.0
-    return np.stack((value, rate / unit, bent / unit**2))
+    bent = np.pad(curvature, 1)
+    secant, slope = np.diff(value), np.empty(len(values))
+    slope[:-1] = secant - (2.0 * bent[:-1] + bent[1:]) / 6.0
+    slope[-1] = secant[-1] + (bent[-2] + 2.0 * bent[-1]) / 6.0
+    return np.stack((value, slope * rate, bent * rate**2))
 
 
-def cross_validated(step: Array, values: Array) -> float:
+def cross_validated(values: Array) -> float:
     r"""The $\lambda$ with the least mean square of errors of prediction left out one by one.
 
     That is $\overline{(y - f)^2} / (1 - \operatorname{tr} A / N)^2$ with the smoother $f = A y$,
-    whose eigenvalues are $1 / (1 + \lambda (\pi (k - 3/2) / N)^4)$, two of them 1, for even steps
-    of about 1.
+    whose eigenvalues are $1 / (1 + \lambda (\pi (k - 3/2) / N)^4)$, two of them 1, for steps of 1.
     """
     parts = likelihood_stretches(len(values))
 
     def loss(decade: float) -> float:
         weight = 10.0 ** (-4.0 * decade)
         squares = count = trace = 0.0
-        for p in parts:
-            y, h = values[p], step[p.start : p.stop - 1]
-            change = _solved(h, y, weight)[1]
-            waves = np.pi * (np.arange(3, len(y) + 1) - 1.5) / (len(y) * h.mean())
+        for y in (values[p] for p in parts):
+            change = _solved(y, weight)[1]
+            waves = np.pi * (np.arange(3, len(y) + 1) - 1.5) / len(y)
             squares, count = squares + float(change @ change), count + len(y)
             trace += 2.0 + float(np.sum(1.0 / (1.0 + weight * waves**4)))
         return float(np.log(max(squares, 1e-300)) - 2.0 * np.log(1.0 - trace / count))
@@ -93,23 +79,14 @@ def cross_validated(step: Array, values: Array) -> float:
     return float(10.0 ** (-4.0 * best))
 
 
-def _solved(step: Array, values: Array, weight: float) -> tuple[Array, Array]:
+def _solved(values: Array, weight: float) -> tuple[Array, Array]:
     """Second derivatives inside, `(N - 2,)`, and what smoothing takes from the values, `(N,)`."""
     from scipy.linalg import solveh_banded
 
-    before, after = 1.0 / step[:-1], 1.0 / step[1:]
-    middle = -before - after
-    bands = np.zeros((3, len(middle)))
-    bands[2] = (step[:-1] + step[1:]) / 3.0 + weight * (before**2 + middle**2 + after**2)
-    bands[1, 1:] = step[1:-1] / 6.0
-    bands[1, 1:] += weight * (middle[:-1] * before[1:] + after[:-1] * middle[1:])
-    bands[0, 2:] = weight * after[:-2] * before[2:]
-    bent = solveh_banded(bands, np.diff(np.diff(values) / step), check_finite=False)
-    change = np.zeros(len(values))
-    change[:-2] += before * bent
-    change[1:-1] += middle * bent
-    change[2:] += after * bent
-    return bent, weight * change
+    inside = np.ones(len(values) - 2)
+    bands = np.outer([weight, 1.0 / 6.0 - 4.0 * weight, 2.0 / 3.0 + 6.0 * weight], inside)
+    bent = solveh_banded(bands, np.diff(values, n=2), check_finite=False)
+    return bent, weight * np.diff(np.pad(bent, 2), n=2)
 
 
 @dataclass(frozen=True)
@@ -126,8 +103,7 @@ class SmoothingSpline:
         weight = rate / (2.0 * np.pi * cutoff) ** 4 if self.choose == "cutoff" else None
 
         def states(x: Array, order: int) -> Array:
-            t = np.arange(x.shape[1]) / rate
-            return np.stack([smoothing_spline(t, channel, weight) for channel in x], axis=1)
+            return np.stack([smoothing_spline(channel, rate, weight) for channel in x], axis=1)
 
         return derived_jointly(states)
 
@@ -173,11 +149,10 @@ class FIR:
 
         def response(omega: Array) -> Array:
             gain: Array = (freqz(taps, worN=omega)[1] * np.exp(1j * omega * middle)).real
-            return np.where(omega < np.pi * (1.0 - 1e-12), gain, 0.0)
+            return np.where(omega < np.pi * (1.0 - 1e-12), gain, 0.0) ** self.passes
 
-        every = repeated_response(response, self.passes)
         halo = RINGING_TIME * middle * self.passes
-        return differentiating(Bank.derivatives(every, halo, rate, 2).taps)
+        return differentiating(Bank.derivatives(response, halo, rate, 2).taps)
 
     def smooth(self, cutoff: float, rate: float) -> Bank:
         """The filter alone, for efforts."""
@@ -210,10 +185,9 @@ class MovingAverage:
     def __post_init__(self) -> None:
         check_passes(self.passes, self.name)
         if self.span % 2 == 0 or not 1 <= self.span <= LONGEST_SPAN:
+            wrong = "has no middle" if self.span % 2 == 0 else "is not valid"
             raise ModelError(
-                f"a moving average over {self.span} samples has no middle"
-                if self.span % 2 == 0
-                else f"a moving average over {self.span} samples is not valid",
+                f"a moving average over {self.span} samples {wrong}",
                 where="moving_average",
                 fix=f"choose an odd number from 1 to {LONGEST_SPAN}",
             )

@@ -33,7 +33,7 @@ from steelyard.estimate.scores.residual_traces_and_band_calibration import (
 from steelyard.identify.provenance_and_notes import left_out, notes_of
 from steelyard.identify.runs_for_model import runs_for, was_fitted
 from steelyard.robot.robot import Robot
-from steelyard.runs.rest_speed_and_speed_histogram import rest_speed_of_runs
+from steelyard.runs.prepare import rest_speed_of_runs
 from steelyard.runs.run import Run
 from steelyard.runs.runs_of_named_logs import log_file, log_files, paths_of, refuse_overlaps
 from steelyard.uses.contact.contact_page import LEAST_LASTING_SHARE, Contacts

@@ -25,7 +25,7 @@ from steelyard.estimate.scores.residual_traces_and_band_calibration import (
 from steelyard.identify.runs_for_model import fitted_before, processing_of
 from steelyard.logs.contents import windowed
 from steelyard.logs.formats import open_log
-from steelyard.logs.log_windows import parse_log_argument
+from steelyard.logs.log_and_errors import parse_log_argument
 from steelyard.runs.prepare import prepare
 from steelyard.runs.recording import LogInMemory, Recording
 from steelyard.runs.runs_of_named_logs import LogArgument, log_files, paths_of

@@ -18,7 +18,7 @@ from steelyard.base.arrays import Array, by_key
 from steelyard.base.errors import DataError, advice
 from steelyard.estimate.external.wrench_methods_and_observer_step import moved_frame
 from steelyard.estimate.identified_model import IdentifiedModel
-from steelyard.logs.log_windows import parse_log_argument
+from steelyard.logs.log_and_errors import parse_log_argument
 from steelyard.report.tables import PlainTable, Row
 from steelyard.report.words import significant
 from steelyard.robot.inertia_and_placement import Placement, rpy_of, rpy_rotation, skew

@@ -26,7 +26,7 @@ from steelyard.estimate.identified_model import IdentifiedModel, load_model
 from steelyard.identify.provenance_and_notes import left_out, notes_of
 from steelyard.identify.runs_for_model import runs_for, was_fitted
 from steelyard.logs.formats import open_log, write_table
-from steelyard.logs.log_windows import parse_log_argument
+from steelyard.logs.log_and_errors import parse_log_argument
 from steelyard.report.page import figures, inspected_page, notes
 from steelyard.report.page_figures import Figure, Group, Key, Traced, area, evenly, line
 from steelyard.report.result import Result, print_verdict

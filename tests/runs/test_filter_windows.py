@@ -6,9 +6,15 @@ import numpy as np
 import pytest
 
 from steelyard.base.errors import LogError
-from steelyard.runs.filter_windows_in_log import window
 from steelyard.runs.prepare import prepare
-from steelyard.runs.processing_choices import METHODS, SMOOTHERS, Processing, method_of, smoother_of
+from steelyard.runs.processing_choices import (
+    METHODS,
+    SMOOTHERS,
+    Processing,
+    method_of,
+    smoother_of,
+    window,
+)
 
 RATE = 100.0
 

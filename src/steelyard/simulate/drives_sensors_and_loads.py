@@ -1,20 +1,117 @@
-"""What a log shows of what happened, by its sensors; encoders, delay and lag of drives."""
+"""What a log shows by its sensors; drives; loads, and outside wrenches on frames."""
 
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from math import exp, inf, pi
+from pathlib import Path
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from steelyard.base.arrays import Array, frozen, set_fields
-from steelyard.base.errors import DataError, ModelError
+from steelyard.base.errors import DataError, LogError, ModelError
 from steelyard.base.motion import Motion
+from steelyard.estimate.external.wrench_methods_and_observer_step import moved_frame
+from steelyard.logs.formats import open_log
 from steelyard.robot.file.sections import EffortKind
 from steelyard.robot.file.signals import ROW, Signals
+from steelyard.robot.inertia_and_placement import Inertia
 from steelyard.robot.robot import Robot
-from steelyard.simulate.payloads_and_wrenches import WRENCH_COLUMNS
+
+_STEEL = 7800.0  # density [kg/m³]
+
+
+@dataclass(frozen=True)
+class Payload:
+    """A body that is fixed to a frame of the robot between two times."""
+
+    inertia: Inertia  # its ten numbers, about the frame's origin and along its axes
+    frame: str
+    attach: float = 0.0  # when it is taken [s], from the start of the log
+    release: float = float("inf")  # when it is let go [s]
+
+    def __post_init__(self) -> None:
+        flaw = self.inertia.flaw()
+        if flaw is not None or not 0.0 <= self.attach < self.release:
+            times = f"attached at {self.attach:g} s, released at {self.release:g} s"
+            raise ModelError(
+                "the payload is "
+                + (times if flaw is None else f"not physically consistent: {flaw}"),
+                where=f"payload on '{self.frame}'",
+                fix="give mass properties of a real body, and times 0 <= attach < release",
+            )
+
+    @classmethod
+    def ball(
+        cls, mass: float, frame: str, attach: float = 0.0, release: float = float("inf")
+    ) -> "Payload":
+        """A steel ball of a mass [kg] around the frame's origin."""
+        radius = (mass / (_STEEL * 4.0 / 3.0 * np.pi)) ** (1.0 / 3.0)
+        moments = 0.4 * mass * radius**2 * np.eye(3)
+        return cls(Inertia.about_com(mass, np.zeros(3), moments), frame, attach, release)
+
+    def carried(self, t: Array) -> Array:
+        """Whether it is carried at times `t`, as booleans."""
+        return np.asarray((t >= self.attach) & (t < self.release))
+
+    def added(self, robot: Robot, inertial: Array) -> Array:
+        """The bodies' ten numbers, `(n_bodies, 10)`, with the payload on them."""
+        frame = moved_frame(robot, self.frame)
+        loaded = inertial.copy()
+        loaded[frame.body] += self.inertia.moved(frame.rotation, frame.position).ten
+        return loaded
+
+
+WRENCH_COLUMNS = ("fx_N", "fy_N", "fz_N", "tx_Nm", "ty_Nm", "tz_Nm")  # in files and in logs
+
+Axes = Literal["base", "frame"]
+
+
+@dataclass(frozen=True, eq=False)
+class AppliedWrench:
+    """Forces and torques that act on a robot at the origin of a frame."""
+
+    frame: str
+    t: Array  # times from the start of the log, increasing, shape `(K,)` [s]
+    # force and torque from each time until the next one, shape `(K, 6)` [N, Nm]; zero before the
+    # first time, the last row stays
+    values: Array
+    axes: Axes = "base"  # whether they are along the axes of the base or of the frame
+
+    def __post_init__(self) -> None:
+        set_fields(self, t=frozen(self.t, (None,)), values=frozen(self.values, (len(self.t), 6)))
+        finite = np.isfinite(self.t).all() and np.isfinite(self.values).all()
+        if not len(self.t) or not finite or not np.all(np.diff(self.t) > 0.0):
+            raise DataError(
+                "times do not increase, or a value is no finite number",
+                where=f"wrench on '{self.frame}'",
+                fix="give rows with increasing times and six finite numbers each",
+            )
+
+    def at(self, t: Array) -> Array:
+        """Force and torque at times `t`, shape `(N,)`: shape `(N, 6)`."""
+        rows = np.searchsorted(self.t, t, side="right")
+        return np.concatenate([np.zeros((1, 6)), self.values])[rows]
+
+
+def read_wrench(path: Path, frame: str, axes: Axes = "base") -> AppliedWrench:
+    """The wrench in a table with the columns `time_s`, `fx_N` to `fz_N`, `tx_Nm` to `tz_Nm`."""
+    names = ("time_s", *WRENCH_COLUMNS)
+    try:
+        table = open_log(path)
+        missing = [name for name in names if name not in table.columns]
+        rows = None if missing else np.concatenate([np.zeros((0, 7)), *table.parts(names)])
+    except LogError as error:
+        raise DataError(error.wrong, where=error.where, fix=error.fix) from error
+    if rows is None:
+        raise DataError(
+            f"the wrench has no column '{missing[0]}'",
+            where=str(path),
+            fix=f"give the columns {', '.join(names)}",
+        )
+    return AppliedWrench(frame, rows[:, 0], rows[:, 1:], axes)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -174,14 +271,10 @@ class Reading:
         """Columns that no robot file declares: of the controller, and of the wrench."""
         columns = {}
         joints = robot.coordinates if self.commanded.size else ()
-        for name, values, unit in zip(
-            ("q_cmd", "dq_cmd", "tau_cmd"),
-            self.commanded,
-            ("{0.unit}", "{0.unit}_s", "{0.effort_unit}"),
-            strict=True,
-        ):
+        names = ("q_cmd{0}_{1.unit}", "dq_cmd{0}_{1.unit}_s", "tau_cmd{0}_{1.effort_unit}")
+        for name, values in zip(names, self.commanded, strict=True):
             for j, joint in enumerate(joints):
-                columns[f"{name}{j + 1}_{unit.format(joint)}"] = values[:, j]
+                columns[name.format(j + 1, joint)] = values[:, j]
         if self.wrench is not None:
             columns |= dict(zip(WRENCH_COLUMNS, self.wrench.T, strict=True))
         return columns
@@ -207,11 +300,8 @@ class Sensors:
     wrench_noise: Array | float = 0.0
     commanded: bool = False  # whether the log has the desired motion and commanded torques
     velocity: bool = True  # whether the log has velocity columns
-    # torque per ampere [Nm/A; N/A]; given, the log has motor currents and no torques, unless a
-    # robot file says what it has
+    # torque per ampere [Nm/A; N/A] where a robot file leaves that to be identified
     gains: Array | None = None
-    # kind of effort that is logged; motor torques go through the robot's transmission
-    effort: EffortKind = "joint_torque"
 
     def __post_init__(self) -> None:
         if not 0.0 < self.rate <= CONTROL_RATE:
@@ -230,11 +320,10 @@ class Sensors:
                 raise ValueError("a gain is zero")
 
     def measure(
-        self, run: TrueRun, rng: np.random.Generator, kind: EffortKind | None = None
+        self, run: TrueRun, rng: np.random.Generator, kind: EffortKind = "joint_torque"
     ) -> Reading:
-        """What the sensors say, of the kind of effort that is theirs if `None`."""
-        effort = run.effort(self.effort if kind is None else kind)
-        t, q, dq, effort = map(self._sampled, (run.t, run.q, run.dq, effort))
+        """What the sensors say, of a kind of effort."""
+        t, q, dq, effort = map(self._sampled, (run.t, run.q, run.dq, run.effort(kind)))
         noise_t, noise_q, noise_dq, noise_tau = (
             rng.standard_normal(values.shape) for values in (t, q, dq, effort)
         )
@@ -269,23 +358,9 @@ class Sensors:
             columns[f"q{j + 1}_{joint.unit}"] = reading.q[:, j]
         for j, joint in enumerate(robot.coordinates if self.velocity else ()):
             columns[f"dq{j + 1}_{joint.unit}_s"] = reading.dq[:, j]
-        return columns | self._efforts(reading.effort, robot) | reading.further(robot)
-
-    def _efforts(self, effort: Array, robot: Robot) -> dict[str, Array]:
-        if self.gains is not None:
-            effort = effort / self.gains
-            return {f"current{j + 1}_A": column for j, column in enumerate(effort.T)}
-        if self.effort != "motor_torque":
-            names = [f"tau{j + 1}_{c.effort_unit}" for j, c in enumerate(robot.coordinates)]
-            return dict(zip(names, effort.T, strict=True))
-        if robot.transmission is None:
-            raise ModelError(
-                "motor torques are to be logged, but the robot has no transmission",
-                where=f"robot '{robot.name}'",
-                fix="give the robot a transmission, or log joint torques",
-            )
-        motors = np.linalg.solve(robot.transmission.matrix.T, effort.T)
-        return {f"motor_tau{j + 1}_Nm": column for j, column in enumerate(motors)}
+        for j, joint in enumerate(robot.coordinates):
+            columns[f"tau{j + 1}_{joint.effort_unit}"] = reading.effort[:, j]
+        return columns | reading.further(robot)
 
 
 def _stepped(q: Array, resolution: Array | float) -> Array:
