@@ -129,7 +129,8 @@ def _without(mechanism: Mechanism, trees: Collection[Joint], base: str) -> Mecha
     couplings = (
         replace(c, joints=tuple(n for n in c.joints if n not in names)) for c in mechanism.couplings
     )
-    return mechanism.changed(
+    return replace(
+        mechanism,
         links=[link for link in mechanism.links if link.name not in links],
         joints=[joint for joint in mechanism.joints if joint not in gone],
         pins=[pin for pin in mechanism.pins if not links & {*pin.links} and robot & {*pin.links}],

@@ -32,11 +32,15 @@ from steelyard.robot.floating_ball_and_coupled_joints import floating_base
 from steelyard.robot.inertia_and_placement import clean_rotation, rpy_rotation
 from steelyard.robot.loop_closures import Closing
 from steelyard.robot.mechanism import Answer, Mechanism, Pin
-from steelyard.robot.mimic_joints_and_limits import unlimited_if_empty
 from steelyard.robot.models.xacro import joined_reference, split_reference
 from steelyard.robot.models.xml_reader import read_bytes
 from steelyard.robot.robot import Limits, Robot
-from steelyard.robot.robot_from_mechanism import ignored_statements, reduced, springs_along
+from steelyard.robot.robot_from_mechanism import (
+    ignored_statements,
+    reduced,
+    springs_along,
+    unlimited_if_empty,
+)
 
 
 def closing_of(section: RobotSection, mechanism: Mechanism, locate: Locate) -> Closing:

@@ -45,10 +45,10 @@ from steelyard.robot.init.guess_efforts_and_gears import (
 from steelyard.robot.init.guess_targets import TargetGuess, guess_targets
 from steelyard.robot.loop_closures import between
 from steelyard.robot.mechanism import Listed, Mechanism
-from steelyard.robot.mimic_joints_and_limits import drive_of
 from steelyard.robot.models.xacro import split_reference
 from steelyard.robot.models.xml_reader import read_xml
 from steelyard.robot.robot import Coordinate, Robot
+from steelyard.robot.robot_from_mechanism import drive_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,7 +120,7 @@ def _with_tendons(model: ModelFile) -> ModelFile:
     mechanism = model.mechanism
     masters = [drive_of(mechanism, mechanism.joint(name)).master for name in mechanism.pulled]
     driven = dict.fromkeys((*mechanism.driven, *masters))
-    return replace(model, mechanism=mechanism.changed(driven=[*driven]))
+    return replace(model, mechanism=replace(mechanism, driven=[*driven]))
 
 
 def _all_locked(
