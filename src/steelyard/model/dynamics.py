@@ -24,7 +24,7 @@ from steelyard.model.torque_and_quantities import (
 from steelyard.robot.robot import Frame, Robot
 
 if TYPE_CHECKING:
-    from steelyard.model.sample_by_sample import Stepper
+    from steelyard.model.compiled_quantity import Stepper
 
 
 class Dynamics(ABC):

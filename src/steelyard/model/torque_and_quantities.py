@@ -26,11 +26,10 @@ from steelyard.model.equations.inverse_dynamics import (
 )
 from steelyard.model.laws.laws_without_friction import RigidBody, body_efforts
 from steelyard.model.laws.register import description_of
-from steelyard.model.terms.channels_along_motion import Scan
-from steelyard.model.terms.presliding_term import Presliding
-from steelyard.model.terms.term import Columns, StatefulTerm, Term, channels_of, has_memory
+from steelyard.model.terms.stateful_terms import Presliding, Scan
+from steelyard.model.terms.term import Columns, StatefulTerm, Term, has_memory
 from steelyard.robot.robot import Frame, Robot, robot_to_dict
-from steelyard.symbolic.native.compiled_programs import Code, compiled, compiled_equations
+from steelyard.symbolic.native.compiled_programs import Code, compiled
 from steelyard.symbolic.program_and_softening import InputArray as Input
 from steelyard.symbolic.program_and_softening import Program
 
@@ -83,7 +82,7 @@ class Equations:
     @cached_property
     def n_channels(self) -> int:
         """Channels that are computed along a motion, see `Scan`."""
-        return len(self.robot.passive) + sum(channels_of(term, self.robot) for term in self.terms)
+        return len(self.robot.passive) + sum(term.n_channels(self.robot) for term in self.terms)
 
     @property
     def n_memory(self) -> int:
@@ -145,7 +144,7 @@ class Equations:
         """Every term with its first parameter and the state with its own channels only."""
         first = start = 0
         for term in self.terms:
-            mine = state.channels[first : first + channels_of(term, self.robot)]
+            mine = state.channels[first : first + term.n_channels(self.robot)]
             yield start, term, JointState(state.q, state.dq, state.ddq, mine)
             start, first = start + len(term.parameters(self.robot)), first + len(mine)
 
@@ -191,11 +190,7 @@ class Equations:
     @cached_property
     def torque_code(self) -> Code:
         """Machine code of the torque; inputs as `inputs`, and the shared parameters."""
-        return compiled_equations(
-            ["torque", self.program_key],
-            lambda *x: self.torque_of(JointState(*x[:4]), x[4]),
-            (*self.inputs, Input("parameters", len(self.parameters), shared=True)),
-        )
+        return TORQUE.code(self)
 
     @cached_property
     def bodies_only(self) -> "Equations":
@@ -228,9 +223,9 @@ class Quantity:
 
     name: str
     arguments: tuple[str, ...]
-    enters: Callable[[Term], bool]
     build: Callable[[Equations, Given], Scalars]
-    shape: Callable[[Equations], tuple[int, ...]]
+    enters: Callable[[Term], bool] = lambda _: True
+    shape: Callable[[Equations], tuple[int, ...]] = lambda part: (part.robot.n,)
     key: tuple[Any, ...] = ()
     pivot: bool = False
 
@@ -362,33 +357,23 @@ def _regressor(part: Equations, given: Given) -> list[Scalar]:
     return [entries.get((row, k), 0.0) for row in range(part.robot.n) for k in range(width)]
 
 
-def _every(_: Term) -> bool:
-    return True
-
-
 def _inertias(term: Term) -> bool:
     return term.cause == "inertia"
 
 
-def _vector(part: Equations) -> tuple[int, ...]:
-    return (part.robot.n,)
-
-
 MOTION = ("q", "dq", "ddq")
-TORQUE = Quantity("torque", MOTION, _every, _efforts, _vector)
-FRICTION = Quantity("friction", MOTION, lambda t: t.cause == "friction", _efforts, _vector)
+TORQUE = Quantity("torque", MOTION, _efforts)
+FRICTION = Quantity("friction", MOTION, _efforts, lambda term: term.cause == "friction")
 REGRESSOR = Quantity(
-    "regressor of all terms", MOTION, _every, _regressor, lambda p: (p.robot.n, len(p.parameters))
+    "regressor of all terms", MOTION, _regressor, shape=lambda p: (p.robot.n, len(p.parameters))
 )
-GRAVITY = Quantity("gravity", ("q",), lambda t: t.role == "body", _efforts, _vector)
-BIAS = Quantity("bias", ("q", "dq"), _inertias, _efforts, _vector)
-MASS_MATRIX = Quantity("mass matrix", ("q",), _inertias, _mass, lambda p: (p.robot.n, p.robot.n))
-MOMENTUM = Quantity(
-    "momentum", ("q", "dq"), _inertias, lambda p, x: _inertial(p, x, x["dq"]), _vector
-)
-MOMENTUM_RATE = Quantity("momentum rate", ("q", "dq"), _inertias, _momentum_rate, _vector)
+GRAVITY = Quantity("gravity", ("q",), _efforts, lambda term: term.role == "body")
+BIAS = Quantity("bias", ("q", "dq"), _efforts, _inertias)
+MASS_MATRIX = Quantity("mass matrix", ("q",), _mass, _inertias, lambda p: (p.robot.n, p.robot.n))
+MOMENTUM = Quantity("momentum", ("q", "dq"), lambda p, x: _inertial(p, x, x["dq"]), _inertias)
+MOMENTUM_RATE = Quantity("momentum rate", ("q", "dq"), _momentum_rate, _inertias)
 FORWARD_DYNAMICS = Quantity(
-    "forward dynamics", ("q", "dq", "tau"), _every, _forward, lambda p: (p.robot.n + 1,), pivot=True
+    "forward dynamics", ("q", "dq", "tau"), _forward, shape=lambda p: (p.robot.n + 1,), pivot=True
 )
 
 QUANTITIES = (
@@ -414,8 +399,8 @@ def frame_quantity(robot: Robot, frame: str | Frame) -> Quantity:
     return Quantity(
         "frame",
         ("q",),
-        lambda _: False,
         build,
+        lambda _: False,
         lambda part: (12 + 6 * part.robot.n,),
         (chosen.body, chosen.rotation.tolist(), chosen.position.tolist()),
     )

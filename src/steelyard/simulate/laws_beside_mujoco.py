@@ -16,8 +16,8 @@ from steelyard.base.arrays import Array
 from steelyard.base.errors import ModelError
 from steelyard.model.equations.inverse_dynamics import JointState, Scalar
 from steelyard.model.model import Model
-from steelyard.model.terms.presliding_term import Presliding
-from steelyard.model.terms.term import StatefulTerm, Term, TermSamples, channels_of
+from steelyard.model.terms.stateful_terms import Presliding
+from steelyard.model.terms.term import StatefulTerm, Term, TermSamples
 from steelyard.robot.robot import Robot
 from steelyard.simulate.mujoco_model import TIMESTEP, MujocoModel, mass_matrices
 from steelyard.simulate.typical_torques_and_masses import postures_of
@@ -60,7 +60,7 @@ class Laws:
             if memory is not None:
                 at += memory.n_memory(self.robot)
             else:
-                channel += channels_of(term, self.robot)
+                channel += term.n_channels(self.robot)
         return tuple(found)
 
     @property
@@ -71,12 +71,12 @@ class Laws:
     @property
     def scanned(self) -> tuple[PlacedTerm, ...]:
         """Terms that are stepped by their own scan."""
-        return tuple(p for p in self.placed if p.memory is None and channels_of(p.term, self.robot))
+        return tuple(p for p in self.placed if p.memory is None and p.term.n_channels(self.robot))
 
     @property
     def n_channels(self) -> int:
         """Channels of the terms that are stepped by their own scan."""
-        return sum(channels_of(p.term, self.robot) for p in self.scanned)
+        return sum(p.term.n_channels(self.robot) for p in self.scanned)
 
     @cached_property
     def places(self) -> tuple[list[int], list[float], list[float]]:
@@ -120,7 +120,7 @@ class Laws:
         brakes: dict[int, Scalar] = {}
         memory: list[Scalar] = []
         for placed in self.placed:
-            mine = channels[placed.channel : placed.channel + channels_of(placed.term, self.robot)]
+            mine = channels[placed.channel : placed.channel + placed.term.n_channels(self.robot)]
             if placed.memory is not None:
                 last = before[placed.at : placed.at + placed.memory.n_memory(self.robot)]
                 rows, mine = placed.memory.stepped(self.robot, JointState(q, dq, ddq), last)

@@ -13,7 +13,7 @@ import numpy as np
 from steelyard.base.arrays import Z95, Array, Parameters
 from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.model.model import ValuedModel
-from steelyard.model.terms.presliding_term import Presliding
+from steelyard.model.terms.stateful_terms import Presliding
 
 GRID = 60  # speeds on each side of zero
 DENSITY = 2.5  # power by which the speeds are denser near zero

@@ -16,8 +16,8 @@ from steelyard.estimate.prior.body_priors import (
     rigid_bodies,
 )
 from steelyard.model.model import Model
-from steelyard.robot.file.effort_units_and_gears import Locate
 from steelyard.robot.file.sections import LinkPriorSection, PriorSection
+from steelyard.robot.file.signals_from_tables import Locate
 from steelyard.robot.inertia_and_placement import Inertia, symmetric
 from steelyard.robot.robot import Robot
 

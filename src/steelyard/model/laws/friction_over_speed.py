@@ -1,7 +1,6 @@
 """Friction over speed: Coulomb, viscous, powers of speed, Stribeck; per direction, and coupled."""
 
-from abc import abstractmethod
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar
@@ -28,10 +27,15 @@ from steelyard.model.terms.axes_and_fields import (
     spread,
     unfit,
 )
-from steelyard.model.terms.term import ActsOnAxes, Cause, Columns, Dissipation, Role, Term
-from steelyard.model.terms.urdf_mjcf_parts import (
+from steelyard.model.terms.term import (
+    ActsOnAxes,
+    Cause,
+    Columns,
+    Dissipation,
     Place,
     Placed,
+    Role,
+    Term,
     Values,
     as_one,
     curve_over_speed,
@@ -145,12 +149,11 @@ class _OfSpeed(ActsOnAxes):
     cause: ClassVar[Cause] = "friction"
     shown_by: ClassVar[str] = "motion at several speeds of"
 
-    def efforts(self, axes: Axes, state: JointState) -> Scalars:
-        return [self.curve(axis.of(state.dq)) for axis in axes]
+    curve: ClassVar[Callable[[Scalar], Scalar]]
+    """Friction per unit of the parameter; odd."""
 
-    @abstractmethod
-    def curve(self, speed: Scalar) -> Scalar:
-        """Friction per unit of the parameter; odd."""
+    def efforts(self, axes: Axes, state: JointState) -> Scalars:
+        return [type(self).curve(axis.of(state.dq)) for axis in axes]
 
 
 @dataclass(frozen=True)
@@ -160,6 +163,7 @@ class Viscous(_OfSpeed):
     law: ClassVar[str] = "viscous"
     dissipation: ClassVar[Dissipation] = "each"
     units: ClassVar[Mapping[str, str]] = {"": "{rate}"}
+    curve: ClassVar[Callable[[Scalar], Scalar]] = lambda speed: speed
     symbol: ClassVar[str] = "FV"
     # speed up to which the friction is zero, one for all or one per coordinate [rad/s; m/s]
     threshold: Field = 0.0
@@ -173,10 +177,6 @@ class Viscous(_OfSpeed):
         if is_zero(self.threshold):
             return speeds
         return [v * on for v, on in zip(speeds, _moving(self, axes, state), strict=True)]
-
-    def curve(self, speed: Scalar) -> Scalar:
-        """The velocity."""
-        return speed
 
     def in_model_files(self, robot: Robot, values: Values) -> Placed:
         """Viscous friction from zero speed on."""
@@ -211,10 +211,7 @@ class Quadratic(_OfSpeed):
     law: ClassVar[str] = "quadratic"
     in_model_files: ClassVar[Place] = as_one("quadratic")
     units: ClassVar[Mapping[str, str]] = {"": "{force}/({speed})²"}
-
-    def curve(self, speed: Scalar) -> Scalar:
-        """The square with the speed's sign."""
-        return np.abs(speed) * speed
+    curve: ClassVar[Callable[[Scalar], Scalar]] = lambda speed: np.abs(speed) * speed
 
 
 @dataclass(frozen=True)
@@ -224,10 +221,7 @@ class Cubic(_OfSpeed):
     law: ClassVar[str] = "cubic"
     in_model_files: ClassVar[Place] = as_one("cubic")
     units: ClassVar[Mapping[str, str]] = {"": "{force}/({speed})³"}
-
-    def curve(self, speed: Scalar) -> Scalar:
-        """The cube."""
-        return speed * speed * speed
+    curve: ClassVar[Callable[[Scalar], Scalar]] = lambda speed: speed * speed * speed
 
 
 @dataclass(frozen=True)
@@ -237,10 +231,9 @@ class Root(_OfSpeed):
     law: ClassVar[str] = "root"
     in_model_files: ClassVar[Place] = curve_over_speed("friction with the root of speed")
     units: ClassVar[Mapping[str, str]] = {"": "{force}/√({speed})"}
-
-    def curve(self, speed: Scalar) -> Scalar:
-        """The root with the speed's sign."""
-        return speed / np.sqrt(np.maximum(np.abs(speed), CREEP))
+    curve: ClassVar[Callable[[Scalar], Scalar]] = lambda speed: (
+        speed / np.sqrt(np.maximum(np.abs(speed), CREEP))
+    )
 
 
 @dataclass(frozen=True)

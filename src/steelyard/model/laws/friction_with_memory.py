@@ -33,9 +33,14 @@ from steelyard.model.terms.axes_and_fields import (
     refuse_not_positive,
     unfit,
 )
-from steelyard.model.terms.presliding_term import Presliding, RigidTorque, StateStep, relaxed
-from steelyard.model.terms.term import INVENTED_TORQUE_SHARE, Dissipation
-from steelyard.model.terms.urdf_mjcf_parts import Place, full_sliding, left_out
+from steelyard.model.terms.stateful_terms import Presliding, RigidTorque, StateStep, relaxed
+from steelyard.model.terms.term import (
+    INVENTED_TORQUE_SHARE,
+    Dissipation,
+    Place,
+    full_sliding,
+    left_out,
+)
 from steelyard.robot.inertia_and_placement import INERTIAL_NAMES
 from steelyard.robot.robot import Robot
 

@@ -25,12 +25,17 @@ from steelyard.model.terms.axes_and_fields import (
     refuse_not_positive,
     unfit,
 )
-from steelyard.model.terms.term import ActsOnAxes, Cause, Columns, Dissipation, Role, Term
-from steelyard.model.terms.urdf_mjcf_parts import (
+from steelyard.model.terms.term import (
+    ActsOnAxes,
     AxisPart,
+    Cause,
+    Columns,
+    Dissipation,
     Place,
     Placed,
     Pull,
+    Role,
+    Term,
     Values,
     as_one,
     left_out,

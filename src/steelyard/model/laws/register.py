@@ -28,7 +28,7 @@ from steelyard.model.laws.laws_without_friction import (
     Spring,
 )
 from steelyard.model.terms.axes_and_fields import Find, finds_of, is_search, search_of
-from steelyard.model.terms.presliding_term import Presliding
+from steelyard.model.terms.stateful_terms import Presliding
 from steelyard.model.terms.term import ActsOnAxes, StatefulTerm, Term, columns_at_rest
 from steelyard.robot.file.tables_by_kind import Kinds
 from steelyard.robot.inertia_and_placement import INERTIAL_NAMES

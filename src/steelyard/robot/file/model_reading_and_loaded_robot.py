@@ -12,7 +12,6 @@ from types import MappingProxyType
 from typing import Any
 
 from steelyard.base.errors import ModelError, OpenModelError
-from steelyard.robot.file.effort_units_and_gears import Locate
 from steelyard.robot.file.excitation_sections import ExcitationSection
 from steelyard.robot.file.sections import (
     ActuatorSection,
@@ -24,8 +23,8 @@ from steelyard.robot.file.sections import (
     RobotSection,
     ValidationSection,
 )
-from steelyard.robot.file.signals import Signals
-from steelyard.robot.file.target_signals import TargetSignals
+from steelyard.robot.file.signals import Signals, TargetSignals
+from steelyard.robot.file.signals_from_tables import Locate
 from steelyard.robot.floating_ball_and_coupled_joints import floating_base
 from steelyard.robot.mechanism import JointSpring, Mechanism
 from steelyard.robot.models.denavit_hartenberg import dh_mechanism

@@ -1,5 +1,6 @@
 """Robot files: a model in any format, and with TOML all that a model file cannot say."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
@@ -9,7 +10,6 @@ import numpy as np
 from steelyard.base.arrays import Array, frozen
 from steelyard.base.checked_arguments import checked as checked_arguments
 from steelyard.base.errors import ModelError, refuse_unknown
-from steelyard.robot.file.effort_units_and_gears import WITHOUT_TORQUE, Locate, build_transmission
 from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot as LoadedRobot
 from steelyard.robot.file.model_reading_and_loaded_robot import (
     SourceFile,
@@ -24,9 +24,13 @@ from steelyard.robot.file.model_reading_and_loaded_robot import (
     xacro_settings,
 )
 from steelyard.robot.file.model_reading_and_loaded_robot import read_mechanism as read_mechanism
-from steelyard.robot.file.sections import RobotFile, RobotSection
-from steelyard.robot.file.signals import build_signals
-from steelyard.robot.file.target_signals import build_target_signals
+from steelyard.robot.file.sections import RobotFile, RobotSection, TransmissionSection
+from steelyard.robot.file.signals import WITHOUT_TORQUE
+from steelyard.robot.file.signals_from_tables import (
+    Locate,
+    build_signals,
+    build_target_signals,
+)
 from steelyard.robot.file.toml_schema import checked
 from steelyard.robot.floating_ball_and_coupled_joints import floating_base
 from steelyard.robot.inertia_and_placement import clean_rotation, rpy_rotation
@@ -34,13 +38,97 @@ from steelyard.robot.loop_closures import Closing
 from steelyard.robot.mechanism import Answer, Mechanism, Pin
 from steelyard.robot.models.xacro import joined_reference, split_reference
 from steelyard.robot.models.xml_reader import read_bytes
-from steelyard.robot.robot import Limits, Robot
+from steelyard.robot.robot import Limits, Robot, Transmission
 from steelyard.robot.robot_from_mechanism import (
     ignored_statements,
     reduced,
     springs_along,
     unlimited_if_empty,
 )
+
+WORST = 1e8  # condition number, rows scaled, from which on a matrix counts as singular
+
+
+def build_transmission(
+    section: TransmissionSection, joints: Sequence[str], locate: Locate
+) -> Transmission:
+    """The gears between motors and the identified joints, as the robot file declares them."""
+    motors = section.motors or tuple(f"motor_{k + 1}" for k in range(len(joints)))
+    if len(motors) != len(joints):
+        raise ModelError(
+            f"{len(motors)} motors are named for {len(joints)} joints",
+            where=locate("robot", "transmission", "motors"),
+            fix=f"name one motor per joint: {', '.join(joints)}",
+        )
+    for motor in motors:
+        twice = motors.count(motor) > 1
+        if twice or motor in joints:
+            other = "another one, so that terms can say which of the two they mean"
+            raise ModelError(
+                f"two motors are called '{motor}'"
+                if twice
+                else f"motor '{motor}' has the name of a joint",
+                where=locate("robot", "transmission", "motors"),
+                fix="give every motor a name of its own" if twice else f"give it {other}",
+            )
+    matrix = _matrix(section, motors, joints, locate)
+    lengths = np.linalg.norm(matrix, axis=1)
+    scaled = matrix / np.where(lengths > 0.0, lengths, 1.0)[:, None]
+    if not lengths.all() or np.linalg.cond(scaled) > WORST:
+        raise ModelError(
+            "the transmission cannot be inverted: " + _why(scaled, motors),
+            where=locate("robot", "transmission"),
+            fix="every motor must turn some joint, and no combination of joints may leave all "
+            "motors at rest: check ratios, coupling and matrix",
+        )
+    return Transmission(motors, matrix)
+
+
+def _matrix(
+    section: TransmissionSection, motors: Sequence[str], joints: Sequence[str], locate: Locate
+) -> Array:
+    if (section.ratios is None) == (section.matrix is None):
+        raise ModelError(
+            "a transmission has ratios or a matrix, one of them",
+            where=locate("robot", "transmission"),
+            fix="give ratios = [...] (and coupling = [...]), or matrix = [[...], ...]",
+        )
+    n = len(joints)
+    if section.matrix is not None:
+        if len(section.matrix) != n or any(len(row) != n for row in section.matrix):
+            raise ModelError(
+                f"the transmission matrix is not {n} x {n}",
+                where=locate("robot", "transmission", "matrix"),
+                fix="give one row per motor with one ratio per identified joint",
+            )
+        matrix = np.array(section.matrix, dtype=np.float64)
+    else:
+        ratios = section.ratios or ()
+        if len(ratios) != n:
+            raise ModelError(
+                f"{len(ratios)} ratios are given for {n} joints",
+                where=locate("robot", "transmission", "ratios"),
+                fix="give one ratio per identified joint, in the joints' order",
+            )
+        matrix = np.diag(np.array(ratios, dtype=np.float64))
+    for index, coupling in enumerate(section.coupling):
+        where = locate("robot", "transmission", "coupling", index)
+        for name, names, kind in (
+            (coupling.motor, motors, "motors"),
+            (coupling.joint, joints, "joints"),
+        ):
+            refuse_unknown(name, names, f"'{name}' is none of the robot's {kind}", where, kind)
+        matrix[motors.index(coupling.motor), joints.index(coupling.joint)] += coupling.ratio
+    return matrix
+
+
+def _why(scaled: Array, motors: Sequence[str]) -> str:
+    idle = [m for m, row in zip(motors, scaled, strict=True) if not row.any()]
+    if idle:
+        return f"'{idle[0]}' turns no joint"
+    weights = np.abs(np.linalg.svd(scaled.T)[2][-1])
+    together = [m for m, w in zip(motors, weights, strict=True) if w > 1e-6]
+    return f"{', '.join(together)} turn with the same combinations of joints"
 
 
 def closing_of(section: RobotSection, mechanism: Mechanism, locate: Locate) -> Closing:

@@ -11,7 +11,8 @@ from numpy.typing import ArrayLike
 from steelyard.base.arrays import Array, by_key
 from steelyard.base.errors import LogError
 from steelyard.robot.file.sections import Side, SignalsSection
-from steelyard.robot.file.signals import Signals, build_signals, expanded
+from steelyard.robot.file.signals import Signals, expanded
+from steelyard.robot.file.signals_from_tables import build_signals
 from steelyard.robot.init.column_names import (
     OF_MOTORS,
     Column,
