@@ -141,12 +141,11 @@ def _without(mechanism: Mechanism, trees: Collection[Joint], base: str) -> Mecha
     )
 
 
-def refuse_coupled(
-    mechanism: Mechanism, masters: Mapping[str, str], moving: Collection[str]
-) -> None:
+def refuse_coupled(mechanism: Mechanism, moving: Collection[str]) -> None:
     """Raise if one of the joints that move, or of their masters, is tied by a coupling."""
     for coupling in mechanism.couplings:
-        tied = dict.fromkeys(masters[name] for name in coupling.joints if name in masters)
+        drives = [mechanism.drives[name] for name in coupling.joints if name in mechanism.drives]
+        tied = dict.fromkeys(drive.master for drive in drives)
         if not any(name in moving for name in tied):
             continue
         lines = ", ".join(f"{name} = {mechanism.rest.get(name, 0.0):.6g}" for name in tied)

@@ -236,15 +236,11 @@ class Closing:
 
 
 def passive_joints(
-    mechanism: Mechanism,
-    masters: Mapping[str, str],
-    free: Sequence[str],
-    joints: Sequence[str] | None,
-    closing: Closing,
+    mechanism: Mechanism, free: Sequence[str], joints: Sequence[str] | None, closing: Closing
 ) -> tuple[str, ...]:
     """Names of the joints that the loops determine.
 
-    If nobody says which: those of the loops' joints, or of the ones that they follow (`masters`),
+    If nobody says which: those of the loops' joints, or of the ones that they follow,
     that are `free` and not to be identified (`joints`, if given), or that no actuator drives.
     """
     pins = (*mechanism.pins, *closing.pins)
@@ -258,7 +254,7 @@ def passive_joints(
         return ()
     if closing.passive is not None:
         return closing.passive
-    round_trip = {masters[j] for pin in pins for j in between(mechanism, pin)}
+    round_trip = {mechanism.drives[j].master for pin in pins for j in between(mechanism, pin)}
     candidates = [name for name in free if name in round_trip]
     active = mechanism.driven if joints is None else joints
     if candidates and not set(active) & set(free):

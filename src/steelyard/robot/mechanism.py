@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass, field, replace
+from functools import cached_property
 from types import MappingProxyType
 from typing import Literal
 
@@ -230,6 +231,19 @@ class Mechanism:
     def movable(self) -> tuple[Joint, ...]:
         """Joints of one degree of freedom that follow no other, parents before children."""
         return tuple(j for j in self.from_link(self.root) if j.movable and j.mimic is None)
+
+    @cached_property
+    def drives(self) -> Mapping[str, Mimic]:
+        """How every movable joint follows the independent one behind it, itself if need be."""
+        found = {}
+        for joint in (j for j in self.joints if j.movable):
+            master, ratio, offset = joint, 1.0, 0.0
+            while master.mimic is not None:
+                offset += ratio * master.mimic.offset
+                ratio *= master.mimic.ratio
+                master = self.joint(master.mimic.master)
+            found[joint.name] = Mimic(master.name, ratio, offset)
+        return found
 
     def joint(self, name: str) -> Joint:
         """The joint of that name; `KeyError` if there is none."""

@@ -17,23 +17,12 @@ from steelyard.robot.mechanism import (
     JointSpring,
     Listed,
     Mechanism,
-    Mimic,
     ModelNote,
 )
 from steelyard.robot.robot import Body, Coordinate, Frame, JointKind, Limits, Robot
 
 
-def drive_of(mechanism: Mechanism, joint: Joint) -> Mimic:
-    """How a joint follows the independent joint behind it, itself if need be; chains resolved."""
-    ratio, offset = 1.0, 0.0
-    while joint.mimic is not None:
-        offset += ratio * joint.mimic.offset
-        ratio *= joint.mimic.ratio
-        joint = mechanism.joint(joint.mimic.master)
-    return Mimic(joint.name, ratio, offset)
-
-
-def narrowed(mechanism: Mechanism, drives: Mapping[str, Mimic], name: str) -> tuple[Limits, bool]:
+def narrowed(mechanism: Mechanism, name: str) -> tuple[Limits, bool]:
     """Limits that keep the followers of a joint within theirs as well, and whether a range is left.
 
     A follower at `x = ratio * q + offset` within `[lower, upper]` keeps `q` between `(lower -
@@ -42,9 +31,9 @@ def narrowed(mechanism: Mechanism, drives: Mapping[str, Mimic], name: str) -> tu
     """
     limits = unlimited_if_empty(mechanism.joint(name).limits)
     lower, upper, velocity = limits.lower, limits.upper, limits.velocity
-    followers = [n for n, drive in drives.items() if drive.master == name and n != name]
+    followers = [n for n, x in mechanism.drives.items() if x.master == name and n != name]
     for follower in followers:
-        ratio, offset = drives[follower].ratio, drives[follower].offset
+        ratio, offset = mechanism.drives[follower].ratio, mechanism.drives[follower].offset
         own = mechanism.joint(follower).limits
         if ratio == 0.0:
             continue
@@ -75,14 +64,14 @@ def unlimited_if_empty(limits: Limits) -> Limits:
     return limits
 
 
-def limit_notes(mechanism: Mechanism, drives: Mapping[str, Mimic], robot: Robot) -> list[str]:
+def limit_notes(mechanism: Mechanism, robot: Robot) -> list[str]:
     """What was assumed of the coordinates' limits, a sentence each."""
     notes = []
     for c in robot.joints:
         limits = mechanism.joint(c.name).limits
         if limits.lower == limits.upper and np.isinf(c.limits.lower):
             notes.append(f"joint '{c.name}' has an empty range in the model: taken as unlimited")
-        if not narrowed(mechanism, drives, c.name)[1]:
+        if not narrowed(mechanism, c.name)[1]:
             notes.append(
                 f"no position of '{c.name}' satisfies the ranges of its mimic joints: "
                 "these are ignored"
@@ -158,7 +147,6 @@ def _units(joint: Joint) -> tuple[str, str]:
 
 def reduction_notes(
     mechanism: Mechanism,
-    drives: Mapping[str, Mimic],
     robot: Robot,
     base: str,
     assumed: tuple[str, ...],
@@ -191,7 +179,7 @@ def reduction_notes(
     for body in robot.bodies:
         if flaw := body.inertia.flaw():
             notes.append(Listed(f"the inertial is not physically consistent: '{body.name}'", flaw))
-    return (*notes, *limit_notes(mechanism, drives, robot))
+    return (*notes, *limit_notes(mechanism, robot))
 
 
 def reduced(
@@ -233,10 +221,8 @@ def reduced(
     mechanism, locked, left_out = without_free_joints(mechanism, base, joints, locked or {})
     limits, closing = dict(limits or {}), closing or Closing()
     base = mechanism.root if base is None else base
-    drives = {j.name: drive_of(mechanism, j) for j in mechanism.joints if j.movable}
     free = _moving(mechanism, None, locked, base, tips)
-    masters = {name: drive.master for name, drive in drives.items()}
-    passive = passive_joints(mechanism, masters, free, joints, closing)
+    passive = passive_joints(mechanism, free, joints, closing)
     if both := [name for name in joints or () if name in passive]:
         raise ModelError(
             f"joint '{both[0]}' is to be identified, and passive at once",
@@ -245,23 +231,23 @@ def reduced(
         )
     active = [n for n in free if n not in passive] if joints is None else joints
     moving = _moving(mechanism, [*active, *passive], locked, base, tips)
-    refuse_coupled(mechanism, masters, moving)
+    refuse_coupled(mechanism, moving)
     resting_joints = [j for j in mechanism.movable if j.name not in (*moving, *locked)]
     assumed = tuple(j.name for j in resting_joints)
     zeros = (float(np.clip(0.0, j.limits.lower, j.limits.upper)) for j in resting_joints)
     positions = {**locked, **dict(zip(assumed, zeros, strict=True))}
     resting = {
         name: drive.ratio * positions[drive.master] + drive.offset
-        for name, drive in drives.items()
+        for name, drive in mechanism.drives.items()
         if drive.master in positions
     }
-    bodies, frames = _merged_bodies(mechanism, drives, moving, resting, base)
+    bodies, frames = _merged_bodies(mechanism, moving, resting, base)
     _refuse_overflow(mechanism, bodies, frames)
     in_root = Placement()
     for joint in mechanism.to_link(base):
         in_root = in_root @ joint.at(resting.get(joint.name, 0.0))
     root_gravity = in_root.rotation.T @ mechanism.gravity
-    coordinates = tuple(_coordinate(mechanism, drives, n, limits.get(n)) for n in moving)
+    coordinates = tuple(_coordinate(mechanism, n, limits.get(n)) for n in moving)
     robot = Robot(
         mechanism.name,
         bodies,
@@ -271,7 +257,7 @@ def reduced(
         frames=frames,
     )
     robot, closed = closed_robot(robot, mechanism, closing)
-    notes = reduction_notes(mechanism, drives, robot, base, assumed, positions)
+    notes = reduction_notes(mechanism, robot, base, assumed, positions)
     return robot, (*left_out, *notes, *closed)
 
 
@@ -333,12 +319,10 @@ def _moving(
     return tuple(joints)
 
 
-def _coordinate(
-    mechanism: Mechanism, drives: Mapping[str, Mimic], name: str, given: Limits | None
-) -> Coordinate:
+def _coordinate(mechanism: Mechanism, name: str, given: Limits | None) -> Coordinate:
     """A joint that moves, within its limits and those of the joints that follow it."""
     joint = mechanism.joint(name)
-    narrow, _ = narrowed(mechanism, drives, name)
+    narrow, _ = narrowed(mechanism, name)
     limits = narrow if given is None else merged(given, joint.limits, narrow)
     return Coordinate(name, _kind(joint), unlimited_if_empty(limits))
 
@@ -348,11 +332,7 @@ def _kind(joint: Joint) -> JointKind:
 
 
 def _merged_bodies(
-    mechanism: Mechanism,
-    drives: Mapping[str, Mimic],
-    moving: tuple[str, ...],
-    resting: Mapping[str, float],
-    base: str,
+    mechanism: Mechanism, moving: tuple[str, ...], resting: Mapping[str, float], base: str
 ) -> tuple[tuple[Body, ...], tuple[Frame, ...]]:
     """The moving bodies beyond the base, what rests merged into them, and where all links are."""
     links = {link.name: link for link in mechanism.links}
@@ -362,7 +342,7 @@ def _merged_bodies(
         index, placement = carriers[joint.parent]
         if joint.movable and joint.name not in resting:
             placed = placement @ joint.placement
-            drive = drives[joint.name]
+            drive = mechanism.drives[joint.name]
             bodies.append(
                 Body(
                     joint.child,

@@ -14,16 +14,12 @@ from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot as L
 from steelyard.robot.file.model_reading_and_loaded_robot import (
     SourceFile,
     TermSpec,
-    dh_table,
-    model_path_of,
-    model_sources,
+    model_of_tables,
     read_model,
     robot_of_model,
     sha256_of,
     source_of,
-    xacro_settings,
 )
-from steelyard.robot.file.model_reading_and_loaded_robot import read_mechanism as read_mechanism
 from steelyard.robot.file.sections import RobotFile, RobotSection, TransmissionSection
 from steelyard.robot.file.signals import WITHOUT_TORQUE
 from steelyard.robot.file.signals_from_tables import (
@@ -216,16 +212,10 @@ def robot_text(path: Path) -> str:
 
 def _from_toml(path: Path, text: str, sha256: str) -> LoadedRobot:
     file, locate = checked(path, text, RobotFile)
-    sources, read_from = [SourceFile(path, sha256)], tuple[str, ...]()
-    if model_path := model_path_of(file.robot, path, locate):
-        arguments, packages = xacro_settings(file.robot, path, locate)
-        files, read_from = model_sources(model_path, arguments, packages)
-        sources += files
-        mechanism = read_mechanism(sources[-1].path)
-    else:
-        mechanism = dh_table(file.robot, path, locate)
+    model = model_of_tables(file.robot, path, locate)
+    mechanism = model.mechanism
     robot, notes = _reduced(mechanism, file.robot, locate)
-    notes = read_from + notes
+    notes = model.notes + notes
     if file.robot.transmission is not None:
         gears = build_transmission(file.robot.transmission, robot.joint_names, locate)
         robot = robot.changed(transmission=gears)
@@ -265,7 +255,7 @@ def _from_toml(path: Path, text: str, sha256: str) -> LoadedRobot:
         file.processing,
         file.estimation,
         file.validation,
-        tuple(sources),
+        (SourceFile(path, sha256), *model.sources),
         locate,
         file.prior,
         file.knowledge,

@@ -8,7 +8,7 @@ from typing import Any
 
 from steelyard.base.arrays import json_values
 from steelyard.base.errors import ModelError
-from steelyard.robot.file.toml_schema import shown, toml_written
+from steelyard.robot.file.toml_schema import TomlPlaces, shown
 
 
 def toml_text(value: Any) -> str:
@@ -105,7 +105,8 @@ def _added(text: str, path: tuple[str, ...], inside: Sequence[str], value: Any) 
     if not above and isinstance(value, Mapping):
         lines = [f"{toml_key(name)} = {_value(inner)}" for name, inner in value.items()]
         return "\n".join([f"{text.rstrip()}\n\n{_header(path)}", *lines]).lstrip() + "\n"
-    beside = [w for w in toml_written(text) if above == (w.path if w.header else w.path[:-1])]
+    written = TomlPlaces(text).written
+    beside = [w for w in written if above == (w.path if w.header else w.path[:-1])]
     if not beside:
         line = f"{toml_key(path[-1])} = {_value(value)}\n"
         return f"{text.rstrip()}\n\n{_header(above)}\n{line}" if above else f"{line}{text}"

@@ -75,8 +75,12 @@ class Written:
     end: int
 
 
-class _Scanner:
-    """One walk over a text that `tomllib` has already accepted."""
+class TomlPlaces:
+    """Where keys are in a text that `tomllib` has accepted.
+
+    `lines` has the line, from 1, of every key and item: `("robot", "dh", "links", 0, "alpha")`;
+    `written` headers and keys in their order, without those in inline tables.
+    """
 
     def __init__(self, text: str) -> None:
         self.text = text
@@ -84,8 +88,6 @@ class _Scanner:
         self.lines: dict[KeyPath, int] = {}
         self.counts: dict[KeyPath, int] = {}
         self.written: list[Written] = []
-
-    def run(self) -> "_Scanner":
         table: KeyPath = ()
         self.skip(_BLANK)
         while self.at < len(self.text):
@@ -95,7 +97,6 @@ class _Scanner:
             path = table if header else self.pair(table)
             self.written.append(Written(header, table, path, self.at))
             self.skip(_BLANK)
-        return self
 
     def skip(self, pattern: re.Pattern[str]) -> str:
         match = pattern.match(self.text, self.at)
@@ -171,16 +172,6 @@ class _Scanner:
         self.at += 1
 
 
-def toml_lines(text: str) -> dict[KeyPath, int]:
-    """The line, from 1, of every key and item: `("robot", "dh", "links", 0, "alpha")`."""
-    return _Scanner(text).run().lines
-
-
-def toml_written(text: str) -> list[Written]:
-    """Headers and keys of a valid TOML text in their order, without those in inline tables."""
-    return _Scanner(text).run().written
-
-
 Schema = TypeVar("Schema", bound=BaseModel)
 
 
@@ -217,7 +208,7 @@ def checked(path: Path, text: str, schema: type[Schema]) -> tuple[Schema, Callab
             fix="correct that line, or a bracket or quote left open above it: text in quotes, "
             "lists in [ ], each key once",
         ) from None
-    locate = partial(place_of, path, toml_lines(text))
+    locate = partial(place_of, path, TomlPlaces(text).lines)
     if (path_of_nan := next(_not_numbers(data), None)) is not None:
         raise ModelError(
             f"'{path_of_nan[-1]}' is nan, which is no number",

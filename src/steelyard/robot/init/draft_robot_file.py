@@ -48,7 +48,6 @@ from steelyard.robot.mechanism import Listed, Mechanism
 from steelyard.robot.models.xacro import split_reference
 from steelyard.robot.models.xml_reader import read_xml
 from steelyard.robot.robot import Coordinate, Robot
-from steelyard.robot.robot_from_mechanism import drive_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,7 +117,7 @@ _OPEN = "in a loop whose passive joints are ambiguous"
 def _with_tendons(model: ModelFile) -> ModelFile:
     """The model with the tendons of its actuators as drives: a hand alone may have no others."""
     mechanism = model.mechanism
-    masters = [drive_of(mechanism, mechanism.joint(name)).master for name in mechanism.pulled]
+    masters = [mechanism.drives[name].master for name in mechanism.pulled]
     driven = dict.fromkeys((*mechanism.driven, *masters))
     return replace(model, mechanism=replace(mechanism, driven=[*driven]))
 
@@ -128,8 +127,8 @@ def _all_locked(
 ) -> ModelError | None:
     """The refusal of a hand alone; `None` if joints are left beside what is locked."""
     locked = dict.fromkeys((name for group in hands for name in group), _HAND) | reasons
-    beyond = mechanism.from_link(mechanism.root if base is None else base)
-    left = {drive_of(mechanism, j).master for j in beyond if j.movable} - {*locked}
+    beyond = mechanism.from_link(base or mechanism.root)
+    left = {mechanism.drives[j.name].master for j in beyond if j.movable} - {*locked}
     if left or not locked:
         return None
     return ModelError(
@@ -168,15 +167,15 @@ def _base(mechanism: Mechanism) -> tuple[str | None, str]:
 def _tied(mechanism: Mechanism, base: str | None) -> tuple[dict[str, float], dict[str, str]]:
     """Positions of ball joints and of joints of couplings beyond the base, and why."""
     locked, reasons = dict[str, float](), dict[str, str]()
-    beyond = mechanism.from_link(mechanism.root if base is None else base)
-    floating = floating_trees(mechanism, mechanism.root if base is None else base)
+    beyond = mechanism.from_link(base or mechanism.root)
+    floating = floating_trees(mechanism, base or mechanism.root)
     loose = {j.name for tree in floating for j in mechanism.from_link(tree.child)}
     names = {joint.name for joint in beyond if joint.name not in loose}
     for ball in (j.name for j in beyond if j.kind == "ball" and j.name in names):
         locked[ball], reasons[ball] = 0.0, _BALL
     for coupling in mechanism.couplings:
         for name in coupling.joints:
-            master = drive_of(mechanism, mechanism.joint(name)).master
+            master = mechanism.drives[name].master
             if master in names:
                 locked[master] = mechanism.rest.get(master, 0.0)
                 reasons[master] = f"tied by {coupling.what}"
@@ -185,11 +184,10 @@ def _tied(mechanism: Mechanism, base: str | None) -> tuple[dict[str, float], dic
 
 def _loop_groups(mechanism: Mechanism, base: str | None) -> list[list[str]]:
     """Joints of the loops beyond the base, those of loops that share some together."""
-    beyond = mechanism.from_link(mechanism.root if base is None else base)
-    order = [joint.name for joint in beyond]
+    order = [joint.name for joint in mechanism.from_link(base or mechanism.root)]
     groups: list[set[str]] = []
     for pin in mechanism.pins:
-        own = {drive_of(mechanism, mechanism.joint(n)).master for n in between(mechanism, pin)}
+        own = {mechanism.drives[name].master for name in between(mechanism, pin)}
         shared = [group for group in groups if group & own]
         groups = [group for group in groups if group not in shared]
         groups.append(own.union(*shared) & {*order})

@@ -1,6 +1,7 @@
 """URDF files: a small reader that needs no meshes and no ROS."""
 
 import math
+from collections.abc import Sequence
 from pathlib import Path
 from typing import cast, get_args
 
@@ -72,8 +73,16 @@ def _text(element: Element, attribute: str) -> str:
     return value
 
 
-def numbers_of(element: Element, attribute: str, count: int, infinite: bool = False) -> list[float]:
-    """The numbers of an attribute, `count` of them."""
+def numbers_of(
+    element: Element,
+    attribute: str,
+    count: int,
+    default: Sequence[float] | None = None,
+    infinite: bool = False,
+) -> Sequence[float]:
+    """The numbers of an attribute, `count` of them; the default, if any, where it is absent."""
+    if default is not None and attribute not in element.attributes:
+        return default
     text = _text(element, attribute)
     try:
         values = [float(word) for word in text.split()]
@@ -90,9 +99,12 @@ def numbers_of(element: Element, attribute: str, count: int, infinite: bool = Fa
     return values
 
 
-def number_of(element: Element, attribute: str, infinite: bool = False) -> float:
-    """The number of an attribute."""
-    return numbers_of(element, attribute, 1, infinite)[0]
+def number_of(
+    element: Element, attribute: str, default: float | None = None, infinite: bool = False
+) -> float:
+    """The number of an attribute; the default, if any, where it is absent."""
+    given = None if default is None else [default]
+    return numbers_of(element, attribute, 1, given, infinite)[0]
 
 
 def _only(parent: Element, tag: str) -> Element | None:
@@ -120,11 +132,8 @@ def placement_of(parent: Element) -> Placement:
     origin = _only(parent, "origin")
     if origin is None:
         return Placement()
-    xyz = numbers_of(origin, "xyz", 3) if "xyz" in origin.attributes else (0.0, 0.0, 0.0)
-    if "rpy" not in origin.attributes:
-        return Placement(position=xyz)
-    roll, pitch, yaw = numbers_of(origin, "rpy", 3)
-    return Placement(rpy_rotation(roll, pitch, yaw), xyz)
+    xyz, rpy = (numbers_of(origin, name, 3, (0.0, 0.0, 0.0)) for name in ("xyz", "rpy"))
+    return Placement(rpy_rotation(*rpy), xyz)
 
 
 def _link(element: Element) -> Link:
@@ -148,10 +157,7 @@ def _joint(element: Element) -> Joint:
     moves = kind in _SINGLE
     mimic, follows = None, _only(element, "mimic") if moves else None
     if follows is not None:
-        ratio, offset = (
-            number_of(follows, name) if name in follows.attributes else usual
-            for name, usual in (("multiplier", 1.0), ("offset", 0.0))
-        )
+        ratio, offset = number_of(follows, "multiplier", 1.0), number_of(follows, "offset", 0.0)
         mimic = Mimic(_text(follows, "joint"), ratio, offset)
     return Joint(
         name,
@@ -170,11 +176,8 @@ def _limits(joint: Element, kind: str) -> Limits:
     limit = _only(joint, "limit")
     if limit is None:
         return Limits()
-
-    def value(name: str, default: float) -> float:
-        return number_of(limit, name, infinite=True) if name in limit.attributes else default
-
     lower, upper = -math.inf, math.inf
     if kind != "continuous" and {"lower", "upper"} & set(limit.attributes):
-        lower, upper = value("lower", 0.0), value("upper", 0.0)
-    return Limits(lower, upper, value("velocity", 0.0) or math.inf, value("effort", math.inf))
+        lower, upper = (number_of(limit, end, 0.0, True) for end in ("lower", "upper"))
+    velocity = number_of(limit, "velocity", 0.0, True) or math.inf
+    return Limits(lower, upper, velocity, number_of(limit, "effort", math.inf, True))
