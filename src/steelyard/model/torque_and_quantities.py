@@ -32,6 +32,7 @@ from steelyard.robot.robot import Frame, Robot, robot_to_dict
 from steelyard.symbolic.native.compiled_programs import Code, compiled
 from steelyard.symbolic.program_and_softening import InputArray as Input
 from steelyard.symbolic.program_and_softening import Program
+from steelyard.symbolic.symbols_and_tracing import affine, slopes_of, symbolic
 
 
 @dataclass(frozen=True, eq=False)
@@ -176,8 +177,6 @@ class Equations:
     @cached_property
     def columns_program(self) -> tuple[Program, tuple[tuple[int, int], ...]]:
         """All columns as one program, and the place `(row, column)` of each of its outputs."""
-        from steelyard.symbolic.symbols_and_tracing import symbolic
-
         places: list[tuple[int, int]] = []
 
         def build(*x: Any) -> list[Scalar]:
@@ -255,8 +254,6 @@ class Quantity:
         Of a step, passive positions and friction's memory before it are inputs instead of the
         channels, and its memory after it stands behind the entries.
         """
-        from steelyard.symbolic.symbols_and_tracing import symbolic
-
         between = [Input("channels", part.n_channels)]
         if stepped:
             between = [Input("passive", len(part.robot.passive)), Input("memory", part.n_memory)]
@@ -301,8 +298,6 @@ def _inertial(part: Equations, given: Given, ddq: Scalars) -> list[Scalar]:
 
 def _mass(part: Equations, given: Given) -> list[Scalar]:
     """One triangle is computed, so that the matrix is symmetric to the last bit."""
-    from steelyard.symbolic.symbols_and_tracing import affine
-
     n = part.robot.n
     slopes, _ = affine(lambda ddq: _inertial(part, given, ddq), n)
     return [slopes[max(i, j)][min(i, j)] for i in range(n) for j in range(n)]
@@ -310,8 +305,6 @@ def _mass(part: Equations, given: Given) -> list[Scalar]:
 
 def _momentum_rate(part: Equations, given: Given) -> list[Scalar]:
     r"""$\partial_q (\frac12 \dot q^T M \dot q) - g$, passive joints following the others."""
-    from steelyard.symbolic.symbols_and_tracing import slopes_of
-
     momentum = zip(given["dq"], _inertial(part, given, given["dq"]), strict=True)
     twice: Scalar = sum((rate * p for rate, p in momentum), 0.0)
     slopes = slopes_of([0.5 * twice], [*given["q"], *given["channels"]])
@@ -337,8 +330,6 @@ def accelerations(efforts: Efforts, applied: Scalars) -> tuple[list[Scalar], lis
     The `efforts` are $M(q)\,\ddot q + h(q, \dot q)$ of the accelerations, so $M$ is their
     derivative. The pivots are positive if and only if it is positive definite.
     """
-    from steelyard.symbolic.symbols_and_tracing import affine
-
     mass, bias = affine(efforts, len(applied))
     sides = [tau - rest for tau, rest in zip(applied, bias, strict=True)]
     (found,), pivots = solved_by_factors(mass, [sides])

@@ -191,14 +191,8 @@ def _slope(program: Program, linear: Sequence[Linear], step: Step, velocity: int
 
 def program_to_json(program: Program) -> list[Any]:
     """Inputs, steps and outputs as lists."""
-    return [
-        [[a.name, a.entries, a.shared] for a in program.inputs],
-        [
-            [s.operation, s.value if s.operation == "constant" else s.arguments]
-            for s in program.steps
-        ],
-        list(program.outputs),
-    ]
+    inputs = [[a.name, a.entries, a.shared] for a in program.inputs]
+    return [inputs, program.steps, program.outputs]
 
 
 def program_from_json(values: list[Any]) -> Program:
@@ -206,9 +200,6 @@ def program_from_json(values: list[Any]) -> Program:
     inputs, steps, outputs = values
     return Program(
         tuple(InputArray(*x) for x in inputs),
-        tuple(
-            Step(name, value=rest) if name == "constant" else Step(name, tuple(rest))
-            for name, rest in steps
-        ),
+        tuple(Step(name, tuple(arguments), value) for name, arguments, value in steps),
         tuple(outputs),
     )

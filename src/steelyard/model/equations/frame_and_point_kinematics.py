@@ -37,6 +37,7 @@ from steelyard.robot.robot import Frame, Robot, body_frames, robot_to_dict
 from steelyard.symbolic.native.compiled_programs import Code, compiled, compiled_equations
 from steelyard.symbolic.program_and_softening import InputArray as Input
 from steelyard.symbolic.program_and_softening import Program, program_from_json, program_to_json
+from steelyard.symbolic.symbols_and_tracing import carried_along, symbolic
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,8 +168,6 @@ def points_on(robot: Robot, carriers: Sequence[int], places: ArrayLike) -> Point
         refuse_passive(robot, body, robot.bodies[body].name if body >= 0 else "base")
 
     def build() -> tuple[Program, dict[str, Any]]:
-        from steelyard.symbolic.symbols_and_tracing import carried_along, symbolic
-
         def outputs(q: Scalars) -> list[Scalar]:
             slopes = (
                 carried_point(robot, q, *one)[1] for one in zip(carriers, points, strict=True)
@@ -235,8 +234,6 @@ def _frame_motion_outputs(
     robot: Robot, frame: Frame, q: Scalars, passive: Scalars, dq: Scalars
 ) -> list[Scalar]:
     """Outputs of `frame_outputs`, and the drift: how the velocities grow while `dq` is constant."""
-    from steelyard.symbolic.symbols_and_tracing import carried_along
-
     found, n = frame_outputs(robot, frame, q, passive), robot.n
     rows = np.array(found[12:], dtype=object).reshape(6, n)
     velocities = [sum((x * rate for x, rate in zip(row, dq, strict=True)), 0.0) for row in rows]

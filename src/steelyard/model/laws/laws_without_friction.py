@@ -43,6 +43,8 @@ from steelyard.model.terms.term import (
 )
 from steelyard.robot.inertia_and_placement import INERTIAL_NAMES, INERTIAL_UNITS
 from steelyard.robot.robot import Robot
+from steelyard.symbolic.symbols_and_tracing import Symbol, number_of
+from steelyard.symbolic.tape_and_derivatives import Tape, backward, edges
 
 
 def body_efforts(robot: Robot, state: JointState, numbers: Scalars) -> list[Scalar]:
@@ -87,9 +89,6 @@ class RigidBody(Term):
 
     def columns(self, robot: Robot, state: JointState) -> Columns:
         """Reverse derivative of the inverse dynamics, without what is zero by structure."""
-        from steelyard.symbolic.symbols_and_tracing import Symbol, number_of
-        from steelyard.symbolic.tape_and_derivatives import Tape, backward, edges
-
         tape = Tape.current()
         numbers = [tape.variable() for _ in range(10 * len(robot.bodies))]
         flat: list[Scalar] = [Symbol(tape, number) for number in numbers]
