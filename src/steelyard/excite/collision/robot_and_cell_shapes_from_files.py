@@ -25,9 +25,14 @@ from steelyard.excite.constraints.constraint import Declined, Gap
 from steelyard.robot.file.model_reading_and_loaded_robot import read_mechanism
 from steelyard.robot.inertia_and_placement import Placement
 from steelyard.robot.mechanism import Mechanism
-from steelyard.robot.models.urdf import number_of, numbers_of, placement_of
 from steelyard.robot.models.xacro import expand
-from steelyard.robot.models.xml_reader import Element, read_xml
+from steelyard.robot.models.xml_and_urdf import (
+    Element,
+    number_of,
+    numbers_of,
+    placement_of,
+    read_xml,
+)
 from steelyard.robot.robot import Frame, Robot
 
 Kind = Literal["collision", "visual"]  # what a URDF gives shapes for

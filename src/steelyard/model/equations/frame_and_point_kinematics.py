@@ -169,16 +169,12 @@ def points_on(robot: Robot, carriers: Sequence[int], places: ArrayLike) -> Point
 
     def build() -> tuple[Program, dict[str, Any]]:
         def outputs(q: Scalars) -> list[Scalar]:
-            slopes = (
-                carried_point(robot, q, *one)[1] for one in zip(carriers, points, strict=True)
-            )
-            return [
-                *_positions(robot, carriers, points, q),
-                *(x for s in slopes for x in _rows(s, n)),
-            ]
+            ends = [carried_point(robot, q, *one) for one in zip(carriers, points, strict=True)]
+            positions = [x for position, _ in ends for x in position]
+            return [*positions, *(x for _, slopes in ends for x in _rows(slopes, n))]
 
         def flow(q: Scalars, dq: Scalars) -> list[Scalar]:
-            positions = _positions(robot, carriers, points, q)
+            positions = outputs(q)[: 3 * len(points)]
             return [*positions, *carried_along(positions, q, dq)]
 
         def bend(q: Scalars, dq: Scalars, ddq: Scalars) -> list[Scalar]:
@@ -194,11 +190,6 @@ def points_on(robot: Robot, carriers: Sequence[int], places: ArrayLike) -> Point
     code = compiled(["points", robot_to_dict(robot), list(carriers), points.tolist()], build)
     flow, bend = (program_from_json(code.about[name]) for name in ("flow", "bend"))
     return Points(robot, tuple(carriers), points, code, flow, bend)
-
-
-def _positions(robot: Robot, carriers: Sequence[int], points: Array, q: Scalars) -> list[Scalar]:
-    ends = zip(carriers, points, strict=True)
-    return [x for body, point in ends for x in carried_point(robot, q, body, point)[0]]
 
 
 def refuse_passive(robot: Robot, body: int, name: str) -> None:

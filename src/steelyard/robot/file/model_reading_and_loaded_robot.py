@@ -15,26 +15,15 @@ import numpy as np
 
 from steelyard.base.arrays import frozen
 from steelyard.base.errors import ModelError, OpenModelError
+from steelyard.robot.file import sections
 from steelyard.robot.file.excitation_sections import ExcitationSection
-from steelyard.robot.file.sections import (
-    ActuatorSection,
-    DHRow,
-    DHSection,
-    EstimationSection,
-    FrictionSelection,
-    PriorSection,
-    ProcessingSection,
-    RobotSection,
-    ValidationSection,
-)
 from steelyard.robot.file.signals import Signals, TargetSignals
 from steelyard.robot.file.signals_from_tables import Locate
 from steelyard.robot.floating_ball_and_coupled_joints import floating_base
 from steelyard.robot.inertia_and_placement import Inertia, Placement, symmetric, turn
 from steelyard.robot.mechanism import Joint, JointSpring, Link, Mechanism
-from steelyard.robot.models.urdf import read_urdf
 from steelyard.robot.models.xacro import expand, joined_reference, stem_of
-from steelyard.robot.models.xml_reader import read_bytes, read_xml
+from steelyard.robot.models.xml_and_urdf import read_bytes, read_urdf, read_xml
 from steelyard.robot.robot import Robot
 from steelyard.robot.robot_from_mechanism import ignored_statements, reduced, springs_along
 
@@ -109,13 +98,13 @@ class LoadedRobot:
     notes: tuple[str, ...]
     signals: Signals | None = None
     terms: tuple[TermSpec, ...] | None = None
-    friction: FrictionSelection | None = None
-    processing: ProcessingSection = ProcessingSection()
-    estimation: EstimationSection = EstimationSection()
-    validation: ValidationSection = ValidationSection()
+    friction: sections.FrictionSelection | None = None
+    processing: sections.ProcessingSection = sections.ProcessingSection()
+    estimation: sections.EstimationSection = sections.EstimationSection()
+    validation: sections.ValidationSection = sections.ValidationSection()
     sources: tuple[SourceFile, ...] = ()
     where: Locate = lambda *key: "the model"
-    prior: PriorSection = PriorSection()
+    prior: sections.PriorSection = sections.PriorSection()
     knowledge: tuple[Mapping[str, Any], ...] = ()
     excitation: ExcitationSection = ExcitationSection()
     springs: Mapping[str, JointSpring] = field(default_factory=dict)
@@ -125,7 +114,7 @@ class LoadedRobot:
     floats: bool = False
     couplings_stated: bool = True
     targets: TargetSignals | None = None
-    actuator: ActuatorSection = ActuatorSection()
+    actuator: sections.ActuatorSection = sections.ActuatorSection()
 
     def __repr__(self) -> str:
         return f"LoadedRobot('{self.reference}', {self.robot!r})"
@@ -169,7 +158,7 @@ def read_model(
     return ModelFile(mechanism, tuple(sources), MappingProxyType(dict(arguments)), notes)
 
 
-def model_of_tables(section: RobotSection, path: Path, locate: Locate) -> ModelFile:
+def model_of_tables(section: sections.RobotSection, path: Path, locate: Locate) -> ModelFile:
     """The model file that a robot file names, or its Denavit-Hartenberg table."""
     given = [key for key in ("urdf", "mjcf", "dh") if getattr(section, key) is not None]
     if len(given) != 1:
@@ -222,7 +211,7 @@ def beside(path: Path, text: str, where: str) -> Path:
     return path.parent / re.sub(r"\$\{(\w+)\}", value, text)
 
 
-def _of_dh(table: DHSection, name: str, where: str) -> Mechanism:
+def _of_dh(table: sections.DHSection, name: str, where: str) -> Mechanism:
     angle = math.pi / 180.0 if table.angle_unit == "deg" else 1.0
     rows = [
         row.model_copy(update={"alpha": row.alpha * angle, "theta": row.theta * angle})
@@ -236,7 +225,7 @@ _X, _Z = np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0])
 
 
 def dh_mechanism(
-    rows: Sequence[DHRow],
+    rows: Sequence[sections.DHRow],
     convention: DHConvention = "standard",
     name: str = "dh_robot",
     where: str = "the DH table",

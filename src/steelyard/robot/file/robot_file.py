@@ -33,7 +33,7 @@ from steelyard.robot.inertia_and_placement import clean_rotation, rpy_rotation
 from steelyard.robot.loop_closures import Closing
 from steelyard.robot.mechanism import Answer, Mechanism, Pin
 from steelyard.robot.models.xacro import joined_reference, split_reference
-from steelyard.robot.models.xml_reader import read_bytes
+from steelyard.robot.models.xml_and_urdf import read_bytes
 from steelyard.robot.robot import Limits, Robot, Transmission
 from steelyard.robot.robot_from_mechanism import (
     ignored_statements,

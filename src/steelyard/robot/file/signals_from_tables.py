@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -10,19 +10,7 @@ import numpy as np
 
 from steelyard.base.arrays import Array, frozen
 from steelyard.base.errors import ModelError, refuse_unknown
-from steelyard.robot.file.signals import (
-    EFFORT_UNITS,
-    MOTOR_KINDS,
-    POSITION_UNITS,
-    ROW,
-    TIME_UNITS,
-    VELOCITY_UNITS,
-    WITHOUT_TORQUE,
-    Signals,
-    TargetSignals,
-    expanded,
-    looks_like_degrees,
-)
+from steelyard.robot.file import signals
 from steelyard.robot.robot import Coordinate, Transmission
 
 if TYPE_CHECKING:
@@ -36,7 +24,7 @@ def build_signals(
     coordinates: Sequence[Coordinate],
     locate: Locate,
     gears: Transmission | None = None,
-) -> Signals:
+) -> signals.Signals:
     """The signals a robot file declares, for the joints it identifies and gears, if it has any."""
     if not section.has_efforts:
         raise ModelError(
@@ -55,8 +43,8 @@ def build_signals(
     for keys in (_MEASURED, _COMMANDED):
         moved = [((key,), columns.get(key, ())) for key in keys]
         declared.check_distinct([(("time",), (time,)), *moved, (("effort", "columns"), measured)])
-    position_scale = declared.scales("position", POSITION_UNITS) * declared.signs("position")
-    velocity_scale = declared.scales("velocity", VELOCITY_UNITS) * declared.signs("velocity")
+    position_scale = declared.scales("position") * declared.signs("position")
+    velocity_scale = declared.scales("velocity") * declared.signs("velocity")
     units, effort_scale = declared.effort_units()
     gains, unknown_gains = declared.gains(effort, units)
     effort_map = position_map = None
@@ -76,7 +64,7 @@ def build_signals(
         else:
             gains = gains * np.diag(gears.matrix)
     offsets, unknown_offsets = declared.offsets()
-    return Signals(
+    return signals.Signals(
         time=time,
         time_scale=time_scale,
         position=columns["position"],
@@ -107,7 +95,7 @@ def build_signals(
 
 def build_target_signals(
     section: SignalsSection, coordinates: Sequence[Coordinate], locate: Locate
-) -> TargetSignals:
+) -> signals.TargetSignals:
     """The signals that a robot file declares for joints whose efforts are not logged."""
     for key in ("velocity", "commanded_position", "commanded_velocity"):
         if getattr(section, key) is not None:
@@ -128,11 +116,11 @@ def build_target_signals(
     position, target = (declared.columns(getattr(section, k), k) for k in ("position", "target"))
     named = [("time", (time,)), ("position", position), ("target", target)]
     declared.check_distinct([((key,), columns) for key, columns in named])
-    scale = frozen(declared.scales("position", POSITION_UNITS))
+    scale = frozen(declared.scales("position"))
     zeros = declared.each(section.position_offset, "offsets", "position_offset")
     known = tuple(None if zero == "identify" else zero for zero in zeros)
     signs = declared.each(section.position_sign, "signs", "position_sign")
-    return TargetSignals(time, time_scale, position, target, scale, signs, known)
+    return signals.TargetSignals(time, time_scale, position, target, scale, signs, known)
 
 
 _MEASURED, _COMMANDED = ("position", "velocity"), ("commanded_position", "commanded_velocity")
@@ -170,7 +158,7 @@ class _Declared:
                     fix='list one column per joint, or give a pattern: "q{}" for q1, q2, ..., '
                     'or "{joint}_position"',
                 )
-            given = expanded(given, self.joints)
+            given = signals.expanded(given, self.joints)
         return self.each(given, f"columns ({', '.join(given)})", *key)
 
     def motion_columns(self) -> dict[str, tuple[str, ...]]:
@@ -209,9 +197,9 @@ class _Declared:
         """Column of time, or of the rows' numbers if only a rate is given; seconds per unit."""
         section = self.section
         if section.rate is None and section.time is not None:
-            return section.time, TIME_UNITS[section.time_unit]
+            return section.time, signals.TIME_UNITS[section.time_unit]
         if section.rate is not None and section.time is None:
-            return ROW, 1.0 / section.rate
+            return signals.ROW, 1.0 / section.rate
         both, none = "both a column of time and a rate", "neither a column of time nor a rate"
         raise ModelError(
             f"there is {both if section.rate else none}",
@@ -234,13 +222,14 @@ class _Declared:
                     )
                 known[column] = name
 
-    def scales(self, quantity: str, units: Mapping[str, Mapping[str, float]]) -> Array:
+    def scales(self, quantity: str) -> Array:
         """SI per logged unit, without signs.
 
         One unit for all means those joints that it can measure. A motor that turns may drive a
         prismatic joint.
         """
         given, key = getattr(self.section, f"{quantity}_unit"), f"{quantity}_unit"
+        units = signals.POSITION_UNITS if quantity == "position" else signals.VELOCITY_UNITS
         if self.section.coordinates == "motor":
             units = dict.fromkeys(units, {u: x for some in units.values() for u, x in some.items()})
         wanted: Sequence[str | None] = self.each(given, "units", key)
@@ -299,7 +288,7 @@ class _Declared:
             return None, ()
         offsets = self.each(given, "offsets", key)
         for offset, coordinate in zip(offsets, self.joints, strict=True):
-            if offset != "identify" and looks_like_degrees(offset, coordinate):
+            if offset != "identify" and signals.looks_like_degrees(offset, coordinate):
                 raise ModelError(
                     f"position_offset is in rad: {offset:g} of '{coordinate.name}' looks like "
                     "degrees",
@@ -322,7 +311,7 @@ class _Declared:
                     "`steelyard init`: fill in ratios, and remove the # before it and before "
                     "[robot.transmission])",
                 )
-        if effort.side == "motor" and effort.kind not in MOTOR_KINDS:
+        if effort.side == "motor" and effort.kind not in signals.MOTOR_KINDS:
             raise ModelError(
                 f"an effort of kind '{effort.kind}' is not one of the motors",
                 where=self.locate("signals", "effort", "side"),
@@ -334,7 +323,7 @@ class _Declared:
         effort, key = self.section.effort, ("effort", "unit")
         units, where = self.each(effort.unit, "units", *key), self.locate("signals", *key)
         for unit, coordinate in zip(units, self.joints, strict=True):
-            if effort.kind not in MOTOR_KINDS and unit != coordinate.effort_unit:
+            if effort.kind not in signals.MOTOR_KINDS and unit != coordinate.effort_unit:
                 raise ModelError(
                     f"unit '{unit}' does not fit the joint torque of '{coordinate.name}', "
                     f"which is {coordinate.kind}",
@@ -355,7 +344,8 @@ class _Declared:
                 where=where,
                 fix='use unit = "A" or "mA" with gain in Nm per A, or kind = "motor_torque"',
             )
-        return tuple(EFFORT_UNITS[u][0] for u in units), frozen([EFFORT_UNITS[u][1] for u in units])
+        bases = [signals.EFFORT_UNITS[unit] for unit in units]
+        return tuple(base for base, _ in bases), frozen([size for _, size in bases])
 
     def gains(self, columns: Sequence[str], units: Sequence[str]) -> tuple[Array, tuple[bool, ...]]:
         """Joint effort per base unit, 1 where it is to be identified; and where it is."""
@@ -363,9 +353,9 @@ class _Declared:
         where = self.locate("signals", *key)
         if given is None:
             for unit, column, coordinate in zip(units, columns, joints, strict=True):
-                if unit in WITHOUT_TORQUE:
+                if unit in signals.WITHOUT_TORQUE:
                     raise ModelError(
-                        f"column '{column}' holds {WITHOUT_TORQUE[unit]}, but joint "
+                        f"column '{column}' holds {signals.WITHOUT_TORQUE[unit]}, but joint "
                         f"'{coordinate.name}' has no drive gain",
                         where=where,
                         fix=f"give gain = [...] in {coordinate.effort_unit}/{unit} per joint, or "

@@ -20,18 +20,8 @@ from steelyard.robot.file.model_reading_and_loaded_robot import (
 from steelyard.robot.file.sections import Side
 from steelyard.robot.file.toml_edits import toml_key, toml_text
 from steelyard.robot.floating_ball_and_coupled_joints import carried_joints, floating_trees
+from steelyard.robot.init import draft_tables as tables
 from steelyard.robot.init.column_names import Column, by_name, finite, like_finger
-from steelyard.robot.init.draft_tables import (
-    Effort,
-    Known,
-    columns_table,
-    excitation_table,
-    gears_table,
-    model_table,
-    robot_file_text,
-    signals_table,
-    with_effort,
-)
 from steelyard.robot.init.guess_columns import Guess, Sample, guess_columns
 from steelyard.robot.init.guess_efforts_and_gears import (
     LINK_SIDE_TORQUE,
@@ -46,7 +36,7 @@ from steelyard.robot.init.guess_targets import TargetGuess, guess_targets
 from steelyard.robot.loop_closures import between
 from steelyard.robot.mechanism import Listed, Mechanism
 from steelyard.robot.models.xacro import split_reference
-from steelyard.robot.models.xml_reader import read_xml
+from steelyard.robot.models.xml_and_urdf import read_xml
 from steelyard.robot.robot import Coordinate, Robot
 
 
@@ -194,7 +184,7 @@ def _loop_groups(mechanism: Mechanism, base: str | None) -> list[list[str]]:
     return [sorted(group, key=order.index) for group in groups if group]
 
 
-_NOTHING = Known()
+_NOTHING = tables.Known()
 FILL_IN = (
     "fill in [signals], which is commented out below the names of the log's columns, with a column "
     "in place of each ?, and remove the #"
@@ -287,11 +277,11 @@ def _behind_the_gears(guess: Guess, robot: str) -> Guess:
         return guess
     stated = LINK_SIDE_TORQUE.format(name)
     reasons = (why.replace(TORQUE, stated).replace(UNSTATED, stated) for why in guess.reasons)
-    return replace(with_effort(guess, Effort("link_torque")), reasons=tuple(reasons))
+    return replace(tables.with_effort(guess, tables.Effort("link_torque")), reasons=tuple(reasons))
 
 
 def drafted(
-    proposal: Proposal, assignment: Assignment, output_path: Path, known: Known = _NOTHING
+    proposal: Proposal, assignment: Assignment, output_path: Path, known: tables.Known = _NOTHING
 ) -> Draft:
     """A commented robot file; the model's path is given from where the text will be written.
 
@@ -301,17 +291,19 @@ def drafted(
     """
     robot, springs = proposal.loaded.robot, proposal.loaded.springs
     free, moving = assignment.free, assignment.moving
-    guess = None if assignment.guess is None else with_effort(assignment.guess, known.effort)
+    guess = None if assignment.guess is None else tables.with_effort(assignment.guess, known.effort)
     resting = [c for c in robot.coordinates if c not in moving]
     gears = known.gears or (gears_of(proposal, moving, guess) if guess else None)
-    text = robot_file_text(
+    text = tables.robot_file_text(
         **_robot_table(proposal, moving, resting, output_path),
-        **gears_table(gears, moving),
-        **model_table({c.name: springs[c.name] for c in moving if c.name in springs}, guess, known),
-        **signals_table(guess, moving, known)
+        **tables.gears_table(gears, moving),
+        **tables.model_table(
+            {c.name: springs[c.name] for c in moving if c.name in springs}, guess, known
+        ),
+        **tables.signals_table(guess, moving, known)
         if guess
-        else columns_table(assignment.columns, assignment.problem, moving),
-        **excitation_table(moving),
+        else tables.columns_table(assignment.columns, assignment.problem, moving),
+        **tables.excitation_table(moving),
         guess=guess,
         targets=assignment.targets,
         known=known,

@@ -13,6 +13,7 @@ from steelyard.base.errors import LogError
 from steelyard.robot.file.sections import Side, SignalsSection
 from steelyard.robot.file.signals import Signals, expanded
 from steelyard.robot.file.signals_from_tables import build_signals
+from steelyard.robot.init import guess_efforts_and_gears as efforts
 from steelyard.robot.init.column_names import (
     OF_MOTORS,
     Column,
@@ -31,16 +32,6 @@ from steelyard.robot.init.guess_clock_positions_and_velocities import (
     guess_positions,
     judged,
 )
-from steelyard.robot.init.guess_efforts_and_gears import (
-    COUNTS,
-    Gears,
-    beyond_effort,
-    changes,
-    effort_units,
-    others,
-    regressed,
-    unactuated,
-)
 from steelyard.robot.robot import Coordinate, Robot
 
 Sample = Mapping[str, ArrayLike]
@@ -56,7 +47,7 @@ class Guess:
     velocity: tuple[str, ...]  # velocity columns that were seen, and left out
     reasons: tuple[str, ...]  # why, one sentence each, for the user
     contradictions: tuple[str, ...] = ()  # values that contradict the model file, one sentence each
-    gears: Gears | None = None  # where the log has positions of both motors and joints
+    gears: efforts.Gears | None = None  # where the log has positions of both motors and joints
     velocity_unit: Any = None  # of all velocity columns, or one per joint; `None` for rad/s and m/s
 
     @property
@@ -83,11 +74,8 @@ def guess_signals(
             fix="write a robot file with `steelyard init` and set there which joints are "
             "identified, and where the others are locked",
         )
-
-    def where(*key: str | int) -> str:
-        return "the log's columns as guessed (`steelyard init` writes the guess to a robot file)"
-
-    return build_signals(guess.section, robot.coordinates, where), guess.reasons
+    place = "the log's columns as guessed (`steelyard init` writes the guess to a robot file)"
+    return build_signals(guess.section, robot.coordinates, lambda *key: place), guess.reasons
 
 
 def guess_columns(
@@ -116,9 +104,9 @@ def guess_columns(
     kinds = by_key((c.quantity, c) for c in named if c.quantity is not None)
     joints, counted, position, effort, how = _matched(coordinates, every, kinds, columns, values)
     clock, time_reason = clock_of(kinds.get("time", []), position[0], columns, values, rate)
-    if counts := [c.name for c in effort if c.has(*COUNTS)]:
+    if counts := [c.name for c in effort if c.has(*efforts.COUNTS)]:
         give_up(f"efforts are in counts, which have no unit: {', '.join(counts)}", columns)
-    effort_words, units = effort_units(effort, joints, values)
+    effort_words, units = efforts.effort_units(effort, joints, values)
     of_motors = all(c.of_motor for c in effort) if side is None else side == "motor"
     where = guess_positions(position, joints, values, columns, geared or of_motors, side)
     stated = side is not None or (geared and not (of_motors or where.motors))
@@ -134,7 +122,7 @@ def guess_columns(
     currents = {"A", "mA"} & set(units)  # a gain takes them to the joints' side, unless stated
     kind = "motor_current" if currents else "motor_torque" if of_motors else "joint_torque"
     behind = "motor" if of_motors and (stated or not currents) else "joint"
-    free = unactuated(position, effort, values) if behind == "joint" else ()
+    free = efforts.unactuated(position, effort, values) if behind == "joint" else ()
     section = SignalsSection.model_validate(
         {
             **clock,
@@ -162,7 +150,7 @@ def guess_columns(
         time_reason,
         f"positions are {listed(position)}, assigned {how}; {where.reason}",
         f"efforts are {listed(effort)}, assigned {how}; {effort_words}"
-        + others([c for group in groups for c in group], kinds.get("effort", [])),
+        + efforts.others([c for group in groups for c in group], kinds.get("effort", [])),
     ]
     if free:
         names_of_free = ", ".join(joints[j].name for j in free)
@@ -175,7 +163,7 @@ def guess_columns(
     left = () if used else tuple(c.name for c in velocity)
     contradictions = where.contradictions + rates.contradictions
     if kind == "joint_torque":
-        contradictions += beyond_effort(effort, joints, values)
+        contradictions += efforts.beyond_effort(effort, joints, values)
     gears = None if where.motors else _gears(joints, position, kinds.get("position", ()), sample)
     names = tuple(c.name for c in joints)
     return Guess(section, names, left, tuple(reasons), contradictions, gears, rates.unit)
@@ -186,7 +174,7 @@ def _gears(
     position: Sequence[Column],
     every: Sequence[Column],
     sample: Sample | None,
-) -> Gears | None:
+) -> efforts.Gears | None:
     """Gears from a log that has positions of joints and of motors."""
     motors = [column for column in every if column.of_motor]
     found = _one_each(joints, (), motors) or _one_each(joints, joints, motors)
@@ -194,7 +182,7 @@ def _gears(
     if not found or sample is None or any(column.name not in sample for column in columns):
         return None
     sides = [np.asarray(sample[column.name], dtype=np.float64) for column in columns]
-    return regressed(sides[: len(joints)], sides[len(joints) :])
+    return efforts.regressed(sides[: len(joints)], sides[len(joints) :])
 
 
 def velocities_beside(position: Sequence[str], columns: Sequence[str]) -> tuple[str, ...]:
@@ -250,7 +238,7 @@ def _matched(
     for counted in (joints, every or coordinates):
         numbered_q, numbered_tau = (_numbered(joints, counted, x) for x in (position, effort))
         if numbered_q and numbered_tau:
-            found = (g for g in numbered_tau if any(changes(c.name, values) for c in g))
+            found = (g for g in numbered_tau if any(efforts.changes(c.name, values) for c in g))
             alive = next(found, numbered_tau[0])
             return joints, counted, list(numbered_q[0]), list(alive), "by their numbers"
     quantity: Quantity = "position"

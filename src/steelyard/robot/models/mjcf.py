@@ -28,7 +28,7 @@ from steelyard.robot.models.mjcf_equalities_and_forces import (
     springs_of,
     wraps_of,
 )
-from steelyard.robot.models.xml_reader import Element, read_xml, refuse_device
+from steelyard.robot.models.xml_and_urdf import Element, read_xml, refuse_device
 from steelyard.robot.robot import Limits
 
 _POINTER = b"version https://git-lfs"

@@ -400,7 +400,10 @@ class Equalities:
                 found[index] = joint, master, offset, ratio
                 masters[joint] = master
         for index in self._active(mujoco.mjtEq.mjEQ_TENDON):
-            if (pair := self._pair(index)) is None:
+            tendon, other = self._objects(index)
+            wraps = wraps_of(model, tendon)
+            pair = {k: x for kind, k, x in wraps if kind == mujoco.mjtWrap.mjWRAP_JOINT and x}
+            if other >= 0 or not len(wraps) == len(pair) == 2:
                 continue
             (first, a), (second, b) = pair.items()
             if second in masters:
@@ -416,13 +419,6 @@ class Equalities:
 
     def _proportional(self, index: int) -> bool:
         return bool(self.model.eq_obj2id[index] >= 0 and not self.model.eq_data[index][2:5].any())
-
-    def _pair(self, index: int) -> dict[int, float] | None:
-        """The two joints of an equality's fixed tendon with their coefficients, if it is such."""
-        tendon, other = self._objects(index)
-        wraps = wraps_of(self.model, tendon)
-        pair = {k: x for kind, k, x in wraps if kind == mujoco.mjtWrap.mjWRAP_JOINT and x}
-        return pair if other < 0 and len(wraps) == len(pair) == 2 else None
 
     def _name(self, index: int) -> str:
         return name_of(self.model, "eq", index)

@@ -25,10 +25,9 @@ from xml.etree import ElementTree
 
 from steelyard.base.errors import ModelError, refuse_unknown
 from steelyard.base.files import cache_folder, whole_file
-from steelyard.robot.models.urdf import of_xacro
 from steelyard.robot.models.xacro_commands import Commands, Macro, Packages, Scope
 from steelyard.robot.models.xacro_expressions import XacroError, as_truth
-from steelyard.robot.models.xml_reader import Element, read_xml, xacro_name
+from steelyard.robot.models.xml_and_urdf import Element, of_xacro, read_xml, xacro_name
 
 _ARGUMENT = re.compile(r"\s+(?=[A-Za-z_]\w*:=)")
 

@@ -21,7 +21,7 @@ from steelyard.robot.models.xacro_expressions import (
     evaluate,
     literal,
 )
-from steelyard.robot.models.xml_reader import Element, read_bytes, read_xml
+from steelyard.robot.models.xml_and_urdf import Element, read_bytes, read_xml
 
 
 @dataclass(frozen=True)
