@@ -10,23 +10,8 @@ import numpy as np
 from steelyard.base.arrays import Parameter
 from steelyard.base.errors import ModelError
 from steelyard.model.equations.inverse_dynamics import JointState, Scalar, Scalars
-from steelyard.model.terms.axes_and_fields import (
-    DEFAULT_SHAPE,
-    Axes,
-    Axis,
-    Field,
-    directional,
-    directions,
-    is_zero,
-    named_axis,
-    per_axis,
-    refuse_negative,
-    refuse_not_positive,
-    refuse_shape,
-    refuse_unknown,
-    spread,
-    unfit,
-)
+from steelyard.model.terms import axes_and_fields as fields
+from steelyard.model.terms.axes_and_fields import Axes, Axis, Field, directional, is_zero
 from steelyard.model.terms.term import (
     ActsOnAxes,
     Cause,
@@ -53,15 +38,15 @@ class _Directed(ActsOnAxes):
     bounds: ClassVar[Mapping[str, tuple[float, float]]] = {"smoothing": (1e-3, 1.0)}
     # speed $w$ of the smooth law, one for all or one per coordinate [rad/s; m/s]; zero for the sign
     smoothing: Field = 0.0
-    shape: str = DEFAULT_SHAPE  # which smooth law: `tanh`, `arctan` (p3, eq 6) or `logistic`
+    shape: str = fields.DEFAULT_SHAPE  # which smooth law: `tanh`, `arctan` (p3, eq 6) or `logistic`
 
     def __post_init__(self) -> None:
-        refuse_negative(self.law, smoothing=self.smoothing)
-        refuse_shape(self.law, self.shape, self.smoothing)
+        fields.refuse_negative(self.law, smoothing=self.smoothing)
+        fields.refuse_shape(self.law, self.shape, self.smoothing)
 
     def efforts(self, axes: Axes, state: JointState) -> Scalars:
         """The direction of motion, or its positive and its negative part, times `sizes`."""
-        sense = directions(axes, state.dq, self.smoothing, self.law, self.shape)
+        sense = fields.directions(axes, state.dq, self.smoothing, self.law, self.shape)
         each, sizes = sense if len(self.units) == 1 else directional(sense), self.sizes(axes, state)
         return each if sizes is None else [s * sizes[k % len(axes)] for k, s in enumerate(each)]
 
@@ -86,10 +71,10 @@ class Coulomb(_Directed):
     threshold: Field = 0.0
 
     def __post_init__(self) -> None:
-        refuse_negative(self.law, threshold=self.threshold)
+        fields.refuse_negative(self.law, threshold=self.threshold)
         super().__post_init__()
         if not is_zero(self.threshold) and not is_zero(self.smoothing):
-            raise unfit(
+            raise fields.unfit(
                 f"Coulomb friction with threshold {self.threshold} and smoothing {self.smoothing}",
                 "give one of the two, as a positive speed, or none for the plain sign",
             )
@@ -119,7 +104,7 @@ class Coulomb(_Directed):
 
 def _moving(term: "Coulomb | Viscous", axes: Axes, state: JointState) -> Scalars:
     """Whether the speed along every coordinate is above the threshold."""
-    pairs = zip(axes, per_axis(term.threshold, axes, term.law), strict=True)
+    pairs = zip(axes, fields.per_axis(term.threshold, axes, term.law), strict=True)
     return [np.abs(axis.of(state.dq)) > rest for axis, rest in pairs]
 
 
@@ -169,7 +154,7 @@ class Viscous(_OfSpeed):
     threshold: Field = 0.0
 
     def __post_init__(self) -> None:
-        refuse_negative(self.law, threshold=self.threshold)
+        fields.refuse_negative(self.law, threshold=self.threshold)
 
     def efforts(self, axes: Axes, state: JointState) -> Scalars:
         """The velocity above the threshold."""
@@ -257,13 +242,13 @@ class Stribeck(_Directed):
     exponent: int = 1  # $\beta$, 1 or 2
 
     def __post_init__(self) -> None:
-        refuse_unknown(self.law, "exponent", self.exponent, (1, 2))
-        refuse_not_positive(self.law, speed=self.speed)
+        fields.refuse_unknown(self.law, "exponent", self.exponent, (1, 2))
+        fields.refuse_not_positive(self.law, speed=self.speed)
         super().__post_init__()
 
     def sizes(self, axes: Axes, state: JointState) -> Scalars | None:
         r"""$e^{-|v/v_s|^\beta}$ along every coordinate."""
-        scales = per_axis(self.speed, axes, self.law)
+        scales = fields.per_axis(self.speed, axes, self.law)
         relative = [axis.of(state.dq) / scale for axis, scale in zip(axes, scales, strict=True)]
         return [np.exp(-(np.abs(x) if self.exponent == 1 else x * x)) for x in relative]
 
@@ -307,12 +292,12 @@ class Coupled(Term):
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "pairs", _pairs(self.pairs))
-        refuse_unknown(self.law, "kind", self.kind, ("viscous", "coulomb"))
-        refuse_negative(self.law, smoothing=self.smoothing)
+        fields.refuse_unknown(self.law, "kind", self.kind, ("viscous", "coulomb"))
+        fields.refuse_negative(self.law, smoothing=self.smoothing)
         if not self.pairs:
             raise _no_pair("no pairs")
         if self.kind == "viscous" and not is_zero(self.smoothing):
-            raise unfit(
+            raise fields.unfit(
                 "viscous coupled friction has no smoothing",
                 'leave out `smoothing`, or give kind = "coulomb"',
             )
@@ -334,15 +319,15 @@ class Coupled(Term):
         pairs = self._axes(robot)
         movers = [mover for mover, _ in pairs]
         speeds: list[Scalar] = (
-            directions(movers, state.dq, self.smoothing, self.law)
+            fields.directions(movers, state.dq, self.smoothing, self.law)
             if self.kind == "coulomb"
             else [mover.of(state.dq) for mover in movers]
         )
-        return spread([loaded for _, loaded in pairs], speeds)
+        return fields.spread([loaded for _, loaded in pairs], speeds)
 
     def _axes(self, robot: Robot) -> list[tuple[Axis, Axis]]:
         return [
-            (named_axis(robot, mover), named_axis(robot, loaded))
+            (fields.named_axis(robot, mover), fields.named_axis(robot, loaded))
             for (_, mover), (_, loaded) in self.pairs
         ]
 
@@ -369,7 +354,7 @@ def _ends(given: Any) -> tuple[Any, Any] | None:
 
 
 def _no_pair(what: str) -> ModelError:
-    return unfit(
+    return fields.unfit(
         f"coupled friction with {what}",
         'name two joints or motors per pair: pairs = [{from = "hip", to = "knee"}]',
     )

@@ -24,15 +24,8 @@ from steelyard.model.equations.inverse_dynamics import (
     projected,
 )
 from steelyard.model.laws.laws_without_friction import RigidBody
-from steelyard.model.terms.axes_and_fields import (
-    Axes,
-    Axis,
-    Field,
-    each,
-    per_axis,
-    refuse_not_positive,
-    unfit,
-)
+from steelyard.model.terms import axes_and_fields as fields
+from steelyard.model.terms.axes_and_fields import Axes, Axis, Field
 from steelyard.model.terms.stateful_terms import Presliding, RigidTorque, StateStep, relaxed
 from steelyard.model.terms.term import (
     INVENTED_TORQUE_SHARE,
@@ -56,11 +49,11 @@ class OneState(Presliding):
     length: Field = 3e-4
 
     def __post_init__(self) -> None:
-        refuse_not_positive(self.law, length=self.length)
+        fields.refuse_not_positive(self.law, length=self.length)
 
     def lengths_of(self, axes: Axes) -> list[float]:
         """One per coordinate."""
-        return per_axis(self.length, axes, self.law)
+        return fields.per_axis(self.length, axes, self.law)
 
     def steps(self, axes: Axes, moved: Scalars, speeds: Scalars) -> list[StateStep]:
         """A Dahl state each [Dahl1968]."""
@@ -103,7 +96,7 @@ class MaxwellSlip(Presliding):
     def __post_init__(self) -> None:
         lengths = self.lengths if isinstance(self.lengths, tuple) else ()
         if not lengths or not all(isinstance(x, float | int) and 0.0 < x < inf for x in lengths):
-            raise unfit(
+            raise fields.unfit(
                 f"Maxwell slip with lengths {self.lengths!r}",
                 "give one length above zero per element: lengths = [3e-4, 1e-3]",
             )
@@ -111,7 +104,9 @@ class MaxwellSlip(Presliding):
     def parameters(self, robot: Robot) -> tuple[Parameter, ...]:
         """One per coordinate and element, not negative."""
         names = [f"{self.law}{k + 1}" for k in range(len(self.lengths))]
-        return tuple(p for name in names for p in each(self.axes(robot), name, "{effort}", 0.0))
+        return tuple(
+            p for name in names for p in fields.each(self.axes(robot), name, "{effort}", 0.0)
+        )
 
     def lengths_of(self, axes: Axes) -> list[float]:
         """One per element and coordinate."""
@@ -162,12 +157,12 @@ class LuGre(Presliding):
     speed: Field = 0.02  # stribeck speed $v_s$ [rad/s; m/s]
 
     def __post_init__(self) -> None:
-        refuse_not_positive(
+        fields.refuse_not_positive(
             self.law, length=self.length, breakaway=self.breakaway, speed=self.speed
         )
         ratios = self.breakaway if isinstance(self.breakaway, tuple) else (self.breakaway,)
         if min(ratios, default=1.0) < 1.0:
-            raise unfit(
+            raise fields.unfit(
                 f"LuGre friction breaks away at {min(ratios):g} times its Coulomb friction",
                 "give `breakaway` as a ratio of at least 1, one for all or a list",
             )
@@ -178,11 +173,11 @@ class LuGre(Presliding):
 
     def lengths_of(self, axes: Axes) -> list[float]:
         """One per coordinate."""
-        return per_axis(self.length, axes, self.law)
+        return fields.per_axis(self.length, axes, self.law)
 
     def steps(self, axes: Axes, moved: Scalars, speeds: Scalars) -> list[StateStep]:
         """Bristles bend towards the level of their speed."""
-        ratios = (max(x, 1.0) for x in per_axis(self.breakaway, axes, self.law))
+        ratios = (max(x, 1.0) for x in fields.per_axis(self.breakaway, axes, self.law))
         parts = zip(moved, self.lengths_of(axes), self._levels(axes, speeds), ratios, strict=True)
         return [relaxed(*x) for x in parts]
 
@@ -197,7 +192,7 @@ class LuGre(Presliding):
 
     def _levels(self, axes: Axes, speeds: Scalars) -> list[Scalar]:
         """Steady states $g$ at speeds."""
-        ratios, scales = (per_axis(x, axes, self.law) for x in (self.breakaway, self.speed))
+        ratios, scales = (fields.per_axis(x, axes, self.law) for x in (self.breakaway, self.speed))
         relative = [v / scale for v, scale in zip(speeds, scales, strict=True)]
         pairs = zip(relative, ratios, strict=True)
         return [1.0 + (ratio - 1.0) * np.exp(-(x * x)) for x, ratio in pairs]
@@ -250,7 +245,7 @@ class LoadDependent(OneState):
         """The same law with another reference model; parameters of other laws do not matter."""
         bodies = {n: float(v) for n, v in values.items() if n.split(".")[0] in INERTIAL_NAMES}
         if not bodies:
-            raise unfit(
+            raise fields.unfit(
                 "the reference of load-dependent friction names no number of a body",
                 'list "rigid_body" among the terms, or give standard parameters by name: '
                 '{"m.forearm": 3.2, ...}',
@@ -272,7 +267,7 @@ class LoadDependent(OneState):
         """Ten numbers per body of the reference, shape `(10 n_bodies,)`."""
         if not self.reference:
             if not robot.nominal.any():
-                raise unfit(
+                raise fields.unfit(
                     "load-dependent friction needs a reference model, but no body has a mass",
                     "give the robot's links masses, or the term a `reference` from an "
                     "earlier result",
@@ -282,7 +277,7 @@ class LoadDependent(OneState):
         names = [p.name for p in RigidBody().parameters(robot)]
         values = dict(self.reference)
         if strange := [name for name in values if name not in names]:
-            raise unfit(
+            raise fields.unfit(
                 f"the reference of load-dependent friction names '{strange[0]}'",
                 advice(strange[0], names, "numbers of bodies"),
                 robot,
@@ -297,7 +292,7 @@ def _numbers(reference: Any) -> tuple[tuple[str, float], ...]:
     except (TypeError, ValueError):
         values = None
     if values is None or not all(isfinite(x) for _, x in values):
-        raise unfit(
+        raise fields.unfit(
             f"load-dependent friction has reference = {reference!r}",
             'give finite numbers of bodies by name: reference = {"m.forearm" = 3.2}',
         )

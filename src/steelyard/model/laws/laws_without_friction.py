@@ -16,15 +16,8 @@ from steelyard.model.equations.inverse_dynamics import (
     carried_point,
     inverse_dynamics,
 )
-from steelyard.model.terms.axes_and_fields import (
-    Axes,
-    Axis,
-    Field,
-    each,
-    per_axis,
-    refuse_not_positive,
-    unfit,
-)
+from steelyard.model.terms import axes_and_fields as fields
+from steelyard.model.terms.axes_and_fields import Axes, Axis, Field
 from steelyard.model.terms.term import (
     ActsOnAxes,
     AxisPart,
@@ -181,7 +174,7 @@ class Spring(ActsOnAxes):
         numbers = self.free if isinstance(self.free, tuple) else (self.free,)
         known = all(isinstance(x, float | int) and abs(x) < float("inf") for x in numbers)
         if self.free != "unknown" and not known:
-            raise unfit(
+            raise fields.unfit(
                 f"term 'spring' has free = {self.free!r}",
                 "give the position where the spring is free [rad; m], one for all or a list, "
                 'or free = "unknown"',
@@ -190,10 +183,10 @@ class Spring(ActsOnAxes):
     def parameters(self, robot: Robot) -> tuple[Parameter, ...]:
         """Stiffness per coordinate, not negative; then the preloads, where they are unknown."""
         axes = self.axes(robot)
-        stiffness = each(axes, self.law, "{stiffness}", lower=0.0)
+        stiffness = fields.each(axes, self.law, "{stiffness}", lower=0.0)
         if self.free != "unknown":
             return stiffness
-        return (*stiffness, *each(axes, f"{self.law}_preload", "{effort}"))
+        return (*stiffness, *fields.each(axes, f"{self.law}_preload", "{effort}"))
 
     def efforts(self, axes: Axes, state: JointState) -> Scalars:
         """The stretch; with unknown free positions, the position and minus one."""
@@ -215,7 +208,7 @@ class Spring(ActsOnAxes):
         if not isinstance(self.free, tuple):
             return (float(self.free),) * len(axes)
         if len(self.free) != len(axes):
-            raise unfit(
+            raise fields.unfit(
                 f"term 'spring' has {len(self.free)} free positions for {len(axes)} coordinates",
                 "give one position for all, or a list with one per coordinate",
             )
@@ -268,11 +261,11 @@ class Cogging(ActsOnAxes):
     period: Field = 0.1  # $p$, one for all or one per coordinate [rad; m]
 
     def __post_init__(self) -> None:
-        refuse_not_positive(self.law, period=self.period)
+        fields.refuse_not_positive(self.law, period=self.period)
 
     def efforts(self, axes: Axes, state: JointState) -> Scalars:
         """Sines of all axes, then cosines."""
-        periods = per_axis(self.period, axes, self.law)
+        periods = fields.per_axis(self.period, axes, self.law)
         phases = [2.0 * np.pi / p * axis.of(state.q) for axis, p in zip(axes, periods, strict=True)]
         return [*(np.sin(x) for x in phases), *(np.cos(x) for x in phases)]
 
@@ -368,7 +361,7 @@ def _on_body(robot: Robot, link: str, point: tuple[float, ...]) -> tuple[int, An
     bodies = [body.name for body in robot.bodies]
     if link in bodies:
         return bodies.index(link), np.array(point)
-    raise unfit(
+    raise fields.unfit(
         f"a gravity compensator is fixed to link '{link}', which the robot does not have",
         advice(link, dict.fromkeys([*(frame.name for frame in robot.frames), *bodies]), "links"),
         robot,
@@ -376,4 +369,4 @@ def _on_body(robot: Robot, link: str, point: tuple[float, ...]) -> tuple[int, An
 
 
 def _unusable(what: str) -> ModelError:
-    return unfit(f"a gravity compensator {what}", EXAMPLE)
+    return fields.unfit(f"a gravity compensator {what}", EXAMPLE)
