@@ -15,15 +15,9 @@ import numpy as np
 
 from steelyard.base.arrays import Array, Parameter
 from steelyard.base.errors import DataError, ModelError
+from steelyard.model.equations import inverse_dynamics as rigid
 from steelyard.model.equations.frame_and_point_kinematics import frame_of, frame_outputs
-from steelyard.model.equations.inverse_dynamics import (
-    JointState,
-    Scalar,
-    Scalars,
-    completed,
-    projected,
-    solved_by_factors,
-)
+from steelyard.model.equations.inverse_dynamics import JointState, Scalar, Scalars
 from steelyard.model.laws.laws_without_friction import RigidBody, body_efforts
 from steelyard.model.laws.register import description_of
 from steelyard.model.terms.stateful_terms import Presliding, Scan
@@ -102,12 +96,12 @@ class Equations:
 
     def started(self, state: JointState) -> list[Scalar]:
         """Memory of friction before the first state; its channels are passive joints."""
-        full, _ = completed(self.robot, state)
+        full, _ = rigid.completed(self.robot, state)
         return [x for term in self._remembering for x in term.started(self.robot, full)]
 
     def stepped(self, state: JointState, memory: Scalars) -> tuple[list[Scalar], list[Scalar]]:
         """Memory of friction after one step, and all channels there, from the state at its end."""
-        full, _ = completed(self.robot, state)
+        full, _ = rigid.completed(self.robot, state)
         after: list[Scalar] = []
         channels = list(state.channels)
         for term in self._remembering:
@@ -119,16 +113,16 @@ class Equations:
 
     def columns(self, state: JointState) -> Columns:
         """Regressor entries `(effort row, standard parameter)` over symbols, with all channels."""
-        full, torque_map = completed(self.robot, state)
+        full, torque_map = rigid.completed(self.robot, state)
         entries: dict[tuple[int, int], Scalar] = {}
         for start, term, seen in self._seen(full):
             for (row, column), value in term.columns(self.robot, seen).items():
                 entries[row, start + column] = value
-        return projected(self.robot, entries, torque_map)
+        return rigid.projected(self.robot, entries, torque_map)
 
     def torque_of(self, state: JointState, values: Scalars) -> list[Scalar]:
         """Efforts over symbols: bodies by inverse dynamics, other terms by their columns."""
-        full, torque_map = completed(self.robot, state)
+        full, torque_map = rigid.completed(self.robot, state)
         efforts: list[Scalar] = [0.0] * self.robot.n_joints
         for start, term, seen in self._seen(full):
             if term.role == "body":
@@ -138,7 +132,7 @@ class Equations:
             for (row, column), value in term.columns(self.robot, seen).items():
                 efforts[row] += value * values[start + column]
         entries = {(row, 0): effort for row, effort in enumerate(efforts)}
-        rows = projected(self.robot, entries, torque_map)
+        rows = rigid.projected(self.robot, entries, torque_map)
         return [rows[row, 0] for row in range(self.robot.n)]
 
     def _seen(self, state: JointState) -> Iterator[tuple[int, Term, JointState]]:
@@ -315,9 +309,9 @@ def _momentum_rate(part: Equations, given: Given) -> list[Scalar]:
 
 def _followed(part: Equations, given: Given, slopes: Scalars) -> list[Scalar]:
     """Derivatives by all joints as derivatives by the independent ones, which the others follow."""
-    rest = [0.0] * part.robot.n
-    _, torque_map = completed(part.robot, JointState(given["q"], rest, rest, given["channels"]))
-    rows = projected(part.robot, {(j, 0): slope for j, slope in enumerate(slopes)}, torque_map)
+    state = _state(part, {"q": given["q"]}, given["channels"])
+    entries = {(j, 0): slope for j, slope in enumerate(slopes)}
+    rows = rigid.projected(part.robot, entries, rigid.completed(part.robot, state)[1])
     return [rows[j, 0] for j in range(part.robot.n)]
 
 
@@ -332,7 +326,7 @@ def accelerations(efforts: Efforts, applied: Scalars) -> tuple[list[Scalar], lis
     """
     mass, bias = affine(efforts, len(applied))
     sides = [tau - rest for tau, rest in zip(applied, bias, strict=True)]
-    (found,), pivots = solved_by_factors(mass, [sides])
+    (found,), pivots = rigid.solved_by_factors(mass, [sides])
     return found, pivots
 
 

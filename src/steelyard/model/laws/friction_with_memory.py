@@ -16,13 +16,8 @@ from typing_extensions import Self
 
 from steelyard.base.arrays import Array, Parameter
 from steelyard.base.errors import advice
-from steelyard.model.equations.inverse_dynamics import (
-    JointState,
-    Scalar,
-    Scalars,
-    completed,
-    projected,
-)
+from steelyard.model.equations import inverse_dynamics as rigid
+from steelyard.model.equations.inverse_dynamics import JointState, Scalar, Scalars
 from steelyard.model.laws.laws_without_friction import RigidBody
 from steelyard.model.terms import axes_and_fields as fields
 from steelyard.model.terms.axes_and_fields import Axes, Axis, Field
@@ -304,10 +299,10 @@ def _borne(robot: Robot, state: JointState, torque: list[Scalar]) -> list[Scalar
     if not robot.passive:
         return torque
     n = robot.n
-    _, torque_map = completed(
+    _, torque_map = rigid.completed(
         robot, JointState(state.q[:n], state.dq[:n], state.ddq[:n], state.q[n:])
     )
-    rows = projected(robot, {(row, 0): x for row, x in enumerate(torque)}, torque_map)
+    rows = rigid.projected(robot, {(row, 0): x for row, x in enumerate(torque)}, torque_map)
     return [*(rows[row, 0] for row in range(n)), *(0.0 * x for x in torque[n:])]
 
 

@@ -9,13 +9,8 @@ import numpy as np
 
 from steelyard.base.arrays import Array, Parameter
 from steelyard.base.errors import ModelError, advice
-from steelyard.model.equations.inverse_dynamics import (
-    JointState,
-    Scalar,
-    Scalars,
-    carried_point,
-    inverse_dynamics,
-)
+from steelyard.model.equations import inverse_dynamics as rigid
+from steelyard.model.equations.inverse_dynamics import JointState, Scalar, Scalars
 from steelyard.model.terms import axes_and_fields as fields
 from steelyard.model.terms.axes_and_fields import Axes, Axis, Field
 from steelyard.model.terms.term import (
@@ -46,7 +41,7 @@ def body_efforts(robot: Robot, state: JointState, numbers: Scalars) -> list[Scal
         [0.0] * 10 if body.massless else numbers[10 * k : 10 * k + 10]
         for k, body in enumerate(robot.bodies)
     ]
-    return inverse_dynamics(robot, state, tens)
+    return rigid.inverse_dynamics(robot, state, tens)
 
 
 @dataclass(frozen=True)
@@ -341,8 +336,8 @@ class GravityCompensator(Term):
             raise _unusable(f"between '{self.links[0]}' and '{self.links[1]}', which move as one")
         shared = [k for k in robot.carriers(first) if k in robot.carriers(second)]
         fork = shared[-1] if shared else -1
-        start, start_slopes = carried_point(robot, q, first, near, fork)
-        end, end_slopes = carried_point(robot, q, second, far, fork)
+        start, start_slopes = rigid.carried_point(robot, q, first, near, fork)
+        end, end_slopes = rigid.carried_point(robot, q, second, far, fork)
         line = end - start
         length = np.sqrt(line[0] * line[0] + line[1] * line[1] + line[2] * line[2] + SHORT)
         slopes: dict[int, Scalar] = {}

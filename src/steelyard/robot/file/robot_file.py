@@ -10,16 +10,8 @@ import numpy as np
 from steelyard.base.arrays import Array, frozen
 from steelyard.base.checked_arguments import checked as checked_arguments
 from steelyard.base.errors import ModelError, refuse_unknown
+from steelyard.robot.file import model_reading_and_loaded_robot as reading
 from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot as LoadedRobot
-from steelyard.robot.file.model_reading_and_loaded_robot import (
-    SourceFile,
-    TermSpec,
-    model_of_tables,
-    read_model,
-    robot_of_model,
-    sha256_of,
-    source_of,
-)
 from steelyard.robot.file.sections import RobotFile, RobotSection, TransmissionSection
 from steelyard.robot.file.signals import WITHOUT_TORQUE
 from steelyard.robot.file.signals_from_tables import (
@@ -184,7 +176,7 @@ def load_robot(
             fix=f'write base = "{base}" under [robot] there',
         )
     if text is not None:
-        return _from_toml(Path(path), text, sha256_of(text.encode()))
+        return _from_toml(Path(path), text, reading.sha256_of(text.encode()))
     path, arguments = split_reference(path)
     if path.suffix.lower() == ".toml":
         if arguments:
@@ -193,8 +185,8 @@ def load_robot(
                 where=joined_reference(path, arguments),
                 fix="write them into it: [robot.xacro] arguments = {NAME = VALUE}",
             )
-        return _from_toml(path, robot_text(path), source_of(path).sha256)
-    return robot_of_model(read_model(path, arguments), base=base)
+        return _from_toml(path, robot_text(path), reading.source_of(path).sha256)
+    return reading.robot_of_model(reading.read_model(path, arguments), base=base)
 
 
 def robot_text(path: Path) -> str:
@@ -212,7 +204,7 @@ def robot_text(path: Path) -> str:
 
 def _from_toml(path: Path, text: str, sha256: str) -> LoadedRobot:
     file, locate = checked(path, text, RobotFile)
-    model = model_of_tables(file.robot, path, locate)
+    model = reading.model_of_tables(file.robot, path, locate)
     mechanism = model.mechanism
     robot, notes = _reduced(mechanism, file.robot, locate)
     notes = model.notes + notes
@@ -255,7 +247,7 @@ def _from_toml(path: Path, text: str, sha256: str) -> LoadedRobot:
         file.processing,
         file.estimation,
         file.validation,
-        (SourceFile(path, sha256), *model.sources),
+        (reading.SourceFile(path, sha256), *model.sources),
         locate,
         file.prior,
         file.knowledge,
@@ -384,7 +376,7 @@ def _gravity(section: RobotSection, locate: Locate) -> Array | None:
     return frozen(clean_rotation(rotation)[2] * -STANDARD_GRAVITY + 0.0)
 
 
-def _terms(file: RobotFile, locate: Locate) -> tuple[TermSpec, ...] | None:
+def _terms(file: RobotFile, locate: Locate) -> tuple[reading.TermSpec, ...] | None:
     if file.model is None or file.model.terms is None:
         return None
     specs = []
@@ -396,5 +388,7 @@ def _terms(file: RobotFile, locate: Locate) -> tuple[TermSpec, ...] | None:
                 where=where,
                 fix='write {law = "coulomb", ...}',
             )
-        specs.append(TermSpec(term if isinstance(term, str) else MappingProxyType(term), where))
+        specs.append(
+            reading.TermSpec(term if isinstance(term, str) else MappingProxyType(term), where)
+        )
     return tuple(specs)

@@ -21,17 +21,10 @@ from steelyard.robot.file.sections import Side
 from steelyard.robot.file.toml_edits import toml_key, toml_text
 from steelyard.robot.floating_ball_and_coupled_joints import carried_joints, floating_trees
 from steelyard.robot.init import draft_tables as tables
+from steelyard.robot.init import guess_efforts_and_gears as efforts
 from steelyard.robot.init.column_names import Column, by_name, finite, like_finger
 from steelyard.robot.init.guess_columns import Guess, Sample, guess_columns
-from steelyard.robot.init.guess_efforts_and_gears import (
-    LINK_SIDE_TORQUE,
-    TORQUE,
-    UNSTATED,
-    Gears,
-    changes,
-    link_side,
-    reductions,
-)
+from steelyard.robot.init.guess_efforts_and_gears import Gears
 from steelyard.robot.init.guess_targets import TargetGuess, guess_targets
 from steelyard.robot.loop_closures import between
 from steelyard.robot.mechanism import Listed, Mechanism
@@ -272,11 +265,14 @@ def assigned(
 
 def _behind_the_gears(guess: Guess, robot: str) -> Guess:
     """The guess, with torques of a known robot as those of sensors on the link side."""
-    name = link_side(robot, guess.joints)
+    name = efforts.link_side(robot, guess.joints)
     if not name or guess.section.effort.kind != "joint_torque":
         return guess
-    stated = LINK_SIDE_TORQUE.format(name)
-    reasons = (why.replace(TORQUE, stated).replace(UNSTATED, stated) for why in guess.reasons)
+    stated = efforts.LINK_SIDE_TORQUE.format(name)
+    reasons = (
+        why.replace(efforts.TORQUE, stated).replace(efforts.UNSTATED, stated)
+        for why in guess.reasons
+    )
     return replace(tables.with_effort(guess, tables.Effort("link_torque")), reasons=tuple(reasons))
 
 
@@ -329,7 +325,7 @@ def gears_of(proposal: Proposal, moving: Sequence[Coordinate], guess: Guess) -> 
     if not guess.motor_side:
         return None
     model = read_xml(proposal.loaded.sources[0].path)
-    return guess.gears or reductions(model, [c.name for c in moving])
+    return guess.gears or efforts.reductions(model, [c.name for c in moving])
 
 
 def _missing(
@@ -406,7 +402,7 @@ def _logged(robot: Robot, columns: Sequence[str], sample: Sample) -> set[str]:
     return {
         joint
         for joint in named[0].keys() & named[1].keys()
-        if all(changes(of[joint].name, values) for of in named)
+        if all(efforts.changes(of[joint].name, values) for of in named)
     }
 
 

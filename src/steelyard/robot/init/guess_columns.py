@@ -13,20 +13,9 @@ from steelyard.base.errors import LogError
 from steelyard.robot.file.sections import Side, SignalsSection
 from steelyard.robot.file.signals import Signals, expanded
 from steelyard.robot.file.signals_from_tables import build_signals
+from steelyard.robot.init import column_names
 from steelyard.robot.init import guess_efforts_and_gears as efforts
-from steelyard.robot.init.column_names import (
-    OF_MOTORS,
-    Column,
-    Quantity,
-    by_name,
-    by_number,
-    finite,
-    give_up,
-    labelled,
-    like_finger,
-    listed,
-    partly_by_number,
-)
+from steelyard.robot.init.column_names import Column, Quantity, by_name, by_number, give_up, listed
 from steelyard.robot.init.guess_clock_positions_and_velocities import (
     clock_of,
     guess_positions,
@@ -99,8 +88,8 @@ def guess_columns(
     """
     arrays = {name: np.asarray(values) for name, values in (sample or {}).items()}
     texts = {name: str(x[0]) for name, x in arrays.items() if x.dtype.kind == "U" and len(x)}
-    values = {name: finite(x) for name, x in arrays.items()}
-    named = labelled(columns, texts, [c.name for c in every or coordinates])
+    values = {name: column_names.finite(x) for name, x in arrays.items()}
+    named = column_names.labelled(columns, texts, [c.name for c in every or coordinates])
     kinds = by_key((c.quantity, c) for c in named if c.quantity is not None)
     joints, counted, position, effort, how = _matched(coordinates, every, kinds, columns, values)
     clock, time_reason = clock_of(kinds.get("time", []), position[0], columns, values, rate)
@@ -143,7 +132,7 @@ def guess_columns(
     if how == _BY_NAME and all(c.label for c in position):
         how = "by the joints' names in the log's rows"
     elif how != _BY_NAME:
-        called = [c.label for c in labelled([c.name for c in position], texts)]
+        called = [c.label for c in column_names.labelled([c.name for c in position], texts)]
         if all(called) and len(set(called)) == len(called):
             how += f", though the log calls them {', '.join(called)}: check it"
     reasons = [
@@ -201,7 +190,7 @@ def refuse_motors(guess: Guess, columns: Sequence[str]) -> None:
     given = section.position if moved else section.effort.columns
     named = given if isinstance(given, str) else ", ".join(given)
     what = "positions" if moved else "efforts"
-    give_up(f"{what} are of motors, not of joints: {named}", columns, OF_MOTORS)
+    give_up(f"{what} are of motors, not of joints: {named}", columns, column_names.OF_MOTORS)
 
 
 def recognised(
@@ -218,7 +207,7 @@ def recognised(
         return groups[0]
     if 2 * len(by_joint) > count:
         return tuple(by_joint.get(c.name) for c in coordinates)
-    return partly_by_number(count, named)
+    return column_names.partly_by_number(count, named)
 
 
 def _matched(
@@ -234,7 +223,7 @@ def _matched(
     if joints := [c for c in coordinates if c.name in named_q and c.name in named_tau]:
         found_q, found_tau = ([named[c.name] for c in joints] for named in (named_q, named_tau))
         return joints, (), found_q, found_tau, _BY_NAME
-    joints = [c for c in coordinates if not like_finger(c.name)]
+    joints = [c for c in coordinates if not column_names.like_finger(c.name)]
     for counted in (joints, every or coordinates):
         numbered_q, numbered_tau = (_numbered(joints, counted, x) for x in (position, effort))
         if numbered_q and numbered_tau:

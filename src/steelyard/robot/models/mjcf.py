@@ -17,17 +17,8 @@ from steelyard.base.arrays import Array, frozen
 from steelyard.base.errors import ModelError
 from steelyard.robot.inertia_and_placement import Inertia, Placement, turn
 from steelyard.robot.mechanism import Joint, Link, Mechanism, MechanismJointKind, Mimic
-from steelyard.robot.models.mjcf_equalities_and_forces import (
-    WORLD,
-    Actuators,
-    Equalities,
-    joints_of,
-    name_of,
-    passive_notes,
-    reference,
-    springs_of,
-    wraps_of,
-)
+from steelyard.robot.models import mjcf_equalities_and_forces as parts
+from steelyard.robot.models.mjcf_equalities_and_forces import WORLD, name_of
 from steelyard.robot.models.xml_and_urdf import Element, read_xml, refuse_device
 from steelyard.robot.robot import Limits
 
@@ -277,7 +268,7 @@ def read_mjcf(path: Path) -> Mechanism:
             fix="give the file that includes it, often in the same folder",
         )
     name = root.attributes.get("model") or path.stem
-    actuators = Actuators.of(given.model)
+    actuators = parts.Actuators.of(given.model)
     return _Reading(path, given.model, given.without_inertia, actuators).mechanism(name)
 
 
@@ -286,13 +277,13 @@ class _Reading:
     path: Path
     model: Any
     without_inertia: Mapping[int, str]
-    actuators: Actuators
+    actuators: parts.Actuators
     links: list[Link] = field(default_factory=list)
     joints: list[Joint] = field(default_factory=list)
 
     def mechanism(self, name: str) -> Mechanism:
         self.links.append(Link(WORLD, None, str(self.path)))
-        equalities = Equalities(self.path, self.model)
+        equalities = parts.Equalities(self.path, self.model)
         mimics = equalities.mimics()
         origins = {0: Placement()}
         for body in range(1, self.model.nbody):
@@ -309,8 +300,8 @@ class _Reading:
             driven=driven,
             pulled=pulled,
             rest=self._rest(equalities.offsets()) if pins or couplings else {},
-            springs=springs_of(self.model),
-            statements=[*self.actuators.notes(), *passive_notes(self.model)],
+            springs=parts.springs_of(self.model),
+            statements=[*self.actuators.notes(), *parts.passive_notes(self.model)],
             couplings=couplings,
             notes=notes,
         )
@@ -319,7 +310,7 @@ class _Reading:
         """Reference positions of the joints of one degree of freedom, where equalities hold."""
         numbers = {name_of(self.model, "joint", k): k for k in range(self.model.njnt)}
         return {
-            j.name: reference(self.model, numbers[j.name]) + offsets.get(j.name, 0.0)
+            j.name: parts.reference(self.model, numbers[j.name]) + offsets.get(j.name, 0.0)
             for j in self.joints
             if j.movable
         }
@@ -331,7 +322,7 @@ class _Reading:
             model.actuator_trntype, (int(kinds.mjTRN_JOINT), int(kinds.mjTRN_JOINTINPARENT))
         )
         through = model.actuator_trnid[model.actuator_trntype == int(kinds.mjTRN_TENDON), 0]
-        wraps = [wrap for tendon in through for wrap in wraps_of(model, int(tendon))]
+        wraps = [wrap for tendon in through for wrap in parts.wraps_of(model, int(tendon))]
         pulled = dict.fromkeys(k for kind, k, _ in wraps if kind == mujoco.mjtWrap.mjWRAP_JOINT)
         found = (model.actuator_trnid[own, 0].tolist(), pulled)
         driven, over = ([name_of(model, "joint", k) for k in joints] for joints in found)
@@ -345,7 +336,7 @@ class _Reading:
         parent_body = int(model.body_parentid[body])
         parent = name_of(self.model, "body", parent_body) if parent_body else WORLD
         start = parent_origin @ Placement(_rotation(model.body_quat[body]), model.body_pos[body])
-        joints = joints_of(model, body)
+        joints = parts.joints_of(model, body)
         if not joints:
             self.joints.append(Joint(f"{name}_fixed", "fixed", parent, name, start, where=where))
             anchor = np.zeros(3)
@@ -382,7 +373,7 @@ class _Reading:
         if kind in (mujoco.mjtJoint.mjJNT_FREE, mujoco.mjtJoint.mjJNT_BALL):
             free: MechanismJointKind = "floating" if kind == mujoco.mjtJoint.mjJNT_FREE else "ball"
             return Joint(name, free, parent, child, placement, where=where)
-        axis, ref = frozen(model.jnt_axis[joint]), reference(model, joint)
+        axis, ref = frozen(model.jnt_axis[joint]), parts.reference(model, joint)
         slide = kind == mujoco.mjtJoint.mjJNT_SLIDE
         at_zero = Placement(position=-ref * axis) if slide else Placement(turn(axis, -ref))
         limited = bool(model.jnt_limited[joint])
