@@ -302,17 +302,11 @@ def _momentum_rate(part: Equations, given: Given) -> list[Scalar]:
     momentum = zip(given["dq"], _inertial(part, given, given["dq"]), strict=True)
     twice: Scalar = sum((rate * p for rate, p in momentum), 0.0)
     slopes = slopes_of([0.5 * twice], [*given["q"], *given["channels"]])
-    slopes = _followed(part, given, slopes)
-    weight = _efforts(part, {name: x for name, x in given.items() if name != "dq"})
-    return [slope - g for slope, g in zip(slopes, weight, strict=True)]
-
-
-def _followed(part: Equations, given: Given, slopes: Scalars) -> list[Scalar]:
-    """Derivatives by all joints as derivatives by the independent ones, which the others follow."""
     state = _state(part, {"q": given["q"]}, given["channels"])
     entries = {(j, 0): slope for j, slope in enumerate(slopes)}
     rows = rigid.projected(part.robot, entries, rigid.completed(part.robot, state)[1])
-    return [rows[j, 0] for j in range(part.robot.n)]
+    weight = _efforts(part, {name: x for name, x in given.items() if name != "dq"})
+    return [rows[j, 0] - g for j, g in enumerate(weight)]
 
 
 Efforts = Callable[[Scalars], Scalars]  # accelerations to efforts

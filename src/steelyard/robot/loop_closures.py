@@ -178,6 +178,8 @@ def _assembled(robot: Robot, passive: Sequence[int]) -> Array:
 
 def _chosen(robot: Robot, assembly: Array, near: Sequence[Array], where: str) -> LoopEquations:
     """The best conditioned equations in the reference configuration, one per passive joint."""
+    from scipy.linalg import qr
+
     slopes = [residual(robot, q)[1] for q in (assembly, *near)]
     loops, directions, rows = [], [], []
     for number in range(len(robot.loops)):
@@ -187,7 +189,10 @@ def _chosen(robot: Robot, assembly: Array, near: Sequence[Array], where: str) ->
             directions.append(direction)
             rows.append([direction @ s[3 * number : 3 * number + 3] for s in slopes])
     all_rows = np.array(rows)
-    kept = _independent(all_rows[:, 0, robot.n :])
+    by_passive = all_rows[:, 0, robot.n :]
+    triangle, order = qr(by_passive.T, mode="r", pivoting=True)  # the largest remainder first
+    floor = _RANK * max(float(np.abs(by_passive).max(initial=0.0)), 1e-300)
+    kept = sorted(int(k) for k in order[: int(np.sum(np.abs(np.diag(triangle)) > floor))])
     if len(kept) < len(robot.passive):
         names = ", ".join(c.name for c in robot.passive)
         raise ModelError(
@@ -209,15 +214,6 @@ def _directions(slopes: Array) -> Array:
     count = int(np.sum(sizes > _RANK * max(float(sizes[0]), 1e-300)))
     moving = np.linalg.norm(slopes, axis=1) > _RANK * sizes[0]
     return np.eye(3)[moving] if moving.sum() == count else np.asarray(left[:, :count].T)
-
-
-def _independent(rows: Array) -> list[int]:
-    """Rows that are independent, the largest remainder first; in ascending order."""
-    from scipy.linalg import qr
-
-    triangle, order = qr(rows.T, mode="r", pivoting=True)
-    floor = _RANK * max(float(np.abs(rows).max(initial=0.0)), 1e-300)
-    return sorted(int(k) for k in order[: int(np.sum(np.abs(np.diag(triangle)) > floor))])
 
 
 @dataclass(frozen=True)

@@ -146,11 +146,7 @@ def _units(joint: Joint) -> tuple[str, str]:
 
 
 def reduction_notes(
-    mechanism: Mechanism,
-    robot: Robot,
-    base: str,
-    assumed: tuple[str, ...],
-    positions: Mapping[str, float],
+    mechanism: Mechanism, robot: Robot, base: str, assumed: Mapping[str, float]
 ) -> tuple[str, ...]:
     """What was assumed and matters to the robot's dynamics, one sentence each."""
     notes = list[str]()
@@ -160,11 +156,9 @@ def reduction_notes(
         for j in mechanism.from_link(base)
         if carried & {k.name for k in (*mechanism.to_link(j.child), *mechanism.from_link(j.child))}
     }
-    if matter := [n for n in assumed if n in touched]:
-        places = ", ".join(
-            f"{n} at {positions[n]:.4g} {'m' if mechanism.joint(n).kind == 'prismatic' else 'rad'}"
-            for n in matter
-        )
+    matter = [(mechanism.joint(n), x) for n, x in assumed.items() if n in touched]
+    if matter:
+        places = ", ".join(f"{j.name} at {x:.4g} {_units(j)[1]}" for j, x in matter)
         notes.append(Listed("locked, as no position was given", places))
     carriers = {frame.name: frame.body for frame in robot.frames if frame.body >= 0}
     lacking = [link for link in mechanism.links if link.lacks and link.name in carriers]
@@ -232,10 +226,12 @@ def reduced(
     active = [n for n in free if n not in passive] if joints is None else joints
     moving = _moving(mechanism, [*active, *passive], locked, base, tips)
     refuse_coupled(mechanism, moving)
-    resting_joints = [j for j in mechanism.movable if j.name not in (*moving, *locked)]
-    assumed = tuple(j.name for j in resting_joints)
-    zeros = (float(np.clip(0.0, j.limits.lower, j.limits.upper)) for j in resting_joints)
-    positions = {**locked, **dict(zip(assumed, zeros, strict=True))}
+    assumed = {
+        j.name: float(np.clip(0.0, j.limits.lower, j.limits.upper))
+        for j in mechanism.movable
+        if j.name not in (*moving, *locked)
+    }
+    positions = {**locked, **assumed}
     resting = {
         name: drive.ratio * positions[drive.master] + drive.offset
         for name, drive in mechanism.drives.items()
@@ -257,7 +253,7 @@ def reduced(
         frames=frames,
     )
     robot, closed = closed_robot(robot, mechanism, closing)
-    notes = reduction_notes(mechanism, robot, base, assumed, positions)
+    notes = reduction_notes(mechanism, robot, base, assumed)
     return robot, (*left_out, *notes, *closed)
 
 

@@ -4,7 +4,6 @@ import inspect
 import re
 import sys
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, TypeVar, get_args
@@ -65,21 +64,11 @@ _BARE = re.compile(r"[A-Za-z0-9_-]+")
 _SCALAR = re.compile(r"[^,\]}#\n]+")
 
 
-@dataclass(frozen=True)
-class Written:
-    """A header, of the table `path`, or a key of a `table`; it ends at an offset in the text."""
-
-    header: bool
-    table: KeyPath
-    path: KeyPath
-    end: int
-
-
 class TomlPlaces:
     """Where keys are in a text that `tomllib` has accepted.
 
     `lines` has the line, from 1, of every key and item: `("robot", "dh", "links", 0, "alpha")`;
-    `written` headers and keys in their order, without those in inline tables.
+    `ends`, by table, where its last key or its header ends, and below which header that is.
     """
 
     def __init__(self, text: str) -> None:
@@ -87,15 +76,15 @@ class TomlPlaces:
         self.at = 0
         self.lines: dict[KeyPath, int] = {}
         self.counts: dict[KeyPath, int] = {}
-        self.written: list[Written] = []
+        self.ends: dict[KeyPath, tuple[int, KeyPath]] = {}
         table: KeyPath = ()
         self.skip(_BLANK)
         while self.at < len(self.text):
             header = self.text[self.at] == "["
             if header:
                 table = self.header()
-            path = table if header else self.pair(table)
-            self.written.append(Written(header, table, path, self.at))
+            inside = table if header else self.pair(table)[:-1]
+            self.ends[inside] = self.at, table
             self.skip(_BLANK)
 
     def skip(self, pattern: re.Pattern[str]) -> str:

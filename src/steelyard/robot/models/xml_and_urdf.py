@@ -59,16 +59,12 @@ class _Builder:
     def __init__(self, path: Path) -> None:
         self.path = path
         self.expat: Any = None
-        self.open: list[Element] = []
-        self.root: Element | None = None
+        self.open = [Element("", {}, path, 0)]  # around the outermost element
 
     def start(self, tag: str, attributes: dict[str, str]) -> None:
         line = self.expat.CurrentLineNumber
         element = Element(tag, MappingProxyType(dict(attributes)), self.path, line)
-        if self.open:
-            self.open[-1].children.append(element)
-        else:
-            self.root = element
+        self.open[-1].children.append(element)
         self.open.append(element)
 
     def data(self, text: str) -> None:
@@ -78,7 +74,7 @@ class _Builder:
         self.open.pop()
 
     def close(self) -> Element | None:
-        return self.root
+        return next(iter(self.open[0].children), None)
 
 
 LARGEST_MODEL_FILE = 1 << 28  # bytes of the largest model file that is read
