@@ -37,16 +37,10 @@ EFFORT_UNITS = {
 WITHOUT_TORQUE = {"A": "motor current", "%": "percent of an unknown effort"}
 """Base units that are no torque or force, and what columns in them hold."""
 
-NOT_OF_SAMPLES = {
-    "effort_kind",
-    "effort_units",
-    "gains",
-    "unknown_gains",
-    "unknown_offsets",
-    "commanded_position",
-    "commanded_velocity",
-    "commanded_velocity_scale",
-}
+NOT_OF_SAMPLES = set(
+    "effort_kind effort_units gains unknown_gains unknown_offsets commanded_position "
+    "commanded_velocity commanded_velocity_scale".split()
+)
 """Fields of `Signals` that say nothing of how samples are read, but what they mean."""
 
 ROW = "row number"
