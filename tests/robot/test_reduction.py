@@ -215,7 +215,10 @@ MECHANISM = chain("revolute", "fixed", "revolute", "revolute", j4={"mimic": Mimi
 @pytest.mark.parametrize(
     ("options", "wrong", "fix"),
     [
+        ({"joints": ["J1x"]}, "'J1x' is to be identified, but the model has no", "mean 'j1'"),
         ({"joints": ["j1"], "base": "l1"}, "not between base and tip", "once"),
+        ({"locked": {"j9": 0.0}}, "'j9' is to be locked, but the model has no", "mean"),
+        ({"limits": {"j9": Limits()}}, "'j9' is to be given limits", "mean"),
         ({"locked": {"j1": 0.0, "j3": 0.0}}, "no joint is left to identify", "unlocked"),
         ({"base": "l9"}, "the base link 'l9' does not exist", "mean 'l"),
         ({"base": "l2", "tip": "l1"}, "'l1' is not beyond the base link 'l2'", "another base"),

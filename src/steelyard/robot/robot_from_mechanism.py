@@ -215,6 +215,11 @@ def reduced(
     mechanism, locked, left_out = without_free_joints(mechanism, base, joints, locked or {})
     limits, closing = dict(limits or {}), closing or Closing()
     base = mechanism.root if base is None else base
+    movable = [joint.name for joint in mechanism.movable]
+    for use, names in (("identified", joints or ()), ("locked", locked), ("given limits", limits)):
+        for name in names:
+            wrong = f"joint '{name}' is to be {use}, but the model has no such joint"
+            refuse_unknown(name, movable, wrong, mechanism.where, "joints that move on their own")
     free = _moving(mechanism, None, locked, base, tips)
     passive = passive_joints(mechanism, free, joints, closing)
     if both := [name for name in joints or () if name in passive]:

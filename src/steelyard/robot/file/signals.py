@@ -27,13 +27,7 @@ VELOCITY_UNITS = {
 }
 
 MOTOR_KINDS = ("motor_current", "motor_torque")
-EFFORT_UNITS = {
-    "A": ("A", 1.0),
-    "mA": ("A", 1e-3),
-    "Nm": ("Nm", 1.0),
-    "N": ("N", 1.0),
-    "%": ("%", 1.0),
-}
+EFFORT_UNITS = {"mA": ("A", 1e-3), **{unit: (unit, 1.0) for unit in ("A", "Nm", "N", "%")}}
 WITHOUT_TORQUE = {"A": "motor current", "%": "percent of an unknown effort"}
 """Base units that are no torque or force, and what columns in them hold."""
 
