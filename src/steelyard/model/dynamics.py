@@ -250,11 +250,7 @@ class Dynamics(ABC):
         return found[..., 12:].reshape(*found.shape[:-1], 6, self.robot.n)
 
     def _along(
-        self,
-        quantity: Quantity,
-        q: Motion | ArrayLike,
-        dq: ArrayLike | None,
-        ddq: ArrayLike | None,
+        self, quantity: Quantity, q: Motion | ArrayLike, dq: ArrayLike | None, ddq: ArrayLike | None
     ) -> Array:
         if isinstance(q, Motion) and dq is None and ddq is None:
             if q.n_joints != self.robot.n:

@@ -11,14 +11,7 @@ from steelyard.base.errors import ModelError, refuse_unknown
 from steelyard.robot.floating_ball_and_coupled_joints import refuse_coupled, without_free_joints
 from steelyard.robot.inertia_and_placement import LEAST_INERTIA, Inertia, Placement
 from steelyard.robot.loop_closures import Closing, closed_robot, passive_joints
-from steelyard.robot.mechanism import (
-    Answer,
-    Joint,
-    JointSpring,
-    Listed,
-    Mechanism,
-    ModelNote,
-)
+from steelyard.robot.mechanism import Answer, Joint, JointSpring, Listed, Mechanism, ModelNote
 from steelyard.robot.robot import Body, Coordinate, Frame, JointKind, Limits, Robot
 
 

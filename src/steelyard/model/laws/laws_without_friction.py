@@ -223,10 +223,7 @@ class PolynomialSpring(ActsOnAxes):
     shown_by: ClassVar[str] = "other configurations of"
     in_model_files: ClassVar[Place] = left_out("efforts of a polynomial in the position")
     lower: ClassVar[float] = float("-inf")
-    units: ClassVar[Mapping[str, str]] = {
-        "_2": "{force}/{position}²",
-        "_3": "{force}/{position}³",
-    }
+    units: ClassVar[Mapping[str, str]] = {"_2": "{force}/{position}²", "_3": "{force}/{position}³"}
 
     def efforts(self, axes: Axes, state: JointState) -> Scalars:
         """Squares of all positions, then cubes."""

@@ -10,15 +10,12 @@ import numpy as np
 from steelyard.base.arrays import Array, frozen
 from steelyard.base.checked_arguments import checked as checked_arguments
 from steelyard.base.errors import ModelError, refuse_unknown
+from steelyard.robot import robot_from_mechanism as reduction
 from steelyard.robot.file import model_reading_and_loaded_robot as reading
 from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot as LoadedRobot
 from steelyard.robot.file.sections import RobotFile, RobotSection, TransmissionSection
 from steelyard.robot.file.signals import WITHOUT_TORQUE
-from steelyard.robot.file.signals_from_tables import (
-    Locate,
-    build_signals,
-    build_target_signals,
-)
+from steelyard.robot.file.signals_from_tables import Locate, build_signals, build_target_signals
 from steelyard.robot.file.toml_schema import checked
 from steelyard.robot.floating_ball_and_coupled_joints import floating_base
 from steelyard.robot.inertia_and_placement import clean_rotation, rpy_rotation
@@ -27,12 +24,6 @@ from steelyard.robot.mechanism import Answer, Mechanism, Pin
 from steelyard.robot.models.xacro import joined_reference, split_reference
 from steelyard.robot.models.xml_and_urdf import read_bytes
 from steelyard.robot.robot import Limits, Robot, Transmission
-from steelyard.robot.robot_from_mechanism import (
-    ignored_statements,
-    reduced,
-    springs_along,
-    unlimited_if_empty,
-)
 
 WORST = 1e8  # condition number, rows scaled, from which on a matrix counts as singular
 
@@ -226,7 +217,7 @@ def _from_toml(path: Path, text: str, sha256: str) -> LoadedRobot:
             "[actuator]",
         )
     limited = {n for n, limits in file.robot.limits.items() if limits.effort is not None}
-    ignored = ignored_statements(mechanism, robot, _answers(file), limited)
+    ignored = reduction.ignored_statements(mechanism, robot, _answers(file), limited)
     notes += tuple(ignored.values())
     if signals is not None and signals.effort_kind == "gravity_compensated_torque":
         robot = robot.changed(gravity=np.zeros(3))
@@ -252,7 +243,7 @@ def _from_toml(path: Path, text: str, sha256: str) -> LoadedRobot:
         file.prior,
         file.knowledge,
         file.excitation,
-        springs_along(mechanism, robot),
+        reduction.springs_along(mechanism, robot),
         ignored,
         base=file.robot.base,
         floats=floating_base(mechanism, file.robot.base) is not None,
@@ -318,7 +309,7 @@ def _reduced(
     tips = (section.tip,) if isinstance(section.tip, str) else section.tip or ()
     for key, name in [("tip", t) for t in tips] + [("base", section.base or mechanism.root)]:
         _check_name("link", name, links, locate("robot", key))
-    robot, notes = reduced(
+    robot, notes = reduction.reduced(
         mechanism,
         section.joints,
         locked=section.locked,
@@ -342,7 +333,7 @@ def _check_name(kind: str, name: str, names: list[str], where: str) -> None:
 
 def _limits(name: str, mechanism: Mechanism, section: RobotSection, locate: Locate) -> Limits:
     given = section.limits[name].model_dump(exclude_none=True)
-    limits = replace(unlimited_if_empty(mechanism.joint(name).limits), **given)
+    limits = replace(reduction.unlimited_if_empty(mechanism.joint(name).limits), **given)
     if limits.lower >= limits.upper:
         raise ModelError(
             f"joint '{name}' has a lower limit of {limits.lower:g} and an upper one of "

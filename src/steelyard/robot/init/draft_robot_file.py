@@ -11,12 +11,8 @@ import numpy as np
 
 from steelyard.base.arrays import by_key
 from steelyard.base.errors import LogError, ModelError
-from steelyard.robot.file.model_reading_and_loaded_robot import (
-    LoadedRobot,
-    ModelFile,
-    read_model,
-    robot_of_model,
-)
+from steelyard.robot.file import model_reading_and_loaded_robot as reading
+from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot, ModelFile
 from steelyard.robot.file.sections import Side
 from steelyard.robot.file.toml_edits import toml_key, toml_text
 from steelyard.robot.floating_ball_and_coupled_joints import carried_joints, floating_trees
@@ -64,7 +60,7 @@ def proposed(reference: str | Path, base: str | None = None) -> Proposal:
         raise ModelError(
             "this is already a robot file", where=str(path), fix="give its URDF or MJCF"
         )
-    model = read_model(path, arguments)
+    model = reading.read_model(path, arguments)
     mechanism, why_base = model.mechanism, ""
     if base is None:
         base, why_base = _base(mechanism)
@@ -83,7 +79,7 @@ def proposed(reference: str | Path, base: str | None = None) -> Proposal:
     ):
         rests = {n: mechanism.rest.get(n, 0.0) for group in loops for n in group}
         try:
-            loaded = robot_of_model(source, base=base, locked=rests | tied)
+            loaded = reading.robot_of_model(source, base=base, locked=rests | tied)
         except ModelError as error:
             refused = error
             continue

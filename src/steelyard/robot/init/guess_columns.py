@@ -14,13 +14,9 @@ from steelyard.robot.file.sections import Side, SignalsSection
 from steelyard.robot.file.signals import Signals, expanded
 from steelyard.robot.file.signals_from_tables import build_signals
 from steelyard.robot.init import column_names
+from steelyard.robot.init import guess_clock_positions_and_velocities as motion
 from steelyard.robot.init import guess_efforts_and_gears as efforts
 from steelyard.robot.init.column_names import Column, Quantity, by_name, by_number, give_up, listed
-from steelyard.robot.init.guess_clock_positions_and_velocities import (
-    clock_of,
-    guess_positions,
-    judged,
-)
 from steelyard.robot.robot import Coordinate, Robot
 
 Sample = Mapping[str, ArrayLike]
@@ -92,19 +88,19 @@ def guess_columns(
     named = column_names.labelled(columns, texts, [c.name for c in every or coordinates])
     kinds = by_key((c.quantity, c) for c in named if c.quantity is not None)
     joints, counted, position, effort, how = _matched(coordinates, every, kinds, columns, values)
-    clock, time_reason = clock_of(kinds.get("time", []), position[0], columns, values, rate)
+    clock, time_reason = motion.clock_of(kinds.get("time", []), position[0], columns, values, rate)
     if counts := [c.name for c in effort if c.has(*efforts.COUNTS)]:
         give_up(f"efforts are in counts, which have no unit: {', '.join(counts)}", columns)
     effort_words, units = efforts.effort_units(effort, joints, values)
     of_motors = all(c.of_motor for c in effort) if side is None else side == "motor"
-    where = guess_positions(position, joints, values, columns, geared or of_motors, side)
+    where = motion.guess_positions(position, joints, values, columns, geared or of_motors, side)
     stated = side is not None or (geared and not (of_motors or where.motors))
     of_motors = side == "motor" if side is not None else of_motors or stated
     if stated:
         effort_words = "of motors, as stated: joint torque through the gears"
         effort_words = effort_words if of_motors else "torque at the joints, as stated"
     velocity = _one_each(joints, counted, kinds.get("velocity", []))
-    rates = judged(velocity, position, joints, where.unit, clock, sample or {})
+    rates = motion.judged(velocity, position, joints, where.unit, clock, sample or {})
     used = rates.used
     counting = by_number(len(counted), kinds["effort"], [c.kind for c in counted])
     groups = [effort, *(group for group in counting if set(effort) <= set(group))]

@@ -107,9 +107,7 @@ def machine_code(
 
 
 def compiled(
-    description: Any,
-    build: Callable[[], tuple[Program, dict[str, Any]]],
-    lanes: int | None = None,
+    description: Any, build: Callable[[], tuple[Program, dict[str, Any]]], lanes: int | None = None
 ) -> Code:
     """Machine code for what `description` stands for, of as many lanes as the machine has.
 
