@@ -67,7 +67,7 @@ def without_free_joints(
             Listed(f"left out, as the base '{root}' does not carry them", ", ".join(aside))
         )
     balls = [joint for joint in beyond if joint.kind == "ball"]
-    _check_balls(kept, balls, joints, locked)
+    _check_balls(balls, joints, locked)
     if assumed := [ball.name for ball in balls if ball.name not in locked]:
         ball_joints = f"ball joint {', '.join(assumed)}"
         notes.append(Listed("locked at its position in the model file", ball_joints))
@@ -99,10 +99,7 @@ def _floats(mechanism: Mechanism, trees: Mapping[Joint, int]) -> ModelError:
 
 
 def _check_balls(
-    mechanism: Mechanism,
-    balls: Sequence[Joint],
-    joints: Sequence[str] | None,
-    locked: Mapping[str, float],
+    balls: Sequence[Joint], joints: Sequence[str] | None, locked: Mapping[str, float]
 ) -> None:
     for ball in balls:
         if locked.get(ball.name, 0.0) != 0.0:

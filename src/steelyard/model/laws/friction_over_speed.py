@@ -11,22 +11,9 @@ from steelyard.base.arrays import Parameter
 from steelyard.base.errors import ModelError
 from steelyard.model.equations.inverse_dynamics import JointState, Scalar, Scalars
 from steelyard.model.terms import axes_and_fields as fields
+from steelyard.model.terms import term as terms
 from steelyard.model.terms.axes_and_fields import Axes, Axis, Field, directional, is_zero
-from steelyard.model.terms.term import (
-    ActsOnAxes,
-    Cause,
-    Columns,
-    Dissipation,
-    Place,
-    Placed,
-    Role,
-    Term,
-    Values,
-    as_one,
-    curve_over_speed,
-    left_out,
-    under,
-)
+from steelyard.model.terms.term import ActsOnAxes, Cause, Dissipation, Place, Placed
 from steelyard.robot.robot import Robot
 
 
@@ -80,7 +67,7 @@ class Coulomb(_Directed):
             )
 
     @property
-    def role(self) -> Role:
+    def role(self) -> terms.Role:
         """By the plain sign it sticks and slips: at rest it holds up to its size."""
         return "brake" if is_zero(self.threshold) and is_zero(self.smoothing) else "effort"
 
@@ -88,9 +75,9 @@ class Coulomb(_Directed):
         """Nothing up to the threshold."""
         return None if is_zero(self.threshold) else _moving(self, axes, state)
 
-    def in_model_files(self, robot: Robot, values: Values) -> Placed:
+    def in_model_files(self, robot: Robot, values: terms.Values) -> Placed:
         """Dry friction by the plain sign."""
-        parts = under(self, robot, values, self.law, "dry")
+        parts = terms.under(self, robot, values, self.law, "dry")
         unsupported = tuple(
             f"{words} {getattr(self, name)} rad/s or m/s ({self.law})"
             for name, words in (
@@ -119,7 +106,7 @@ class DirectionalCoulomb(_Directed):
     law: ClassVar[str] = "directional_coulomb"
     dissipation: ClassVar[Dissipation] = "each"
     shown_by: ClassVar[str] = "motion in both directions of"
-    in_model_files: ClassVar[Place] = as_one("dry")
+    in_model_files: ClassVar[Place] = terms.as_one("dry")
     units: ClassVar[Mapping[str, str]] = {"_forward": "{effort}", "_backward": "{effort}"}
 
 
@@ -163,9 +150,9 @@ class Viscous(_OfSpeed):
             return speeds
         return [v * on for v, on in zip(speeds, _moving(self, axes, state), strict=True)]
 
-    def in_model_files(self, robot: Robot, values: Values) -> Placed:
+    def in_model_files(self, robot: Robot, values: terms.Values) -> Placed:
         """Viscous friction from zero speed on."""
-        placed = as_one("viscous")(self, robot, values)
+        placed = terms.as_one("viscous")(self, robot, values)
         if is_zero(self.threshold) or not any(part.value for part in placed.parts):
             return placed
         words = f"that viscous friction begins above {self.threshold} rad/s or m/s ({self.law})"
@@ -180,7 +167,7 @@ class DirectionalViscous(ActsOnAxes):
     dissipation: ClassVar[Dissipation] = "each"
     cause: ClassVar[Cause] = "friction"
     shown_by: ClassVar[str] = "motion at several speeds in both directions of"
-    in_model_files: ClassVar[Place] = as_one("viscous")
+    in_model_files: ClassVar[Place] = terms.as_one("viscous")
     units: ClassVar[Mapping[str, str]] = {"_forward": "{rate}", "_backward": "{rate}"}
 
     def efforts(self, axes: Axes, state: JointState) -> Scalars:
@@ -194,7 +181,7 @@ class Quadratic(_OfSpeed):
     r"""Friction with the square of speed, $f = f_2\,|v|\,v$: turbulent oil, fans."""
 
     law: ClassVar[str] = "quadratic"
-    in_model_files: ClassVar[Place] = as_one("quadratic")
+    in_model_files: ClassVar[Place] = terms.as_one("quadratic")
     units: ClassVar[Mapping[str, str]] = {"": "{force}/({speed})²"}
     curve: ClassVar[Callable[[Scalar], Scalar]] = lambda speed: np.abs(speed) * speed
 
@@ -204,7 +191,7 @@ class Cubic(_OfSpeed):
     r"""Friction with the cube of speed, $f = f_3\,v^3$."""
 
     law: ClassVar[str] = "cubic"
-    in_model_files: ClassVar[Place] = as_one("cubic")
+    in_model_files: ClassVar[Place] = terms.as_one("cubic")
     units: ClassVar[Mapping[str, str]] = {"": "{force}/({speed})³"}
     curve: ClassVar[Callable[[Scalar], Scalar]] = lambda speed: speed * speed * speed
 
@@ -214,7 +201,7 @@ class Root(_OfSpeed):
     r"""Friction with the root of speed, $f = f_{1/2}\,\sqrt{|v|}\,\mathrm{sign}(v)$: grease."""
 
     law: ClassVar[str] = "root"
-    in_model_files: ClassVar[Place] = curve_over_speed("friction with the root of speed")
+    in_model_files: ClassVar[Place] = terms.curve_over_speed("friction with the root of speed")
     units: ClassVar[Mapping[str, str]] = {"": "{force}/√({speed})"}
     curve: ClassVar[Callable[[Scalar], Scalar]] = lambda speed: (
         speed / np.sqrt(np.maximum(np.abs(speed), CREEP))
@@ -233,7 +220,7 @@ class Stribeck(_Directed):
     law: ClassVar[str] = "stribeck"
     dissipation: ClassVar[Dissipation] = "together"
     shown_by: ClassVar[str] = "slow motion in both directions of"
-    in_model_files: ClassVar[Place] = curve_over_speed("excess of friction at breakaway")
+    in_model_files: ClassVar[Place] = terms.curve_over_speed("excess of friction at breakaway")
     bounds: ClassVar[Mapping[str, tuple[float, float]]] = {
         "speed": (1e-3, 1.0),
         "smoothing": (1e-3, 1.0),
@@ -271,7 +258,7 @@ Pair = tuple[tuple[str, str], tuple[str, str]]  # `(("from", name), ("to", name)
 
 
 @dataclass(frozen=True)
-class Coupled(Term):
+class Coupled(terms.Term):
     r"""Coupled friction, $f_b = f_{ab}\,v_a$ or $f_{ab}\,s(v_a)$: belts, cables, shared bearings.
 
     A coupling alone may give energy; only with the joints' own friction is the whole dissipative.
@@ -281,7 +268,7 @@ class Coupled(Term):
     dissipation: ClassVar[Dissipation] = "none"
     cause: ClassVar[Cause] = "friction"
     shown_by: ClassVar[str] = "separate motion of the joints"
-    in_model_files: ClassVar[Place] = left_out("friction of one joint that loads another")
+    in_model_files: ClassVar[Place] = terms.left_out("friction of one joint that loads another")
     bounds: ClassVar[Mapping[str, tuple[float, float]]] = {"smoothing": (1e-3, 1.0)}
     # joints or motors, `{"from": a, "to": b}`: `b` is loaded when `a` moves
     pairs: tuple[Pair, ...] = ()
@@ -314,7 +301,7 @@ class Coupled(Term):
             for mover, loaded in self._axes(robot)
         )
 
-    def columns(self, robot: Robot, state: JointState) -> Columns:
+    def columns(self, robot: Robot, state: JointState) -> terms.Columns:
         """The moving joint's velocity or direction, along the loaded joint."""
         pairs = self._axes(robot)
         movers = [mover for mover, _ in pairs]

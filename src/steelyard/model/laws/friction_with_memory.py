@@ -6,7 +6,7 @@ only LuGre, whose steady state depends on the velocity, takes the velocity of a 
 whole step.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from math import inf, isfinite
 from typing import Any, ClassVar
@@ -20,15 +20,10 @@ from steelyard.model.equations import inverse_dynamics as rigid
 from steelyard.model.equations.inverse_dynamics import JointState, Scalar, Scalars
 from steelyard.model.laws.laws_without_friction import RigidBody
 from steelyard.model.terms import axes_and_fields as fields
-from steelyard.model.terms.axes_and_fields import Axes, Axis, Field
+from steelyard.model.terms import term as terms
+from steelyard.model.terms.axes_and_fields import Axes, Field
 from steelyard.model.terms.stateful_terms import Presliding, RigidTorque, StateStep, relaxed
-from steelyard.model.terms.term import (
-    INVENTED_TORQUE_SHARE,
-    Dissipation,
-    Place,
-    full_sliding,
-    left_out,
-)
+from steelyard.model.terms.term import Dissipation, Place
 from steelyard.robot.inertia_and_placement import INERTIAL_NAMES
 from steelyard.robot.robot import Robot
 
@@ -68,7 +63,9 @@ class Dahl(OneState):
 
     law: ClassVar[str] = "dahl"
     dissipation: ClassVar[Dissipation] = "each"
-    in_model_files: ClassVar[Place] = full_sliding("dahl", unsupported=PRESLIDING_DISPLACEMENT)
+    in_model_files: ClassVar[Place] = terms.full_sliding(
+        "dahl", unsupported=PRESLIDING_DISPLACEMENT
+    )
 
 
 @dataclass(frozen=True)
@@ -82,7 +79,7 @@ class MaxwellSlip(Presliding):
 
     law: ClassVar[str] = "maxwell_slip"
     dissipation: ClassVar[Dissipation] = "together"
-    in_model_files: ClassVar[Place] = full_sliding(unsupported=PRESLIDING_DISPLACEMENT)
+    in_model_files: ClassVar[Place] = terms.full_sliding(unsupported=PRESLIDING_DISPLACEMENT)
     state_only_fields: ClassVar[tuple[str, ...]] = ("lengths", "relaxing")
     # lengths $\delta_i$ of the elements [rad; m]
     lengths: tuple[float, ...] = (3e-4, 1e-3, 3e-3, 1e-2)
@@ -114,9 +111,7 @@ class MaxwellSlip(Presliding):
             return [relaxed(x, length) for x, length in pairs]
         return [(1.0, x / length, 1.0) for x, length in pairs]
 
-    def typical_values(
-        self, robot: Robot, at_torque: Array, inertia: Callable[[Axis], float]
-    ) -> Array:
+    def typical_values(self, robot: Robot, at_torque: Array, inertia: terms.MovedInertia) -> Array:
         """Friction is shared among the elements."""
         return at_torque / len(self.lengths)
 
@@ -135,7 +130,7 @@ class LuGre(Presliding):
 
     law: ClassVar[str] = "lugre"
     dissipation: ClassVar[Dissipation] = "each"
-    in_model_files: ClassVar[Place] = full_sliding(
+    in_model_files: ClassVar[Place] = terms.full_sliding(
         "lugre", unsupported=f"{PRESLIDING_DISPLACEMENT} and breakaway"
     )
     units: ClassVar[Mapping[str, str]] = {"": "{effort}", "_damping": "{force}/Hz"}
@@ -192,14 +187,12 @@ class LuGre(Presliding):
         pairs = zip(relative, ratios, strict=True)
         return [1.0 + (ratio - 1.0) * np.exp(-(x * x)) for x, ratio in pairs]
 
-    def typical_values(
-        self, robot: Robot, at_torque: Array, inertia: Callable[[Axis], float]
-    ) -> Array:
+    def typical_values(self, robot: Robot, at_torque: Array, inertia: terms.MovedInertia) -> Array:
         r"""Dampings at which sticking is critically damped, $2 \sqrt{f_c\,\delta\,m}$."""
         axes = self.axes(robot)
         friction, lengths = at_torque[: len(axes)], self.lengths_of(axes)
         moved = np.array([inertia(axis) for axis in axes])
-        damping = 2.0 * np.sqrt(np.mean(INVENTED_TORQUE_SHARE) * friction * lengths * moved)
+        damping = 2.0 * np.sqrt(np.mean(terms.INVENTED_TORQUE_SHARE) * friction * lengths * moved)
         return np.concatenate((friction, damping))
 
 
@@ -225,7 +218,7 @@ class LoadDependent(OneState):
     law: ClassVar[str] = "load_dependent"
     dissipation: ClassVar[Dissipation] = "none"
     shown_by: ClassVar[str] = "motion in both directions under several loads of"
-    in_model_files: ClassVar[Place] = left_out("friction that grows with load")
+    in_model_files: ClassVar[Place] = terms.left_out("friction that grows with load")
     unnamed: ClassVar[tuple[str, ...]] = ("per_run", "reference")
     units: ClassVar[Mapping[str, str]] = {"": "1"}
     needs_reference: ClassVar[bool] = True

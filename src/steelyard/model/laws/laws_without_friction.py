@@ -1,6 +1,6 @@
 """Laws that are no friction: bodies and rotors; springs and cogging, by position alone; offset."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, ClassVar
@@ -12,23 +12,9 @@ from steelyard.base.errors import ModelError, advice
 from steelyard.model.equations import inverse_dynamics as rigid
 from steelyard.model.equations.inverse_dynamics import JointState, Scalar, Scalars
 from steelyard.model.terms import axes_and_fields as fields
-from steelyard.model.terms.axes_and_fields import Axes, Axis, Field
-from steelyard.model.terms.term import (
-    ActsOnAxes,
-    AxisPart,
-    Cause,
-    Columns,
-    Dissipation,
-    Place,
-    Placed,
-    Pull,
-    Role,
-    Term,
-    Values,
-    as_one,
-    left_out,
-    under,
-)
+from steelyard.model.terms import term as terms
+from steelyard.model.terms.axes_and_fields import Axes, Field
+from steelyard.model.terms.term import ActsOnAxes, Cause, Dissipation, Place, Placed
 from steelyard.robot.inertia_and_placement import INERTIAL_NAMES, INERTIAL_UNITS
 from steelyard.robot.robot import Robot
 from steelyard.symbolic.symbols_and_tracing import Symbol, number_of
@@ -45,7 +31,7 @@ def body_efforts(robot: Robot, state: JointState, numbers: Scalars) -> list[Scal
 
 
 @dataclass(frozen=True)
-class RigidBody(Term):
+class RigidBody(terms.Term):
     r"""Newton-Euler torques of all bodies, $\tau = Y(q, \dot q, \ddot q)\,\phi$.
 
     Ten numbers per body, about the origin of its link frame, in Pinocchio's order; those of a frame
@@ -57,7 +43,7 @@ class RigidBody(Term):
     law: ClassVar[str] = "rigid_body"
     dissipation: ClassVar[Dissipation] = "none"
     cause: ClassVar[Cause] = "inertia"
-    role: ClassVar[Role] = "body"
+    role: ClassVar[terms.Role] = "body"
     shown_by: ClassVar[str] = "acceleration, one by one and together, of the joints up to"
 
     def parameters(self, robot: Robot) -> tuple[Parameter, ...]:
@@ -75,7 +61,7 @@ class RigidBody(Term):
             )
         )
 
-    def columns(self, robot: Robot, state: JointState) -> Columns:
+    def columns(self, robot: Robot, state: JointState) -> terms.Columns:
         """Reverse derivative of the inverse dynamics, without what is zero by structure."""
         tape = Tape.current()
         numbers = [tape.variable() for _ in range(10 * len(robot.bodies))]
@@ -95,7 +81,7 @@ class RigidBody(Term):
         """Ten numbers per body from those that are named, others zero, shape `(10 n_bodies,)`."""
         return np.array([values.get(p.name, 0.0) for p in RigidBody().parameters(robot)])
 
-    def in_model_files(self, robot: Robot, values: Values) -> Placed:
+    def in_model_files(self, robot: Robot, values: terms.Values) -> Placed:
         """Nothing beside the bodies, which every format holds."""
         return Placed()
 
@@ -112,10 +98,10 @@ class RotorInertia(ActsOnAxes):
     dissipation: ClassVar[Dissipation] = "none"
     cause: ClassVar[Cause] = "inertia"
     shown_by: ClassVar[str] = "stronger acceleration of"
-    in_model_files: ClassVar[Place] = as_one("rotor")
+    in_model_files: ClassVar[Place] = terms.as_one("rotor")
     units: ClassVar[Mapping[str, str]] = {"": "{inertia}"}
     symbol: ClassVar[str] = "IA"
-    role: ClassVar[Role] = "rotor"
+    role: ClassVar[terms.Role] = "rotor"
     on_motors: ClassVar[bool] = True
     """Rotors turn before the gears, whatever coordinates they are given along."""
     shares: ClassVar[Mapping[str, tuple[float, float]]] = {"rotor_inertia": (0.2, 0.6)}
@@ -124,9 +110,7 @@ class RotorInertia(ActsOnAxes):
         """The coordinate's acceleration."""
         return [axis.of(state.ddq) for axis in axes]
 
-    def typical_values(
-        self, robot: Robot, at_torque: Array, inertia: Callable[[Axis], float]
-    ) -> Array:
+    def typical_values(self, robot: Robot, at_torque: Array, inertia: terms.MovedInertia) -> Array:
         """The inertia that each coordinate moves."""
         return np.array([inertia(axis) for axis in self.axes(robot)])
 
@@ -139,7 +123,7 @@ class Offset(ActsOnAxes):
     dissipation: ClassVar[Dissipation] = "none"
     cause: ClassVar[Cause] = "offset"
     shown_by: ClassVar[str] = "motion both ways of"
-    in_model_files: ClassVar[Place] = left_out("constant efforts")
+    in_model_files: ClassVar[Place] = terms.left_out("constant efforts")
     lower: ClassVar[float] = float("-inf")
     symbol: ClassVar[str] = "OFF"
     shares: ClassVar[Mapping[str, tuple[float, float]]] = {"offset": (-0.03, 0.03)}
@@ -190,14 +174,16 @@ class Spring(ActsOnAxes):
             return [*positions, *(0.0 * x - 1.0 for x in positions)]
         return [x - free for x, free in zip(positions, self._free(axes), strict=True)]
 
-    def in_model_files(self, robot: Robot, values: Values) -> Placed:
+    def in_model_files(self, robot: Robot, values: terms.Values) -> Placed:
         """Stiffness and preload."""
-        stiffness = under(self, robot, values, self.law, "stiffness")
+        stiffness = terms.under(self, robot, values, self.law, "stiffness")
         if self.free == "unknown":
-            preload = under(self, robot, values, f"{self.law}_preload", "preload")
+            preload = terms.under(self, robot, values, f"{self.law}_preload", "preload")
             return Placed((*stiffness, *preload))
         pairs = zip(stiffness, self._free(self.axes(robot)), strict=True)
-        return Placed((*stiffness, *(AxisPart(p.axis, "preload", p.value * x) for p, x in pairs)))
+        return Placed(
+            (*stiffness, *(terms.AxisPart(p.axis, "preload", p.value * x) for p, x in pairs))
+        )
 
     def _free(self, axes: Axes) -> tuple[float, ...]:
         if not isinstance(self.free, tuple):
@@ -221,7 +207,7 @@ class PolynomialSpring(ActsOnAxes):
     dissipation: ClassVar[Dissipation] = "none"
     cause: ClassVar[Cause] = "spring"
     shown_by: ClassVar[str] = "other configurations of"
-    in_model_files: ClassVar[Place] = left_out("efforts of a polynomial in the position")
+    in_model_files: ClassVar[Place] = terms.left_out("efforts of a polynomial in the position")
     lower: ClassVar[float] = float("-inf")
     units: ClassVar[Mapping[str, str]] = {"_2": "{force}/{position}²", "_3": "{force}/{position}³"}
 
@@ -243,7 +229,7 @@ class Cogging(ActsOnAxes):
     dissipation: ClassVar[Dissipation] = "none"
     cause: ClassVar[Cause] = "spring"
     shown_by: ClassVar[str] = "slow motion over several periods of"
-    in_model_files: ClassVar[Place] = left_out("efforts periodic in the position")
+    in_model_files: ClassVar[Place] = terms.left_out("efforts periodic in the position")
     lower: ClassVar[float] = float("-inf")
     units: ClassVar[Mapping[str, str]] = {"_sin": "{effort}", "_cos": "{effort}"}
     shares: ClassVar[Mapping[str, tuple[float, float]]] = {
@@ -270,7 +256,7 @@ points = [[-0.2, 0.0, 0.4], [0.0, 0.0, 0.3]]}"""
 
 
 @dataclass(frozen=True)
-class GravityCompensator(Term):
+class GravityCompensator(terms.Term):
     r"""Spring between two points, $f = k\,L(q) - p$; a joint bears $f\,\partial L / \partial q_j$.
 
     $L$ is the distance of the points; the spring is free at $L_0 = p/k$. It is the effort that
@@ -311,7 +297,7 @@ class GravityCompensator(Term):
             Parameter(f"{self.law}_preload.{self._name}", "N"),
         )
 
-    def columns(self, robot: Robot, state: JointState) -> Columns:
+    def columns(self, robot: Robot, state: JointState) -> terms.Columns:
         """The slopes of half the squared length, and minus those of the length."""
         length, slopes = self.length(robot, state.q)
         return {
@@ -319,10 +305,10 @@ class GravityCompensator(Term):
             **{(joint, 1): -slope for joint, slope in slopes.items()},
         }
 
-    def in_model_files(self, robot: Robot, values: Values) -> Placed:
+    def in_model_files(self, robot: Robot, values: terms.Values) -> Placed:
         """A spring between points."""
         stiffness, preload = (values[p.name] for p in self.parameters(robot))
-        return Placed(pulls=(Pull(self._name, self.links, self.points, stiffness, preload),))
+        return Placed(pulls=(terms.Pull(self._name, self.links, self.points, stiffness, preload),))
 
     def length(self, robot: Robot, q: Any) -> tuple[Scalar, dict[int, Scalar]]:
         """The spring's length [m] at all joints `q`, and its slopes by joints that stretch it."""

@@ -173,6 +173,9 @@ some together with all others along the same coordinate, whatever the signs of i
 Cause = Literal["inertia", "spring", "friction", "offset"]
 """What a law is about. Inertia and springs last; friction and offsets change from day to day."""
 
+MovedInertia = Callable[[Axis], float]
+"""The typical inertia that a coordinate moves [kg m²; kg]."""
+
 Role = Literal["body", "rotor", "brake", "effort"]
 """How a simulation has a law: as mass of the bodies, as inertia of a rotor, as friction that sticks
 and slips, or as an effort that is computed from the state."""
@@ -244,13 +247,11 @@ class Term(ABC):
         """The same term with another reference model, the numbers of its bodies by name."""
         return self
 
-    def typical_values(
-        self, robot: Robot, at_torque: Array, inertia: Callable[[Axis], float]
-    ) -> Array:
+    def typical_values(self, robot: Robot, at_torque: Array, inertia: MovedInertia) -> Array:
         """What invented parameters are measured by, shape `(parameters,)`.
 
         `at_torque` has the value at which each parameter alone loads a joint with its typical
-        torque, `inertia` the typical inertia that a coordinate moves [kg m²; kg].
+        torque.
         """
         return at_torque
 

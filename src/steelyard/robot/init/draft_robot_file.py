@@ -284,10 +284,9 @@ def drafted(
     robot, springs = proposal.loaded.robot, proposal.loaded.springs
     free, moving = assignment.free, assignment.moving
     guess = None if assignment.guess is None else tables.with_effort(assignment.guess, known.effort)
-    resting = [c for c in robot.coordinates if c not in moving]
     gears = known.gears or (gears_of(proposal, moving, guess) if guess else None)
     text = tables.robot_file_text(
-        **_robot_table(proposal, moving, resting, output_path),
+        **_robot_table(proposal, moving, output_path),
         **tables.gears_table(gears, moving),
         **tables.model_table(
             {c.name: springs[c.name] for c in moving if c.name in springs}, guess, known
@@ -413,14 +412,12 @@ def path_from(folder: Path, path: Path) -> str:
 
 
 def _robot_table(
-    proposal: Proposal,
-    moving: Sequence[Coordinate],
-    resting: Sequence[Coordinate],
-    output_path: Path,
+    proposal: Proposal, moving: Sequence[Coordinate], output_path: Path
 ) -> dict[str, Any]:
     """The robot and its model file, and joints that are not identified with their positions."""
     loaded, reasons = proposal.loaded, proposal.reasons
     model, arguments = loaded.sources[0].path, None
+    resting = [c for c in loaded.robot.coordinates if c not in moving]
     if len(loaded.sources) > 1:
         pairs = loaded.arguments.items()
         arguments = ", ".join(f"{toml_key(name)} = {toml_text(value)}" for name, value in pairs)
