@@ -182,8 +182,7 @@ def _passes(bounds: Array, angle: float) -> Array:
     turns = (bounds - angle) / (2.0 * np.pi)
     slack = 1e-14 * (1.0 + np.abs(turns))
     first = np.ceil(turns[0] - slack[0])
-    passes: Array = ~(first > turns[1] + slack[1])
-    return passes
+    return np.asarray(~(first > turns[1] + slack[1]))
 
 
 def _truth(sure: np.ufunc, excluded: np.ufunc, a: Array, b: Array) -> Array:

@@ -125,8 +125,7 @@ def _header(path: Sequence[str]) -> str:
 
 
 def _value(value: Any) -> str:
-    text: str = _item(value).as_string()
-    return text
+    return str(_item(value).as_string())
 
 
 def _item(value: Any) -> Any:

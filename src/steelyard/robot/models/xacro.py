@@ -138,8 +138,7 @@ def _xml(root: Element, mesh: Callable[[str], str]) -> bytes:
     """The text of an XML file, its meshes named by a function."""
     made = _element(root, mesh)
     ElementTree.indent(made)
-    text: bytes = ElementTree.tostring(made, "utf-8")
-    return b"<?xml version='1.0' encoding='utf-8'?>\n" + text
+    return bytes(ElementTree.tostring(made, "utf-8", xml_declaration=True))
 
 
 def _element(element: Element, mesh: Callable[[str], str]) -> ElementTree.Element:

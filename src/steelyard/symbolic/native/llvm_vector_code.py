@@ -304,8 +304,7 @@ class _Writer:
             case "add" | "sub" | "mul" | "div":
                 return block.binary(f"f{step.operation}", *arguments)
             case "neg" | "sign" | "exp" | "tanh" | "atan":
-                result: str = getattr(block, step.operation)(*arguments)
-                return result
+                return str(getattr(block, step.operation)(*arguments))
             case "sin" | "cos":
                 angle = step.arguments[0]
                 if angle not in self.waves:
