@@ -13,14 +13,8 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from steelyard.base.errors import ModelError
-from steelyard.robot.models.xacro_expressions import (
-    Budget,
-    Names,
-    XacroError,
-    bounded,
-    evaluate,
-    literal,
-)
+from steelyard.robot.models import xacro_expressions
+from steelyard.robot.models.xacro_expressions import Budget, Names, XacroError, evaluate, literal
 from steelyard.robot.models.xml_and_urdf import Element, read_bytes, read_xml
 
 
@@ -360,7 +354,7 @@ class Scope(Names):
         if len(results) > 1 and any(callable(part) for part in results):
             raise XacroError(f"'{text[:80]}' writes a function, not a value")
         whole = results[0] if len(results) == 1 else "".join(map(str, results))
-        return bounded(whole, self.commands.budget)
+        return xacro_expressions.bounded(whole, self.commands.budget)
 
     def macro(self, name: str) -> tuple[Macro, "Scope"]:
         """A macro, and the scope around its call: this one, or the namespace of `arm.link`."""
