@@ -2,11 +2,11 @@
 
 import copyreg
 import hashlib
-import math
 import os
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from math import pi
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Literal
@@ -168,8 +168,12 @@ def model_of_tables(section: sections.RobotSection, path: Path, locate: Locate) 
             fix='give exactly one of urdf = "FILE", mjcf = "FILE" and a table [robot.dh]',
         )
     if section.dh is not None:
-        mechanism = _of_dh(section.dh, section.name or path.stem, locate("robot", "dh"))
-        return ModelFile(mechanism, (), {}, ())
+        name, angle = (
+            section.name or path.stem,
+            pi / 180.0 if section.dh.angle_unit == "deg" else 1.0,
+        )
+        rows, where = section.dh.links, locate("robot", "dh")
+        return ModelFile(dh_mechanism(rows, section.dh.convention, name, where, angle), (), {}, ())
     text = str(getattr(section, given[0]))
     where = locate("robot", given[0])
     model_path = beside(path, text, where)
@@ -211,15 +215,6 @@ def beside(path: Path, text: str, where: str) -> Path:
     return path.parent / re.sub(r"\$\{(\w+)\}", value, text)
 
 
-def _of_dh(table: sections.DHSection, name: str, where: str) -> Mechanism:
-    angle = math.pi / 180.0 if table.angle_unit == "deg" else 1.0
-    rows = [
-        row.model_copy(update={"alpha": row.alpha * angle, "theta": row.theta * angle})
-        for row in table.links
-    ]
-    return dh_mechanism(rows, table.convention, name, where)
-
-
 DHConvention = Literal["standard", "modified"]
 _X, _Z = np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0])
 
@@ -229,6 +224,7 @@ def dh_mechanism(
     convention: DHConvention = "standard",
     name: str = "dh_robot",
     where: str = "the DH table",
+    angle: float = 1.0,
 ) -> Mechanism:
     r"""The chain of a DH table; joint `i` turns or slides along z of the link's frame.
 
@@ -241,13 +237,14 @@ def dh_mechanism(
     The link's frame, to which its ten inertial parameters refer, is DH frame `i` in the modified
     convention. In the standard one DH frame `i` does not lie on the joint's axis, and the link's
     frame is the one after $R_z(\theta_i) T_z(d_i)$: on the axis, with the x axis of DH frame `i`.
-    Masses in the table are given in DH frame `i` in both, angles in rad. The base is DH frame 0.
+    Masses in the table are given in DH frame `i` in both, angles in a unit of `angle` rad. The base
+    is DH frame 0.
     """
     links, joints = [Link("base", None, where)], []
     end = Placement()
     for number, row in enumerate(rows, start=1):
-        screw_x = Placement(turn(_X, row.alpha), row.a * _X)
-        screw_z = Placement(turn(_Z, row.theta), row.d * _Z)
+        screw_x = Placement(turn(_X, row.alpha * angle), row.a * _X)
+        screw_z = Placement(turn(_Z, row.theta * angle), row.d * _Z)
         modified = convention == "modified"
         placement = screw_x @ screw_z if modified else end @ screw_z
         end = Placement() if modified else screw_x
