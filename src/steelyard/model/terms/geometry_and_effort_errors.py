@@ -204,6 +204,5 @@ class EffortReadingErrors(StatefulTerm):
             return []
         kinds = ("gain", "saturation", "hysteresis")
         own = [(kind, row) for kind in kinds for row in range(robot.n_joints)]
-        return own + [
-            (f"crosstalk_{k + 1}", row) for k, row in permutations(range(robot.n_joints), 2)
-        ]
+        pairs = permutations(range(robot.n_joints), 2)
+        return own + [(f"crosstalk_{k + 1}", row) for k, row in pairs]

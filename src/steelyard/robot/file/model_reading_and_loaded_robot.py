@@ -168,12 +168,10 @@ def model_of_tables(section: sections.RobotSection, path: Path, locate: Locate) 
             fix='give exactly one of urdf = "FILE", mjcf = "FILE" and a table [robot.dh]',
         )
     if section.dh is not None:
-        name, angle = (
-            section.name or path.stem,
-            pi / 180.0 if section.dh.angle_unit == "deg" else 1.0,
-        )
-        rows, where = section.dh.links, locate("robot", "dh")
-        return ModelFile(dh_mechanism(rows, section.dh.convention, name, where, angle), (), {}, ())
+        table, name = section.dh, section.name or path.stem
+        angle, where = pi / 180.0 if table.angle_unit == "deg" else 1.0, locate("robot", "dh")
+        mechanism = dh_mechanism(table.links, table.convention, name, where, angle)
+        return ModelFile(mechanism, (), {}, ())
     text = str(getattr(section, given[0]))
     where = locate("robot", given[0])
     model_path = beside(path, text, where)
