@@ -28,7 +28,7 @@ class Packages:
     def find(self, name: str) -> Path:
         """The folder of a package; `XacroError` if there is none."""
         if re.fullmatch(r"[\w-][\w.-]*", name):
-            for place in self._places():
+            for place in (*self.given, *self.model.resolve().parents, *self._environment()):
                 for folder in (place / name, place):
                     if os.path.isdir(folder) and (
                         folder.name == name or package_name(folder) == name
@@ -63,11 +63,6 @@ class Packages:
                 if os.path.isfile(above / rest):
                     return above / rest
             raise
-
-    def _places(self) -> Iterator[Path]:
-        yield from self.given
-        yield from self.model.resolve().parents
-        yield from self._environment()
 
     def _environment(self) -> list[Path]:
         """`ROS_PACKAGE_PATH` of ROS 1, `AMENT_PREFIX_PATH` of ROS 2."""
@@ -175,12 +170,10 @@ class Commands(Names):
             "arg": self.argument,
             "abs_filename": lambda name: str(self._path(name)),
             "dotify": dict,
-            "error": lambda *words: "",
             "fatal": _fatal,
             "load_yaml": lambda name: load_yaml(self._path(name), self.budget),
-            "message": lambda *words: "",
             "tokenize": _tokens,
-            "warning": lambda *words: "",
+            **dict.fromkeys(("error", "message", "warning"), lambda *words: ""),
         }
 
     def value(self, name: str) -> Any:
