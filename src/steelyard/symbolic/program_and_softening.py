@@ -68,21 +68,15 @@ class Program:
 
     def pruned(self) -> "Program":
         """The program without steps that no output needs."""
-        needed = bytearray(len(self.steps))
-        for number in self.outputs:
-            needed[number] = 1
+        needed = set(self.outputs)
         for number in reversed(range(len(self.steps))):
-            if needed[number] and self.steps[number].operation != "input":
-                for argument in self.steps[number].arguments:
-                    needed[argument] = 1
-        place: dict[int, int] = {}
-        steps: list[Step] = []
-        for number, step in enumerate(self.steps):
-            if needed[number]:
-                place[number] = len(steps)
-                if step.arguments and step.operation != "input":
-                    step = Step(step.operation, tuple([place[a] for a in step.arguments]))
-                steps.append(step)
+            if number in needed and self.steps[number].operation != "input":
+                needed.update(self.steps[number].arguments)
+        place = {number: k for k, number in enumerate(sorted(needed))}
+        steps = [self.steps[number] for number in place]
+        for k, step in enumerate(steps):
+            if step.operation != "input":
+                steps[k] = step._replace(arguments=tuple([place[a] for a in step.arguments]))
         return Program(self.inputs, tuple(steps), tuple(place[k] for k in self.outputs))
 
     def last_use(self) -> Sequence[int]:
