@@ -35,10 +35,8 @@ from steelyard.symbolic.native.compiled_programs import recurrence
 
 StateStep = tuple[Scalar, Scalar, Scalar]  # $a$, $b$ and $c$ of one state
 
-
 RigidTorque = Callable[[Array], Iterable[Scalar]]
 """Torques of the rigid bodies, one per joint, for ten numbers per body, `(10 n_bodies,)`."""
-
 
 SPEED_KEPT_BEFORE = 0.1  # time for which a motion is taken to have had the speed it begins with [s]
 LENGTHS_TO_FORGET = 3.0  # travel in lengths after which the unknown start is forgotten
@@ -120,10 +118,8 @@ class Presliding(ActsOnAxes, StatefulTerm):
         axes = self.axes(robot)
         along = np.array([axis.row for axis in axes])
         q, speeds = along @ samples.q, along @ samples.dq
-        last, start = memory or (
-            q[:, 0],
-            np.array(_begun(list(speeds[:, 0]), self.lengths_of(axes))),
-        )
+        begun = np.array(_begun(list(speeds[:, 0]), self.lengths_of(axes)))
+        last, start = memory or (q[:, 0], begun)
         moved = np.diff(q, axis=1, prepend=last[:, None])
         steps = self.steps(axes, list(moved), list(speeds))
         rows = [

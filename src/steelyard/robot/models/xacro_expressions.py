@@ -213,7 +213,6 @@ METHODS: Mapping[type, Mapping[str, Callable[..., Any]]] = {
 }
 """Methods, by the type of the value before the dot."""
 
-
 LENGTH = 4000  # characters of one expression
 
 _OPERATIONS: Mapping[type, Callable[..., Any]] = {
