@@ -9,10 +9,10 @@ import numpy as np
 from steelyard.model.laws.friction_over_speed import Coulomb, Viscous
 from steelyard.model.laws.laws_without_friction import RigidBody
 from steelyard.model.model import Model
+from steelyard.robot.file.model_reading_and_loaded_robot import dh_mechanism
 from steelyard.robot.file.robot_file import load_robot
 from steelyard.robot.file.sections import DHRow
 from steelyard.robot.inertia_and_placement import Inertia
-from steelyard.robot.models.denavit_hartenberg import dh_mechanism
 from steelyard.robot.robot import Body, Coordinate, Robot
 from steelyard.robot.robot_from_mechanism import reduced
 

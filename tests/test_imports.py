@@ -56,8 +56,7 @@ ONE_FILE = {
     "mujoco": {
         "excite/collision/mjcf_geoms_and_solid_distances.py",
         "robot/models/mjcf.py",
-        "robot/models/mjcf_equalities.py",
-        "robot/models/mjcf_forces.py",
+        "robot/models/mjcf_equalities_and_forces.py",
         "simulate/mujoco_model.py",
     },
     "h5py": {"logs/formats.py", "logs/hdf5_reading_process.py"},

@@ -36,8 +36,8 @@ from steelyard.model.laws.laws_without_friction import RigidBody, Spring
 from steelyard.model.laws.register import DEFAULT_TERMS
 from steelyard.model.model import Model
 from steelyard.model.terms.term import Term
+from steelyard.robot.file.model_reading_and_loaded_robot import dh_mechanism
 from steelyard.robot.file.sections import DHRow
-from steelyard.robot.models.denavit_hartenberg import dh_mechanism
 from steelyard.robot.robot import Limits, Robot
 from steelyard.robot.robot_from_mechanism import reduced
 from steelyard.symbolic.source_code import Precision

@@ -17,11 +17,11 @@ from steelyard.estimate.information.gather import gather
 from steelyard.estimate.least_squares.weighted_robust_and_whitened import WeightedLeastSquares
 from steelyard.excite.trajectories.fourier import random_fourier
 from steelyard.model.model import Model
+from steelyard.robot.file.model_reading_and_loaded_robot import dh_mechanism
 from steelyard.robot.file.robot_file import load_robot
 from steelyard.robot.file.sections import DHRow
 from steelyard.robot.file.signals import Signals
 from steelyard.robot.inertia_and_placement import Inertia
-from steelyard.robot.models.denavit_hartenberg import dh_mechanism
 from steelyard.robot.robot import Robot
 from steelyard.robot.robot_from_mechanism import reduced
 from steelyard.runs.prepare import prepare

@@ -33,10 +33,10 @@ from steelyard.identify.residuals import residuals as residuals
 from steelyard.identify.scores_and_model_report import parameter_table as parameter_table
 from steelyard.identify.validate import validate as validate
 from steelyard.logs.formats import open_log as open_log
+from steelyard.model.compiled_quantity import Stepper as Stepper
 from steelyard.model.dynamics import Dynamics as Dynamics
 from steelyard.model.model import Model as Model
 from steelyard.model.model import model_of as model_of
-from steelyard.model.sample_by_sample import Stepper as Stepper
 from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot as LoadedRobot
 from steelyard.robot.file.robot_file import load_robot as load_robot
 from steelyard.robot.robot import Robot as Robot

@@ -27,7 +27,7 @@ from steelyard.model.laws.friction_with_memory import Dahl, LuGre
 from steelyard.model.laws.register import DEFAULT_TERMS, TERMS, description_of, term_of
 from steelyard.model.model import Model
 from steelyard.model.terms.axes_and_fields import Find
-from steelyard.model.terms.candidate_terms import CandidateTerms
+from steelyard.model.terms.stateful_terms import CandidateTerms
 from steelyard.model.terms.term import Term
 from steelyard.robot.file.robot_file import load_robot
 from steelyard.robot.robot import Coordinate, Robot

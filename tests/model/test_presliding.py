@@ -13,7 +13,7 @@ from steelyard.base.motion import Motion
 from steelyard.model.equations.inverse_dynamics import JointState
 from steelyard.model.laws.friction_with_memory import Dahl, LoadDependent, LuGre, MaxwellSlip
 from steelyard.model.model import Model
-from steelyard.model.terms.presliding_term import Presliding
+from steelyard.model.terms.stateful_terms import Presliding
 from steelyard.model.terms.term import Term
 
 AMPLITUDE, REVERSALS = 0.05, 6

@@ -11,7 +11,7 @@ from law_cases import CASES, LawCase, name_of
 from moving import geared
 from steelyard.model.laws.friction_over_speed import DirectionalViscous, Viscous
 from steelyard.model.laws.register import REQUIRED, TERMS, complete, law_of
-from steelyard.model.terms.presliding_term import Presliding
+from steelyard.model.terms.stateful_terms import Presliding
 from steelyard.model.terms.term import ActsOnAxes, StatefulTerm, Term
 
 DOCS = Path(__file__).parents[2] / "docs"

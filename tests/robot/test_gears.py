@@ -7,9 +7,10 @@ import pytest
 
 from steelyard.base.arrays import json_values
 from steelyard.base.errors import ModelError
-from steelyard.robot.file.effort_units_and_gears import build_transmission
+from steelyard.robot.file.robot_file import build_transmission
 from steelyard.robot.file.sections import EffortSection, SignalsSection, TransmissionSection
-from steelyard.robot.file.signals import Signals, build_signals, signals_from_dict
+from steelyard.robot.file.signals import Signals, signals_from_dict
+from steelyard.robot.file.signals_from_tables import build_signals
 from steelyard.robot.robot import Coordinate, Transmission
 
 JOINTS = ("elbow", "wrist")

@@ -9,7 +9,8 @@ import pytest
 
 from steelyard.base.arrays import json_values
 from steelyard.base.errors import ModelError
-from steelyard.robot.file.robot_file import load_robot, read_mechanism, robot_text
+from steelyard.robot.file.model_reading_and_loaded_robot import read_mechanism
+from steelyard.robot.file.robot_file import load_robot, robot_text
 from steelyard.robot.file.sections import RobotFile
 from steelyard.robot.file.signals import signals_from_dict
 from steelyard.robot.file.toml_schema import checked

@@ -1,7 +1,7 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from steelyard.robot.file.toml_schema import KeyPath, toml_lines, tomllib
+from steelyard.robot.file.toml_schema import KeyPath, TomlPlaces, tomllib
 
 TEXT = '''# a comment with [brackets] and "quotes"
 [robot] # another
@@ -61,7 +61,7 @@ def paths(value: object, above: KeyPath = ()) -> set[KeyPath]:
 
 
 def test_lines_of_all_kinds_of_keys() -> None:
-    lines = toml_lines(TEXT)
+    lines = TomlPlaces(TEXT).lines
     assert {path: lines[path] for path in LINES} == LINES
     assert set(lines) == paths(tomllib.loads(TEXT))
 
@@ -73,7 +73,7 @@ def test_paths_are_those_that_tomllib_finds(parts: list[str]) -> None:
         data = tomllib.loads(text)
     except tomllib.TOMLDecodeError:
         return
-    lines = toml_lines(text)
+    lines = TomlPlaces(text).lines
     assert set(lines) == paths(data)
     for path, line in lines.items():
         if str(path[-1]).startswith("k"):

@@ -8,7 +8,7 @@ import pytest
 
 from oracles import body_map, body_positions, pinocchio_torque
 from steelyard.base.errors import ModelError
-from steelyard.robot.models.urdf import read_urdf
+from steelyard.robot.models.xml_and_urdf import read_urdf
 from steelyard.robot.robot_from_mechanism import reduced
 
 DATA = os.environ.get("STEELYARD_DATA")

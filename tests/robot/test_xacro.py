@@ -19,7 +19,7 @@ from steelyard.robot.models.xacro import (
     split_reference,
     stem_of,
 )
-from steelyard.robot.models.xacro_values_and_functions import Budget
+from steelyard.robot.models.xacro_expressions import Budget
 
 Write = Callable[[str, str], Path]
 HEAD = '<robot xmlns:xacro="http://www.ros.org/wiki/xacro" name="r">'

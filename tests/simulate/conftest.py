@@ -11,7 +11,7 @@ from steelyard.model.laws.register import DEFAULT_TERMS
 from steelyard.model.model import Model
 from steelyard.model.terms.term import Term
 from steelyard.robot.inertia_and_placement import Inertia, turn
-from steelyard.robot.models.urdf import read_urdf
+from steelyard.robot.models.xml_and_urdf import read_urdf
 from steelyard.robot.robot import Body, Coordinate, JointKind, Limits, LoopClosure, Robot
 from steelyard.robot.robot_from_mechanism import reduced
 from steelyard.simulate.ground_truth import Truth

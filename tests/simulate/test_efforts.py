@@ -17,7 +17,8 @@ from steelyard.model.laws.laws_without_friction import RigidBody, RotorInertia
 from steelyard.model.model import Model
 from steelyard.model.terms.term import Term
 from steelyard.robot.file.sections import EffortSection, SignalsSection
-from steelyard.robot.file.signals import Signals, build_signals
+from steelyard.robot.file.signals import Signals
+from steelyard.robot.file.signals_from_tables import build_signals
 from steelyard.robot.robot import Robot, Transmission
 from steelyard.runs.recording import Recording
 from steelyard.simulate.drives_sensors_and_loads import Sensors, TrueRun

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from oracles import pinocchio_torque
 from steelyard.base.errors import ModelError
 from steelyard.robot.inertia_and_placement import Inertia
-from steelyard.robot.models.urdf import read_urdf
+from steelyard.robot.models.xml_and_urdf import read_urdf
 from steelyard.robot.robot import Body, Coordinate, Robot
 from steelyard.robot.robot_from_mechanism import reduced
 from steelyard.simulate.mujoco_model import Rotor, build, inverse_dynamics, mass_matrices

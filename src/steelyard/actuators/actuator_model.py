@@ -25,7 +25,7 @@ from steelyard.estimate.identified_model import OF_ACTUATORS as SCHEMA
 from steelyard.estimate.identified_model import Provenance
 from steelyard.model.laws.laws_without_friction import RigidBody
 from steelyard.model.model import Model
-from steelyard.robot.file.target_signals import TargetSignals
+from steelyard.robot.file.signals import TargetSignals
 from steelyard.robot.robot import Robot, robot_from_dict, robot_to_dict
 
 SCHEMA_VERSION = 1

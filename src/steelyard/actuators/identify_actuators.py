@@ -31,7 +31,7 @@ from steelyard.identify.runs_for_model import fitted_before
 from steelyard.model.model import ValuedModel
 from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
 from steelyard.robot.file.robot_file import load_robot
-from steelyard.robot.file.target_signals import TargetSignals
+from steelyard.robot.file.signals import TargetSignals
 from steelyard.runs.runs_of_named_logs import (
     LogArgument,
     distinct_names,

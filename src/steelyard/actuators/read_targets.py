@@ -12,8 +12,7 @@ from steelyard.base.errors import LogError
 from steelyard.logs.clocks_and_combined_logs import Numbered
 from steelyard.logs.formats import open_log
 from steelyard.logs.log_and_errors import parse_log_argument, require_columns
-from steelyard.robot.file.signals import ROW
-from steelyard.robot.file.target_signals import TargetSignals
+from steelyard.robot.file.signals import ROW, TargetSignals
 from steelyard.robot.robot import Robot
 from steelyard.runs.recording import TURN, continuous, wrapped_middles
 from steelyard.runs.runs_of_named_logs import LogArgument

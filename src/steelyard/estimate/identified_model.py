@@ -42,9 +42,9 @@ from steelyard.estimate.external.wrench_methods_and_observer_step import (
 )
 from steelyard.estimate.information.base_parameters_and_regressor import BaseMap
 from steelyard.estimate.information.filter_and_gram import noise_bandwidth
+from steelyard.model.compiled_quantity import Stepper
 from steelyard.model.dynamics import Dynamics
 from steelyard.model.model import Model, ValuedModel
-from steelyard.model.sample_by_sample import Stepper
 from steelyard.model.torque_and_quantities import TORQUE, Quantity
 from steelyard.robot.file.signals import Signals, signals_from_dict
 from steelyard.robot.robot import Robot

@@ -8,23 +8,12 @@ from numpy.typing import ArrayLike
 from steelyard.base.arrays import Array
 from steelyard.base.errors import DataError
 from steelyard.base.motion import Motion
-from steelyard.model.torque_and_quantities import (
-    BIAS,
-    FORWARD_DYNAMICS,
-    FRICTION,
-    GRAVITY,
-    MASS_MATRIX,
-    MOMENTUM,
-    MOMENTUM_RATE,
-    REGRESSOR,
-    TORQUE,
-    Quantity,
-    frame_quantity,
-)
+from steelyard.model import torque_and_quantities as quantities
+from steelyard.model.torque_and_quantities import Quantity
 from steelyard.robot.robot import Frame, Robot
 
 if TYPE_CHECKING:
-    from steelyard.model.sample_by_sample import Stepper
+    from steelyard.model.compiled_quantity import Stepper
 
 
 class Dynamics(ABC):
@@ -96,7 +85,7 @@ class Dynamics(ABC):
             >>> bool((model.torque(motion)[0] == model.torque([0.3, 0.5], still, still)).all())
             True
         """
-        return self._along(TORQUE, q, dq, ddq)
+        return self._along(quantities.TORQUE, q, dq, ddq)
 
     def friction(
         self, q: Motion | ArrayLike, dq: ArrayLike | None = None, ddq: ArrayLike | None = None
@@ -116,7 +105,7 @@ class Dynamics(ABC):
             >>> model.friction([0.3, 0.5], still, still).tolist()
             [0.0, 0.0]
         """
-        return self._along(FRICTION, q, dq, ddq)
+        return self._along(quantities.FRICTION, q, dq, ddq)
 
     def regressor(
         self, q: Motion | ArrayLike, dq: ArrayLike | None = None, ddq: ArrayLike | None = None
@@ -138,7 +127,7 @@ class Dynamics(ABC):
             >>> bool(abs(predicted - model.torque(q, dq, ddq)).max() < 1e-9)
             True
         """
-        return self._along(REGRESSOR, q, dq, ddq)
+        return self._along(quantities.REGRESSOR, q, dq, ddq)
 
     def gravity(self, q: ArrayLike) -> Array:
         """Efforts that hold the bodies at rest against gravity, shape of `q` [Nm; N].
@@ -147,7 +136,7 @@ class Dynamics(ABC):
             >>> load_model("arm-model").gravity([0.3, 0.5]).shape
             (2,)
         """
-        return self.evaluate(GRAVITY, q)
+        return self.evaluate(quantities.GRAVITY, q)
 
     def bias(self, q: ArrayLike, dq: ArrayLike) -> Array:
         """Coriolis, centrifugal and gravity efforts of the bodies, shape of `q` [Nm; N].
@@ -159,7 +148,7 @@ class Dynamics(ABC):
             >>> bool((model.bias([0.3, 0.5], still) == model.gravity([0.3, 0.5])).all())
             True
         """
-        return self.evaluate(BIAS, q, dq)
+        return self.evaluate(quantities.BIAS, q, dq)
 
     def mass_matrix(self, q: ArrayLike) -> Array:
         """Inertia of bodies and rotors as the joints feel it, symmetric.
@@ -173,7 +162,7 @@ class Dynamics(ABC):
             >>> bool((np.linalg.eigvalsh(mass) > 0.0).all())
             True
         """
-        return self.evaluate(MASS_MATRIX, q)
+        return self.evaluate(quantities.MASS_MATRIX, q)
 
     def momentum(self, q: ArrayLike, dq: ArrayLike) -> Array:
         r"""Generalised momentum $p = M(q)\,\dot q$, shape of `q` [kg m²/s; kg m/s].
@@ -183,7 +172,7 @@ class Dynamics(ABC):
             >>> bool(abs(model.momentum(q, dq) - model.mass_matrix(q) @ dq).max() < 1e-9)
             True
         """
-        return self.evaluate(MOMENTUM, q, dq)
+        return self.evaluate(quantities.MOMENTUM, q, dq)
 
     def momentum_rate(self, q: ArrayLike, dq: ArrayLike) -> Array:
         r"""What changes the momentum without any effort, $C(q, \dot q)^T \dot q - g(q)$ [Nm; N].
@@ -197,7 +186,7 @@ class Dynamics(ABC):
             >>> bool(abs(model.momentum_rate(q, still) + model.gravity(q)).max() < 1e-9)
             True
         """
-        return self.evaluate(MOMENTUM_RATE, q, dq)
+        return self.evaluate(quantities.MOMENTUM_RATE, q, dq)
 
     def forward_dynamics(self, q: ArrayLike, dq: ArrayLike, tau: ArrayLike) -> Array:
         r"""Accelerations under joint efforts, $M^{-1}(\tau - b - \tau_f - \tau_s)$.
@@ -215,7 +204,7 @@ class Dynamics(ABC):
             >>> bool(abs(found - ddq).max() < 1e-9)
             True
         """
-        return self.evaluate(FORWARD_DYNAMICS, q, dq, tau)[..., :-1]
+        return self.evaluate(quantities.FORWARD_DYNAMICS, q, dq, tau)[..., :-1]
 
     def pose(self, q: ArrayLike, frame: str | Frame) -> tuple[Array, Array]:
         """Where a frame is in the base frame.
@@ -236,7 +225,7 @@ class Dynamics(ABC):
             >>> position.round(3).tolist()
             [0.382, 0.0, -0.118]
         """
-        found = self.evaluate(frame_quantity(self.robot, frame), q)
+        found = self.evaluate(quantities.frame_quantity(self.robot, frame), q)
         return found[..., :3], found[..., 3:12].reshape(*found.shape[:-1], 3, 3)
 
     def jacobian(self, q: ArrayLike, frame: str | Frame) -> Array:
@@ -257,7 +246,7 @@ class Dynamics(ABC):
             >>> load_model("arm-model").jacobian([0.3, 0.5], "lower")[:3].round(3).tolist()
             [[-0.118, 0.0], [0.0, 0.0], [-0.382, 0.0]]
         """
-        found = self.evaluate(frame_quantity(self.robot, frame), q)
+        found = self.evaluate(quantities.frame_quantity(self.robot, frame), q)
         return found[..., 12:].reshape(*found.shape[:-1], 6, self.robot.n)
 
     def _along(

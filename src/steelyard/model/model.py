@@ -13,12 +13,11 @@ from numpy.typing import ArrayLike
 from steelyard.base.arrays import Array, Parameters
 from steelyard.base.checked_arguments import checked
 from steelyard.base.errors import DataError, ModelError
-from steelyard.model.compiled_quantity import CompiledQuantity
+from steelyard.model.compiled_quantity import CompiledQuantity, Stepper
 from steelyard.model.dynamics import Dynamics
 from steelyard.model.laws.friction_over_speed import Coulomb, Viscous
 from steelyard.model.laws.laws_without_friction import RotorInertia
 from steelyard.model.laws.register import DEFAULT_TERMS, refuse_unfit, term_of
-from steelyard.model.sample_by_sample import Stepper
 from steelyard.model.terms.term import Term
 from steelyard.model.torque_and_quantities import Equations, Quantity
 from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot

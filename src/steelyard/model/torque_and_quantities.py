@@ -15,24 +15,18 @@ import numpy as np
 
 from steelyard.base.arrays import Array, Parameter
 from steelyard.base.errors import DataError, ModelError
+from steelyard.model.equations import inverse_dynamics as rigid
 from steelyard.model.equations.frame_and_point_kinematics import frame_of, frame_outputs
-from steelyard.model.equations.inverse_dynamics import (
-    JointState,
-    Scalar,
-    Scalars,
-    completed,
-    projected,
-    solved_by_factors,
-)
+from steelyard.model.equations.inverse_dynamics import JointState, Scalar, Scalars
 from steelyard.model.laws.laws_without_friction import RigidBody, body_efforts
 from steelyard.model.laws.register import description_of
-from steelyard.model.terms.channels_along_motion import Scan
-from steelyard.model.terms.presliding_term import Presliding
-from steelyard.model.terms.term import Columns, StatefulTerm, Term, channels_of, has_memory
+from steelyard.model.terms.stateful_terms import Presliding, Scan
+from steelyard.model.terms.term import Columns, StatefulTerm, Term, has_memory
 from steelyard.robot.robot import Frame, Robot, robot_to_dict
-from steelyard.symbolic.native.compiled_programs import Code, compiled, compiled_equations
+from steelyard.symbolic.native.compiled_programs import Code, compiled
 from steelyard.symbolic.program_and_softening import InputArray as Input
 from steelyard.symbolic.program_and_softening import Program
+from steelyard.symbolic.symbols_and_tracing import affine, slopes_of, symbolic
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,7 +77,7 @@ class Equations:
     @cached_property
     def n_channels(self) -> int:
         """Channels that are computed along a motion, see `Scan`."""
-        return len(self.robot.passive) + sum(channels_of(term, self.robot) for term in self.terms)
+        return len(self.robot.passive) + sum(term.n_channels(self.robot) for term in self.terms)
 
     @property
     def n_memory(self) -> int:
@@ -102,12 +96,12 @@ class Equations:
 
     def started(self, state: JointState) -> list[Scalar]:
         """Memory of friction before the first state; its channels are passive joints."""
-        full, _ = completed(self.robot, state)
+        full, _ = rigid.completed(self.robot, state)
         return [x for term in self._remembering for x in term.started(self.robot, full)]
 
     def stepped(self, state: JointState, memory: Scalars) -> tuple[list[Scalar], list[Scalar]]:
         """Memory of friction after one step, and all channels there, from the state at its end."""
-        full, _ = completed(self.robot, state)
+        full, _ = rigid.completed(self.robot, state)
         after: list[Scalar] = []
         channels = list(state.channels)
         for term in self._remembering:
@@ -119,16 +113,16 @@ class Equations:
 
     def columns(self, state: JointState) -> Columns:
         """Regressor entries `(effort row, standard parameter)` over symbols, with all channels."""
-        full, torque_map = completed(self.robot, state)
+        full, torque_map = rigid.completed(self.robot, state)
         entries: dict[tuple[int, int], Scalar] = {}
         for start, term, seen in self._seen(full):
             for (row, column), value in term.columns(self.robot, seen).items():
                 entries[row, start + column] = value
-        return projected(self.robot, entries, torque_map)
+        return rigid.projected(self.robot, entries, torque_map)
 
     def torque_of(self, state: JointState, values: Scalars) -> list[Scalar]:
         """Efforts over symbols: bodies by inverse dynamics, other terms by their columns."""
-        full, torque_map = completed(self.robot, state)
+        full, torque_map = rigid.completed(self.robot, state)
         efforts: list[Scalar] = [0.0] * self.robot.n_joints
         for start, term, seen in self._seen(full):
             if term.role == "body":
@@ -138,14 +132,14 @@ class Equations:
             for (row, column), value in term.columns(self.robot, seen).items():
                 efforts[row] += value * values[start + column]
         entries = {(row, 0): effort for row, effort in enumerate(efforts)}
-        rows = projected(self.robot, entries, torque_map)
+        rows = rigid.projected(self.robot, entries, torque_map)
         return [rows[row, 0] for row in range(self.robot.n)]
 
     def _seen(self, state: JointState) -> Iterator[tuple[int, Term, JointState]]:
         """Every term with its first parameter and the state with its own channels only."""
         first = start = 0
         for term in self.terms:
-            mine = state.channels[first : first + channels_of(term, self.robot)]
+            mine = state.channels[first : first + term.n_channels(self.robot)]
             yield start, term, JointState(state.q, state.dq, state.ddq, mine)
             start, first = start + len(term.parameters(self.robot)), first + len(mine)
 
@@ -177,8 +171,6 @@ class Equations:
     @cached_property
     def columns_program(self) -> tuple[Program, tuple[tuple[int, int], ...]]:
         """All columns as one program, and the place `(row, column)` of each of its outputs."""
-        from steelyard.symbolic.symbols_and_tracing import symbolic
-
         places: list[tuple[int, int]] = []
 
         def build(*x: Any) -> list[Scalar]:
@@ -191,11 +183,7 @@ class Equations:
     @cached_property
     def torque_code(self) -> Code:
         """Machine code of the torque; inputs as `inputs`, and the shared parameters."""
-        return compiled_equations(
-            ["torque", self.program_key],
-            lambda *x: self.torque_of(JointState(*x[:4]), x[4]),
-            (*self.inputs, Input("parameters", len(self.parameters), shared=True)),
-        )
+        return TORQUE.code(self)
 
     @cached_property
     def bodies_only(self) -> "Equations":
@@ -228,9 +216,9 @@ class Quantity:
 
     name: str
     arguments: tuple[str, ...]
-    enters: Callable[[Term], bool]
     build: Callable[[Equations, Given], Scalars]
-    shape: Callable[[Equations], tuple[int, ...]]
+    enters: Callable[[Term], bool] = lambda _: True
+    shape: Callable[[Equations], tuple[int, ...]] = lambda part: (part.robot.n,)
     key: tuple[Any, ...] = ()
     pivot: bool = False
 
@@ -260,8 +248,6 @@ class Quantity:
         Of a step, passive positions and friction's memory before it are inputs instead of the
         channels, and its memory after it stands behind the entries.
         """
-        from steelyard.symbolic.symbols_and_tracing import symbolic
-
         between = [Input("channels", part.n_channels)]
         if stepped:
             between = [Input("passive", len(part.robot.passive)), Input("memory", part.n_memory)]
@@ -306,8 +292,6 @@ def _inertial(part: Equations, given: Given, ddq: Scalars) -> list[Scalar]:
 
 def _mass(part: Equations, given: Given) -> list[Scalar]:
     """One triangle is computed, so that the matrix is symmetric to the last bit."""
-    from steelyard.symbolic.symbols_and_tracing import affine
-
     n = part.robot.n
     slopes, _ = affine(lambda ddq: _inertial(part, given, ddq), n)
     return [slopes[max(i, j)][min(i, j)] for i in range(n) for j in range(n)]
@@ -315,22 +299,14 @@ def _mass(part: Equations, given: Given) -> list[Scalar]:
 
 def _momentum_rate(part: Equations, given: Given) -> list[Scalar]:
     r"""$\partial_q (\frac12 \dot q^T M \dot q) - g$, passive joints following the others."""
-    from steelyard.symbolic.symbols_and_tracing import slopes_of
-
     momentum = zip(given["dq"], _inertial(part, given, given["dq"]), strict=True)
     twice: Scalar = sum((rate * p for rate, p in momentum), 0.0)
     slopes = slopes_of([0.5 * twice], [*given["q"], *given["channels"]])
-    slopes = _followed(part, given, slopes)
+    state = _state(part, {"q": given["q"]}, given["channels"])
+    entries = {(j, 0): slope for j, slope in enumerate(slopes)}
+    rows = rigid.projected(part.robot, entries, rigid.completed(part.robot, state)[1])
     weight = _efforts(part, {name: x for name, x in given.items() if name != "dq"})
-    return [slope - g for slope, g in zip(slopes, weight, strict=True)]
-
-
-def _followed(part: Equations, given: Given, slopes: Scalars) -> list[Scalar]:
-    """Derivatives by all joints as derivatives by the independent ones, which the others follow."""
-    rest = [0.0] * part.robot.n
-    _, torque_map = completed(part.robot, JointState(given["q"], rest, rest, given["channels"]))
-    rows = projected(part.robot, {(j, 0): slope for j, slope in enumerate(slopes)}, torque_map)
-    return [rows[j, 0] for j in range(part.robot.n)]
+    return [rows[j, 0] - g for j, g in enumerate(weight)]
 
 
 Efforts = Callable[[Scalars], Scalars]  # accelerations to efforts
@@ -342,11 +318,9 @@ def accelerations(efforts: Efforts, applied: Scalars) -> tuple[list[Scalar], lis
     The `efforts` are $M(q)\,\ddot q + h(q, \dot q)$ of the accelerations, so $M$ is their
     derivative. The pivots are positive if and only if it is positive definite.
     """
-    from steelyard.symbolic.symbols_and_tracing import affine
-
     mass, bias = affine(efforts, len(applied))
     sides = [tau - rest for tau, rest in zip(applied, bias, strict=True)]
-    (found,), pivots = solved_by_factors(mass, [sides])
+    (found,), pivots = rigid.solved_by_factors(mass, [sides])
     return found, pivots
 
 
@@ -362,33 +336,23 @@ def _regressor(part: Equations, given: Given) -> list[Scalar]:
     return [entries.get((row, k), 0.0) for row in range(part.robot.n) for k in range(width)]
 
 
-def _every(_: Term) -> bool:
-    return True
-
-
 def _inertias(term: Term) -> bool:
     return term.cause == "inertia"
 
 
-def _vector(part: Equations) -> tuple[int, ...]:
-    return (part.robot.n,)
-
-
 MOTION = ("q", "dq", "ddq")
-TORQUE = Quantity("torque", MOTION, _every, _efforts, _vector)
-FRICTION = Quantity("friction", MOTION, lambda t: t.cause == "friction", _efforts, _vector)
+TORQUE = Quantity("torque", MOTION, _efforts)
+FRICTION = Quantity("friction", MOTION, _efforts, lambda term: term.cause == "friction")
 REGRESSOR = Quantity(
-    "regressor of all terms", MOTION, _every, _regressor, lambda p: (p.robot.n, len(p.parameters))
+    "regressor of all terms", MOTION, _regressor, shape=lambda p: (p.robot.n, len(p.parameters))
 )
-GRAVITY = Quantity("gravity", ("q",), lambda t: t.role == "body", _efforts, _vector)
-BIAS = Quantity("bias", ("q", "dq"), _inertias, _efforts, _vector)
-MASS_MATRIX = Quantity("mass matrix", ("q",), _inertias, _mass, lambda p: (p.robot.n, p.robot.n))
-MOMENTUM = Quantity(
-    "momentum", ("q", "dq"), _inertias, lambda p, x: _inertial(p, x, x["dq"]), _vector
-)
-MOMENTUM_RATE = Quantity("momentum rate", ("q", "dq"), _inertias, _momentum_rate, _vector)
+GRAVITY = Quantity("gravity", ("q",), _efforts, lambda term: term.role == "body")
+BIAS = Quantity("bias", ("q", "dq"), _efforts, _inertias)
+MASS_MATRIX = Quantity("mass matrix", ("q",), _mass, _inertias, lambda p: (p.robot.n, p.robot.n))
+MOMENTUM = Quantity("momentum", ("q", "dq"), lambda p, x: _inertial(p, x, x["dq"]), _inertias)
+MOMENTUM_RATE = Quantity("momentum rate", ("q", "dq"), _momentum_rate, _inertias)
 FORWARD_DYNAMICS = Quantity(
-    "forward dynamics", ("q", "dq", "tau"), _every, _forward, lambda p: (p.robot.n + 1,), pivot=True
+    "forward dynamics", ("q", "dq", "tau"), _forward, shape=lambda p: (p.robot.n + 1,), pivot=True
 )
 
 QUANTITIES = (
@@ -414,8 +378,8 @@ def frame_quantity(robot: Robot, frame: str | Frame) -> Quantity:
     return Quantity(
         "frame",
         ("q",),
-        lambda _: False,
         build,
+        lambda _: False,
         lambda part: (12 + 6 * part.robot.n,),
         (chosen.body, chosen.rotation.tolist(), chosen.position.tolist()),
     )

@@ -67,7 +67,7 @@ def without_free_joints(
             Listed(f"left out, as the base '{root}' does not carry them", ", ".join(aside))
         )
     balls = [joint for joint in beyond if joint.kind == "ball"]
-    _check_balls(kept, balls, joints, locked)
+    _check_balls(balls, joints, locked)
     if assumed := [ball.name for ball in balls if ball.name not in locked]:
         ball_joints = f"ball joint {', '.join(assumed)}"
         notes.append(Listed("locked at its position in the model file", ball_joints))
@@ -99,10 +99,7 @@ def _floats(mechanism: Mechanism, trees: Mapping[Joint, int]) -> ModelError:
 
 
 def _check_balls(
-    mechanism: Mechanism,
-    balls: Sequence[Joint],
-    joints: Sequence[str] | None,
-    locked: Mapping[str, float],
+    balls: Sequence[Joint], joints: Sequence[str] | None, locked: Mapping[str, float]
 ) -> None:
     for ball in balls:
         if locked.get(ball.name, 0.0) != 0.0:
@@ -129,7 +126,8 @@ def _without(mechanism: Mechanism, trees: Collection[Joint], base: str) -> Mecha
     couplings = (
         replace(c, joints=tuple(n for n in c.joints if n not in names)) for c in mechanism.couplings
     )
-    return mechanism.changed(
+    return replace(
+        mechanism,
         links=[link for link in mechanism.links if link.name not in links],
         joints=[joint for joint in mechanism.joints if joint not in gone],
         pins=[pin for pin in mechanism.pins if not links & {*pin.links} and robot & {*pin.links}],
@@ -140,12 +138,11 @@ def _without(mechanism: Mechanism, trees: Collection[Joint], base: str) -> Mecha
     )
 
 
-def refuse_coupled(
-    mechanism: Mechanism, masters: Mapping[str, str], moving: Collection[str]
-) -> None:
+def refuse_coupled(mechanism: Mechanism, moving: Collection[str]) -> None:
     """Raise if one of the joints that move, or of their masters, is tied by a coupling."""
     for coupling in mechanism.couplings:
-        tied = dict.fromkeys(masters[name] for name in coupling.joints if name in masters)
+        drives = [mechanism.drives[name] for name in coupling.joints if name in mechanism.drives]
+        tied = dict.fromkeys(drive.master for drive in drives)
         if not any(name in moving for name in tied):
             continue
         lines = ", ".join(f"{name} = {mechanism.rest.get(name, 0.0):.6g}" for name in tied)

@@ -36,8 +36,7 @@ def symmetric(six: ArrayLike) -> Array:
 
 def six_numbers(matrix: ArrayLike) -> Array:
     """`(xx, xy, yy, xz, yz, zz)` of a symmetric 3 x 3 matrix."""
-    six: Array = np.asarray(matrix, dtype=np.float64)[_LOWER[::-1]]
-    return six
+    return np.asarray(np.asarray(matrix, dtype=np.float64)[_LOWER[::-1]])
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,8 +153,7 @@ ROUNDING = 1e-12
 def turn(axis: ArrayLike, angle: float) -> Array:
     """Rotation by `angle` [rad] about the unit vector `axis`, shape `(3, 3)`."""
     k = skew(axis)
-    matrix: Array = np.eye(3) + np.sin(angle) * k + (1.0 - np.cos(angle)) * k @ k
-    return matrix
+    return np.asarray(np.eye(3) + np.sin(angle) * k + (1.0 - np.cos(angle)) * k @ k)
 
 
 def rpy_rotation(roll: float, pitch: float, yaw: float) -> Array:
@@ -199,8 +197,7 @@ def clean_axis(axis: ArrayLike, dirt: float = DIRT) -> Array:
         raise ValueError("the axis has no direction")
     vector /= length
     vector[np.abs(vector) < dirt] = 0.0
-    unit: Array = vector / np.linalg.norm(vector) + 0.0
-    return unit
+    return np.asarray(vector / np.linalg.norm(vector) + 0.0)
 
 
 @dataclass(frozen=True, eq=False)

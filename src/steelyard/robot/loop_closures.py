@@ -13,9 +13,8 @@ import numpy as np
 
 from steelyard.base.arrays import Array, frozen
 from steelyard.base.errors import ModelError, refuse_unknown
-from steelyard.robot.inertia_and_placement import skew
 from steelyard.robot.mechanism import Mechanism, Pin
-from steelyard.robot.robot import Frame, LoopClosure, OpenLoops, Robot, moved_by_joint
+from steelyard.robot.robot import Frame, LoopClosure, OpenLoops, Robot, bodies_along
 
 CLOSED = 1e-5  # distance of a pin's two points up to which it counts as closed [m]
 _ROUNDING = 1e-15  # closure error that is rounding alone [m]
@@ -54,38 +53,23 @@ def residual(robot: Robot, q: Array) -> tuple[Array, Array]:
 
     The derivative has the shape `(3 n_loops, n_joints)`.
     """
+    rotations, origins = ([x[0] for x in xs] for xs in bodies_along(robot, q[None]))
     lacks = np.zeros((len(robot.loops), 3))
     slopes = np.zeros((len(robot.loops), 3, robot.n_joints))
     for number, loop in enumerate(robot.loops):
-        for sign, chain, point in zip((1.0, -1.0), chains(robot, loop), loop.points, strict=True):
-            tip, columns = _reach(robot, chain, point, q)
-            lacks[number] += sign * tip
-            for joint, column in columns:
-                slopes[number, :, joint] += sign * column
+        first, second = chains(robot, loop)
+        back = rotations[robot.bodies[(first or second)[0]].parent + 1].T
+        ends = zip((1.0, -1.0), (first, second), loop.bodies, loop.points, strict=True)
+        for sign, chain, carrier, point in ends:
+            tip = origins[carrier + 1] + rotations[carrier + 1] @ point
+            lacks[number] += sign * back @ tip
+            for k in chain:
+                body = robot.bodies[k]
+                lever = axis = rotations[body.parent + 1] @ (body.rotation @ body.axis)
+                if body.kind == "revolute":
+                    lever = np.cross(axis, tip - origins[k + 1])
+                slopes[number, :, body.coordinate] += sign * body.ratio * back @ lever
     return lacks.ravel(), slopes.reshape(-1, robot.n_joints)
-
-
-def _reach(
-    robot: Robot, chain: Sequence[int], point: Array, q: Array
-) -> tuple[Array, list[tuple[int, Array]]]:
-    """Where a point at the end of a chain is, and its derivative by the joints of the chain."""
-    rotation, position = np.eye(3), np.zeros(3)
-    axes = []
-    for body in (robot.bodies[k] for k in chain):
-        x = body.ratio * q[[body.coordinate]] + body.offset
-        axis = rotation @ (body.rotation @ body.axis)
-        turned, shift = moved_by_joint(body, x)
-        position = position + rotation @ (body.position + shift[0])
-        rotation = rotation @ turned[0]
-        axes.append((body, axis, position))
-    tip = position + rotation @ point
-    return tip, [
-        (
-            body.coordinate,
-            body.ratio * (axis if body.kind == "prismatic" else skew(axis) @ (tip - origin)),
-        )
-        for body, axis, origin in axes
-    ]
 
 
 def gaps(robot: Robot, q: Array) -> Array:
@@ -178,6 +162,8 @@ def _assembled(robot: Robot, passive: Sequence[int]) -> Array:
 
 def _chosen(robot: Robot, assembly: Array, near: Sequence[Array], where: str) -> LoopEquations:
     """The best conditioned equations in the reference configuration, one per passive joint."""
+    from scipy.linalg import qr
+
     slopes = [residual(robot, q)[1] for q in (assembly, *near)]
     loops, directions, rows = [], [], []
     for number in range(len(robot.loops)):
@@ -187,7 +173,10 @@ def _chosen(robot: Robot, assembly: Array, near: Sequence[Array], where: str) ->
             directions.append(direction)
             rows.append([direction @ s[3 * number : 3 * number + 3] for s in slopes])
     all_rows = np.array(rows)
-    kept = _independent(all_rows[:, 0, robot.n :])
+    by_passive = all_rows[:, 0, robot.n :]
+    triangle, order = qr(by_passive.T, mode="r", pivoting=True)  # the largest remainder first
+    floor = _RANK * max(float(np.abs(by_passive).max(initial=0.0)), 1e-300)
+    kept = sorted(int(k) for k in order[: int(np.sum(np.abs(np.diag(triangle)) > floor))])
     if len(kept) < len(robot.passive):
         names = ", ".join(c.name for c in robot.passive)
         raise ModelError(
@@ -211,15 +200,6 @@ def _directions(slopes: Array) -> Array:
     return np.eye(3)[moving] if moving.sum() == count else np.asarray(left[:, :count].T)
 
 
-def _independent(rows: Array) -> list[int]:
-    """Rows that are independent, the largest remainder first; in ascending order."""
-    from scipy.linalg import qr
-
-    triangle, order = qr(rows.T, mode="r", pivoting=True)
-    floor = _RANK * max(float(np.abs(rows).max(initial=0.0)), 1e-300)
-    return sorted(int(k) for k in order[: int(np.sum(np.abs(np.diag(triangle)) > floor))])
-
-
 @dataclass(frozen=True)
 class Closing:
     """What a robot file says of closed chains, beside what the model file says.
@@ -236,15 +216,11 @@ class Closing:
 
 
 def passive_joints(
-    mechanism: Mechanism,
-    masters: Mapping[str, str],
-    free: Sequence[str],
-    joints: Sequence[str] | None,
-    closing: Closing,
+    mechanism: Mechanism, free: Sequence[str], joints: Sequence[str] | None, closing: Closing
 ) -> tuple[str, ...]:
     """Names of the joints that the loops determine.
 
-    If nobody says which: those of the loops' joints, or of the ones that they follow (`masters`),
+    If nobody says which: those of the loops' joints, or of the ones that they follow,
     that are `free` and not to be identified (`joints`, if given), or that no actuator drives.
     """
     pins = (*mechanism.pins, *closing.pins)
@@ -258,7 +234,7 @@ def passive_joints(
         return ()
     if closing.passive is not None:
         return closing.passive
-    round_trip = {masters[j] for pin in pins for j in between(mechanism, pin)}
+    round_trip = {mechanism.drives[j].master for pin in pins for j in between(mechanism, pin)}
     candidates = [name for name in free if name in round_trip]
     active = mechanism.driven if joints is None else joints
     if candidates and not set(active) & set(free):

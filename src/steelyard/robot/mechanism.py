@@ -2,8 +2,9 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass, field, replace
+from functools import cached_property
 from types import MappingProxyType
-from typing import Any, Literal
+from typing import Literal
 
 from steelyard.base.arrays import Array, by_key, frozen, set_fields
 from steelyard.base.errors import ModelError, advice, refuse_unknown
@@ -171,11 +172,6 @@ class Joint:
         """Whether the joint has one degree of freedom."""
         return self.kind in ("revolute", "continuous", "prismatic")
 
-    @property
-    def free(self) -> bool:
-        """Whether the joint has more than one degree of freedom."""
-        return self.kind in ("floating", "planar", "ball")
-
     def snapped(self) -> "Joint":
         """The same joint, with turns that are next to quarter turns, and axes, made exact."""
         placement = Placement(self.placement.rotation, self.placement.position, DIRT)
@@ -236,9 +232,18 @@ class Mechanism:
         """Joints of one degree of freedom that follow no other, parents before children."""
         return tuple(j for j in self.from_link(self.root) if j.movable and j.mimic is None)
 
-    def changed(self, **fields: Any) -> "Mechanism":
-        """The same mechanism with some of its attributes replaced."""
-        return replace(self, **fields)
+    @cached_property
+    def drives(self) -> Mapping[str, Mimic]:
+        """How every movable joint follows the independent one behind it, itself if need be."""
+        found = {}
+        for joint in (j for j in self.joints if j.movable):
+            master, ratio, offset = joint, 1.0, 0.0
+            while master.mimic is not None:
+                offset += ratio * master.mimic.offset
+                ratio *= master.mimic.ratio
+                master = self.joint(master.mimic.master)
+            found[joint.name] = Mimic(master.name, ratio, offset)
+        return found
 
     def joint(self, name: str) -> Joint:
         """The joint of that name; `KeyError` if there is none."""

@@ -249,12 +249,6 @@ def frame_origins(robot: Robot, frames: Sequence[Frame], joints: Array) -> Array
     return np.stack(at, axis=1)
 
 
-def body_poses(robot: Robot, joints: Array) -> tuple[Array, Array]:
-    """Axes `(B, 3, 3)` and origins `(B, 3)` [m] of the bodies, at positions of all joints."""
-    rotations, origins = bodies_along(robot, joints[None])
-    return np.stack([one[0] for one in rotations[1:]]), np.stack([one[0] for one in origins[1:]])
-
-
 def sticks(robot: Robot, joints: Array) -> Array:
     """The robot as one broken line, from each joint to the next."""
     at = frame_origins(robot, body_frames(robot), joints[None])[0]

@@ -1,4 +1,4 @@
-"""From a mechanism to a robot: joints that move or are locked, merged links, and notes."""
+"""From a mechanism to a robot: joints that move, follow or are locked, merged links, and notes."""
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -7,27 +7,69 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from steelyard.base.arrays import frozen
-from steelyard.base.errors import ModelError, advice, listing, refuse_unknown
+from steelyard.base.errors import ModelError, refuse_unknown
 from steelyard.robot.floating_ball_and_coupled_joints import refuse_coupled, without_free_joints
 from steelyard.robot.inertia_and_placement import LEAST_INERTIA, Inertia, Placement
 from steelyard.robot.loop_closures import Closing, closed_robot, passive_joints
-from steelyard.robot.mechanism import (
-    Answer,
-    Joint,
-    JointSpring,
-    Listed,
-    Mechanism,
-    Mimic,
-    ModelNote,
-)
-from steelyard.robot.mimic_joints_and_limits import (
-    drive_of,
-    limit_notes,
-    merged,
-    narrowed,
-    unlimited_if_empty,
-)
+from steelyard.robot.mechanism import Answer, Joint, JointSpring, Listed, Mechanism, ModelNote
 from steelyard.robot.robot import Body, Coordinate, Frame, JointKind, Limits, Robot
+
+
+def narrowed(mechanism: Mechanism, name: str) -> tuple[Limits, bool]:
+    """Limits that keep the followers of a joint within theirs as well, and whether a range is left.
+
+    A follower at `x = ratio * q + offset` within `[lower, upper]` keeps `q` between `(lower -
+    offset) / ratio` and `(upper - offset) / ratio`, and its speed limit counts as `velocity /
+    |ratio|`. A follower with an empty range is unlimited; the joint's range stays if none is left.
+    """
+    limits = unlimited_if_empty(mechanism.joint(name).limits)
+    lower, upper, velocity = limits.lower, limits.upper, limits.velocity
+    followers = [n for n, x in mechanism.drives.items() if x.master == name and n != name]
+    for follower in followers:
+        ratio, offset = mechanism.drives[follower].ratio, mechanism.drives[follower].offset
+        own = mechanism.joint(follower).limits
+        if ratio == 0.0:
+            continue
+        velocity = min(velocity, own.velocity / abs(ratio))
+        if own.lower < own.upper:
+            ends = sorted(((own.lower - offset) / ratio, (own.upper - offset) / ratio))
+            lower, upper = max(lower, ends[0]), min(upper, ends[1])
+    if left := not followers or lower < upper:
+        return replace(limits, lower=lower, upper=upper, velocity=velocity), left
+    return replace(limits, velocity=velocity), left
+
+
+def merged(given: Limits, model: Limits, narrow: Limits) -> Limits:
+    """Limits that a user gave; those left as the model has them are the narrowed ones."""
+    lower, upper, velocity = (
+        getattr(narrow if getattr(given, side) == getattr(model, side) else given, side)
+        for side in ("lower", "upper", "velocity")
+    )
+    if not lower < upper:
+        lower, upper = given.lower, given.upper
+    return replace(given, lower=lower, upper=upper, velocity=velocity)
+
+
+def unlimited_if_empty(limits: Limits) -> Limits:
+    """A range of one point says nothing."""
+    if limits.lower == limits.upper:
+        return replace(limits, lower=-np.inf, upper=np.inf)
+    return limits
+
+
+def limit_notes(mechanism: Mechanism, robot: Robot) -> list[str]:
+    """What was assumed of the coordinates' limits, a sentence each."""
+    notes = []
+    for c in robot.joints:
+        limits = mechanism.joint(c.name).limits
+        if limits.lower == limits.upper and np.isinf(c.limits.lower):
+            notes.append(f"joint '{c.name}' has an empty range in the model: taken as unlimited")
+        if not narrowed(mechanism, c.name)[1]:
+            notes.append(
+                f"no position of '{c.name}' satisfies the ranges of its mimic joints: "
+                "these are ignored"
+            )
+    return notes
 
 
 def ignored_statements(
@@ -97,12 +139,7 @@ def _units(joint: Joint) -> tuple[str, str]:
 
 
 def reduction_notes(
-    mechanism: Mechanism,
-    drives: Mapping[str, Mimic],
-    robot: Robot,
-    base: str,
-    assumed: tuple[str, ...],
-    positions: Mapping[str, float],
+    mechanism: Mechanism, robot: Robot, base: str, assumed: Mapping[str, float]
 ) -> tuple[str, ...]:
     """What was assumed and matters to the robot's dynamics, one sentence each."""
     notes = list[str]()
@@ -112,11 +149,9 @@ def reduction_notes(
         for j in mechanism.from_link(base)
         if carried & {k.name for k in (*mechanism.to_link(j.child), *mechanism.from_link(j.child))}
     }
-    if matter := [n for n in assumed if n in touched]:
-        places = ", ".join(
-            f"{n} at {positions[n]:.4g} {'m' if mechanism.joint(n).kind == 'prismatic' else 'rad'}"
-            for n in matter
-        )
+    matter = [(mechanism.joint(n), x) for n, x in assumed.items() if n in touched]
+    if matter:
+        places = ", ".join(f"{j.name} at {x:.4g} {_units(j)[1]}" for j, x in matter)
         notes.append(Listed("locked, as no position was given", places))
     carriers = {frame.name: frame.body for frame in robot.frames if frame.body >= 0}
     lacking = [link for link in mechanism.links if link.lacks and link.name in carriers]
@@ -131,7 +166,7 @@ def reduction_notes(
     for body in robot.bodies:
         if flaw := body.inertia.flaw():
             notes.append(Listed(f"the inertial is not physically consistent: '{body.name}'", flaw))
-    return (*notes, *limit_notes(mechanism, drives, robot))
+    return (*notes, *limit_notes(mechanism, robot))
 
 
 def reduced(
@@ -167,16 +202,19 @@ def reduced(
         snap: Whether entries of rotations and axes below `DIRT` are rounding errors of the file.
     """
     if snap:
-        mechanism = mechanism.changed(joints=[joint.snapped() for joint in mechanism.joints])
+        mechanism = replace(mechanism, joints=[joint.snapped() for joint in mechanism.joints])
     tips = [] if tip is None else [tip] if isinstance(tip, str) else list(tip)
     _check_links(mechanism, mechanism.root if base is None else base, tips)
     mechanism, locked, left_out = without_free_joints(mechanism, base, joints, locked or {})
     limits, closing = dict(limits or {}), closing or Closing()
     base = mechanism.root if base is None else base
-    drives = {j.name: drive_of(mechanism, j) for j in mechanism.joints if j.movable}
+    movable = [joint.name for joint in mechanism.movable]
+    for use, names in (("identified", joints or ()), ("locked", locked), ("given limits", limits)):
+        for name in names:
+            wrong = f"joint '{name}' is to be {use}, but the model has no such joint"
+            refuse_unknown(name, movable, wrong, mechanism.where, "joints that move on their own")
     free = _moving(mechanism, None, locked, base, tips)
-    masters = {name: drive.master for name, drive in drives.items()}
-    passive = passive_joints(mechanism, masters, free, joints, closing)
+    passive = passive_joints(mechanism, free, joints, closing)
     if both := [name for name in joints or () if name in passive]:
         raise ModelError(
             f"joint '{both[0]}' is to be identified, and passive at once",
@@ -185,25 +223,25 @@ def reduced(
         )
     active = [n for n in free if n not in passive] if joints is None else joints
     moving = _moving(mechanism, [*active, *passive], locked, base, tips)
-    refuse_coupled(mechanism, masters, moving)
-    _check_joints(mechanism, [*locked], "locked")
-    _check_joints(mechanism, [*limits], "given limits")
-    resting_joints = [j for j in mechanism.movable if j.name not in (*moving, *locked)]
-    assumed = tuple(j.name for j in resting_joints)
-    zeros = (float(np.clip(0.0, j.limits.lower, j.limits.upper)) for j in resting_joints)
-    positions = {**locked, **dict(zip(assumed, zeros, strict=True))}
+    refuse_coupled(mechanism, moving)
+    assumed = {
+        j.name: float(np.clip(0.0, j.limits.lower, j.limits.upper))
+        for j in mechanism.movable
+        if j.name not in (*moving, *locked)
+    }
+    positions = {**locked, **assumed}
     resting = {
         name: drive.ratio * positions[drive.master] + drive.offset
-        for name, drive in drives.items()
+        for name, drive in mechanism.drives.items()
         if drive.master in positions
     }
-    bodies, frames = _merged_bodies(mechanism, drives, moving, resting, base)
+    bodies, frames = _merged_bodies(mechanism, moving, resting, base)
     _refuse_overflow(mechanism, bodies, frames)
     in_root = Placement()
     for joint in mechanism.to_link(base):
         in_root = in_root @ joint.at(resting.get(joint.name, 0.0))
     root_gravity = in_root.rotation.T @ mechanism.gravity
-    coordinates = tuple(_coordinate(mechanism, drives, n, limits.get(n)) for n in moving)
+    coordinates = tuple(_coordinate(mechanism, n, limits.get(n)) for n in moving)
     robot = Robot(
         mechanism.name,
         bodies,
@@ -213,7 +251,7 @@ def reduced(
         frames=frames,
     )
     robot, closed = closed_robot(robot, mechanism, closing)
-    notes = reduction_notes(mechanism, drives, robot, base, assumed, positions)
+    notes = reduction_notes(mechanism, robot, base, assumed)
     return robot, (*left_out, *notes, *closed)
 
 
@@ -232,37 +270,16 @@ def _refuse_overflow(mechanism: Mechanism, bodies: Sequence[Body], frames: Seque
 
 def _check_links(mechanism: Mechanism, base: str, tips: Sequence[str]) -> None:
     links = [link.name for link in mechanism.links]
+    wrong = f"the base link '{base}' does not exist"
+    refuse_unknown(base, links, wrong, mechanism.where, "links")
     below = {base, *(j.child for j in mechanism.from_link(base))}
-    for role, name in [("base", base)] + [("tip", t) for t in tips]:
-        wrong = f"the {role} link '{name}' does not exist"
-        refuse_unknown(name, links, wrong, mechanism.where, "links")
+    for name in tips:
         if name not in below:
             raise ModelError(
                 f"the tip link '{name}' is not beyond the base link '{base}'",
                 where=mechanism.where,
                 fix="choose a tip beyond the base, or another base",
             )
-
-
-def _check_joints(mechanism: Mechanism, names: Sequence[str], use: str) -> None:
-    """Each name is a joint that moves on its own."""
-    known = {j.name: j for j in mechanism.joints}
-    for name in names:
-        joint = known.get(name)
-        if joint is not None and joint.movable and joint.mimic is None:
-            continue
-        if joint is None:
-            wrong = f"joint '{name}' is to be {use}, but the model has no such joint"
-        elif joint.mimic is not None:
-            wrong = f"joint '{name}' cannot be {use}: it follows joint '{joint.mimic.master}'"
-        else:
-            wrong = f"joint '{name}' cannot be {use}: it is fixed in the model"
-        movable, what = [j.name for j in mechanism.movable], "joints that move on their own"
-        raise ModelError(
-            wrong,
-            where=joint.where if joint else mechanism.where,
-            fix=listing(movable, what) if joint else advice(name, movable, what),
-        )
 
 
 def _moving(
@@ -280,13 +297,10 @@ def _moving(
     free = [j.name for j in inside if j.movable and j.mimic is None]
     if joints is None:
         joints = [name for name in free if name not in locked]
-    _check_joints(mechanism, joints, "identified")
     for name in joints:
-        wrong = "also locked" if name in locked else ""
-        wrong = wrong or ("listed twice" if joints.count(name) > 1 else "")
-        if wrong or name not in free:
+        if name not in free:
             raise ModelError(
-                f"joint '{name}' is to be identified but {wrong or 'is not between base and tip'}",
+                f"joint '{name}' is to be identified but is not between base and tip",
                 where=mechanism.where,
                 fix="list every joint once, between base and tip, either as identified or locked",
             )
@@ -299,12 +313,10 @@ def _moving(
     return tuple(joints)
 
 
-def _coordinate(
-    mechanism: Mechanism, drives: Mapping[str, Mimic], name: str, given: Limits | None
-) -> Coordinate:
+def _coordinate(mechanism: Mechanism, name: str, given: Limits | None) -> Coordinate:
     """A joint that moves, within its limits and those of the joints that follow it."""
     joint = mechanism.joint(name)
-    narrow, _ = narrowed(mechanism, drives, name)
+    narrow, _ = narrowed(mechanism, name)
     limits = narrow if given is None else merged(given, joint.limits, narrow)
     return Coordinate(name, _kind(joint), unlimited_if_empty(limits))
 
@@ -314,11 +326,7 @@ def _kind(joint: Joint) -> JointKind:
 
 
 def _merged_bodies(
-    mechanism: Mechanism,
-    drives: Mapping[str, Mimic],
-    moving: tuple[str, ...],
-    resting: Mapping[str, float],
-    base: str,
+    mechanism: Mechanism, moving: tuple[str, ...], resting: Mapping[str, float], base: str
 ) -> tuple[tuple[Body, ...], tuple[Frame, ...]]:
     """The moving bodies beyond the base, what rests merged into them, and where all links are."""
     links = {link.name: link for link in mechanism.links}
@@ -328,7 +336,7 @@ def _merged_bodies(
         index, placement = carriers[joint.parent]
         if joint.movable and joint.name not in resting:
             placed = placement @ joint.placement
-            drive = drives[joint.name]
+            drive = mechanism.drives[joint.name]
             bodies.append(
                 Body(
                     joint.child,

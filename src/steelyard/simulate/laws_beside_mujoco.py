@@ -16,7 +16,7 @@ from steelyard.base.arrays import Array
 from steelyard.base.errors import ModelError
 from steelyard.model.equations.inverse_dynamics import JointState, Scalar
 from steelyard.model.model import Model
-from steelyard.model.terms.presliding_term import Presliding
+from steelyard.model.terms.stateful_terms import Presliding
 from steelyard.model.terms.term import Term
 from steelyard.robot.robot import Robot
 from steelyard.simulate.mujoco_model import TIMESTEP, MujocoModel, mass_matrices

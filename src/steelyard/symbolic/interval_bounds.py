@@ -57,8 +57,7 @@ def _run(program: Program, boxes: list[Array], frees: list[list[int]], result: A
         if step.operation == "constant":
             values[number] = step.value
         elif step.operation == "input":
-            array, entry = step.arguments
-            values[number] = _given(boxes[array][:, entry])
+            values[number] = _given(boxes[step.arguments[0]][:, step.arguments[1]])
         elif step.operation == "mul" and step.arguments[0] == step.arguments[1]:
             values[number] = _square(values[step.arguments[0]])
         else:
@@ -104,8 +103,7 @@ def _sum(a: Interval, b: Interval) -> Interval:
 def _product(a: Interval, b: Interval) -> Interval:
     if isinstance(a, float):
         a, b = b, a
-    if isinstance(a, float):
-        a = _bounds(a)
+    a = _bounds(a)
     if isinstance(b, float):
         return _multiple(a, b)
     four = (a[:, None] * b[None]).reshape(4, -1)
@@ -157,14 +155,10 @@ def _size(x: Interval) -> Interval:
 
 
 def _rising(
-    function: Callable[[Array], Array], least: float, most: float, relative: float = _LIBRARY
+    function: Callable[[Array], Array], least: float, most: float
 ) -> Callable[[Interval], Interval]:
     """A function that never falls, with values from `least` to `most`."""
-
-    def over(x: Interval) -> Interval:
-        return np.clip(_outward(function(_bounds(x)), relative), least, most)
-
-    return over
+    return lambda x: np.clip(_outward(function(_bounds(x)), _LIBRARY), least, most)
 
 
 def _wave(
@@ -188,8 +182,7 @@ def _passes(bounds: Array, angle: float) -> Array:
     turns = (bounds - angle) / (2.0 * np.pi)
     slack = 1e-14 * (1.0 + np.abs(turns))
     first = np.ceil(turns[0] - slack[0])
-    passes: Array = ~(first > turns[1] + slack[1])
-    return passes
+    return np.asarray(~(first > turns[1] + slack[1]))
 
 
 def _truth(sure: np.ufunc, excluded: np.ufunc, a: Array, b: Array) -> Array:

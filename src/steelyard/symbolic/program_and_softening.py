@@ -7,6 +7,7 @@ speed above next to nothing, $\max(|v|, \epsilon)$, holds it above $w$. A speed 
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import reduce
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -67,21 +68,15 @@ class Program:
 
     def pruned(self) -> "Program":
         """The program without steps that no output needs."""
-        needed = bytearray(len(self.steps))
-        for number in self.outputs:
-            needed[number] = 1
+        needed = set(self.outputs)
         for number in reversed(range(len(self.steps))):
-            if needed[number] and self.steps[number].operation != "input":
-                for argument in self.steps[number].arguments:
-                    needed[argument] = 1
-        place: dict[int, int] = {}
-        steps: list[Step] = []
-        for number, step in enumerate(self.steps):
-            if needed[number]:
-                place[number] = len(steps)
-                if step.arguments and step.operation != "input":
-                    step = Step(step.operation, tuple([place[a] for a in step.arguments]))
-                steps.append(step)
+            if number in needed and self.steps[number].operation != "input":
+                needed.update(self.steps[number].arguments)
+        place = {number: k for k, number in enumerate(sorted(needed))}
+        steps = [self.steps[number] for number in place]
+        for k, step in enumerate(steps):
+            if step.operation != "input":
+                steps[k] = step._replace(arguments=tuple([place[a] for a in step.arguments]))
         return Program(self.inputs, tuple(steps), tuple(place[k] for k in self.outputs))
 
     def last_use(self) -> Sequence[int]:
@@ -119,98 +114,79 @@ Linear = Mapping[int, float]
 """Coefficients over the velocities; empty for what does not depend on them in this way."""
 
 
-class _Softener:
-    """A program under construction, with the linear parts of old steps and their new numbers."""
-
-    def __init__(self, program: Program, velocity: int, widths: int | float) -> None:
-        self.steps: list[Step] = []
-        self.program, self._velocity, self._widths = program, velocity, widths
-        self.number: list[int] = []
-        self._linear: list[Linear] = []
-
-    def push(self, operation: str, *arguments: int, value: float = 0.0) -> int:
-        self.steps.append(Step(operation, arguments, value))
-        return len(self.steps) - 1
-
-    def take(self, step: Step) -> None:
-        softened = self._softened(step)
-        self._linear.append(self._slope(step))
-        if softened is None:
-            arguments = step.arguments
-            if step.operation != "input":
-                arguments = tuple(self.number[a] for a in arguments)
-            softened = self.push(step.operation, *arguments, value=step.value)
-        self.number.append(softened)
-
-    def _softened(self, step: Step) -> int | None:
-        if step.operation == "sign" and (speed := self._linear[step.arguments[0]]):
-            relative = self.push("div", self.number[step.arguments[0]], self._width(speed))
-            return self.push("tanh", relative)
-        if step.operation == "maximum":
-            for size, floor in (step.arguments, step.arguments[::-1]):
-                inside, least = self.program.steps[size], self.program.steps[floor]
-                speed = self._linear[inside.arguments[0]] if inside.operation == "abs" else {}
-                if (
-                    speed
-                    and least.operation == "constant"
-                    and 0.0 < least.value < _LARGEST_SPEED_FLOOR
-                ):
-                    return self.push("maximum", self.number[size], self._width(speed))
-        return None
-
-    def _width(self, speed: Linear) -> int:
-        total = -1
-        for joint, coefficient in speed.items():
-            scale = self.push("constant", value=abs(coefficient))
-            if isinstance(self._widths, float):
-                width = self.push("constant", value=self._widths)
-            else:
-                width = self.push("input", self._widths, joint)
-            part = self.push("mul", scale, width)
-            total = part if total < 0 else self.push("add", total, part)
-        return total
-
-    def _slope(self, step: Step) -> Linear:
-        """The step's value as a combination of velocities, if it is one."""
-        if step.operation == "input":
-            return {step.arguments[1]: 1.0} if step.arguments[0] == self._velocity else {}
-        if step.operation not in ("neg", "add", "sub", "mul", "div"):
-            return {}
-        parts = [self._linear[a] for a in step.arguments]
-        if step.operation == "neg":
-            return {k: -c for k, c in parts[0].items()}
-        a, b = parts
-        if step.operation in ("add", "sub"):
-            sign = 1.0 if step.operation == "add" else -1.0
-            return {k: a.get(k, 0.0) + sign * b.get(k, 0.0) for k in {*a, *b}} if a and b else {}
-        first, second = (self.program.steps[k] for k in step.arguments)
-        if a and second.operation == "constant":
-            factor = second.value if step.operation == "mul" else 1.0 / second.value
-            return {k: factor * c for k, c in a.items()}
-        if b and first.operation == "constant" and step.operation == "mul":
-            return {k: first.value * c for k, c in b.items()}
-        return {}
-
-
 def softened(program: Program, velocity: int, widths: int | float) -> Program:
     """The program with jumps at zero speed spread over a width, or the array of that number."""
-    writer = _Softener(program, velocity, widths)
+    steps: list[Step] = []
+    linear: list[Linear] = []
+    number: list[int] = []  # of every old step among the new ones
+
+    def push(operation: str, *arguments: int, value: float = 0.0) -> int:
+        steps.append(Step(operation, arguments, value))
+        return len(steps) - 1
+
+    def width_of(speed: Linear) -> int:
+        parts = []
+        for joint, coefficient in speed.items():
+            scale = push("constant", value=abs(coefficient))
+            if isinstance(widths, float):
+                width = push("constant", value=widths)
+            else:
+                width = push("input", widths, joint)
+            parts.append(push("mul", scale, width))
+        return reduce(lambda total, part: push("add", total, part), parts)
+
     for step in program.steps:
-        writer.take(step)
-    outputs = tuple(writer.number[number] for number in program.outputs)
-    return Program(program.inputs, tuple(writer.steps), outputs)
+        linear.append(_slope(program, linear, step, velocity))
+        given = step.arguments
+        if step.operation != "input":
+            given = tuple(number[a] for a in given)
+        place, speed = _jump(program, linear, step)
+        if not speed:
+            number.append(push(step.operation, *given, value=step.value))
+        elif step.operation == "sign":
+            number.append(push("tanh", push("div", given[place], width_of(speed))))
+        else:
+            number.append(push("maximum", given[place], width_of(speed)))
+    return Program(program.inputs, tuple(steps), tuple(number[k] for k in program.outputs))
+
+
+def _jump(program: Program, linear: Sequence[Linear], step: Step) -> tuple[int, Linear]:
+    """Which argument of a step is a speed, or its size held above almost nothing; and the speed."""
+    if step.operation == "sign":
+        return 0, linear[step.arguments[0]]
+    for place, floor in ((0, 1), (1, 0)) if step.operation == "maximum" else ():
+        size, least = (program.steps[step.arguments[k]] for k in (place, floor))
+        held = least.operation == "constant" and 0.0 < least.value < _LARGEST_SPEED_FLOOR
+        if held and size.operation == "abs":
+            return place, linear[size.arguments[0]]
+    return 0, {}
+
+
+def _slope(program: Program, linear: Sequence[Linear], step: Step, velocity: int) -> Linear:
+    """A step's value as a combination of velocities, if it is one."""
+    if step.operation == "input":
+        return {step.arguments[1]: 1.0} if step.arguments[0] == velocity else {}
+    if step.operation == "neg":
+        return {k: -c for k, c in linear[step.arguments[0]].items()}
+    if step.operation not in ("add", "sub", "mul", "div"):
+        return {}
+    a, b = (linear[k] for k in step.arguments)
+    first, second = (program.steps[k] for k in step.arguments)
+    if step.operation in ("add", "sub"):
+        sign = 1.0 if step.operation == "add" else -1.0
+        return {k: a.get(k, 0.0) + sign * b.get(k, 0.0) for k in {*a, *b}} if a and b else {}
+    if a and second.operation == "constant":
+        factor = second.value if step.operation == "mul" else 1.0 / second.value
+        return {k: factor * c for k, c in a.items()}
+    if b and first.operation == "constant" and step.operation == "mul":
+        return {k: first.value * c for k, c in b.items()}
+    return {}
 
 
 def program_to_json(program: Program) -> list[Any]:
     """Inputs, steps and outputs as lists."""
-    return [
-        [[a.name, a.entries, a.shared] for a in program.inputs],
-        [
-            [s.operation, s.value if s.operation == "constant" else s.arguments]
-            for s in program.steps
-        ],
-        list(program.outputs),
-    ]
+    inputs = [[a.name, a.entries, a.shared] for a in program.inputs]
+    return [inputs, program.steps, program.outputs]
 
 
 def program_from_json(values: list[Any]) -> Program:
@@ -218,9 +194,6 @@ def program_from_json(values: list[Any]) -> Program:
     inputs, steps, outputs = values
     return Program(
         tuple(InputArray(*x) for x in inputs),
-        tuple(
-            Step(name, value=rest) if name == "constant" else Step(name, tuple(rest))
-            for name, rest in steps
-        ),
+        tuple(Step(name, tuple(arguments), value) for name, arguments, value in steps),
         tuple(outputs),
     )

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from heapq import heapify, heappop, heappush
+from heapq import heappop, heappush
 from typing import Literal
 
 import numpy as np
@@ -36,7 +36,6 @@ def variables_of(program: Program) -> tuple[dict[int, int], int]:
                 heappush(free, place[argument])
         if not free:
             free, count = [count], count + 1
-            heapify(free)
         place[number] = heappop(free)
     return place, count
 

@@ -13,6 +13,7 @@ from steelyard.symbolic.program_and_softening import NUMPY, InputArray, Program
 from steelyard.symbolic.tape_and_derivatives import Tape, backward, edges, forward
 
 Scalar = Any
+Scalars = Sequence[Scalar]
 
 _NAMES = {function.__name__: name for name, function in NUMPY.items()}
 _TURNED = {"greater": "less", "greater_equal": "less_equal"}
@@ -99,15 +100,13 @@ def number_of(tape: Tape, scalar: Any) -> int:
     return scalar.number if isinstance(scalar, Symbol) else tape.constant(float(scalar))
 
 
-def symbolic(build: Callable[..., Sequence[Scalar]], inputs: Sequence[InputArray]) -> Program:
+def symbolic(build: Callable[..., Scalars], inputs: Sequence[InputArray]) -> Program:
     """Trace `build`, called with one list of scalar symbols per input array."""
     with Tape().recording() as tape:
         return tape.program(inputs, _numbers(tape, build(*_symbols(tape, inputs))))
 
 
-def affine(
-    build: Callable[[Sequence[Scalar]], Sequence[Scalar]], n: int
-) -> tuple[list[list[Scalar]], list[Scalar]]:
+def affine(build: Callable[[Scalars], Scalars], n: int) -> tuple[list[list[Scalar]], list[Scalar]]:
     """Slopes, rows of `n`, and values at zero of expressions that are linear in `n` variables."""
     tape = Tape.current()
     variables = [tape.variable() for _ in range(n)]
@@ -137,9 +136,7 @@ def pulled_back(program: Program, arrays: Sequence[int]) -> Program:
         return tape.program(inputs, [slopes.get(number, zero) for number in by])
 
 
-def carried_along(
-    values: Sequence[Scalar], variables: Sequence[Scalar], speeds: Sequence[Scalar]
-) -> list[Scalar]:
+def carried_along(values: Scalars, variables: Scalars, speeds: Scalars) -> list[Scalar]:
     """How fast expressions change while their variables change at given speeds."""
     tape = Tape.current()
     moving = _numbers(tape, variables)
@@ -149,7 +146,7 @@ def carried_along(
     return [Symbol(tape, found.get(number, zero)) for number in _numbers(tape, values)]
 
 
-def slopes_of(values: Sequence[Scalar], variables: Sequence[Scalar]) -> list[Scalar]:
+def slopes_of(values: Scalars, variables: Scalars) -> list[Scalar]:
     """Derivatives of expressions by variables, value by value."""
     tape = Tape.current()
     by, zero, one = _numbers(tape, variables), tape.constant(0.0), tape.constant(1.0)
@@ -163,7 +160,7 @@ def slopes_of(values: Sequence[Scalar], variables: Sequence[Scalar]) -> list[Sca
 
 def replayed(
     program: Program,
-    symbols: Sequence[Sequence[Scalar]],
+    symbols: Sequence[Scalars],
     instead: Mapping[str, Callable[..., Scalar]] = MappingProxyType({}),
 ) -> list[Any]:
     """A program's outputs over symbols of its inputs; functions may replace operations."""
@@ -190,5 +187,5 @@ def _symbols(tape: Tape, inputs: Sequence[InputArray]) -> list[list[Symbol]]:
     ]
 
 
-def _numbers(tape: Tape, scalars: Sequence[Scalar]) -> list[int]:
+def _numbers(tape: Tape, scalars: Scalars) -> list[int]:
     return [number_of(tape, scalar) for scalar in scalars]

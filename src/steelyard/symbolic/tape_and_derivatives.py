@@ -152,8 +152,7 @@ class Tape:
     def apply(self, operation: str, *arguments: int) -> int:
         """Any operation of a `Step`."""
         if operation in ("add", "sub", "mul", "div", "neg"):
-            shortened: int = getattr(self, operation)(*arguments)
-            return shortened
+            return int(getattr(self, operation)(*arguments))
         if all(a in self.known for a in arguments):
             return self.constant(float(NUMPY[operation](*(self.known[a] for a in arguments))))
         return self.written(operation, *arguments)

@@ -17,7 +17,7 @@ from steelyard.check.decision.undecided_questions import misfit_hides
 from steelyard.check.decision.verdict_of_log import judge_log
 from steelyard.check.finding import Finding, Fix
 from steelyard.check.hypotheses.readings_and_likelihood import Likelihood
-from steelyard.robot.file.effort_units_and_gears import MOTOR_KINDS
+from steelyard.robot.file.signals import MOTOR_KINDS
 from steelyard.robot.robot import Transmission
 
 COMPARE_RATIOS = Fix(

@@ -22,10 +22,9 @@ from steelyard.check.hypotheses.gravity_payload_and_delay import refined_gravity
 from steelyard.check.hypotheses.log_excerpt import excerpt_of
 from steelyard.check.hypotheses.position_hypotheses import ZERO_CAUSE
 from steelyard.check.hypotheses.readings_and_likelihood import Likelihood, Reading, likelihood_of
-from steelyard.robot.file.effort_units_and_gears import MOTOR_KINDS
 from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
 from steelyard.robot.file.sections import Gain
-from steelyard.robot.file.signals import Signals
+from steelyard.robot.file.signals import MOTOR_KINDS, Signals
 
 ACCURACY_STEP = 0.03  # by how much the factor is changed either way, relative
 LEAST_FACTOR_STD = 1e-3  # least standard deviation that is stated, relative

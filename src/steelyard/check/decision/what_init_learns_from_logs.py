@@ -14,7 +14,8 @@ from steelyard.logs.formats import open_log
 from steelyard.model.laws.laws_without_friction import RigidBody
 from steelyard.model.model import Model
 from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
-from steelyard.robot.file.signals import Signals, build_signals, expanded
+from steelyard.robot.file.signals import Signals, expanded
+from steelyard.robot.file.signals_from_tables import build_signals
 from steelyard.robot.init.draft_tables import Known, needs_gains
 from steelyard.robot.init.guess_columns import Guess
 from steelyard.robot.init.guess_efforts_and_gears import Gears

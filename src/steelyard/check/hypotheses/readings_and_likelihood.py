@@ -33,8 +33,7 @@ from steelyard.check.hypotheses.nuisance_fit_and_score import (
     regressors,
     score_of,
 )
-from steelyard.robot.file.effort_units_and_gears import MOTOR_KINDS
-from steelyard.robot.file.signals import Signals
+from steelyard.robot.file.signals import MOTOR_KINDS, Signals
 from steelyard.robot.robot import Robot, Transmission
 
 Key = tuple[object, ...]  # of a reading

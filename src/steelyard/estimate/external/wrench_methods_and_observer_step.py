@@ -35,7 +35,7 @@ from steelyard.model.equations.inverse_dynamics import (
     along,
     solved_by_factors,
 )
-from steelyard.model.terms.term import Term, channels_of
+from steelyard.model.terms.term import Term
 from steelyard.model.torque_and_quantities import (
     MOMENTUM,
     MOMENTUM_RATE,
@@ -215,10 +215,9 @@ def observed_quantity(frame: Frame, axes: Axes, columns: tuple[int, ...]) -> Qua
     return Quantity(
         "observed efforts",
         MOTION,
-        lambda _: True,
         build,
-        lambda part: (part.robot.n * (8 + len(columns)),),
-        (axes, list(columns), frame.body, frame.rotation.tolist(), frame.position.tolist()),
+        shape=lambda part: (part.robot.n * (8 + len(columns)),),
+        key=(axes, list(columns), frame.body, frame.rotation.tolist(), frame.position.tolist()),
     )
 
 
@@ -227,10 +226,9 @@ def columns_quantity(columns: tuple[int, ...]) -> Quantity:
     return Quantity(
         "chosen regressor columns",
         MOTION,
-        lambda _: True,
         lambda equations, given: _regressor(equations, given, columns),
-        lambda part: (part.robot.n, len(columns)),
-        (list(columns),),
+        shape=lambda part: (part.robot.n, len(columns)),
+        key=(list(columns),),
     )
 
 
@@ -253,7 +251,7 @@ def _part(
     channels, parameters = list(given["channels"][: len(robot.passive)]), list[Scalar]()
     channel, parameter = len(robot.passive), 0
     for term in equations.terms:
-        more, width = channels_of(term, robot), len(term.parameters(robot))
+        more, width = term.n_channels(robot), len(term.parameters(robot))
         if term in kept:
             channels += given["channels"][channel : channel + more]
             parameters += given["parameters"][parameter : parameter + width]

@@ -51,7 +51,7 @@ from steelyard.estimate.scores.cross_validation import (
 )
 from steelyard.model.laws.friction_with_memory import PLAUSIBLE, Dahl, LoadDependent
 from steelyard.model.model import Model
-from steelyard.model.terms.candidate_terms import CandidateTerms
+from steelyard.model.terms.stateful_terms import CandidateTerms
 from steelyard.model.terms.term import StatefulTerm, Term, has_memory
 from steelyard.runs.run import Run
 

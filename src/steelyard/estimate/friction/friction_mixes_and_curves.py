@@ -36,7 +36,7 @@ from steelyard.model.laws.friction_over_speed import (
 from steelyard.model.laws.friction_with_memory import Dahl, LoadDependent, LuGre, MaxwellSlip
 from steelyard.model.laws.laws_without_friction import Offset, Spring
 from steelyard.model.model import Model, ValuedModel
-from steelyard.model.terms.presliding_term import Presliding
+from steelyard.model.terms.stateful_terms import Presliding
 from steelyard.model.terms.term import Term
 from steelyard.robot.file.sections import EffortKind
 from steelyard.robot.robot import Coordinate, Robot

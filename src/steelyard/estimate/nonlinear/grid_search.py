@@ -27,7 +27,7 @@ from steelyard.estimate.information.information import Information
 from steelyard.estimate.least_squares.normal_equations import lengths_of
 from steelyard.model.model import Model
 from steelyard.model.terms.axes_and_fields import Find, finds_of
-from steelyard.model.terms.candidate_terms import CandidateTerms
+from steelyard.model.terms.stateful_terms import CandidateTerms
 from steelyard.model.terms.term import Term
 
 Indices = NDArray[np.intp]

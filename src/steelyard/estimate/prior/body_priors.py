@@ -10,8 +10,8 @@ from numpy.typing import ArrayLike, NDArray
 from steelyard.base.arrays import Array, by_key, frozen
 from steelyard.base.errors import ModelError, advice
 from steelyard.model.model import Model
-from steelyard.robot.file.effort_units_and_gears import Locate
 from steelyard.robot.file.sections import LinkPriorSection, PriorSection
+from steelyard.robot.file.signals_from_tables import Locate
 from steelyard.robot.inertia_and_placement import INERTIAL_NAMES, Inertia, symmetric
 from steelyard.robot.robot import Body, Robot
 

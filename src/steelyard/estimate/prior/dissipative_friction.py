@@ -19,7 +19,7 @@ from steelyard.estimate.prior.body_priors import Row
 from steelyard.model.equations.inverse_dynamics import JointState
 from steelyard.model.model import Model
 from steelyard.model.terms.axes_and_fields import Axis
-from steelyard.model.terms.presliding_term import LENGTHS_TO_FORGET, Presliding
+from steelyard.model.terms.stateful_terms import LENGTHS_TO_FORGET, Presliding
 from steelyard.model.terms.term import ActsOnAxes, StatefulTerm, TermSamples
 from steelyard.robot.robot import Robot
 

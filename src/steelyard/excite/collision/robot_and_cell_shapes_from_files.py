@@ -25,9 +25,8 @@ from steelyard.excite.constraints.constraint import Declined, Gap
 from steelyard.robot.file.model_reading_and_loaded_robot import read_mechanism
 from steelyard.robot.inertia_and_placement import Placement
 from steelyard.robot.mechanism import Mechanism
-from steelyard.robot.models.urdf import number_of, numbers_of, placement_of
+from steelyard.robot.models import xml_and_urdf as urdf
 from steelyard.robot.models.xacro import expand
-from steelyard.robot.models.xml_reader import Element, read_xml
 from steelyard.robot.robot import Frame, Robot
 
 Kind = Literal["collision", "visual"]  # what a URDF gives shapes for
@@ -48,7 +47,7 @@ def robot_shapes(robot: Robot, model: Path, skip: Collection[str] = ()) -> Geome
     mechanism = read_mechanism(model)
     check_links(skip, [link.name for link in mechanism.links], str(model))
     frames = {frame.name: frame for frame in robot.frames}
-    root = read_xml(model)
+    root = urdf.read_xml(model)
     if root.tag == "mujoco":
         from steelyard.excite.collision.mjcf_geoms_and_solid_distances import mjcf_shapes
 
@@ -78,7 +77,7 @@ def world_shapes(path: Path) -> tuple[Shape, ...]:
     """
     if expansion := expand(path, {}):
         path = expansion.path
-    root = read_xml(path)
+    root = urdf.read_xml(path)
     if root.tag == "mujoco":
         from steelyard.excite.collision.mjcf_geoms_and_solid_distances import mjcf_world
 
@@ -141,7 +140,7 @@ def readable_shapes(
     robot: Robot, model: Path, links: Collection[str], kind: Kind = "collision"
 ) -> tuple[Shape, ...]:
     """The shapes of some links, of those whose shapes can all be read; an MJCF draws none."""
-    root, frames = read_xml(model), {frame.name: frame for frame in robot.frames}
+    root, frames = urdf.read_xml(model), {frame.name: frame for frame in robot.frames}
     found = list[Shape]()
     if root.tag == "mujoco":
         from steelyard.excite.collision.mjcf_geoms_and_solid_distances import mjcf_shapes
@@ -158,7 +157,7 @@ def readable_shapes(
 
 
 def _shapes(
-    link: Element,
+    link: urdf.Element,
     frames: dict[str, Frame],
     model: Path,
     skip: Collection[str] = (),
@@ -170,12 +169,12 @@ def _shapes(
         return []
     shapes = []
     for collision in link.all(kind):
-        at, solid = placement_of(collision), _solid(collision, name, model)
+        at, solid = urdf.placement_of(collision), _solid(collision, name, model)
         shapes.append(placed(frames[name], name, solid, at.position, at.rotation))
     return shapes
 
 
-def _solid(collision: Element, link: str, model: Path) -> Solid:
+def _solid(collision: urdf.Element, link: str, model: Path) -> Solid:
     found = [child for geometry in collision.all("geometry") for child in geometry.children]
     if len(found) != 1:
         raise ModelError(
@@ -188,13 +187,13 @@ def _solid(collision: Element, link: str, model: Path) -> Solid:
         if element.tag == "mesh":
             return _mesh(element, link, model)
         if element.tag == "box":
-            x, y, z = numbers_of(element, "size", 3)
+            x, y, z = urdf.numbers_of(element, "size", 3)
             return Box((x, y, z))
         if element.tag == "sphere":
-            return Ball(number_of(element, "radius"))
+            return Ball(urdf.number_of(element, "radius"))
         if element.tag in ("cylinder", "capsule"):
             kind = Cylinder if element.tag == "cylinder" else Capsule
-            return kind(number_of(element, "radius"), number_of(element, "length"))
+            return kind(urdf.number_of(element, "radius"), urdf.number_of(element, "length"))
     except ValueError as error:
         raise ModelError(str(error), where=element.where, fix="give lengths above zero") from None
     known = ["box", "sphere", "cylinder", "capsule", "mesh"]
@@ -205,7 +204,7 @@ def _solid(collision: Element, link: str, model: Path) -> Solid:
     )
 
 
-def _mesh(element: Element, link: str, model: Path) -> Hull:
+def _mesh(element: urdf.Element, link: str, model: Path) -> Hull:
     name = element.attributes.get("filename", "").strip()
     path = find_mesh(name, model) if name else None
     if path is None:
@@ -215,7 +214,7 @@ def _mesh(element: Element, link: str, model: Path) -> Hull:
             fix="put the file where the model names it (a package:// path is looked for in the "
             f"model's folder and those above it), or {WITHOUT_MESH_ADVICE}",
         )
-    x, y, z = numbers_of(element, "scale", 3) if "scale" in element.attributes else [1.0] * 3
+    x, y, z = urdf.numbers_of(element, "scale", 3) if "scale" in element.attributes else [1.0] * 3
     return _hull(path, path.stat().st_mtime_ns, (x, y, z), f"{element.where} of link '{link}'")
 
 

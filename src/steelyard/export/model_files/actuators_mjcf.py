@@ -19,7 +19,7 @@ from steelyard.export.model_files.urdf_and_mjcf import (
     number,
     numbers,
 )
-from steelyard.model.terms.urdf_mjcf_parts import AxisPartKind
+from steelyard.model.terms.term import AxisPartKind
 from steelyard.report.words import significant
 
 TIMESTEP = 2.5e-4  # of the file [s]: its springs are explicit in MuJoCo's integration

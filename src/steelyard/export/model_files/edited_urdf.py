@@ -21,7 +21,7 @@ from steelyard.robot.file.model_reading_and_loaded_robot import read_mechanism
 from steelyard.robot.file.robot_file import load_robot
 from steelyard.robot.inertia_and_placement import Placement
 from steelyard.robot.models.xacro import expand, split_reference
-from steelyard.robot.models.xml_reader import read_bytes, read_xml
+from steelyard.robot.models.xml_and_urdf import read_bytes, read_xml
 from steelyard.robot.robot import Frame
 
 _TAG = re.compile(rb"<(?:[^<>\"']|\"[^\"]*\"|'[^']*')*>")

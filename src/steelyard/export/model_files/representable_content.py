@@ -17,7 +17,7 @@ from steelyard.base.errors import ModelError
 from steelyard.estimate.covariance_and_band_widths import EDGES
 from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.model.terms.axes_and_fields import Axis
-from steelyard.model.terms.urdf_mjcf_parts import AxisPartKind, Curve, Placed, Pull, listed, placed
+from steelyard.model.terms.term import AxisPartKind, Curve, Placed, Pull, listed, placed
 from steelyard.robot.inertia_and_placement import INERTIAL_NAMES, LEAST_INERTIA, Inertia
 from steelyard.robot.robot import Robot
 

@@ -25,7 +25,7 @@ from steelyard.export.model_files.representable_content import (
     carriers_of,
 )
 from steelyard.model.equations.frame_and_point_kinematics import frame_of
-from steelyard.model.terms.urdf_mjcf_parts import AxisPartKind
+from steelyard.model.terms.term import AxisPartKind
 from steelyard.robot.inertia_and_placement import Inertia, rpy_of, six_numbers, turn
 from steelyard.robot.robot import Body, Frame, Limits, Robot
 

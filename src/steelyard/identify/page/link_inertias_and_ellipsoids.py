@@ -18,7 +18,7 @@ from steelyard.report.tables import PlainTable, Row, table_of
 from steelyard.report.words import NONE, fixed, share, significant, with_interval
 from steelyard.robot.inertia_and_placement import INERTIAL_NAMES, Inertia
 from steelyard.robot.loop_closures import loop_equations
-from steelyard.robot.robot import Robot, body_poses, sticks
+from steelyard.robot.robot import Robot, bodies_along, sticks
 
 BODIES_WORDS = (
     "Estimate of each link from data and prior, with 95 % intervals. The data alone determine only "
@@ -291,7 +291,7 @@ class EllipsoidsSection(FigureSection, name="ellipsoids", title="Links as inerti
         """The figure, if the estimate knows all standard parameters."""
         robot, links = content.identified.robot, list(identified_links(content.identified))
         joints = _posture(robot, content)
-        rotations, origins = body_poses(robot, joints)
+        rotations, origins = ([x[0] for x in xs[1:]] for xs in bodies_along(robot, joints[None]))
         place = {body.name: (rotations[k], origins[k]) for k, body in enumerate(robot.bodies)}
         solids = _placed([(link.name, link.inertia) for link in links], place)
         if not solids:

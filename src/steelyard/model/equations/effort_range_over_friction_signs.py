@@ -20,6 +20,7 @@ from steelyard.model.equations.inverse_dynamics import Scalar, Scalars
 from steelyard.symbolic.native.compiled_programs import Code, compiled
 from steelyard.symbolic.program_and_softening import InputArray as Input
 from steelyard.symbolic.program_and_softening import Program, program_from_json, program_to_json
+from steelyard.symbolic.symbols_and_tracing import carried_along, replayed, slopes_of, symbolic
 
 Efforts = Callable[..., Scalars]
 """Position, velocity, acceleration and parameters to the effort of every joint."""
@@ -51,8 +52,6 @@ def effort_bounds(
     """
 
     def build() -> tuple[Program, dict[str, Any]]:
-        from steelyard.symbolic.symbols_and_tracing import carried_along, slopes_of, symbolic
-
         state = [Input(name, n) for name in ("q", "dq", "ddq")]
         shared = Input("parameters", parameters, shared=True)
         law = None if rough is None else symbolic(rough, [*state, shared])
@@ -90,7 +89,6 @@ def _spread(
     n = len(efforts)
     if law is None:
         return list(efforts), [0.0] * n, [0.0] * n
-    from steelyard.symbolic.symbols_and_tracing import replayed
 
     def at(signs: Sequence[float]) -> list[Scalar]:
         """Efforts of the law with these signs; comparisons hold."""

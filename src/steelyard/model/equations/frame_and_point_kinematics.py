@@ -19,24 +19,14 @@ from numpy.typing import ArrayLike
 
 from steelyard.base.arrays import Array, frozen
 from steelyard.base.errors import ModelError, named
-from steelyard.model.equations.inverse_dynamics import (
-    JointState,
-    Matrix,
-    Scalar,
-    Scalars,
-    Vector,
-    _constant,
-    _placement,
-    _times,
-    carried_point,
-    completed,
-    projected,
-)
+from steelyard.model.equations import inverse_dynamics as rigid
+from steelyard.model.equations.inverse_dynamics import JointState, Matrix, Scalar, Scalars, Vector
 from steelyard.model.equations.passive_joints import passive_positions
 from steelyard.robot.robot import Frame, Robot, body_frames, robot_to_dict
 from steelyard.symbolic.native.compiled_programs import Code, compiled, compiled_equations
 from steelyard.symbolic.program_and_softening import InputArray as Input
 from steelyard.symbolic.program_and_softening import Program, program_from_json, program_to_json
+from steelyard.symbolic.symbols_and_tracing import carried_along, symbolic
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,16 +133,16 @@ def frame_outputs(robot: Robot, frame: Frame, q: Scalars, passive: Scalars) -> l
     them has the Jacobian $J_a + J_p G$.
     """
     positions = [*q, *passive]
-    position, slopes = carried_point(robot, positions, frame.body, frame.position)
+    position, slopes = rigid.carried_point(robot, positions, frame.body, frame.position)
     rotation, axes = _turned(robot, positions, frame)
     outputs = [*position, *rotation.ravel()]
     torque_map = None
     if max([*slopes, *axes], default=-1) >= robot.n:
         rest = [0.0] * robot.n
-        _, torque_map = completed(robot, JointState(q, rest, rest, passive))
+        _, torque_map = rigid.completed(robot, JointState(q, rest, rest, passive))
     for columns in (slopes, axes):
         entries = {(j, k): x for j, column in columns.items() for k, x in enumerate(column)}
-        found = projected(robot, entries, torque_map)
+        found = rigid.projected(robot, entries, torque_map)
         outputs += [found.get((j, k), 0.0) for k in range(3) for j in range(robot.n)]
     return outputs
 
@@ -167,19 +157,15 @@ def points_on(robot: Robot, carriers: Sequence[int], places: ArrayLike) -> Point
         refuse_passive(robot, body, robot.bodies[body].name if body >= 0 else "base")
 
     def build() -> tuple[Program, dict[str, Any]]:
-        from steelyard.symbolic.symbols_and_tracing import carried_along, symbolic
-
         def outputs(q: Scalars) -> list[Scalar]:
-            slopes = (
-                carried_point(robot, q, *one)[1] for one in zip(carriers, points, strict=True)
-            )
-            return [
-                *_positions(robot, carriers, points, q),
-                *(x for s in slopes for x in _rows(s, n)),
+            ends = [
+                rigid.carried_point(robot, q, *one) for one in zip(carriers, points, strict=True)
             ]
+            positions = [x for position, _ in ends for x in position]
+            return [*positions, *(x for _, slopes in ends for x in _rows(slopes, n))]
 
         def flow(q: Scalars, dq: Scalars) -> list[Scalar]:
-            positions = _positions(robot, carriers, points, q)
+            positions = outputs(q)[: 3 * len(points)]
             return [*positions, *carried_along(positions, q, dq)]
 
         def bend(q: Scalars, dq: Scalars, ddq: Scalars) -> list[Scalar]:
@@ -197,11 +183,6 @@ def points_on(robot: Robot, carriers: Sequence[int], places: ArrayLike) -> Point
     return Points(robot, tuple(carriers), points, code, flow, bend)
 
 
-def _positions(robot: Robot, carriers: Sequence[int], points: Array, q: Scalars) -> list[Scalar]:
-    ends = zip(carriers, points, strict=True)
-    return [x for body, point in ends for x in carried_point(robot, q, body, point)[0]]
-
-
 def refuse_passive(robot: Robot, body: int, name: str) -> None:
     """Points with programs of their motion hang on independent joints only."""
     for link in (robot.bodies[k] for k in reversed(robot.carriers(body))):
@@ -216,14 +197,14 @@ def refuse_passive(robot: Robot, body: int, name: str) -> None:
 
 def _turned(robot: Robot, q: Scalars, frame: Frame) -> tuple[Matrix, dict[int, Vector]]:
     """Axes of a frame in the base frame, and the angular velocity per joint speed."""
-    rotation, axes = _constant(np.eye(3)), dict[int, Vector]()
+    rotation, axes = rigid._constant(np.eye(3)), dict[int, Vector]()
     for link in (robot.bodies[k] for k in robot.carriers(frame.body)):
         if link.kind == "revolute":
-            axis = _times(rotation @ _constant(link.rotation @ link.axis), link.ratio)
+            axis = rigid._times(rotation @ rigid._constant(link.rotation @ link.axis), link.ratio)
             axes[link.coordinate] = axis + axes.get(link.coordinate, 0.0)
-        turned, _ = _placement(link, link.ratio * q[link.coordinate] + link.offset)
+        turned, _ = rigid._placement(link, link.ratio * q[link.coordinate] + link.offset)
         rotation = rotation @ turned
-    return rotation @ _constant(frame.rotation), axes
+    return rotation @ rigid._constant(frame.rotation), axes
 
 
 def _rows(columns: dict[int, Vector], n: int) -> list[Scalar]:
@@ -235,10 +216,8 @@ def _frame_motion_outputs(
     robot: Robot, frame: Frame, q: Scalars, passive: Scalars, dq: Scalars
 ) -> list[Scalar]:
     """Outputs of `frame_outputs`, and the drift: how the velocities grow while `dq` is constant."""
-    from steelyard.symbolic.symbols_and_tracing import carried_along
-
     found, n = frame_outputs(robot, frame, q, passive), robot.n
     rows = np.array(found[12:], dtype=object).reshape(6, n)
     velocities = [sum((x * rate for x, rate in zip(row, dq, strict=True)), 0.0) for row in rows]
-    state, _ = completed(robot, JointState(q, dq, [0.0] * n, passive))
+    state, _ = rigid.completed(robot, JointState(q, dq, [0.0] * n, passive))
     return [*found, *carried_along(velocities, [*q, *passive], state.dq)]

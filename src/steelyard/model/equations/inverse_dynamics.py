@@ -80,7 +80,11 @@ def inverse_dynamics(robot: Robot, state: JointState, inertials: Sequence[Scalar
     Of all joints [rad, rad/s, rad/s²; m for prismatic] and ten numbers per body, Pinocchio's order;
     the gravity of the tree is used, its nominal inertias are not.
     """
-    motions = _outward(robot, state)
+    zero = _constant(np.zeros(3))
+    base = _moving(_constant(np.eye(3)), zero, zero, zero, _constant(-robot.gravity))
+    motions: list[_Moving] = []
+    for body in robot.bodies:
+        motions.append(_next(body, motions[body.parent] if body.parent >= 0 else base, state))
     wrenches = [_wrench(m, ten) for m, ten in zip(motions, inertials, strict=True)]
     efforts: list[Scalar] = [0.0] * robot.n_joints
     for index, motion in reversed(list(enumerate(motions))):
@@ -116,15 +120,6 @@ def carried_point(
         position = rotation @ position + origin
         body = link.parent
     return position, slopes
-
-
-def _outward(robot: Robot, state: JointState) -> list[_Moving]:
-    zero = _constant(np.zeros(3))
-    base = _moving(_constant(np.eye(3)), zero, zero, zero, _constant(-robot.gravity))
-    motions: list[_Moving] = []
-    for body in robot.bodies:
-        motions.append(_next(body, motions[body.parent] if body.parent >= 0 else base, state))
-    return motions
 
 
 def _next(body: Body, parent: _Moving, state: JointState) -> _Moving:

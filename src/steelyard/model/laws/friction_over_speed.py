@@ -1,7 +1,6 @@
 """Friction over speed: Coulomb, viscous, powers of speed, Stribeck; per direction, and coupled."""
 
-from abc import abstractmethod
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar
@@ -11,33 +10,10 @@ import numpy as np
 from steelyard.base.arrays import Parameter
 from steelyard.base.errors import ModelError
 from steelyard.model.equations.inverse_dynamics import JointState, Scalar, Scalars
-from steelyard.model.terms.axes_and_fields import (
-    DEFAULT_SHAPE,
-    Axes,
-    Axis,
-    Field,
-    directional,
-    directions,
-    is_zero,
-    named_axis,
-    per_axis,
-    refuse_negative,
-    refuse_not_positive,
-    refuse_shape,
-    refuse_unknown,
-    spread,
-    unfit,
-)
-from steelyard.model.terms.term import ActsOnAxes, Cause, Columns, Dissipation, Role, Term
-from steelyard.model.terms.urdf_mjcf_parts import (
-    Place,
-    Placed,
-    Values,
-    as_one,
-    curve_over_speed,
-    left_out,
-    under,
-)
+from steelyard.model.terms import axes_and_fields as fields
+from steelyard.model.terms import term as terms
+from steelyard.model.terms.axes_and_fields import Axes, Axis, Field, directional, is_zero
+from steelyard.model.terms.term import ActsOnAxes, Cause, Dissipation, Place, Placed
 from steelyard.robot.robot import Robot
 
 
@@ -49,15 +25,15 @@ class _Directed(ActsOnAxes):
     bounds: ClassVar[Mapping[str, tuple[float, float]]] = {"smoothing": (1e-3, 1.0)}
     # speed $w$ of the smooth law, one for all or one per coordinate [rad/s; m/s]; zero for the sign
     smoothing: Field = 0.0
-    shape: str = DEFAULT_SHAPE  # which smooth law: `tanh`, `arctan` (p3, eq 6) or `logistic`
+    shape: str = fields.DEFAULT_SHAPE  # which smooth law: `tanh`, `arctan` (p3, eq 6) or `logistic`
 
     def __post_init__(self) -> None:
-        refuse_negative(self.law, smoothing=self.smoothing)
-        refuse_shape(self.law, self.shape, self.smoothing)
+        fields.refuse_negative(self.law, smoothing=self.smoothing)
+        fields.refuse_shape(self.law, self.shape, self.smoothing)
 
     def efforts(self, axes: Axes, state: JointState) -> Scalars:
         """The direction of motion, or its positive and its negative part, times `sizes`."""
-        sense = directions(axes, state.dq, self.smoothing, self.law, self.shape)
+        sense = fields.directions(axes, state.dq, self.smoothing, self.law, self.shape)
         each, sizes = sense if len(self.units) == 1 else directional(sense), self.sizes(axes, state)
         return each if sizes is None else [s * sizes[k % len(axes)] for k, s in enumerate(each)]
 
@@ -82,16 +58,16 @@ class Coulomb(_Directed):
     threshold: Field = 0.0
 
     def __post_init__(self) -> None:
-        refuse_negative(self.law, threshold=self.threshold)
+        fields.refuse_negative(self.law, threshold=self.threshold)
         super().__post_init__()
         if not is_zero(self.threshold) and not is_zero(self.smoothing):
-            raise unfit(
+            raise fields.unfit(
                 f"Coulomb friction with threshold {self.threshold} and smoothing {self.smoothing}",
                 "give one of the two, as a positive speed, or none for the plain sign",
             )
 
     @property
-    def role(self) -> Role:
+    def role(self) -> terms.Role:
         """By the plain sign it sticks and slips: at rest it holds up to its size."""
         return "brake" if is_zero(self.threshold) and is_zero(self.smoothing) else "effort"
 
@@ -99,9 +75,9 @@ class Coulomb(_Directed):
         """Nothing up to the threshold."""
         return None if is_zero(self.threshold) else _moving(self, axes, state)
 
-    def in_model_files(self, robot: Robot, values: Values) -> Placed:
+    def in_model_files(self, robot: Robot, values: terms.Values) -> Placed:
         """Dry friction by the plain sign."""
-        parts = under(self, robot, values, self.law, "dry")
+        parts = terms.under(self, robot, values, self.law, "dry")
         unsupported = tuple(
             f"{words} {getattr(self, name)} rad/s or m/s ({self.law})"
             for name, words in (
@@ -115,7 +91,7 @@ class Coulomb(_Directed):
 
 def _moving(term: "Coulomb | Viscous", axes: Axes, state: JointState) -> Scalars:
     """Whether the speed along every coordinate is above the threshold."""
-    pairs = zip(axes, per_axis(term.threshold, axes, term.law), strict=True)
+    pairs = zip(axes, fields.per_axis(term.threshold, axes, term.law), strict=True)
     return [np.abs(axis.of(state.dq)) > rest for axis, rest in pairs]
 
 
@@ -130,7 +106,7 @@ class DirectionalCoulomb(_Directed):
     law: ClassVar[str] = "directional_coulomb"
     dissipation: ClassVar[Dissipation] = "each"
     shown_by: ClassVar[str] = "motion in both directions of"
-    in_model_files: ClassVar[Place] = as_one("dry")
+    in_model_files: ClassVar[Place] = terms.as_one("dry")
     units: ClassVar[Mapping[str, str]] = {"_forward": "{effort}", "_backward": "{effort}"}
 
 
@@ -145,12 +121,11 @@ class _OfSpeed(ActsOnAxes):
     cause: ClassVar[Cause] = "friction"
     shown_by: ClassVar[str] = "motion at several speeds of"
 
-    def efforts(self, axes: Axes, state: JointState) -> Scalars:
-        return [self.curve(axis.of(state.dq)) for axis in axes]
+    curve: ClassVar[Callable[[Scalar], Scalar]]
+    """Friction per unit of the parameter; odd."""
 
-    @abstractmethod
-    def curve(self, speed: Scalar) -> Scalar:
-        """Friction per unit of the parameter; odd."""
+    def efforts(self, axes: Axes, state: JointState) -> Scalars:
+        return [type(self).curve(axis.of(state.dq)) for axis in axes]
 
 
 @dataclass(frozen=True)
@@ -160,12 +135,13 @@ class Viscous(_OfSpeed):
     law: ClassVar[str] = "viscous"
     dissipation: ClassVar[Dissipation] = "each"
     units: ClassVar[Mapping[str, str]] = {"": "{rate}"}
+    curve: ClassVar[Callable[[Scalar], Scalar]] = lambda speed: speed
     symbol: ClassVar[str] = "FV"
     # speed up to which the friction is zero, one for all or one per coordinate [rad/s; m/s]
     threshold: Field = 0.0
 
     def __post_init__(self) -> None:
-        refuse_negative(self.law, threshold=self.threshold)
+        fields.refuse_negative(self.law, threshold=self.threshold)
 
     def efforts(self, axes: Axes, state: JointState) -> Scalars:
         """The velocity above the threshold."""
@@ -174,13 +150,9 @@ class Viscous(_OfSpeed):
             return speeds
         return [v * on for v, on in zip(speeds, _moving(self, axes, state), strict=True)]
 
-    def curve(self, speed: Scalar) -> Scalar:
-        """The velocity."""
-        return speed
-
-    def in_model_files(self, robot: Robot, values: Values) -> Placed:
+    def in_model_files(self, robot: Robot, values: terms.Values) -> Placed:
         """Viscous friction from zero speed on."""
-        placed = as_one("viscous")(self, robot, values)
+        placed = terms.as_one("viscous")(self, robot, values)
         if is_zero(self.threshold) or not any(part.value for part in placed.parts):
             return placed
         words = f"that viscous friction begins above {self.threshold} rad/s or m/s ({self.law})"
@@ -195,7 +167,7 @@ class DirectionalViscous(ActsOnAxes):
     dissipation: ClassVar[Dissipation] = "each"
     cause: ClassVar[Cause] = "friction"
     shown_by: ClassVar[str] = "motion at several speeds in both directions of"
-    in_model_files: ClassVar[Place] = as_one("viscous")
+    in_model_files: ClassVar[Place] = terms.as_one("viscous")
     units: ClassVar[Mapping[str, str]] = {"_forward": "{rate}", "_backward": "{rate}"}
 
     def efforts(self, axes: Axes, state: JointState) -> Scalars:
@@ -209,12 +181,9 @@ class Quadratic(_OfSpeed):
     r"""Friction with the square of speed, $f = f_2\,|v|\,v$: turbulent oil, fans."""
 
     law: ClassVar[str] = "quadratic"
-    in_model_files: ClassVar[Place] = as_one("quadratic")
+    in_model_files: ClassVar[Place] = terms.as_one("quadratic")
     units: ClassVar[Mapping[str, str]] = {"": "{force}/({speed})²"}
-
-    def curve(self, speed: Scalar) -> Scalar:
-        """The square with the speed's sign."""
-        return np.abs(speed) * speed
+    curve: ClassVar[Callable[[Scalar], Scalar]] = lambda speed: np.abs(speed) * speed
 
 
 @dataclass(frozen=True)
@@ -222,12 +191,9 @@ class Cubic(_OfSpeed):
     r"""Friction with the cube of speed, $f = f_3\,v^3$."""
 
     law: ClassVar[str] = "cubic"
-    in_model_files: ClassVar[Place] = as_one("cubic")
+    in_model_files: ClassVar[Place] = terms.as_one("cubic")
     units: ClassVar[Mapping[str, str]] = {"": "{force}/({speed})³"}
-
-    def curve(self, speed: Scalar) -> Scalar:
-        """The cube."""
-        return speed * speed * speed
+    curve: ClassVar[Callable[[Scalar], Scalar]] = lambda speed: speed * speed * speed
 
 
 @dataclass(frozen=True)
@@ -235,12 +201,11 @@ class Root(_OfSpeed):
     r"""Friction with the root of speed, $f = f_{1/2}\,\sqrt{|v|}\,\mathrm{sign}(v)$: grease."""
 
     law: ClassVar[str] = "root"
-    in_model_files: ClassVar[Place] = curve_over_speed("friction with the root of speed")
+    in_model_files: ClassVar[Place] = terms.curve_over_speed("friction with the root of speed")
     units: ClassVar[Mapping[str, str]] = {"": "{force}/√({speed})"}
-
-    def curve(self, speed: Scalar) -> Scalar:
-        """The root with the speed's sign."""
-        return speed / np.sqrt(np.maximum(np.abs(speed), CREEP))
+    curve: ClassVar[Callable[[Scalar], Scalar]] = lambda speed: (
+        speed / np.sqrt(np.maximum(np.abs(speed), CREEP))
+    )
 
 
 @dataclass(frozen=True)
@@ -255,7 +220,7 @@ class Stribeck(_Directed):
     law: ClassVar[str] = "stribeck"
     dissipation: ClassVar[Dissipation] = "together"
     shown_by: ClassVar[str] = "slow motion in both directions of"
-    in_model_files: ClassVar[Place] = curve_over_speed("excess of friction at breakaway")
+    in_model_files: ClassVar[Place] = terms.curve_over_speed("excess of friction at breakaway")
     bounds: ClassVar[Mapping[str, tuple[float, float]]] = {
         "speed": (1e-3, 1.0),
         "smoothing": (1e-3, 1.0),
@@ -264,13 +229,13 @@ class Stribeck(_Directed):
     exponent: int = 1  # $\beta$, 1 or 2
 
     def __post_init__(self) -> None:
-        refuse_unknown(self.law, "exponent", self.exponent, (1, 2))
-        refuse_not_positive(self.law, speed=self.speed)
+        fields.refuse_unknown(self.law, "exponent", self.exponent, (1, 2))
+        fields.refuse_not_positive(self.law, speed=self.speed)
         super().__post_init__()
 
     def sizes(self, axes: Axes, state: JointState) -> Scalars | None:
         r"""$e^{-|v/v_s|^\beta}$ along every coordinate."""
-        scales = per_axis(self.speed, axes, self.law)
+        scales = fields.per_axis(self.speed, axes, self.law)
         relative = [axis.of(state.dq) / scale for axis, scale in zip(axes, scales, strict=True)]
         return [np.exp(-(np.abs(x) if self.exponent == 1 else x * x)) for x in relative]
 
@@ -293,7 +258,7 @@ Pair = tuple[tuple[str, str], tuple[str, str]]  # `(("from", name), ("to", name)
 
 
 @dataclass(frozen=True)
-class Coupled(Term):
+class Coupled(terms.Term):
     r"""Coupled friction, $f_b = f_{ab}\,v_a$ or $f_{ab}\,s(v_a)$: belts, cables, shared bearings.
 
     A coupling alone may give energy; only with the joints' own friction is the whole dissipative.
@@ -303,7 +268,7 @@ class Coupled(Term):
     dissipation: ClassVar[Dissipation] = "none"
     cause: ClassVar[Cause] = "friction"
     shown_by: ClassVar[str] = "separate motion of the joints"
-    in_model_files: ClassVar[Place] = left_out("friction of one joint that loads another")
+    in_model_files: ClassVar[Place] = terms.left_out("friction of one joint that loads another")
     bounds: ClassVar[Mapping[str, tuple[float, float]]] = {"smoothing": (1e-3, 1.0)}
     # joints or motors, `{"from": a, "to": b}`: `b` is loaded when `a` moves
     pairs: tuple[Pair, ...] = ()
@@ -314,12 +279,12 @@ class Coupled(Term):
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "pairs", _pairs(self.pairs))
-        refuse_unknown(self.law, "kind", self.kind, ("viscous", "coulomb"))
-        refuse_negative(self.law, smoothing=self.smoothing)
+        fields.refuse_unknown(self.law, "kind", self.kind, ("viscous", "coulomb"))
+        fields.refuse_negative(self.law, smoothing=self.smoothing)
         if not self.pairs:
             raise _no_pair("no pairs")
         if self.kind == "viscous" and not is_zero(self.smoothing):
-            raise unfit(
+            raise fields.unfit(
                 "viscous coupled friction has no smoothing",
                 'leave out `smoothing`, or give kind = "coulomb"',
             )
@@ -336,20 +301,20 @@ class Coupled(Term):
             for mover, loaded in self._axes(robot)
         )
 
-    def columns(self, robot: Robot, state: JointState) -> Columns:
+    def columns(self, robot: Robot, state: JointState) -> terms.Columns:
         """The moving joint's velocity or direction, along the loaded joint."""
         pairs = self._axes(robot)
         movers = [mover for mover, _ in pairs]
         speeds: list[Scalar] = (
-            directions(movers, state.dq, self.smoothing, self.law)
+            fields.directions(movers, state.dq, self.smoothing, self.law)
             if self.kind == "coulomb"
             else [mover.of(state.dq) for mover in movers]
         )
-        return spread([loaded for _, loaded in pairs], speeds)
+        return fields.spread([loaded for _, loaded in pairs], speeds)
 
     def _axes(self, robot: Robot) -> list[tuple[Axis, Axis]]:
         return [
-            (named_axis(robot, mover), named_axis(robot, loaded))
+            (fields.named_axis(robot, mover), fields.named_axis(robot, loaded))
             for (_, mover), (_, loaded) in self.pairs
         ]
 
@@ -376,7 +341,7 @@ def _ends(given: Any) -> tuple[Any, Any] | None:
 
 
 def _no_pair(what: str) -> ModelError:
-    return unfit(
+    return fields.unfit(
         f"coupled friction with {what}",
         'name two joints or motors per pair: pairs = [{from = "hip", to = "knee"}]',
     )

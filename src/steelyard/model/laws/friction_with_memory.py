@@ -6,7 +6,7 @@ only LuGre, whose steady state depends on the velocity, takes the velocity of a 
 whole step.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from math import inf, isfinite
 from typing import Any, ClassVar
@@ -16,26 +16,14 @@ from typing_extensions import Self
 
 from steelyard.base.arrays import Array, Parameter
 from steelyard.base.errors import advice
-from steelyard.model.equations.inverse_dynamics import (
-    JointState,
-    Scalar,
-    Scalars,
-    completed,
-    projected,
-)
+from steelyard.model.equations import inverse_dynamics as rigid
+from steelyard.model.equations.inverse_dynamics import JointState, Scalar, Scalars
 from steelyard.model.laws.laws_without_friction import RigidBody
-from steelyard.model.terms.axes_and_fields import (
-    Axes,
-    Axis,
-    Field,
-    each,
-    per_axis,
-    refuse_not_positive,
-    unfit,
-)
-from steelyard.model.terms.presliding_term import Presliding, RigidTorque, StateStep, relaxed
-from steelyard.model.terms.term import INVENTED_TORQUE_SHARE, Dissipation
-from steelyard.model.terms.urdf_mjcf_parts import Place, full_sliding, left_out
+from steelyard.model.terms import axes_and_fields as fields
+from steelyard.model.terms import term as terms
+from steelyard.model.terms.axes_and_fields import Axes, Field
+from steelyard.model.terms.stateful_terms import Presliding, RigidTorque, StateStep, relaxed
+from steelyard.model.terms.term import Dissipation, Place
 from steelyard.robot.inertia_and_placement import INERTIAL_NAMES
 from steelyard.robot.robot import Robot
 
@@ -51,11 +39,11 @@ class OneState(Presliding):
     length: Field = 3e-4
 
     def __post_init__(self) -> None:
-        refuse_not_positive(self.law, length=self.length)
+        fields.refuse_not_positive(self.law, length=self.length)
 
     def lengths_of(self, axes: Axes) -> list[float]:
         """One per coordinate."""
-        return per_axis(self.length, axes, self.law)
+        return fields.per_axis(self.length, axes, self.law)
 
     def steps(self, axes: Axes, moved: Scalars, speeds: Scalars) -> list[StateStep]:
         """A Dahl state each [Dahl1968]."""
@@ -75,7 +63,9 @@ class Dahl(OneState):
 
     law: ClassVar[str] = "dahl"
     dissipation: ClassVar[Dissipation] = "each"
-    in_model_files: ClassVar[Place] = full_sliding("dahl", unsupported=PRESLIDING_DISPLACEMENT)
+    in_model_files: ClassVar[Place] = terms.full_sliding(
+        "dahl", unsupported=PRESLIDING_DISPLACEMENT
+    )
 
 
 @dataclass(frozen=True)
@@ -89,7 +79,7 @@ class MaxwellSlip(Presliding):
 
     law: ClassVar[str] = "maxwell_slip"
     dissipation: ClassVar[Dissipation] = "together"
-    in_model_files: ClassVar[Place] = full_sliding(unsupported=PRESLIDING_DISPLACEMENT)
+    in_model_files: ClassVar[Place] = terms.full_sliding(unsupported=PRESLIDING_DISPLACEMENT)
     state_only_fields: ClassVar[tuple[str, ...]] = ("lengths", "relaxing")
     # lengths $\delta_i$ of the elements [rad; m]
     lengths: tuple[float, ...] = (3e-4, 1e-3, 3e-3, 1e-2)
@@ -98,7 +88,7 @@ class MaxwellSlip(Presliding):
     def __post_init__(self) -> None:
         lengths = self.lengths if isinstance(self.lengths, tuple) else ()
         if not lengths or not all(isinstance(x, float | int) and 0.0 < x < inf for x in lengths):
-            raise unfit(
+            raise fields.unfit(
                 f"Maxwell slip with lengths {self.lengths!r}",
                 "give one length above zero per element: lengths = [3e-4, 1e-3]",
             )
@@ -106,7 +96,9 @@ class MaxwellSlip(Presliding):
     def parameters(self, robot: Robot) -> tuple[Parameter, ...]:
         """One per coordinate and element, not negative."""
         names = [f"{self.law}{k + 1}" for k in range(len(self.lengths))]
-        return tuple(p for name in names for p in each(self.axes(robot), name, "{effort}", 0.0))
+        return tuple(
+            p for name in names for p in fields.each(self.axes(robot), name, "{effort}", 0.0)
+        )
 
     def lengths_of(self, axes: Axes) -> list[float]:
         """One per element and coordinate."""
@@ -119,9 +111,7 @@ class MaxwellSlip(Presliding):
             return [relaxed(x, length) for x, length in pairs]
         return [(1.0, x / length, 1.0) for x, length in pairs]
 
-    def typical_values(
-        self, robot: Robot, at_torque: Array, inertia: Callable[[Axis], float]
-    ) -> Array:
+    def typical_values(self, robot: Robot, at_torque: Array, inertia: terms.MovedInertia) -> Array:
         """Friction is shared among the elements."""
         return at_torque / len(self.lengths)
 
@@ -140,7 +130,7 @@ class LuGre(Presliding):
 
     law: ClassVar[str] = "lugre"
     dissipation: ClassVar[Dissipation] = "each"
-    in_model_files: ClassVar[Place] = full_sliding(
+    in_model_files: ClassVar[Place] = terms.full_sliding(
         "lugre", unsupported=f"{PRESLIDING_DISPLACEMENT} and breakaway"
     )
     units: ClassVar[Mapping[str, str]] = {"": "{effort}", "_damping": "{force}/Hz"}
@@ -157,12 +147,12 @@ class LuGre(Presliding):
     speed: Field = 0.02  # stribeck speed $v_s$ [rad/s; m/s]
 
     def __post_init__(self) -> None:
-        refuse_not_positive(
+        fields.refuse_not_positive(
             self.law, length=self.length, breakaway=self.breakaway, speed=self.speed
         )
         ratios = self.breakaway if isinstance(self.breakaway, tuple) else (self.breakaway,)
         if min(ratios, default=1.0) < 1.0:
-            raise unfit(
+            raise fields.unfit(
                 f"LuGre friction breaks away at {min(ratios):g} times its Coulomb friction",
                 "give `breakaway` as a ratio of at least 1, one for all or a list",
             )
@@ -173,11 +163,11 @@ class LuGre(Presliding):
 
     def lengths_of(self, axes: Axes) -> list[float]:
         """One per coordinate."""
-        return per_axis(self.length, axes, self.law)
+        return fields.per_axis(self.length, axes, self.law)
 
     def steps(self, axes: Axes, moved: Scalars, speeds: Scalars) -> list[StateStep]:
         """Bristles bend towards the level of their speed."""
-        ratios = (max(x, 1.0) for x in per_axis(self.breakaway, axes, self.law))
+        ratios = (max(x, 1.0) for x in fields.per_axis(self.breakaway, axes, self.law))
         parts = zip(moved, self.lengths_of(axes), self._levels(axes, speeds), ratios, strict=True)
         return [relaxed(*x) for x in parts]
 
@@ -192,19 +182,17 @@ class LuGre(Presliding):
 
     def _levels(self, axes: Axes, speeds: Scalars) -> list[Scalar]:
         """Steady states $g$ at speeds."""
-        ratios, scales = (per_axis(x, axes, self.law) for x in (self.breakaway, self.speed))
+        ratios, scales = (fields.per_axis(x, axes, self.law) for x in (self.breakaway, self.speed))
         relative = [v / scale for v, scale in zip(speeds, scales, strict=True)]
         pairs = zip(relative, ratios, strict=True)
         return [1.0 + (ratio - 1.0) * np.exp(-(x * x)) for x, ratio in pairs]
 
-    def typical_values(
-        self, robot: Robot, at_torque: Array, inertia: Callable[[Axis], float]
-    ) -> Array:
+    def typical_values(self, robot: Robot, at_torque: Array, inertia: terms.MovedInertia) -> Array:
         r"""Dampings at which sticking is critically damped, $2 \sqrt{f_c\,\delta\,m}$."""
         axes = self.axes(robot)
         friction, lengths = at_torque[: len(axes)], self.lengths_of(axes)
         moved = np.array([inertia(axis) for axis in axes])
-        damping = 2.0 * np.sqrt(np.mean(INVENTED_TORQUE_SHARE) * friction * lengths * moved)
+        damping = 2.0 * np.sqrt(np.mean(terms.INVENTED_TORQUE_SHARE) * friction * lengths * moved)
         return np.concatenate((friction, damping))
 
 
@@ -230,7 +218,7 @@ class LoadDependent(OneState):
     law: ClassVar[str] = "load_dependent"
     dissipation: ClassVar[Dissipation] = "none"
     shown_by: ClassVar[str] = "motion in both directions under several loads of"
-    in_model_files: ClassVar[Place] = left_out("friction that grows with load")
+    in_model_files: ClassVar[Place] = terms.left_out("friction that grows with load")
     unnamed: ClassVar[tuple[str, ...]] = ("per_run", "reference")
     units: ClassVar[Mapping[str, str]] = {"": "1"}
     needs_reference: ClassVar[bool] = True
@@ -245,7 +233,7 @@ class LoadDependent(OneState):
         """The same law with another reference model; parameters of other laws do not matter."""
         bodies = {n: float(v) for n, v in values.items() if n.split(".")[0] in INERTIAL_NAMES}
         if not bodies:
-            raise unfit(
+            raise fields.unfit(
                 "the reference of load-dependent friction names no number of a body",
                 'list "rigid_body" among the terms, or give standard parameters by name: '
                 '{"m.forearm": 3.2, ...}',
@@ -267,7 +255,7 @@ class LoadDependent(OneState):
         """Ten numbers per body of the reference, shape `(10 n_bodies,)`."""
         if not self.reference:
             if not robot.nominal.any():
-                raise unfit(
+                raise fields.unfit(
                     "load-dependent friction needs a reference model, but no body has a mass",
                     "give the robot's links masses, or the term a `reference` from an "
                     "earlier result",
@@ -277,7 +265,7 @@ class LoadDependent(OneState):
         names = [p.name for p in RigidBody().parameters(robot)]
         values = dict(self.reference)
         if strange := [name for name in values if name not in names]:
-            raise unfit(
+            raise fields.unfit(
                 f"the reference of load-dependent friction names '{strange[0]}'",
                 advice(strange[0], names, "numbers of bodies"),
                 robot,
@@ -292,7 +280,7 @@ def _numbers(reference: Any) -> tuple[tuple[str, float], ...]:
     except (TypeError, ValueError):
         values = None
     if values is None or not all(isfinite(x) for _, x in values):
-        raise unfit(
+        raise fields.unfit(
             f"load-dependent friction has reference = {reference!r}",
             'give finite numbers of bodies by name: reference = {"m.forearm" = 3.2}',
         )
@@ -304,10 +292,10 @@ def _borne(robot: Robot, state: JointState, torque: list[Scalar]) -> list[Scalar
     if not robot.passive:
         return torque
     n = robot.n
-    _, torque_map = completed(
+    _, torque_map = rigid.completed(
         robot, JointState(state.q[:n], state.dq[:n], state.ddq[:n], state.q[n:])
     )
-    rows = projected(robot, {(row, 0): x for row, x in enumerate(torque)}, torque_map)
+    rows = rigid.projected(robot, {(row, 0): x for row, x in enumerate(torque)}, torque_map)
     return [*(rows[row, 0] for row in range(n)), *(0.0 * x for x in torque[n:])]
 
 

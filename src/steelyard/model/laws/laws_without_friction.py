@@ -1,6 +1,6 @@
 """Laws that are no friction: bodies and rotors; springs and cogging, by position alone; offset."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, ClassVar
@@ -9,35 +9,16 @@ import numpy as np
 
 from steelyard.base.arrays import Array, Parameter
 from steelyard.base.errors import ModelError, advice
-from steelyard.model.equations.inverse_dynamics import (
-    JointState,
-    Scalar,
-    Scalars,
-    carried_point,
-    inverse_dynamics,
-)
-from steelyard.model.terms.axes_and_fields import (
-    Axes,
-    Axis,
-    Field,
-    each,
-    per_axis,
-    refuse_not_positive,
-    unfit,
-)
-from steelyard.model.terms.term import ActsOnAxes, Cause, Columns, Dissipation, Role, Term
-from steelyard.model.terms.urdf_mjcf_parts import (
-    AxisPart,
-    Place,
-    Placed,
-    Pull,
-    Values,
-    as_one,
-    left_out,
-    under,
-)
+from steelyard.model.equations import inverse_dynamics as rigid
+from steelyard.model.equations.inverse_dynamics import JointState, Scalar, Scalars
+from steelyard.model.terms import axes_and_fields as fields
+from steelyard.model.terms import term as terms
+from steelyard.model.terms.axes_and_fields import Axes, Field
+from steelyard.model.terms.term import ActsOnAxes, Cause, Dissipation, Place, Placed
 from steelyard.robot.inertia_and_placement import INERTIAL_NAMES, INERTIAL_UNITS
 from steelyard.robot.robot import Robot
+from steelyard.symbolic.symbols_and_tracing import Symbol, number_of
+from steelyard.symbolic.tape_and_derivatives import Tape, backward, edges
 
 
 def body_efforts(robot: Robot, state: JointState, numbers: Scalars) -> list[Scalar]:
@@ -46,11 +27,11 @@ def body_efforts(robot: Robot, state: JointState, numbers: Scalars) -> list[Scal
         [0.0] * 10 if body.massless else numbers[10 * k : 10 * k + 10]
         for k, body in enumerate(robot.bodies)
     ]
-    return inverse_dynamics(robot, state, tens)
+    return rigid.inverse_dynamics(robot, state, tens)
 
 
 @dataclass(frozen=True)
-class RigidBody(Term):
+class RigidBody(terms.Term):
     r"""Newton-Euler torques of all bodies, $\tau = Y(q, \dot q, \ddot q)\,\phi$.
 
     Ten numbers per body, about the origin of its link frame, in Pinocchio's order; those of a frame
@@ -62,7 +43,7 @@ class RigidBody(Term):
     law: ClassVar[str] = "rigid_body"
     dissipation: ClassVar[Dissipation] = "none"
     cause: ClassVar[Cause] = "inertia"
-    role: ClassVar[Role] = "body"
+    role: ClassVar[terms.Role] = "body"
     shown_by: ClassVar[str] = "acceleration, one by one and together, of the joints up to"
 
     def parameters(self, robot: Robot) -> tuple[Parameter, ...]:
@@ -80,11 +61,8 @@ class RigidBody(Term):
             )
         )
 
-    def columns(self, robot: Robot, state: JointState) -> Columns:
+    def columns(self, robot: Robot, state: JointState) -> terms.Columns:
         """Reverse derivative of the inverse dynamics, without what is zero by structure."""
-        from steelyard.symbolic.symbols_and_tracing import Symbol, number_of
-        from steelyard.symbolic.tape_and_derivatives import Tape, backward, edges
-
         tape = Tape.current()
         numbers = [tape.variable() for _ in range(10 * len(robot.bodies))]
         flat: list[Scalar] = [Symbol(tape, number) for number in numbers]
@@ -103,7 +81,7 @@ class RigidBody(Term):
         """Ten numbers per body from those that are named, others zero, shape `(10 n_bodies,)`."""
         return np.array([values.get(p.name, 0.0) for p in RigidBody().parameters(robot)])
 
-    def in_model_files(self, robot: Robot, values: Values) -> Placed:
+    def in_model_files(self, robot: Robot, values: terms.Values) -> Placed:
         """Nothing beside the bodies, which every format holds."""
         return Placed()
 
@@ -120,10 +98,10 @@ class RotorInertia(ActsOnAxes):
     dissipation: ClassVar[Dissipation] = "none"
     cause: ClassVar[Cause] = "inertia"
     shown_by: ClassVar[str] = "stronger acceleration of"
-    in_model_files: ClassVar[Place] = as_one("rotor")
+    in_model_files: ClassVar[Place] = terms.as_one("rotor")
     units: ClassVar[Mapping[str, str]] = {"": "{inertia}"}
     symbol: ClassVar[str] = "IA"
-    role: ClassVar[Role] = "rotor"
+    role: ClassVar[terms.Role] = "rotor"
     on_motors: ClassVar[bool] = True
     """Rotors turn before the gears, whatever coordinates they are given along."""
     shares: ClassVar[Mapping[str, tuple[float, float]]] = {"rotor_inertia": (0.2, 0.6)}
@@ -132,9 +110,7 @@ class RotorInertia(ActsOnAxes):
         """The coordinate's acceleration."""
         return [axis.of(state.ddq) for axis in axes]
 
-    def typical_values(
-        self, robot: Robot, at_torque: Array, inertia: Callable[[Axis], float]
-    ) -> Array:
+    def typical_values(self, robot: Robot, at_torque: Array, inertia: terms.MovedInertia) -> Array:
         """The inertia that each coordinate moves."""
         return np.array([inertia(axis) for axis in self.axes(robot)])
 
@@ -147,7 +123,7 @@ class Offset(ActsOnAxes):
     dissipation: ClassVar[Dissipation] = "none"
     cause: ClassVar[Cause] = "offset"
     shown_by: ClassVar[str] = "motion both ways of"
-    in_model_files: ClassVar[Place] = left_out("constant efforts")
+    in_model_files: ClassVar[Place] = terms.left_out("constant efforts")
     lower: ClassVar[float] = float("-inf")
     symbol: ClassVar[str] = "OFF"
     shares: ClassVar[Mapping[str, tuple[float, float]]] = {"offset": (-0.03, 0.03)}
@@ -177,7 +153,7 @@ class Spring(ActsOnAxes):
         numbers = self.free if isinstance(self.free, tuple) else (self.free,)
         known = all(isinstance(x, float | int) and abs(x) < float("inf") for x in numbers)
         if self.free != "unknown" and not known:
-            raise unfit(
+            raise fields.unfit(
                 f"term 'spring' has free = {self.free!r}",
                 "give the position where the spring is free [rad; m], one for all or a list, "
                 'or free = "unknown"',
@@ -186,10 +162,10 @@ class Spring(ActsOnAxes):
     def parameters(self, robot: Robot) -> tuple[Parameter, ...]:
         """Stiffness per coordinate, not negative; then the preloads, where they are unknown."""
         axes = self.axes(robot)
-        stiffness = each(axes, self.law, "{stiffness}", lower=0.0)
+        stiffness = fields.each(axes, self.law, "{stiffness}", lower=0.0)
         if self.free != "unknown":
             return stiffness
-        return (*stiffness, *each(axes, f"{self.law}_preload", "{effort}"))
+        return (*stiffness, *fields.each(axes, f"{self.law}_preload", "{effort}"))
 
     def efforts(self, axes: Axes, state: JointState) -> Scalars:
         """The stretch; with unknown free positions, the position and minus one."""
@@ -198,20 +174,22 @@ class Spring(ActsOnAxes):
             return [*positions, *(0.0 * x - 1.0 for x in positions)]
         return [x - free for x, free in zip(positions, self._free(axes), strict=True)]
 
-    def in_model_files(self, robot: Robot, values: Values) -> Placed:
+    def in_model_files(self, robot: Robot, values: terms.Values) -> Placed:
         """Stiffness and preload."""
-        stiffness = under(self, robot, values, self.law, "stiffness")
+        stiffness = terms.under(self, robot, values, self.law, "stiffness")
         if self.free == "unknown":
-            preload = under(self, robot, values, f"{self.law}_preload", "preload")
+            preload = terms.under(self, robot, values, f"{self.law}_preload", "preload")
             return Placed((*stiffness, *preload))
         pairs = zip(stiffness, self._free(self.axes(robot)), strict=True)
-        return Placed((*stiffness, *(AxisPart(p.axis, "preload", p.value * x) for p, x in pairs)))
+        return Placed(
+            (*stiffness, *(terms.AxisPart(p.axis, "preload", p.value * x) for p, x in pairs))
+        )
 
     def _free(self, axes: Axes) -> tuple[float, ...]:
         if not isinstance(self.free, tuple):
             return (float(self.free),) * len(axes)
         if len(self.free) != len(axes):
-            raise unfit(
+            raise fields.unfit(
                 f"term 'spring' has {len(self.free)} free positions for {len(axes)} coordinates",
                 "give one position for all, or a list with one per coordinate",
             )
@@ -229,12 +207,9 @@ class PolynomialSpring(ActsOnAxes):
     dissipation: ClassVar[Dissipation] = "none"
     cause: ClassVar[Cause] = "spring"
     shown_by: ClassVar[str] = "other configurations of"
-    in_model_files: ClassVar[Place] = left_out("efforts of a polynomial in the position")
+    in_model_files: ClassVar[Place] = terms.left_out("efforts of a polynomial in the position")
     lower: ClassVar[float] = float("-inf")
-    units: ClassVar[Mapping[str, str]] = {
-        "_2": "{force}/{position}²",
-        "_3": "{force}/{position}³",
-    }
+    units: ClassVar[Mapping[str, str]] = {"_2": "{force}/{position}²", "_3": "{force}/{position}³"}
 
     def efforts(self, axes: Axes, state: JointState) -> Scalars:
         """Squares of all positions, then cubes."""
@@ -254,7 +229,7 @@ class Cogging(ActsOnAxes):
     dissipation: ClassVar[Dissipation] = "none"
     cause: ClassVar[Cause] = "spring"
     shown_by: ClassVar[str] = "slow motion over several periods of"
-    in_model_files: ClassVar[Place] = left_out("efforts periodic in the position")
+    in_model_files: ClassVar[Place] = terms.left_out("efforts periodic in the position")
     lower: ClassVar[float] = float("-inf")
     units: ClassVar[Mapping[str, str]] = {"_sin": "{effort}", "_cos": "{effort}"}
     shares: ClassVar[Mapping[str, tuple[float, float]]] = {
@@ -264,11 +239,11 @@ class Cogging(ActsOnAxes):
     period: Field = 0.1  # $p$, one for all or one per coordinate [rad; m]
 
     def __post_init__(self) -> None:
-        refuse_not_positive(self.law, period=self.period)
+        fields.refuse_not_positive(self.law, period=self.period)
 
     def efforts(self, axes: Axes, state: JointState) -> Scalars:
         """Sines of all axes, then cosines."""
-        periods = per_axis(self.period, axes, self.law)
+        periods = fields.per_axis(self.period, axes, self.law)
         phases = [2.0 * np.pi / p * axis.of(state.q) for axis, p in zip(axes, periods, strict=True)]
         return [*(np.sin(x) for x in phases), *(np.cos(x) for x in phases)]
 
@@ -281,7 +256,7 @@ points = [[-0.2, 0.0, 0.4], [0.0, 0.0, 0.3]]}"""
 
 
 @dataclass(frozen=True)
-class GravityCompensator(Term):
+class GravityCompensator(terms.Term):
     r"""Spring between two points, $f = k\,L(q) - p$; a joint bears $f\,\partial L / \partial q_j$.
 
     $L$ is the distance of the points; the spring is free at $L_0 = p/k$. It is the effort that
@@ -322,7 +297,7 @@ class GravityCompensator(Term):
             Parameter(f"{self.law}_preload.{self._name}", "N"),
         )
 
-    def columns(self, robot: Robot, state: JointState) -> Columns:
+    def columns(self, robot: Robot, state: JointState) -> terms.Columns:
         """The slopes of half the squared length, and minus those of the length."""
         length, slopes = self.length(robot, state.q)
         return {
@@ -330,10 +305,10 @@ class GravityCompensator(Term):
             **{(joint, 1): -slope for joint, slope in slopes.items()},
         }
 
-    def in_model_files(self, robot: Robot, values: Values) -> Placed:
+    def in_model_files(self, robot: Robot, values: terms.Values) -> Placed:
         """A spring between points."""
         stiffness, preload = (values[p.name] for p in self.parameters(robot))
-        return Placed(pulls=(Pull(self._name, self.links, self.points, stiffness, preload),))
+        return Placed(pulls=(terms.Pull(self._name, self.links, self.points, stiffness, preload),))
 
     def length(self, robot: Robot, q: Any) -> tuple[Scalar, dict[int, Scalar]]:
         """The spring's length [m] at all joints `q`, and its slopes by joints that stretch it."""
@@ -344,8 +319,8 @@ class GravityCompensator(Term):
             raise _unusable(f"between '{self.links[0]}' and '{self.links[1]}', which move as one")
         shared = [k for k in robot.carriers(first) if k in robot.carriers(second)]
         fork = shared[-1] if shared else -1
-        start, start_slopes = carried_point(robot, q, first, near, fork)
-        end, end_slopes = carried_point(robot, q, second, far, fork)
+        start, start_slopes = rigid.carried_point(robot, q, first, near, fork)
+        end, end_slopes = rigid.carried_point(robot, q, second, far, fork)
         line = end - start
         length = np.sqrt(line[0] * line[0] + line[1] * line[1] + line[2] * line[2] + SHORT)
         slopes: dict[int, Scalar] = {}
@@ -364,7 +339,7 @@ def _on_body(robot: Robot, link: str, point: tuple[float, ...]) -> tuple[int, An
     bodies = [body.name for body in robot.bodies]
     if link in bodies:
         return bodies.index(link), np.array(point)
-    raise unfit(
+    raise fields.unfit(
         f"a gravity compensator is fixed to link '{link}', which the robot does not have",
         advice(link, dict.fromkeys([*(frame.name for frame in robot.frames), *bodies]), "links"),
         robot,
@@ -372,4 +347,4 @@ def _on_body(robot: Robot, link: str, point: tuple[float, ...]) -> tuple[int, An
 
 
 def _unusable(what: str) -> ModelError:
-    return unfit(f"a gravity compensator {what}", EXAMPLE)
+    return fields.unfit(f"a gravity compensator {what}", EXAMPLE)

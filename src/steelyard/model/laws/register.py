@@ -5,30 +5,11 @@ from collections.abc import Mapping
 from typing import Any, cast
 
 from steelyard.base.errors import ModelError
-from steelyard.model.laws.friction_over_speed import (
-    Coulomb,
-    Coupled,
-    Cubic,
-    DirectionalCoulomb,
-    DirectionalStribeck,
-    DirectionalViscous,
-    Quadratic,
-    Root,
-    Stribeck,
-    Viscous,
-)
-from steelyard.model.laws.friction_with_memory import Dahl, LoadDependent, LuGre, MaxwellSlip
-from steelyard.model.laws.laws_without_friction import (
-    Cogging,
-    GravityCompensator,
-    Offset,
-    PolynomialSpring,
-    RigidBody,
-    RotorInertia,
-    Spring,
-)
+from steelyard.model.laws import friction_over_speed as over_speed
+from steelyard.model.laws import friction_with_memory as with_memory
+from steelyard.model.laws import laws_without_friction as without_friction
 from steelyard.model.terms.axes_and_fields import Find, finds_of, is_search, search_of
-from steelyard.model.terms.presliding_term import Presliding
+from steelyard.model.terms.stateful_terms import Presliding
 from steelyard.model.terms.term import ActsOnAxes, StatefulTerm, Term, columns_at_rest
 from steelyard.robot.file.tables_by_kind import Kinds
 from steelyard.robot.inertia_and_placement import INERTIAL_NAMES
@@ -72,33 +53,35 @@ def complete(law: type[Term]) -> type[Term]:
 TERMS: dict[str, type[Any]] = {
     law.law: complete(law)
     for law in (
-        RigidBody,
-        RotorInertia,
-        Coulomb,
-        Viscous,
-        Offset,
-        DirectionalCoulomb,
-        DirectionalViscous,
-        Quadratic,
-        Cubic,
-        Root,
-        Stribeck,
-        DirectionalStribeck,
-        Coupled,
-        LoadDependent,
-        Dahl,
-        MaxwellSlip,
-        LuGre,
-        Spring,
-        PolynomialSpring,
-        Cogging,
-        GravityCompensator,
+        without_friction.RigidBody,
+        without_friction.RotorInertia,
+        over_speed.Coulomb,
+        over_speed.Viscous,
+        without_friction.Offset,
+        over_speed.DirectionalCoulomb,
+        over_speed.DirectionalViscous,
+        over_speed.Quadratic,
+        over_speed.Cubic,
+        over_speed.Root,
+        over_speed.Stribeck,
+        over_speed.DirectionalStribeck,
+        over_speed.Coupled,
+        with_memory.LoadDependent,
+        with_memory.Dahl,
+        with_memory.MaxwellSlip,
+        with_memory.LuGre,
+        without_friction.Spring,
+        without_friction.PolynomialSpring,
+        without_friction.Cogging,
+        without_friction.GravityCompensator,
     )
 }
 
 _KINDS = Kinds(TERMS, "law", "torque term", "term")
 
-DEFAULT_TERMS: tuple[Term, ...] = (RigidBody(), RotorInertia(), Coulomb(), Viscous(), Offset())
+DEFAULT_TERMS: tuple[Term, ...] = tuple(
+    TERMS[law]() for law in ("rigid_body", "rotor_inertia", "coulomb", "viscous", "offset")
+)
 
 
 def term_of(description: str | Mapping[str, Any], where: str) -> Term:
@@ -184,5 +167,5 @@ def law_of(parameter: str) -> type[Term]:
     """The law that a standard parameter belongs to by its name; a `KeyError` if to none."""
     kind = parameter.partition(".")[0]
     if kind in INERTIAL_NAMES:
-        return RigidBody
+        return without_friction.RigidBody
     return TERMS[max((law for law in TERMS if kind.startswith(law)), key=len, default=kind)]

@@ -56,25 +56,12 @@ class Axis:
         return self.unit("{speed}")
 
 
-_UNITS: Mapping[JointKind, Mapping[str, str]] = {
-    "revolute": {
-        "effort": "Nm",
-        "force": "N m",
-        "speed": "rad/s",
-        "rate": "N m s/rad",
-        "inertia": "kg m²",
-        "stiffness": "N m/rad",
-        "position": "rad",
-    },
-    "prismatic": {
-        "effort": "N",
-        "force": "N",
-        "speed": "m/s",
-        "rate": "N s/m",
-        "inertia": "kg",
-        "stiffness": "N/m",
-        "position": "m",
-    },
+_WORDS = ("effort", "force", "speed", "rate", "inertia", "stiffness", "position")
+_TURNING = ("Nm", "N m", "rad/s", "N m s/rad", "kg m²", "N m/rad", "rad")
+_SLIDING = ("N", "N", "m/s", "N s/m", "kg", "N/m", "m")
+_UNITS = {
+    "revolute": dict(zip(_WORDS, _TURNING, strict=True)),
+    "prismatic": dict(zip(_WORDS, _SLIDING, strict=True)),
 }
 """Units of effort (alone, and in a product), velocity, effort per velocity, acceleration and
 position, and of position."""
@@ -111,11 +98,7 @@ def spread(axes: Axes, efforts: Scalars) -> dict[tuple[int, int], Scalar]:
 
 def directional(values: Scalars) -> list[Scalar]:
     """The parts of directions of motion above zero, then those below."""
-    sizes = [np.abs(x) for x in values]
-    return [
-        *(0.5 * (x + size) for x, size in zip(values, sizes, strict=True)),
-        *(0.5 * (x - size) for x, size in zip(values, sizes, strict=True)),
-    ]
+    return [0.5 * (x + sign * np.abs(x)) for sign in (1.0, -1.0) for x in values]
 
 
 def per_axis(values: float | tuple[float, ...], axes: Axes, law: str) -> list[float]:

@@ -194,7 +194,7 @@ class EffortReadingErrors(StatefulTerm):
         steps = np.diff(torque, axis=1, prepend=before[:, None]) / (HYSTERESIS * scale)
         decay = np.exp(-np.abs(steps))
         way, end = recurrence(decay, np.sign(steps) * (1.0 - decay), np.ones_like(decay), start)
-        others = [torque[k : k + 1] for k, _ in _pairs(robot)]
+        others = [torque[k : k + 1] for k, _ in permutations(range(robot.n_joints), 2)]
         own = (rigid, torque * np.abs(torque) / scale, scale * way)
         return np.concatenate((*own, *others)), (torque[:, -1], end)
 
@@ -204,9 +204,5 @@ class EffortReadingErrors(StatefulTerm):
             return []
         kinds = ("gain", "saturation", "hysteresis")
         own = [(kind, row) for kind in kinds for row in range(robot.n_joints)]
-        return own + [(f"crosstalk_{k + 1}", row) for k, row in _pairs(robot)]
-
-
-def _pairs(robot: Robot) -> list[tuple[int, int]]:
-    """Every joint, and every other one."""
-    return list(permutations(range(robot.n_joints), 2))
+        pairs = permutations(range(robot.n_joints), 2)
+        return own + [(f"crosstalk_{k + 1}", row) for k, row in pairs]

@@ -1,7 +1,7 @@
 """The `[excitation]` tables of the robot file: kinds of motion, and what a motion must keep."""
 
 from math import pi
-from typing import Annotated, Any, Literal, get_args
+from typing import Annotated, Literal, get_args
 
 from pydantic import BeforeValidator, Field, ValidationError
 
@@ -216,13 +216,6 @@ class ReplaySection(MotionOfAKind):
     file: Name = key(..., "A `trajectory.json` or a table of samples.")
 
 
-def _of_a_kind(table: Any) -> Any:
-    """The table, of the usual kind of motion where it names none."""
-    if isinstance(table, dict) and "kind" not in table:
-        return {"kind": "fourier", **table}
-    return table
-
-
 MotionSection = Annotated[
     FourierSection
     | RawFourierSection
@@ -239,7 +232,8 @@ MotionSection = Annotated[
     | PosturesSection
     | ReplaySection,
     Field(discriminator="kind"),
-    BeforeValidator(_of_a_kind),
+    # a table that names no kind is of the usual one
+    BeforeValidator(lambda x: {"kind": "fourier", **x} if isinstance(x, dict) else x),
 ]
 
 MOTIONS: tuple[type[Section], ...] = get_args(get_args(MotionSection)[0])

@@ -2,36 +2,28 @@
 
 import copyreg
 import hashlib
-import math
 import os
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from math import pi
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
+from typing import Any, Literal
 
+import numpy as np
+
+from steelyard.base.arrays import frozen
 from steelyard.base.errors import ModelError, OpenModelError
-from steelyard.robot.file.effort_units_and_gears import Locate
+from steelyard.robot.file import sections
 from steelyard.robot.file.excitation_sections import ExcitationSection
-from steelyard.robot.file.sections import (
-    ActuatorSection,
-    DHSection,
-    EstimationSection,
-    FrictionSelection,
-    PriorSection,
-    ProcessingSection,
-    RobotSection,
-    ValidationSection,
-)
-from steelyard.robot.file.signals import Signals
-from steelyard.robot.file.target_signals import TargetSignals
+from steelyard.robot.file.signals import Signals, TargetSignals
+from steelyard.robot.file.signals_from_tables import Locate
 from steelyard.robot.floating_ball_and_coupled_joints import floating_base
-from steelyard.robot.mechanism import JointSpring, Mechanism
-from steelyard.robot.models.denavit_hartenberg import dh_mechanism
-from steelyard.robot.models.urdf import read_urdf
+from steelyard.robot.inertia_and_placement import Inertia, Placement, symmetric, turn
+from steelyard.robot.mechanism import Joint, JointSpring, Link, Mechanism
 from steelyard.robot.models.xacro import expand, joined_reference, stem_of
-from steelyard.robot.models.xml_reader import read_bytes, read_xml
+from steelyard.robot.models.xml_and_urdf import read_bytes, read_urdf, read_xml
 from steelyard.robot.robot import Robot
 from steelyard.robot.robot_from_mechanism import ignored_statements, reduced, springs_along
 
@@ -43,76 +35,6 @@ def read_mechanism(path: Path) -> Mechanism:
     from steelyard.robot.models.mjcf import read_mjcf  # loads MuJoCo
 
     return read_mjcf(path)
-
-
-def model_path_of(section: RobotSection, path: Path, locate: Locate) -> Path | None:
-    """The model file that is named; `None` for a DH table."""
-    given = [key for key in ("urdf", "mjcf", "dh") if getattr(section, key) is not None]
-    if len(given) != 1:
-        raise ModelError(
-            f"the robot has {' and '.join(given)}" if given else "the robot has no model",
-            where=locate("robot"),
-            fix='give exactly one of urdf = "FILE", mjcf = "FILE" and a table [robot.dh]',
-        )
-    if given == ["dh"]:
-        return None
-    text = str(getattr(section, given[0]))
-    where = locate("robot", given[0])
-    model_path = beside(path, text, where)
-    if not os.path.isfile(model_path):  # also of a name that no file can have
-        raise ModelError(
-            f"the robot's {given[0]} '{model_path}' does not exist",
-            where=where,
-            fix="give its path relative to the robot file; ${NAME} stands for an environment "
-            "variable",
-        )
-    if (read_xml(model_path).tag == "mujoco") != (given == ["mjcf"]):
-        raise ModelError(
-            f"'{model_path}' is not what its key '{given[0]}' says",
-            where=where,
-            fix=f"write {'urdf' if given == ['mjcf'] else 'mjcf'} = ... instead",
-        )
-    return model_path
-
-
-def xacro_settings(
-    section: RobotSection, path: Path, locate: Locate
-) -> tuple[dict[str, str], tuple[Path, ...]]:
-    """Arguments of a xacro file as its texts, and folders of packages."""
-    folders = tuple(
-        beside(path, folder, locate("robot", "xacro", "packages", index))
-        for index, folder in enumerate(section.xacro.packages)
-    )
-    given = section.xacro.arguments.items()
-    return {n: str(x).lower() if isinstance(x, bool) else str(x) for n, x in given}, folders
-
-
-def beside(path: Path, text: str, where: str) -> Path:
-    """A file named in the robot file at `path`: relative to it, `${NAME}` from the environment."""
-
-    def value(match: re.Match[str]) -> str:
-        name = match.group(1)
-        if name not in os.environ:
-            raise ModelError(
-                f"the environment variable '{name}' is not set",
-                where=where,
-                fix=f"set it to the folder the path starts from: export {name}=/path/to/folder",
-            )
-        return os.environ[name]
-
-    return path.parent / re.sub(r"\$\{(\w+)\}", value, text)
-
-
-def dh_table(section: RobotSection, path: Path, locate: Locate) -> Mechanism:
-    """The mechanism of a Denavit-Hartenberg table."""
-    table: DHSection = section.dh  # type: ignore[assignment]  # the only model given
-    angle = math.pi / 180.0 if table.angle_unit == "deg" else 1.0
-    rows = [
-        row.model_copy(update={"alpha": row.alpha * angle, "theta": row.theta * angle})
-        for row in table.links
-    ]
-    name = section.name or path.stem
-    return dh_mechanism(rows, table.convention, name, where=locate("robot", "dh"))
 
 
 def _proxy(table: dict[Any, Any]) -> MappingProxyType[Any, Any]:
@@ -176,13 +98,13 @@ class LoadedRobot:
     notes: tuple[str, ...]
     signals: Signals | None = None
     terms: tuple[TermSpec, ...] | None = None
-    friction: FrictionSelection | None = None
-    processing: ProcessingSection = ProcessingSection()
-    estimation: EstimationSection = EstimationSection()
-    validation: ValidationSection = ValidationSection()
+    friction: sections.FrictionSelection | None = None
+    processing: sections.ProcessingSection = sections.ProcessingSection()
+    estimation: sections.EstimationSection = sections.EstimationSection()
+    validation: sections.ValidationSection = sections.ValidationSection()
     sources: tuple[SourceFile, ...] = ()
     where: Locate = lambda *key: "the model"
-    prior: PriorSection = PriorSection()
+    prior: sections.PriorSection = sections.PriorSection()
     knowledge: tuple[Mapping[str, Any], ...] = ()
     excitation: ExcitationSection = ExcitationSection()
     springs: Mapping[str, JointSpring] = field(default_factory=dict)
@@ -192,7 +114,7 @@ class LoadedRobot:
     floats: bool = False
     couplings_stated: bool = True
     targets: TargetSignals | None = None
-    actuator: ActuatorSection = ActuatorSection()
+    actuator: sections.ActuatorSection = sections.ActuatorSection()
 
     def __repr__(self) -> str:
         return f"LoadedRobot('{self.reference}', {self.robot!r})"
@@ -224,11 +146,115 @@ class ModelFile:
     notes: tuple[str, ...]
 
 
-def read_model(path: Path, arguments: Mapping[str, str]) -> ModelFile:
-    """A URDF, a xacro file with its arguments, or an MJCF."""
-    sources, notes = model_sources(path, arguments, ())
+def read_model(
+    path: Path, arguments: Mapping[str, str], packages: Sequence[Path] = ()
+) -> ModelFile:
+    """A URDF, a xacro file with its arguments and folders of packages, or an MJCF."""
+    sources, notes = [source_of(path)], tuple[str, ...]()
+    if expansion := expand(path, arguments, packages):
+        sources.append(SourceFile(expansion.path, expansion.sha256))
+        notes = (expansion.note,)
     mechanism = read_mechanism(sources[-1].path)
-    return ModelFile(mechanism, sources, MappingProxyType(dict(arguments)), notes)
+    return ModelFile(mechanism, tuple(sources), MappingProxyType(dict(arguments)), notes)
+
+
+def model_of_tables(section: sections.RobotSection, path: Path, locate: Locate) -> ModelFile:
+    """The model file that a robot file names, or its Denavit-Hartenberg table."""
+    given = [key for key in ("urdf", "mjcf", "dh") if getattr(section, key) is not None]
+    if len(given) != 1:
+        raise ModelError(
+            f"the robot has {' and '.join(given)}" if given else "the robot has no model",
+            where=locate("robot"),
+            fix='give exactly one of urdf = "FILE", mjcf = "FILE" and a table [robot.dh]',
+        )
+    if section.dh is not None:
+        table, name = section.dh, section.name or path.stem
+        angle, where = pi / 180.0 if table.angle_unit == "deg" else 1.0, locate("robot", "dh")
+        mechanism = dh_mechanism(table.links, table.convention, name, where, angle)
+        return ModelFile(mechanism, (), {}, ())
+    text = str(getattr(section, given[0]))
+    where = locate("robot", given[0])
+    model_path = beside(path, text, where)
+    if not os.path.isfile(model_path):  # also of a name that no file can have
+        raise ModelError(
+            f"the robot's {given[0]} '{model_path}' does not exist",
+            where=where,
+            fix="give its path relative to the robot file; ${NAME} stands for an environment "
+            "variable",
+        )
+    if (read_xml(model_path).tag == "mujoco") != (given == ["mjcf"]):
+        raise ModelError(
+            f"'{model_path}' is not what its key '{given[0]}' says",
+            where=where,
+            fix=f"write {'urdf' if given == ['mjcf'] else 'mjcf'} = ... instead",
+        )
+    packages = [
+        beside(path, folder, locate("robot", "xacro", "packages", index))
+        for index, folder in enumerate(section.xacro.packages)
+    ]
+    written = section.xacro.arguments.items()
+    arguments = {n: str(x).lower() if isinstance(x, bool) else str(x) for n, x in written}
+    return read_model(model_path, arguments, packages)
+
+
+def beside(path: Path, text: str, where: str) -> Path:
+    """A file named in the robot file at `path`: relative to it, `${NAME}` from the environment."""
+
+    def value(match: re.Match[str]) -> str:
+        name = match.group(1)
+        if name not in os.environ:
+            raise ModelError(
+                f"the environment variable '{name}' is not set",
+                where=where,
+                fix=f"set it to the folder the path starts from: export {name}=/path/to/folder",
+            )
+        return os.environ[name]
+
+    return path.parent / re.sub(r"\$\{(\w+)\}", value, text)
+
+
+DHConvention = Literal["standard", "modified"]
+_X, _Z = np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0])
+
+
+def dh_mechanism(
+    rows: Sequence[sections.DHRow],
+    convention: DHConvention = "standard",
+    name: str = "dh_robot",
+    where: str = "the DH table",
+    angle: float = 1.0,
+) -> Mechanism:
+    r"""The chain of a DH table; joint `i` turns or slides along z of the link's frame.
+
+    From DH frame $i-1$ to $i$, with the joint's position added to `theta` (revolute) or `d`
+    (prismatic):
+
+    * standard (Denavit, Hartenberg; Spong): $R_z(\theta_i) T_z(d_i) T_x(a_i) R_x(\alpha_i)$,
+    * modified (Craig; Khalil): $R_x(\alpha_{i-1}) T_x(a_{i-1}) R_z(\theta_i) T_z(d_i)$.
+
+    The link's frame, to which its ten inertial parameters refer, is DH frame `i` in the modified
+    convention. In the standard one DH frame `i` does not lie on the joint's axis, and the link's
+    frame is the one after $R_z(\theta_i) T_z(d_i)$: on the axis, with the x axis of DH frame `i`.
+    Masses in the table are given in DH frame `i` in both, angles in a unit of `angle` rad. The base
+    is DH frame 0.
+    """
+    links, joints = [Link("base", None, where)], []
+    end = Placement()
+    for number, row in enumerate(rows, start=1):
+        screw_x = Placement(turn(_X, row.alpha * angle), row.a * _X)
+        screw_z = Placement(turn(_Z, row.theta * angle), row.d * _Z)
+        modified = convention == "modified"
+        placement = screw_x @ screw_z if modified else end @ screw_z
+        end = Placement() if modified else screw_x
+        link, at = f"link_{number}", f"{where}, row {number}"
+        joint, carrier = row.joint or f"joint_{number}", links[-1].name
+        joints.append(Joint(joint, row.kind, carrier, link, placement, frozen(_Z), where=at))
+        inertia = None
+        if row.mass is not None:
+            in_dh = Inertia.about_com(row.mass, row.com, symmetric(row.inertia_com))
+            inertia = in_dh.moved(end.rotation, end.position)
+        links.append(Link(link, inertia, at))
+    return Mechanism(name, links, joints, where=where)
 
 
 def robot_of_model(
@@ -262,17 +288,6 @@ def robot_of_model(
 def source_of(path: Path) -> SourceFile:
     """A file as it is now."""
     return SourceFile(path, sha256_of(read_bytes(path, "a robot model")))
-
-
-def model_sources(
-    path: Path, arguments: Mapping[str, str], packages: Sequence[Path]
-) -> tuple[tuple[SourceFile, ...], tuple[str, ...]]:
-    """A model file, behind it what a xacro file is expanded to; and a note on that."""
-    source = source_of(path)
-    expansion = expand(path, arguments, packages)
-    if expansion is None:
-        return (source,), ()
-    return (source, SourceFile(expansion.path, expansion.sha256)), (expansion.note,)
 
 
 def sha256_of(data: bytes) -> str:

@@ -1,5 +1,6 @@
 """Robot files: a model in any format, and with TOML all that a model file cannot say."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
@@ -9,34 +10,104 @@ import numpy as np
 from steelyard.base.arrays import Array, frozen
 from steelyard.base.checked_arguments import checked as checked_arguments
 from steelyard.base.errors import ModelError, refuse_unknown
-from steelyard.robot.file.effort_units_and_gears import WITHOUT_TORQUE, Locate, build_transmission
+from steelyard.robot import robot_from_mechanism as reduction
+from steelyard.robot.file import model_reading_and_loaded_robot as reading
 from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot as LoadedRobot
-from steelyard.robot.file.model_reading_and_loaded_robot import (
-    SourceFile,
-    TermSpec,
-    dh_table,
-    model_path_of,
-    model_sources,
-    read_model,
-    robot_of_model,
-    sha256_of,
-    source_of,
-    xacro_settings,
-)
-from steelyard.robot.file.model_reading_and_loaded_robot import read_mechanism as read_mechanism
-from steelyard.robot.file.sections import RobotFile, RobotSection
-from steelyard.robot.file.signals import build_signals
-from steelyard.robot.file.target_signals import build_target_signals
+from steelyard.robot.file.sections import RobotFile, RobotSection, TransmissionSection
+from steelyard.robot.file.signals import WITHOUT_TORQUE
+from steelyard.robot.file.signals_from_tables import Locate, build_signals, build_target_signals
 from steelyard.robot.file.toml_schema import checked
 from steelyard.robot.floating_ball_and_coupled_joints import floating_base
 from steelyard.robot.inertia_and_placement import clean_rotation, rpy_rotation
 from steelyard.robot.loop_closures import Closing
 from steelyard.robot.mechanism import Answer, Mechanism, Pin
-from steelyard.robot.mimic_joints_and_limits import unlimited_if_empty
 from steelyard.robot.models.xacro import joined_reference, split_reference
-from steelyard.robot.models.xml_reader import read_bytes
-from steelyard.robot.robot import Limits, Robot
-from steelyard.robot.robot_from_mechanism import ignored_statements, reduced, springs_along
+from steelyard.robot.models.xml_and_urdf import read_bytes
+from steelyard.robot.robot import Limits, Robot, Transmission
+
+WORST = 1e8  # condition number, rows scaled, from which on a matrix counts as singular
+
+
+def build_transmission(
+    section: TransmissionSection, joints: Sequence[str], locate: Locate
+) -> Transmission:
+    """The gears between motors and the identified joints, as the robot file declares them."""
+    motors = section.motors or tuple(f"motor_{k + 1}" for k in range(len(joints)))
+    if len(motors) != len(joints):
+        raise ModelError(
+            f"{len(motors)} motors are named for {len(joints)} joints",
+            where=locate("robot", "transmission", "motors"),
+            fix=f"name one motor per joint: {', '.join(joints)}",
+        )
+    for motor in motors:
+        twice = motors.count(motor) > 1
+        if twice or motor in joints:
+            other = "another one, so that terms can say which of the two they mean"
+            raise ModelError(
+                f"two motors are called '{motor}'"
+                if twice
+                else f"motor '{motor}' has the name of a joint",
+                where=locate("robot", "transmission", "motors"),
+                fix="give every motor a name of its own" if twice else f"give it {other}",
+            )
+    matrix = _matrix(section, motors, joints, locate)
+    lengths = np.linalg.norm(matrix, axis=1)
+    scaled = matrix / np.where(lengths > 0.0, lengths, 1.0)[:, None]
+    if not lengths.all() or np.linalg.cond(scaled) > WORST:
+        raise ModelError(
+            "the transmission cannot be inverted: " + _why(scaled, motors),
+            where=locate("robot", "transmission"),
+            fix="every motor must turn some joint, and no combination of joints may leave all "
+            "motors at rest: check ratios, coupling and matrix",
+        )
+    return Transmission(motors, matrix)
+
+
+def _matrix(
+    section: TransmissionSection, motors: Sequence[str], joints: Sequence[str], locate: Locate
+) -> Array:
+    if (section.ratios is None) == (section.matrix is None):
+        raise ModelError(
+            "a transmission has ratios or a matrix, one of them",
+            where=locate("robot", "transmission"),
+            fix="give ratios = [...] (and coupling = [...]), or matrix = [[...], ...]",
+        )
+    n = len(joints)
+    if section.matrix is not None:
+        if len(section.matrix) != n or any(len(row) != n for row in section.matrix):
+            raise ModelError(
+                f"the transmission matrix is not {n} x {n}",
+                where=locate("robot", "transmission", "matrix"),
+                fix="give one row per motor with one ratio per identified joint",
+            )
+        matrix = np.array(section.matrix, dtype=np.float64)
+    else:
+        ratios = section.ratios or ()
+        if len(ratios) != n:
+            raise ModelError(
+                f"{len(ratios)} ratios are given for {n} joints",
+                where=locate("robot", "transmission", "ratios"),
+                fix="give one ratio per identified joint, in the joints' order",
+            )
+        matrix = np.diag(np.array(ratios, dtype=np.float64))
+    for index, coupling in enumerate(section.coupling):
+        where = locate("robot", "transmission", "coupling", index)
+        for name, names, kind in (
+            (coupling.motor, motors, "motors"),
+            (coupling.joint, joints, "joints"),
+        ):
+            refuse_unknown(name, names, f"'{name}' is none of the robot's {kind}", where, kind)
+        matrix[motors.index(coupling.motor), joints.index(coupling.joint)] += coupling.ratio
+    return matrix
+
+
+def _why(scaled: Array, motors: Sequence[str]) -> str:
+    idle = [m for m, row in zip(motors, scaled, strict=True) if not row.any()]
+    if idle:
+        return f"'{idle[0]}' turns no joint"
+    weights = np.abs(np.linalg.svd(scaled.T)[2][-1])
+    together = [m for m, w in zip(motors, weights, strict=True) if w > 1e-6]
+    return f"{', '.join(together)} turn with the same combinations of joints"
 
 
 def closing_of(section: RobotSection, mechanism: Mechanism, locate: Locate) -> Closing:
@@ -96,7 +167,7 @@ def load_robot(
             fix=f'write base = "{base}" under [robot] there',
         )
     if text is not None:
-        return _from_toml(Path(path), text, sha256_of(text.encode()))
+        return _from_toml(Path(path), text, reading.sha256_of(text.encode()))
     path, arguments = split_reference(path)
     if path.suffix.lower() == ".toml":
         if arguments:
@@ -105,8 +176,8 @@ def load_robot(
                 where=joined_reference(path, arguments),
                 fix="write them into it: [robot.xacro] arguments = {NAME = VALUE}",
             )
-        return _from_toml(path, robot_text(path), source_of(path).sha256)
-    return robot_of_model(read_model(path, arguments), base=base)
+        return _from_toml(path, robot_text(path), reading.source_of(path).sha256)
+    return reading.robot_of_model(reading.read_model(path, arguments), base=base)
 
 
 def robot_text(path: Path) -> str:
@@ -124,16 +195,10 @@ def robot_text(path: Path) -> str:
 
 def _from_toml(path: Path, text: str, sha256: str) -> LoadedRobot:
     file, locate = checked(path, text, RobotFile)
-    sources, read_from = [SourceFile(path, sha256)], tuple[str, ...]()
-    if model_path := model_path_of(file.robot, path, locate):
-        arguments, packages = xacro_settings(file.robot, path, locate)
-        files, read_from = model_sources(model_path, arguments, packages)
-        sources += files
-        mechanism = read_mechanism(sources[-1].path)
-    else:
-        mechanism = dh_table(file.robot, path, locate)
+    model = reading.model_of_tables(file.robot, path, locate)
+    mechanism = model.mechanism
     robot, notes = _reduced(mechanism, file.robot, locate)
-    notes = read_from + notes
+    notes = model.notes + notes
     if file.robot.transmission is not None:
         gears = build_transmission(file.robot.transmission, robot.joint_names, locate)
         robot = robot.changed(transmission=gears)
@@ -152,7 +217,7 @@ def _from_toml(path: Path, text: str, sha256: str) -> LoadedRobot:
             "[actuator]",
         )
     limited = {n for n, limits in file.robot.limits.items() if limits.effort is not None}
-    ignored = ignored_statements(mechanism, robot, _answers(file), limited)
+    ignored = reduction.ignored_statements(mechanism, robot, _answers(file), limited)
     notes += tuple(ignored.values())
     if signals is not None and signals.effort_kind == "gravity_compensated_torque":
         robot = robot.changed(gravity=np.zeros(3))
@@ -173,12 +238,12 @@ def _from_toml(path: Path, text: str, sha256: str) -> LoadedRobot:
         file.processing,
         file.estimation,
         file.validation,
-        tuple(sources),
+        (reading.SourceFile(path, sha256), *model.sources),
         locate,
         file.prior,
         file.knowledge,
         file.excitation,
-        springs_along(mechanism, robot),
+        reduction.springs_along(mechanism, robot),
         ignored,
         base=file.robot.base,
         floats=floating_base(mechanism, file.robot.base) is not None,
@@ -244,7 +309,7 @@ def _reduced(
     tips = (section.tip,) if isinstance(section.tip, str) else section.tip or ()
     for key, name in [("tip", t) for t in tips] + [("base", section.base or mechanism.root)]:
         _check_name("link", name, links, locate("robot", key))
-    robot, notes = reduced(
+    robot, notes = reduction.reduced(
         mechanism,
         section.joints,
         locked=section.locked,
@@ -268,7 +333,7 @@ def _check_name(kind: str, name: str, names: list[str], where: str) -> None:
 
 def _limits(name: str, mechanism: Mechanism, section: RobotSection, locate: Locate) -> Limits:
     given = section.limits[name].model_dump(exclude_none=True)
-    limits = replace(unlimited_if_empty(mechanism.joint(name).limits), **given)
+    limits = replace(reduction.unlimited_if_empty(mechanism.joint(name).limits), **given)
     if limits.lower >= limits.upper:
         raise ModelError(
             f"joint '{name}' has a lower limit of {limits.lower:g} and an upper one of "
@@ -302,7 +367,7 @@ def _gravity(section: RobotSection, locate: Locate) -> Array | None:
     return frozen(clean_rotation(rotation)[2] * -STANDARD_GRAVITY + 0.0)
 
 
-def _terms(file: RobotFile, locate: Locate) -> tuple[TermSpec, ...] | None:
+def _terms(file: RobotFile, locate: Locate) -> tuple[reading.TermSpec, ...] | None:
     if file.model is None or file.model.terms is None:
         return None
     specs = []
@@ -314,5 +379,7 @@ def _terms(file: RobotFile, locate: Locate) -> tuple[TermSpec, ...] | None:
                 where=where,
                 fix='write {law = "coulomb", ...}',
             )
-        specs.append(TermSpec(term if isinstance(term, str) else MappingProxyType(term), where))
+        specs.append(
+            reading.TermSpec(term if isinstance(term, str) else MappingProxyType(term), where)
+        )
     return tuple(specs)

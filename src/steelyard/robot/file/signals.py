@@ -10,20 +10,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from steelyard.base.arrays import Array, frozen
-from steelyard.base.errors import ModelError, refuse_unknown
-from steelyard.robot.file.effort_units_and_gears import (
-    Locate,
-    check_count,
-    check_sides,
-    coupled_map,
-    effort_units_of,
-    gains_of,
-    one_each,
-)
-from steelyard.robot.robot import Coordinate, Transmission
+from steelyard.base.errors import ModelError
+from steelyard.robot.robot import Coordinate
 
 if TYPE_CHECKING:
-    from steelyard.robot.file.sections import EffortKind, Side, SignalsSection
+    from steelyard.robot.file.sections import EffortKind, Side
 
 TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 POSITION_UNITS = {
@@ -35,16 +26,15 @@ VELOCITY_UNITS = {
     "prismatic": {"m/s": 1.0, "mm/s": 1e-3},
 }
 
-NOT_OF_SAMPLES = {
-    "effort_kind",
-    "effort_units",
-    "gains",
-    "unknown_gains",
-    "unknown_offsets",
-    "commanded_position",
-    "commanded_velocity",
-    "commanded_velocity_scale",
-}
+MOTOR_KINDS = ("motor_current", "motor_torque")
+EFFORT_UNITS = {"mA": ("A", 1e-3), **{unit: (unit, 1.0) for unit in ("A", "Nm", "N", "%")}}
+WITHOUT_TORQUE = {"A": "motor current", "%": "percent of an unknown effort"}
+"""Base units that are no torque or force, and what columns in them hold."""
+
+NOT_OF_SAMPLES = set(
+    "effort_kind effort_units gains unknown_gains unknown_offsets commanded_position "
+    "commanded_velocity commanded_velocity_scale".split()
+)
 """Fields of `Signals` that say nothing of how samples are read, but what they mean."""
 
 ROW = "row number"
@@ -143,277 +133,6 @@ class Signals:
         return np.asarray(base / self.effort_scale)
 
 
-def build_signals(
-    section: SignalsSection,
-    coordinates: Sequence[Coordinate],
-    locate: Locate,
-    gears: Transmission | None = None,
-) -> Signals:
-    """The signals a robot file declares, for the joints it identifies and gears, if it has any."""
-    if not section.has_efforts:
-        raise ModelError(
-            "there are neither columns of efforts nor of position targets",
-            where=locate("signals"),
-            fix="add [signals.effort] columns = ..., kind = ..., unit = ...; or target = ..., if "
-            "joints follow targets and their efforts are not logged",
-        )
-    check_sides(section, gears, locate)
-    columns = {
-        key: columns_of(given, coordinates, locate("signals", key))
-        for key in (*_MEASURED, *_COMMANDED, "target")
-        if (given := getattr(section, key)) is not None
-    }
-    _refuse_two_targets(columns, locate)
-    columns |= {"commanded_position": columns.pop("target")} if "target" in columns else {}
-    _refuse_half_motion(columns, section, locate)
-    time, time_scale = clock_of_section(section, locate)
-    unactuated = _unactuated(section, coordinates, locate)
-    effort = _effort_columns(section, coordinates, unactuated, locate)
-    measured = tuple(x for j, x in enumerate(effort) if j not in unactuated)
-    clock, efforts = (("signals", "time"), (time,)), (("signals", "effort", "columns"), measured)
-    for keys in (_MEASURED, _COMMANDED):
-        moved = [(("signals", key), columns.get(key, ())) for key in keys]
-        check_distinct([clock, *moved, efforts], locate)
-    position_scale = position_scales(section, coordinates, locate)
-    velocity_scale = _scales(section, "velocity", VELOCITY_UNITS, coordinates, locate)
-    units, effort_scale = effort_units_of(section.effort, coordinates, locate)
-    gains, unknown = gains_of(section.effort, effort, units, coordinates, locate)
-    effort_map = position_map = None
-    if gears is not None and section.coordinates == "motor":
-        position_map = frozen(np.linalg.inv(gears.matrix))
-    if gears is not None and section.effort.side == "motor":
-        if gears.coupled:
-            effort_map = coupled_map(gears, gains, unknown, locate)
-            units = tuple(c.effort_unit for c in coordinates)
-            gains = frozen(np.ones(len(coordinates)))
-        else:
-            gains = frozen(gains * np.diag(gears.matrix))
-    position_offset, unknown_offsets = _position_offset(section, coordinates, locate)
-    return Signals(
-        time=time,
-        time_scale=time_scale,
-        position=columns["position"],
-        position_scale=position_scale,
-        velocity=columns.get("velocity"),
-        velocity_scale=velocity_scale if "velocity" in columns else None,
-        effort=effort,
-        effort_scale=effort_scale,
-        effort_kind=section.effort.kind,
-        effort_units=units,
-        gains=gains,
-        effort_side=section.effort.side,
-        unknown_gains=unknown,
-        position_map=position_map,
-        position_offset=position_offset,
-        effort_map=effort_map,
-        velocity_delay=section.velocity_delay,
-        effort_delay=section.effort.delay,
-        unknown_offsets=unknown_offsets,
-        unactuated=unactuated,
-        commanded_position=columns.get("commanded_position"),
-        commanded_velocity=columns.get("commanded_velocity"),
-        commanded_velocity_scale=velocity_scale if "commanded_velocity" in columns else None,
-    )
-
-
-def _unactuated(
-    section: SignalsSection, coordinates: Sequence[Coordinate], locate: Locate
-) -> tuple[int, ...]:
-    """Numbers of the joints without a motor."""
-    names = [c.name for c in coordinates]
-    given, where = section.effort.unactuated, locate("signals", "effort", "unactuated")
-    for name in given:
-        wrong = f"'{name}' is none of the identified joints"
-        refuse_unknown(name, names, wrong, where, "joints")
-    if given and (len(given) == len(names) or section.effort.side == "motor"):
-        raise ModelError(
-            "no joint has a motor"
-            if len(given) == len(names)
-            else "efforts are those of motors, and a joint has none",
-            where=where,
-            fix='name the joints without a motor; efforts are those of joints (side = "joint")',
-        )
-    return tuple(j for j, name in enumerate(names) if name in given)
-
-
-def _effort_columns(
-    section: SignalsSection,
-    coordinates: Sequence[Coordinate],
-    unactuated: tuple[int, ...],
-    locate: Locate,
-) -> tuple[str, ...]:
-    """A column per joint; where it has no motor, of any name."""
-    given, where = section.effort.columns, locate("signals", "effort", "columns")
-    some = [c for j, c in enumerate(coordinates) if j not in unactuated]
-    few = unactuated and not isinstance(given, str) and len(given) == len(some)
-    found = list(columns_of(given, some if few else coordinates, where))
-    for j in unactuated if few else ():
-        found.insert(j, f"effort of {coordinates[j].name}")
-    return tuple(found)
-
-
-_MEASURED, _COMMANDED = ("position", "velocity"), ("commanded_position", "commanded_velocity")
-
-
-def _refuse_two_targets(columns: Mapping[str, Sequence[str]], locate: Locate) -> None:
-    """Targets are the commanded positions."""
-    if columns.keys() >= {"target", "commanded_position"}:
-        raise ModelError(
-            "target and commanded_position are both given",
-            where=locate("signals", "target"),
-            fix="keep one of them: both are the positions that the joints are to follow",
-        )
-
-
-def _refuse_half_motion(
-    columns: Mapping[str, Sequence[str]], section: SignalsSection, locate: Locate
-) -> None:
-    """Commanded velocities go with positions, and what is said of velocities with columns."""
-    if "commanded_velocity" in columns and "commanded_position" not in columns:
-        raise ModelError(
-            "commanded_velocity is given, but no commanded_position",
-            where=locate("signals", "commanded_velocity"),
-            fix="add commanded_position = ..., or remove commanded_velocity",
-        )
-    if columns.keys() & {"velocity", "commanded_velocity"}:
-        return
-    for key in ("velocity_unit", "velocity_sign", "velocity_delay"):
-        if getattr(section, key):
-            raise ModelError(
-                f"{key} is given, but no velocity columns",
-                where=locate("signals", key),
-                fix=f"add velocity = ..., or remove {key}",
-            )
-
-
-def clock_of_section(section: SignalsSection, locate: Locate) -> tuple[str, float]:
-    """Column of time, or of the rows' numbers if only a rate is given, and seconds per its unit."""
-    if section.rate is None and section.time is not None:
-        return section.time, TIME_UNITS[section.time_unit]
-    if section.rate is not None and section.time is None:
-        return ROW, 1.0 / section.rate
-    both, none = "both a column of time and a rate", "neither a column of time nor a rate"
-    raise ModelError(
-        f"there is {both if section.rate else none}",
-        where=locate("signals"),
-        fix='set time = "..." for the log\'s clock, or rate = ... [Hz] if it has none',
-    )
-
-
-LEAST_DEGREES = 15.0  # offset from which on a multiple of five is taken for degrees
-
-
-def looks_like_degrees(offset: float, coordinate: Coordinate) -> bool:
-    """Whether a position offset in rad was most likely given in degrees."""
-    return coordinate.kind == "revolute" and abs(offset) >= LEAST_DEGREES and offset % 5.0 == 0.0
-
-
-def _position_offset(
-    section: SignalsSection, coordinates: Sequence[Coordinate], locate: Locate
-) -> tuple[Array | None, tuple[bool, ...]]:
-    """Offsets, 0 where they are to be identified, and where they are; `None` if none is given."""
-    given = section.position_offset
-    if given is None:
-        return None, ()
-    offsets = one_each(given, "offsets", coordinates, locate("signals", "position_offset"))
-    unknown = tuple(offset == "identify" for offset in offsets)
-    for offset, coordinate in zip(offsets, coordinates, strict=True):
-        if offset != "identify" and looks_like_degrees(offset, coordinate):
-            raise ModelError(
-                f"position_offset is in rad: {offset:g} of '{coordinate.name}' looks like degrees",
-                where=locate("signals", "position_offset"),
-                fix=f"write {np.deg2rad(offset):.6g}",
-            )
-    return frozen([0.0 if x == "identify" else float(x) for x in offsets]), unknown
-
-
-def expanded(pattern: str, coordinates: Sequence[Coordinate]) -> tuple[str, ...]:
-    """Columns of a pattern: `{}` stands for 1, 2, ..., `{joint}` for the joint's name."""
-    return tuple(
-        pattern.replace("{}", str(number)).replace("{joint}", coordinate.name)
-        for number, coordinate in enumerate(coordinates, start=1)
-    )
-
-
-def position_scales(
-    section: SignalsSection, coordinates: Sequence[Coordinate], locate: Locate
-) -> Array:
-    """Rad or m per logged unit of positions, with their signs `(n,)`."""
-    return _scales(section, "position", POSITION_UNITS, coordinates, locate)
-
-
-def columns_of(
-    given: str | tuple[str, ...], coordinates: Sequence[Coordinate], where: str
-) -> tuple[str, ...]:
-    """A column for each joint, of a list or a pattern."""
-    if isinstance(given, str):
-        if "{}" not in given and "{joint}" not in given and len(coordinates) > 1:
-            raise ModelError(
-                f"'{given}' is one column, but {len(coordinates)} joints are identified",
-                where=where,
-                fix='list one column per joint, or give a pattern: "q{}" for q1, q2, ..., '
-                'or "{joint}_position"',
-            )
-        given = expanded(given, coordinates)
-    check_count(len(given), f"columns ({', '.join(given)})", coordinates, where)
-    return given
-
-
-def check_distinct(lists: Sequence[tuple[tuple[str, ...], Sequence[str]]], locate: Locate) -> None:
-    """Refuse a column that two signals share; `lists` are keys with their columns."""
-    known: dict[str, str] = {}
-    for key, columns in lists:
-        name = ".".join(key)
-        for column in columns:
-            if column in known:
-                places = " and ".join(dict.fromkeys((known[column], name)))
-                raise ModelError(
-                    f"column '{column}' is used twice, in {places}",
-                    where=locate(*key),
-                    fix="give every signal a column of its own",
-                )
-            known[column] = name
-
-
-def _scales(
-    section: SignalsSection,
-    quantity: str,
-    units: Mapping[str, Mapping[str, float]],
-    coordinates: Sequence[Coordinate],
-    locate: Locate,
-) -> Array:
-    """SI per logged unit, negative where a column counts the other way.
-
-    One unit for all means those joints that it can measure. A motor that turns may drive a
-    prismatic joint.
-    """
-    given, signs = (getattr(section, f"{quantity}_{what}") for what in ("unit", "sign"))
-    where = locate("signals", f"{quantity}_unit")
-    if section.coordinates == "motor":
-        units = dict.fromkeys(units, {u: x for some in units.values() for u, x in some.items()})
-    if isinstance(given, tuple):
-        check_count(len(given), "units", coordinates, where)
-        wanted: list[str | None] = list(given)
-    else:
-        wanted = [given if given in units[c.kind] else None for c in coordinates]
-        if given is not None and not any(wanted):
-            wanted = [given] * len(coordinates)
-    scales = np.ones(len(coordinates))
-    for k, (coordinate, unit) in enumerate(zip(coordinates, wanted, strict=True)):
-        fitting = units[coordinate.kind]
-        if unit is not None and unit not in fitting:
-            raise ModelError(
-                f"unit '{unit}' does not fit joint '{coordinate.name}', which is {coordinate.kind}",
-                where=where,
-                fix=f"use one of {', '.join(fitting)}",
-            )
-        scales[k] = 1.0 if unit is None else fitting[unit]
-    if signs is not None:
-        check_count(len(signs), "signs", coordinates, locate("signals", f"{quantity}_sign"))
-        scales *= signs
-    return frozen(scales)
-
-
 LATER_FIELDS = (
     *("commanded_position", "commanded_velocity", "commanded_velocity_scale"),
     *("unknown_offsets", "unactuated"),
@@ -439,3 +158,63 @@ def signals_from_dict(data: Mapping[str, Any]) -> Signals:
     if len(values["effort"]) != n or len(values["effort_units"]) != n:
         raise ValueError("the signals' lists differ in length")
     return Signals(**values)
+
+
+@dataclass(frozen=True, eq=False)
+class TargetSignals:
+    """Columns of targets and positions and how to read them, in the order of the coordinates.
+
+    `scale` is in rad or m per logged unit, without signs. `signs` and `zeros` are those stated:
+    positions of the model are `sign * scale * logged + zero`; `None` where they are not stated.
+    """
+
+    time: str
+    time_scale: float
+    position: tuple[str, ...]
+    target: tuple[str, ...]
+    scale: Array
+    signs: tuple[float | None, ...]
+    zeros: tuple[float | None, ...]
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """All columns that are read."""
+        return (self.time, *self.position, *self.target)
+
+    @property
+    def n(self) -> int:
+        """Number of joints."""
+        return len(self.position)
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> TargetSignals:
+        """The signals of `json_values`; `KeyError`, `ValueError` or `TypeError` if damaged."""
+        values = {field.name: data[field.name] for field in fields(cls)}
+        values["scale"] = frozen(values["scale"], (len(data["position"]),))
+        lists = {name: tuple(x) for name, x in values.items() if isinstance(x, list)}
+        if any(len(x) != len(data["position"]) for x in lists.values()):
+            raise ValueError("the signals' lists differ in length")
+        names = (values["time"], *lists["position"], *lists["target"])
+        if not all(isinstance(name, str) for name in names):
+            raise ValueError("a column's name is no text")
+        if not 0.0 < float(values["time_scale"]) < 1e6 or (values["scale"] <= 0.0).any():
+            raise ValueError("a unit of the signals cannot be used")
+        if not all(sign in (None, 1, -1) for sign in lists["signs"]):
+            raise ValueError("a sign is not 1 or -1")
+        return cls(**{**values, **lists})
+
+
+def expanded(pattern: str, coordinates: Sequence[Coordinate]) -> tuple[str, ...]:
+    """Columns of a pattern: `{}` stands for 1, 2, ..., `{joint}` for the joint's name."""
+    return tuple(
+        pattern.replace("{}", str(number)).replace("{joint}", coordinate.name)
+        for number, coordinate in enumerate(coordinates, start=1)
+    )
+
+
+LEAST_DEGREES = 15.0  # offset from which on a multiple of five is taken for degrees
+
+
+def looks_like_degrees(offset: float, coordinate: Coordinate) -> bool:
+    """Whether a position offset in rad was most likely given in degrees."""
+    return coordinate.kind == "revolute" and abs(offset) >= LEAST_DEGREES and offset % 5.0 == 0.0

@@ -8,7 +8,7 @@ from typing import Any
 
 from steelyard.base.arrays import json_values
 from steelyard.base.errors import ModelError
-from steelyard.robot.file.toml_schema import shown, toml_written
+from steelyard.robot.file.toml_schema import TomlPlaces, shown
 
 
 def toml_text(value: Any) -> str:
@@ -105,13 +105,13 @@ def _added(text: str, path: tuple[str, ...], inside: Sequence[str], value: Any) 
     if not above and isinstance(value, Mapping):
         lines = [f"{toml_key(name)} = {_value(inner)}" for name, inner in value.items()]
         return "\n".join([f"{text.rstrip()}\n\n{_header(path)}", *lines]).lstrip() + "\n"
-    beside = [w for w in toml_written(text) if above == (w.path if w.header else w.path[:-1])]
-    if not beside:
+    ends = TomlPlaces(text).ends
+    if above not in ends:
         line = f"{toml_key(path[-1])} = {_value(value)}\n"
         return f"{text.rstrip()}\n\n{_header(above)}\n{line}" if above else f"{line}{text}"
-    last = beside[-1]
-    name = ".".join(toml_key(part) for part in path[len(last.table) :])
-    end = text.find("\n", last.end)
+    last, table = ends[above]
+    name = ".".join(toml_key(part) for part in path[len(table) :])
+    end = text.find("\n", last)
     end = len(text) if end < 0 else end
     return f"{text[:end]}\n{name} = {_value(value)}{text[end:]}"
 
@@ -125,8 +125,7 @@ def _header(path: Sequence[str]) -> str:
 
 
 def _value(value: Any) -> str:
-    text: str = _item(value).as_string()
-    return text
+    return str(_item(value).as_string())
 
 
 def _item(value: Any) -> Any:

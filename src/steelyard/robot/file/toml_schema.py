@@ -4,7 +4,6 @@ import inspect
 import re
 import sys
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, TypeVar, get_args
@@ -65,37 +64,28 @@ _BARE = re.compile(r"[A-Za-z0-9_-]+")
 _SCALAR = re.compile(r"[^,\]}#\n]+")
 
 
-@dataclass(frozen=True)
-class Written:
-    """A header, of the table `path`, or a key of a `table`; it ends at an offset in the text."""
+class TomlPlaces:
+    """Where keys are in a text that `tomllib` has accepted.
 
-    header: bool
-    table: KeyPath
-    path: KeyPath
-    end: int
-
-
-class _Scanner:
-    """One walk over a text that `tomllib` has already accepted."""
+    `lines` has the line, from 1, of every key and item: `("robot", "dh", "links", 0, "alpha")`;
+    `ends`, by table, where its last key or its header ends, and below which header that is.
+    """
 
     def __init__(self, text: str) -> None:
         self.text = text
         self.at = 0
         self.lines: dict[KeyPath, int] = {}
         self.counts: dict[KeyPath, int] = {}
-        self.written: list[Written] = []
-
-    def run(self) -> "_Scanner":
+        self.ends: dict[KeyPath, tuple[int, KeyPath]] = {}
         table: KeyPath = ()
         self.skip(_BLANK)
         while self.at < len(self.text):
             header = self.text[self.at] == "["
             if header:
                 table = self.header()
-            path = table if header else self.pair(table)
-            self.written.append(Written(header, table, path, self.at))
+            inside = table if header else self.pair(table)[:-1]
+            self.ends[inside] = self.at, table
             self.skip(_BLANK)
-        return self
 
     def skip(self, pattern: re.Pattern[str]) -> str:
         match = pattern.match(self.text, self.at)
@@ -171,16 +161,6 @@ class _Scanner:
         self.at += 1
 
 
-def toml_lines(text: str) -> dict[KeyPath, int]:
-    """The line, from 1, of every key and item: `("robot", "dh", "links", 0, "alpha")`."""
-    return _Scanner(text).run().lines
-
-
-def toml_written(text: str) -> list[Written]:
-    """Headers and keys of a valid TOML text in their order, without those in inline tables."""
-    return _Scanner(text).run().written
-
-
 Schema = TypeVar("Schema", bound=BaseModel)
 
 
@@ -217,7 +197,7 @@ def checked(path: Path, text: str, schema: type[Schema]) -> tuple[Schema, Callab
             fix="correct that line, or a bracket or quote left open above it: text in quotes, "
             "lists in [ ], each key once",
         ) from None
-    locate = partial(place_of, path, toml_lines(text))
+    locate = partial(place_of, path, TomlPlaces(text).lines)
     if (path_of_nan := next(_not_numbers(data), None)) is not None:
         raise ModelError(
             f"'{path_of_nan[-1]}' is nan, which is no number",

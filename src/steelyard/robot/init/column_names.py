@@ -1,7 +1,6 @@
 """Names of log columns read as words, and the message where columns cannot be assigned."""
 
 import re
-from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -10,7 +9,7 @@ from typing import Literal, NoReturn
 import numpy as np
 from numpy.typing import ArrayLike
 
-from steelyard.base.arrays import Array
+from steelyard.base.arrays import Array, by_key
 from steelyard.base.errors import LogError
 from steelyard.robot.robot import Coordinate, JointKind
 
@@ -234,11 +233,9 @@ def by_number(
 
     Units differ where kinds of joints do: `q1_rad, q2_rad, q3_m` is a group too.
     """
-    mixed: dict[tuple[str, ...], list[tuple[int, Column]]] = defaultdict(list)
     columns = list(columns)
-    for column in columns:
-        stem, number = _stem(column)
-        mixed[tuple(word for word in stem if word not in _UNITS)].append((number, column))
+    parts = ((*_stem(column), column) for column in columns)
+    mixed = by_key((tuple(w for w in stem if w not in _UNITS), (k, c)) for stem, k, c in parts)
     found = list(_numbered_columns(columns).items())
     found += [(stem, dict(group)) for stem, group in mixed.items() if _differ(group, kinds)]
     fitting = [
@@ -266,21 +263,17 @@ def partly_by_number(count: int, columns: Iterable[Column]) -> tuple[Column | No
 
 def _numbered_columns(columns: Iterable[Column]) -> dict[tuple[str, ...], dict[int, Column]]:
     """Columns by their names without the last number, and by that number."""
-    alike: dict[tuple[str, ...], dict[int, Column]] = defaultdict(dict)
-    for column in columns:
-        stem, number = _stem(column)
-        alike[stem][number] = column
-    return alike
+    parts = ((*_stem(column), column) for column in columns)
+    alike = by_key((stem, (number, column)) for stem, number, column in parts)
+    return {stem: dict(group) for stem, group in alike.items()}
 
 
 def _stem(column: Column) -> tuple[tuple[str, ...], int]:
     """A name's words with a sign for the last number, and that number; 1 without one."""
-    places = [k for k, word in enumerate(column.words) if word.isdigit()]
-    stem = list(column.words)
-    if not places:
-        return tuple(stem), 1
-    stem[places[-1]] = "#"
-    return tuple(stem), int(column.words[places[-1]])
+    words, last = column.words, [k for k, word in enumerate(column.words) if word.isdigit()][-1:]
+    if not last:
+        return words, 1
+    return (*words[: last[0]], "#", *words[last[0] + 1 :]), int(words[last[0]])
 
 
 def _differ(group: Sequence[tuple[int, Column]], kinds: Sequence[JointKind]) -> bool:

@@ -11,43 +11,21 @@ import numpy as np
 
 from steelyard.base.arrays import by_key
 from steelyard.base.errors import LogError, ModelError
-from steelyard.robot.file.model_reading_and_loaded_robot import (
-    LoadedRobot,
-    ModelFile,
-    read_model,
-    robot_of_model,
-)
+from steelyard.robot.file import model_reading_and_loaded_robot as reading
+from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot, ModelFile
 from steelyard.robot.file.sections import Side
 from steelyard.robot.file.toml_edits import toml_key, toml_text
 from steelyard.robot.floating_ball_and_coupled_joints import carried_joints, floating_trees
+from steelyard.robot.init import draft_tables as tables
+from steelyard.robot.init import guess_efforts_and_gears as efforts
 from steelyard.robot.init.column_names import Column, by_name, finite, like_finger
-from steelyard.robot.init.draft_tables import (
-    Effort,
-    Known,
-    columns_table,
-    excitation_table,
-    gears_table,
-    model_table,
-    robot_file_text,
-    signals_table,
-    with_effort,
-)
 from steelyard.robot.init.guess_columns import Guess, Sample, guess_columns
-from steelyard.robot.init.guess_efforts_and_gears import (
-    LINK_SIDE_TORQUE,
-    TORQUE,
-    UNSTATED,
-    Gears,
-    changes,
-    link_side,
-    reductions,
-)
+from steelyard.robot.init.guess_efforts_and_gears import Gears
 from steelyard.robot.init.guess_targets import TargetGuess, guess_targets
 from steelyard.robot.loop_closures import between
 from steelyard.robot.mechanism import Listed, Mechanism
-from steelyard.robot.mimic_joints_and_limits import drive_of
 from steelyard.robot.models.xacro import split_reference
-from steelyard.robot.models.xml_reader import read_xml
+from steelyard.robot.models.xml_and_urdf import read_xml
 from steelyard.robot.robot import Coordinate, Robot
 
 
@@ -82,7 +60,7 @@ def proposed(reference: str | Path, base: str | None = None) -> Proposal:
         raise ModelError(
             "this is already a robot file", where=str(path), fix="give its URDF or MJCF"
         )
-    model = read_model(path, arguments)
+    model = reading.read_model(path, arguments)
     mechanism, why_base = model.mechanism, ""
     if base is None:
         base, why_base = _base(mechanism)
@@ -101,7 +79,7 @@ def proposed(reference: str | Path, base: str | None = None) -> Proposal:
     ):
         rests = {n: mechanism.rest.get(n, 0.0) for group in loops for n in group}
         try:
-            loaded = robot_of_model(source, base=base, locked=rests | tied)
+            loaded = reading.robot_of_model(source, base=base, locked=rests | tied)
         except ModelError as error:
             refused = error
             continue
@@ -118,9 +96,9 @@ _OPEN = "in a loop whose passive joints are ambiguous"
 def _with_tendons(model: ModelFile) -> ModelFile:
     """The model with the tendons of its actuators as drives: a hand alone may have no others."""
     mechanism = model.mechanism
-    masters = [drive_of(mechanism, mechanism.joint(name)).master for name in mechanism.pulled]
+    masters = [mechanism.drives[name].master for name in mechanism.pulled]
     driven = dict.fromkeys((*mechanism.driven, *masters))
-    return replace(model, mechanism=mechanism.changed(driven=[*driven]))
+    return replace(model, mechanism=replace(mechanism, driven=[*driven]))
 
 
 def _all_locked(
@@ -128,8 +106,8 @@ def _all_locked(
 ) -> ModelError | None:
     """The refusal of a hand alone; `None` if joints are left beside what is locked."""
     locked = dict.fromkeys((name for group in hands for name in group), _HAND) | reasons
-    beyond = mechanism.from_link(mechanism.root if base is None else base)
-    left = {drive_of(mechanism, j).master for j in beyond if j.movable} - {*locked}
+    beyond = mechanism.from_link(base or mechanism.root)
+    left = {mechanism.drives[j.name].master for j in beyond if j.movable} - {*locked}
     if left or not locked:
         return None
     return ModelError(
@@ -168,15 +146,15 @@ def _base(mechanism: Mechanism) -> tuple[str | None, str]:
 def _tied(mechanism: Mechanism, base: str | None) -> tuple[dict[str, float], dict[str, str]]:
     """Positions of ball joints and of joints of couplings beyond the base, and why."""
     locked, reasons = dict[str, float](), dict[str, str]()
-    beyond = mechanism.from_link(mechanism.root if base is None else base)
-    floating = floating_trees(mechanism, mechanism.root if base is None else base)
+    beyond = mechanism.from_link(base or mechanism.root)
+    floating = floating_trees(mechanism, base or mechanism.root)
     loose = {j.name for tree in floating for j in mechanism.from_link(tree.child)}
     names = {joint.name for joint in beyond if joint.name not in loose}
     for ball in (j.name for j in beyond if j.kind == "ball" and j.name in names):
         locked[ball], reasons[ball] = 0.0, _BALL
     for coupling in mechanism.couplings:
         for name in coupling.joints:
-            master = drive_of(mechanism, mechanism.joint(name)).master
+            master = mechanism.drives[name].master
             if master in names:
                 locked[master] = mechanism.rest.get(master, 0.0)
                 reasons[master] = f"tied by {coupling.what}"
@@ -185,18 +163,17 @@ def _tied(mechanism: Mechanism, base: str | None) -> tuple[dict[str, float], dic
 
 def _loop_groups(mechanism: Mechanism, base: str | None) -> list[list[str]]:
     """Joints of the loops beyond the base, those of loops that share some together."""
-    beyond = mechanism.from_link(mechanism.root if base is None else base)
-    order = [joint.name for joint in beyond]
+    order = [joint.name for joint in mechanism.from_link(base or mechanism.root)]
     groups: list[set[str]] = []
     for pin in mechanism.pins:
-        own = {drive_of(mechanism, mechanism.joint(n)).master for n in between(mechanism, pin)}
+        own = {mechanism.drives[name].master for name in between(mechanism, pin)}
         shared = [group for group in groups if group & own]
         groups = [group for group in groups if group not in shared]
         groups.append(own.union(*shared) & {*order})
     return [sorted(group, key=order.index) for group in groups if group]
 
 
-_NOTHING = Known()
+_NOTHING = tables.Known()
 FILL_IN = (
     "fill in [signals], which is commented out below the names of the log's columns, with a column "
     "in place of each ?, and remove the #"
@@ -284,16 +261,19 @@ def assigned(
 
 def _behind_the_gears(guess: Guess, robot: str) -> Guess:
     """The guess, with torques of a known robot as those of sensors on the link side."""
-    name = link_side(robot, guess.joints)
+    name = efforts.link_side(robot, guess.joints)
     if not name or guess.section.effort.kind != "joint_torque":
         return guess
-    stated = LINK_SIDE_TORQUE.format(name)
-    reasons = (why.replace(TORQUE, stated).replace(UNSTATED, stated) for why in guess.reasons)
-    return replace(with_effort(guess, Effort("link_torque")), reasons=tuple(reasons))
+    stated = efforts.LINK_SIDE_TORQUE.format(name)
+    reasons = (
+        why.replace(efforts.TORQUE, stated).replace(efforts.UNSTATED, stated)
+        for why in guess.reasons
+    )
+    return replace(tables.with_effort(guess, tables.Effort("link_torque")), reasons=tuple(reasons))
 
 
 def drafted(
-    proposal: Proposal, assignment: Assignment, output_path: Path, known: Known = _NOTHING
+    proposal: Proposal, assignment: Assignment, output_path: Path, known: tables.Known = _NOTHING
 ) -> Draft:
     """A commented robot file; the model's path is given from where the text will be written.
 
@@ -303,17 +283,18 @@ def drafted(
     """
     robot, springs = proposal.loaded.robot, proposal.loaded.springs
     free, moving = assignment.free, assignment.moving
-    guess = None if assignment.guess is None else with_effort(assignment.guess, known.effort)
-    resting = [c for c in robot.coordinates if c not in moving]
+    guess = None if assignment.guess is None else tables.with_effort(assignment.guess, known.effort)
     gears = known.gears or (gears_of(proposal, moving, guess) if guess else None)
-    text = robot_file_text(
-        **_robot_table(proposal, moving, resting, output_path),
-        **gears_table(gears, moving),
-        **model_table({c.name: springs[c.name] for c in moving if c.name in springs}, guess, known),
-        **signals_table(guess, moving, known)
+    text = tables.robot_file_text(
+        **_robot_table(proposal, moving, output_path),
+        **tables.gears_table(gears, moving),
+        **tables.model_table(
+            {c.name: springs[c.name] for c in moving if c.name in springs}, guess, known
+        ),
+        **tables.signals_table(guess, moving, known)
         if guess
-        else columns_table(assignment.columns, assignment.problem, moving),
-        **excitation_table(moving),
+        else tables.columns_table(assignment.columns, assignment.problem, moving),
+        **tables.excitation_table(moving),
         guess=guess,
         targets=assignment.targets,
         known=known,
@@ -339,7 +320,7 @@ def gears_of(proposal: Proposal, moving: Sequence[Coordinate], guess: Guess) -> 
     if not guess.motor_side:
         return None
     model = read_xml(proposal.loaded.sources[0].path)
-    return guess.gears or reductions(model, [c.name for c in moving])
+    return guess.gears or efforts.reductions(model, [c.name for c in moving])
 
 
 def _missing(
@@ -416,7 +397,7 @@ def _logged(robot: Robot, columns: Sequence[str], sample: Sample) -> set[str]:
     return {
         joint
         for joint in named[0].keys() & named[1].keys()
-        if all(changes(of[joint].name, values) for of in named)
+        if all(efforts.changes(of[joint].name, values) for of in named)
     }
 
 
@@ -431,14 +412,12 @@ def path_from(folder: Path, path: Path) -> str:
 
 
 def _robot_table(
-    proposal: Proposal,
-    moving: Sequence[Coordinate],
-    resting: Sequence[Coordinate],
-    output_path: Path,
+    proposal: Proposal, moving: Sequence[Coordinate], output_path: Path
 ) -> dict[str, Any]:
     """The robot and its model file, and joints that are not identified with their positions."""
     loaded, reasons = proposal.loaded, proposal.reasons
     model, arguments = loaded.sources[0].path, None
+    resting = [c for c in loaded.robot.coordinates if c not in moving]
     if len(loaded.sources) > 1:
         pairs = loaded.arguments.items()
         arguments = ", ".join(f"{toml_key(name)} = {toml_text(value)}" for name, value in pairs)

@@ -134,7 +134,10 @@ def columns_table(
         else toml_text([c.name if c else TO_FILL for c in known or [None] * len(moving)])
         for pattern, known in zip(("q{}", "tau{}"), found, strict=True)
     )
-    kind, units, gains = _efforts_of(found[1], moving)
+    # kind, units and gains by the names of the columns that are recognised
+    pairs = [(one, c) for one, c in zip(found[1], moving, strict=False) if one is not None]
+    named = effort_units([one for one, _ in pairs], [c for _, c in pairs], {})[1]
+    current = bool(named) and set(named) <= set(CURRENT_UNITS)
     return {
         "kinds": KINDS,
         "why_no_columns": why,
@@ -142,22 +145,10 @@ def columns_table(
         "time": clock,
         "positions": positions,
         "efforts": efforts,
-        "effort_kind": kind,
-        "effort_units": units,
-        "effort_gains": gains,
+        "effort_kind": "motor_current" if current else "joint_torque",
+        "effort_units": [named[0] if current else c.effort_unit for c in moving],
+        "effort_gains": ["identify" if current and k else 1.0 for k in range(len(moving))],
     }
-
-
-def _efforts_of(
-    found: Sequence[Column | None], moving: Sequence[Coordinate]
-) -> tuple[str, list[str], list[Gain]]:
-    """Kind, units and gains of efforts, by the names of the columns that are recognised."""
-    pairs = [(column, c) for column, c in zip(found, moving, strict=False) if column is not None]
-    _, units = effort_units([column for column, _ in pairs], [c for _, c in pairs], {})
-    if units and set(units) <= set(CURRENT_UNITS):
-        unknown: list[Gain] = ["identify"] * (len(moving) - 1)
-        return "motor_current", [units[0]] * len(moving), [1.0, *unknown]
-    return "joint_torque", [c.effort_unit for c in moving], [1.0] * len(moving)
 
 
 def gears_table(gears: Gears | None, moving: Sequence[Coordinate]) -> dict[str, Any]:

@@ -16,14 +16,8 @@ from steelyard.base.arrays import Array
 from steelyard.base.errors import LogError
 from steelyard.robot.file.sections import Side
 from steelyard.robot.file.signals import POSITION_UNITS, TIME_UNITS, VELOCITY_UNITS
+from steelyard.robot.init import guess_efforts_and_gears as efforts
 from steelyard.robot.init.column_names import IN_FILE, Column, finite, give_up, listed
-from steelyard.robot.init.guess_efforts_and_gears import (
-    LEAST_MOTOR_BEYOND_LIMIT,
-    LEAST_POSITION_BEYOND_LIMIT,
-    beyond_limits,
-    reach,
-    whole_numbers,
-)
 from steelyard.robot.robot import Coordinate
 
 LEAST_ROWS, LEAST_SECONDS, LEAST_RANGE = 200, 0.5, 0.05
@@ -304,10 +298,10 @@ def guess_positions(
         return MotionGuess(unit, why, motors=True)
     units, reason = _position_units(columns, joints, values)
     usual = [joint.unit for joint in joints]
-    beyond = beyond_limits(columns, joints, units, values)
+    beyond = efforts.beyond_limits(columns, joints, units, values)
     limited = sum(x > 0.0 for x in beyond)
-    if limited and 2 * sum(x > LEAST_MOTOR_BEYOND_LIMIT for x in beyond) > limited:
-        if whole_numbers(columns, values):
+    if limited and 2 * sum(x > efforts.LEAST_MOTOR_BEYOND_LIMIT for x in beyond) > limited:
+        if efforts.whole_numbers(columns, values):
             give_up(
                 f"positions are whole numbers far beyond the joints' limits, such as counts of "
                 f"encoders, which have no unit: {listed(columns)}",
@@ -316,7 +310,10 @@ def guess_positions(
                 f"are the motors', gear ratios; then {IN_FILE}",
             )
         degrees = ["deg" if unit == "rad" else unit for unit in units]
-        within = max(beyond_limits(columns, joints, degrees, values)) <= LEAST_POSITION_BEYOND_LIMIT
+        within = (
+            max(efforts.beyond_limits(columns, joints, degrees, values))
+            <= efforts.LEAST_POSITION_BEYOND_LIMIT
+        )
         times = f"up to {max(beyond):.3g} times the joints' limits"
         if (side == "joint" or not geared) and degrees != units and within:
             why = f"in deg though their names say rad, in which they would be {times}"
@@ -326,7 +323,7 @@ def guess_positions(
             why = f"{times}: of motors, not of joints; {unit_reason}"
             return MotionGuess(unit, why, motors=True)
     far = [(x, f"{j.name} ({c.name})") for c, j, x in zip(columns, joints, beyond, strict=True)]
-    far = [(x, name) for x, name in far if x > LEAST_POSITION_BEYOND_LIMIT]
+    far = [(x, name) for x, name in far if x > efforts.LEAST_POSITION_BEYOND_LIMIT]
     if not far:
         return MotionGuess(_stated(units, usual), reason)
     more = f" (and {len(far) - 1} more joints)" * (len(far) > 1)
@@ -349,7 +346,7 @@ def _position_units(
 ) -> tuple[list[str], str]:
     units, why = [], "in rad or m, by default"
     for column, joint in zip(columns, joints, strict=True):
-        most = reach(column.name, values)
+        most = efforts.reach(column.name, values)
         si, other = POSITION_UNITS[joint.kind]
         if named := column.unit_named((si, other)):
             units.append(named)

@@ -11,35 +11,12 @@ from numpy.typing import ArrayLike
 from steelyard.base.arrays import Array, by_key
 from steelyard.base.errors import LogError
 from steelyard.robot.file.sections import Side, SignalsSection
-from steelyard.robot.file.signals import Signals, build_signals, expanded
-from steelyard.robot.init.column_names import (
-    OF_MOTORS,
-    Column,
-    Quantity,
-    by_name,
-    by_number,
-    finite,
-    give_up,
-    labelled,
-    like_finger,
-    listed,
-    partly_by_number,
-)
-from steelyard.robot.init.guess_clock_positions_and_velocities import (
-    clock_of,
-    guess_positions,
-    judged,
-)
-from steelyard.robot.init.guess_efforts_and_gears import (
-    COUNTS,
-    Gears,
-    beyond_effort,
-    changes,
-    effort_units,
-    others,
-    regressed,
-    unactuated,
-)
+from steelyard.robot.file.signals import Signals, expanded
+from steelyard.robot.file.signals_from_tables import build_signals
+from steelyard.robot.init import column_names
+from steelyard.robot.init import guess_clock_positions_and_velocities as motion
+from steelyard.robot.init import guess_efforts_and_gears as efforts
+from steelyard.robot.init.column_names import Column, Quantity, by_name, by_number, give_up, listed
 from steelyard.robot.robot import Coordinate, Robot
 
 Sample = Mapping[str, ArrayLike]
@@ -55,7 +32,7 @@ class Guess:
     velocity: tuple[str, ...]  # velocity columns that were seen, and left out
     reasons: tuple[str, ...]  # why, one sentence each, for the user
     contradictions: tuple[str, ...] = ()  # values that contradict the model file, one sentence each
-    gears: Gears | None = None  # where the log has positions of both motors and joints
+    gears: efforts.Gears | None = None  # where the log has positions of both motors and joints
     velocity_unit: Any = None  # of all velocity columns, or one per joint; `None` for rad/s and m/s
 
     @property
@@ -82,11 +59,8 @@ def guess_signals(
             fix="write a robot file with `steelyard init` and set there which joints are "
             "identified, and where the others are locked",
         )
-
-    def where(*key: str | int) -> str:
-        return "the log's columns as guessed (`steelyard init` writes the guess to a robot file)"
-
-    return build_signals(guess.section, robot.coordinates, where), guess.reasons
+    place = "the log's columns as guessed (`steelyard init` writes the guess to a robot file)"
+    return build_signals(guess.section, robot.coordinates, lambda *key: place), guess.reasons
 
 
 def guess_columns(
@@ -110,30 +84,30 @@ def guess_columns(
     """
     arrays = {name: np.asarray(values) for name, values in (sample or {}).items()}
     texts = {name: str(x[0]) for name, x in arrays.items() if x.dtype.kind == "U" and len(x)}
-    values = {name: finite(x) for name, x in arrays.items()}
-    named = labelled(columns, texts, [c.name for c in every or coordinates])
+    values = {name: column_names.finite(x) for name, x in arrays.items()}
+    named = column_names.labelled(columns, texts, [c.name for c in every or coordinates])
     kinds = by_key((c.quantity, c) for c in named if c.quantity is not None)
     joints, counted, position, effort, how = _matched(coordinates, every, kinds, columns, values)
-    clock, time_reason = clock_of(kinds.get("time", []), position[0], columns, values, rate)
-    if counts := [c.name for c in effort if c.has(*COUNTS)]:
+    clock, time_reason = motion.clock_of(kinds.get("time", []), position[0], columns, values, rate)
+    if counts := [c.name for c in effort if c.has(*efforts.COUNTS)]:
         give_up(f"efforts are in counts, which have no unit: {', '.join(counts)}", columns)
-    effort_words, units = effort_units(effort, joints, values)
+    effort_words, units = efforts.effort_units(effort, joints, values)
     of_motors = all(c.of_motor for c in effort) if side is None else side == "motor"
-    where = guess_positions(position, joints, values, columns, geared or of_motors, side)
+    where = motion.guess_positions(position, joints, values, columns, geared or of_motors, side)
     stated = side is not None or (geared and not (of_motors or where.motors))
     of_motors = side == "motor" if side is not None else of_motors or stated
     if stated:
         effort_words = "of motors, as stated: joint torque through the gears"
         effort_words = effort_words if of_motors else "torque at the joints, as stated"
     velocity = _one_each(joints, counted, kinds.get("velocity", []))
-    rates = judged(velocity, position, joints, where.unit, clock, sample or {})
+    rates = motion.judged(velocity, position, joints, where.unit, clock, sample or {})
     used = rates.used
     counting = by_number(len(counted), kinds["effort"], [c.kind for c in counted])
     groups = [effort, *(group for group in counting if set(effort) <= set(group))]
     currents = {"A", "mA"} & set(units)  # a gain takes them to the joints' side, unless stated
     kind = "motor_current" if currents else "motor_torque" if of_motors else "joint_torque"
     behind = "motor" if of_motors and (stated or not currents) else "joint"
-    free = unactuated(position, effort, values) if behind == "joint" else ()
+    free = efforts.unactuated(position, effort, values) if behind == "joint" else ()
     section = SignalsSection.model_validate(
         {
             **clock,
@@ -154,14 +128,14 @@ def guess_columns(
     if how == _BY_NAME and all(c.label for c in position):
         how = "by the joints' names in the log's rows"
     elif how != _BY_NAME:
-        called = [c.label for c in labelled([c.name for c in position], texts)]
+        called = [c.label for c in column_names.labelled([c.name for c in position], texts)]
         if all(called) and len(set(called)) == len(called):
             how += f", though the log calls them {', '.join(called)}: check it"
     reasons = [
         time_reason,
         f"positions are {listed(position)}, assigned {how}; {where.reason}",
         f"efforts are {listed(effort)}, assigned {how}; {effort_words}"
-        + others([c for group in groups for c in group], kinds.get("effort", [])),
+        + efforts.others([c for group in groups for c in group], kinds.get("effort", [])),
     ]
     if free:
         names_of_free = ", ".join(joints[j].name for j in free)
@@ -174,7 +148,7 @@ def guess_columns(
     left = () if used else tuple(c.name for c in velocity)
     contradictions = where.contradictions + rates.contradictions
     if kind == "joint_torque":
-        contradictions += beyond_effort(effort, joints, values)
+        contradictions += efforts.beyond_effort(effort, joints, values)
     gears = None if where.motors else _gears(joints, position, kinds.get("position", ()), sample)
     names = tuple(c.name for c in joints)
     return Guess(section, names, left, tuple(reasons), contradictions, gears, rates.unit)
@@ -185,7 +159,7 @@ def _gears(
     position: Sequence[Column],
     every: Sequence[Column],
     sample: Sample | None,
-) -> Gears | None:
+) -> efforts.Gears | None:
     """Gears from a log that has positions of joints and of motors."""
     motors = [column for column in every if column.of_motor]
     found = _one_each(joints, (), motors) or _one_each(joints, joints, motors)
@@ -193,7 +167,7 @@ def _gears(
     if not found or sample is None or any(column.name not in sample for column in columns):
         return None
     sides = [np.asarray(sample[column.name], dtype=np.float64) for column in columns]
-    return regressed(sides[: len(joints)], sides[len(joints) :])
+    return efforts.regressed(sides[: len(joints)], sides[len(joints) :])
 
 
 def velocities_beside(position: Sequence[str], columns: Sequence[str]) -> tuple[str, ...]:
@@ -212,7 +186,7 @@ def refuse_motors(guess: Guess, columns: Sequence[str]) -> None:
     given = section.position if moved else section.effort.columns
     named = given if isinstance(given, str) else ", ".join(given)
     what = "positions" if moved else "efforts"
-    give_up(f"{what} are of motors, not of joints: {named}", columns, OF_MOTORS)
+    give_up(f"{what} are of motors, not of joints: {named}", columns, column_names.OF_MOTORS)
 
 
 def recognised(
@@ -229,7 +203,7 @@ def recognised(
         return groups[0]
     if 2 * len(by_joint) > count:
         return tuple(by_joint.get(c.name) for c in coordinates)
-    return partly_by_number(count, named)
+    return column_names.partly_by_number(count, named)
 
 
 def _matched(
@@ -245,11 +219,11 @@ def _matched(
     if joints := [c for c in coordinates if c.name in named_q and c.name in named_tau]:
         found_q, found_tau = ([named[c.name] for c in joints] for named in (named_q, named_tau))
         return joints, (), found_q, found_tau, _BY_NAME
-    joints = [c for c in coordinates if not like_finger(c.name)]
+    joints = [c for c in coordinates if not column_names.like_finger(c.name)]
     for counted in (joints, every or coordinates):
         numbered_q, numbered_tau = (_numbered(joints, counted, x) for x in (position, effort))
         if numbered_q and numbered_tau:
-            found = (g for g in numbered_tau if any(changes(c.name, values) for c in g))
+            found = (g for g in numbered_tau if any(efforts.changes(c.name, values) for c in g))
             alive = next(found, numbered_tau[0])
             return joints, counted, list(numbered_q[0]), list(alive), "by their numbers"
     quantity: Quantity = "position"

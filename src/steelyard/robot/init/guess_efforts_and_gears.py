@@ -11,7 +11,7 @@ import numpy as np
 from steelyard.base.arrays import Array, by_key
 from steelyard.robot.file.signals import POSITION_UNITS
 from steelyard.robot.init.column_names import CURRENTS, TORQUES, Column
-from steelyard.robot.models.xml_reader import Element
+from steelyard.robot.models.xml_and_urdf import Element
 from steelyard.robot.robot import Coordinate
 
 TORQUE = (

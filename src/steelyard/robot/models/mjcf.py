@@ -17,16 +17,9 @@ from steelyard.base.arrays import Array, frozen
 from steelyard.base.errors import ModelError
 from steelyard.robot.inertia_and_placement import Inertia, Placement, turn
 from steelyard.robot.mechanism import Joint, Link, Mechanism, MechanismJointKind, Mimic
-from steelyard.robot.models.mjcf_equalities import WORLD, Equalities, reference
-from steelyard.robot.models.mjcf_forces import (
-    Actuators,
-    joints_of,
-    name_of,
-    passive_notes,
-    springs_of,
-    wraps_of,
-)
-from steelyard.robot.models.xml_reader import Element, read_xml, refuse_device
+from steelyard.robot.models import mjcf_equalities_and_forces as parts
+from steelyard.robot.models.mjcf_equalities_and_forces import WORLD, name_of
+from steelyard.robot.models.xml_and_urdf import Element, read_xml, refuse_device
 from steelyard.robot.robot import Limits
 
 _POINTER = b"version https://git-lfs"
@@ -278,29 +271,28 @@ def read_mjcf(path: Path) -> Mechanism:
             fix="give the file that includes it, often in the same folder",
         )
     name = root.attributes.get("model") or path.stem
-    return _Reading(path, given, Actuators.of(given.model)).mechanism(name)
+    actuators = parts.Actuators.of(given.model)
+    return _Reading(path, given.model, given.without_inertia, actuators).mechanism(name)
 
 
 @dataclass(frozen=True)
 class _Reading:
     path: Path
-    compiled: Compiled
-    actuators: Actuators
+    model: Any
+    without_inertia: Mapping[int, str]
+    actuators: parts.Actuators
     links: list[Link] = field(default_factory=list)
     joints: list[Joint] = field(default_factory=list)
 
-    @property
-    def model(self) -> Any:
-        return self.compiled.model
-
     def mechanism(self, name: str) -> Mechanism:
         self.links.append(Link(WORLD, None, str(self.path)))
-        equalities = Equalities(self.path, self.model)
+        equalities = parts.Equalities(self.path, self.model)
         mimics = equalities.mimics()
         origins = {0: Placement()}
         for body in range(1, self.model.nbody):
             origins[body] = self._body(body, origins[int(self.model.body_parentid[body])], mimics)
         pins, (couplings, notes) = equalities.pins(origins), equalities.couplings()
+        driven, pulled = self._driven()
         return Mechanism(
             name,
             self.links,
@@ -308,11 +300,11 @@ class _Reading:
             self.model.opt.gravity,
             str(self.path),
             pins=pins,
-            driven=self._driven(),
-            pulled=self._pulled(),
+            driven=driven,
+            pulled=pulled,
             rest=self._rest(equalities.offsets()) if pins or couplings else {},
-            springs=springs_of(self.model),
-            statements=[*self.actuators.notes(), *passive_notes(self.model)],
+            springs=parts.springs_of(self.model),
+            statements=[*self.actuators.notes(), *parts.passive_notes(self.model)],
             couplings=couplings,
             notes=notes,
         )
@@ -321,24 +313,23 @@ class _Reading:
         """Reference positions of the joints of one degree of freedom, where equalities hold."""
         numbers = {name_of(self.model, "joint", k): k for k in range(self.model.njnt)}
         return {
-            j.name: reference(self.model, numbers[j.name]) + offsets.get(j.name, 0.0)
+            j.name: parts.reference(self.model, numbers[j.name]) + offsets.get(j.name, 0.0)
             for j in self.joints
             if j.movable
         }
 
-    def _pulled(self) -> list[str]:
-        """Joints that the fixed tendons of actuators run over."""
-        model = self.model
-        through = np.flatnonzero(model.actuator_trntype == int(mujoco.mjtTrn.mjTRN_TENDON))
-        wraps = [w for k in through for w in wraps_of(model, int(model.actuator_trnid[k][0]))]
-        joints = [k for kind, k, _ in wraps if kind == mujoco.mjtWrap.mjWRAP_JOINT]
-        return [name_of(self.model, "joint", k) for k in dict.fromkeys(joints)]
-
-    def _driven(self) -> list[str]:
-        """Joints with an actuator of their own."""
-        kinds = (int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT))
-        driving = self.model.actuator_trnid[np.isin(self.model.actuator_trntype, kinds), 0]
-        return [name_of(self.model, "joint", int(joint)) for joint in driving]
+    def _driven(self) -> tuple[list[str], list[str]]:
+        """Joints with an actuator of their own, and those that tendons of actuators run over."""
+        model, kinds = self.model, mujoco.mjtTrn
+        own = np.isin(
+            model.actuator_trntype, (int(kinds.mjTRN_JOINT), int(kinds.mjTRN_JOINTINPARENT))
+        )
+        through = model.actuator_trnid[model.actuator_trntype == int(kinds.mjTRN_TENDON), 0]
+        wraps = [wrap for tendon in through for wrap in parts.wraps_of(model, int(tendon))]
+        pulled = dict.fromkeys(k for kind, k, _ in wraps if kind == mujoco.mjtWrap.mjWRAP_JOINT)
+        found = (model.actuator_trnid[own, 0].tolist(), pulled)
+        driven, over = ([name_of(model, "joint", k) for k in joints] for joints in found)
+        return driven, over
 
     def _body(self, body: int, parent_origin: Placement, mimics: dict[int, Mimic]) -> Placement:
         """Adds the body and its joints; returns the body's frame in its link's frame."""
@@ -348,7 +339,7 @@ class _Reading:
         parent_body = int(model.body_parentid[body])
         parent = name_of(self.model, "body", parent_body) if parent_body else WORLD
         start = parent_origin @ Placement(_rotation(model.body_quat[body]), model.body_pos[body])
-        joints = joints_of(model, body)
+        joints = parts.joints_of(model, body)
         if not joints:
             self.joints.append(Joint(f"{name}_fixed", "fixed", parent, name, start, where=where))
             anchor = np.zeros(3)
@@ -362,7 +353,7 @@ class _Reading:
                 self.links.append(Link(child, Inertia.zero(), where, massless=True))
             parent, start = child, Placement(position=-anchor)
         origin = Placement(position=-anchor)
-        lacks = self.compiled.without_inertia.get(body, "")
+        lacks = self.without_inertia.get(body, "")
         inertia = None if lacks else self._inertia(body, origin)
         self.links.append(Link(name, inertia, where, lacks=lacks))
         return origin
@@ -385,7 +376,7 @@ class _Reading:
         if kind in (mujoco.mjtJoint.mjJNT_FREE, mujoco.mjtJoint.mjJNT_BALL):
             free: MechanismJointKind = "floating" if kind == mujoco.mjtJoint.mjJNT_FREE else "ball"
             return Joint(name, free, parent, child, placement, where=where)
-        axis, ref = frozen(model.jnt_axis[joint]), reference(model, joint)
+        axis, ref = frozen(model.jnt_axis[joint]), parts.reference(model, joint)
         slide = kind == mujoco.mjtJoint.mjJNT_SLIDE
         at_zero = Placement(position=-ref * axis) if slide else Placement(turn(axis, -ref))
         limited = bool(model.jnt_limited[joint])

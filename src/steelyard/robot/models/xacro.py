@@ -1,7 +1,7 @@
 """Xacro files as URDF: expanded in this process, without ROS and without running what they say.
 
 Macros, properties, conditions and includes become plain elements, as the program `xacro` 2 does it,
-but for what a file from a stranger must not do: see `xacro_expressions_and_scopes` for `${...}`,
+but for what a file from a stranger must not do: see `xacro_expressions` for `${...}`,
 `xacro_commands` for `$(...)`. Files are only read.
 
 A reference is a model file with its arguments behind it, as for the program `xacro`:
@@ -25,11 +25,9 @@ from xml.etree import ElementTree
 
 from steelyard.base.errors import ModelError, refuse_unknown
 from steelyard.base.files import cache_folder, whole_file
-from steelyard.robot.models.urdf import of_xacro
-from steelyard.robot.models.xacro_commands import Commands, Packages
-from steelyard.robot.models.xacro_expressions_and_scopes import Macro, Reading, Scope
-from steelyard.robot.models.xacro_values_and_functions import Budget, XacroError, as_truth
-from steelyard.robot.models.xml_reader import Element, read_xml, xacro_name
+from steelyard.robot.models.xacro_commands import Commands, Macro, Packages, Scope
+from steelyard.robot.models.xacro_expressions import XacroError, as_truth
+from steelyard.robot.models.xml_and_urdf import Element, of_xacro, read_xml, xacro_name
 
 _ARGUMENT = re.compile(r"\s+(?=[A-Za-z_]\w*:=)")
 
@@ -140,8 +138,7 @@ def _xml(root: Element, mesh: Callable[[str], str]) -> bytes:
     """The text of an XML file, its meshes named by a function."""
     made = _element(root, mesh)
     ElementTree.indent(made)
-    text: bytes = ElementTree.tostring(made, "utf-8")
-    return b"<?xml version='1.0' encoding='utf-8'?>\n" + text
+    return bytes(ElementTree.tostring(made, "utf-8", xml_declaration=True))
 
 
 def _element(element: Element, mesh: Callable[[str], str]) -> ElementTree.Element:
@@ -189,9 +186,8 @@ class Expander:
 
     def __init__(self, packages: Packages, arguments: Mapping[str, str]) -> None:
         self.files = [packages.model]
-        budget = Budget()
-        self.commands = Commands(packages, dict(arguments), self.files, budget)
-        self.scope = Scope(Reading(budget, self.commands.of, self.commands.functions))
+        self.commands = Commands(packages, dict(arguments), self.files)
+        self.scope = Scope(self.commands)
         self.macros: set[str] = set()
         self.included = 0
         self.depth = 0
@@ -220,7 +216,7 @@ class Expander:
         """One level further in; errors there state their place."""
         self.depth += 1
         try:
-            self.scope.reading.budget.spend(1)
+            self.scope.commands.budget.spend(1)
             if self.depth > DEPTH:
                 raise XacroError(
                     f"macros, includes and elements are nested more than {DEPTH} times",
@@ -315,7 +311,7 @@ class Expander:
     def _xacro_include(self, element: Element, scope: Scope) -> list[Element]:
         given, inner = element.attributes, scope
         if "ns" in given:
-            inner = Scope(scope.reading, scope, namespace=True)
+            inner = Scope(scope.commands, scope, namespace=True)
             scope.set(str(scope.text(given["ns"])), inner)
         optional = as_truth(given.get("optional", "false"), "optional")
         made = list[Element]()
@@ -372,9 +368,9 @@ class Expander:
     def _called(
         self, element: Element, name: str, scope: Scope, without: str = ""
     ) -> list[Element]:
-        scope.reading.budget.spend(20)
+        scope.commands.budget.spend(20)
         macro, around = scope.macro(name)
-        inner = Scope(scope.reading, around)
+        inner = Scope(scope.commands, around)
         for parameter, text in element.attributes.items():
             if parameter == without or xacro_name(parameter) is not None:
                 continue

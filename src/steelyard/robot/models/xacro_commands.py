@@ -1,4 +1,4 @@
-"""Commands `$(...)` of xacro files, with the ROS packages and YAML files that they read.
+"""Commands `$(...)` of xacro files, and scopes of their properties, blocks and macros.
 
 The environment is not read, so a file means the same on every computer: `$(optenv NAME VALUE)` is
 the value, and `$(env NAME)` an argument of that name.
@@ -7,15 +7,15 @@ the value, and `$(env NAME)` an argument of that name.
 import math
 import os
 import re
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NoReturn
 
 from steelyard.base.errors import ModelError
-from steelyard.robot.models.xacro_expressions_and_scopes import Names, evaluate
-from steelyard.robot.models.xacro_values_and_functions import Budget, XacroError, literal
-from steelyard.robot.models.xml_reader import read_bytes, read_xml
+from steelyard.robot.models import xacro_expressions
+from steelyard.robot.models.xacro_expressions import Budget, Names, XacroError, evaluate, literal
+from steelyard.robot.models.xml_and_urdf import Element, read_bytes, read_xml
 
 
 @dataclass(frozen=True)
@@ -28,7 +28,7 @@ class Packages:
     def find(self, name: str) -> Path:
         """The folder of a package; `XacroError` if there is none."""
         if re.fullmatch(r"[\w-][\w.-]*", name):
-            for place in self._places():
+            for place in (*self.given, *self.model.resolve().parents, *self._environment()):
                 for folder in (place / name, place):
                     if os.path.isdir(folder) and (
                         folder.name == name or package_name(folder) == name
@@ -63,11 +63,6 @@ class Packages:
                 if os.path.isfile(above / rest):
                     return above / rest
             raise
-
-    def _places(self) -> Iterator[Path]:
-        yield from self.given
-        yield from self.model.resolve().parents
-        yield from self._environment()
 
     def _environment(self) -> list[Path]:
         """`ROS_PACKAGE_PATH` of ROS 1, `AMENT_PREFIX_PATH` of ROS 2."""
@@ -161,53 +156,40 @@ GIVE = (
 )
 
 
-class _Arguments(Names):
-    """Names in `$(eval ...)`: the arguments, beside the functions."""
-
-    def __init__(self, commands: "Commands") -> None:
-        self.commands = commands
-
-    def value(self, name: str) -> Any:
-        if name in self.commands.arguments:
-            return self._argument(name)
-        if name in ("arg", "find"):
-            return self.commands.find if name == "find" else self._argument
-        return super().value(name)
-
-    def _argument(self, name: str) -> Any:
-        return literal(self.commands.argument(name))
-
-
-class Commands:
+class Commands(Names):
     """Arguments of the file with defaults of those declared so far, and what it may ask for."""
 
-    def __init__(
-        self, packages: Packages, arguments: dict[str, str], files: list[Path], budget: Budget
-    ) -> None:
+    def __init__(self, packages: Packages, arguments: dict[str, str], files: list[Path]) -> None:
         self.packages = packages
         self.arguments = arguments
         self.declared: set[str] = set()
         self.files = files
-        self.budget = budget
+        self.budget = Budget()
         self.found: dict[str, str] = {}
         self.functions: dict[str, Callable[..., Any]] = {
             "arg": self.argument,
             "abs_filename": lambda name: str(self._path(name)),
             "dotify": dict,
-            "error": lambda *words: "",
             "fatal": _fatal,
-            "load_yaml": lambda name: load_yaml(self._path(name), budget),
-            "message": lambda *words: "",
+            "load_yaml": lambda name: load_yaml(self._path(name), self.budget),
             "tokenize": _tokens,
-            "warning": lambda *words: "",
+            **dict.fromkeys(("error", "message", "warning"), lambda *words: ""),
         }
 
-    def of(self, command: str, scope: Names) -> Any:
+    def value(self, name: str) -> Any:
+        """What a name in `$(eval ...)` stands for: the arguments, beside the functions."""
+        if name in self.arguments:
+            return literal(self.argument(name))
+        if name == "arg":
+            return lambda name: literal(self.argument(name))
+        return self.find if name == "find" else super().value(name)
+
+    def of(self, command: str) -> Any:
         """What stands for `$(command)`; `XacroError` if it is not known, or cannot be had."""
         name, _, rest = command.strip().partition(" ")
         words = rest.split()
         if name == "eval":
-            return evaluate(rest, _Arguments(self), self.budget)
+            return evaluate(rest, self, self.budget)
         if name == "optenv" and words:
             return " ".join(words[1:])
         if name == "dirname" and not words:
@@ -263,3 +245,131 @@ def _fatal(*words: Any) -> NoReturn:
 def _tokens(text: str, sep: str = ",; ", skip_empty: bool = True) -> list[str]:
     parts = re.split(f"[{re.escape(sep)}]", text) if sep else [text]
     return [part for part in parts if part] if skip_empty else parts
+
+
+_PIECE = re.compile(
+    r"(?P<escaped>\$\$+[{(])|\$\{(?P<expression>[^}]*)\}"
+    r"|\$\((?P<command>(?:[^()]|\((?:[^()]|\([^()]*\))*\))*)\)|[^$]+|\$"
+)
+
+
+@dataclass(frozen=True)
+class Macro:
+    """A macro; a default is a property of the caller to be forwarded and a text, or `None`."""
+
+    body: Element
+    parameters: tuple[str, ...]
+    defaults: dict[str, tuple[str | None, str | None]]
+
+
+@dataclass(eq=False)
+class Scope(Names):
+    """Names of one file, namespace (an include with `ns`) or call of a macro."""
+
+    commands: Commands
+    parent: "Scope | None" = None
+    namespace: bool = False
+    values: dict[str, Any] = field(default_factory=dict)
+    lazy: dict[str, str] = field(default_factory=dict)
+    blocks: dict[str, Element] = field(default_factory=dict)
+    macros: dict[str, Macro] = field(default_factory=dict)
+    waiting: list[str] = field(default_factory=list)
+
+    def above(self) -> Iterator["Scope"]:
+        """This scope and those around it, the nearest first."""
+        scope: Scope | None = self
+        while scope is not None:
+            yield scope
+            scope = scope.parent
+
+    def holder(self, name: str) -> "Scope | None":
+        """The scope that defines a property."""
+        return next((s for s in self.above() if name in s.values or name in s.lazy), None)
+
+    def value(self, name: str) -> Any:
+        """The value of a name in expressions; a lazy property is evaluated now."""
+        scope = self.holder(name)
+        if scope is not None:
+            return scope._evaluated(name)
+        if name == "xacro":
+            return self.commands.functions
+        if name in self.commands.functions:
+            return self.commands.functions[name]
+        return super().value(name)
+
+    def _evaluated(self, name: str) -> Any:
+        if name in self.lazy:
+            if name in self.waiting:
+                way = " -> ".join([*self.waiting, name])
+                raise XacroError(
+                    f"properties are defined by each other: {way[:200]}",
+                    "remove the circular definition",
+                )
+            self.waiting.append(name)
+            try:
+                self.values[name] = literal(self.text(self.lazy[name]))
+            finally:
+                self.waiting.remove(name)
+            del self.lazy[name]
+        return self.values[name]
+
+    def set(self, name: str, value: Any, lazy: bool = False) -> None:
+        """Define a property; a lazy text is evaluated when it is used first."""
+        value = literal(value)
+        self.lazy.pop(name, None)
+        self.values.pop(name, None)
+        if lazy and isinstance(value, str):
+            self.lazy[name] = value
+        else:
+            self.values[name] = value
+
+    def remove(self, name: str) -> None:
+        """Undefine a property, here and above."""
+        for scope in self.above():
+            scope.values.pop(name, None)
+            scope.lazy.pop(name, None)
+
+    def text(self, text: str) -> Any:
+        """A text with its `${...}` and `$(...)` evaluated; a single one keeps its type."""
+        # every '$' may be looked at to the end of the text
+        self.commands.budget.spend(1 + len(text) * (8 + text.count("$")) // 128)
+        results = []
+        for match in _PIECE.finditer(text):
+            if (escaped := match["escaped"]) is not None:
+                results.append(escaped[1:])
+            elif (expression := match["expression"]) is not None:
+                inner = str(self.text(expression))
+                results.append(evaluate(inner, self, self.commands.budget))
+            elif (command := match["command"]) is not None:
+                results.append(self.commands.of(str(self.text(command))))
+            else:
+                results.append(match[0])
+        if len(results) > 1 and any(callable(part) for part in results):
+            raise XacroError(f"'{text[:80]}' writes a function, not a value")
+        whole = results[0] if len(results) == 1 else "".join(map(str, results))
+        return xacro_expressions.bounded(whole, self.commands.budget)
+
+    def macro(self, name: str) -> tuple[Macro, "Scope"]:
+        """A macro, and the scope around its call: this one, or the namespace of `arm.link`."""
+        for scope in self.above():
+            if name in scope.macros:
+                return scope.macros[name], self
+        first, dot, rest = name.partition(".")
+        inside = self.value(first) if dot and self.holder(first) else None
+        if isinstance(inside, Scope):
+            return inside.macro(rest)
+        known = sorted({n for s in self.above() for n in s.macros})
+        raise XacroError(
+            f"there is no macro '{name}'",
+            "define or include it before it is used; "
+            + (f"the macros are {', '.join(known)[:300]}" if known else "there are no macros"),
+        )
+
+    def block(self, name: str) -> Sequence[Element]:
+        """What `<xacro:insert_block>` inserts: `**name` only the content, `*name` all of it."""
+        for mark in ("**", "*"):
+            for scope in self.above():
+                if mark + name in scope.blocks:
+                    block = scope.blocks[mark + name]
+                    return block.children if mark == "**" else [block]
+        raise XacroError(f"there is no block '{name}'", "give it to the macro, or define it before")

@@ -25,7 +25,6 @@ SOURCES = (
     "robot/models",
     "robot/robot_from_mechanism.py",
     "robot/floating_ball_and_coupled_joints.py",
-    "robot/mimic_joints_and_limits.py",
     "robot/loop_closures.py",
     "robot/mechanism.py",
     "robot/inertia_and_placement.py",

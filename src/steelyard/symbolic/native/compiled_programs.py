@@ -18,6 +18,7 @@ from steelyard.base.arrays import Array
 from steelyard.base.templates import templates_of
 from steelyard.symbolic.native import cache, compiler
 from steelyard.symbolic.program_and_softening import InputArray, Program
+from steelyard.symbolic.symbols_and_tracing import symbolic
 
 TILE_ROWS = 4
 TILE_COLUMNS = 3
@@ -106,9 +107,7 @@ def machine_code(
 
 
 def compiled(
-    description: Any,
-    build: Callable[[], tuple[Program, dict[str, Any]]],
-    lanes: int | None = None,
+    description: Any, build: Callable[[], tuple[Program, dict[str, Any]]], lanes: int | None = None
 ) -> Code:
     """Machine code for what `description` stands for, of as many lanes as the machine has.
 
@@ -145,13 +144,7 @@ def compiled_equations(
     lanes: int | None = None,
 ) -> Code:
     """Machine code of equations over scalars, one list of them per input array; see `compiled`."""
-
-    def build() -> tuple[Program, dict[str, Any]]:
-        from steelyard.symbolic.symbols_and_tracing import symbolic
-
-        return symbolic(equations, inputs), {}
-
-    return compiled(description, build, lanes)
+    return compiled(description, lambda: (symbolic(equations, inputs), {}), lanes)
 
 
 @lru_cache

@@ -12,7 +12,6 @@ from typing import Any
 
 _LOCK = threading.Lock()
 _NUMBER = itertools.count()
-_ALIVE: list[Any] = []
 
 
 @cache
@@ -39,10 +38,10 @@ def lanes() -> int:
     return 4 if "+avx" in features else 2
 
 
-def compile_code(text: str, optimisation: int = 1) -> bytes:
+def compile_code(text: str) -> bytes:
     """Machine code (an object file) of LLVM code, for this machine."""
     with _LOCK:
-        return bytes(_target(optimisation).emit_object(_llvm().parse_assembly(text)))
+        return bytes(_target(1).emit_object(_llvm().parse_assembly(text)))
 
 
 class Library:
@@ -89,7 +88,6 @@ def _target(optimisation: int) -> Any:
     return target.create_target_machine(cpu=name, features=features, opt=optimisation, jit=True)
 
 
+@cache
 def _compiler() -> Any:
-    if not _ALIVE:
-        _ALIVE.append(_llvm().create_lljit_compiler(_target(0)))
-    return _ALIVE[0]
+    return _llvm().create_lljit_compiler(_target(0))

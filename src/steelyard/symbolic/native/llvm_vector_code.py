@@ -60,7 +60,7 @@ _ATAN_Q = (
 )
 
 
-class Block:
+class _Block:
     """One straight-line piece of vector code."""
 
     def __init__(self, lanes: int) -> None:
@@ -89,7 +89,6 @@ class Block:
     mul, div = partialmethod(binary, "fmul"), partialmethod(binary, "fdiv")
 
     def neg(self, a: str) -> str:
-        """Negative."""
         return self.let(f"fneg {self.type} {a}")
 
     def intrinsic(self, name: str, *arguments: str) -> str:
@@ -120,7 +119,6 @@ class Block:
         return value
 
     def sign(self, x: str) -> str:
-        """-1, 0 or 1."""
         zero = self.constant(0.0)
         negative = self.choose(self.compare("olt", x, zero), self.constant(-1.0), zero)
         return self.choose(self.compare("ogt", x, zero), self.constant(1.0), negative)
@@ -151,7 +149,6 @@ class Block:
         return self.choose(lower, self.neg(s), s), self.choose(left, self.neg(k), k)
 
     def exp(self, x: str) -> str:
-        """Exponential."""
         c = self.constant
         clipped = self.intrinsic("minnum", self.intrinsic("maxnum", x, c(-746.0)), c(710.0))
         k = self.intrinsic("rint", self.mul(clipped, c(1.4426950408889634)))
@@ -175,7 +172,6 @@ class Block:
         return self.let(f"bitcast {integers} {bits} to {self.type}")
 
     def tanh(self, x: str) -> str:
-        """Hyperbolic tangent."""
         c = self.constant
         size = self.intrinsic("fabs", x)
         z = self.mul(x, x)
@@ -186,7 +182,6 @@ class Block:
         return self.choose(self.compare("olt", size, c(0.625)), small, large)
 
     def atan(self, x: str) -> str:
-        """Arc tangent."""
         c = self.constant
         size = self.intrinsic("fabs", x)
         far = self.compare("ogt", size, c(2.41421356237309504880))
@@ -259,7 +254,7 @@ class _Writer:
 
     def body(self, chunk: int, numbers: range) -> list[str]:
         """The code of the steps of one chunk."""
-        self.block = block = Block(self.lanes)
+        self.block = block = _Block(self.lanes)
         self.values: dict[int, str] = {}
         self.waves: dict[int, tuple[str, str]] = {}
         rows: dict[int, str] = {}
@@ -304,8 +299,7 @@ class _Writer:
             case "add" | "sub" | "mul" | "div":
                 return block.binary(f"f{step.operation}", *arguments)
             case "neg" | "sign" | "exp" | "tanh" | "atan":
-                result: str = getattr(block, step.operation)(*arguments)
-                return result
+                return str(getattr(block, step.operation)(*arguments))
             case "sin" | "cos":
                 angle = step.arguments[0]
                 if angle not in self.waves:

@@ -42,7 +42,7 @@ from steelyard.estimate.payload.runs_with_payload import (
     scatter,
     seen_information,
 )
-from steelyard.robot.file.effort_units_and_gears import MOTOR_KINDS
+from steelyard.robot.file.signals import MOTOR_KINDS
 from steelyard.robot.robot import Frame
 from steelyard.uses.effort_plausibility import LEAST_FITTED, refuse_unexplained
 from steelyard.uses.payload.known_and_consistent_payload_body import (

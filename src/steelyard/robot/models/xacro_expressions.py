@@ -1,4 +1,4 @@
-"""Expressions of xacro files, and the scope of properties, blocks and macros they are read in.
+"""Expressions of xacro files: their values, limits of size, and the functions and methods on them.
 
 Xacro itself hands expressions to Python. Here the syntax tree is walked instead, and what is not
 listed below does not exist: no attribute of any object but entries of tables, no function but
@@ -6,25 +6,212 @@ listed below does not exist: no attribute of any object but entries of tables, n
 """
 
 import ast
+import math
 import operator
 import re
 import warnings
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable, Mapping
+from contextlib import suppress
 from typing import Any
 
-from steelyard.robot.models.xacro_values_and_functions import (
-    FUNCTIONS,
-    METHODS,
-    Budget,
-    XacroError,
-    bounded,
-    literal,
-    power,
-    product,
-    remainder,
+TEXT = 100_000  # characters of a text, and of a list or table with all that is in it
+BITS = 4096  # binary digits of a whole number
+
+
+class XacroError(Exception):
+    """What is wrong in a xacro file, and how to correct it; its place is added by the caller."""
+
+    def __init__(self, wrong: str, fix: str = "") -> None:
+        super().__init__(wrong)
+        self.wrong = wrong
+        self.fix = fix or "correct the expression there"
+
+
+def _too_long(what: str) -> XacroError:
+    return XacroError(f"{what} is longer than {TEXT} characters")
+
+
+class Budget:
+    """The work that one expansion may take: elements, parts of expressions, characters."""
+
+    def __init__(self, steps: int = 2_000_000) -> None:
+        self.left = steps
+
+    def spend(self, steps: int) -> None:
+        """Take some of it; `XacroError` if there is none left."""
+        self.left -= steps
+        if self.left < 0:
+            raise XacroError(
+                "the file grows without end: its expansion was given up",
+                "look for a macro or a property that repeats itself",
+            )
+
+
+def bounded(value: Any, budget: Budget) -> Any:
+    """The value itself; `XacroError` if it is too large."""
+    if isinstance(value, int) and value.bit_length() > BITS:
+        raise XacroError(f"a whole number has more than {BITS} binary digits")
+    if isinstance(value, complex):
+        raise XacroError("a number is complex")
+    size = _size(value, TEXT)
+    if size > TEXT:
+        raise _too_long("a text or a list")
+    budget.spend(size // 16)
+    return value
+
+
+def _size(value: Any, most: int) -> int:
+    """Characters, roughly; counted no further than a little beyond `most`."""
+    size, waiting = 0, [value]
+    while waiting and size <= most:
+        part = waiting.pop()
+        if isinstance(part, str):
+            size += len(part)
+        elif isinstance(part, list | tuple | set):
+            size += 8 + 8 * len(part)
+            waiting.extend(part if size <= most else ())
+        elif isinstance(part, dict):
+            size += 8 + 16 * len(part)
+            inside: Iterable[Any] = (*part.keys(), *part.values()) if size <= most else ()
+            waiting.extend(inside)
+    return size
+
+
+def literal(value: Any) -> Any:
+    """A text as the number, truth value or quoted text that it writes, as xacro reads it."""
+    if not isinstance(value, str):
+        return value
+    if len(value) >= 2 and value[0] == value[-1] == "'":
+        return value[1:-1]
+    if "_" in value:
+        return value
+    for reading in (int, float):
+        with suppress(ValueError):
+            return reading(value)
+    return {"true": True, "True": True, "false": False, "False": False}.get(value, value)
+
+
+def as_truth(value: Any, text: str) -> bool:
+    """The truth of a condition; `XacroError` if it has none."""
+    if not isinstance(value, str):
+        return bool(value)
+    if value in ("true", "True", "false", "False"):
+        return value.lower() == "true"
+    try:
+        return bool(int(value))
+    except ValueError:
+        raise XacroError(
+            f"the condition '{text}' gives '{value[:80]}', which is neither true nor false",
+            "let it give true, false or a number",
+        ) from None
+
+
+def remainder(left: Any, right: Any) -> Any:
+    """`left % right` of numbers, or numbers in a text; `XacroError` if it may be wide."""
+    if not isinstance(left, str):
+        return left % right
+    if "*" in left or re.search(r"\d{4}", left):
+        raise XacroError(f"the format '{left[:80]}' is not supported: it may be wide")
+    if left.count("%") * _size(right, TEXT) > 10 * TEXT:
+        raise _too_long("a text")
+    return left % (tuple(right) if isinstance(right, list) else right)
+
+
+def power(base: Any, exponent: Any) -> Any:
+    """`base ** exponent`; `XacroError` instead of giant whole numbers."""
+    whole = isinstance(base, int) and isinstance(exponent, int) and exponent > 0
+    if whole and base.bit_length() * exponent > 2 * BITS:
+        raise XacroError(f"a power has more than {BITS} binary digits")
+    return base**exponent
+
+
+def product(left: Any, right: Any) -> Any:
+    """`left * right`; `XacroError` instead of giant texts or lists."""
+    for many, times in ((left, right), (right, left)):
+        repeated = isinstance(many, str | list | tuple) and isinstance(times, int)
+        if repeated and len(many) * times > TEXT:
+            raise _too_long("a text or a list")
+    return left * right
+
+
+def rounded(number: Any, digits: int = 0) -> Any:
+    """Python's `round`, with a sensible number of digits."""
+    if not math.isfinite(number) or abs(digits) > 300:
+        raise XacroError(f"{number} cannot be rounded to {digits} digits")
+    return round(number, digits) if digits else round(number)
+
+
+def counted(*bounds: int) -> list[int]:
+    """Python's `range`, as a list."""
+    numbers = range(*bounds)
+    if numbers.__len__() > TEXT // 8:
+        raise _too_long("a text or a list")
+    return list(numbers)
+
+
+_MATH = (
+    "acos acosh asin asinh atan atan2 atanh ceil copysign cos cosh degrees exp fabs floor fmod "
+    "hypot isclose isfinite isinf isnan log log10 log2 pow radians sin sinh sqrt tan tanh trunc"
 )
-from steelyard.robot.models.xml_reader import Element
+MATH: Mapping[str, Any] = {
+    **{name: getattr(math, name) for name in _MATH.split()},
+    "pi": math.pi,
+    "e": math.e,
+    "tau": math.tau,
+    "inf": math.inf,
+    "nan": math.nan,
+}
+_BUILT_IN = (abs, all, any, bool, dict, float, int, len, list, max, min, sorted, str, sum, tuple)
+PYTHON: Mapping[str, Any] = {
+    **{function.__name__: function for function in _BUILT_IN},
+    "enumerate": lambda *given: list(enumerate(*given)),
+    "range": counted,
+    "round": rounded,
+    "zip": lambda *given: list(zip(*given, strict=False)),
+}
+FUNCTIONS: Mapping[str, Any] = {
+    **MATH,
+    **PYTHON,
+    "true": True,
+    "false": False,
+    "math": MATH,
+    "python": PYTHON,
+}
+"""Names that every expression knows."""
+
+
+def _replaced(text: str, old: str, new: str) -> str:
+    if (len(text) // max(len(old), 1) + 1) * len(new) > TEXT:
+        raise _too_long("a text")
+    return text.replace(old, new)
+
+
+def _joined(text: str, parts: list[str]) -> str:
+    if len(text) * len(parts) > TEXT:
+        raise _too_long("a text")
+    return text.join(parts)
+
+
+METHODS: Mapping[type, Mapping[str, Callable[..., Any]]] = {
+    str: {
+        **{
+            name: getattr(str, name)
+            for name in "count endswith find isdigit lower lstrip rstrip split startswith strip "
+            "title upper".split()
+        },
+        "join": _joined,
+        "replace": _replaced,
+    },
+    dict: {
+        "get": dict.get,
+        "items": lambda table: list(table.items()),
+        "keys": lambda table: list(table),
+        "values": lambda table: list(table.values()),
+    },
+    list: {"count": list.count, "index": list.index},
+    tuple: {"count": tuple.count, "index": tuple.index},
+}
+"""Methods, by the type of the value before the dot."""
 
 LENGTH = 4000  # characters of one expression
 
@@ -218,139 +405,3 @@ class _Evaluation:
 
 
 _FIX = "write it with numbers, texts, lists and the functions of docs/robot-file.md"
-
-_PIECE = re.compile(
-    r"(?P<escaped>\$\$+[{(])|\$\{(?P<expression>[^}]*)\}"
-    r"|\$\((?P<command>(?:[^()]|\((?:[^()]|\([^()]*\))*\))*)\)|[^$]+|\$"
-)
-
-
-@dataclass(frozen=True)
-class Macro:
-    """A macro; a default is a property of the caller to be forwarded and a text, or `None`."""
-
-    body: Element
-    parameters: tuple[str, ...]
-    defaults: dict[str, tuple[str | None, str | None]]
-
-
-@dataclass(frozen=True)
-class Reading:
-    """What all scopes of one expansion share; `command` gives the text of `$(...)` in a scope."""
-
-    budget: Budget
-    command: Callable[[str, "Scope"], Any]
-    functions: dict[str, Callable[..., Any]]
-
-
-@dataclass(eq=False)
-class Scope(Names):
-    """Names of one file, namespace (an include with `ns`) or call of a macro."""
-
-    reading: Reading
-    parent: "Scope | None" = None
-    namespace: bool = False
-    values: dict[str, Any] = field(default_factory=dict)
-    lazy: dict[str, str] = field(default_factory=dict)
-    blocks: dict[str, Element] = field(default_factory=dict)
-    macros: dict[str, Macro] = field(default_factory=dict)
-    waiting: list[str] = field(default_factory=list)
-
-    def above(self) -> Iterator["Scope"]:
-        """This scope and those around it, the nearest first."""
-        scope: Scope | None = self
-        while scope is not None:
-            yield scope
-            scope = scope.parent
-
-    def holder(self, name: str) -> "Scope | None":
-        """The scope that defines a property."""
-        return next((s for s in self.above() if name in s.values or name in s.lazy), None)
-
-    def value(self, name: str) -> Any:
-        """The value of a name in expressions; a lazy property is evaluated now."""
-        scope = self.holder(name)
-        if scope is not None:
-            return scope._evaluated(name)
-        if name == "xacro":
-            return self.reading.functions
-        if name in self.reading.functions:
-            return self.reading.functions[name]
-        return super().value(name)
-
-    def _evaluated(self, name: str) -> Any:
-        if name in self.lazy:
-            if name in self.waiting:
-                way = " -> ".join([*self.waiting, name])
-                raise XacroError(
-                    f"properties are defined by each other: {way[:200]}",
-                    "remove the circular definition",
-                )
-            self.waiting.append(name)
-            try:
-                self.values[name] = literal(self.text(self.lazy[name]))
-            finally:
-                self.waiting.remove(name)
-            del self.lazy[name]
-        return self.values[name]
-
-    def set(self, name: str, value: Any, lazy: bool = False) -> None:
-        """Define a property; a lazy text is evaluated when it is used first."""
-        value = literal(value)
-        self.lazy.pop(name, None)
-        self.values.pop(name, None)
-        if lazy and isinstance(value, str):
-            self.lazy[name] = value
-        else:
-            self.values[name] = value
-
-    def remove(self, name: str) -> None:
-        """Undefine a property, here and above."""
-        for scope in self.above():
-            scope.values.pop(name, None)
-            scope.lazy.pop(name, None)
-
-    def text(self, text: str) -> Any:
-        """A text with its `${...}` and `$(...)` evaluated; a single one keeps its type."""
-        # every '$' may be looked at to the end of the text
-        self.reading.budget.spend(1 + len(text) * (8 + text.count("$")) // 128)
-        results = []
-        for match in _PIECE.finditer(text):
-            if (escaped := match["escaped"]) is not None:
-                results.append(escaped[1:])
-            elif (expression := match["expression"]) is not None:
-                inner = str(self.text(expression))
-                results.append(evaluate(inner, self, self.reading.budget))
-            elif (command := match["command"]) is not None:
-                results.append(self.reading.command(str(self.text(command)), self))
-            else:
-                results.append(match[0])
-        if len(results) > 1 and any(callable(part) for part in results):
-            raise XacroError(f"'{text[:80]}' writes a function, not a value")
-        whole = results[0] if len(results) == 1 else "".join(map(str, results))
-        return bounded(whole, self.reading.budget)
-
-    def macro(self, name: str) -> tuple[Macro, "Scope"]:
-        """A macro, and the scope around its call: this one, or the namespace of `arm.link`."""
-        for scope in self.above():
-            if name in scope.macros:
-                return scope.macros[name], self
-        first, dot, rest = name.partition(".")
-        inside = self.value(first) if dot and self.holder(first) else None
-        if isinstance(inside, Scope):
-            return inside.macro(rest)
-        known = sorted({n for s in self.above() for n in s.macros})
-        raise XacroError(
-            f"there is no macro '{name}'",
-            "define or include it before it is used; "
-            + (f"the macros are {', '.join(known)[:300]}" if known else "there are no macros"),
-        )
-
-    def block(self, name: str) -> Sequence[Element]:
-        """What `<xacro:insert_block>` inserts: `**name` only the content, `*name` all of it."""
-        for mark in ("**", "*"):
-            for scope in self.above():
-                if mark + name in scope.blocks:
-                    block = scope.blocks[mark + name]
-                    return block.children if mark == "**" else [block]
-        raise XacroError(f"there is no block '{name}'", "give it to the macro, or define it before")

@@ -1,20 +1,23 @@
-r"""Forces in a compiled MJCF: efforts of actuators, springs and other passive forces.
+r"""Equality constraints, efforts of actuators, springs and other passive forces of a compiled MJCF.
 
-MuJoCo clamps the force of every actuator, maps it to the joints by the moments of its transmission
-and clamps the joint's sum once more: `actuatorfrcrange` of the joint, `forcerange` of its
-actuators and `ctrlrange` of plain motors all count. A sum within $[a, b]$ is a limit of
-$\min(-a, b)$: limits are the same both ways here.
+Equalities become mimics and pins, or couplings that only locked joints satisfy. MuJoCo clamps the
+force of every actuator, maps it to the joints by the moments of its transmission and clamps the sum
+of a joint once more: `actuatorfrcrange` of the joint, `forcerange` of its actuators and `ctrlrange`
+of plain motors all count. A sum within $[a, b]$ is a limit of $\min(-a, b)$, the same both ways.
 """
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from pathlib import Path
 from typing import Any
 
 import mujoco
 import numpy as np
 
 from steelyard.base.arrays import Array, frozen
-from steelyard.robot.mechanism import JointSpring, ModelNote
+from steelyard.robot.inertia_and_placement import Placement
+from steelyard.robot.mechanism import Coupling, JointSpring, Mimic, ModelNote, Pin
 
 _FOLLOWING = (mujoco.mjtDyn.mjDYN_NONE, mujoco.mjtDyn.mjDYN_FILTER, mujoco.mjtDyn.mjDYN_FILTEREXACT)
 """Activations that stay within the range of the control."""
@@ -106,7 +109,7 @@ class Actuators:
         notes = []
         for actuator in range(self.model.nactuator):
             dofs = np.flatnonzero(self.moments[actuator])
-            touched = [k for k in single_joints(self.model) if self._dof(k) in dofs]
+            touched = [k for k in single_joints(self.model) if self.model.jnt_dofadr[k] in dofs]
             joints = tuple(name_of(self.model, "joint", k) for k in touched)
             limited = np.isfinite(self._force_range(actuator)).any()
             if limited and joints and not self._of_one_joint(actuator):
@@ -125,12 +128,9 @@ class Actuators:
             notes.append(ModelNote(what, named, (named,), "efforts"))
         return notes
 
-    def _dof(self, joint: int) -> int:
-        return int(self.model.jnt_dofadr[joint])
-
     def _joint_range(self, joint: int) -> tuple[float, float]:
         """Least and greatest `qfrc_actuator` of a joint; unbounded if nothing bounds it."""
-        model, moments = self.model, self.moments[:, self._dof(joint)]
+        model, moments = self.model, self.moments[:, self.model.jnt_dofadr[joint]]
         groups, off = model.actuator_group, int(model.opt.disableactuator)
         acting = [
             int(k)
@@ -284,3 +284,175 @@ def _tendon_notes(model: Any) -> list[ModelNote]:
             item = f"'{name}' on {', '.join(joints)} ({', '.join(acting)})"
             notes.append(ModelNote(what + "(along = {...}): ", item, tuple(joints)))
     return notes
+
+
+WORLD = "world"
+_FREE = int(mujoco.mjtJoint.mjJNT_FREE)
+
+
+def reference(model: Any, joint: int) -> float:
+    """The reference position of a hinge or slide joint [rad; m]."""
+    return float(model.qpos0[int(model.jnt_qposadr[joint])])
+
+
+@dataclass(frozen=True)
+class Equalities:
+    """The active equality constraints of a file."""
+
+    path: Path
+    model: Any
+
+    def mimics(self) -> dict[int, Mimic]:
+        r"""Joints in proportion to another, $q_1 - r_1 = c_0 + c_1 (q_2 - r_2)$, $r$ references.
+
+        A fixed tendon of two joints that keeps its length, $a_1 (q_1 - r_1) + a_2 (q_2 - r_2) = d$,
+        is one as well: its second joint follows the first, or where that follows already, the first
+        the second.
+        """
+        mimics = dict[int, Mimic]()
+        for joint, master, offset, ratio in self._proportions().values():
+            own, other = reference(self.model, joint), reference(self.model, master)
+            mimics[joint] = Mimic(self._joint(master), ratio, offset + own - ratio * other)
+        return mimics
+
+    def pins(self, origins: Mapping[int, Placement]) -> list[Pin]:
+        """`connect` equalities between bodies or sites; `origins` are of bodies in their links."""
+        model, pins = self.model, []
+        for index in self._active(mujoco.mjtEq.mjEQ_CONNECT):
+            ends = self._ends(index)
+            points = np.reshape(model.eq_data[index][:6], (2, 3))
+            if mujoco.mjtObj(int(model.eq_objtype[index])) == mujoco.mjtObj.mjOBJ_SITE:
+                points = model.site_pos[list(self._objects(index))]
+            placed = [
+                origins[body].position + origins[body].rotation @ point
+                for body, point in zip(ends, points, strict=True)
+            ]
+            links = (self._link(ends[0]), self._link(ends[1]))
+            pins.append(Pin(self._name(index), links, np.array(placed), self._where(index)))
+        return pins
+
+    def couplings(self) -> tuple[list[Coupling], list[str]]:
+        """All other equalities with the joints that they tie, and notes on those left out.
+
+        A weld to a mocap body is a controller, and one at a free body holds that where it is: both
+        are left out.
+        """
+        kinds, couplings, notes = mujoco.mjtEq, list[Coupling](), list[str]()
+        proportional, single = self._proportions(), single_joints(self.model)
+        for index in self._active():
+            kind = kinds(int(self.model.eq_type[index]))
+            if kind == kinds.mjEQ_CONNECT or index in proportional:
+                continue
+            if kind == kinds.mjEQ_WELD:
+                ends = self._ends(index)
+                joints = self._between(ends)
+                what = "a weld"
+                free = [
+                    list(self.model.jnt_type[joints_of(self.model, b)]) == [_FREE] for b in ends
+                ]
+                if any(free) or any(self.model.body_mocapid[b] >= 0 for b in ends):
+                    both = " and ".join(f"'{self._link(body)}'" for body in ends)
+                    notes.append(f"the weld of {both} is left out")
+                    continue
+            elif kind == kinds.mjEQ_JOINT:
+                joints = [k for k in self._objects(index) if k >= 0]
+                flaw = "one too many" if self._proportional(index) else "not proportional"
+                what = f"a joint equality that is {flaw}"
+            elif kind == kinds.mjEQ_TENDON:
+                joints, what = self._of_tendons(index), "a tendon equality"
+            else:
+                (flex, _), what = self._objects(index), "a flex equality"
+                first = int(self.model.flex_vertadr[flex])
+                last = first + int(self.model.flex_vertnum[flex])
+                bodies = self.model.flex_vertbodyid[first:last]
+                joints = self._between([int(body) for body in bodies])
+            named = tuple(dict.fromkeys(self._joint(k) for k in joints if k in single))
+            if named:
+                couplings.append(Coupling(self._name(index), what, named, self._where(index)))
+        return couplings, notes
+
+    def offsets(self) -> dict[str, float]:
+        """Joints that an equality holds off their reference while the other is at its own."""
+        model = self.model
+        found = {
+            self._joint(self._objects(index)[0]): float(model.eq_data[index][0])
+            for index in self._active(mujoco.mjtEq.mjEQ_JOINT)
+        }
+        ties = self._proportions().values()
+        return found | {self._joint(joint): offset for joint, _, offset, _ in ties}
+
+    def _active(self, kind: Any = None) -> list[int]:
+        model = self.model
+        wanted = range(model.neq) if kind is None else np.flatnonzero(model.eq_type == int(kind))
+        return [int(k) for k in wanted if model.eq_active0[k]]
+
+    def _proportions(self) -> dict[int, tuple[int, int, float, float]]:
+        r"""Equalities that are one joint following another in proportion, by their numbers.
+
+        Joint, master, $c_0$ and $c_1$ of $q - r = c_0 + c_1 (q_m - r_m)$.
+        """
+        model, found = self.model, dict[int, tuple[int, int, float, float]]()
+        masters = dict[int, int]()
+        for index in self._active(mujoco.mjtEq.mjEQ_JOINT):
+            joint, master = self._objects(index)
+            if self._proportional(index) and joint not in masters:
+                offset, ratio = (float(term) for term in model.eq_data[index][:2])
+                found[index] = joint, master, offset, ratio
+                masters[joint] = master
+        for index in self._active(mujoco.mjtEq.mjEQ_TENDON):
+            tendon, other = self._objects(index)
+            wraps = wraps_of(model, tendon)
+            pair = {k: x for kind, k, x in wraps if kind == mujoco.mjtWrap.mjWRAP_JOINT and x}
+            if other >= 0 or not len(wraps) == len(pair) == 2:
+                continue
+            (first, a), (second, b) = pair.items()
+            if second in masters:
+                first, a, second, b = second, b, first, a
+            end = first
+            while end != second and end in masters:
+                end = masters[end]
+            if second not in masters and end != second:
+                offset = float(model.eq_data[index][0]) / b
+                found[index] = second, first, offset, -a / b
+                masters[second] = first
+        return found
+
+    def _proportional(self, index: int) -> bool:
+        return bool(self.model.eq_obj2id[index] >= 0 and not self.model.eq_data[index][2:5].any())
+
+    def _name(self, index: int) -> str:
+        return name_of(self.model, "eq", index)
+
+    def _joint(self, index: int) -> str:
+        return name_of(self.model, "joint", index)
+
+    def _link(self, body: int) -> str:
+        return name_of(self.model, "body", body) if body else WORLD
+
+    def _where(self, index: int) -> str:
+        return f"{self.path}, equality '{self._name(index)}'"
+
+    def _objects(self, index: int) -> tuple[int, int]:
+        return int(self.model.eq_obj1id[index]), int(self.model.eq_obj2id[index])
+
+    def _ends(self, index: int) -> tuple[int, int]:
+        first, second = self._objects(index)
+        if mujoco.mjtObj(int(self.model.eq_objtype[index])) == mujoco.mjtObj.mjOBJ_SITE:
+            return int(self.model.site_bodyid[first]), int(self.model.site_bodyid[second])
+        return first, second
+
+    def _between(self, bodies: Sequence[int]) -> list[int]:
+        """Joints that move some of the bodies against the others."""
+        lines = [joints_to(self.model, body) for body in bodies]
+        moving = {joint for line in lines for joint in line}
+        return sorted(k for k in moving if not all(k in line for line in lines))
+
+    def _of_tendons(self, index: int) -> list[int]:
+        """Joints that change the length of an equality's tendons."""
+        model, joints = self.model, list[int]()
+        for tendon in self._objects(index):
+            wraps = wraps_of(model, tendon) if tendon >= 0 else []
+            joints += [k for kind, k, _ in wraps if kind == mujoco.mjtWrap.mjWRAP_JOINT]
+            sites = [k for kind, k, _ in wraps if kind == mujoco.mjtWrap.mjWRAP_SITE]
+            joints += self._between([int(model.site_bodyid[k]) for k in sites])
+        return joints
