@@ -16,7 +16,7 @@ from steelyard.base.errors import SteelyardError
 from steelyard.base.progress import silent
 from steelyard.check.all_checks import Diagnosis
 from steelyard.check.case_from_files_and_precheck import diagnosed, subject_of
-from steelyard.check.corrected_robot_file import correct_robot_file
+from steelyard.check.check import correct_robot_file
 from steelyard.identify.identify import identify
 from steelyard.identify.page.report_content import ReportContent
 from steelyard.identify.validate import validate

@@ -7,7 +7,7 @@ import pytest
 
 from steelyard.base.errors import DataError
 from steelyard.check.finding import Severity
-from steelyard.check.fitted.fitted_case_and_ranked_causes import FittedCase
+from steelyard.check.fitted.fitted_case_causes_and_constraints import FittedCase
 from steelyard.check.fitted.implausible_estimates import (
     absurd_bodies_check,
     absurdities,

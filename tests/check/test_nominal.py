@@ -25,7 +25,7 @@ from check.test_model_based import (
 from steelyard.check.all_checks import examine
 from steelyard.check.case_logs_and_checks import Case, CheckedLog
 from steelyard.check.decision import verdict_of_log
-from steelyard.check.decision.controller_gains_and_gain_advice import _listed_sources
+from steelyard.check.decision.drive_gains_and_what_init_learns import _listed_sources
 from steelyard.check.decision.hypothesis_checks import EFFORT_DELAY, EFFORT_SIGN
 from steelyard.check.decision.ranked_readings import ranking
 from steelyard.check.decision.search_with_unknown_bodies import LIKELY

@@ -19,13 +19,13 @@ from steelyard.check.signals.corrupt_and_repeated_rows import (
     corrupt_rows_check,
     repeated_rows_check,
 )
-from steelyard.check.signals.motion_units import JointFacts, unit_reading
-from steelyard.check.signals.movement_rests_and_moving_base import excitation_check, rests_check
-from steelyard.check.signals.noise_saturation_and_signs import (
+from steelyard.check.signals.measured_signals import (
     noise_check,
     saturation_check,
     signed_efforts_check,
 )
+from steelyard.check.signals.motion_units import JointFacts, unit_reading
+from steelyard.check.signals.movement_rests_and_moving_base import excitation_check, rests_check
 from steelyard.check.signals.position_unit_and_columns import position_check
 from steelyard.check.signals.time_stamps_and_scale import clock_check
 from steelyard.check.signals.velocity_check import velocity_check

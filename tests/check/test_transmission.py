@@ -16,7 +16,7 @@ from steelyard.check.all_checks import Diagnosis, examine
 from steelyard.check.case_from_files_and_precheck import case_of, subject_of
 from steelyard.check.case_logs_and_checks import Case
 from steelyard.check.check import CheckResult
-from steelyard.check.decision.gear_signs_and_couplings import (
+from steelyard.check.decision.gears_and_friction_of_logs import (
     missing_coupling,
     other_gears,
     transmission_check,

@@ -1,4 +1,4 @@
-"""What checks look at, a robot and logs of it, and what a check is: a question and a function."""
+"""What checks look at, logs of a robot and their clean runs, and what a check is: a function."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
@@ -10,7 +10,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from steelyard.base.arrays import Array
-from steelyard.base.errors import LogError
+from steelyard.base.errors import LogError, SteelyardError
 from steelyard.base.progress import Progress, silent
 from steelyard.check.efforts_by_gravity_payload_and_friction import (
     EffortPredictor,
@@ -19,6 +19,10 @@ from steelyard.check.efforts_by_gravity_payload_and_friction import (
 from steelyard.check.finding import Finding
 from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.logs.log_and_errors import Log
+from steelyard.model.laws.friction_over_speed import Coulomb, Viscous
+from steelyard.model.laws.register import DEFAULT_TERMS, term_of
+from steelyard.model.model import Model
+from steelyard.model.terms.axes_and_fields import finds_of
 from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
 from steelyard.runs.prepare import prepare
 from steelyard.runs.processing_choices import Processing
@@ -107,6 +111,51 @@ class Case:
     def knowledge(self) -> EffortPredictor | None:
         """What is known of the robot."""
         return effort_predictor(self.reference, self.loaded.robot)
+
+    @cached_property
+    def model(self) -> Model:
+        """The model that is to be identified; Coulomb and viscous friction where that is open."""
+        if self.reference is not None:
+            return self.reference.model
+        loaded = self.loaded
+        if loaded.terms is None:
+            behind = loaded.signals is not None and loaded.signals.effort_kind == "link_torque"
+            terms = [t for t in DEFAULT_TERMS if not (behind and t.on_motors)]
+            return Model(loaded.robot, tuple(terms))
+        terms = [term_of(t.description, t.where) for t in loaded.terms]
+        known = tuple(t for t in terms if not finds_of(t))
+        return Model(loaded.robot, (*known, *((Coulomb(), Viscous()) if loaded.friction else ())))
+
+    @cached_property
+    def runs(self) -> tuple[Run, ...]:
+        """Clean runs of the logs, with common cut-offs; logs that cannot be read are left out."""
+        runs = [(e, e.run) for e in self.logs if isinstance(e.run, Run)]
+        motion = max((run.motion_cutoff for _, run in runs), default=0.0)
+        matched = max((run.matched_cutoff for _, run in runs), default=0.0)
+        common = []
+        for number, (log, run) in enumerate(runs):
+            processing = replace(log.processing, motion_cutoff=motion, matched_cutoff=matched)
+            if (run.motion_cutoff, run.matched_cutoff) != (motion, matched):
+                try:
+                    run = prepare(log.recording, processing)
+                except SteelyardError:
+                    continue
+            common.append(replace(run, name=f"{number} {run.name}"))
+        return tuple(common)
+
+    def only(self, log: CheckedLog) -> "Case":
+        """The same with one log."""
+        return replace(self, logs=(log,))
+
+    def longest_run(self, of: Callable[[CheckedLog], bool] = bool) -> tuple[CheckedLog, Run] | None:
+        """The log with the longest clean run of those that something holds for, and that run."""
+        runs = [
+            (e.run.duration, k) for k, e in enumerate(self.logs) if isinstance(e.run, Run) and of(e)
+        ]
+        if not runs:
+            return None
+        log = self.logs[max(runs)[1]]
+        return log, self.only(log).runs[0]
 
     def listed(self, joints: Sequence[int]) -> str:
         """Names of joints in a sentence, given by number; of three or more that are all, none."""

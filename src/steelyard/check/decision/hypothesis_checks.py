@@ -7,7 +7,7 @@ from functools import partial
 import numpy as np
 
 from steelyard.check.case_logs_and_checks import Case, CheckedLog, remembered
-from steelyard.check.decision.controller_gains_and_gain_advice import (
+from steelyard.check.decision.drive_gains_and_what_init_learns import (
     gains_left,
     gains_of_controller,
     unwritten_number_advice,
@@ -312,7 +312,7 @@ def _short_delays(case: Case, found: Findings) -> Findings:
     if (late := residual_delay(case)) is None:
         return found
     if len(case.logs) > 1:  # the longest log shows one; a line is written if every log does
-        each = ((e.name, residual_delay(replace(case, logs=(e,)))) for e in case.logs)
+        each = ((e.name, residual_delay(case.only(e))) for e in case.logs)
         own = {name: replace(one, log=name) for name, one in each if one is not None}
         return (*own.values(), *(f for f in found if f.log and f.log not in own))
     return (late, *(f for f in found if f.log))

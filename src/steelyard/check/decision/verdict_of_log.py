@@ -17,7 +17,7 @@ from dataclasses import replace
 import numpy as np
 
 from steelyard.check.case_logs_and_checks import Case, CheckedLog, remembered
-from steelyard.check.decision.controller_gains_and_gain_advice import (
+from steelyard.check.decision.drive_gains_and_what_init_learns import (
     LARGEST_GEAR_RATIO,
     LEAST_GEAR_RATIO,
 )

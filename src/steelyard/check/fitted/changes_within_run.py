@@ -19,9 +19,12 @@ from steelyard.base.arrays import Z95, Array
 from steelyard.base.errors import ModelError, SteelyardError
 from steelyard.check.case_logs_and_checks import case_check
 from steelyard.check.finding import Finding, Fix
-from steelyard.check.fitted.disagreeing_runs_and_heavy_last_link import FINE_WINDOW
-from steelyard.check.fitted.fitted_case_and_ranked_causes import FittedCase
-from steelyard.check.fitted.passing_force import PassingForce, passing_force
+from steelyard.check.fitted.disagreeing_runs_and_passing_forces import (
+    FINE_WINDOW,
+    PassingForce,
+    passing_force,
+)
+from steelyard.check.fitted.fitted_case_causes_and_constraints import FittedCase
 from steelyard.check.hypotheses.signs_and_delay_by_friction import whitened_columns
 from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.estimate.information.base_parameters_and_regressor import BaseMap, base_regressor

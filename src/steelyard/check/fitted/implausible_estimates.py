@@ -17,7 +17,7 @@ from steelyard.base.arrays import Z95, Array
 from steelyard.base.errors import DataError
 from steelyard.check.case_logs_and_checks import case_check
 from steelyard.check.finding import Finding, Fix, Severity
-from steelyard.check.fitted.fitted_case_and_ranked_causes import FittedCase
+from steelyard.check.fitted.fitted_case_causes_and_constraints import FittedCase
 from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.estimate.scores.effort_errors import known_efforts
 from steelyard.model.laws.friction_over_speed import Coulomb, Viscous

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from steelyard.base.arrays import Array
 from steelyard.check.case_logs_and_checks import Case, CheckedLog, case_check
-from steelyard.check.decision.friction_between_logs import with_unbounded_friction
+from steelyard.check.decision.gears_and_friction_of_logs import with_unbounded_friction
 from steelyard.check.decision.joint_zeros_and_quarter_turns import (
     estimated_offsets,
     far_offsets,
@@ -25,7 +25,7 @@ from steelyard.check.decision.robot_file_edits import zero_edits
 from steelyard.check.decision.verdict_of_log import judge_log
 from steelyard.check.finding import Finding, Fix, Severity
 from steelyard.check.fitted.causes_of_residuals import Cause, LeftOutGain
-from steelyard.check.fitted.fitted_case_and_ranked_causes import (
+from steelyard.check.fitted.fitted_case_causes_and_constraints import (
     FittedCase,
     RankedCauses,
     largest_residual,

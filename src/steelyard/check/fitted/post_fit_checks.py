@@ -13,14 +13,14 @@ from steelyard.base.progress import Progress, report_progress, silent
 from steelyard.check.case_logs_and_checks import CaseCheck, case_check
 from steelyard.check.finding import Finding, Fix, Severity, percent_of
 from steelyard.check.fitted.changes_within_run import change_in_run_check
-from steelyard.check.fitted.disagreeing_runs_and_heavy_last_link import (
+from steelyard.check.fitted.disagreeing_runs_and_passing_forces import (
     last_link_check,
     runs_disagree_check,
 )
-from steelyard.check.fitted.fitted_case_and_ranked_causes import (
+from steelyard.check.fitted.fitted_case_causes_and_constraints import (
     FittedCase,
 )
-from steelyard.check.fitted.gear_side_and_rotors import (
+from steelyard.check.fitted.gear_side_rotors_and_identifiability import (
     LINK_SIDE_INSTEAD,
     SEPARABLE_ROTORS,
     rotors_at_zero,

@@ -5,7 +5,7 @@ against the nominal bodies, and the likeliest few are proposed. So a wrong order
 the unit is wrong too.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import permutations, product
 
 import numpy as np
@@ -197,26 +197,17 @@ def best_combinations(likelihood: Likelihood) -> list[Hypothesis]:
     Joints in every order, efforts with them or as declared, and efforts alone; then every set of
     signs of positions for the likeliest of these.
     """
-    declared, n = likelihood.declared, likelihood.signals.n
+    declared, n = likelihood.thinned(COARSE_SAMPLES).declared, likelihood.signals.n
     if not 2 <= n <= MOST_PERMUTED_JOINTS:
         return []
-    coarse = likelihood.thinned(COARSE_SAMPLES)
-    orders = np.array(list(permutations(range(n))))
-    rest = np.stack((np.tile(orders[0], (len(orders) - 1, 1)), orders[1:]), axis=1).reshape(-1, n)
-    motion = np.concatenate((np.zeros(len(orders), int), np.repeat(np.arange(1, len(orders)), 2)))
-    effort, position = np.concatenate((orders, rest)), np.array(declared.position)[orders]
-    scale, effort_scale = (
-        np.tile(x, (len(orders), 1)) for x in (declared.position_scale, declared.effort_scale)
+    own, *others = permutations(range(n))
+    orders = [(own, effort) for effort in (own, *others)]
+    orders += [(position, effort) for position in others for effort in (own, position)]
+    best = _likeliest_with_gains([declared.changed(position=p, effort=e) for p, e in orders])
+    signs = [np.array(one) for one in product((1.0, -1.0), repeat=n)]
+    best = _likeliest_with_gains(
+        [r.changed(position_scale=r.position_scale * one) for r in best for one in signs]
     )
-    best = _best_combinations(coarse, position, scale, effort_scale, motion, effort)
-    signs = np.array(list(product((1.0, -1.0), repeat=n)))
-    position, scale, effort_scale, effort = (
-        np.repeat([getattr(reading, name) for reading in best], len(signs), axis=0)
-        for name in ("position", "position_scale", "effort_scale", "effort")
-    )
-    scale = scale * np.tile(signs, (len(best), 1))
-    motion = np.arange(len(position))
-    best = _best_combinations(coarse, position, scale, effort_scale, motion, effort)
     return [
         _combined_of(reading.on(likelihood))
         for reading in (*best, *filter(None, map(_all_turned, best)))
@@ -239,46 +230,32 @@ def _all_turned(reading: Reading) -> Reading | None:
     return reading.with_factors(-signs) if most else None
 
 
-def _best_combinations(
-    coarse: Likelihood,
-    position: NDArray[np.intp],
-    scale: Array,
-    effort_scale: Array,
-    motion: NDArray[np.intp],
-    effort: NDArray[np.intp],
-) -> list[Reading]:
-    """The likeliest readings with gains of their own, efforts turned where that fits.
-
-    Columns of positions, their scales and those of efforts are `(h, n)` of `h` motions; which
-    motion, and the columns of efforts, are those of every reading, `(k,)` and `(k, n)`.
-    """
-    declared, size = coarse.declared, max(1, SAMPLE_BATCH // len(coarse.excerpt.t))
-    count, joints = len(position), np.arange(coarse.signals.n)
-    costs, turned = np.empty((2, count, len(joints), len(joints)))
-    for start in range(0, count, size):
-        part = slice(start, start + size)
-        sums = coarse.sums_of(declared, position[part], scale[part])
-        costs[part], turned[part] = _with_gains(sums, effort_scale[part])
+def _likeliest_with_gains(readings: Sequence[Reading]) -> list[Reading]:
+    """The likeliest of readings with gains of their own, efforts turned where that fits."""
+    likelihood = readings[0].likelihood
+    size = max(1, SAMPLE_BATCH // len(likelihood.excerpt.t))
+    motions = {r.of_motion: r for r in readings}
+    each, places = list(motions.values()), {motion: k for k, motion in enumerate(motions)}
+    parts = [_with_gains(likelihood.sums(each[k : k + size])) for k in range(0, len(each), size)]
+    costs, shares = (np.concatenate(x) for x in zip(*parts, strict=True))
+    motion = np.array([places[r.of_motion] for r in readings])[:, None]
+    at = motion, np.arange(likelihood.signals.n), np.array([r.effort for r in readings])
     best: list[Reading] = []
-    for k in np.argsort(costs[motion[:, None], joints, effort].sum(axis=1), kind="stable"):
-        h, columns = motion[k], effort[k]
-        reading = declared.changed(
-            position=tuple(position[h].tolist()),
-            position_scale=scale[h].copy(),
-            effort=tuple(columns.tolist()),
-            effort_scale=effort_scale[h] * turned[h, joints, columns],
-        )
-        if keeps_evidence(reading):
-            best.append(reading)
+    for k in np.argsort(costs[at].sum(axis=1), kind="stable"):
+        if keeps_evidence(readings[k]):
+            scale = readings[k].effort_scale
+            share = shares[at][k] * np.sign(scale)
+            turned = np.where(share < -UNLOADED_SHARE, -1.0, 1.0)
+            best.append(readings[k].changed(effort_scale=scale * turned))
         if len(best) == FEW_COMBINATIONS:
             break
     return best
 
 
-def _with_gains(sums: EffortProducts, effort_scale: Array) -> tuple[Array, Array]:
-    """Costs of every joint's misfit to every effort column, and their signs, `(h, n, n)` each.
+def _with_gains(sums: EffortProducts) -> tuple[Array, Array]:
+    """Costs of every joint's misfit to every effort column with a gain per joint, `(h, n, n)`.
 
-    With a gain per joint, which is negative where the bodies show it.
+    And the share of the effort that the bodies make, negative where they show another sign.
     """
     sizes = np.sqrt(np.maximum(np.diagonal(sums.yy, axis1=-2, axis2=-1), 1e-300))
     normal = sums.yy / sizes[..., None] / sizes[..., None, :] + 1e-9 * np.eye(5)
@@ -286,6 +263,5 @@ def _with_gains(sums: EffortProducts, effort_scale: Array) -> tuple[Array, Array
     theta = np.linalg.solve(normal, right)
     left = np.maximum(1.0 - np.sum(right * theta, axis=-2) / ee, 0.0)
     counts = np.where(sums.count >= LEAST_SAMPLE_COUNT, sums.count, 0.0)[..., None]
-    share = theta[..., 4, :] / np.sqrt(ee) * np.sign(effort_scale)[..., None]
     costs = 0.5 * counts * np.log(left + SMALL_FREE_MISFIT**2)
-    return costs, np.where(share < -UNLOADED_SHARE, -1.0, 1.0)
+    return costs, theta[..., 4, :] / np.sqrt(ee)

@@ -101,32 +101,28 @@ class Likelihood:
 
     def sums(self, readings: Sequence["Reading"]) -> EffortProducts:
         """Products for readings that differ in positions, zeros, gears and time alone."""
-        return self.sums_of(
-            readings[0],
-            np.array([reading.position for reading in readings]),
-            np.array([reading.position_scale for reading in readings]),
-            readings,
-        )
-
-    def sums_of(
-        self,
-        reading: "Reading",
-        position: NDArray[np.intp],
-        scale: Array,
-        others: Sequence["Reading"] = (),
-    ) -> EffortProducts:
-        """Products for a reading with other columns of positions and their scales, `(h, n)` each.
-
-        Zeros, gears and time are those of the other readings, if they are given.
-        """
-        reading = reading.on(self)
-        motion = reading.motions(position, scale, others or (reading,))
-        q, dq, ddq = (np.moveaxis(x, 0, 1) for x in motion)
-        flat = (len(position[0]), -1)
-        predicted = reading.predicted(*(x.reshape(flat) for x in (q, dq, ddq)))
+        first, flat = readings[0].on(self), (self.signals.n, -1)
+        q, dq, ddq = (np.moveaxis(x, 0, 1) for x in self.motions(readings))
+        predicted = first.predicted(*(x.reshape(flat) for x in (q, dq, ddq)))
         u, du = (self.driven(x.reshape(flat)).reshape(x.shape) for x in (dq, ddq))
         y, moving = regressors(q, u, du, predicted.reshape(q.shape))
-        return self.products(y, moving, self.excerpt.later([reading.delay]))
+        return self.products(y, moving, self.excerpt.later([first.delay]))
+
+    def motions(self, readings: Sequence["Reading"]) -> tuple[Array, Array, Array]:
+        """Joint positions, velocities and accelerations by readings, each `(h, n, B)`."""
+        x, s, position = self.excerpt, self.signals, np.array([r.position for r in readings])
+        scale = np.array([r.position_scale for r in readings])[..., None]
+        q, dq, ddq = scale * x.z[position], scale * x.dz[position], scale * x.ddz[position]
+        gears = [one.geared() for one in readings] if s.position_map is not None else [None]
+        if gears[0] is not None:
+            q, dq, ddq = (np.linalg.solve(np.array(gears), y) for y in (q, dq, ddq))
+        if s.position_offset is not None:
+            q = q + s.position_offset[:, None]
+        if any(one.zeros is not None for one in readings):
+            none = np.zeros(s.n)
+            q = q + np.array([none if r.zeros is None else r.zeros for r in readings])[..., None]
+        time = np.array([one.time for one in readings])[:, None, None]
+        return q, dq / time, ddq / time**2
 
     def products(self, y: Array, moving: Array, e: Array) -> EffortProducts:
         """Products of columns `(n, h, 5, B)` with efforts `(h or 1, n, B)`."""
@@ -243,29 +239,8 @@ class Reading:
 
     def motion(self) -> tuple[Array, Array, Array]:
         """Joint positions, velocities and accelerations, each `(n, B)`."""
-        q, dq, ddq = self.motions(np.array([self.position]), self.position_scale[None], (self,))
+        q, dq, ddq = self.likelihood.motions([self])
         return q[0], dq[0], ddq[0]
-
-    def motions(
-        self, position: NDArray[np.intp], scale: Array, others: Sequence["Reading"]
-    ) -> tuple[Array, Array, Array]:
-        """The same, `(h, n, B)`, of columns and scales `(h, n)`.
-
-        The rest is that of one other reading, or of as many as there are columns.
-        """
-        x, s = self.likelihood.excerpt, self.likelihood.signals
-        scale = scale[..., None]
-        q, dq, ddq = scale * x.z[position], scale * x.dz[position], scale * x.ddz[position]
-        gears = [one.geared() for one in others] if s.position_map is not None else [None]
-        if gears[0] is not None:
-            q, dq, ddq = (np.linalg.solve(np.array(gears), y) for y in (q, dq, ddq))
-        if s.position_offset is not None:
-            q = q + s.position_offset[:, None]
-        if any(one.zeros is not None for one in others):
-            none = np.zeros(len(self.position))
-            q = q + np.array([none if r.zeros is None else r.zeros for r in others])[..., None]
-        time = np.array([one.time for one in others])[:, None, None]
-        return q, dq / time, ddq / time**2
 
     def efforts(self) -> Array:
         """Efforts of the joints in base units, shape `(n, B)`."""

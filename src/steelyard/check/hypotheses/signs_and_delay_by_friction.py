@@ -23,8 +23,10 @@ import numpy as np
 
 from steelyard.base.arrays import Array
 from steelyard.base.errors import SteelyardError
-from steelyard.check.case_logs_and_checks import Case, CheckedLog
-from steelyard.check.clean_runs_and_customary_model import clean_runs, customary_model, longest_run
+from steelyard.check.case_logs_and_checks import (
+    Case,
+    CheckedLog,
+)
 from steelyard.check.finding import Edit, Finding, Fix
 from steelyard.check.hypotheses.gravity_payload_and_delay import LONGEST_DELAY
 from steelyard.check.hypotheses.nuisance_fit_and_score import LikelihoodScore
@@ -143,10 +145,10 @@ def _friction_sign(case: Case, log: CheckedLog, drives: dict[str, RowFriction]) 
 def friction_of_rows(case: Case, log: CheckedLog) -> dict[str, RowFriction]:
     """What friction does in every joint that a log shows; none where it cannot be fitted."""
     try:
-        runs = clean_runs(Case(case.loaded, (log,)))
+        runs = case.only(log).runs
         if not runs:
             return {}
-        information = gather(base_regressor(customary_model(case)), runs[0])
+        information = gather(base_regressor(case.model), runs[0])
     except (SteelyardError, TypeError):
         return {}
     signs = np.sign(log.recording.signals.gains).tolist()
@@ -236,11 +238,11 @@ def residual_delay(case: Case) -> Finding | None:
     A log with gaps is not looked at: what filters leave beside a gap may look late.
     """
     try:
-        longest = longest_run(case)
+        longest = case.longest_run()
         if longest is None or len(longest[1].segments) > 1:
             return None
         log, run = longest[0], _fast_motion(longest[1])
-        model = customary_model(case)
+        model = case.model
         regressor = base_regressor(model)
         found = delays_of(regressor, run)
         if found.gone >= 0.5 * EXPLAINED_BY_DELAY:
@@ -284,10 +286,10 @@ def no_common_delay(case: Case, log: CheckedLog, delay: float) -> str:
     All joints must have it, and slow motion as much as fast motion.
     """
     try:
-        (run,) = clean_runs(replace(case, logs=(log,))) or (None,)
+        (run,) = case.only(log).runs or (None,)
         if run is None:
             return ""
-        regressor = base_regressor(customary_model(case))
+        regressor = base_regressor(case.model)
         slowly = replace(
             log.processing,
             motion_cutoff=run.motion_cutoff,

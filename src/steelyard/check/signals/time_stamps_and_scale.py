@@ -18,8 +18,12 @@ import numpy as np
 
 from steelyard.base.arrays import Array
 from steelyard.base.errors import SteelyardError
-from steelyard.check.case_logs_and_checks import Case, CheckedLog, case_check, remembered
-from steelyard.check.clean_runs_and_customary_model import customary_model, longest_run
+from steelyard.check.case_logs_and_checks import (
+    Case,
+    CheckedLog,
+    case_check,
+    remembered,
+)
 from steelyard.check.finding import (
     Edit,
     Finding,
@@ -359,11 +363,11 @@ def time_scale(case: Case) -> tuple[Finding | None, bool]:
     if signals is None or signals.velocity is not None:
         return None, False
     try:
-        found = longest_run(case, lambda log: driven_joints(case, log).sum() >= FEWEST_RATE_JOINTS)
+        found = case.longest_run(lambda log: driven_joints(case, log).sum() >= FEWEST_RATE_JOINTS)
         if found is None:
             return None, False
         checked, run = found
-        variance = _by_scale(base_regressor(customary_model(case)), run)
+        variance = _by_scale(base_regressor(case.model), run)
         now, samples = variance(0.0)
         rise = min(variance(x)[0] for x in (TRIED_SCALE, -TRIED_SCALE)) - now
         if rise > -VARIANCE_FALL:
