@@ -1,7 +1,7 @@
 """What is wrong with logs, or with the robot file, and the corrected file: `steelyard check`."""
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +17,8 @@ from steelyard.check import all_checks
 from steelyard.check.all_checks import Diagnosis
 from steelyard.check.case_from_files_and_precheck import (
     Subject,
-    diagnosed,
+    case_of,
+    diagnosis_of,
     refuse_foreign,
     subject_of,
 )
@@ -34,6 +35,7 @@ from steelyard.check.findings_text_and_page import (
 from steelyard.estimate.estimator_register import method_of
 from steelyard.estimate.identified_model import IdentifiedModel, load_model
 from steelyard.report.result import Result
+from steelyard.robot.file.robot_file import load_robot
 from steelyard.robot.file.toml_edits import edited, lines_of
 from steelyard.robot.file.toml_schema import tomllib
 from steelyard.robot.init.draft_robot_file import path_from
@@ -134,7 +136,8 @@ def correct_robot_file(
         anew = {change.edit.path for change in proposed}
         changes = [c for c in changes if c.edit.path not in anew] + proposed
         try:
-            new = new.changed(edited(text, [change.edit for change in proposed]), target)
+            text = edited(text, [change.edit for change in proposed])
+            new = replace(subject, path=target, text=text, loaded=load_robot(target, text))
         except ModelError as error:
             raise ModelError(
                 f"the findings give no valid robot file: {error.wrong}",
@@ -317,18 +320,13 @@ def check(
         refuse_foreign(known, subject.loaded, named or "the model")
 
     def check_with(robot_file: Subject) -> Diagnosis:
-        return diagnosed(robot_file, files, known, progress, quick=quick)
+        case, unread = case_of(robot_file, files, known, progress)
+        return diagnosis_of(case, unread, robot_file.text, quick=quick)
 
     diagnosis, corrected = check_with(subject), None
     if target is not None:
         corrected = correct_robot_file(subject, target, diagnosis, check_with)
-    content = CheckContent(
-        subject.loaded.robot.name,
-        str(robot),
-        tuple(file.text for file in files),
-        named,
-        diagnosis,
-        {check.name: check.question for check in all_checks.CHECKS},
-        subject.notes,
-    )
+    asks = {check.name: check.question for check in all_checks.CHECKS}
+    name, names = subject.loaded.robot.name, tuple(file.text for file in files)
+    content = CheckContent(name, str(robot), names, named, diagnosis, asks, subject.notes)
     return CheckResult(content, corrected)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from steelyard.base.arrays import by_key, json_values
-from steelyard.check.finding import OPEN_WORD, Edit, Finding, Fix, Picture, Trace
+from steelyard.check.finding import OPEN_WORD, Edit, Finding, Fix, Picture
 from steelyard.report.page import Numbers, Shown, fill, packed, page_of, script_json
 from steelyard.report.page_figures import thin
 from steelyard.report.words import COLOURS, Level, count, percent
@@ -301,18 +301,13 @@ def findings_of(
         picture, fix = finding.picture, finding.fix if finding.severity else None
         if picture is not None and (fine or finding.severity):
             left -= sum(min(len(t.x), MOST_POINTS_OF_EVIDENCE_LINE) for t in picture.traces)
-            drawn = script_json(_figure(picture)) if left >= 0 else None
+            drawn = script_json(_drawn(picture)) if left >= 0 else None
         else:
             drawn = None
         shown.append(
             {
-                "check": finding.check,
-                "place": finding.place,
+                "finding": finding,
                 "level": LEVEL_OF_SEVERITY.get(finding.word, OPEN_WORD),
-                "word": finding.word,
-                "says": finding.says,
-                "figure": finding.figure,
-                "hypotheses": finding.hypotheses,
                 "fix": fix and (fix.says, lines_of(fix.edits)),
                 "picture": drawn,
                 "still": _reason_it_is_ok(finding, diagnosis),
@@ -355,23 +350,21 @@ def _reason_it_is_ok(finding: Finding, diagnosis: Diagnosis) -> str:
     )
 
 
-def _figure(picture: Picture) -> dict[str, Any]:
-    return {"x": picture.x, "y": picture.y, "traces": [_trace(one) for one in picture.traces]}
-
-
-def _trace(trace: Trace) -> dict[str, Any]:
-    """At most so many points; a line keeps the extremes of every stretch."""
-    if trace.kind == "line":
-        chosen = thin(trace.y, MOST_POINTS_OF_EVIDENCE_LINE)
-    else:
-        chosen = np.arange(0, len(trace.x), -(-len(trace.x) // MOST_POINTS_OF_EVIDENCE_LINE) or 1)
-    x = np.asarray(trace.x)[chosen]
-    return {
-        "name": trace.name,
-        "kind": trace.kind,
-        "x": packed(x, "f8" if np.any(np.abs(x) > LEAST_NUMBER_IN_DOUBLE_PRECISION) else "f4"),
-        "y": packed(np.asarray(trace.y)[chosen]),
-    }
+def _drawn(picture: Picture) -> dict[str, Any]:
+    """Traces of at most so many points; a line keeps the extremes of every stretch."""
+    traces = []
+    for trace in picture.traces:
+        if trace.kind == "line":
+            chosen = thin(trace.y, MOST_POINTS_OF_EVIDENCE_LINE)
+        else:
+            step = -(-len(trace.x) // MOST_POINTS_OF_EVIDENCE_LINE) or 1
+            chosen = np.arange(0, len(trace.x), step)
+        x, y = np.asarray(trace.x)[chosen], np.asarray(trace.y)[chosen]
+        kind = "f8" if np.any(np.abs(x) > LEAST_NUMBER_IN_DOUBLE_PRECISION) else "f4"
+        traces.append(
+            {"name": trace.name, "kind": trace.kind, "x": packed(x, kind), "y": packed(y)}
+        )
+    return {"x": picture.x, "y": picture.y, "traces": traces}
 
 
 @dataclass(frozen=True, eq=False)
@@ -411,17 +404,14 @@ def render_check(content: CheckContent) -> str:
     )
 
 
-def _rows_of_group(group: Group) -> list[dict[str, str]]:
+def _rows_of_group(group: Group) -> list[Numbers]:
     """One row per finding; of many that are ok the first speaks."""
     more = len(group) - 1 if not group[0].severity else 0
     return [
         {
-            "word": finding.word,
+            "finding": finding,
             "level": LEVEL_OF_SEVERITY.get(finding.word, OPEN_WORD),
-            "check": finding.check,
             "place": f"{finding.log or 'all logs'} (and {more} more)" if more else finding.place,
-            "says": finding.says,
-            "figure": finding.figure,
         }
         for finding in (group[:1] if more else group)
     ]

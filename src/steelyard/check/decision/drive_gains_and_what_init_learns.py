@@ -18,11 +18,7 @@ from numpy.typing import NDArray
 
 from steelyard.base.arrays import Array
 from steelyard.base.errors import DataError, LogError, SteelyardError
-from steelyard.check.case_logs_and_checks import (
-    Case,
-    CheckedLog,
-    remembered,
-)
+from steelyard.check.case_logs_and_checks import Case, CheckedLog, remembered
 from steelyard.check.finding import Edit, Finding, Fix, Severity
 from steelyard.check.hypotheses.log_excerpt import Excerpt, excerpt_of
 from steelyard.check.hypotheses.nuisance_fit_and_score import REST_SPEED
@@ -414,7 +410,6 @@ def _signals(guess: Guess, moving: Sequence[Coordinate], gears: Gears | None) ->
 def _friction(
     excerpts: Sequence[Excerpt], signals: Signals, moving: Sequence[Coordinate]
 ) -> tuple[bool, str]:
-    """Whether `friction = "auto"` is of use, and why."""
     if not excerpts:
         return False, "no motion could be read"
     logs = [(_joints(x.dz, signals), x.stretch, 1.0 / x.rate) for x in excerpts]

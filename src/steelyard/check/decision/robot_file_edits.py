@@ -167,7 +167,16 @@ def velocity_edits(log: CheckedLog, reading: Reading) -> tuple[Edit, ...]:
         return ()
     from scipy.optimize import linear_sum_assignment
 
-    table = _velocity_correlations(log.samples.t, logged, reading)
+    x, t = reading.likelihood.excerpt, log.samples.t
+    good = np.isfinite(t) & np.isfinite(logged).all(axis=1)
+    t, dq = t[good], np.clip(logged[good], -1e3, 1e3)
+    times = np.argsort(t, kind="stable")
+    rates = np.array([np.interp(x.t + x.origin, t[times], column[times]) for column in dq.T])
+    if s.position_map is not None:
+        rates = np.asarray(np.linalg.solve(s.position_map, rates))
+    derived = reading.position_scale[:, None] * x.dz[list(reading.position)]
+    size = np.outer(np.linalg.norm(derived, axis=1), np.linalg.norm(rates, axis=1))
+    table = derived @ rates.T / np.maximum(size, 1e-300)  # correlations, joints by columns
     n, own_place = len(table), np.arange(len(table))
     order = linear_sum_assignment(-np.abs(table) - 1e-6 * np.eye(n))[1]
     correlated = np.abs(table[own_place, order]) >= SAME_VELOCITY_CORRELATION
@@ -182,20 +191,6 @@ def velocity_edits(log: CheckedLog, reading: Reading) -> tuple[Edit, ...]:
     if not np.array_equal(signs, own):
         found.append(Edit(("signals", "velocity_sign"), [int(x) for x in signs]))
     return tuple(found)
-
-
-def _velocity_correlations(t: Array, dq: Array, reading: Reading) -> Array:
-    """Of each joint's derivative of position with each velocity of the log's rows, `(n, n)`."""
-    x, signals = reading.likelihood.excerpt, reading.likelihood.signals
-    good = np.isfinite(t) & np.isfinite(dq).all(axis=1)
-    t, dq = t[good], np.clip(dq[good], -1e3, 1e3)
-    order = np.argsort(t, kind="stable")
-    logged = np.array([np.interp(x.t + x.origin, t[order], column[order]) for column in dq.T])
-    if signals.position_map is not None:
-        logged = np.asarray(np.linalg.solve(signals.position_map, logged))
-    derived = reading.position_scale[:, None] * x.dz[list(reading.position)]
-    size = np.outer(np.linalg.norm(derived, axis=1), np.linalg.norm(logged, axis=1))
-    return np.asarray(derived @ logged.T / np.maximum(size, 1e-300))
 
 
 CLOSE_MISFIT_FACTOR = 1.05  # misfit over the winner's up to which edits do what they should

@@ -193,11 +193,15 @@ class Search:
             best = self.best
         alone = undone(best.reading, declared, cause)
         self.compare([(alone, tuple(c for c in best.changes if c.cause != cause))])
+        late = best.reading.delay - declared.delay
+        half = (
+            0.5 * abs(late) if cause == "effort delay" else np.inf
+        )  # from which on one is as late
         others = [
             x
             for x in self.found.values()
             if not any(alike(cause, y, best.reading) for y in (x.reading, mirror(x.reading)))
-            and not (cause == "effort delay" and _as_late(x.reading, best.reading, declared))
+            and (x.reading.delay - declared.delay) * np.sign(late) <= half
         ]
         most = max(x.log for x in self.found.values() if x not in others)
         return most - max((x.log for x in others), default=-np.inf)
@@ -271,7 +275,6 @@ class Search:
 
 
 def _changes(start: Explanation, others: OtherEfforts) -> Iterator[Hypothesis]:
-    """Everything that one change of a reading can explain."""
     reading, declared = start.reading, start.reading.likelihood.declared
     for h in effort_hypotheses(reading, others):
         factors = h.reading.effort_scale / reading.effort_scale
@@ -299,12 +302,6 @@ def _changes(start: Explanation, others: OtherEfforts) -> Iterator[Hypothesis]:
     if reading.delay == declared.delay:
         for delay in TRIED_DELAYS:
             yield _late(reading.changed(delay=reading.delay + delay), delay)
-
-
-def _as_late(reading: Reading, best: Reading, declared: Reading) -> bool:
-    """Whether a delay is rather the best one than that declared."""
-    late, most = reading.delay - declared.delay, best.delay - declared.delay
-    return bool(late * np.sign(most) > 0.5 * abs(most))
 
 
 def _late(reading: Reading, delay: float) -> Hypothesis:

@@ -99,6 +99,7 @@ def judge_log(case: Case, evidence: CheckedLog) -> LogVerdict | None:
 
 @remembered
 def _alone(case: Case, evidence: CheckedLog) -> LogVerdict | None:
+    """What a log says by itself, with one delay no longer sure that joints or slow motion deny."""
     ranked = rankings(case)
     found = ranked.get(evidence)
     if found is None:
@@ -106,22 +107,15 @@ def _alone(case: Case, evidence: CheckedLog) -> LogVerdict | None:
     if found.search is None:
         return _by_reference(found)
     others = {e.name: x.search for e, x in ranked.items() if e is not evidence and x.search}
-    return _with_one_delay(case, evidence, _by_evidence(found, found.search, others))
-
-
-def _with_one_delay(case: Case, evidence: CheckedLog, found: LogVerdict) -> LogVerdict:
-    """The same verdict, with a delay that joints or slow motion contradict no longer sure.
-
-    With another cause beside it the log as it is read says nothing of that.
-    """
-    if [(w.cause, severity) for w, severity in found.winners] != [("effort delay", Severity.WRONG)]:
-        return found
-    ((one, _),) = found.winners
-    against = no_common_delay(case, evidence, one.reading.delay - found.declared.reading.delay)
-    if not against:
-        return found
-    one = replace(one, says=f"{one.says}, but {against}", fixed=False)
-    return replace(found, winners=((one, Severity.DOUBTFUL),))
+    found = _by_evidence(found, found.search, others)
+    # with another cause beside it the log as it is read says nothing of the delay
+    if [(w.cause, severity) for w, severity in found.winners] == [("effort delay", Severity.WRONG)]:
+        ((one, _),) = found.winners
+        more = one.reading.delay - found.declared.reading.delay
+        if against := no_common_delay(case, evidence, more):
+            one = replace(one, says=f"{one.says}, but {against}", fixed=False)
+            return replace(found, winners=((one, Severity.DOUBTFUL),))
+    return found
 
 
 def _by_reference(found: LogVerdict) -> LogVerdict:
@@ -220,7 +214,14 @@ def _by_evidence(found: LogVerdict, search: Search, others: Mapping[str, Search]
             sure = odds >= SURE and explained and hypothesis.fixed
             hypothesis = replace(hypothesis, odds=odds)
             one, severity = _judged_part(search, hypothesis, odds, sure)
-            if severity is Severity.WRONG and (log := _excluding(search, cause, others)):
+            # a log that is as declared may have been recorded otherwise; its edits are its own
+            excluding = (
+                log
+                for log, other in others.items()
+                if other.best is not other.declared
+                and other.loss(COPIED[cause](other.best.reading, search.best.reading)) > LIKELY
+            )
+            if severity is Severity.WRONG and (log := next(excluding, "")):
                 says = f"{one.says} (not by {log}, which is not as declared either)"
                 one, severity = replace(one, says=says, fixed=False), Severity.DOUBTFUL
             winners.append((one, severity))
@@ -253,19 +254,6 @@ def _contested(search: Search, cause: str) -> bool:
         for one in search.found.values()
         if one.log <= best.log - LIKELY and one.reading.key != other
     )
-
-
-def _excluding(search: Search, cause: str, others: Mapping[str, Search]) -> str:
-    """The log that needs another correction, and excludes what this one says of a cause.
-
-    A log that is as declared may have been recorded otherwise; its edits are its own.
-    """
-    for log, other in others.items():
-        if other.best is not other.declared:
-            reading = COPIED[cause](other.best.reading, search.best.reading)
-            if other.loss(reading) > LIKELY:
-                return log
-    return ""
 
 
 def _shared(found: LogVerdict, search: Search, verdicts: Mapping[str, LogVerdict]) -> LogVerdict:

@@ -25,7 +25,7 @@ from steelyard.check.fitted.disagreeing_runs_and_passing_forces import (
     passing_force,
 )
 from steelyard.check.fitted.fitted_case_causes_and_constraints import FittedCase
-from steelyard.check.hypotheses.signs_and_delay_by_friction import whitened_columns
+from steelyard.check.hypotheses.signs_and_delay_by_friction import own_fit
 from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.estimate.information.base_parameters_and_regressor import BaseMap, base_regressor
 from steelyard.estimate.information.filter_and_gram import ParallelFilter
@@ -110,18 +110,11 @@ def _borders(run: Information) -> Iterator[_Border]:
         rows = []
         for k, gram in enumerate(grams):
             whole, count = gram[used].sum(axis=0), run.counts[used, k].sum()
-            own, effort, left = _own_fit(whole)
+            own, effort, left = own_fit(whole)
             after = gram[at + 1 :].sum(axis=0)
             rows.append(_Row(after, own, effort, max(left, 0.0), float(count - own.shape[1])))
         start, stop = run.windows[at - 1].start, run.windows[at].stop
         yield (run.windows[at].run, 0.5 * (start + stop), 0.5 * (stop - start)), rows
-
-
-def _own_fit(whole: Array) -> tuple[Array, Array, float]:
-    """Whitened columns of a row's own fit, their products with its effort, squared residual."""
-    own = whitened_columns(whole[:-1, :-1])
-    effort = own.T @ whole[:-1, -1]
-    return own, effort, float(whole[-1, -1] - effort @ effort)
 
 
 def offset_steps(run: Information) -> list[ChangeWithinRun]:
@@ -232,7 +225,7 @@ def _drift_of_row(
     chosen = np.array([law_of(name).drifts() == friction for name in names])
     time, grams = time[part], run.row_grams(row)[part]
     whole, once, twice = (np.tensordot(time**k, grams, 1) for k in (0, 1, 2))
-    own, effort, left = _own_fit(whole)
+    own, effort, left = own_fit(whole)
     torque = np.where(chosen, own @ effort, 0.0)
     freedom = float(run.counts[part, row].sum()) - own.shape[1] - 1.0
     shared = own.T @ once[:-1, :-1] @ torque
@@ -359,7 +352,6 @@ def _more_is_left(case: FittedCase, step: ChangeWithinRun) -> bool:
 def _offsets_found(
     steps: Sequence[ChangeWithinRun], coordinates: Sequence[Coordinate], log: str
 ) -> Finding:
-    """The finding on offsets that jump, in the time that all jumps have in common."""
     names = tuple(coordinates[step.row].name for step in steps)
     sizes = [
         f"{step.value:+.3g} ± {Z95 * step.std:.1g} {coordinates[step.row].effort_unit}"

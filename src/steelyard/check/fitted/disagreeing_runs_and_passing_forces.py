@@ -31,7 +31,7 @@ from steelyard.check.case_logs_and_checks import case_check
 from steelyard.check.finding import Finding, Fix
 from steelyard.check.fitted.fitted_case_causes_and_constraints import FittedCase
 from steelyard.check.hypotheses.nuisance_fit_and_score import MISFIT_FLOOR
-from steelyard.check.hypotheses.signs_and_delay_by_friction import whitened_columns
+from steelyard.check.hypotheses.signs_and_delay_by_friction import own_fit, whitened_columns
 from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.estimate.information.information import Information
 from steelyard.estimate.least_squares.weighted_robust_and_whitened import WeightedLeastSquares
@@ -288,7 +288,6 @@ def _residuals(run: Information, row: int, values: Array) -> Array:
 
 
 def _apart(run: Information, grams: list[Array], part: slice) -> _Apart:
-    """Fits to all windows but those of a part."""
     within = np.zeros(len(run.windows), dtype=np.bool_)
     within[part] = True
     fits = [_row(gram, run.counts[:, row], within) for row, gram in enumerate(grams)]
@@ -302,11 +301,9 @@ def _row(
     """One row: coefficients, residuals outside and inside, leverage, samples outside and inside."""
     out, ins = gram[~within].sum(axis=0), gram[within].sum(axis=0)
     many, few = float(counts[~within].sum()), float(counts[within].sum())
-    own = whitened_columns(out[:-1, :-1])
-    effort = own.T @ out[:-1, -1]
+    own, effort, square = own_fit(out)
     free = many - own.shape[1]
-    left = float(out[-1, -1] - effort @ effort) / max(free, 1.0)
-    left = max(left, 1e-12 * float(out[-1, -1]) / max(many, 1.0), 1e-300)
+    left = max(square / max(free, 1.0), 1e-12 * float(out[-1, -1]) / max(many, 1.0), 1e-300)
     values = own @ effort
     weights = np.append(-values, 1.0)
     inner = max(float(weights @ ins @ weights) / max(few, 1.0), 1e-300)

@@ -174,7 +174,6 @@ def _error(
 def _parts(
     model: Model, information: Information, unseen: Sequence[Run]
 ) -> Iterator[tuple[Information, Information]]:
-    """What is fitted, and what is predicted from it."""
     if unseen:
         yield information, information_from(unseen, rests=model.has_memory)(base_regressor(model))
         return
@@ -211,7 +210,6 @@ def contradicted_rows(base: BaseMap, known: Knowledge, plain: Estimate) -> tuple
 
 
 def _of_row(row: Row, estimate: Estimate) -> tuple[float, float]:
-    """Value and standard deviation of a sum of parameters."""
     at = [estimate.parameters.names.index(name) for name in row.coefficients]
     factors = np.array(list(row.coefficients.values()))
     variance = factors @ estimate.covariance[np.ix_(at, at)] @ factors

@@ -9,10 +9,7 @@ from functools import reduce
 from operator import add
 
 from steelyard.base.errors import SteelyardError
-from steelyard.check.case_logs_and_checks import (
-    Case,
-    case_check,
-)
+from steelyard.check.case_logs_and_checks import Case, case_check
 from steelyard.check.finding import Finding, Fix
 from steelyard.check.fitted.fitted_case_causes_and_constraints import FittedCase
 from steelyard.estimate.estimate import Estimate, Unidentifiable

@@ -17,9 +17,7 @@ from steelyard.check.fitted.disagreeing_runs_and_passing_forces import (
     last_link_check,
     runs_disagree_check,
 )
-from steelyard.check.fitted.fitted_case_causes_and_constraints import (
-    FittedCase,
-)
+from steelyard.check.fitted.fitted_case_causes_and_constraints import FittedCase
 from steelyard.check.fitted.gear_side_rotors_and_identifiability import (
     LINK_SIDE_INSTEAD,
     SEPARABLE_ROTORS,
@@ -324,19 +322,13 @@ def below_nominal_check(case: FittedCase) -> Iterable[Finding]:
 
 def kept_doubts(identified: IdentifiedModel) -> tuple[Finding, ...]:
     """The findings that `doubts_of_fit` made."""
-    return tuple(
-        Finding(
-            one["check"],
-            one["log"],
-            Severity[one["severity"]],
-            one["says"],
-            one["figure"],
-            fix=Fix(one["fix"]) if one["fix"] else None,
-            headline=True,
-            brief=one["brief"],
-        )
-        for one in identified.provenance.doubts
-    )
+    found = []
+    for one in identified.provenance.doubts:
+        fix = Fix(one["fix"]) if one["fix"] else None
+        severity, more = Severity[one["severity"]], {"headline": True, "brief": one["brief"]}
+        says = one["says"], one["figure"]
+        found.append(Finding(one["check"], one["log"], severity, *says, fix=fix, **more))
+    return tuple(found)
 
 
 POST_FIT: tuple[CaseCheck[FittedCase], ...] = (

@@ -50,7 +50,13 @@ def effort_hypotheses(reading: Reading, others: OtherEfforts) -> Iterator[Hypoth
     n = len(names)
     every = tuple(range(n))
     yield from _effort_factors(reading, _effort_signs(reading.likelihood), "effort sign")
-    yield from unit_hypotheses(reading)
+    amperes = "A" in units and np.max(np.abs(reading.effort_scale)) >= 1.0
+    thousands = {  # nobody logs kiloamperes
+        f"efforts are logged in a unit {says}": np.full(n, f)
+        for says, f in THOUSAND.items()
+        if f < 1.0 or not amperes
+    }
+    yield from _effort_factors(reading, thousands, "effort unit")
     for says, (kind, factors) in others.items():
         cost = choice_cost(4)
         yield from _effort_factors(reading, {says: factors}, "effort kind", cost, every, kind)
@@ -77,18 +83,6 @@ def effort_hypotheses(reading: Reading, others: OtherEfforts) -> Iterator[Hypoth
     yield from _effort_orders(reading)
 
 
-def unit_hypotheses(reading: Reading) -> Iterator[Hypothesis]:
-    """Efforts in a thousandth or a thousand times the declared unit; nobody logs kiloamperes."""
-    signals = reading.likelihood.signals
-    amperes = "A" in signals.effort_units and np.max(np.abs(reading.effort_scale)) >= 1.0
-    units = {
-        f"efforts are logged in a unit {says}": np.full(signals.n, f)
-        for says, f in THOUSAND.items()
-        if f < 1.0 or not amperes
-    }
-    yield from _effort_factors(reading, units, "effort unit")
-
-
 def _effort_signs(likelihood: Likelihood) -> dict[str, Array]:
     """The opposite sign of all efforts, and of each; without a reference, of those with a gain."""
     names = likelihood.names
@@ -109,7 +103,6 @@ def _effort_factors(
     joints: tuple[int, ...] | None = None,
     kind: str = "",
 ) -> Iterator[Hypothesis]:
-    """Readings that differ by factors on the efforts alone, perhaps of another kind."""
     for says, f in factors.items():
         changed = reading.with_factors(f).changed(kind=kind or reading.kind)
         touched = tuple(int(j) for j in np.flatnonzero(f != 1.0)) if joints is None else joints

@@ -75,14 +75,6 @@ SHARED_FIT_ROUNDS = 4
 WIDE_STD = 1e6
 
 
-@dataclass(frozen=True, eq=False)
-class SharedFit:
-    """Values `(k,)` and their covariance `(k, k)`."""
-
-    values: Array
-    covariance: Array
-
-
 def shared_fit(
     residual: Array,
     columns: Array,
@@ -91,8 +83,8 @@ def shared_fit(
     size: Array,
     worth: float,
     prior: Array,
-) -> SharedFit:
-    r"""Weighted least squares of $r_j = C_j x + Y_j \theta_j$ over all joints.
+) -> tuple[Array, Array]:
+    r"""Weighted least squares of $r_j = C_j x + Y_j \theta_j$ over all joints: $x$, its covariance.
 
     Every joint weighs by its own residuals; bounds, each `(n, 4)`, are taken as a normal
     distribution of their width.
@@ -136,7 +128,7 @@ def shared_fit(
             left = residual[j] - values @ columns[:, j] - theta @ nuisances[j]
             count = max(float(np.count_nonzero(nuisances[j, 2])), 1.0)
             variance[j] = max(float(left @ left) / count, float(size[j]) ** 2)
-    return SharedFit(values, covariance)
+    return values, covariance
 
 
 SHARP_DELAY_FLOOR = 0.002  # floor of misfits where two delays of one model are compared

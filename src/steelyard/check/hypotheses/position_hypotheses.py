@@ -33,22 +33,8 @@ COARSE_SAMPLES, COARSE_SWEEPS = 120, 6  # samples, and sweeps of the friction's 
 REFINED_HYPOTHESES = 12  # how many of the best of them are looked at again
 
 
-def position_changes(reading: Reading) -> list[Hypothesis]:
-    """One change each, not scored: a sign, two joints exchanged, a unit."""
-    return [*_signs(reading), *_swaps(reading), *_units(reading)]
-
-
-def deep_hypotheses(reading: Reading) -> Iterator[Hypothesis]:
-    """The best of all signs and of all orders."""
-    if not 2 < len(reading.position) <= MOST_PERMUTED_JOINTS:
-        return
-    coarse = reading.on(reading.likelihood.thinned(COARSE_SAMPLES, COARSE_SWEEPS))
-    for family in (_all_signs(coarse), _all_orders(coarse)):
-        best = sorted(scored(list(family)), key=lambda r: -r.log_likelihood)[:REFINED_HYPOTHESES]
-        yield from scored([replace(h, reading=h.reading.on(reading.likelihood)) for h in best])
-
-
-def _signs(reading: Reading) -> Iterator[Hypothesis]:
+def position_changes(reading: Reading) -> Iterator[Hypothesis]:
+    """One change each, not scored: a sign, two joints exchanged, a unit of positions or of time."""
     names = reading.likelihood.names
     n = len(names)
     for j, name in enumerate(names):
@@ -56,24 +42,41 @@ def _signs(reading: Reading) -> Iterator[Hypothesis]:
     if n > 1:
         says = "all positions have the opposite sign"
         yield _turned(reading, tuple(range(n)), says, choice_cost(n))
+    for a, b in combinations(range(n), 2):
+        order = list(range(n))
+        order[a], order[b] = b, a
+        pair = f"'{names[a]}' and '{names[b]}'"
+        for both, whose in ((False, f"positions of {pair}"), (True, pair)):
+            yield _ordered(reading, order, both, f"{whose} exchanged", 2.0 * choice_cost(n))
+    yield from _units(reading)
+
+
+def deep_hypotheses(reading: Reading) -> Iterator[Hypothesis]:
+    """The best of all signs and of all orders."""
+    n = len(reading.position)
+    if not 2 < n <= MOST_PERMUTED_JOINTS:
+        return
+    coarse = reading.on(reading.likelihood.thinned(COARSE_SAMPLES, COARSE_SWEEPS))
+    signs, orders = [], []
+    for joints in chain.from_iterable(combinations(range(n), k) for k in range(2, n)):
+        says = f"joints {', '.join(str(j + 1) for j in joints)} have the opposite sign"
+        cost = choice_cost(n) * min(len(joints), n - len(joints))
+        signs.append(_turned(coarse, joints, says, cost))
+    for order in permutations(range(n)):
+        if sum(j != k for j, k in enumerate(order)) > 2:
+            numbers = ", ".join(str(coarse.position[k] + 1) for k in order)
+            for both, whose in ((False, "positions"), (True, "joints")):
+                says = f"{whose} in the order {numbers}"
+                orders.append(_ordered(coarse, order, both, says, n * choice_cost(n)))
+    for family in (signs, orders):
+        best = sorted(scored(family), key=lambda r: -r.log_likelihood)[:REFINED_HYPOTHESES]
+        yield from scored([replace(h, reading=h.reading.on(reading.likelihood)) for h in best])
 
 
 def _turned(reading: Reading, joints: tuple[int, ...], says: str, cost: float) -> Hypothesis:
     signs = np.where(np.isin(np.arange(len(reading.position)), joints), -1.0, 1.0)
     turned = reading.changed(position_scale=signs * reading.position_scale)
     return Hypothesis("position sign", says, turned, cost, joints)
-
-
-def _swaps(reading: Reading) -> Iterator[Hypothesis]:
-    """Two joints exchanged: positions alone, or with their efforts."""
-    names = reading.likelihood.names
-    cost = 2.0 * choice_cost(len(names))
-    for a, b in combinations(range(len(names)), 2):
-        order = list(range(len(names)))
-        order[a], order[b] = b, a
-        pair = f"'{names[a]}' and '{names[b]}'"
-        yield _ordered(reading, order, False, f"positions of {pair} exchanged", cost)
-        yield _ordered(reading, order, True, f"{pair} exchanged", cost)
 
 
 def _ordered(
@@ -101,24 +104,6 @@ def _units(reading: Reading) -> Iterator[Hypothesis]:
         for factor, says in ((scale, "in"), (1.0 / scale, "not in")):
             changed = reading.changed(time=factor * reading.time)
             yield Hypothesis("clock", f"time {says} {unit}", changed, choice_cost(6), ())
-
-
-def _all_signs(reading: Reading) -> Iterator[Hypothesis]:
-    n = len(reading.position)
-    for joints in chain.from_iterable(combinations(range(n), k) for k in range(2, n)):
-        numbers = ", ".join(str(j + 1) for j in joints)
-        cost = choice_cost(n) * min(len(joints), n - len(joints))
-        yield _turned(reading, joints, f"joints {numbers} have the opposite sign", cost)
-
-
-def _all_orders(reading: Reading) -> Iterator[Hypothesis]:
-    n = len(reading.position)
-    cost = n * choice_cost(n)
-    for order in permutations(range(n)):
-        if sum(j != k for j, k in enumerate(order)) > 2:
-            numbers = ", ".join(str(reading.position[k] + 1) for k in order)
-            yield _ordered(reading, order, False, f"positions in the order {numbers}", cost)
-            yield _ordered(reading, order, True, f"joints in the order {numbers}", cost)
 
 
 ZERO_CAUSE = "joint zeros"  # the check that an explanation by a zero belongs to
@@ -206,7 +191,6 @@ def zero_near(reading: Reading, joint: int) -> tuple[float, float]:
 
 
 def _zero_likelihoods(reading: Reading, joint: int, offsets: Array) -> Array:
-    """Log-likelihood at offsets of one joint, of the same shape."""
     moved = [
         Hypothesis(ZERO_CAUSE, "", reading.with_zero(joint, x), 0.0, (joint,)) for x in offsets
     ]

@@ -23,10 +23,7 @@ import numpy as np
 
 from steelyard.base.arrays import Array
 from steelyard.base.errors import SteelyardError
-from steelyard.check.case_logs_and_checks import (
-    Case,
-    CheckedLog,
-)
+from steelyard.check.case_logs_and_checks import Case, CheckedLog
 from steelyard.check.finding import Edit, Finding, Fix
 from steelyard.check.hypotheses.gravity_payload_and_delay import LONGEST_DELAY
 from steelyard.check.hypotheses.nuisance_fit_and_score import LikelihoodScore
@@ -37,6 +34,7 @@ from steelyard.estimate.information.information import Information
 from steelyard.model.laws.friction_over_speed import Coulomb, Viscous
 from steelyard.model.laws.friction_with_memory import MaxwellSlip
 from steelyard.model.model import Model
+from steelyard.robot.file.signals import Signals
 from steelyard.runs.prepare import prepare
 from steelyard.runs.run import Run, fastest_of
 from steelyard.symbolic.native.compiled_programs import recurrence
@@ -104,25 +102,24 @@ class RowFriction:
 
 def friction_signs(case: Case) -> tuple[Finding, ...]:
     """One finding per log whose friction drives joints; none where it takes energy, or is small."""
-    found = []
-    for log in case.logs:
-        mapped = log.recording.signals.effort_map is not None
-        drives = {} if mapped else friction_of_rows(case, log)
-        if any(d.drives for d in drives.values()):
-            found.append(replace(_friction_sign(case, log, drives), log=log.name))
-    return tuple(found)
+    plain = [log for log in case.logs if log.recording.signals.effort_map is None]
+    drives = {log: friction_of_rows(case, log) for log in plain}
+    return tuple(
+        replace(_friction_sign(case, log.recording.signals, rows), log=log.name)
+        for log, rows in drives.items()
+        if any(row.drives for row in rows.values())
+    )
 
 
-def _friction_sign(case: Case, log: CheckedLog, drives: dict[str, RowFriction]) -> Finding:
-    signals, driven = log.recording.signals, [j for j, d in drives.items() if d.drives]
-    braked = [j for j, d in drives.items() if d.brakes]
+def _friction_sign(case: Case, signals: Signals, drives: dict[str, RowFriction]) -> Finding:
+    driven = tuple(j for j, d in drives.items() if d.drives)
     worst = min((drives[j] for j in driven), key=lambda d: d.size)
     figure = (
         f"friction of {100.0 * worst.size:.0f} % of the effort (standard error "
         f"{100.0 * worst.std:.2g} %), at least {-100.0 * LEAST_NEGATIVE_FRICTION:.0f} % required"
     )
     listed = ", ".join(f"'{j}'" for j in driven)
-    if not braked and 2 * len(driven) > len(case.joints) > 1:
+    if not any(d.brakes for d in drives.values()) and 2 * len(driven) > len(case.joints) > 1:
         says = (
             "all efforts or all positions have the wrong sign: friction drives "
             f"{listed} instead of braking, and is dissipative in no joint"
@@ -130,7 +127,7 @@ def _friction_sign(case: Case, log: CheckedLog, drives: dict[str, RowFriction]) 
         edit = Edit(("signals", "effort", "gain"), [-float(g) for g in signals.gains])
         unwritten = any(signals.unknown_gains) or case.loaded.robot.transmission
         fix = Fix("change the signs of all gains", () if unwritten else (edit,))
-        return Finding.wrong(says, figure, tuple(driven), fix)
+        return Finding.wrong(says, figure, driven, fix)
     says = (
         f"effort of {listed} has the wrong sign, or the position has: friction "
         "drives instead of braking"
@@ -139,7 +136,7 @@ def _friction_sign(case: Case, log: CheckedLog, drives: dict[str, RowFriction]) 
         f"find out which of the two it is: change the sign of the gain of {listed}, or of its "
         "position (position_sign under [signals])"
     )
-    return Finding.doubtful(says, figure, tuple(driven), fix)
+    return Finding.doubtful(says, figure, driven, fix)
 
 
 def friction_of_rows(case: Case, log: CheckedLog) -> dict[str, RowFriction]:
@@ -172,10 +169,8 @@ def _friction_of_row(
     dry, viscous = (columns.index(name) for name in names)
     if gram[-1, -1] <= 0.0 or min(gram[dry, dry], gram[viscous, viscous]) <= 0.0:
         return None
-    own = whitened_columns(gram[:-1, :-1])
-    inverse = own @ own.T
-    theta = inverse @ gram[:-1, -1]
-    left = float(gram[-1, -1] - theta @ gram[:-1, -1])
+    own, fitted, left = own_fit(gram)
+    inverse, theta = own @ own.T, own @ fitted
     effort = float(gram[-1, -1])  # without its mean
     if f"offset.{joint}" in columns:
         k = columns.index(f"offset.{joint}")
@@ -374,9 +369,7 @@ def _squares(information: Information) -> Array:
     """Squares that each row's own least squares leave, and degrees of freedom, `(2, rows)`."""
     found = []
     for row in range(len(information.layout.rows)):
-        gram = information.row_gram(row)
-        own = whitened_columns(gram[:-1, :-1])
-        left = float(gram[-1, -1] - np.sum(np.square(own.T @ gram[:-1, -1])))
+        own, _, left = own_fit(information.row_gram(row))
         found.append((left, float(information.n_samples[row] - own.shape[1])))
     return np.array(found).T
 
@@ -388,3 +381,10 @@ def whitened_columns(gram: Array) -> Array:
     values, vectors = np.linalg.eigh(gram / lengths[:, None] / lengths)
     kept = values > SINGULAR_GRAM * values.max()
     return np.asarray(vectors[:, kept] / np.sqrt(values[kept]) / lengths[:, None])
+
+
+def own_fit(gram: Array) -> tuple[Array, Array, float]:
+    """Whitened columns of a row's least squares, their products with its effort, square left."""
+    own = whitened_columns(gram[:-1, :-1])
+    effort = own.T @ gram[:-1, -1]
+    return own, effort, float(gram[-1, -1] - effort @ effort)

@@ -11,7 +11,7 @@ from steelyard.base.errors import LogError
 from steelyard.check.case_logs_and_checks import Case, CheckedLog, case_check, log_check
 from steelyard.check.finding import Edit, Finding, Fix, Picture, Severity, Trace, percent_of
 from steelyard.check.signals.motion_units import unit_reading
-from steelyard.check.signals.time_stamps_and_scale import clock_is_irregular
+from steelyard.check.signals.time_stamps_and_scale import clock_of_log
 from steelyard.check.signals.usable_rows_and_derivatives import (
     JUMP_FACTOR,
     JUMP_ROWS,
@@ -45,7 +45,7 @@ def corrupt_rows_check(case: Case, log: CheckedLog) -> Finding:
     if isinstance(log.run, LogError):
         says += f"; as declared, the log cannot be used: {log.run.wrong}"
         # neither units, nor the clock, nor a motion that is missing explain it
-        explained = unit_reading(case, log).cheaper or clock_is_irregular(case, log)
+        explained = unit_reading(case, log).cheaper or clock_of_log(case, log).severity
         if not explained and signal_overview(log).moves:
             severity, fix = Severity.WRONG, Fix(log.run.fix)
     if not severity and (false := _false_positions(case, log)) is not None:
@@ -277,7 +277,6 @@ def _held_efforts(
 
 
 def _irregular(overview: SignalOverview) -> Finding | None:
-    """Rows in motion that repeat positions now and then."""
     q, step, half = overview.q, overview.resolution[overview.channels.q], REPEAT_SPAN // 2
     far = np.abs(q[REPEAT_SPAN:] - q[:-REPEAT_SPAN]) > FAR_STEPS * REPEAT_SPAN * step
     fast: NDArray[np.bool_] = np.any(far & (step > 0.0), axis=1)

@@ -17,11 +17,7 @@ from numpy.typing import NDArray
 
 from steelyard.base.arrays import Array, stretches
 from steelyard.base.errors import SteelyardError
-from steelyard.check.case_logs_and_checks import (
-    Case,
-    CheckedLog,
-    log_check,
-)
+from steelyard.check.case_logs_and_checks import Case, CheckedLog, log_check
 from steelyard.check.finding import Finding, Fix, Picture, Severity, of_joints, percent_of, trace
 from steelyard.check.signals.motion_units import driven_joints, unit_reading
 from steelyard.check.signals.usable_rows_and_derivatives import (
@@ -317,7 +313,6 @@ def _range(values: Array) -> str:
 
 
 def _noise_picture(case: Case, log: CheckedLog, overview: SignalOverview, joint: int) -> Picture:
-    """The joint's effort in the middle of the log."""
     half = 0.5 * NOISE_PICTURE_TIME / unit_reading(case, log).second
     at = np.abs(overview.t - 0.5 * (overview.t[0] + overview.t[-1])) <= half
     unit = log.recording.signals.effort_units[joint]
@@ -410,7 +405,6 @@ def _highest(effort: Array) -> _Stay:
 
 
 def _stays(effort: Array, level: float) -> NDArray[np.intp]:
-    """Lengths of the stays at a level, in rows."""
     return np.array([stop - start for start, stop in stretches(effort == level)])
 
 

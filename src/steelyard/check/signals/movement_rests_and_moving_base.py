@@ -215,7 +215,6 @@ def _inertial_columns(log: CheckedLog, kinds: set[str]) -> tuple[str, ...]:
 
 
 def _inertial_values(log: CheckedLog, columns: Sequence[str]) -> Array:
-    """Rows without gaps, shape `(N, columns)`."""
     start, stop = log.window
     last = min(stop, start + BASE_ROWS)
     x = np.concatenate([*log.log.parts(columns, (start, last)), np.zeros((0, len(columns)))])
@@ -223,7 +222,6 @@ def _inertial_values(log: CheckedLog, columns: Sequence[str]) -> Array:
 
 
 def _turning_words(log: CheckedLog, columns: tuple[str, ...]) -> list[str]:
-    """Rates of turn that are motion, in words."""
     clauses = []
     for column in columns:
         unit = np.pi / 180.0 if {"deg", "dps"} & {*words_of(column)} else 1.0
@@ -250,5 +248,4 @@ def _acceleration_words(log: CheckedLog, columns: tuple[str, ...]) -> list[str]:
 
 
 def _is_smooth(values: Array) -> bool:
-    """Whether values are motion rather than noise."""
     return bool(np.sqrt(np.mean(np.square(np.diff(values)))) < SMOOTH_STEP_SHARE * values.std())

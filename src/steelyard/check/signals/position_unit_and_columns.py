@@ -232,7 +232,6 @@ def _other_unit(
 
 
 def _reasons(case: Case, log: CheckedLog, units: UnitReading, joint: int, off: Array) -> str:
-    """What speaks against the declared unit: range, speed and logged velocities."""
     v, coordinate = motion_in_units(case, log).v[joint], case.loaded.robot.coordinates[joint]
     speed = np.quantile(np.abs(v), 0.995) if len(v) else 0.0
     found = []

@@ -18,12 +18,7 @@ import numpy as np
 
 from steelyard.base.arrays import Array
 from steelyard.base.errors import SteelyardError
-from steelyard.check.case_logs_and_checks import (
-    Case,
-    CheckedLog,
-    case_check,
-    remembered,
-)
+from steelyard.check.case_logs_and_checks import Case, CheckedLog, case_check, remembered
 from steelyard.check.finding import (
     Edit,
     Finding,
@@ -86,36 +81,6 @@ class Leaps:
         return self.late >= 0.5 * float(self.missing.sum())
 
 
-def _leaps(t: Array, q: Array) -> Leaps:
-    """Leaps of all joints, by increasing times `(N,)` [s] and positions `(N, n)`.
-
-    Rows that repeat all positions are left out before.
-    """
-    fresh = np.flatnonzero(np.concatenate(([True], (np.diff(q, axis=0) != 0.0).any(axis=1))))
-    if len(fresh) < 8 * STEPS_AROUND_LEAP:
-        return Leaps(np.zeros(0), 0.0, 0)
-    duration = np.diff(t[fresh])
-    velocity = np.diff(q[fresh], axis=0) / duration[:, None]
-    size = np.sqrt(np.mean(np.square(velocity), axis=0))
-    velocity = velocity[:, size > 0.0] / size[size > 0.0]
-    windows = np.lib.stride_tricks.sliding_window_view(velocity, 2 * STEPS_AROUND_LEAP + 1, axis=0)
-    around = np.median(np.delete(windows, STEPS_AROUND_LEAP, axis=2), axis=2)
-    inner = velocity[STEPS_AROUND_LEAP:-STEPS_AROUND_LEAP]
-    square = np.sum(np.square(around), axis=1)
-    factor = np.sum(inner * around, axis=1) / np.maximum(square, 1e-300)
-    left = np.linalg.norm(inner - factor[:, None] * around, axis=1)
-    moving = square > SLOW_LEAP_SHARE**2 * velocity.shape[1]
-    found = (
-        moving
-        & (factor >= LEAP_FACTOR)
-        & (left <= COMMON_LEAP_RESIDUE * np.linalg.norm(inner, axis=1))
-    )
-    slow = moving & (factor <= 1.0 / LEAP_FACTOR)
-    rows = duration[STEPS_AROUND_LEAP:-STEPS_AROUND_LEAP] / np.median(np.diff(t))
-    late = float(np.sum((1.0 - factor[slow]) * rows[slow]))
-    return Leaps(factor[found] - 1.0, late, int(np.count_nonzero(moving)))
-
-
 DOUBTFUL_GAPS, GAPS_PER_ROW = 5, 2.5e-4
 """Short gaps of a doubtful clock: so many, or three that are so frequent."""
 DOUBTFUL_LEAPS, DOUBTFUL_MISSING, MUCH_MISSING = 5, 0.005, 0.05
@@ -132,7 +97,7 @@ def clock_check(case: Case) -> Iterable[Finding]:
     One finding per log; one more if a fit shows that the clock runs fast or slow. A declared rate
     that neither velocities nor a fit confirm is open.
     """
-    found = [replace(_clock_found(case, log), log=log.name) for log in case.logs]
+    found = [replace(clock_of_log(case, log), log=log.name) for log in case.logs]
     if any(finding.severity for finding in found):
         return found
     found = [time_scale_by_velocities(case, e) or f for e, f in zip(case.logs, found, strict=True)]
@@ -150,7 +115,7 @@ def clock_check(case: Case) -> Iterable[Finding]:
     ]
 
 
-def _clock_found(case: Case, log: CheckedLog) -> Finding:
+def clock_of_log(case: Case, log: CheckedLog) -> Finding:
     """What is worst about the clock of one log."""
     overview, units = signal_overview(log), unit_reading(case, log)
     column = log.recording.signals.time
@@ -197,14 +162,36 @@ def out_of_order(log: CheckedLog) -> bool:
 
 @remembered
 def leaping_rows(log: CheckedLog) -> Leaps | None:
-    """Leaps of all joints though stamps go on evenly; `None` if there are hardly any."""
+    """Leaps of all joints though stamps go on evenly; `None` if there are hardly any.
+
+    Rows that repeat all positions are left out before.
+    """
     overview = signal_overview(log)
+    t, q = overview.t, overview.q
     if not overview.moves:
         return None
-    found = _leaps(overview.t, overview.q)
-    size = found.missing.sum()
-    often = len(found.missing) >= DOUBTFUL_LEAPS and size >= DOUBTFUL_MISSING * found.moving
-    return found if often else None
+    fresh = np.flatnonzero(np.concatenate(([True], (np.diff(q, axis=0) != 0.0).any(axis=1))))
+    if len(fresh) < 8 * STEPS_AROUND_LEAP:
+        return None
+    duration = np.diff(t[fresh])
+    velocity = np.diff(q[fresh], axis=0) / duration[:, None]
+    size = np.sqrt(np.mean(np.square(velocity), axis=0))
+    velocity = velocity[:, size > 0.0] / size[size > 0.0]
+    windows = np.lib.stride_tricks.sliding_window_view(velocity, 2 * STEPS_AROUND_LEAP + 1, axis=0)
+    around = np.median(np.delete(windows, STEPS_AROUND_LEAP, axis=2), axis=2)
+    inner = velocity[STEPS_AROUND_LEAP:-STEPS_AROUND_LEAP]
+    square = np.sum(np.square(around), axis=1)
+    factor = np.sum(inner * around, axis=1) / np.maximum(square, 1e-300)
+    left = np.linalg.norm(inner - factor[:, None] * around, axis=1)
+    moving = square > SLOW_LEAP_SHARE**2 * velocity.shape[1]
+    alike = left <= COMMON_LEAP_RESIDUE * np.linalg.norm(inner, axis=1)
+    missing = factor[moving & (factor >= LEAP_FACTOR) & alike] - 1.0
+    count = int(np.count_nonzero(moving))
+    if len(missing) < DOUBTFUL_LEAPS or missing.sum() < DOUBTFUL_MISSING * count:
+        return None
+    slow = moving & (factor <= 1.0 / LEAP_FACTOR)
+    rows = duration[STEPS_AROUND_LEAP:-STEPS_AROUND_LEAP] / np.median(np.diff(t))
+    return Leaps(missing, float(np.sum((1.0 - factor[slow]) * rows[slow])), count)
 
 
 def _leaps_found(leaps: Leaps, step: float) -> Finding:
@@ -235,7 +222,6 @@ def _leaps_found(leaps: Leaps, step: float) -> Finding:
 
 
 def _other_rate(log: CheckedLog, units: UnitReading) -> Finding:
-    """The finding on a declared rate that velocities contradict."""
     scale, declared = 1.0 / units.second, 1.0 / log.recording.signals.time_scale
     rate = float(f"{scale * declared:.6g}")
     sure = abs(scale - 1.0) > MOST_OFF
@@ -310,11 +296,6 @@ def _time(seconds: float) -> str:
     return f"{seconds:.3g} s" if seconds >= 1.0 else f"{1e3 * seconds:.3g} ms"
 
 
-def clock_is_irregular(case: Case, log: CheckedLog) -> bool:
-    """Whether the clock of a log is to blame for what goes wrong with it."""
-    return _clock_found(case, log).severity != Severity.OK
-
-
 TRIED_SCALE = 0.05  # relative scale that is tried first to both sides
 VARIANCE_FALL = 0.045  # fall of the logarithm of the variance there from which on others are tried
 TRIED_SCALES = np.log([0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 1.0, 1.05, 1.1, 1.25, 1.43, 1.67, 2.0])
@@ -335,7 +316,6 @@ class _Scaled(Run):
     factor: float = 1.0
 
     def blocks(self, size: int = BLOCK_SAMPLES) -> Iterator[Block]:
-        """The blocks of the run with the faster motion."""
         for block in super().blocks(size):
             yield replace(block, dq=self.factor * block.dq, ddq=self.factor**2 * block.ddq)
 
@@ -404,25 +384,6 @@ def time_scale(case: Case) -> tuple[Finding | None, bool]:
     return finding, False
 
 
-def _other_step(log: CheckedLog, joints: int, scale: float, spread: float, step: float) -> Finding:
-    """The finding on stamps that are many times too far apart, or too near."""
-    far, near = ("far apart", scale) if scale > 1.0 else ("near", 1.0 / scale)
-    rates = (float(f"{scale / step:.{digits}g}") for digits in (1, 2, 3))
-    rate = next((x for x in rates if abs(x * step / scale - 1.0) < spread / scale), scale / step)
-    return Finding.wrong(
-        f"velocities of all {joints} joints are {scale:.4g} times d(q)/dt: time stamps are "
-        f"{near:.3g} times too {far}: the step is {_time(step / scale)}, not {_time(step)}, "
-        "if velocities are in the declared unit",
-        f"joints differ by {100.0 * spread / scale:.1g} % (a clock: at most "
-        f"{100.0 * UNEVEN_RATE:g} %)",
-        fix=Fix(
-            f"correct the time column, or use [signals] rate = {rate:.4g} instead of it; "
-            "if the clock is right, leave velocities out"
-        ),
-        log=log.name,
-    )
-
-
 def _by_velocities(case: Case, log: CheckedLog) -> Array | None:
     """Velocities over derivatives of the reliable joints, if these are so even that a clock is."""
     units = unit_reading(case, log)
@@ -440,17 +401,31 @@ def time_scale_by_velocities(case: Case, log: CheckedLog) -> Finding | None:
     if ratio is None:
         return None
     scale, spread = float(np.mean(ratio)), float(np.ptp(ratio))
-    if abs(scale - 1.0) <= RATE_TOLERANCE:
+    off = abs(scale - 1.0)
+    if off <= RATE_TOLERANCE:
         return None
-    if abs(scale - 1.0) > MOST_OFF:
-        step = unit_reading(case, log).second * signal_overview(log).step
-        return _other_step(log, len(ratio), scale, spread, step)
-    way = "slow" if scale < 1.0 else "fast"
-    return Finding.doubtful(
-        f"velocities of all {len(ratio)} joints are {scale:.4g} times d(q)/dt: the clock runs "
-        f"{way}, or their unit is off",
-        f"{100.0 * abs(scale - 1.0):.2g} % from 1 (at most {100.0 * RATE_TOLERANCE:g} % allowed), "
-        f"joints differ by {100.0 * spread:.1g} % (a clock: at most {100.0 * UNEVEN_RATE:g} %)",
-        fix=Fix("check the log's rate, and leave velocities out if the clock is right"),
+    says = f"velocities of all {len(ratio)} joints are {scale:.4g} times d(q)/dt: "
+    even = f"(a clock: at most {100.0 * UNEVEN_RATE:g} %)"
+    if off <= MOST_OFF:
+        way = "slow" if scale < 1.0 else "fast"
+        return Finding.doubtful(
+            f"{says}the clock runs {way}, or their unit is off",
+            f"{100.0 * off:.2g} % from 1 (at most {100.0 * RATE_TOLERANCE:g} % allowed), "
+            f"joints differ by {100.0 * spread:.1g} % {even}",
+            fix=Fix("check the log's rate, and leave velocities out if the clock is right"),
+            log=log.name,
+        )
+    step = unit_reading(case, log).second * signal_overview(log).step
+    far, near = ("far apart", scale) if scale > 1.0 else ("near", 1.0 / scale)
+    rates = (float(f"{scale / step:.{digits}g}") for digits in (1, 2, 3))
+    rate = next((x for x in rates if abs(x * step / scale - 1.0) < spread / scale), scale / step)
+    return Finding.wrong(
+        f"{says}time stamps are {near:.3g} times too {far}: the step is {_time(step / scale)}, not "
+        f"{_time(step)}, if velocities are in the declared unit",
+        f"joints differ by {100.0 * spread / scale:.1g} % {even}",
+        fix=Fix(
+            f"correct the time column, or use [signals] rate = {rate:.4g} instead of it; "
+            "if the clock is right, leave velocities out"
+        ),
         log=log.name,
     )

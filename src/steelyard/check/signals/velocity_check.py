@@ -143,7 +143,6 @@ class _Velocities:
 
     @property
     def clauses(self) -> list[str]:
-        """What is wrong, one clause each."""
         order, joints, units = self.agreed.order, self.case.joints, self.units.joints
         found = {k: np.flatnonzero(mask).tolist() for k, mask in self.faults.items()}
         declared = self.evidence.recording.signals.velocity is not None
