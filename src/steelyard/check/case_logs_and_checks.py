@@ -17,6 +17,11 @@ from steelyard.check.efforts_by_gravity_payload_and_friction import (
     effort_predictor,
 )
 from steelyard.check.finding import Finding
+from steelyard.check.signals.usable_rows_and_derivatives import (
+    LEAST_ROWS,
+    SignalOverview,
+    good_rows,
+)
 from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.logs.log_and_errors import Log
 from steelyard.model.laws.friction_over_speed import Coulomb, Viscous
@@ -73,6 +78,11 @@ class CheckedLog:
         if not parts:
             return np.zeros(0), np.zeros((0, self.channels.count))
         return np.concatenate([t for t, _ in parts]), np.concatenate([x for _, x in parts])
+
+    @cached_property
+    def overview(self) -> SignalOverview:
+        """What the good ones of these rows show without trusted units."""
+        return good_rows(*self.rows, self.channels)
 
     @property
     def samples(self) -> LoggedSamples:
@@ -192,13 +202,18 @@ def case_check(
 
 
 def log_check(
-    name: str, question: str, logs: Callable[[Case], Iterable[CheckedLog]] = lambda case: case.logs
+    name: str, question: str, *, of_rows: bool = False
 ) -> Callable[[Callable[[Case, CheckedLog], Finding | None]], CaseCheck[Case]]:
-    """The quick check that a function makes of one log after the other; `None` for no finding."""
+    """The quick check that a function makes of one log after the other; `None` for no finding.
+
+    With `of_rows` only of logs that have enough good rows to say anything of single signals.
+    """
 
     def check(look: Callable[[Case, CheckedLog], Finding | None]) -> CaseCheck[Case]:
         def found(case: Case) -> Iterable[Finding]:
-            pairs = ((checked, look(case, checked)) for checked in logs(case))
+            least = LEAST_ROWS if of_rows else 0
+            logs = [log for log in case.logs if not least or len(log.overview.t) >= least]
+            pairs = ((checked, look(case, checked)) for checked in logs)
             return (replace(one, log=checked.name) for checked, one in pairs if one is not None)
 
         return CaseCheck(name, found, question, quick=True)

@@ -42,7 +42,6 @@ from steelyard.check.hypotheses.readings_and_likelihood import (
     Likelihood,
     Reading,
     choice_cost,
-    keeps_evidence,
     scored,
 )
 from steelyard.estimate.payload.runs_with_payload import carrier
@@ -291,7 +290,7 @@ def _changes(start: Explanation, others: OtherEfforts) -> Iterator[Hypothesis]:
     yield from gravity_directions(reading, search=start.poor)
     for h in position_changes(reading):
         # units of positions and time are found by other checks, without a model
-        if h.cause in ("position sign", "joint order") and keeps_evidence(h.reading):
+        if h.cause in ("position sign", "joint order") and h.reading.keeps_evidence:
             every = h.cause == "position sign" and len(h.joints) == len(reading.position) > 1
             yield replace(h, cost=h.cost + CLOSE_HYPOTHESES * every)  # efforts are likelier
     yield from ratio_hypotheses(reading)

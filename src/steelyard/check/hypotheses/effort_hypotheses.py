@@ -21,7 +21,6 @@ from steelyard.check.hypotheses.readings_and_likelihood import (
     Likelihood,
     Reading,
     choice_cost,
-    keeps_evidence,
 )
 
 THOUSAND = {"1000 times larger": 1e3, "1000 times smaller": 1e-3}
@@ -170,7 +169,7 @@ def _effort_orders(reading: Reading) -> Iterator[Hypothesis]:
     costs = score.counts * np.log(np.square(score.misfits) + 1e-3)
     order = tuple(int(c) for c in linear_sum_assignment(costs.T)[1])
     changed = reading.changed(effort=order)
-    if order == reading.effort or not keeps_evidence(changed):
+    if order == reading.effort or not changed.keeps_evidence:
         return
     moved = tuple(j for j in range(n) if order[j] != reading.effort[j])
     cost = 2.0 * choice_cost(n) if len(moved) == 2 else n * choice_cost(n)
@@ -235,7 +234,7 @@ def _likeliest_with_gains(readings: Sequence[Reading]) -> list[Reading]:
     at = motion, np.arange(likelihood.signals.n), np.array([r.effort for r in readings])
     best: list[Reading] = []
     for k in np.argsort(costs[at].sum(axis=1), kind="stable"):
-        if keeps_evidence(readings[k]):
+        if readings[k].keeps_evidence:
             scale = readings[k].effort_scale
             share = shares[at][k] * np.sign(scale)
             turned = np.where(share < -UNLOADED_SHARE, -1.0, 1.0)

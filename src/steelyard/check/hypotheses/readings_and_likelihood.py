@@ -304,6 +304,26 @@ class Reading:
         friction = self.score.nuisances[joint] @ y[joint, :NUISANCES]
         return self.likelihood.excerpt.t, self.efforts()[joint], predicted[joint] + friction
 
+    @property
+    def keeps_evidence(self) -> bool:
+        """Whether efforts that belong to motion as declared do so under this one too.
+
+        An order that gives the effort of a joint in motion to a resting position is not to be
+        compared with others: what contradicts it no longer counts. Nor is one that gives a joint an
+        effort that never changes, which says nothing of either joint.
+        """
+        excerpt, span = self.likelihood.excerpt, self.likelihood.excerpt.span
+        if any(self.effort[j] != j for j in excerpt.dead):
+            return False
+        if np.all(np.min(np.abs(self.position_scale)) * span > LEAST_SPAN):
+            return True  # every column moves any joint
+
+        def in_motion(of: "Reading") -> set[int]:
+            moves = np.abs(of.position_scale) * span[list(of.position)] > LEAST_SPAN
+            return {of.effort[j] for j in np.flatnonzero(moves)}
+
+        return in_motion(self.likelihood.declared) <= in_motion(self)
+
 
 def _around(friction: Array, size: Array, u: Array) -> tuple[Array, Array]:
     """Bounds around the reference's friction, from its efforts `(n, B)` at speeds `u`."""
@@ -351,26 +371,6 @@ def likelihood_of(
         turned = (np.diag(into) < 0.0)[:, None]
         free = np.where(turned, -upper, lower), np.where(turned, -lower, upper)
     return replace(bare, size=size, bounds=free)
-
-
-def keeps_evidence(reading: Reading) -> bool:
-    """Whether efforts that belong to motion as declared do so under a reading too.
-
-    An order that gives the effort of a joint in motion to a resting position is not to be
-    compared with others: what contradicts it no longer counts. Nor is one that gives a joint an
-    effort that never changes, which says nothing of either joint.
-    """
-    excerpt, span = reading.likelihood.excerpt, reading.likelihood.excerpt.span
-    if any(reading.effort[j] != j for j in excerpt.dead):
-        return False
-    if np.all(np.min(np.abs(reading.position_scale)) * span > LEAST_SPAN):
-        return True  # every column moves any joint
-
-    def in_motion(of: Reading) -> set[int]:
-        moves = np.abs(of.position_scale) * span[list(of.position)] > LEAST_SPAN
-        return {of.effort[j] for j in np.flatnonzero(moves)}
-
-    return in_motion(reading.likelihood.declared) <= in_motion(reading)
 
 
 FITTED_NUMBER_COST = 5.0  # what a fitted number costs [natural units of likelihood]
@@ -452,7 +452,7 @@ def likeliest(
 
 def scored(hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:
     """Hypotheses with their scores, many at a time; orders that leave efforts out are left out."""
-    whole = [h for h in hypotheses if h.cause != "joint order" or keeps_evidence(h.reading)]
+    whole = [h for h in hypotheses if h.cause != "joint order" or h.reading.keeps_evidence]
     found = []
     size = max(1, SAMPLE_BATCH // len(whole[0].reading.likelihood.excerpt.t)) if whole else 1
     for start in range(0, len(whole), size):

@@ -20,12 +20,7 @@ from steelyard.base.errors import SteelyardError
 from steelyard.check.case_logs_and_checks import Case, CheckedLog, log_check
 from steelyard.check.finding import Finding, Fix, Picture, Severity, of_joints, percent_of, trace
 from steelyard.check.signals.motion_units import driven_joints, unit_reading
-from steelyard.check.signals.usable_rows_and_derivatives import (
-    SignalOverview,
-    noise_of,
-    signal_overview,
-    with_rows,
-)
+from steelyard.check.signals.usable_rows_and_derivatives import SignalOverview, noise_of
 from steelyard.estimate.information.base_parameters_and_regressor import base_regressor
 from steelyard.estimate.information.gather import gather
 from steelyard.estimate.least_squares.weighted_robust_and_whitened import WeightedLeastSquares
@@ -113,10 +108,10 @@ SPEED_TIME, SLOW_JOINT_SHARE = 0.02, 0.05
 """Time over which a speed is taken [s], and the share of the fastest below which a joint rests."""
 
 
-@log_check("computed efforts", "Are efforts measured, or computed from the motion?", logs=with_rows)
+@log_check("computed efforts", "Are efforts measured, or computed from the motion?", of_rows=True)
 def computed_efforts_check(case: Case, log: CheckedLog) -> Finding | None:
     """Efforts without measurement noise that a rigid-body model explains entirely."""
-    if not signal_overview(log).moves:
+    if not log.overview.moves:
         return None
     effort, position = noise_shares(case, log)
     if not np.isfinite(effort).any():
@@ -146,7 +141,7 @@ def computed_efforts_check(case: Case, log: CheckedLog) -> Finding | None:
 
 def noise_shares(case: Case, log: CheckedLog) -> tuple[Array, Array]:
     """Noise of efforts and positions over their variation, NaN where unknown, each `(n,)`."""
-    overview = signal_overview(log)
+    overview = log.overview
     t, q, effort = (x[:COMPUTED_EFFORT_ROWS] for x in (overview.t, overview.q, overview.effort))
     step = overview.step * unit_reading(case, log).second
     reach = max(1, round(0.5 * SPEED_TIME / max(step, 1e-9)))
@@ -176,7 +171,7 @@ SMOOTH_POSITION_NOISE = 1e-7
 of the joints' largest on seven real robots, two resampled logs aside: 1e-5."""
 
 
-@log_check("set points", "Are signals measured, or set-points of the controller?", logs=with_rows)
+@log_check("set points", "Are signals measured, or set-points of the controller?", of_rows=True)
 def set_points_check(case: Case, log: CheckedLog) -> Finding:
     """Columns whose names speak of set-points, and positions without noise beside noisy efforts."""
     signals, named, instead = log.recording.signals, [], ""
@@ -194,7 +189,7 @@ def set_points_check(case: Case, log: CheckedLog) -> Finding:
         says = "; ".join(named) + ": commanded by their names, not measured"
         fix = Fix("declare the columns that hold measurements under [signals]" + instead)
         return Finding.doubtful(says, fix=fix)
-    if not signal_overview(log).moves:
+    if not log.overview.moves:
         return Finding.ok("no declared column is called a set-point; nothing moves")
     effort, position = noise_shares(case, log)
     worst = float(np.nanmax(position, initial=0.0))
@@ -234,10 +229,10 @@ DECLARE_MEASURED_COLUMNS = Fix(
 NOISE_PICTURE_TIME = 20.0  # length of the picture [s]
 
 
-@log_check("noise", "Are resolution and noise sufficient?", logs=with_rows)
+@log_check("noise", "Are resolution and noise sufficient?", of_rows=True)
 def noise_check(case: Case, log: CheckedLog) -> Finding:
     """Resolution and noise of every signal; efforts of few levels are doubtful, of one wrong."""
-    overview = signal_overview(log)
+    overview = log.overview
     move = driven_joints(case, log).copy()
     move[list(log.recording.signals.unactuated)] = False
     levels = np.array([len(np.unique(column)) for column in overview.effort.T])
@@ -353,10 +348,10 @@ class _Stay:
         return self.rows / self.bound
 
 
-@log_check("saturation", "Are efforts saturated?", logs=with_rows)
+@log_check("saturation", "Are efforts saturated?", of_rows=True)
 def saturation_check(case: Case, log: CheckedLog) -> Finding:
     """Efforts that stay at exactly their highest or lowest value."""
-    overview = signal_overview(log)
+    overview = log.overview
     ends = [(_highest(x), _highest(-x)) for x in overview.effort.T]
     stays = [
         high if high.share >= low.share else replace(low, value=-low.value) for high, low in ends
@@ -408,10 +403,10 @@ def _stays(effort: Array, level: float) -> NDArray[np.intp]:
     return np.array([stop - start for start, stop in stretches(effort == level)])
 
 
-@log_check("signed efforts", "Do efforts change their sign?", logs=with_rows)
+@log_check("signed efforts", "Do efforts change their sign?", of_rows=True)
 def signed_efforts_check(case: Case, log: CheckedLog) -> Finding:
     """Efforts of all joints keep one sign, and those of some touch zero."""
-    overview = signal_overview(log)
+    overview = log.overview
     effort, size = overview.effort, np.abs(overview.effort)
     low, high = effort.min(axis=0), effort.max(axis=0)
     moves = (np.ptp(overview.q, axis=0) > MOVED) & (high > low)

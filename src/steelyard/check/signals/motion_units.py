@@ -17,11 +17,7 @@ from numpy.typing import NDArray
 
 from steelyard.base.arrays import Array
 from steelyard.check.case_logs_and_checks import Case, CheckedLog, remembered
-from steelyard.check.signals.usable_rows_and_derivatives import (
-    PositionSlopes,
-    position_slopes,
-    signal_overview,
-)
+from steelyard.check.signals.usable_rows_and_derivatives import PositionSlopes
 from steelyard.check.signals.velocity_scale_and_lag import (
     FEWEST_RATE_JOINTS,
     RATE_TOLERANCE,
@@ -199,7 +195,7 @@ def logged_velocities(case: Case, checked: CheckedLog) -> tuple[tuple[str, ...],
 
     Declared ones are in SI units as declared, others as logged. `None` if there are none.
     """
-    overview, signals = signal_overview(checked), checked.recording.signals
+    overview, signals = checked.overview, checked.recording.signals
     if overview.dq is not None and signals.velocity is not None:
         return signals.velocity, overview.dq
     columns = case.guesses.get("velocity", ())
@@ -230,7 +226,7 @@ def unit_value(
 @remembered
 def unit_reading(case: Case, checked: CheckedLog) -> UnitReading:
     """The cheapest reading of a log."""
-    overview, signals = signal_overview(checked), checked.recording.signals
+    overview, signals = checked.overview, checked.recording.signals
     logged = logged_velocities(case, checked)
     rate = rate_by_velocities(signals, overview, logged)
     units = signals.time_units if rate is None else {ROW: 1.0 / rate}
@@ -281,8 +277,8 @@ def _unheld_cost(
 def _facts(
     case: Case, checked: CheckedLog, looked: float, agreed: VelocityAgreement | None
 ) -> tuple[JointFacts, ...]:
-    overview, signals = signal_overview(checked), checked.recording.signals
-    slope = position_slopes(overview, looked)
+    overview, signals = checked.overview, checked.recording.signals
+    slope = overview.slopes(looked)
     v, n = slope.v, len(slope.v)
     fast = np.quantile(np.abs(v), FASTEST_SHARE, axis=1) if v.shape[1] else np.zeros(n)
     low, high = np.zeros((2, n))
@@ -327,7 +323,7 @@ def _relative(scale: float, units: Mapping[str, float]) -> dict[str, float]:
 @remembered
 def motion_in_units(case: Case, checked: CheckedLog) -> PositionSlopes:
     """Derivatives of the positions in true seconds, and which joints move."""
-    return position_slopes(signal_overview(checked), unit_reading(case, checked).second)
+    return checked.overview.slopes(unit_reading(case, checked).second)
 
 
 @remembered

@@ -14,11 +14,7 @@ from steelyard.base.arrays import Array, stretches
 from steelyard.check.case_logs_and_checks import Case, CheckedLog, case_check, log_check
 from steelyard.check.finding import Finding, Fix, Picture, Severity, of_joints, trace
 from steelyard.check.signals.motion_units import driven_joints, motion_in_units, unit_reading
-from steelyard.check.signals.usable_rows_and_derivatives import (
-    SLOPE_ENDS,
-    signal_overview,
-    width_of,
-)
+from steelyard.check.signals.usable_rows_and_derivatives import SLOPE_ENDS, width_of
 from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
 from steelyard.robot.init.column_names import words_of
 from steelyard.runs.spectrum_and_period import motion_band
@@ -34,7 +30,7 @@ POSITION_QUANTILE = 0.005  # positions outside these quantiles, on each side, do
 @case_check("excitation", "Which joints move?")
 def excitation_check(case: Case) -> Iterable[Finding]:
     """Joints that move, and those that hardly do, of which little can be learnt."""
-    logs = [log for log in case.logs if signal_overview(log).step > 0.0]
+    logs = [log for log in case.logs if log.overview.step > 0.0]
     motions = [_joint_motion(case, log) for log in logs]
     alone = len(motions) == 1
     for log, motion in zip(logs, motions, strict=True):
@@ -92,7 +88,7 @@ def _joint_motion(case: Case, log: CheckedLog) -> tuple[Array, NDArray[np.bool_]
     Ranges [rad; m] are in true units or, if that is more, as declared; frequencies [Hz] are 0 at
     rest.
     """
-    overview, units = signal_overview(log), unit_reading(case, log)
+    overview, units = log.overview, unit_reading(case, log)
     coordinates = case.loaded.robot.coordinates
     n = len(coordinates)
     if len(overview.q) < 2:
@@ -123,9 +119,9 @@ MOSTLY_AT_REST = 0.8  # share of the time at rest from which on a log is doubtfu
 @log_check("rests", "How much of the log is standstill?")
 def rests_check(case: Case, log: CheckedLog) -> Finding | None:
     """Time in which no joint moves: friction is anywhere in its dead zone there."""
-    if not (driven_joints(case, log).any() and signal_overview(log).moves):
+    if not (driven_joints(case, log).any() and log.overview.moves):
         return None
-    slope, clock = motion_in_units(case, log), signal_overview(log).clock
+    slope, clock = motion_in_units(case, log), log.overview.clock
     second = unit_reading(case, log).second
     speed = np.abs(slope.v[driven_joints(case, log)])
     share = speed / np.quantile(speed, 0.99, axis=1)[:, None]

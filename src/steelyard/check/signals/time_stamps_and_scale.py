@@ -37,11 +37,7 @@ from steelyard.check.signals.motion_units import (
     driven_joints,
     unit_reading,
 )
-from steelyard.check.signals.usable_rows_and_derivatives import (
-    JITTER_LIMIT,
-    LATE_STEP,
-    signal_overview,
-)
+from steelyard.check.signals.usable_rows_and_derivatives import JITTER_LIMIT, LATE_STEP
 from steelyard.check.signals.velocity_scale_and_lag import (
     FEWEST_RATE_JOINTS,
     MOST_OFF,
@@ -117,7 +113,7 @@ def clock_check(case: Case) -> Iterable[Finding]:
 
 def clock_of_log(case: Case, log: CheckedLog) -> Finding:
     """What is worst about the clock of one log."""
-    overview, units = signal_overview(log), unit_reading(case, log)
+    overview, units = log.overview, unit_reading(case, log)
     column = log.recording.signals.time
     if overview.step == 0.0:
         says = f"column '{column}' never increases: it is not a clock"
@@ -156,7 +152,7 @@ def clock_of_log(case: Case, log: CheckedLog) -> Finding:
 @remembered
 def out_of_order(log: CheckedLog) -> bool:
     """Whether rows are not in the order of time, so that nothing is known of rates or motion."""
-    steps = np.diff(signal_overview(log).stamps)
+    steps = np.diff(log.overview.stamps)
     return bool(np.any(steps > 0.0) and np.count_nonzero(steps < 0.0) > BACKWARD_SHARE * len(steps))
 
 
@@ -166,7 +162,7 @@ def leaping_rows(log: CheckedLog) -> Leaps | None:
 
     Rows that repeat all positions are left out before.
     """
-    overview = signal_overview(log)
+    overview = log.overview
     t, q = overview.t, overview.q
     if not overview.moves:
         return None
@@ -415,7 +411,7 @@ def time_scale_by_velocities(case: Case, log: CheckedLog) -> Finding | None:
             fix=Fix("check the log's rate, and leave velocities out if the clock is right"),
             log=log.name,
         )
-    step = unit_reading(case, log).second * signal_overview(log).step
+    step = unit_reading(case, log).second * log.overview.step
     far, near = ("far apart", scale) if scale > 1.0 else ("near", 1.0 / scale)
     rates = (float(f"{scale / step:.{digits}g}") for digits in (1, 2, 3))
     rate = next((x for x in rates if abs(x * step / scale - 1.0) < spread / scale), scale / step)
