@@ -10,13 +10,13 @@ import pytest
 from scipy.optimize import lsq_linear
 
 from steelyard.check.all_checks import Diagnosis, edits_that_serve_all_logs, examine
+from steelyard.check.cases_and_checks import effort_predictor
 from steelyard.check.decision.gears_and_friction_of_logs import friction_drift_check
 from steelyard.check.decision.hypothesis_checks import MOUNTING, PAYLOAD, UNKNOWN_BODIES
 from steelyard.check.decision.ranked_readings import COMPARING_PHASE
 from steelyard.check.decision.verdict_of_log import judge_log
-from steelyard.check.efforts_by_gravity_payload_and_friction import effort_predictor
 from steelyard.check.finding import Edit, Finding, Fix, Severity
-from steelyard.check.fitted.gear_side_rotors_and_identifiability import identifiability_check
+from steelyard.check.fitted.implausible_estimates_and_gear_side import identifiability_check
 from steelyard.check.hypotheses.nuisance_fit_and_score import fit_nuisances, shared_fit
 from steelyard.estimate.known_effort_scales import KnownScales
 from steelyard.robot.file.toml_edits import edited

@@ -23,7 +23,7 @@ from check.test_model_based import (
     wrong,
 )
 from steelyard.check.all_checks import examine
-from steelyard.check.case_logs_and_checks import Case, CheckedLog
+from steelyard.check.cases_and_checks import Case, CheckedLog, effort_predictor
 from steelyard.check.decision import verdict_of_log
 from steelyard.check.decision.drive_gains_and_what_init_learns import _listed_sources
 from steelyard.check.decision.hypothesis_checks import EFFORT_DELAY, EFFORT_SIGN
@@ -31,7 +31,6 @@ from steelyard.check.decision.ranked_readings import ranking
 from steelyard.check.decision.search_with_unknown_bodies import LIKELY
 from steelyard.check.decision.undecided_questions import misfit_hides
 from steelyard.check.decision.verdict_of_log import SURE, judge_log
-from steelyard.check.efforts_by_gravity_payload_and_friction import effort_predictor
 from steelyard.check.finding import Edit, Severity
 from steelyard.check.findings_text_and_page import check_headline
 from steelyard.check.hypotheses import evidence_with_unknown_bodies

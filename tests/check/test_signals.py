@@ -13,7 +13,7 @@ import pytest
 
 from steelyard.base.arrays import Array
 from steelyard.check.all_checks import CHECKS, OF_SIGNALS, Diagnosis, examine
-from steelyard.check.case_logs_and_checks import Case, CheckedLog
+from steelyard.check.cases_and_checks import Case, CheckedLog
 from steelyard.check.finding import Finding, Severity, percent_of
 from steelyard.check.signals.corrupt_and_repeated_rows import (
     corrupt_rows_check,

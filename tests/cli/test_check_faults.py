@@ -23,7 +23,7 @@ from steelyard.check.all_checks import (
     Diagnosis,
 )
 from steelyard.check.case_from_files_and_precheck import diagnosis_of
-from steelyard.check.case_logs_and_checks import Case
+from steelyard.check.cases_and_checks import Case
 from steelyard.check.finding import Finding
 from steelyard.robot.file.robot_file import load_robot
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from steelyard.base.progress import report_progress
-from steelyard.check.case_logs_and_checks import Case, CaseCheck
+from steelyard.check.cases_and_checks import Case, CaseCheck
 from steelyard.check.decision.gears_and_friction_of_logs import (
     friction_drift_check,
     transmission_check,
@@ -25,7 +25,7 @@ from steelyard.check.decision.hypothesis_checks import (
 )
 from steelyard.check.decision.joint_zeros_and_quarter_turns import joint_zeros_check
 from steelyard.check.finding import Edit, Finding, Severity
-from steelyard.check.fitted.gear_side_rotors_and_identifiability import (
+from steelyard.check.fitted.implausible_estimates_and_gear_side import (
     gear_side_check,
     identifiability_check,
 )

@@ -10,7 +10,7 @@ from typing import Any
 from steelyard.base.errors import DataError, LogError, ModelError
 from steelyard.base.progress import Progress, report_progress
 from steelyard.check.all_checks import Diagnosis, examine
-from steelyard.check.case_logs_and_checks import Case, CheckedLog
+from steelyard.check.cases_and_checks import Case, CheckedLog
 from steelyard.check.finding import Edit, Finding, Fix, Severity
 from steelyard.check.findings_text_and_page import by_edits, print_notes
 from steelyard.estimate.identified_model import IdentifiedModel

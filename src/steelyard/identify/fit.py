@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 from steelyard.base.progress import Progress
 from steelyard.check.fitted.changes_within_run import force_of_run, force_words
 from steelyard.check.fitted.fitted_case_causes_and_constraints import contradicted_rows
-from steelyard.check.fitted.gear_side_rotors_and_identifiability import (
+from steelyard.check.fitted.implausible_estimates_and_gear_side import (
     LINK_SIDE_INSTEAD,
     rotors_at_zero,
 )

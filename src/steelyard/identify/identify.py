@@ -18,7 +18,7 @@ from steelyard.check.decision.undecided_questions import UNTIL_OTHER
 from steelyard.check.finding import Finding, Severity
 from steelyard.check.findings_text_and_page import groups, open_words, print_notes
 from steelyard.check.fitted.fitted_case_causes_and_constraints import FittedCase
-from steelyard.check.fitted.implausible_estimates import refuse_absurd
+from steelyard.check.fitted.implausible_estimates_and_gear_side import refuse_absurd
 from steelyard.check.fitted.post_fit_checks import doubts_of_fit, examine_fit
 from steelyard.check.signals.movement_rests_and_moving_base import of_base
 from steelyard.estimate.estimator_register import method_of

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from steelyard.base.arrays import Array
 from steelyard.base.errors import DataError, LogError, SteelyardError
-from steelyard.check.case_logs_and_checks import Case, CheckedLog, remembered
+from steelyard.check.cases_and_checks import Case, CheckedLog, remembered
 from steelyard.check.finding import Edit, Finding, Fix, Severity
 from steelyard.check.hypotheses.log_excerpt import Excerpt, excerpt_of
 from steelyard.check.hypotheses.nuisance_fit_and_score import REST_SPEED

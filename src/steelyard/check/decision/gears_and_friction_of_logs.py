@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from steelyard.base.arrays import Array
-from steelyard.check.case_logs_and_checks import Case, CheckedLog, case_check, log_check
+from steelyard.check.cases_and_checks import Case, CheckedLog, case_check, log_check
 from steelyard.check.decision.ranked_readings import DECISIVE_GAIN
 from steelyard.check.decision.undecided_questions import misfit_hides
 from steelyard.check.decision.verdict_of_log import judge_log

@@ -7,7 +7,7 @@ from functools import partial
 import numpy as np
 
 from steelyard.base.arrays import Z95
-from steelyard.check.case_logs_and_checks import Case, CheckedLog, remembered
+from steelyard.check.cases_and_checks import Case, CheckedLog, remembered
 from steelyard.check.decision.drive_gains_and_what_init_learns import (
     gains_left,
     gains_of_controller,
@@ -27,7 +27,7 @@ from steelyard.check.decision.verdict_of_log import (
     least_delay,
 )
 from steelyard.check.finding import ComparedHypothesis, Edit, Finding, Fix, Picture, Severity, trace
-from steelyard.check.hypotheses.position_hypotheses import ZERO_CAUSE, zero_offsets
+from steelyard.check.hypotheses.position_and_effort_hypotheses import ZERO_CAUSE, zero_offsets
 from steelyard.check.hypotheses.readings_and_likelihood import Hypothesis
 from steelyard.check.hypotheses.signs_and_delay_by_friction import (
     friction_alone,

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from steelyard.base.arrays import Z95, Array
 from steelyard.base.errors import DataError, SteelyardError
-from steelyard.check.case_logs_and_checks import Case, CheckedLog, case_check
+from steelyard.check.cases_and_checks import Case, CheckedLog, case_check
 from steelyard.check.decision.ranked_readings import DECISIVE_GAIN
 from steelyard.check.decision.robot_file_edits import zero_edits
 from steelyard.check.decision.undecided_questions import UNKNOWN_GAINS
@@ -36,7 +36,7 @@ from steelyard.check.fitted.fitted_case_causes_and_constraints import (
     ranked_causes,
     worst_residual_words,
 )
-from steelyard.check.hypotheses.position_hypotheses import (
+from steelyard.check.hypotheses.position_and_effort_hypotheses import (
     ZERO_CAUSE,
     zero_near,
     zeros_without_effect,

@@ -10,23 +10,21 @@ import numpy as np
 
 from steelyard.base.arrays import Array
 from steelyard.base.progress import report_progress
-from steelyard.check.case_logs_and_checks import Case, CheckedLog, remembered
+from steelyard.check.cases_and_checks import Case, CheckedLog, remembered
 from steelyard.check.decision.search_with_unknown_bodies import SAME_FACTOR, Search
 from steelyard.check.finding import Severity
-from steelyard.check.hypotheses.effort_hypotheses import (
-    PERCENT,
-    OtherEfforts,
-    best_factors,
-    effort_hypotheses,
-)
 from steelyard.check.hypotheses.gravity_payload_and_delay import (
     delay_hypotheses,
     gravity_hypotheses,
     payload_hypotheses,
 )
 from steelyard.check.hypotheses.log_excerpt import excerpt_of
-from steelyard.check.hypotheses.position_hypotheses import (
+from steelyard.check.hypotheses.position_and_effort_hypotheses import (
+    PERCENT,
+    OtherEfforts,
+    best_factors,
     deep_hypotheses,
+    effort_hypotheses,
     position_changes,
     ratio_hypotheses,
     zero_hypotheses,

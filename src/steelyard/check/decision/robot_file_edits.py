@@ -14,13 +14,12 @@ import numpy as np
 
 from steelyard.base.arrays import Z95, Array
 from steelyard.base.errors import SteelyardError
-from steelyard.check.case_logs_and_checks import Case, CheckedLog
+from steelyard.check.cases_and_checks import Case, CheckedLog
 from steelyard.check.decision.ranked_readings import LogVerdict
 from steelyard.check.finding import Edit
-from steelyard.check.hypotheses.effort_hypotheses import PERCENT
 from steelyard.check.hypotheses.gravity_payload_and_delay import refined_gravity
 from steelyard.check.hypotheses.log_excerpt import excerpt_of
-from steelyard.check.hypotheses.position_hypotheses import ZERO_CAUSE
+from steelyard.check.hypotheses.position_and_effort_hypotheses import PERCENT, ZERO_CAUSE
 from steelyard.check.hypotheses.readings_and_likelihood import Likelihood, Reading, likelihood_of
 from steelyard.robot.file.effort_units_and_gears import MOTOR_KINDS
 from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot

@@ -13,13 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.base.arrays import Array
-from steelyard.check.efforts_by_gravity_payload_and_friction import EffortPredictor
-from steelyard.check.hypotheses.effort_hypotheses import (
-    OtherEfforts,
-    best_combinations,
-    effort_hypotheses,
-    holds_factors,
-)
+from steelyard.check.cases_and_checks import EffortPredictor
 from steelyard.check.hypotheses.evidence_with_unknown_bodies import (
     Evidence,
     EvidenceOfLog,
@@ -32,7 +26,14 @@ from steelyard.check.hypotheses.gravity_payload_and_delay import (
     gravity_hypotheses,
     held_hypothesis,
 )
-from steelyard.check.hypotheses.position_hypotheses import position_changes, ratio_hypotheses
+from steelyard.check.hypotheses.position_and_effort_hypotheses import (
+    OtherEfforts,
+    best_combinations,
+    effort_hypotheses,
+    holds_factors,
+    position_changes,
+    ratio_hypotheses,
+)
 from steelyard.check.hypotheses.readings_and_likelihood import (
     AS_DECLARED,
     CLOSE_HYPOTHESES,

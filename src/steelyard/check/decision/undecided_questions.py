@@ -19,7 +19,7 @@ from steelyard.check.decision.search_with_unknown_bodies import (
 )
 from steelyard.check.decision.verdict_of_log import CLEAN, HEAVIEST_FACTOR, friction_alone_explains
 from steelyard.check.hypotheses.evidence_with_unknown_bodies import WIDTHS
-from steelyard.check.hypotheses.position_hypotheses import (
+from steelyard.check.hypotheses.position_and_effort_hypotheses import (
     ZERO_CAUSE,
     zero_offsets,
     zeros_without_effect,

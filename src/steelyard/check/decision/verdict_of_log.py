@@ -16,7 +16,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from steelyard.check.case_logs_and_checks import Case, CheckedLog, remembered
+from steelyard.check.cases_and_checks import Case, CheckedLog, remembered
 from steelyard.check.decision.drive_gains_and_what_init_learns import (
     LARGEST_GEAR_RATIO,
     LEAST_GEAR_RATIO,
@@ -41,9 +41,12 @@ from steelyard.check.decision.search_with_unknown_bodies import (
     undone,
 )
 from steelyard.check.finding import Severity
-from steelyard.check.hypotheses.effort_hypotheses import factor_intervals, holds_factors
 from steelyard.check.hypotheses.gravity_payload_and_delay import axis_near, delay_hypotheses
 from steelyard.check.hypotheses.nuisance_fit_and_score import MISFIT_FLOOR, LikelihoodScore
+from steelyard.check.hypotheses.position_and_effort_hypotheses import (
+    factor_intervals,
+    holds_factors,
+)
 from steelyard.check.hypotheses.readings_and_likelihood import (
     CLOSE_HYPOTHESES,
     FITTED_NUMBER_COST,

@@ -17,7 +17,7 @@ import numpy as np
 
 from steelyard.base.arrays import Z95, Array
 from steelyard.base.errors import ModelError, SteelyardError
-from steelyard.check.case_logs_and_checks import case_check
+from steelyard.check.cases_and_checks import case_check
 from steelyard.check.finding import Finding, Fix
 from steelyard.check.fitted.disagreeing_runs_and_passing_forces import (
     FINE_WINDOW,

@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 
 from steelyard.base.arrays import Z95, Array
 from steelyard.base.errors import DataError
-from steelyard.check.case_logs_and_checks import case_check
+from steelyard.check.cases_and_checks import case_check
 from steelyard.check.finding import Finding, Fix
 from steelyard.check.fitted.fitted_case_causes_and_constraints import FittedCase
 from steelyard.check.hypotheses.nuisance_fit_and_score import MISFIT_FLOOR

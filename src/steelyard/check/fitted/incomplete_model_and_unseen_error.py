@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.base.arrays import Array
-from steelyard.check.case_logs_and_checks import Case, CheckedLog, case_check
+from steelyard.check.cases_and_checks import Case, CheckedLog, case_check
 from steelyard.check.decision.gears_and_friction_of_logs import with_unbounded_friction
 from steelyard.check.decision.joint_zeros_and_quarter_turns import (
     estimated_offsets,
@@ -31,7 +31,7 @@ from steelyard.check.fitted.fitted_case_causes_and_constraints import (
     largest_residual,
     worst_residual_words,
 )
-from steelyard.check.hypotheses.position_hypotheses import ZERO_CAUSE
+from steelyard.check.hypotheses.position_and_effort_hypotheses import ZERO_CAUSE
 from steelyard.check.hypotheses.readings_and_likelihood import Likelihood
 from steelyard.estimate.consistent.prior_weight_and_contradictions import TERM_MISSING
 from steelyard.estimate.identified_model import IdentifiedModel

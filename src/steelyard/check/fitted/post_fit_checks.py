@@ -10,7 +10,7 @@ import numpy as np
 
 from steelyard.base.arrays import Z95
 from steelyard.base.progress import Progress, report_progress, silent
-from steelyard.check.case_logs_and_checks import CaseCheck, case_check
+from steelyard.check.cases_and_checks import CaseCheck, case_check
 from steelyard.check.finding import Finding, Fix, Severity, percent_of
 from steelyard.check.fitted.changes_within_run import change_in_run_check
 from steelyard.check.fitted.disagreeing_runs_and_passing_forces import (
@@ -18,16 +18,14 @@ from steelyard.check.fitted.disagreeing_runs_and_passing_forces import (
     runs_disagree_check,
 )
 from steelyard.check.fitted.fitted_case_causes_and_constraints import FittedCase
-from steelyard.check.fitted.gear_side_rotors_and_identifiability import (
+from steelyard.check.fitted.implausible_estimates_and_gear_side import (
     LINK_SIDE_INSTEAD,
     SEPARABLE_ROTORS,
-    rotors_at_zero,
-    rotors_at_zero_check,
-)
-from steelyard.check.fitted.implausible_estimates import (
     absurd_bodies_check,
     light_links_check,
     load_friction_check,
+    rotors_at_zero,
+    rotors_at_zero_check,
 )
 from steelyard.check.fitted.incomplete_model_and_unseen_error import (
     model_error_check,

@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 
 from steelyard.base.arrays import Array
 from steelyard.base.errors import DataError
-from steelyard.check.case_logs_and_checks import remembered
-from steelyard.check.hypotheses.effort_hypotheses import best_factors
+from steelyard.check.cases_and_checks import remembered
 from steelyard.check.hypotheses.laplace_over_bodies import LENGTHS, averaged, nominal_bodies
 from steelyard.check.hypotheses.nuisance_fit_and_score import (
     LEAST_SAMPLE_COUNT,
@@ -23,6 +22,7 @@ from steelyard.check.hypotheses.nuisance_fit_and_score import (
     OFFSET_COLUMN,
     LikelihoodScore,
 )
+from steelyard.check.hypotheses.position_and_effort_hypotheses import best_factors
 from steelyard.check.hypotheses.readings_and_likelihood import Key, Likelihood, Reading
 from steelyard.estimate.consistent.scaled_parameters_and_penalties import ten_map
 from steelyard.estimate.information.base_parameters_and_regressor import (

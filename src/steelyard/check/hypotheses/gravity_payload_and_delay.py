@@ -11,7 +11,7 @@ from copy import copy
 import numpy as np
 
 from steelyard.base.arrays import Array
-from steelyard.check.case_logs_and_checks import remembered
+from steelyard.check.cases_and_checks import remembered
 from steelyard.check.hypotheses.evidence_with_unknown_bodies import rows_of
 from steelyard.check.hypotheses.nuisance_fit_and_score import (
     MISFIT_FLOOR,

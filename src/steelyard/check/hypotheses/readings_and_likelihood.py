@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.base.arrays import Array
-from steelyard.check.efforts_by_gravity_payload_and_friction import EffortPredictor
+from steelyard.check.cases_and_checks import EffortPredictor
 from steelyard.check.hypotheses.log_excerpt import Excerpt
 from steelyard.check.hypotheses.nuisance_fit_and_score import (
     COORDINATE_SWEEPS,

@@ -23,7 +23,7 @@ import numpy as np
 
 from steelyard.base.arrays import Array
 from steelyard.base.errors import SteelyardError
-from steelyard.check.case_logs_and_checks import Case, CheckedLog
+from steelyard.check.cases_and_checks import Case, CheckedLog
 from steelyard.check.finding import Edit, Finding, Fix
 from steelyard.check.hypotheses.gravity_payload_and_delay import LONGEST_DELAY
 from steelyard.check.hypotheses.nuisance_fit_and_score import LikelihoodScore

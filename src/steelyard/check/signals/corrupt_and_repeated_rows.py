@@ -8,15 +8,11 @@ from numpy.typing import NDArray
 
 from steelyard.base.arrays import Array
 from steelyard.base.errors import LogError
-from steelyard.check.case_logs_and_checks import Case, CheckedLog, case_check, log_check
+from steelyard.check.cases_and_checks import Case, CheckedLog, case_check, log_check
 from steelyard.check.finding import Edit, Finding, Fix, Picture, Severity, Trace, percent_of
 from steelyard.check.signals.motion_units import unit_reading
 from steelyard.check.signals.time_stamps_and_scale import clock_of_log
-from steelyard.check.signals.usable_rows_and_derivatives import (
-    JUMP_FACTOR,
-    JUMP_ROWS,
-    SignalOverview,
-)
+from steelyard.check.signals.usable_rows import JUMP_FACTOR, JUMP_ROWS, SignalOverview
 from steelyard.runs.rows.faulty_row_detectors import LONGEST_STALE, RowVerdict
 from steelyard.runs.rows.frozen_encoders_and_dead_efforts import MOVED
 from steelyard.runs.run import Run

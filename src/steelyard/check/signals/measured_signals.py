@@ -17,10 +17,10 @@ from numpy.typing import NDArray
 
 from steelyard.base.arrays import Array, stretches
 from steelyard.base.errors import SteelyardError
-from steelyard.check.case_logs_and_checks import Case, CheckedLog, log_check
+from steelyard.check.cases_and_checks import Case, CheckedLog, log_check
 from steelyard.check.finding import Finding, Fix, Picture, Severity, of_joints, percent_of, trace
 from steelyard.check.signals.motion_units import driven_joints, unit_reading
-from steelyard.check.signals.usable_rows_and_derivatives import SignalOverview, noise_of
+from steelyard.check.signals.usable_rows import SignalOverview, noise_of
 from steelyard.estimate.information.base_parameters_and_regressor import base_regressor
 from steelyard.estimate.information.gather import gather
 from steelyard.estimate.least_squares.weighted_robust_and_whitened import WeightedLeastSquares

@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.base.arrays import Array
-from steelyard.check.case_logs_and_checks import Case, CheckedLog, remembered
-from steelyard.check.signals.usable_rows_and_derivatives import PositionSlopes
+from steelyard.check.cases_and_checks import Case, CheckedLog, remembered
+from steelyard.check.signals.usable_rows import PositionSlopes
 from steelyard.check.signals.velocity_scale_and_lag import (
     FEWEST_RATE_JOINTS,
     RATE_TOLERANCE,

@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.base.arrays import Array, stretches
-from steelyard.check.case_logs_and_checks import Case, CheckedLog, case_check, log_check
+from steelyard.check.cases_and_checks import Case, CheckedLog, case_check, log_check
 from steelyard.check.finding import Finding, Fix, Picture, Severity, of_joints, trace
 from steelyard.check.signals.motion_units import driven_joints, motion_in_units, unit_reading
-from steelyard.check.signals.usable_rows_and_derivatives import SLOPE_ENDS, width_of
+from steelyard.check.signals.usable_rows import SLOPE_ENDS, width_of
 from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
 from steelyard.robot.init.column_names import words_of
 from steelyard.runs.spectrum_and_period import motion_band

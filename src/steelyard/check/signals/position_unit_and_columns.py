@@ -6,13 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from steelyard.base.arrays import Array
-from steelyard.check.case_logs_and_checks import (
-    EXCERPT_ROWS,
-    Case,
-    CheckedLog,
-    log_check,
-    remembered,
-)
+from steelyard.check.cases_and_checks import EXCERPT_ROWS, Case, CheckedLog, log_check, remembered
 from steelyard.check.finding import Edit, Finding, Fix, Picture, Severity, of_joints
 from steelyard.check.signals.motion_units import (
     SAME_SCALE,
@@ -21,7 +15,7 @@ from steelyard.check.signals.motion_units import (
     unit_reading,
     unit_value,
 )
-from steelyard.check.signals.usable_rows_and_derivatives import gaussian_slope, gaussian_smoothed
+from steelyard.check.signals.usable_rows import gaussian_slope, gaussian_smoothed
 from steelyard.check.signals.velocity_scale_and_lag import AGREEING_CORRELATION
 from steelyard.robot.file.signals import POSITION_UNITS
 from steelyard.robot.init.column_names import Column

@@ -18,7 +18,7 @@ import numpy as np
 
 from steelyard.base.arrays import Array
 from steelyard.base.errors import SteelyardError
-from steelyard.check.case_logs_and_checks import Case, CheckedLog, case_check, remembered
+from steelyard.check.cases_and_checks import Case, CheckedLog, case_check, remembered
 from steelyard.check.finding import (
     Edit,
     Finding,
@@ -37,7 +37,7 @@ from steelyard.check.signals.motion_units import (
     driven_joints,
     unit_reading,
 )
-from steelyard.check.signals.usable_rows_and_derivatives import JITTER_LIMIT, LATE_STEP
+from steelyard.check.signals.usable_rows import JITTER_LIMIT, LATE_STEP
 from steelyard.check.signals.velocity_scale_and_lag import (
     FEWEST_RATE_JOINTS,
     MOST_OFF,

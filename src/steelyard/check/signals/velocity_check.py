@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.base.arrays import Array
-from steelyard.check.case_logs_and_checks import Case, CheckedLog, log_check
+from steelyard.check.cases_and_checks import Case, CheckedLog, log_check
 from steelyard.check.decision.verdict_of_log import positions_at_fault
 from steelyard.check.finding import Edit, Finding, Fix, Picture, Severity, trace
 from steelyard.check.signals.motion_units import (

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.base.arrays import Array
-from steelyard.check.signals.usable_rows_and_derivatives import (
+from steelyard.check.signals.usable_rows import (
     SHORTEST_STRETCH,
     SignalOverview,
     gaussian_slope,
