@@ -9,42 +9,14 @@ import numpy as np
 
 from steelyard.base.progress import report_progress
 from steelyard.check.cases_and_checks import Case, CaseCheck
-from steelyard.check.decision.gears_and_friction_of_logs import (
-    friction_drift_check,
-    transmission_check,
-)
-from steelyard.check.decision.hypothesis_checks import (
-    EFFORT_DELAY,
-    GAIN,
-    JOINT_ORDER,
-    JOINT_ZEROS,
-    MOUNTING,
-    OF_COLUMNS,
-    PAYLOAD,
-    HypothesisCheck,
-)
+from steelyard.check.decision import gears_and_friction_of_logs, hypothesis_checks
 from steelyard.check.decision.joint_zeros_and_quarter_turns import joint_zeros_check
 from steelyard.check.finding import Edit, Finding, Severity
-from steelyard.check.fitted.implausible_estimates_and_gear_side import (
-    gear_side_check,
-    identifiability_check,
-)
-from steelyard.check.signals.corrupt_and_repeated_rows import (
-    corrupt_rows_check,
-    repeated_rows_check,
-)
-from steelyard.check.signals.measured_signals import (
-    computed_efforts_check,
-    measured_instead,
-    noise_check,
-    saturation_check,
-    set_points_check,
-    signed_efforts_check,
-)
-from steelyard.check.signals.movement_rests_and_moving_base import (
-    excitation_check,
-    moving_base_check,
-    rests_check,
+from steelyard.check.fitted import implausible_estimates_and_gear_side
+from steelyard.check.signals import (
+    corrupt_and_repeated_rows,
+    measured_signals,
+    movement_rests_and_moving_base,
 )
 from steelyard.check.signals.position_unit_and_columns import position_check
 from steelyard.check.signals.time_stamps_and_scale import clock_check, out_of_order
@@ -156,42 +128,52 @@ def _middle(values: Sequence[Any]) -> Any:
     return rounded if isinstance(first, list) else rounded[0]
 
 
-Check = CaseCheck[Case] | HypothesisCheck  # has a name, a question, `quick`, and gives findings
+Check = CaseCheck[Case] | hypothesis_checks.HypothesisCheck
+"""Has a name, a question, `quick`, and gives findings."""
 OF_SIGNALS: tuple[Check, ...] = (
     clock_check,
-    corrupt_rows_check,
-    repeated_rows_check,
-    noise_check,
-    set_points_check,
-    computed_efforts_check,
-    saturation_check,
-    signed_efforts_check,
-    rests_check,
-    excitation_check,
+    corrupt_and_repeated_rows.corrupt_rows_check,
+    corrupt_and_repeated_rows.repeated_rows_check,
+    measured_signals.noise_check,
+    measured_signals.set_points_check,
+    measured_signals.computed_efforts_check,
+    measured_signals.saturation_check,
+    measured_signals.signed_efforts_check,
+    movement_rests_and_moving_base.rests_check,
+    movement_rests_and_moving_base.excitation_check,
     position_check,
     velocity_check,
 )
 """Checks of the signals by themselves; those that differentiate know the unit of time."""
 OF_MOTION: tuple[Check, ...] = (
-    *OF_COLUMNS,
-    transmission_check,
-    gear_side_check,
-    GAIN,
-    EFFORT_DELAY,
-    JOINT_ZEROS,
+    *hypothesis_checks.OF_COLUMNS,
+    gears_and_friction_of_logs.transmission_check,
+    implausible_estimates_and_gear_side.gear_side_check,
+    hypothesis_checks.GAIN,
+    hypothesis_checks.EFFORT_DELAY,
+    hypothesis_checks.JOINT_ZEROS,
     joint_zeros_check,
-    MOUNTING,
-    moving_base_check,
-    PAYLOAD,
-    friction_drift_check,
-    identifiability_check,
+    hypothesis_checks.MOUNTING,
+    movement_rests_and_moving_base.moving_base_check,
+    hypothesis_checks.PAYLOAD,
+    gears_and_friction_of_logs.friction_drift_check,
+    implausible_estimates_and_gear_side.identifiability_check,
 )
 """Checks that compare efforts with a model: by velocities and accelerations, in true seconds."""
 CHECKS = (*OF_SIGNALS, *OF_MOTION)
-BASIC_CHECKS = (*OF_COLUMNS, MOUNTING, transmission_check)
+BASIC_CHECKS = (
+    *hypothesis_checks.OF_COLUMNS,
+    hypothesis_checks.MOUNTING,
+    gears_and_friction_of_logs.transmission_check,
+)
 """Checks without whose answers nobody knows whether the robot file describes the log."""
 SEVERAL_OPEN = 3  # basic questions from which on a large misfit that leaves them open is doubtful
-DECIDING_CHECKS = (JOINT_ORDER.name, transmission_check.name, GAIN.name, PAYLOAD.name)
+DECIDING_CHECKS = (
+    hypothesis_checks.JOINT_ORDER.name,
+    gears_and_friction_of_logs.transmission_check.name,
+    hypothesis_checks.GAIN.name,
+    hypothesis_checks.PAYLOAD.name,
+)
 """Checks of facts that decide which model is identified; `SEVERAL_OPEN` open: no log is ok."""
 
 
@@ -281,11 +263,13 @@ def _without(case: Case, check: str, reasons: Mapping[str, str]) -> tuple[Case, 
 def _not_run(case: Case, findings: Sequence[Finding]) -> dict[str, str]:
     """Why checks are not made, for every log whose clock, positions or efforts are others."""
     wrong = [f for f in findings if f.check in PREMISE_CHECKS and f.severity == Severity.WRONG]
-    targets = [f for f in findings if f.check == set_points_check.name and f.severity]
+    targets = [
+        f for f in findings if f.check == measured_signals.set_points_check.name and f.severity
+    ]
     reasons = {}
     for log in case.logs:
         mine = [f for f in wrong if f.log in ("", log.name)]
-        if measured_instead(log):
+        if measured_signals.measured_instead(log):
             mine += [f for f in targets if f.log == log.name]
         if mine:
             edits = all(f.fix is not None and f.fix.edits for f in mine)

@@ -1,9 +1,9 @@
 """What checks look at: logs of a robot, and efforts that it is known to need; what a check is."""
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from functools import cached_property, wraps
+from functools import cached_property, partial, wraps
 from typing import Any, Generic, ParamSpec, TypeVar, cast
 from weakref import WeakKeyDictionary
 
@@ -299,16 +299,13 @@ def log_check(
     With `of_rows` only of logs that have enough good rows to say anything of single signals.
     """
 
-    def check(look: Callable[[Case, CheckedLog], Finding | None]) -> CaseCheck[Case]:
-        def found(case: Case) -> Iterable[Finding]:
-            least = LEAST_ROWS if of_rows else 0
-            logs = [log for log in case.logs if not least or len(log.overview.t) >= least]
-            pairs = ((checked, look(case, checked)) for checked in logs)
-            return (replace(one, log=checked.name) for checked, one in pairs if one is not None)
+    def each(look: Callable[[Case, CheckedLog], Finding | None], case: Case) -> Iterator[Finding]:
+        for log in case.logs:
+            usable = not of_rows or len(log.overview.t) >= LEAST_ROWS
+            if usable and (found := look(case, log)) is not None:
+                yield replace(found, log=log.name)
 
-        return CaseCheck(name, found, question, quick=True)
-
-    return check
+    return lambda look: CaseCheck(name, partial(each, look), question, quick=True)
 
 
 P = ParamSpec("P")

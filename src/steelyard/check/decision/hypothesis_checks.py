@@ -29,11 +29,7 @@ from steelyard.check.decision.verdict_of_log import (
 from steelyard.check.finding import ComparedHypothesis, Edit, Finding, Fix, Picture, Severity, trace
 from steelyard.check.hypotheses.position_and_effort_hypotheses import ZERO_CAUSE, zero_offsets
 from steelyard.check.hypotheses.readings_and_likelihood import Hypothesis
-from steelyard.check.hypotheses.signs_and_delay_by_friction import (
-    friction_alone,
-    friction_signs,
-    residual_delay,
-)
+from steelyard.check.hypotheses.signs_and_delay_by_friction import friction_signs, residual_delay
 
 EMPTY_MISFIT = 0.5  # typical misfit of a reading that predicts next to nothing
 SHOWN_HYPOTHESES = 6  # hypotheses that are shown
@@ -242,7 +238,7 @@ def _unclear(decision: LogVerdict, clear: str) -> str:
     reading, found = decision.search.best.reading, decision.search.best.evidence
     if not friction_alone_explains(reading, found.score):
         return clear
-    alone = float(friction_alone(reading).percent)
+    alone = float(reading.friction_alone.percent)
     return (
         f"the efforts contain hardly any rigid-body torque: the misfit is {_percent(alone)} with "
         f"friction alone, {_percent(found.percent)} with free link inertias"

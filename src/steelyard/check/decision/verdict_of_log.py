@@ -53,11 +53,7 @@ from steelyard.check.hypotheses.readings_and_likelihood import (
     Hypothesis,
     Reading,
 )
-from steelyard.check.hypotheses.signs_and_delay_by_friction import (
-    friction_alone,
-    no_common_delay,
-    presliding_score,
-)
+from steelyard.check.hypotheses.signs_and_delay_by_friction import no_common_delay, presliding_score
 from steelyard.estimate.payload.runs_with_payload import carrier
 
 SURE = 20.0
@@ -455,7 +451,7 @@ def order_of(reading: Reading) -> str:
 
 def friction_alone_explains(reading: Reading, score: LikelihoodScore) -> bool:
     """Whether friction alone fits a log about as well as with bodies: their size is open then."""
-    alone = friction_alone(reading)
+    alone = reading.friction_alone
     score = replace(score, counts=alone.counts)
     gain = float(score.log_likelihood - alone.log_likelihood)
     fall = float(np.max(alone.misfits / np.maximum(score.misfits, MISFIT_FLOOR)))

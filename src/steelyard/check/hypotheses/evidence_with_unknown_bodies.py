@@ -173,7 +173,7 @@ class EvidenceOfLog:
                 waiting.setdefault(problem.carrier, {})[number] = problem
             last = number + 1 == len(readings)
             for part in [one for one in waiting.values() if len(one) == size or (last and one)]:
-                solved = _averaged(list(part.values()), widths, steps)
+                solved = _averaged(list(part.values()), self._positive, widths, steps)
                 for k, one in zip(part, solved, strict=True):
                     found[k] = one if np.max(one.misfits) < ABSURD else None
                 part.clear()
@@ -207,7 +207,7 @@ class EvidenceOfLog:
         factors = np.concatenate((bodies, sizes * rms[:, None]), axis=1) / rms[:, None]
         yy = products.yy[:, :-1, :-1] * factors[:, :, None] * factors[:, None, :]
         ee = np.where(ee > 0.0, squares / rms**2, 0.0)
-        return _Problem(yy, ye * factors / rms[:, None], ee, count, self._positive, scale, last)
+        return _Problem(yy, ye * factors / rms[:, None], ee, count, scale, last)
 
     def _with_gains(self, reading: Reading) -> Reading:
         """Unknown gains as nominal bodies of the size that the other efforts have them."""
@@ -290,13 +290,13 @@ class _Problem:
     ye: Array  # shape `(n, k + 4)`
     ee: Array  # shape `(n,)`
     count: Array
-    # which of the joints' own unknowns are not negative, shape `(n, 4)`
-    positive: NDArray[np.bool_]
     scale: float  # of the bodies that unknowns of 1 stand for, over the nominal ones
     carrier: int = -1  # the body that carries a payload, which is the last of them; -1 for none
 
 
-def _averaged(problems: Sequence[_Problem], widths: Sequence[float], steps: int) -> list[Evidence]:
+def _averaged(
+    problems: Sequence[_Problem], positive: NDArray[np.bool_], widths: Sequence[float], steps: int
+) -> list[Evidence]:
     """Evidence of problems of one number of bodies, averaged over the widths."""
     h, k = len(problems), problems[0].ye.shape[1] - NUISANCES
     names = "yy", "ye", "ee", "count"
@@ -306,7 +306,7 @@ def _averaged(problems: Sequence[_Problem], widths: Sequence[float], steps: int)
     if problems[0].carrier >= 0:
         unknown = [problems[0].carrier, -1]  # the last link may weigh less, too
         gamma[..., unknown] = np.minimum(gamma[..., unknown], CARRIED_WIDTH**-2)
-    fit = averaged(yy, ye, ee, counts, problems[0].positive, gamma, steps)
+    fit = averaged(yy, ye, ee, counts, positive, gamma, steps)
     found = []
     for i, best in enumerate(np.argmax(fit.logs, axis=1)):
         top = fit.logs[i, best]

@@ -90,8 +90,10 @@ def _turned(reading: Reading, joints: tuple[int, ...], says: str, cost: float) -
 def _ordered(
     reading: Reading, order: Sequence[int], both: bool, says: str, cost: float
 ) -> Hypothesis:
+    position, effort = (tuple(x[k] for k in order) for x in (reading.position, reading.effort))
+    changed = reading.changed(position=position, effort=effort if both else reading.effort)
     moved = tuple(j for j, k in enumerate(order) if j != k)
-    return Hypothesis("joint order", says, reading.ordered(order, efforts=both), cost, moved)
+    return Hypothesis("joint order", says, changed, cost, moved)
 
 
 def _units(reading: Reading) -> Iterator[Hypothesis]:

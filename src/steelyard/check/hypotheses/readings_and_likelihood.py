@@ -214,11 +214,6 @@ class Reading:
         zeros[joint] += offset
         return replace(self, zeros=zeros)
 
-    def ordered(self, order: Sequence[int], *, efforts: bool) -> "Reading":
-        """The columns of positions, or also those of efforts, in another order."""
-        position, effort = (tuple(x[k] for k in order) for x in (self.position, self.effort))
-        return replace(self, position=position, effort=effort if efforts else self.effort)
-
     def into_logged(self) -> Array:
         """$A^{-1}$: joint efforts to logged base units, shape `(n, n)`."""
         log = self.likelihood
@@ -286,6 +281,11 @@ class Reading:
         """How well it agrees."""
         efforts = np.array([self.effort])
         return self.likelihood.scored(self.sums, efforts, self.effort_scale).one(0)
+
+    @property
+    def friction_alone(self) -> LikelihoodScore:
+        """How well friction, an offset and rotor inertia explain the efforts, without any body."""
+        return self.scored(*self.columns(), [self.delay]).one(0)
 
     @property
     def log_likelihood(self) -> float:

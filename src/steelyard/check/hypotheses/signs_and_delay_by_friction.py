@@ -43,11 +43,6 @@ PRESLIDING_LENGTHS = (1e-3, 3e-3, 1e-2, 3e-2, 0.1)
 """Lengths over which friction may give way [rad; m]."""
 
 
-def friction_alone(reading: Reading) -> LikelihoodScore:
-    """How well friction, an offset and rotor inertia explain the efforts, without any body."""
-    return reading.scored(*reading.columns(), [reading.delay]).one(0)
-
-
 def presliding_score(reading: Reading) -> LikelihoodScore:
     """The same with bodies, and friction that gives way by the best length of each joint."""
     q, dq, ddq = reading.motion()
