@@ -1,28 +1,24 @@
 """Findings of the checks in words, as JSON, in a terminal, and on the page of steelyard check."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
 from math import isfinite
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from rich.console import Console
+from rich.padding import Padding
+from rich.table import Table
+from rich.text import Text
 
 from steelyard.base.arrays import by_key, json_values
+from steelyard.check.all_checks import Diagnosis
 from steelyard.check.finding import OPEN_WORD, Edit, Finding, Fix, Picture
 from steelyard.report.page import Numbers, Shown, fill, packed, page_of, script_json
 from steelyard.report.page_figures import thin
 from steelyard.report.words import COLOURS, Level, count, percent
 from steelyard.robot.file.toml_edits import lines_of
-
-if TYPE_CHECKING:
-    from rich.console import Console
-    from rich.table import Table
-    from rich.text import Text
-
-    from steelyard.check.all_checks import Diagnosis
 
 FINDING_WORDS = ("wrong", "doubtful", OPEN_WORD, "ok")  # what a check finds, the worst first
 LEVEL_OF_SEVERITY: dict[str, Level] = {"ok": "good", "doubtful": "fair", "wrong": "poor"}
@@ -157,9 +153,6 @@ def print_findings(
     diagnosis: Diagnosis, console: Console, *, fine: bool = True, verbose: bool = False
 ) -> None:
     """Print the findings, the worst last, then what to do and the verdict."""
-    from rich.padding import Padding
-    from rich.text import Text
-
     worst = words_of(diagnosis)
     shown = [
         group
@@ -194,9 +187,6 @@ def print_notes(diagnosis: Diagnosis) -> tuple[str, ...]:
 
 
 def _table(shown: Sequence[Group], verbose: bool) -> Table:
-    from rich.table import Table
-    from rich.text import Text
-
     table = Table(box=None, show_header=False, pad_edge=False, padding=(0, 2, 0, 0))
     table.add_column(no_wrap=True)
     table.add_column(max_width=18)
@@ -245,8 +235,6 @@ def _brief(group: Group) -> str:
 
 def _found(group: Group) -> Text:
     """What one row says; of many that are ok the first speaks."""
-    from rich.text import Text
-
     if not group[0].severity:
         return Text.assemble((_speaks(group), "dim"), group[0].says)
     shown = []

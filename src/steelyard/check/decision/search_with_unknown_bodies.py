@@ -130,11 +130,7 @@ class Search:
         self.found: dict[Key, Explanation] = {}
         self._alternatives: dict[Key, list[Hypothesis]] = {}
         self.compare([(likelihood.declared, ())])
-        if self.found:
-            self._search(likelihood)
-
-    def _search(self, likelihood: Likelihood) -> None:
-        for number in range(ROUNDS):
+        for number in range(ROUNDS if self.found else 0):
             best = self.best
             most = 1 + best.poor * (number > 0)
             near = [x for x in self.ordered() if x.log > best.log - WORSE_TO_EXPAND][:most]
@@ -145,7 +141,7 @@ class Search:
                 self._compare_best([(h.reading, (h,)) for h in best_combinations(likelihood)])
             if not starts:
                 break
-        if any(change.cause == "effort delay" for change in self.best.changes):
+        if self.found:
             self._refine_delay()
 
     @property

@@ -110,6 +110,23 @@ class _Products:
         of = np.concatenate((of, np.eye(rest, k + m + rest, k + m)))
         return replace(self, yy=of.T @ self.yy @ of, ye=of.T @ self.ye)
 
+    def problem(self, reading: Reading, scale: float, carrier: int = -1) -> "_Problem":
+        """The reading in units of efforts, about nominal bodies of a scale."""
+        n, k = self.yy.shape[0], self.yy.shape[1] - NUISANCES - 1
+        ye, squares, ee = self.logged(reading)
+        count = np.where(ee > 0.0, np.minimum(self.count, MOST_EVIDENCE_SAMPLES), 0.0)
+        rms = np.sqrt(np.where(count > 0.0, ee, 1.0))
+        own = np.sqrt(np.einsum("jkk->jk", self.yy[:, k:-1, k:-1]))
+        sizes = np.where(own > 1e-12, 1.0 / np.maximum(own, 1e-12), 0.0)  # unit effort of columns
+        # an offset may balance what bodies weigh, which the logged effort then lacks
+        balanced = scale * self.nominal(reading) / rms
+        sizes[:, OFFSET_COLUMN] *= np.maximum(balanced, 1.0)
+        bodies = np.full((n, k), scale)
+        factors = np.concatenate((bodies, sizes * rms[:, None]), axis=1) / rms[:, None]
+        yy = self.yy[:, :-1, :-1] * factors[:, :, None] * factors[:, None, :]
+        ee = np.where(ee > 0.0, squares / rms**2, 0.0)
+        return _Problem(yy, ye * factors / rms[:, None], ee, count, scale, carrier)
+
 
 class EvidenceOfLog:
     """Evidence of readings of one log; products of motions are made once."""
@@ -194,20 +211,7 @@ class EvidenceOfLog:
         last = -1 if reading.payload is None else self._last
         if last >= 0:
             products = products.with_columns(self._carried)
-        n, k = products.yy.shape[0], products.yy.shape[1] - NUISANCES - 1
-        ye, squares, ee = products.logged(reading)
-        count = np.where(ee > 0.0, np.minimum(products.count, MOST_EVIDENCE_SAMPLES), 0.0)
-        rms = np.sqrt(np.where(count > 0.0, ee, 1.0))
-        own = np.sqrt(np.einsum("jkk->jk", products.yy[:, k:-1, k:-1]))
-        sizes = np.where(own > 1e-12, 1.0 / np.maximum(own, 1e-12), 0.0)  # unit effort of columns
-        # an offset may balance what bodies weigh, which the logged effort then lacks
-        balanced = scale * products.nominal(reading) / rms
-        sizes[:, OFFSET_COLUMN] *= np.maximum(balanced, 1.0)
-        bodies = np.full((n, k), scale)
-        factors = np.concatenate((bodies, sizes * rms[:, None]), axis=1) / rms[:, None]
-        yy = products.yy[:, :-1, :-1] * factors[:, :, None] * factors[:, None, :]
-        ee = np.where(ee > 0.0, squares / rms**2, 0.0)
-        return _Problem(yy, ye * factors / rms[:, None], ee, count, scale, last)
+        return products.problem(reading, scale, last)
 
     def _with_gains(self, reading: Reading) -> Reading:
         """Unknown gains as nominal bodies of the size that the other efforts have them."""
