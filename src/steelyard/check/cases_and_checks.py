@@ -3,7 +3,8 @@
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from functools import cached_property, partial, wraps
+from functools import cached_property, partial, reduce, wraps
+from operator import add
 from typing import Any, Generic, ParamSpec, TypeVar, cast
 from weakref import WeakKeyDictionary
 
@@ -16,6 +17,9 @@ from steelyard.base.progress import Progress, silent
 from steelyard.check.finding import Finding
 from steelyard.check.signals.usable_rows import LEAST_ROWS, SignalOverview, good_rows
 from steelyard.estimate.identified_model import IdentifiedModel
+from steelyard.estimate.information.base_parameters_and_regressor import Regressor, base_regressor
+from steelyard.estimate.information.gather import gather
+from steelyard.estimate.information.information import Information
 from steelyard.estimate.payload.runs_with_payload import carrier
 from steelyard.logs.log_and_errors import Log
 from steelyard.model.laws.friction_over_speed import Coulomb, Viscous
@@ -242,6 +246,16 @@ class Case:
                     continue
             common.append(replace(run, name=f"{number} {run.name}"))
         return tuple(common)
+
+    @cached_property
+    def regressor(self) -> Regressor:
+        """The base columns of the model."""
+        return base_regressor(self.model)
+
+    @cached_property
+    def information(self) -> Information:
+        """That of all clean runs together, of which there is one at least."""
+        return reduce(add, [gather(self.regressor, run) for run in self.runs])
 
     def only(self, log: CheckedLog) -> "Case":
         """The same with one log."""

@@ -16,7 +16,6 @@ from steelyard.base.arrays import by_key, json_values
 from steelyard.check.all_checks import Diagnosis
 from steelyard.check.finding import OPEN_WORD, Edit, Finding, Fix, Picture
 from steelyard.report.page import Numbers, Shown, fill, packed, page_of, script_json
-from steelyard.report.page_figures import thin
 from steelyard.report.words import COLOURS, Level, count, percent
 from steelyard.robot.file.toml_edits import lines_of
 
@@ -274,7 +273,6 @@ def _others(group: Group, shown: int) -> str:
     return f"{named} and {more} others" if more > 0 else named
 
 
-MOST_POINTS_OF_EVIDENCE_LINE = 2000  # most points of one line
 MOST_POINTS_OF_CHECK_PAGE = 200_000  # points of all pictures; those behind are left out
 LEAST_NUMBER_IN_DOUBLE_PRECISION = 1e5  # numbers from here on, such as dates, need it
 
@@ -288,7 +286,7 @@ def findings_of(
     for finding in sorted(found, key=lambda finding: -finding.severity):
         picture, fix = finding.picture, finding.fix if finding.severity else None
         if picture is not None and (fine or finding.severity):
-            left -= sum(min(len(t.x), MOST_POINTS_OF_EVIDENCE_LINE) for t in picture.traces)
+            left -= sum(len(t.x) for t in picture.traces)
             drawn = script_json(_drawn(picture)) if left >= 0 else None
         else:
             drawn = None
@@ -339,19 +337,11 @@ def _reason_it_is_ok(finding: Finding, diagnosis: Diagnosis) -> str:
 
 
 def _drawn(picture: Picture) -> dict[str, Any]:
-    """Traces of at most so many points; a line keeps the extremes of every stretch."""
     traces = []
-    for trace in picture.traces:
-        if trace.kind == "line":
-            chosen = thin(trace.y, MOST_POINTS_OF_EVIDENCE_LINE)
-        else:
-            step = -(-len(trace.x) // MOST_POINTS_OF_EVIDENCE_LINE) or 1
-            chosen = np.arange(0, len(trace.x), step)
-        x, y = np.asarray(trace.x)[chosen], np.asarray(trace.y)[chosen]
-        kind = "f8" if np.any(np.abs(x) > LEAST_NUMBER_IN_DOUBLE_PRECISION) else "f4"
-        traces.append(
-            {"name": trace.name, "kind": trace.kind, "x": packed(x, kind), "y": packed(y)}
-        )
+    for one in picture.traces:
+        far = np.any(np.abs(one.x) > LEAST_NUMBER_IN_DOUBLE_PRECISION)
+        x, y = packed(one.x, "f8" if far else "f4"), packed(one.y)
+        traces.append({"name": one.name, "kind": one.kind, "x": x, "y": y})
     return {"x": picture.x, "y": picture.y, "traces": traces}
 
 

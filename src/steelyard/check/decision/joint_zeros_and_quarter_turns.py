@@ -223,7 +223,7 @@ def joint_zeros_check(case: Case) -> Iterable[Finding]:
         if any(signals.unknown_gains):
             return (Finding.ok(UNKNOWN_GAINS[ZERO_CAUSE], answered=False),)
         some = first_parts_of_runs(runs)
-        information = information_from(some, rests=model.has_memory)(base_regressor(model))
+        information = information_from(some, rests=model.has_memory)(case.regressor)
         estimate = WeightedLeastSquares(per_run=model.per_run_names)(information)
         ranked = ranked_causes(model, estimate, some)
         found = _zeros_by_derivatives(model.robot, ranked, estimated_offsets(model, some))

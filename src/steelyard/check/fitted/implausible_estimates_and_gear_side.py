@@ -13,8 +13,6 @@ and gears: identified rotor inertias that are significantly positive say that it
 """
 
 from collections.abc import Iterable, Iterator, Sequence
-from functools import reduce
-from operator import add
 
 import numpy as np
 
@@ -25,8 +23,6 @@ from steelyard.check.finding import Finding, Fix, Severity
 from steelyard.check.fitted.fitted_case_causes_and_constraints import FittedCase
 from steelyard.estimate.estimate import Estimate, Unidentifiable
 from steelyard.estimate.identified_model import IdentifiedModel
-from steelyard.estimate.information.base_parameters_and_regressor import base_regressor
-from steelyard.estimate.information.gather import gather
 from steelyard.estimate.least_squares.weighted_robust_and_whitened import WeightedLeastSquares
 from steelyard.estimate.scores.effort_errors import known_efforts
 from steelyard.model.laws.friction_over_speed import Coulomb, Viscous
@@ -255,10 +251,10 @@ def gear_side_check(case: Case) -> Iterable[Finding]:
     if signals is None or signals.effort_kind != "joint_torque":
         return ()
     try:
-        model, found = case.model, case.longest_run()
-        if found is None or not any(isinstance(term, RotorInertia) for term in model.terms):
+        found = case.longest_run()
+        if found is None or not any(isinstance(term, RotorInertia) for term in case.model.terms):
             return ()
-        estimate = WeightedLeastSquares()(gather(base_regressor(model), found[1]))
+        estimate = WeightedLeastSquares()(case.only(found[0]).information)
     except SteelyardError:
         return ()
     rotors = rotors_of(estimate)
@@ -324,8 +320,7 @@ def identifiability_check(case: Case) -> Iterable[Finding]:
     if not case.runs:
         return
     try:
-        regressor = base_regressor(case.model)
-        estimate = WeightedLeastSquares()(reduce(add, [gather(regressor, r) for r in case.runs]))
+        estimate = WeightedLeastSquares()(case.information)
     except SteelyardError as error:
         yield Finding.doubtful(f"undecided: {error.wrong}", "none", fix=Fix(error.fix))
         return

@@ -348,7 +348,7 @@ def _body_columns(reading: Reading) -> Array:
         bodies = knowledge.under_any(reading.gravity, dense_regressor, *motion)
     except (DataError, ValueError):
         bodies = np.full((10 * len(knowledge.robot.bodies), *motion[0].shape), np.nan)
-    return np.einsum("ij,kjb->ikb", reading.into_logged(), bodies)
+    return np.asarray(np.einsum("ij,kjb->ikb", reading.into_logged(), bodies))
 
 
 def dense_regressor(valued: ValuedModel, q: Array, dq: Array, ddq: Array) -> Array:

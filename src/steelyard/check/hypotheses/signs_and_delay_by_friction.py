@@ -137,10 +137,10 @@ def _friction_sign(case: Case, signals: Signals, drives: dict[str, RowFriction])
 def friction_of_rows(case: Case, log: CheckedLog) -> dict[str, RowFriction]:
     """What friction does in every joint that a log shows; none where it cannot be fitted."""
     try:
-        runs = case.only(log).runs
-        if not runs:
+        alone = case.only(log)
+        if not alone.runs:
             return {}
-        information = gather(base_regressor(case.model), runs[0])
+        information = alone.information
     except (SteelyardError, TypeError):
         return {}
     signs = np.sign(log.recording.signals.gains).tolist()
@@ -232,12 +232,10 @@ def residual_delay(case: Case) -> Finding | None:
         if longest is None or len(longest[1].segments) > 1:
             return None
         log, run = longest[0], _fast_motion(longest[1])
-        model = case.model
-        regressor = base_regressor(model)
-        found = delays_of(regressor, run)
+        found = delays_of(case.regressor, run)
         if found.gone >= 0.5 * EXPLAINED_BY_DELAY:
-            found = replace(_renewed(regressor, run, found.delay), before=found.before)
-        if not found.sure or by_presliding(model, regressor, run) >= found.gone:
+            found = replace(_renewed(case.regressor, run, found.delay), before=found.before)
+        if not found.sure or by_presliding(case.model, case.regressor, run) >= found.gone:
             return None
     except (SteelyardError, TypeError):
         return None
@@ -279,16 +277,15 @@ def no_common_delay(case: Case, log: CheckedLog, delay: float) -> str:
         (run,) = case.only(log).runs or (None,)
         if run is None:
             return ""
-        regressor = base_regressor(case.model)
         slowly = replace(
             log.processing,
             motion_cutoff=run.motion_cutoff,
             matched_cutoff=SLOW_BAND * run.matched_cutoff,
         )
         found = {
-            "": _renewed(regressor, _fast_motion(run), delay),
+            "": _renewed(case.regressor, _fast_motion(run), delay),
             f" below {SLOW_BAND * run.matched_cutoff:.2g} Hz": _renewed(
-                regressor, _fast_motion(prepare(log.recording, slowly)), delay
+                case.regressor, _fast_motion(prepare(log.recording, slowly)), delay
             ),
         }
     except (SteelyardError, TypeError):

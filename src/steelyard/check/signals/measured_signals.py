@@ -9,8 +9,6 @@ so noise far below what varies is measured.
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import reduce
-from operator import add
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,8 +19,6 @@ from steelyard.check.cases_and_checks import Case, CheckedLog, log_check
 from steelyard.check.finding import Finding, Fix, Picture, Severity, of_joints, percent_of, trace
 from steelyard.check.signals.motion_units import driven_joints, unit_reading
 from steelyard.check.signals.usable_rows import SignalOverview, noise_of
-from steelyard.estimate.information.base_parameters_and_regressor import base_regressor
-from steelyard.estimate.information.gather import gather
 from steelyard.estimate.least_squares.weighted_robust_and_whitened import WeightedLeastSquares
 from steelyard.robot.init.column_names import Column, Quantity, by_number
 from steelyard.runs.rows.frozen_encoders_and_dead_efforts import MOVED
@@ -157,8 +153,7 @@ def noise_shares(case: Case, log: CheckedLog) -> tuple[Array, Array]:
 def _unexplained(case: Case, log: CheckedLog) -> float | None:
     """Residual of least squares over the effort, all joints together; `None` if there is none."""
     try:
-        regressor = base_regressor(case.model)
-        information = reduce(add, [gather(regressor, run) for run in case.only(log).runs])
+        information = case.only(log).information
         fit = WeightedLeastSquares().fit(information)
     except (SteelyardError, TypeError):
         return None

@@ -44,7 +44,7 @@ from steelyard.check.signals.velocity_scale_and_lag import (
     RATE_TOLERANCE,
     UNEVEN_RATE,
 )
-from steelyard.estimate.information.base_parameters_and_regressor import Regressor, base_regressor
+from steelyard.estimate.information.base_parameters_and_regressor import Regressor
 from steelyard.estimate.information.gather import gather
 from steelyard.estimate.least_squares.weighted_robust_and_whitened import WeightedLeastSquares
 from steelyard.robot.file.signals import ROW
@@ -343,7 +343,7 @@ def time_scale(case: Case) -> tuple[Finding | None, bool]:
         if found is None:
             return None, False
         checked, run = found
-        variance = _by_scale(base_regressor(case.model), run)
+        variance = _by_scale(case.regressor, run)
         now, samples = variance(0.0)
         rise = min(variance(x)[0] for x in (TRIED_SCALE, -TRIED_SCALE)) - now
         if rise > -VARIANCE_FALL:
