@@ -340,7 +340,7 @@ def _drawn(picture: Picture) -> dict[str, Any]:
     traces = []
     for one in picture.traces:
         far = np.any(np.abs(one.x) > LEAST_NUMBER_IN_DOUBLE_PRECISION)
-        x, y = packed(one.x, "f8" if far else "f4"), packed(one.y)
+        x, y = packed(one.x, "f8") if far else packed(one.x), packed(one.y)
         traces.append({"name": one.name, "kind": one.kind, "x": x, "y": y})
     return {"x": picture.x, "y": picture.y, "traces": traces}
 

@@ -381,7 +381,13 @@ def known_from_logs(
     auto, friction = _friction(excerpts, signals, moving)
     found = gains_of_logs(checked, len(moving)) if needs_gains(guess) else None
     if found is None:
-        reference = _heaviest(loaded, moving, excerpts, signals) if needs_gains(guess) else 0
+        robot, reference = loaded.robot, 0
+        nominal = Model(robot, (RigidBody(),)).prior if needs_gains(guess) and excerpts else None
+        if nominal is not None:  # the joint whose nominal gravity effort varies most
+            q = np.zeros((sum(len(x.t) for x in excerpts), robot.n))
+            places = [robot.joint_names.index(c.name) for c in moving]
+            q[:, places] = np.concatenate([_joints(x.z, signals) for x in excerpts], axis=1).T
+            reference = int(np.argmax(nominal.gravity(q)[:, places].std(axis=0)))
         return Known(reference=reference, auto=auto, friction=friction)
     source = (
         f"the controller's target torque over its target current ({found.columns[0]} over "
@@ -426,17 +432,3 @@ def _joints(columns: Array, signals: Signals) -> Array:
     """Position columns as logged, or their derivatives, as the joints', shape `(n, B)`."""
     scaled = signals.position_scale[:, None] * columns
     return scaled if signals.position_map is None else np.asarray(signals.position_map @ scaled)
-
-
-def _heaviest(
-    loaded: LoadedRobot, moving: Sequence[Coordinate], excerpts: Sequence[Excerpt], signals: Signals
-) -> int:
-    """The joint whose nominal gravity effort varies most along the logs."""
-    robot = loaded.robot
-    nominal = Model(robot, (RigidBody(),)).prior
-    if not excerpts or nominal is None:
-        return 0
-    q = np.zeros((sum(len(x.t) for x in excerpts), robot.n))
-    places = [robot.joint_names.index(c.name) for c in moving]
-    q[:, places] = np.concatenate([_joints(x.z, signals) for x in excerpts], axis=1).T
-    return int(np.argmax(nominal.gravity(q)[:, places].std(axis=0)))

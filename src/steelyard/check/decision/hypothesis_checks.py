@@ -126,7 +126,7 @@ class HypothesisCheck:
 
     def _without_fault(self, decision: LogVerdict) -> Finding:
         """That nothing is wrong, that it is open, or once that nothing explains the efforts."""
-        declared, sure = decision.declared, has_finding(decision)
+        declared, sure = decision.declared, bool(decision.winners) or decision.explained
         unclear = undecided(decision, self.name) if sure else ""
         says, answered = unclear or self.fine(decision), sure and not unclear
         waits = says.startswith(UNTIL_OTHER)  # the question that it waits for counts
@@ -206,15 +206,10 @@ def _known(decision: LogVerdict) -> str:
     return "the reference" if identified else "the nominal model"
 
 
-def has_finding(decision: LogVerdict) -> bool:
-    """Whether there is a finding about a log."""
-    return bool(decision.winners) or decision.explained
-
-
 def agreement_sentence(decision: LogVerdict, what: str) -> str:
     """The sentence where nothing is wrong, or where nothing can be concluded."""
     identified, percent = decision.likelihood.knowledge.identified, decision.last.reading.percent
-    if not has_finding(decision):
+    if not (decision.winners or decision.explained):
         much = _percent(decision.declared.percent)
         clear = "no hypothesis is clearly better"
         why = clear if identified else f"{_unclear(decision, clear)}; give --model"

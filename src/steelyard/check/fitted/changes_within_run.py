@@ -45,7 +45,6 @@ NOISE_ROUNDS = 4  # iterations of the rows' noise
 class ChangeWithinRun:
     """One change in a run."""
 
-    run: str  # the run's name
     time: float  # middle of the time in which it lies [s]
     within: float  # half of that time [s]
     row: int  # number of the joint; -1 for a load
@@ -98,8 +97,8 @@ class _Row:
         return self.freedom >= LEAST_ROW_FREEDOM and self.left > 0.0
 
 
-_Border = tuple[tuple[str, float, float], list[_Row]]
-"""Run, middle and half of the time around one border [s], and the rows of the run there."""
+_Border = tuple[tuple[float, float], list[_Row]]
+"""Middle and half of the time around one border [s], and the rows of the run there."""
 
 
 def _borders(run: Information) -> Iterator[_Border]:
@@ -114,7 +113,7 @@ def _borders(run: Information) -> Iterator[_Border]:
             after = gram[at + 1 :].sum(axis=0)
             rows.append(_Row(after, own, effort, max(left, 0.0), float(count - own.shape[1])))
         start, stop = run.windows[at - 1].start, run.windows[at].stop
-        yield (run.windows[at].run, 0.5 * (start + stop), 0.5 * (stop - start)), rows
+        yield (0.5 * (start + stop), 0.5 * (stop - start)), rows
 
 
 def offset_steps(run: Information) -> list[ChangeWithinRun]:
@@ -193,7 +192,7 @@ def scale_drifts(run: Information, *, friction: bool = False) -> tuple[ChangeWit
     middle = np.array([0.5 * (window.start + window.stop) for window in run.windows])
     time = (middle - middle.mean()) / (stop - start)
     drifts = ((row, _drift_of_row(run, row, time, friction)) for row in range(len(run.layout.rows)))
-    about = run.windows[0].run, 0.5 * (start + stop), 0.5 * (stop - start)
+    about = 0.5 * (start + stop), 0.5 * (stop - start)
     return tuple(ChangeWithinRun(*about, row, *found) for row, found in drifts if found)
 
 

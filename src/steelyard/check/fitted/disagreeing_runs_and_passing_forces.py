@@ -189,7 +189,6 @@ PASSING = "a force acted for a while, as by a contact"
 class PassingForce:
     """A stretch of a run in which efforts are not those of its other motion."""
 
-    run: str
     start: float  # [s]
     stop: float  # [s]
     rows: tuple[int, ...]  # numbers of the joints that bear it
@@ -261,7 +260,6 @@ def passing_force(
     share = 1.0 - float(np.exp(np.mean(np.log(np.minimum(best.outside / whole.outside, 1.0)))))
     times = [fine.windows[k] for k in np.flatnonzero(hit)]
     return PassingForce(
-        run.windows[0].run,
         times[0].start,
         times[-1].stop,
         bears,

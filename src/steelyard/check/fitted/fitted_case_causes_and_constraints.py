@@ -22,10 +22,12 @@ from steelyard.check.finding import Finding
 from steelyard.check.fitted.causes_of_residuals import (
     GEOMETRY,
     NAMED_CAUSE_SHARE,
+    WORTH_A_SEARCH,
+    WORTH_A_TERM,
     Cause,
     LeftOutGain,
     causes,
-    left_out_gains,
+    left_out_logs,
     residual_shape,
     wide_model,
 )
@@ -379,7 +381,14 @@ class FittedCase:
         if ranked is None or not ranked.likely:
             return ()
         model, sigma = self.identified.model, self.identified.estimate.sigma
-        gains = left_out_gains(model, ranked.wide, sigma, self.examined, ranked.likely)
+        own = base_parameters(model).base_names
+        sets = [own, *((*own, *cause.names) for cause in ranked.likely)]
+        try:
+            parts, (plain, *wider) = left_out_logs(model, ranked.wide, sigma, self.examined, sets)
+        except DataError:
+            return tuple((cause, None) for cause in ranked.likely)
+        worth = (WORTH_A_TERM if c.of_friction else WORTH_A_SEARCH for c in ranked.likely)
+        gains = (LeftOutGain.of(plain, x, parts, w) for x, w in zip(wider, worth, strict=True))
         return tuple(zip(ranked.likely, gains, strict=True))
 
     @cached_property

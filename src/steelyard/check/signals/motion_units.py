@@ -135,21 +135,6 @@ class JointFacts:
         return TOO_SLOW * max(0.0, log10(SLOW_SPEED * limit / speed))
 
 
-def shared_unit_readings(facts: Sequence[JointFacts], second: float) -> tuple[JointReading, ...]:
-    """The cheapest units of joints of one kind, of which logs hardly ever mix several.
-
-    Units that differ between joints are believed only if the same ones for all would cost more
-    than a change more, or if they are declared so. Joints that rest say little: they have the
-    units of the others.
-    """
-    own = tuple(f.cheapest(second) for f in facts)
-    if _mixed(f.declared(second) for f in facts) or not _mixed(own):
-        return own
-    same = [tuple(f.like(second, joint) for f in facts) for joint in own]
-    best = min(same, key=_cost)
-    return best if _cost(best) <= _cost(own) + CHANGED_UNIT_COST else own
-
-
 def _mixed(joints: Iterable[JointReading]) -> bool:
     return len({(joint.position_unit, joint.velocity_unit) for joint in joints}) > 1
 
@@ -239,7 +224,14 @@ def unit_reading(case: Case, checked: CheckedLog) -> UnitReading:
     for unit, second in seconds.items():
         read: dict[JointFacts, JointReading] = {}
         for group in groups:
-            read |= zip(group, shared_unit_readings(group, second / looked), strict=True)
+            own = tuple(f.cheapest(second / looked) for f in group)
+            # logs hardly ever mix units of joints of one kind: they are believed only if the same
+            # ones for all cost more than a change more, or if they are declared so
+            if _mixed(own) and not _mixed(f.declared(second / looked) for f in group):
+                same = [tuple(f.like(second / looked, joint) for f in group) for joint in own]
+                best = min(same, key=_cost)
+                own = best if _cost(best) <= _cost(own) + CHANGED_UNIT_COST else own
+            read |= zip(group, own, strict=True)
         changed = CHANGED_UNIT_COST if abs(second - 1.0) > 1e-9 else 0.0
         cost = _cost(read.values()) + changed + step_cost(overview.step * second)
         cost += _unheld_cost(read, second / looked, declared=changed == 0.0)

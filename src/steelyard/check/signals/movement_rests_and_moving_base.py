@@ -173,7 +173,20 @@ def moving_base_check(case: Case, log: CheckedLog) -> Finding | None:
     base = case.loaded.base
     turns = _inertial_columns(log, TURN_WORDS)
     pulls = _inertial_columns(log, ACCELERATION_WORDS)
-    moves = [*_turning_words(log, turns), *_acceleration_words(log, pulls)]
+    moves = []
+    for column in turns:
+        unit = np.pi / 180.0 if {"deg", "dps"} & {*words_of(column)} else 1.0
+        rates = unit * _inertial_values(log, [column])[:, 0]
+        if len(rates) > 2 and rates.std() > LEAST_TURN and _is_smooth(rates):
+            moves.append(f"'{column}' varies by {rates.std():.2g} rad/s")
+    # accelerations only of all three axes together
+    if len(pulls) == 3 and len(values := _inertial_values(log, pulls)) > 2:
+        length, spread = float(np.mean(np.linalg.norm(values, axis=1))), values.std(axis=0)
+        moves += [
+            f"'{column}' varies by {100.0 * std / length:.2g} % of its mean length"
+            for column, std, x in zip(pulls, spread, values.T, strict=True)
+            if std > LEAST_PULL * length and _is_smooth(x)
+        ]
     if moves:
         says = f"base '{base}' is assumed to be at rest, but its sensor measures motion"
         return Finding.doubtful(says, ", ".join(moves), fix=FIX_BASE)
@@ -215,32 +228,6 @@ def _inertial_values(log: CheckedLog, columns: Sequence[str]) -> Array:
     last = min(stop, start + BASE_ROWS)
     x = np.concatenate([*log.log.parts(columns, (start, last)), np.zeros((0, len(columns)))])
     return np.asarray(x[np.isfinite(x).all(axis=1)])
-
-
-def _turning_words(log: CheckedLog, columns: tuple[str, ...]) -> list[str]:
-    clauses = []
-    for column in columns:
-        unit = np.pi / 180.0 if {"deg", "dps"} & {*words_of(column)} else 1.0
-        rates = unit * _inertial_values(log, [column])[:, 0]
-        if len(rates) > 2 and rates.std() > LEAST_TURN and _is_smooth(rates):
-            clauses.append(f"'{column}' varies by {rates.std():.2g} rad/s")
-    return clauses
-
-
-def _acceleration_words(log: CheckedLog, columns: tuple[str, ...]) -> list[str]:
-    """Accelerations that vary, in words; only of all three axes together."""
-    if len(columns) != 3:
-        return []
-    pulls = _inertial_values(log, columns)
-    if len(pulls) < 3:
-        return []
-    length = float(np.mean(np.linalg.norm(pulls, axis=1)))
-    spread = pulls.std(axis=0)
-    moving = [x for x in range(3) if spread[x] > LEAST_PULL * length and _is_smooth(pulls[:, x])]
-    return [
-        f"'{columns[x]}' varies by {100.0 * spread[x] / length:.2g} % of its mean length"
-        for x in moving
-    ]
 
 
 def _is_smooth(values: Array) -> bool:
