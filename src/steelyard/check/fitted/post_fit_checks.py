@@ -323,9 +323,9 @@ def kept_doubts(identified: IdentifiedModel) -> tuple[Finding, ...]:
     found = []
     for one in identified.provenance.doubts:
         fix = Fix(one["fix"]) if one["fix"] else None
-        severity, more = Severity[one["severity"]], {"headline": True, "brief": one["brief"]}
-        says = one["says"], one["figure"]
-        found.append(Finding(one["check"], one["log"], severity, *says, fix=fix, **more))
+        where = one["check"], one["log"], Severity[one["severity"]]
+        says, brief = (one["says"], one["figure"]), one["brief"]
+        found.append(Finding(*where, *says, fix=fix, headline=True, brief=brief))
     return tuple(found)
 
 
