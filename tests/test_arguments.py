@@ -13,7 +13,7 @@ import pytest
 import steelyard
 from steelyard.base.errors import SteelyardError
 from steelyard.base.progress import Stopped, report_progress
-from steelyard.check.corrected_robot_file import CorrectedFile
+from steelyard.check.check import CorrectedFile
 from steelyard.identify.page.section_register import CSV_COLUMNS
 from test_interface import folder as folder
 

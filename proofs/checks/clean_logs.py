@@ -19,7 +19,7 @@ from proofs.support.safety_robots import Arm, Link, arm_urdf, random_arm
 
 from steelyard.check.all_checks import examine
 from steelyard.check.case_from_files_and_precheck import refusal
-from steelyard.check.case_logs_and_checks import Case, CheckedLog
+from steelyard.check.cases_and_checks import Case, CheckedLog
 from steelyard.excite.trajectories.fourier import random_fourier
 from steelyard.robot.file.robot_file import LoadedRobot, load_robot
 from steelyard.runs.processing_choices import Processing

@@ -11,7 +11,7 @@ from proofs.support.claims import Claim, data_folder, main_of
 from steelyard.base.progress import silent
 from steelyard.check.all_checks import Diagnosis, examine
 from steelyard.check.case_from_files_and_precheck import case_of, subject_of
-from steelyard.check.case_logs_and_checks import Case
+from steelyard.check.cases_and_checks import Case
 from steelyard.check.finding import Finding, Severity
 from steelyard.check.signals.motion_units import unit_reading
 from steelyard.robot.file.toml_edits import edited

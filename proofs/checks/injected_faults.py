@@ -19,7 +19,7 @@ from proofs.support.fault_kinds import KINDS, Kind, real_payload
 from proofs.support.faults import Clean, Faulty, Tally, diagnosis, right_fix, right_verdict
 
 from steelyard.base.progress import silent
-from steelyard.check.case_logs_and_checks import Case, CheckedLog
+from steelyard.check.cases_and_checks import Case, CheckedLog
 from steelyard.check.decision.ranked_readings import ranking
 from steelyard.check.hypotheses.gravity_payload_and_delay import delay_fit
 from steelyard.estimate.identified_model import IdentifiedModel, Provenance

@@ -20,7 +20,7 @@ from proofs.support.claims import Claim, data_folder, main_of
 from proofs.support.coverage_cases import ROWS, Case, Row, case_of, robot_file
 
 from steelyard.base.arrays import Z95, Array
-from steelyard.check.fitted.fitted_case_and_ranked_causes import FittedCase
+from steelyard.check.fitted.fitted_case_causes_and_constraints import FittedCase
 from steelyard.check.fitted.incomplete_model_and_unseen_error import model_error_check
 from steelyard.check.signals.velocity_scale_and_lag import one_sided_differences
 from steelyard.estimate.consistent.convex_program_and_newton_refinement import Program

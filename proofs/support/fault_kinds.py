@@ -7,7 +7,7 @@ import numpy as np
 from proofs.support.faults import Clean, Faulty, with_keys
 
 from steelyard.check.all_checks import Diagnosis
-from steelyard.check.efforts_by_gravity_payload_and_friction import (
+from steelyard.check.cases_and_checks import (
     EffortPredictor,
     effort_predictor,
 )

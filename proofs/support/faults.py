@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from steelyard.check.all_checks import Diagnosis, examine
-from steelyard.check.case_logs_and_checks import Case, CheckedLog
+from steelyard.check.cases_and_checks import Case, CheckedLog
 from steelyard.check.finding import Edit
 from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.robot.file.robot_file import LoadedRobot, load_robot

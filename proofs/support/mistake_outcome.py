@@ -15,14 +15,14 @@ from steelyard.base.arrays import Array
 from steelyard.base.errors import SteelyardError
 from steelyard.base.progress import silent
 from steelyard.check.all_checks import Diagnosis
-from steelyard.check.case_from_files_and_precheck import diagnosed, subject_of
-from steelyard.check.corrected_robot_file import correct_robot_file
+from steelyard.check.case_from_files_and_precheck import Subject, case_of, diagnosis_of, subject_of
+from steelyard.check.check import correct_robot_file
 from steelyard.identify.identify import identify
 from steelyard.identify.page.report_content import ReportContent
 from steelyard.identify.validate import validate
 from steelyard.identify.verdict_and_next_steps import verdict
 from steelyard.robot.file.robot_file import load_robot
-from steelyard.runs.runs_of_named_logs import log_files
+from steelyard.runs.runs_of_named_logs import LogArgument, log_files
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,6 +48,12 @@ class Outcome:
         return tuple(line for line in self.sentences if line.startswith("check wrong"))
 
 
+def diagnosed(subject: Subject, files: list[LogArgument]) -> Diagnosis:
+    """What the check finds in logs."""
+    case, unread = case_of(subject, files, None, silent)
+    return diagnosis_of(case, unread, subject.text, quick=False)
+
+
 def outcome_of(arm: Arm, job: Job, folder: Path, *, validated: bool = True) -> Outcome:
     """Everything that the commands say of a job.
 
@@ -61,7 +67,7 @@ def outcome_of(arm: Arm, job: Job, folder: Path, *, validated: bool = True) -> O
     try:
         files = log_files(logs)
         subject = subject_of(robot, files[0])
-        diagnosis = diagnosed(subject, files, None, silent, quick=False)
+        diagnosis = diagnosed(subject, files)
     except SteelyardError as error:
         return Outcome((f"refusal: {error}",), None)
     lines = list(findings(diagnosis))
@@ -170,7 +176,7 @@ def fix_of(
     subject, target = subject_of(robot, every[0]), folder / "fixed.toml"
     try:
         corrected = correct_robot_file(
-            subject, target, diagnosis, lambda new: diagnosed(new, every, None, silent, quick=False)
+            subject, target, diagnosis, lambda new: diagnosed(new, every)
         )
     except SteelyardError as error:
         return None, (str(error),)

@@ -11,7 +11,7 @@ from short_arm import without_wrist
 from steelyard.base.arrays import Array
 from steelyard.base.motion import Motion
 from steelyard.check.all_checks import Check, Diagnosis, examine
-from steelyard.check.case_logs_and_checks import Case, CheckedLog
+from steelyard.check.cases_and_checks import Case, CheckedLog
 from steelyard.check.decision.hypothesis_checks import (
     EFFORT_DELAY,
     EFFORT_KIND,

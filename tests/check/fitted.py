@@ -10,7 +10,7 @@ import polars as pl
 
 from short_arm import WRIST, fix_joints
 from steelyard.base.motion import Motion
-from steelyard.check.fitted.fitted_case_and_ranked_causes import FittedCase
+from steelyard.check.fitted.fitted_case_causes_and_constraints import FittedCase
 from steelyard.estimate.identified_model import Cutoffs, IdentifiedModel, Provenance
 from steelyard.estimate.information.base_parameters_and_regressor import (
     base_parameters,

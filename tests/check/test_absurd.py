@@ -7,8 +7,8 @@ import pytest
 
 from steelyard.base.errors import DataError
 from steelyard.check.finding import Severity
-from steelyard.check.fitted.fitted_case_and_ranked_causes import FittedCase
-from steelyard.check.fitted.implausible_estimates import (
+from steelyard.check.fitted.fitted_case_causes_and_constraints import FittedCase
+from steelyard.check.fitted.implausible_estimates_and_gear_side import (
     absurd_bodies_check,
     absurdities,
     heaviest,

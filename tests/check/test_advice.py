@@ -2,7 +2,7 @@
 
 import pytest
 
-from steelyard.check.identifiability_check import _advice
+from steelyard.check.fitted.implausible_estimates_and_gear_side import _advice
 from steelyard.estimate.estimate import Unidentifiable
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from check.conftest import Arm
-from steelyard.check.decision.controller_gains_and_gain_advice import unwritten_number_advice
+from steelyard.check.decision.drive_gains_and_what_init_learns import unwritten_number_advice
 from steelyard.check.finding import Edit
 
 

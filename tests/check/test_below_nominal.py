@@ -6,7 +6,7 @@ import pytest
 
 from check.fitted import case, demo_arm, log
 from steelyard.check.finding import Severity
-from steelyard.check.fitted.fitted_case_and_ranked_causes import FittedCase
+from steelyard.check.fitted.fitted_case_causes_and_constraints import FittedCase
 from steelyard.check.fitted.post_fit_checks import below_nominal_check
 from steelyard.estimate.scores.score import score
 from steelyard.simulate.ground_truth import random_truth

@@ -15,7 +15,7 @@ from steelyard.check.fitted.changes_within_run import (
     force_of_run,
     scale_drifts,
 )
-from steelyard.check.fitted.fitted_case_and_ranked_causes import FittedCase
+from steelyard.check.fitted.fitted_case_causes_and_constraints import FittedCase
 from steelyard.estimate.information.base_parameters_and_regressor import base_regressor
 from steelyard.estimate.nonlinear.nonlinear_parameters import information_from
 from steelyard.robot.inertia_and_placement import Inertia

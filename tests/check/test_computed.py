@@ -6,7 +6,7 @@ import pytest
 from check.conftest import Arm
 from steelyard.base.arrays import Array
 from steelyard.check.finding import Finding, Severity
-from steelyard.check.signals.computed_efforts_and_set_points import (
+from steelyard.check.signals.measured_signals import (
     computed_efforts_check,
     noise_levels,
 )

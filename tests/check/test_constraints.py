@@ -18,8 +18,11 @@ from steelyard.base.progress import silent
 from steelyard.check.case_from_files_and_precheck import case_of, subject_of
 from steelyard.check.decision.hypothesis_checks import POSITION_SIGN
 from steelyard.check.finding import Severity
-from steelyard.check.fitted.binding_constraints import BindingConstraints, binding_constraints
-from steelyard.check.fitted.fitted_case_and_ranked_causes import FittedCase
+from steelyard.check.fitted.fitted_case_causes_and_constraints import (
+    BindingConstraints,
+    FittedCase,
+    binding_constraints,
+)
 from steelyard.check.fitted.post_fit_checks import constraints_check
 from steelyard.estimate.consistent.convex_estimator import Consistent
 from steelyard.estimate.information.base_parameters_and_regressor import base_regressor

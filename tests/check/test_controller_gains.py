@@ -9,9 +9,9 @@ import pytest
 from check.conftest import MODEL_BASED
 from check.test_model_based import GAINS, TAU, edits, in_amperes, wrong
 from steelyard.check.all_checks import examine
-from steelyard.check.case_logs_and_checks import Case
-from steelyard.check.decision import controller_gains_and_gain_advice as gains_left
-from steelyard.check.decision.controller_gains_and_gain_advice import (
+from steelyard.check.cases_and_checks import Case
+from steelyard.check.decision import drive_gains_and_what_init_learns as gains_left
+from steelyard.check.decision.drive_gains_and_what_init_learns import (
     ControllerGains,
     controller_gains,
     gains_of_controller,

@@ -11,7 +11,7 @@ from scipy.stats import wishart
 from check.conftest import Arm
 from steelyard.base.arrays import Array
 from steelyard.check.decision.ranked_readings import ranking
-from steelyard.check.hypotheses.evidence_with_unknown_bodies import _normalised, _Products
+from steelyard.check.hypotheses.evidence_with_unknown_bodies import _Products
 from steelyard.check.hypotheses.laplace_over_bodies import (
     FRICTION_WIDTH,
     LENGTHS,
@@ -90,7 +90,7 @@ def test_an_offset_may_balance_what_bodies_weigh_and_the_log_lacks(weight: float
     yy[0, range(k, k + NUISANCES), range(k, k + NUISANCES)] = 1.0
     products = _Products(yy, ye, np.full((1, 1), 4.0), np.array([50.0]))  # an effort of 2
     reading = cast(Any, SimpleNamespace(effort=(0,), effort_scale=np.ones(1), held=0.0))
-    found = _normalised(reading, products, POSITIVE, 1.0)
+    found = products.problem(reading, 1.0)
     sizes = np.sqrt(np.einsum("kk->k", found.yy[0, k:, k:]))
     others = [column for column in range(NUISANCES) if column != OFFSET_COLUMN]
     assert sizes[others] == pytest.approx(1.0)

@@ -11,12 +11,12 @@ from steelyard.base.arrays import Parameters
 from steelyard.base.progress import silent
 from steelyard.check.all_checks import Diagnosis
 from steelyard.check.case_from_files_and_precheck import Subject, case_of
-from steelyard.check.case_logs_and_checks import Case
+from steelyard.check.cases_and_checks import Case
 from steelyard.check.check import CheckResult
 from steelyard.check.finding import Severity
 from steelyard.check.findings_text_and_page import CheckContent
-from steelyard.check.fitted.fitted_case_and_ranked_causes import FittedCase
-from steelyard.check.fitted.gear_side_and_rotors import (
+from steelyard.check.fitted.fitted_case_causes_and_constraints import FittedCase
+from steelyard.check.fitted.implausible_estimates_and_gear_side import (
     SEPARABLE_ROTORS,
     gear_side_check,
     rotors_at_zero_check,

@@ -12,14 +12,17 @@ from check.fitted import demo_arm, log
 from steelyard.base.progress import silent
 from steelyard.check.all_checks import examine
 from steelyard.check.case_from_files_and_precheck import Subject, case_of
-from steelyard.check.case_logs_and_checks import Case
+from steelyard.check.cases_and_checks import Case
 from steelyard.check.decision import joint_zeros_and_quarter_turns
 from steelyard.check.decision.hypothesis_checks import JOINT_ZEROS
 from steelyard.check.decision.joint_zeros_and_quarter_turns import joint_zeros_check, turned_joints
 from steelyard.check.decision.ranked_readings import ranking
 from steelyard.check.finding import Severity
-from steelyard.check.hypotheses import position_hypotheses as by_zero
-from steelyard.check.hypotheses.position_hypotheses import zero_offsets, zeros_without_effect
+from steelyard.check.hypotheses import position_and_effort_hypotheses as by_zero
+from steelyard.check.hypotheses.position_and_effort_hypotheses import (
+    zero_offsets,
+    zeros_without_effect,
+)
 from steelyard.robot.file.robot_file import load_robot
 from steelyard.robot.file.toml_edits import edited
 from steelyard.runs.runs_of_named_logs import log_files

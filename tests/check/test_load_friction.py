@@ -8,7 +8,7 @@ import pytest
 
 from steelyard.base.arrays import Parameters
 from steelyard.check.finding import Finding, Severity
-from steelyard.check.fitted.implausible_estimates import load_friction_check
+from steelyard.check.fitted.implausible_estimates_and_gear_side import load_friction_check
 
 
 def found(*values: float, std: float = 0.1, fitted: bool = True) -> tuple[Finding, ...]:

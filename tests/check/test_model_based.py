@@ -9,16 +9,15 @@ import numpy as np
 import pytest
 from scipy.optimize import lsq_linear
 
-from steelyard.check.all_checks import Diagnosis, examine
-from steelyard.check.decision.friction_between_logs import friction_drift_check
+from steelyard.check.all_checks import Diagnosis, edits_that_serve_all_logs, examine
+from steelyard.check.cases_and_checks import effort_predictor
+from steelyard.check.decision.gears_and_friction_of_logs import friction_drift_check
 from steelyard.check.decision.hypothesis_checks import MOUNTING, PAYLOAD, UNKNOWN_BODIES
 from steelyard.check.decision.ranked_readings import COMPARING_PHASE
 from steelyard.check.decision.verdict_of_log import judge_log
-from steelyard.check.edits_that_serve_all_logs import edits_that_serve_all_logs
-from steelyard.check.efforts_by_gravity_payload_and_friction import effort_predictor
 from steelyard.check.finding import Edit, Finding, Fix, Severity
+from steelyard.check.fitted.implausible_estimates_and_gear_side import identifiability_check
 from steelyard.check.hypotheses.nuisance_fit_and_score import fit_nuisances, shared_fit
-from steelyard.check.identifiability_check import identifiability_check
 from steelyard.estimate.estimate import KnownScales
 from steelyard.robot.file.toml_edits import edited
 from steelyard.robot.inertia_and_placement import Inertia
@@ -341,12 +340,14 @@ def test_shared_numbers_are_least_squares():
     truth = np.array([1.0, -2.0, 0.5])
     residual = np.einsum("k,knb->nb", truth, columns) + 0.3 * y[:, 0] - 0.1 * y[:, 2]
     free = np.full((2, 4), -np.inf), np.full((2, 4), np.inf)
-    fit = shared_fit(residual, columns, y, free, np.full(2, 0.1), 1.0, np.full(3, 100.0))
-    np.testing.assert_allclose(fit.values, truth, atol=1e-5)
+    values, _ = shared_fit(residual, columns, y, free, np.full(2, 0.1), 1.0, np.full(3, 100.0))
+    np.testing.assert_allclose(values, truth, atol=1e-5)
     noisy = residual + 0.1 * rng.normal(size=residual.shape)
-    fit = shared_fit(noisy, columns, y, free, np.full(2, 1e-3), 1.0, np.full(3, 100.0))
-    assert np.all(np.abs(fit.values - truth) < 4.0 * np.sqrt(np.diag(fit.covariance)))
-    np.testing.assert_allclose(np.sqrt(np.diag(fit.covariance)), 0.1 / 20.0, rtol=0.3)
+    values, covariance = shared_fit(
+        noisy, columns, y, free, np.full(2, 1e-3), 1.0, np.full(3, 100.0)
+    )
+    assert np.all(np.abs(values - truth) < 4.0 * np.sqrt(np.diag(covariance)))
+    np.testing.assert_allclose(np.sqrt(np.diag(covariance)), 0.1 / 20.0, rtol=0.3)
 
 
 def at_motors(arm, ratios) -> tuple[np.ndarray, str]:

@@ -23,21 +23,19 @@ from check.test_model_based import (
     wrong,
 )
 from steelyard.check.all_checks import examine
-from steelyard.check.case_logs_and_checks import Case, CheckedLog
+from steelyard.check.cases_and_checks import Case, CheckedLog, effort_predictor
 from steelyard.check.decision import verdict_of_log
-from steelyard.check.decision.controller_gains_and_gain_advice import _listed_sources
+from steelyard.check.decision.drive_gains_and_what_init_learns import _listed_sources
 from steelyard.check.decision.hypothesis_checks import EFFORT_DELAY, EFFORT_SIGN
 from steelyard.check.decision.ranked_readings import ranking
 from steelyard.check.decision.search_with_unknown_bodies import LIKELY
 from steelyard.check.decision.undecided_questions import misfit_hides
 from steelyard.check.decision.verdict_of_log import SURE, judge_log
-from steelyard.check.efforts_by_gravity_payload_and_friction import effort_predictor
 from steelyard.check.finding import Edit, Severity
 from steelyard.check.findings_text_and_page import check_headline
 from steelyard.check.hypotheses import evidence_with_unknown_bodies
 from steelyard.check.hypotheses.evidence_with_unknown_bodies import EvidenceOfLog
 from steelyard.check.hypotheses.gravity_payload_and_delay import _DirectionResidual
-from steelyard.check.hypotheses.readings_and_likelihood import keeps_evidence
 from steelyard.model.model import Model
 from steelyard.robot.file.toml_edits import edited
 from steelyard.runs.processing_choices import Processing
@@ -123,7 +121,7 @@ def test_a_dead_effort_is_not_that_of_another_joint(six):
     likelihood = ranking(case, case.logs[0]).likelihood
     assert likelihood.excerpt.dead == (0,)
     moved = likelihood.declared.changed(effort=(2, 1, 0, 3, 4, 5))
-    assert not keeps_evidence(moved) and keeps_evidence(likelihood.declared)
+    assert not moved.keeps_evidence and likelihood.declared.keeps_evidence
     assert "joint order" not in wrong(six.examined(table, known=False))
 
 
@@ -328,9 +326,9 @@ def test_an_order_that_rests_the_joint_in_motion_is_no_explanation(arm):
     case = arm.case(table, known=False)
     declared = ranking(case, case.logs[0]).declared.reading
     for order in ((2, 1, 0),):
-        assert keeps_evidence(declared.changed(position=order))
-    assert not keeps_evidence(declared.changed(position=(1, 0, 2)))
-    assert not keeps_evidence(declared.changed(effort=(0, 2, 1)))
+        assert declared.changed(position=order).keeps_evidence
+    assert not declared.changed(position=(1, 0, 2)).keeps_evidence
+    assert not declared.changed(effort=(0, 2, 1)).keeps_evidence
     found = examine(case, checks=MODEL_BASED)
     assert "joint order" not in wrong(found)
     assert not {"signals.position", "signals.effort.columns"} & set(edits(found))

@@ -8,9 +8,8 @@ from scipy.signal import butter, sosfiltfilt
 
 from check.conftest import Arm
 from steelyard.base.arrays import Array
-from steelyard.check.clean_runs_and_customary_model import clean_runs, customary_model
+from steelyard.check.all_checks import edits_that_serve_all_logs
 from steelyard.check.decision.hypothesis_checks import EFFORT_DELAY
-from steelyard.check.edits_that_serve_all_logs import edits_that_serve_all_logs
 from steelyard.check.finding import Severity
 from steelyard.check.hypotheses.signs_and_delay_by_friction import (
     by_presliding,
@@ -78,7 +77,7 @@ def test_presliding_friction_explains_its_own_lag_and_no_delay(arm: Arm) -> None
     shares = []
     for table in (presliding, late(arm, np.full(3, 0.012))):
         case = arm.case(table, known=False)
-        model, (run,) = customary_model(case), clean_runs(case)
+        model, (run,) = case.model, case.runs
         regressor = base_regressor(model)
         shares.append((by_presliding(model, regressor, run), delays_of(regressor, run).gone))
     assert shares[0][0] > max(shares[0][1], 0.9)

@@ -10,11 +10,11 @@ import pytest
 from check.fitted import case, demo_arm, log
 from steelyard.base.arrays import Parameters, frozen
 from steelyard.check.finding import Finding, Severity
-from steelyard.check.fitted.disagreeing_runs_and_heavy_last_link import (
+from steelyard.check.fitted.disagreeing_runs_and_passing_forces import (
     last_link_check,
     runs_disagree_check,
 )
-from steelyard.check.fitted.fitted_case_and_ranked_causes import FittedCase
+from steelyard.check.fitted.fitted_case_causes_and_constraints import FittedCase
 from steelyard.estimate.estimate import Estimate, StandardEstimate
 from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.robot.file.robot_file import LoadedRobot

@@ -8,7 +8,7 @@ import pytest
 from check.test_signals import case_of, sound
 from steelyard.base.arrays import Array
 from steelyard.check.finding import Finding, Severity
-from steelyard.check.signals.noise_saturation_and_signs import saturation_check
+from steelyard.check.signals.measured_signals import saturation_check
 
 SLOW = 2.0 * np.pi * 0.1 * np.arange(4000) / 100.0
 WAVES = {

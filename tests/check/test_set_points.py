@@ -8,7 +8,7 @@ import pytest
 from check.conftest import Arm
 from steelyard.base.arrays import Array
 from steelyard.check.finding import Finding, Severity
-from steelyard.check.signals.computed_efforts_and_set_points import set_points_check
+from steelyard.check.signals.measured_signals import set_points_check
 from steelyard.robot.init.column_names import Column
 
 STEP = 2.0 * np.pi / 2**20

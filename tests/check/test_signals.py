@@ -13,19 +13,19 @@ import pytest
 
 from steelyard.base.arrays import Array
 from steelyard.check.all_checks import CHECKS, OF_SIGNALS, Diagnosis, examine
-from steelyard.check.case_logs_and_checks import Case, CheckedLog
+from steelyard.check.cases_and_checks import Case, CheckedLog
 from steelyard.check.finding import Finding, Severity, percent_of
 from steelyard.check.signals.corrupt_and_repeated_rows import (
     corrupt_rows_check,
     repeated_rows_check,
 )
-from steelyard.check.signals.motion_units import JointFacts, unit_reading
-from steelyard.check.signals.movement_rests_and_moving_base import excitation_check, rests_check
-from steelyard.check.signals.noise_saturation_and_signs import (
+from steelyard.check.signals.measured_signals import (
     noise_check,
     saturation_check,
     signed_efforts_check,
 )
+from steelyard.check.signals.motion_units import JointFacts, unit_reading
+from steelyard.check.signals.movement_rests_and_moving_base import excitation_check, rests_check
 from steelyard.check.signals.position_unit_and_columns import position_check
 from steelyard.check.signals.time_stamps_and_scale import clock_check
 from steelyard.check.signals.velocity_check import velocity_check

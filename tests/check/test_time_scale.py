@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from check.conftest import Arm
-from steelyard.check.case_logs_and_checks import Case, CheckedLog
+from steelyard.check.cases_and_checks import Case, CheckedLog
 from steelyard.check.finding import Finding, Severity
 from steelyard.check.signals.time_stamps_and_scale import clock_check
 from steelyard.logs.clocks_and_combined_logs import Numbered

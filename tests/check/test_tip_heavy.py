@@ -8,7 +8,7 @@ from typer.testing import CliRunner
 
 from steelyard.base.arrays import Array
 from steelyard.check.all_checks import Diagnosis, examine
-from steelyard.check.case_logs_and_checks import Case, CheckedLog
+from steelyard.check.cases_and_checks import Case, CheckedLog
 from steelyard.check.decision.hypothesis_checks import EFFORT_KIND, EFFORT_SIGN, PAYLOAD
 from steelyard.check.finding import Finding, Severity
 from steelyard.cli.app import app

@@ -2,7 +2,7 @@
 
 import pytest
 
-from steelyard.check.edits_that_serve_all_logs import edits_that_serve_all_logs
+from steelyard.check.all_checks import edits_that_serve_all_logs
 from steelyard.check.finding import Edit, Finding, Fix, Severity
 
 ORDER, SIGN, UNIT = (("signals", key) for key in ("position", "position_sign", "time"))

@@ -14,9 +14,9 @@ from steelyard.base.arrays import Array
 from steelyard.base.progress import silent
 from steelyard.check.all_checks import Diagnosis, examine
 from steelyard.check.case_from_files_and_precheck import case_of, subject_of
-from steelyard.check.case_logs_and_checks import Case
+from steelyard.check.cases_and_checks import Case
 from steelyard.check.check import CheckResult
-from steelyard.check.decision.gear_signs_and_couplings import (
+from steelyard.check.decision.gears_and_friction_of_logs import (
     missing_coupling,
     other_gears,
     transmission_check,

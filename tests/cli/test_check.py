@@ -15,7 +15,7 @@ from browser import Tab, look
 from cli.conftest import Command
 from cli.mistakes import LOG, ROBOT
 from cli.river_files import edited
-from steelyard.check.case_logs_and_checks import Case
+from steelyard.check.cases_and_checks import Case
 from steelyard.check.finding import Edit, Finding, Fix, Picture, Severity, Trace
 from steelyard.cli.options_with_several_values import expanded
 from steelyard.robot.file.robot_file import load_robot

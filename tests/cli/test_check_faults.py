@@ -4,6 +4,7 @@ import json
 import os
 import re
 from collections.abc import Sequence
+from importlib import import_module
 from pathlib import Path
 
 import numpy as np
@@ -21,8 +22,8 @@ from steelyard.check.all_checks import (
     OF_MOTION,
     Diagnosis,
 )
-from steelyard.check.case_from_files_and_precheck import _diagnosis as diagnosis_of
-from steelyard.check.case_logs_and_checks import Case
+from steelyard.check.case_from_files_and_precheck import diagnosis_of
+from steelyard.check.cases_and_checks import Case
 from steelyard.check.finding import Finding
 from steelyard.robot.file.robot_file import load_robot
 
@@ -224,7 +225,8 @@ def test_a_wrong_transmission_leaves_the_check_inconclusive(
             examined[text, quick] = diagnosis_of(case, unread, text, quick=quick)
         return examined[text, quick]
 
-    monkeypatch.setattr(case_from_files_and_precheck, "_diagnosis", once)
+    monkeypatch.setattr(case_from_files_and_precheck, "diagnosis_of", once)
+    monkeypatch.setattr(import_module("steelyard.check.check"), "diagnosis_of", once)
     log, right = thinned(tmp_path, every=10), Path(__file__).parents[2] / "examples" / "tx40.toml"
     done = command("check", right, log, "--quick")
     words = " ".join(done.stdout.split())

@@ -11,7 +11,7 @@ import pytest
 import steelyard
 from cli.conftest import Command
 from cli.mistakes import leftovers
-from steelyard.check.fitted.implausible_estimates import light_links
+from steelyard.check.fitted.implausible_estimates_and_gear_side import light_links
 from steelyard.export.model_files.export_model_file import LIGHT_LINKS
 from steelyard.robot.file.robot_file import load_robot
 from steelyard.robot.inertia_and_placement import INERTIAL_NAMES

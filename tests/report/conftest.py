@@ -253,7 +253,7 @@ def torque_parts(
 
 def diagnosis(name: str = "arm", most: float = 1.0) -> Diagnosis:
     """A finding that is wrong, one that is doubtful, and two that are ok; each with a picture."""
-    t = 1.7e9 + np.arange(5000.0)
+    t = 1.7e9 + np.arange(2000.0)
     kinds: tuple[Literal["line", "points", "bars"], ...] = ("line", "points", "bars")
     traces = [Trace(f"{kind} {name}", t, most * np.sin(t), kind) for kind in kinds]
     picture = Picture(f"time {name} [s]", f"effort {name} [A]", tuple(traces))

@@ -9,7 +9,7 @@ import pytest
 from steelyard.base.arrays import Parameters
 from steelyard.check.all_checks import Diagnosis
 from steelyard.check.finding import Finding, Fix, Severity
-from steelyard.check.fitted.gear_side_and_rotors import rotors_at_zero_check
+from steelyard.check.fitted.implausible_estimates_and_gear_side import rotors_at_zero_check
 from steelyard.identify.page.report_content import ReportContent
 from steelyard.identify.verdict_and_next_steps import (
     fix_commands,

@@ -1,86 +1,179 @@
-"""All checks in their order, and the diagnosis of a case by them."""
+"""All checks in their order, the diagnosis of a case by them, and the edits that serve all logs."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import combinations
+from typing import Any
+
+import numpy as np
 
 from steelyard.base.progress import report_progress
-from steelyard.check.case_logs_and_checks import Case, CaseCheck
-from steelyard.check.decision.friction_between_logs import friction_drift_check
-from steelyard.check.decision.gear_signs_and_couplings import transmission_check
-from steelyard.check.decision.hypothesis_checks import (
-    EFFORT_DELAY,
-    GAIN,
-    JOINT_ORDER,
-    JOINT_ZEROS,
-    MOUNTING,
-    OF_COLUMNS,
-    PAYLOAD,
-    HypothesisCheck,
-)
+from steelyard.check.cases_and_checks import Case, CaseCheck
+from steelyard.check.decision import gears_and_friction_of_logs, hypothesis_checks
 from steelyard.check.decision.joint_zeros_and_quarter_turns import joint_zeros_check
-from steelyard.check.edits_that_serve_all_logs import edits_that_serve_all_logs
 from steelyard.check.finding import Edit, Finding, Severity
-from steelyard.check.fitted.gear_side_and_rotors import gear_side_check
-from steelyard.check.identifiability_check import identifiability_check
-from steelyard.check.signals.computed_efforts_and_set_points import (
-    computed_efforts_check,
-    measured_instead,
-    set_points_check,
-)
-from steelyard.check.signals.corrupt_and_repeated_rows import (
-    corrupt_rows_check,
-    repeated_rows_check,
-)
-from steelyard.check.signals.movement_rests_and_moving_base import (
-    excitation_check,
-    moving_base_check,
-    rests_check,
-)
-from steelyard.check.signals.noise_saturation_and_signs import (
-    noise_check,
-    saturation_check,
-    signed_efforts_check,
+from steelyard.check.fitted import implausible_estimates_and_gear_side
+from steelyard.check.signals import (
+    corrupt_and_repeated_rows,
+    measured_signals,
+    movement_rests_and_moving_base,
 )
 from steelyard.check.signals.position_unit_and_columns import position_check
 from steelyard.check.signals.time_stamps_and_scale import clock_check, out_of_order
 from steelyard.check.signals.velocity_check import velocity_check
 
-Check = CaseCheck[Case] | HypothesisCheck  # has a name, a question, `quick`, and gives findings
+SHARED_DIGITS = 4
+DIFFERENT_FACTORS = 3.0  # standard deviations by which factors of two logs differ if not one number
+SAME_NUMBERS = 0.1  # difference of numbers without an accuracy up to which they are one, relative
+
+Path = tuple[str, ...]
+
+
+def edits_that_serve_all_logs(findings: Sequence[Finding]) -> tuple[Finding, ...]:
+    """The findings of all checks with those edits that every log asks for.
+
+    Numbers become their median; those that differ by more than their accuracy are doubtful, and
+    none is written. Edits that were tried on a log as one change stay together or go.
+    """
+    logs = dict.fromkeys(f.log for f in findings if f.log)
+    wanted: dict[Path, dict[str, Edit]] = {}
+    groups: dict[tuple[str, int], set[Path]] = {}
+    for number, f in enumerate(findings):
+        if f.log and f.fix is not None and f.fix.edits:
+            group = groups.setdefault((f.log, -1 if f.fix.jointly else number), set())
+            for edit in f.fix.edits:
+                wanted.setdefault(edit.path, {})[f.log] = edit
+                group.add(edit.path)
+    apart = {path: why for path, edits in wanted.items() if (why := _unlike(edits))}
+    refused = {
+        path: apart.get(path) or _asked_by_some(edits, [log for log in logs if log not in edits])
+        for path, edits in wanted.items()
+        if path in apart or len(edits) < len(logs)
+    }
+    for _ in groups:  # what was tried together with something that is refused
+        for paths in groups.values():
+            if why := next((refused[path] for path in paths if path in refused), ""):
+                refused |= {path: why for path in paths if path not in refused}
+    return tuple(_shared(f, wanted, refused, apart) for f in findings)
+
+
+def _shared(
+    f: Finding,
+    wanted: Mapping[Path, Mapping[str, Edit]],
+    refused: Mapping[Path, str],
+    apart: Mapping[Path, str],
+) -> Finding:
+    """A finding with the edits that all logs share, or with why there are none."""
+    if not f.log or f.fix is None or not f.fix.edits:
+        return f
+    paths = [edit.path for edit in f.fix.edits]
+    if why := next((refused[path] for path in paths if path in refused), ""):
+        doubtful = any(path in apart for path in paths)
+        fix = replace(f.fix, says=f"{f.fix.says}; {why}", edits=())
+        return replace(f, fix=fix, severity=Severity.DOUBTFUL if doubtful else f.severity)
+    edits = (
+        replace(edit, value=_middle([one.value for one in wanted[edit.path].values()]))
+        for edit in f.fix.edits
+    )
+    return replace(f, fix=replace(f.fix, edits=tuple(edits)))
+
+
+def _asked_by_some(edits: Mapping[str, Edit], others: Sequence[str]) -> str:
+    key = ".".join(next(iter(edits.values())).path)
+    return (
+        f"{', '.join(others)} {'does' if len(others) == 1 else 'do'} not require another {key}: no "
+        f"line is written; give {', '.join(edits)} a robot file of "
+        f"{'its' if len(edits) == 1 else 'their'} own"
+    )
+
+
+def _unlike(edits: Mapping[str, Edit]) -> str:
+    """The values of several logs that are not one; empty if they may be."""
+    if not any(_differ(a, b) for a, b in combinations(edits.values(), 2)):
+        return ""
+    listed = ", ".join(
+        str(e.value).replace("'", '"')
+        + (f" ± {200.0 * e.spread:.2g} %" if e.spread > 0.0 else "")
+        + f" ({log})"
+        for log, e in edits.items()
+    )
+    accuracy = "; 95 %" * any(e.spread > 0.0 for e in edits.values())
+    key = next(iter(edits.values())).path[-1]
+    return f"the logs require different values ({key}: {listed}{accuracy}): none is written"
+
+
+def _differ(a: Edit, b: Edit) -> bool:
+    if a.value == b.value:
+        return False
+    first, second = (np.atleast_1d(np.array(e.value)) for e in (a, b))
+    if first.shape != second.shape or {first.dtype.kind, second.dtype.kind} != {"f"}:
+        return True
+    if not (a.spread > 0.0 and b.spread > 0.0):
+        size = float(np.max(np.abs([first, second])))
+        return bool(np.any(np.abs(first - second) > SAME_NUMBERS * size))
+    if np.any(first * second <= 0.0):
+        return True
+    far = float(np.max(np.abs(np.log(first / second))))
+    accuracy = DIFFERENT_FACTORS * float(np.hypot(a.spread, b.spread))
+    return far > accuracy + 2.0 * 10.0**-SHARED_DIGITS
+
+
+def _middle(values: Sequence[Any]) -> Any:
+    """The median of numbers, or of lists of as many numbers; what all are, of anything else."""
+    first = values[0]
+    if all(value == first for value in values):
+        return first
+    middle = np.atleast_1d(np.median(np.array(values), axis=0))
+    rounded = [float(f"{x:.{SHARED_DIGITS}g}") for x in middle]
+    return rounded if isinstance(first, list) else rounded[0]
+
+
+Check = CaseCheck[Case] | hypothesis_checks.HypothesisCheck
+"""Has a name, a question, `quick`, and gives findings."""
 OF_SIGNALS: tuple[Check, ...] = (
     clock_check,
-    corrupt_rows_check,
-    repeated_rows_check,
-    noise_check,
-    set_points_check,
-    computed_efforts_check,
-    saturation_check,
-    signed_efforts_check,
-    rests_check,
-    excitation_check,
+    corrupt_and_repeated_rows.corrupt_rows_check,
+    corrupt_and_repeated_rows.repeated_rows_check,
+    measured_signals.noise_check,
+    measured_signals.set_points_check,
+    measured_signals.computed_efforts_check,
+    measured_signals.saturation_check,
+    measured_signals.signed_efforts_check,
+    movement_rests_and_moving_base.rests_check,
+    movement_rests_and_moving_base.excitation_check,
     position_check,
     velocity_check,
 )
 """Checks of the signals by themselves; those that differentiate know the unit of time."""
 OF_MOTION: tuple[Check, ...] = (
-    *OF_COLUMNS,
-    transmission_check,
-    gear_side_check,
-    GAIN,
-    EFFORT_DELAY,
-    JOINT_ZEROS,
+    *hypothesis_checks.OF_COLUMNS,
+    gears_and_friction_of_logs.transmission_check,
+    implausible_estimates_and_gear_side.gear_side_check,
+    hypothesis_checks.GAIN,
+    hypothesis_checks.EFFORT_DELAY,
+    hypothesis_checks.JOINT_ZEROS,
     joint_zeros_check,
-    MOUNTING,
-    moving_base_check,
-    PAYLOAD,
-    friction_drift_check,
-    identifiability_check,
+    hypothesis_checks.MOUNTING,
+    movement_rests_and_moving_base.moving_base_check,
+    hypothesis_checks.PAYLOAD,
+    gears_and_friction_of_logs.friction_drift_check,
+    implausible_estimates_and_gear_side.identifiability_check,
 )
 """Checks that compare efforts with a model: by velocities and accelerations, in true seconds."""
 CHECKS = (*OF_SIGNALS, *OF_MOTION)
-BASIC_CHECKS = (*OF_COLUMNS, MOUNTING, transmission_check)
+BASIC_CHECKS = (
+    *hypothesis_checks.OF_COLUMNS,
+    hypothesis_checks.MOUNTING,
+    gears_and_friction_of_logs.transmission_check,
+)
 """Checks without whose answers nobody knows whether the robot file describes the log."""
 SEVERAL_OPEN = 3  # basic questions from which on a large misfit that leaves them open is doubtful
-DECIDING_CHECKS = (JOINT_ORDER.name, transmission_check.name, GAIN.name, PAYLOAD.name)
+DECIDING_CHECKS = (
+    hypothesis_checks.JOINT_ORDER.name,
+    gears_and_friction_of_logs.transmission_check.name,
+    hypothesis_checks.GAIN.name,
+    hypothesis_checks.PAYLOAD.name,
+)
 """Checks of facts that decide which model is identified; `SEVERAL_OPEN` open: no log is ok."""
 
 
@@ -170,11 +263,13 @@ def _without(case: Case, check: str, reasons: Mapping[str, str]) -> tuple[Case, 
 def _not_run(case: Case, findings: Sequence[Finding]) -> dict[str, str]:
     """Why checks are not made, for every log whose clock, positions or efforts are others."""
     wrong = [f for f in findings if f.check in PREMISE_CHECKS and f.severity == Severity.WRONG]
-    targets = [f for f in findings if f.check == set_points_check.name and f.severity]
+    targets = [
+        f for f in findings if f.check == measured_signals.set_points_check.name and f.severity
+    ]
     reasons = {}
     for log in case.logs:
         mine = [f for f in wrong if f.log in ("", log.name)]
-        if measured_instead(log):
+        if measured_signals.measured_instead(log):
             mine += [f for f in targets if f.log == log.name]
         if mine:
             edits = all(f.fix is not None and f.fix.edits for f in mine)

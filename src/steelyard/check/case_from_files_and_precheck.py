@@ -10,7 +10,7 @@ from typing import Any
 from steelyard.base.errors import DataError, LogError, ModelError
 from steelyard.base.progress import Progress, report_progress
 from steelyard.check.all_checks import Diagnosis, examine
-from steelyard.check.case_logs_and_checks import Case, CheckedLog
+from steelyard.check.cases_and_checks import Case, CheckedLog
 from steelyard.check.finding import Edit, Finding, Fix, Severity
 from steelyard.check.findings_text_and_page import by_edits, print_notes
 from steelyard.estimate.identified_model import IdentifiedModel
@@ -56,10 +56,6 @@ class Subject:
                 fix="add [signals], or let `steelyard init URDF LOG` write a robot file",
             )
         return self.loaded.signals
-
-    def changed(self, text: str, path: Path) -> "Subject":
-        """Another robot file."""
-        return Subject(path, text, load_robot(path, text), self.notes)
 
 
 def subject_of(robot: str, log: LogArgument, base: str | None = None) -> Subject:
@@ -122,7 +118,6 @@ def case_of(
 
 
 def _refuse_empty(log: CheckedLog) -> None:
-    """Raise `LogError` where a log, or its window, has no rows."""
     recording = log.recording
     start = recording.cut.seconds[0]
     late = isfinite(start) and 0.0 < time_span(recording)[0] < start
@@ -132,19 +127,7 @@ def _refuse_empty(log: CheckedLog) -> None:
         raise LogError("the log has no rows", where=recording.where, fix="record or copy it again")
 
 
-def diagnosed(
-    subject: Subject,
-    files: Sequence[LogArgument],
-    reference: IdentifiedModel | None,
-    progress: Progress,
-    *,
-    quick: bool,
-) -> Diagnosis:
-    """All that is found in logs; what cannot be read is a finding too."""
-    return _diagnosis(*case_of(subject, files, reference, progress), subject.text, quick=quick)
-
-
-def _diagnosis(case: Case, unread: Sequence[Finding], text: str, *, quick: bool) -> Diagnosis:
+def diagnosis_of(case: Case, unread: Sequence[Finding], text: str, *, quick: bool) -> Diagnosis:
     """What is found in a case, beside what cannot be read, for a robot file of this text."""
     found = examine(case, quick=quick).findings if case.logs else ()
     data = tomllib.loads(text)
@@ -186,7 +169,7 @@ def prechecked(
     path = Path(robot)
     text = robot_text(path) if path.suffix.lower() == ".toml" else ""
     case, unread = case_of(Subject(path, text, loaded), files, None, progress)
-    diagnosis = _diagnosis(case, unread, text, quick=True)
+    diagnosis = diagnosis_of(case, unread, text, quick=True)
     mendable = [f for f in diagnosis.findings if f.fix is not None and f.fix.edits]
     if error := refusal(Diagnosis(tuple(mendable)), robot):
         raise error

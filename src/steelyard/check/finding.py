@@ -57,7 +57,7 @@ class Picture:
 
     x: str  # title of the horizontal axis, with its unit
     y: str  # title of the vertical axis, with its unit
-    traces: tuple[Trace, ...]  # what is drawn; at most a few thousand points each
+    traces: tuple[Trace, ...]  # what is drawn; at most `TRACE_POINTS` points each
 
 
 @dataclass(frozen=True)

@@ -1,28 +1,23 @@
 """Findings of the checks in words, as JSON, in a terminal, and on the page of steelyard check."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
 from math import isfinite
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from rich.console import Console
+from rich.padding import Padding
+from rich.table import Table
+from rich.text import Text
 
 from steelyard.base.arrays import by_key, json_values
-from steelyard.check.finding import OPEN_WORD, Edit, Finding, Fix, Picture, Trace
+from steelyard.check.all_checks import Diagnosis
+from steelyard.check.finding import OPEN_WORD, Edit, Finding, Fix, Picture
 from steelyard.report.page import Numbers, Shown, fill, packed, page_of, script_json
-from steelyard.report.page_figures import thin
 from steelyard.report.words import COLOURS, Level, count, percent
 from steelyard.robot.file.toml_edits import lines_of
-
-if TYPE_CHECKING:
-    from rich.console import Console
-    from rich.table import Table
-    from rich.text import Text
-
-    from steelyard.check.all_checks import Diagnosis
 
 FINDING_WORDS = ("wrong", "doubtful", OPEN_WORD, "ok")  # what a check finds, the worst first
 LEVEL_OF_SEVERITY: dict[str, Level] = {"ok": "good", "doubtful": "fair", "wrong": "poor"}
@@ -157,9 +152,6 @@ def print_findings(
     diagnosis: Diagnosis, console: Console, *, fine: bool = True, verbose: bool = False
 ) -> None:
     """Print the findings, the worst last, then what to do and the verdict."""
-    from rich.padding import Padding
-    from rich.text import Text
-
     worst = words_of(diagnosis)
     shown = [
         group
@@ -194,9 +186,6 @@ def print_notes(diagnosis: Diagnosis) -> tuple[str, ...]:
 
 
 def _table(shown: Sequence[Group], verbose: bool) -> Table:
-    from rich.table import Table
-    from rich.text import Text
-
     table = Table(box=None, show_header=False, pad_edge=False, padding=(0, 2, 0, 0))
     table.add_column(no_wrap=True)
     table.add_column(max_width=18)
@@ -245,8 +234,6 @@ def _brief(group: Group) -> str:
 
 def _found(group: Group) -> Text:
     """What one row says; of many that are ok the first speaks."""
-    from rich.text import Text
-
     if not group[0].severity:
         return Text.assemble((_speaks(group), "dim"), group[0].says)
     shown = []
@@ -286,7 +273,6 @@ def _others(group: Group, shown: int) -> str:
     return f"{named} and {more} others" if more > 0 else named
 
 
-MOST_POINTS_OF_EVIDENCE_LINE = 2000  # most points of one line
 MOST_POINTS_OF_CHECK_PAGE = 200_000  # points of all pictures; those behind are left out
 LEAST_NUMBER_IN_DOUBLE_PRECISION = 1e5  # numbers from here on, such as dates, need it
 
@@ -300,19 +286,14 @@ def findings_of(
     for finding in sorted(found, key=lambda finding: -finding.severity):
         picture, fix = finding.picture, finding.fix if finding.severity else None
         if picture is not None and (fine or finding.severity):
-            left -= sum(min(len(t.x), MOST_POINTS_OF_EVIDENCE_LINE) for t in picture.traces)
-            drawn = script_json(_figure(picture)) if left >= 0 else None
+            left -= sum(len(t.x) for t in picture.traces)
+            drawn = script_json(_drawn(picture)) if left >= 0 else None
         else:
             drawn = None
         shown.append(
             {
-                "check": finding.check,
-                "place": finding.place,
+                "finding": finding,
                 "level": LEVEL_OF_SEVERITY.get(finding.word, OPEN_WORD),
-                "word": finding.word,
-                "says": finding.says,
-                "figure": finding.figure,
-                "hypotheses": finding.hypotheses,
                 "fix": fix and (fix.says, lines_of(fix.edits)),
                 "picture": drawn,
                 "still": _reason_it_is_ok(finding, diagnosis),
@@ -355,23 +336,13 @@ def _reason_it_is_ok(finding: Finding, diagnosis: Diagnosis) -> str:
     )
 
 
-def _figure(picture: Picture) -> dict[str, Any]:
-    return {"x": picture.x, "y": picture.y, "traces": [_trace(one) for one in picture.traces]}
-
-
-def _trace(trace: Trace) -> dict[str, Any]:
-    """At most so many points; a line keeps the extremes of every stretch."""
-    if trace.kind == "line":
-        chosen = thin(trace.y, MOST_POINTS_OF_EVIDENCE_LINE)
-    else:
-        chosen = np.arange(0, len(trace.x), -(-len(trace.x) // MOST_POINTS_OF_EVIDENCE_LINE) or 1)
-    x = np.asarray(trace.x)[chosen]
-    return {
-        "name": trace.name,
-        "kind": trace.kind,
-        "x": packed(x, "f8" if np.any(np.abs(x) > LEAST_NUMBER_IN_DOUBLE_PRECISION) else "f4"),
-        "y": packed(np.asarray(trace.y)[chosen]),
-    }
+def _drawn(picture: Picture) -> dict[str, Any]:
+    traces = []
+    for one in picture.traces:
+        far = np.any(np.abs(one.x) > LEAST_NUMBER_IN_DOUBLE_PRECISION)
+        x, y = packed(one.x, "f8") if far else packed(one.x), packed(one.y)
+        traces.append({"name": one.name, "kind": one.kind, "x": x, "y": y})
+    return {"x": picture.x, "y": picture.y, "traces": traces}
 
 
 @dataclass(frozen=True, eq=False)
@@ -411,17 +382,14 @@ def render_check(content: CheckContent) -> str:
     )
 
 
-def _rows_of_group(group: Group) -> list[dict[str, str]]:
+def _rows_of_group(group: Group) -> list[Numbers]:
     """One row per finding; of many that are ok the first speaks."""
     more = len(group) - 1 if not group[0].severity else 0
     return [
         {
-            "word": finding.word,
+            "finding": finding,
             "level": LEVEL_OF_SEVERITY.get(finding.word, OPEN_WORD),
-            "check": finding.check,
             "place": f"{finding.log or 'all logs'} (and {more} more)" if more else finding.place,
-            "says": finding.says,
-            "figure": finding.figure,
         }
         for finding in (group[:1] if more else group)
     ]

@@ -137,7 +137,7 @@ def examined(
     asking: bool,
 ) -> "tuple[Assignment, Known]":
     """Joints with their columns, and what else logs and answers contain."""
-    from steelyard.check.decision.what_init_learns_from_logs import (
+    from steelyard.check.decision.drive_gains_and_what_init_learns import (
         known_from_logs,
         refuse_other_columns,
     )

@@ -6,9 +6,12 @@ from functools import cached_property, partial
 from typing import Any, NamedTuple
 
 from steelyard.base.progress import Progress
-from steelyard.check.fitted.binding_constraints import contradicted_rows
 from steelyard.check.fitted.changes_within_run import force_of_run, force_words
-from steelyard.check.fitted.gear_side_and_rotors import LINK_SIDE_INSTEAD, rotors_at_zero
+from steelyard.check.fitted.fitted_case_causes_and_constraints import contradicted_rows
+from steelyard.check.fitted.implausible_estimates_and_gear_side import (
+    LINK_SIDE_INSTEAD,
+    rotors_at_zero,
+)
 from steelyard.estimate.consistent.convex_estimator import Consistent
 from steelyard.estimate.estimate import Estimate, Estimator
 from steelyard.estimate.estimator_register import (

@@ -12,13 +12,13 @@ from steelyard.base.errors import LogError
 from steelyard.base.progress import Progress, silent
 from steelyard.check.all_checks import BASIC_CHECKS, Diagnosis
 from steelyard.check.case_from_files_and_precheck import notes_of_precheck, prechecked
-from steelyard.check.decision.gear_signs_and_couplings import missing_coupling
+from steelyard.check.decision.gears_and_friction_of_logs import missing_coupling
 from steelyard.check.decision.joint_zeros_and_quarter_turns import turned_joints
 from steelyard.check.decision.undecided_questions import UNTIL_OTHER
 from steelyard.check.finding import Finding, Severity
 from steelyard.check.findings_text_and_page import groups, open_words, print_notes
-from steelyard.check.fitted.fitted_case_and_ranked_causes import FittedCase
-from steelyard.check.fitted.implausible_estimates import refuse_absurd
+from steelyard.check.fitted.fitted_case_causes_and_constraints import FittedCase
+from steelyard.check.fitted.implausible_estimates_and_gear_side import refuse_absurd
 from steelyard.check.fitted.post_fit_checks import doubts_of_fit, examine_fit
 from steelyard.check.signals.movement_rests_and_moving_base import of_base
 from steelyard.estimate.estimator_register import method_of

@@ -8,7 +8,7 @@ from typing import Any
 from steelyard.base.checked_arguments import checked
 from steelyard.base.progress import Progress, silent
 from steelyard.check.findings_text_and_page import finding_dict
-from steelyard.check.fitted.fitted_case_and_ranked_causes import FittedCase
+from steelyard.check.fitted.fitted_case_causes_and_constraints import FittedCase
 from steelyard.check.fitted.post_fit_checks import examine_fit, kept_doubts
 from steelyard.estimate.identified_model import IdentifiedModel, load_model
 from steelyard.estimate.scores.score import RunScore

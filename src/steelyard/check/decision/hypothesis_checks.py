@@ -6,8 +6,9 @@ from functools import partial
 
 import numpy as np
 
-from steelyard.check.case_logs_and_checks import Case, CheckedLog, remembered
-from steelyard.check.decision.controller_gains_and_gain_advice import (
+from steelyard.base.arrays import Z95
+from steelyard.check.cases_and_checks import Case, CheckedLog, remembered
+from steelyard.check.decision.drive_gains_and_what_init_learns import (
     gains_left,
     gains_of_controller,
     unwritten_number_advice,
@@ -16,12 +17,7 @@ from steelyard.check.decision.joint_zeros_and_quarter_turns import quarter_turns
 from steelyard.check.decision.ranked_readings import HOPELESS_MISFIT, Judged, LogVerdict
 from steelyard.check.decision.robot_file_edits import confirmed, edits_of, velocity_edits
 from steelyard.check.decision.search_with_unknown_bodies import LIKELY, least_mass
-from steelyard.check.decision.undecided_questions import (
-    UNTIL_OTHER,
-    misfit_hides,
-    undecided,
-    zero_bounds,
-)
+from steelyard.check.decision.undecided_questions import UNTIL_OTHER, misfit_hides, undecided
 from steelyard.check.decision.verdict_of_log import (
     CLEAN,
     FREE_INERTIAS,
@@ -31,13 +27,9 @@ from steelyard.check.decision.verdict_of_log import (
     least_delay,
 )
 from steelyard.check.finding import ComparedHypothesis, Edit, Finding, Fix, Picture, Severity, trace
-from steelyard.check.hypotheses.position_hypotheses import ZERO_CAUSE
+from steelyard.check.hypotheses.position_and_effort_hypotheses import ZERO_CAUSE, zero_offsets
 from steelyard.check.hypotheses.readings_and_likelihood import Hypothesis
-from steelyard.check.hypotheses.signs_and_delay_by_friction import (
-    friction_alone,
-    friction_signs,
-    residual_delay,
-)
+from steelyard.check.hypotheses.signs_and_delay_by_friction import friction_signs, residual_delay
 
 EMPTY_MISFIT = 0.5  # typical misfit of a reading that predicts next to nothing
 SHOWN_HYPOTHESES = 6  # hypotheses that are shown
@@ -113,8 +105,10 @@ class HypothesisCheck:
         if hypothesis.compared is not None:
             known, then = hypothesis.compared
         if hypothesis.odds is not None:  # free bodies may absorb what is wrong
-            odds = f"{_log_odds(hypothesis.odds)} to the best reading without it"
-            rise = f", log Bayes factor {odds}{hypothesis.note}"
+            odds = f"{hypothesis.odds:.0f} (doubtful from {LIKELY:.0f}, wrong from {SURE:.0f})"
+            if not hypothesis.odds < LARGEST_ODDS:
+                odds = f"above {LARGEST_ODDS:.0f}"
+            rise = f", log Bayes factor {odds} to the best reading without it{hypothesis.note}"
         elif gain > 0.0:
             rise = f", log-likelihood rises by {gain:.0f}"
         fix, severity = self._fix(case, evidence, decision, mine[-1][1])
@@ -132,12 +126,14 @@ class HypothesisCheck:
 
     def _without_fault(self, decision: LogVerdict) -> Finding:
         """That nothing is wrong, that it is open, or once that nothing explains the efforts."""
-        declared, sure = decision.declared, has_finding(decision)
+        declared, sure = decision.declared, bool(decision.winners) or decision.explained
         unclear = undecided(decision, self.name) if sure else ""
         says, answered = unclear or self.fine(decision), sure and not unclear
         waits = says.startswith(UNTIL_OTHER)  # the question that it waits for counts
         hidden = not answered and not waits and misfit_hides(decision)
-        if self.name == UNEXPLAINED_CHECK and nothing_explains(decision):
+        worst = float(np.max(declared.misfits[declared.score.counts > 0.0], initial=0.0))
+        bad = worst > HOPELESS_MISFIT or declared.percent > 100.0 * EMPTY_MISFIT
+        if self.name == UNEXPLAINED_CHECK and bad and not sure:
             j, names = int(np.argmax(declared.misfits)), decision.likelihood.names
             much = _percent(100.0 * declared.misfits[j])
             figure, fix = f"misfit of {names[j]} {much}, at most 90 % allowed", Fix(NO_HYPOTHESIS)
@@ -187,11 +183,6 @@ class HypothesisCheck:
         return Fix(f"{hypothesis.says}: {self.advice}", mine, bool(mine)), severity
 
 
-def _log_odds(value: float) -> str:
-    least = f"doubtful from {LIKELY:.0f}, wrong from {SURE:.0f}"
-    return f"{value:.0f} ({least})" if value < LARGEST_ODDS else f"above {LARGEST_ODDS:.0f}"
-
-
 def _percent(value: float) -> str:
     if value >= LARGEST_PRINTED_MISFIT:
         return f"more than {LARGEST_PRINTED_MISFIT:.0f} %"
@@ -215,23 +206,10 @@ def _known(decision: LogVerdict) -> str:
     return "the reference" if identified else "the nominal model"
 
 
-def has_finding(decision: LogVerdict) -> bool:
-    """Whether there is a finding about a log."""
-    return bool(decision.winners) or decision.explained
-
-
-def nothing_explains(decision: LogVerdict) -> bool:
-    """Whether nothing that was tried explains the efforts, not even roughly."""
-    declared = decision.declared
-    worst = float(np.max(declared.misfits[declared.score.counts > 0.0], initial=0.0))
-    bad = worst > HOPELESS_MISFIT or declared.percent > 100.0 * EMPTY_MISFIT
-    return bad and not has_finding(decision)
-
-
 def agreement_sentence(decision: LogVerdict, what: str) -> str:
     """The sentence where nothing is wrong, or where nothing can be concluded."""
     identified, percent = decision.likelihood.knowledge.identified, decision.last.reading.percent
-    if not has_finding(decision):
+    if not (decision.winners or decision.explained):
         much = _percent(decision.declared.percent)
         clear = "no hypothesis is clearly better"
         why = clear if identified else f"{_unclear(decision, clear)}; give --model"
@@ -255,7 +233,7 @@ def _unclear(decision: LogVerdict, clear: str) -> str:
     reading, found = decision.search.best.reading, decision.search.best.evidence
     if not friction_alone_explains(reading, found.score):
         return clear
-    alone = float(friction_alone(reading).percent)
+    alone = float(reading.friction_alone.percent)
     return (
         f"the efforts contain hardly any rigid-body torque: the misfit is {_percent(alone)} with "
         f"friction alone, {_percent(found.percent)} with free link inertias"
@@ -312,7 +290,7 @@ def _short_delays(case: Case, found: Findings) -> Findings:
     if (late := residual_delay(case)) is None:
         return found
     if len(case.logs) > 1:  # the longest log shows one; a line is written if every log does
-        each = ((e.name, residual_delay(replace(case, logs=(e,)))) for e in case.logs)
+        each = ((e.name, residual_delay(case.only(e))) for e in case.logs)
         own = {name: replace(one, log=name) for name, one in each if one is not None}
         return (*own.values(), *(f for f in found if f.log and f.log not in own))
     return (late, *(f for f in found if f.log))
@@ -343,9 +321,19 @@ def _no_load(decision: LogVerdict) -> str:
 
 
 def _same_zeros(decision: LogVerdict) -> str:
+    """That zeros are right, how far they may be off, like `elbow 0.012 rad`, or are unknown."""
     same = "joint zeros are those of the reference"
     if decision.likelihood.knowledge.identified:
-        same += f", {zero_bounds(decision.last.reading)}"
+        zeros = zero_offsets(decision.last.reading)
+        bounds = [
+            f"{zero.name} {abs(zero.value) + Z95 * zero.std:.2g} {zero.unit}"
+            for zero in zeros
+            if zero.identifiable
+        ]
+        left = [zero.name for zero in zeros if not zero.identifiable]
+        says = [f"within (95 %): {', '.join(bounds)}"] if bounds else []
+        says += [f"not identifiable: {', '.join(left)}"] if left else []
+        same += f", {'; '.join(says)}"
     return agreement_sentence(decision, same)
 
 

@@ -22,22 +22,21 @@ from numpy.typing import NDArray
 
 from steelyard.base.arrays import Z95, Array
 from steelyard.base.errors import DataError, SteelyardError
-from steelyard.check.case_logs_and_checks import Case, CheckedLog, case_check
-from steelyard.check.clean_runs_and_customary_model import clean_runs, customary_model
+from steelyard.check.cases_and_checks import Case, CheckedLog, case_check
 from steelyard.check.decision.ranked_readings import DECISIVE_GAIN
 from steelyard.check.decision.robot_file_edits import zero_edits
 from steelyard.check.decision.undecided_questions import UNKNOWN_GAINS
 from steelyard.check.decision.verdict_of_log import CLEAN, STRIKING, judge_log
 from steelyard.check.finding import ComparedHypothesis, Edit, Finding, Fix
 from steelyard.check.fitted.causes_of_residuals import WORTH_A_SEARCH, LeftOutGain, left_out_logs
-from steelyard.check.fitted.fitted_case_and_ranked_causes import (
+from steelyard.check.fitted.fitted_case_causes_and_constraints import (
     RankedCauses,
     can_be_ranked,
     first_parts_of_runs,
     ranked_causes,
     worst_residual_words,
 )
-from steelyard.check.hypotheses.position_hypotheses import (
+from steelyard.check.hypotheses.position_and_effort_hypotheses import (
     ZERO_CAUSE,
     zero_near,
     zeros_without_effect,
@@ -218,13 +217,13 @@ def joint_zeros_check(case: Case) -> Iterable[Finding]:
     if signals is None or any(signals.unknown_offsets) or (known is not None and known.identified):
         return ()
     try:
-        runs, model = clean_runs(case), customary_model(case)
+        runs, model = case.runs, case.model
         if not runs or not can_be_ranked(model):
             return ()
         if any(signals.unknown_gains):
             return (Finding.ok(UNKNOWN_GAINS[ZERO_CAUSE], answered=False),)
         some = first_parts_of_runs(runs)
-        information = information_from(some, rests=model.has_memory)(base_regressor(model))
+        information = information_from(some, rests=model.has_memory)(case.regressor)
         estimate = WeightedLeastSquares(per_run=model.per_run_names)(information)
         ranked = ranked_causes(model, estimate, some)
         found = _zeros_by_derivatives(model.robot, ranked, estimated_offsets(model, some))

@@ -10,23 +10,21 @@ import numpy as np
 
 from steelyard.base.arrays import Array
 from steelyard.base.progress import report_progress
-from steelyard.check.case_logs_and_checks import Case, CheckedLog, remembered
+from steelyard.check.cases_and_checks import Case, CheckedLog, remembered
 from steelyard.check.decision.search_with_unknown_bodies import SAME_FACTOR, Search
 from steelyard.check.finding import Severity
-from steelyard.check.hypotheses.effort_hypotheses import (
-    PERCENT,
-    OtherEfforts,
-    best_factors,
-    effort_hypotheses,
-)
 from steelyard.check.hypotheses.gravity_payload_and_delay import (
     delay_hypotheses,
     gravity_hypotheses,
     payload_hypotheses,
 )
 from steelyard.check.hypotheses.log_excerpt import excerpt_of
-from steelyard.check.hypotheses.position_hypotheses import (
+from steelyard.check.hypotheses.position_and_effort_hypotheses import (
+    PERCENT,
+    OtherEfforts,
+    best_factors,
     deep_hypotheses,
+    effort_hypotheses,
     position_changes,
     ratio_hypotheses,
     zero_hypotheses,
@@ -174,7 +172,6 @@ def _scales(case: Case, signals: Signals) -> Array | float:
 
 
 def _others(likelihood: Likelihood, reference: IdentifiedModel | None) -> OtherEfforts:
-    """What the efforts may be instead of what is declared."""
     units, gains = likelihood.signals.effort_units, likelihood.gains
     found = {}
     if "A" in units:
@@ -194,18 +191,16 @@ def _others(likelihood: Likelihood, reference: IdentifiedModel | None) -> OtherE
 
 
 def _rivals(now: Hypothesis, others: OtherEfforts) -> tuple[Hypothesis, ...]:
-    """Everything that one change of a reading can explain, the likeliest first."""
     reading = now.reading
     found = [now, *effort_hypotheses(reading, others), *gravity_hypotheses(reading)]
     found += [*payload_hypotheses(reading), *delay_hypotheses(reading), *zero_hypotheses(reading)]
-    found.sort(key=_unlikely)
+    found.sort(key=lambda h: -h.log_likelihood)
     if has_bad_joint(now) or found[0].log_likelihood - now.log_likelihood > SUSPECT_GAIN:
-        found += scored(position_changes(reading))
-        found += ratio_hypotheses(reading)
-        found.sort(key=_unlikely)
+        found += [*scored(list(position_changes(reading))), *ratio_hypotheses(reading)]
+        found.sort(key=lambda h: -h.log_likelihood)
     if has_bad_joint(found[0]):
         found += deep_hypotheses(reading)
-        found.sort(key=_unlikely)
+        found.sort(key=lambda h: -h.log_likelihood)
     return efforts_first(reading, found)
 
 
@@ -239,10 +234,6 @@ def mirrors(now: Reading, one: Hypothesis, other: Hypothesis) -> bool:
 def opposite(before: Array, after: Array) -> bool:
     """Whether all signs are turned."""
     return bool(np.all(np.sign(before) == -np.sign(after)))
-
-
-def _unlikely(hypothesis: Hypothesis) -> float:
-    return -hypothesis.log_likelihood
 
 
 def _misfit_limits(log: Likelihood) -> Array:

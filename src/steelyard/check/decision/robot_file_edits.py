@@ -14,13 +14,12 @@ import numpy as np
 
 from steelyard.base.arrays import Z95, Array
 from steelyard.base.errors import SteelyardError
-from steelyard.check.case_logs_and_checks import Case, CheckedLog
+from steelyard.check.cases_and_checks import Case, CheckedLog
 from steelyard.check.decision.ranked_readings import LogVerdict
 from steelyard.check.finding import Edit
-from steelyard.check.hypotheses.effort_hypotheses import PERCENT
 from steelyard.check.hypotheses.gravity_payload_and_delay import refined_gravity
 from steelyard.check.hypotheses.log_excerpt import excerpt_of
-from steelyard.check.hypotheses.position_hypotheses import ZERO_CAUSE
+from steelyard.check.hypotheses.position_and_effort_hypotheses import PERCENT, ZERO_CAUSE
 from steelyard.check.hypotheses.readings_and_likelihood import Likelihood, Reading, likelihood_of
 from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
 from steelyard.robot.file.sections import Gain
@@ -166,7 +165,16 @@ def velocity_edits(log: CheckedLog, reading: Reading) -> tuple[Edit, ...]:
         return ()
     from scipy.optimize import linear_sum_assignment
 
-    table = _velocity_correlations(log.samples.t, logged, reading)
+    x, t = reading.likelihood.excerpt, log.samples.t
+    good = np.isfinite(t) & np.isfinite(logged).all(axis=1)
+    t, dq = t[good], np.clip(logged[good], -1e3, 1e3)
+    times = np.argsort(t, kind="stable")
+    rates = np.array([np.interp(x.t + x.origin, t[times], column[times]) for column in dq.T])
+    if s.position_map is not None:
+        rates = np.asarray(np.linalg.solve(s.position_map, rates))
+    derived = reading.position_scale[:, None] * x.dz[list(reading.position)]
+    size = np.outer(np.linalg.norm(derived, axis=1), np.linalg.norm(rates, axis=1))
+    table = derived @ rates.T / np.maximum(size, 1e-300)  # correlations, joints by columns
     n, own_place = len(table), np.arange(len(table))
     order = linear_sum_assignment(-np.abs(table) - 1e-6 * np.eye(n))[1]
     correlated = np.abs(table[own_place, order]) >= SAME_VELOCITY_CORRELATION
@@ -181,20 +189,6 @@ def velocity_edits(log: CheckedLog, reading: Reading) -> tuple[Edit, ...]:
     if not np.array_equal(signs, own):
         found.append(Edit(("signals", "velocity_sign"), [int(x) for x in signs]))
     return tuple(found)
-
-
-def _velocity_correlations(t: Array, dq: Array, reading: Reading) -> Array:
-    """Of each joint's derivative of position with each velocity of the log's rows, `(n, n)`."""
-    x, signals = reading.likelihood.excerpt, reading.likelihood.signals
-    good = np.isfinite(t) & np.isfinite(dq).all(axis=1)
-    t, dq = t[good], np.clip(dq[good], -1e3, 1e3)
-    order = np.argsort(t, kind="stable")
-    logged = np.array([np.interp(x.t + x.origin, t[order], column[order]) for column in dq.T])
-    if signals.position_map is not None:
-        logged = np.asarray(np.linalg.solve(signals.position_map, logged))
-    derived = reading.position_scale[:, None] * x.dz[list(reading.position)]
-    size = np.outer(np.linalg.norm(derived, axis=1), np.linalg.norm(logged, axis=1))
-    return np.asarray(derived @ logged.T / np.maximum(size, 1e-300))
 
 
 CLOSE_MISFIT_FACTOR = 1.05  # misfit over the winner's up to which edits do what they should

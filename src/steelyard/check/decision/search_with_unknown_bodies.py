@@ -13,13 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.base.arrays import Array
-from steelyard.check.efforts_by_gravity_payload_and_friction import EffortPredictor
-from steelyard.check.hypotheses.effort_hypotheses import (
-    OtherEfforts,
-    best_combinations,
-    effort_hypotheses,
-    holds_factors,
-)
+from steelyard.check.cases_and_checks import EffortPredictor
 from steelyard.check.hypotheses.evidence_with_unknown_bodies import (
     Evidence,
     EvidenceOfLog,
@@ -32,7 +26,14 @@ from steelyard.check.hypotheses.gravity_payload_and_delay import (
     gravity_hypotheses,
     held_hypothesis,
 )
-from steelyard.check.hypotheses.position_hypotheses import position_changes, ratio_hypotheses
+from steelyard.check.hypotheses.position_and_effort_hypotheses import (
+    OtherEfforts,
+    best_combinations,
+    effort_hypotheses,
+    holds_factors,
+    position_changes,
+    ratio_hypotheses,
+)
 from steelyard.check.hypotheses.readings_and_likelihood import (
     AS_DECLARED,
     CLOSE_HYPOTHESES,
@@ -42,7 +43,6 @@ from steelyard.check.hypotheses.readings_and_likelihood import (
     Likelihood,
     Reading,
     choice_cost,
-    keeps_evidence,
     scored,
 )
 from steelyard.estimate.payload.runs_with_payload import carrier
@@ -130,11 +130,7 @@ class Search:
         self.found: dict[Key, Explanation] = {}
         self._alternatives: dict[Key, list[Hypothesis]] = {}
         self.compare([(likelihood.declared, ())])
-        if self.found:
-            self._search(likelihood)
-
-    def _search(self, likelihood: Likelihood) -> None:
-        for number in range(ROUNDS):
+        for number in range(ROUNDS if self.found else 0):
             best = self.best
             most = 1 + best.poor * (number > 0)
             near = [x for x in self.ordered() if x.log > best.log - WORSE_TO_EXPAND][:most]
@@ -145,7 +141,7 @@ class Search:
                 self._compare_best([(h.reading, (h,)) for h in best_combinations(likelihood)])
             if not starts:
                 break
-        if any(change.cause == "effort delay" for change in self.best.changes):
+        if self.found:
             self._refine_delay()
 
     @property
@@ -193,11 +189,15 @@ class Search:
             best = self.best
         alone = undone(best.reading, declared, cause)
         self.compare([(alone, tuple(c for c in best.changes if c.cause != cause))])
+        late = best.reading.delay - declared.delay
+        half = (
+            0.5 * abs(late) if cause == "effort delay" else np.inf
+        )  # from which on one is as late
         others = [
             x
             for x in self.found.values()
             if not any(alike(cause, y, best.reading) for y in (x.reading, mirror(x.reading)))
-            and not (cause == "effort delay" and _as_late(x.reading, best.reading, declared))
+            and (x.reading.delay - declared.delay) * np.sign(late) <= half
         ]
         most = max(x.log for x in self.found.values() if x not in others)
         return most - max((x.log for x in others), default=-np.inf)
@@ -271,7 +271,6 @@ class Search:
 
 
 def _changes(start: Explanation, others: OtherEfforts) -> Iterator[Hypothesis]:
-    """Everything that one change of a reading can explain."""
     reading, declared = start.reading, start.reading.likelihood.declared
     for h in effort_hypotheses(reading, others):
         factors = h.reading.effort_scale / reading.effort_scale
@@ -288,7 +287,7 @@ def _changes(start: Explanation, others: OtherEfforts) -> Iterator[Hypothesis]:
     yield from gravity_directions(reading, search=start.poor)
     for h in position_changes(reading):
         # units of positions and time are found by other checks, without a model
-        if h.cause in ("position sign", "joint order") and keeps_evidence(h.reading):
+        if h.cause in ("position sign", "joint order") and h.reading.keeps_evidence:
             every = h.cause == "position sign" and len(h.joints) == len(reading.position) > 1
             yield replace(h, cost=h.cost + CLOSE_HYPOTHESES * every)  # efforts are likelier
     yield from ratio_hypotheses(reading)
@@ -299,12 +298,6 @@ def _changes(start: Explanation, others: OtherEfforts) -> Iterator[Hypothesis]:
     if reading.delay == declared.delay:
         for delay in TRIED_DELAYS:
             yield _late(reading.changed(delay=reading.delay + delay), delay)
-
-
-def _as_late(reading: Reading, best: Reading, declared: Reading) -> bool:
-    """Whether a delay is rather the best one than that declared."""
-    late, most = reading.delay - declared.delay, best.delay - declared.delay
-    return bool(late * np.sign(most) > 0.5 * abs(most))
 
 
 def _late(reading: Reading, delay: float) -> Hypothesis:

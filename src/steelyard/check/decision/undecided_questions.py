@@ -8,7 +8,6 @@ from itertools import chain
 
 import numpy as np
 
-from steelyard.base.arrays import Z95
 from steelyard.check.decision.ranked_readings import DECISIVE_GAIN, LogVerdict
 from steelyard.check.decision.search_with_unknown_bodies import (
     COPIED,
@@ -18,13 +17,9 @@ from steelyard.check.decision.search_with_unknown_bodies import (
     alike,
     least_mass,
 )
-from steelyard.check.decision.verdict_of_log import (
-    CLEAN,
-    HEAVIEST_FACTOR,
-    friction_alone_explains,
-)
+from steelyard.check.decision.verdict_of_log import CLEAN, HEAVIEST_FACTOR, friction_alone_explains
 from steelyard.check.hypotheses.evidence_with_unknown_bodies import WIDTHS
-from steelyard.check.hypotheses.position_hypotheses import (
+from steelyard.check.hypotheses.position_and_effort_hypotheses import (
     ZERO_CAUSE,
     zero_offsets,
     zeros_without_effect,
@@ -163,19 +158,6 @@ def _zeros(reading: Reading) -> str:
     rest = ", ".join(zero.name for zero in zeros if zero.identifiable)
     says = f"undecided: not identifiable from these data: {', '.join(left)}"
     return f"{says}; no significant zero offset of {rest}" if rest else says
-
-
-def zero_bounds(reading: Reading) -> str:
-    """How far zeros may be off in spite of a log, like `elbow 0.012 rad`, and which are unknown."""
-    zeros = zero_offsets(reading)
-    bounds = [
-        f"{zero.name} {abs(zero.value) + Z95 * zero.std:.2g} {zero.unit}"
-        for zero in zeros
-        if zero.identifiable
-    ]
-    left = [zero.name for zero in zeros if not zero.identifiable]
-    says = [f"within (95 %): {', '.join(bounds)}"] if bounds else []
-    return "; ".join([*says, f"not identifiable: {', '.join(left)}"] if left else says)
 
 
 def misfit_hides(decision: LogVerdict) -> bool:

@@ -16,8 +16,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from steelyard.check.case_logs_and_checks import Case, CheckedLog, remembered
-from steelyard.check.decision.controller_gains_and_gain_advice import (
+from steelyard.check.cases_and_checks import Case, CheckedLog, remembered
+from steelyard.check.decision.drive_gains_and_what_init_learns import (
     LARGEST_GEAR_RATIO,
     LEAST_GEAR_RATIO,
 )
@@ -41,20 +41,19 @@ from steelyard.check.decision.search_with_unknown_bodies import (
     undone,
 )
 from steelyard.check.finding import Severity
-from steelyard.check.hypotheses.effort_hypotheses import factor_intervals, holds_factors
 from steelyard.check.hypotheses.gravity_payload_and_delay import axis_near, delay_hypotheses
 from steelyard.check.hypotheses.nuisance_fit_and_score import MISFIT_FLOOR, LikelihoodScore
+from steelyard.check.hypotheses.position_and_effort_hypotheses import (
+    factor_intervals,
+    holds_factors,
+)
 from steelyard.check.hypotheses.readings_and_likelihood import (
     CLOSE_HYPOTHESES,
     FITTED_NUMBER_COST,
     Hypothesis,
     Reading,
 )
-from steelyard.check.hypotheses.signs_and_delay_by_friction import (
-    friction_alone,
-    no_common_delay,
-    presliding_score,
-)
+from steelyard.check.hypotheses.signs_and_delay_by_friction import no_common_delay, presliding_score
 from steelyard.estimate.payload.runs_with_payload import carrier
 
 SURE = 20.0
@@ -99,6 +98,7 @@ def judge_log(case: Case, evidence: CheckedLog) -> LogVerdict | None:
 
 @remembered
 def _alone(case: Case, evidence: CheckedLog) -> LogVerdict | None:
+    """What a log says by itself, with one delay no longer sure that joints or slow motion deny."""
     ranked = rankings(case)
     found = ranked.get(evidence)
     if found is None:
@@ -106,22 +106,15 @@ def _alone(case: Case, evidence: CheckedLog) -> LogVerdict | None:
     if found.search is None:
         return _by_reference(found)
     others = {e.name: x.search for e, x in ranked.items() if e is not evidence and x.search}
-    return _with_one_delay(case, evidence, _by_evidence(found, found.search, others))
-
-
-def _with_one_delay(case: Case, evidence: CheckedLog, found: LogVerdict) -> LogVerdict:
-    """The same verdict, with a delay that joints or slow motion contradict no longer sure.
-
-    With another cause beside it the log as it is read says nothing of that.
-    """
-    if [(w.cause, severity) for w, severity in found.winners] != [("effort delay", Severity.WRONG)]:
-        return found
-    ((one, _),) = found.winners
-    against = no_common_delay(case, evidence, one.reading.delay - found.declared.reading.delay)
-    if not against:
-        return found
-    one = replace(one, says=f"{one.says}, but {against}", fixed=False)
-    return replace(found, winners=((one, Severity.DOUBTFUL),))
+    found = _by_evidence(found, found.search, others)
+    # with another cause beside it the log as it is read says nothing of the delay
+    if [(w.cause, severity) for w, severity in found.winners] == [("effort delay", Severity.WRONG)]:
+        ((one, _),) = found.winners
+        more = one.reading.delay - found.declared.reading.delay
+        if against := no_common_delay(case, evidence, more):
+            one = replace(one, says=f"{one.says}, but {against}", fixed=False)
+            return replace(found, winners=((one, Severity.DOUBTFUL),))
+    return found
 
 
 def _by_reference(found: LogVerdict) -> LogVerdict:
@@ -220,7 +213,14 @@ def _by_evidence(found: LogVerdict, search: Search, others: Mapping[str, Search]
             sure = odds >= SURE and explained and hypothesis.fixed
             hypothesis = replace(hypothesis, odds=odds)
             one, severity = _judged_part(search, hypothesis, odds, sure)
-            if severity is Severity.WRONG and (log := _excluding(search, cause, others)):
+            # a log that is as declared may have been recorded otherwise; its edits are its own
+            excluding = (
+                log
+                for log, other in others.items()
+                if other.best is not other.declared
+                and other.loss(COPIED[cause](other.best.reading, search.best.reading)) > LIKELY
+            )
+            if severity is Severity.WRONG and (log := next(excluding, "")):
                 says = f"{one.says} (not by {log}, which is not as declared either)"
                 one, severity = replace(one, says=says, fixed=False), Severity.DOUBTFUL
             winners.append((one, severity))
@@ -253,19 +253,6 @@ def _contested(search: Search, cause: str) -> bool:
         for one in search.found.values()
         if one.log <= best.log - LIKELY and one.reading.key != other
     )
-
-
-def _excluding(search: Search, cause: str, others: Mapping[str, Search]) -> str:
-    """The log that needs another correction, and excludes what this one says of a cause.
-
-    A log that is as declared may have been recorded otherwise; its edits are its own.
-    """
-    for log, other in others.items():
-        if other.best is not other.declared:
-            reading = COPIED[cause](other.best.reading, search.best.reading)
-            if other.loss(reading) > LIKELY:
-                return log
-    return ""
 
 
 def _shared(found: LogVerdict, search: Search, verdicts: Mapping[str, LogVerdict]) -> LogVerdict:
@@ -464,7 +451,7 @@ def order_of(reading: Reading) -> str:
 
 def friction_alone_explains(reading: Reading, score: LikelihoodScore) -> bool:
     """Whether friction alone fits a log about as well as with bodies: their size is open then."""
-    alone = friction_alone(reading)
+    alone = reading.friction_alone
     score = replace(score, counts=alone.counts)
     gain = float(score.log_likelihood - alone.log_likelihood)
     fall = float(np.max(alone.misfits / np.maximum(score.misfits, MISFIT_FLOOR)))

@@ -24,10 +24,9 @@ from itertools import permutations
 import numpy as np
 
 from steelyard.base.arrays import Array
-from steelyard.base.errors import DataError
 from steelyard.estimate.estimate import Estimate
 from steelyard.estimate.friction.friction_choice import DIRECTION_LOSS_PROBABILITY, worse
-from steelyard.estimate.information.base_parameters_and_regressor import Regressor, base_parameters
+from steelyard.estimate.information.base_parameters_and_regressor import Regressor
 from steelyard.estimate.information.information import Information
 from steelyard.estimate.least_squares.normal_equations import Runs, lengths_of, solve
 from steelyard.estimate.nonlinear.nonlinear_parameters import bodies_of, information_from
@@ -314,25 +313,6 @@ def left_out_logs(
         each = [some.of([k]).effort_squares() for k in range(len(some.windows))]
         errors.append(logarithms(left_out_errors(some, some, values_of), np.array(each)))
     return divided.left_out, errors
-
-
-def left_out_gains(
-    model: Model, wide: Regressor, sigma: Array, runs: Sequence[Run], found: Sequence[Cause]
-) -> tuple[LeftOutGain | None, ...]:
-    """Per cause whether it predicts left-out motion better; `None` of runs that are too short.
-
-    `wide` has the columns of all causes, `sigma` the standard deviations of the fit's residuals,
-    shape `(n,)`.
-    """
-    own = base_parameters(model).base_names
-    sets = [own, *((*own, *cause.names) for cause in found)]
-    try:
-        left_out, (plain, *wider) = left_out_logs(model, wide, sigma, runs, sets)
-    except DataError:
-        return (None,) * len(found)
-    worth = (WORTH_A_TERM if cause.of_friction else WORTH_A_SEARCH for cause in found)
-    pairs = zip(wider, worth, strict=True)
-    return tuple(LeftOutGain.of(plain, errors, left_out, least) for errors, least in pairs)
 
 
 CELL = {"revolute": 2.0 * np.pi / 4096, "prismatic": 1e-4}  # length of a cell [rad; m]

@@ -17,12 +17,15 @@ import numpy as np
 
 from steelyard.base.arrays import Z95, Array
 from steelyard.base.errors import ModelError, SteelyardError
-from steelyard.check.case_logs_and_checks import case_check
+from steelyard.check.cases_and_checks import case_check
 from steelyard.check.finding import Finding, Fix
-from steelyard.check.fitted.disagreeing_runs_and_heavy_last_link import FINE_WINDOW
-from steelyard.check.fitted.fitted_case_and_ranked_causes import FittedCase
-from steelyard.check.fitted.passing_force import PassingForce, passing_force
-from steelyard.check.hypotheses.signs_and_delay_by_friction import whitened_columns
+from steelyard.check.fitted.disagreeing_runs_and_passing_forces import (
+    FINE_WINDOW,
+    PassingForce,
+    passing_force,
+)
+from steelyard.check.fitted.fitted_case_causes_and_constraints import FittedCase
+from steelyard.check.hypotheses.signs_and_delay_by_friction import own_fit
 from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.estimate.information.base_parameters_and_regressor import BaseMap, base_regressor
 from steelyard.estimate.information.filter_and_gram import ParallelFilter
@@ -42,7 +45,6 @@ NOISE_ROUNDS = 4  # iterations of the rows' noise
 class ChangeWithinRun:
     """One change in a run."""
 
-    run: str  # the run's name
     time: float  # middle of the time in which it lies [s]
     within: float  # half of that time [s]
     row: int  # number of the joint; -1 for a load
@@ -95,8 +97,8 @@ class _Row:
         return self.freedom >= LEAST_ROW_FREEDOM and self.left > 0.0
 
 
-_Border = tuple[tuple[str, float, float], list[_Row]]
-"""Run, middle and half of the time around one border [s], and the rows of the run there."""
+_Border = tuple[tuple[float, float], list[_Row]]
+"""Middle and half of the time around one border [s], and the rows of the run there."""
 
 
 def _borders(run: Information) -> Iterator[_Border]:
@@ -107,18 +109,11 @@ def _borders(run: Information) -> Iterator[_Border]:
         rows = []
         for k, gram in enumerate(grams):
             whole, count = gram[used].sum(axis=0), run.counts[used, k].sum()
-            own, effort, left = _own_fit(whole)
+            own, effort, left = own_fit(whole)
             after = gram[at + 1 :].sum(axis=0)
             rows.append(_Row(after, own, effort, max(left, 0.0), float(count - own.shape[1])))
         start, stop = run.windows[at - 1].start, run.windows[at].stop
-        yield (run.windows[at].run, 0.5 * (start + stop), 0.5 * (stop - start)), rows
-
-
-def _own_fit(whole: Array) -> tuple[Array, Array, float]:
-    """Whitened columns of a row's own fit, their products with its effort, squared residual."""
-    own = whitened_columns(whole[:-1, :-1])
-    effort = own.T @ whole[:-1, -1]
-    return own, effort, float(whole[-1, -1] - effort @ effort)
+        yield (0.5 * (start + stop), 0.5 * (stop - start)), rows
 
 
 def offset_steps(run: Information) -> list[ChangeWithinRun]:
@@ -197,7 +192,7 @@ def scale_drifts(run: Information, *, friction: bool = False) -> tuple[ChangeWit
     middle = np.array([0.5 * (window.start + window.stop) for window in run.windows])
     time = (middle - middle.mean()) / (stop - start)
     drifts = ((row, _drift_of_row(run, row, time, friction)) for row in range(len(run.layout.rows)))
-    about = run.windows[0].run, 0.5 * (start + stop), 0.5 * (stop - start)
+    about = 0.5 * (start + stop), 0.5 * (stop - start)
     return tuple(ChangeWithinRun(*about, row, *found) for row, found in drifts if found)
 
 
@@ -229,7 +224,7 @@ def _drift_of_row(
     chosen = np.array([law_of(name).drifts() == friction for name in names])
     time, grams = time[part], run.row_grams(row)[part]
     whole, once, twice = (np.tensordot(time**k, grams, 1) for k in (0, 1, 2))
-    own, effort, left = _own_fit(whole)
+    own, effort, left = own_fit(whole)
     torque = np.where(chosen, own @ effort, 0.0)
     freedom = float(run.counts[part, row].sum()) - own.shape[1] - 1.0
     shared = own.T @ once[:-1, :-1] @ torque
@@ -356,7 +351,6 @@ def _more_is_left(case: FittedCase, step: ChangeWithinRun) -> bool:
 def _offsets_found(
     steps: Sequence[ChangeWithinRun], coordinates: Sequence[Coordinate], log: str
 ) -> Finding:
-    """The finding on offsets that jump, in the time that all jumps have in common."""
     names = tuple(coordinates[step.row].name for step in steps)
     sizes = [
         f"{step.value:+.3g} ± {Z95 * step.std:.1g} {coordinates[step.row].effort_unit}"

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.base.arrays import Array
-from steelyard.check.case_logs_and_checks import Case, CheckedLog, case_check
-from steelyard.check.decision.friction_between_logs import with_unbounded_friction
+from steelyard.check.cases_and_checks import Case, CheckedLog, case_check
+from steelyard.check.decision.gears_and_friction_of_logs import with_unbounded_friction
 from steelyard.check.decision.joint_zeros_and_quarter_turns import (
     estimated_offsets,
     far_offsets,
@@ -25,13 +25,13 @@ from steelyard.check.decision.robot_file_edits import zero_edits
 from steelyard.check.decision.verdict_of_log import judge_log
 from steelyard.check.finding import Finding, Fix, Severity
 from steelyard.check.fitted.causes_of_residuals import Cause, LeftOutGain
-from steelyard.check.fitted.fitted_case_and_ranked_causes import (
+from steelyard.check.fitted.fitted_case_causes_and_constraints import (
     FittedCase,
     RankedCauses,
     largest_residual,
     worst_residual_words,
 )
-from steelyard.check.hypotheses.position_hypotheses import ZERO_CAUSE
+from steelyard.check.hypotheses.position_and_effort_hypotheses import ZERO_CAUSE
 from steelyard.check.hypotheses.readings_and_likelihood import Likelihood
 from steelyard.estimate.consistent.convex_estimator import TERM_MISSING
 from steelyard.estimate.identified_model import IdentifiedModel
@@ -157,7 +157,6 @@ def _remark(case: FittedCase, ranked: RankedCauses) -> Finding:
 
 
 def _share(cause: Cause, gain: LeftOutGain | None) -> str:
-    """A candidate, what it explains, and whether it predicts left-out motion."""
     columns = f"{cause.columns} parameter" + "s" * (cause.columns != 1)
     text = f"{cause.says} {100.0 * cause.share:.0f} % by {columns}"
     if gain is None:
@@ -197,7 +196,6 @@ def term_advice(tested: Sequence[tuple[Cause, LeftOutGain | None]], scaled: bool
 def _doubtful(
     case: FittedCase, ranked: RankedCauses, blamed: Sequence[Cause], zeros: tuple[str, Fix] | None
 ) -> Finding:
-    """An error that stands out; joint zeros with their values."""
     first, *_ = blamed or ranked.found
     words = " or ".join(cause.says for cause in blamed)
     gain = dict(case.tested).get(first) if first.of_reading else None
@@ -289,7 +287,6 @@ def _moving(score: RunScore) -> NDArray[np.bool_]:
 
 
 def _reason(fit: FittedCase, run: Run, score: RunScore, ratio: float) -> Finding | None:
-    """The explanation that the data support, or that there is none."""
     identified, cutoffs = fit.identified, fit.identified.cutoffs
     # the run as `check` with this model looks at it
     processing = replace(
@@ -333,7 +330,6 @@ def _explains(decision: LogVerdict, own: float) -> bool:
 
 
 def _unexplained(fit: FittedCase, run: Run, left: float, figure: str) -> Finding:
-    """That no cause was found, and what is to be looked at first."""
     says = (
         f"no cause of the error was found; tested: {TRIED_CAUSES} ({left:.1f} % remain with "
         "the last)"

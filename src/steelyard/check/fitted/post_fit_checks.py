@@ -10,26 +10,22 @@ import numpy as np
 
 from steelyard.base.arrays import Z95
 from steelyard.base.progress import Progress, report_progress, silent
-from steelyard.check.case_logs_and_checks import CaseCheck, case_check
+from steelyard.check.cases_and_checks import CaseCheck, case_check
 from steelyard.check.finding import Finding, Fix, Severity, percent_of
 from steelyard.check.fitted.changes_within_run import change_in_run_check
-from steelyard.check.fitted.disagreeing_runs_and_heavy_last_link import (
+from steelyard.check.fitted.disagreeing_runs_and_passing_forces import (
     last_link_check,
     runs_disagree_check,
 )
-from steelyard.check.fitted.fitted_case_and_ranked_causes import (
-    FittedCase,
-)
-from steelyard.check.fitted.gear_side_and_rotors import (
+from steelyard.check.fitted.fitted_case_causes_and_constraints import FittedCase
+from steelyard.check.fitted.implausible_estimates_and_gear_side import (
     LINK_SIDE_INSTEAD,
     SEPARABLE_ROTORS,
-    rotors_at_zero,
-    rotors_at_zero_check,
-)
-from steelyard.check.fitted.implausible_estimates import (
     absurd_bodies_check,
     light_links_check,
     load_friction_check,
+    rotors_at_zero,
+    rotors_at_zero_check,
 )
 from steelyard.check.fitted.incomplete_model_and_unseen_error import (
     model_error_check,
@@ -324,19 +320,13 @@ def below_nominal_check(case: FittedCase) -> Iterable[Finding]:
 
 def kept_doubts(identified: IdentifiedModel) -> tuple[Finding, ...]:
     """The findings that `doubts_of_fit` made."""
-    return tuple(
-        Finding(
-            one["check"],
-            one["log"],
-            Severity[one["severity"]],
-            one["says"],
-            one["figure"],
-            fix=Fix(one["fix"]) if one["fix"] else None,
-            headline=True,
-            brief=one["brief"],
-        )
-        for one in identified.provenance.doubts
-    )
+    found = []
+    for one in identified.provenance.doubts:
+        fix = Fix(one["fix"]) if one["fix"] else None
+        where = one["check"], one["log"], Severity[one["severity"]]
+        says, brief = (one["says"], one["figure"]), one["brief"]
+        found.append(Finding(*where, *says, fix=fix, headline=True, brief=brief))
+    return tuple(found)
 
 
 POST_FIT: tuple[CaseCheck[FittedCase], ...] = (

@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 
 from steelyard.base.arrays import Array
 from steelyard.base.errors import DataError
-from steelyard.check.case_logs_and_checks import remembered
-from steelyard.check.hypotheses.effort_hypotheses import best_factors
+from steelyard.check.cases_and_checks import remembered
 from steelyard.check.hypotheses.laplace_over_bodies import LENGTHS, averaged, nominal_bodies
 from steelyard.check.hypotheses.nuisance_fit_and_score import (
     LEAST_SAMPLE_COUNT,
@@ -23,6 +22,7 @@ from steelyard.check.hypotheses.nuisance_fit_and_score import (
     OFFSET_COLUMN,
     LikelihoodScore,
 )
+from steelyard.check.hypotheses.position_and_effort_hypotheses import best_factors
 from steelyard.check.hypotheses.readings_and_likelihood import Key, Likelihood, Reading
 from steelyard.estimate.consistent.conic_solver_and_scaled_parameters import ten_map
 from steelyard.estimate.information.base_parameters_and_regressor import (
@@ -110,6 +110,23 @@ class _Products:
         of = np.concatenate((of, np.eye(rest, k + m + rest, k + m)))
         return replace(self, yy=of.T @ self.yy @ of, ye=of.T @ self.ye)
 
+    def problem(self, reading: Reading, scale: float, carrier: int = -1) -> "_Problem":
+        """The reading in units of efforts, about nominal bodies of a scale."""
+        n, k = self.yy.shape[0], self.yy.shape[1] - NUISANCES - 1
+        ye, squares, ee = self.logged(reading)
+        count = np.where(ee > 0.0, np.minimum(self.count, MOST_EVIDENCE_SAMPLES), 0.0)
+        rms = np.sqrt(np.where(count > 0.0, ee, 1.0))
+        own = np.sqrt(np.einsum("jkk->jk", self.yy[:, k:-1, k:-1]))
+        sizes = np.where(own > 1e-12, 1.0 / np.maximum(own, 1e-12), 0.0)  # unit effort of columns
+        # an offset may balance what bodies weigh, which the logged effort then lacks
+        balanced = scale * self.nominal(reading) / rms
+        sizes[:, OFFSET_COLUMN] *= np.maximum(balanced, 1.0)
+        bodies = np.full((n, k), scale)
+        factors = np.concatenate((bodies, sizes * rms[:, None]), axis=1) / rms[:, None]
+        yy = self.yy[:, :-1, :-1] * factors[:, :, None] * factors[:, None, :]
+        ee = np.where(ee > 0.0, squares / rms**2, 0.0)
+        return _Problem(yy, ye * factors / rms[:, None], ee, count, scale, carrier)
+
 
 class EvidenceOfLog:
     """Evidence of readings of one log; products of motions are made once."""
@@ -173,7 +190,7 @@ class EvidenceOfLog:
                 waiting.setdefault(problem.carrier, {})[number] = problem
             last = number + 1 == len(readings)
             for part in [one for one in waiting.values() if len(one) == size or (last and one)]:
-                solved = _averaged(list(part.values()), widths, steps)
+                solved = _averaged(list(part.values()), self._positive, widths, steps)
                 for k, one in zip(part, solved, strict=True):
                     found[k] = one if np.max(one.misfits) < ABSURD else None
                 part.clear()
@@ -183,13 +200,18 @@ class EvidenceOfLog:
         products = self._products_of(reading)
         if products is None:
             return None
-        scale = _nominal_scale(reading, products) if scale is None else scale
+        if scale is None:  # typical effort over that of the nominal bodies
+            nominal, logged = products.nominal(reading), np.sqrt(products.logged(reading)[1])
+            seen = (products.count > 0.0) & (nominal > 1e-6 * nominal.max(initial=0.0))
+            seen &= logged > 0.0
+            ratios = np.log(logged[seen] / nominal[seen])
+            scale = float(np.exp(np.median(ratios))) if len(ratios) else 1.0
         if self._unknown.any():
             reading = self._with_gains(reading)
-        if reading.payload is None:
-            return _normalised(reading, products, self._positive, scale)
-        products = products.with_columns(self._carried)
-        return replace(_normalised(reading, products, self._positive, scale), carrier=self._last)
+        last = -1 if reading.payload is None else self._last
+        if last >= 0:
+            products = products.with_columns(self._carried)
+        return products.problem(reading, scale, last)
 
     def _with_gains(self, reading: Reading) -> Reading:
         """Unknown gains as nominal bodies of the size that the other efforts have them."""
@@ -214,18 +236,12 @@ class EvidenceOfLog:
 
     def _columns_of(self, reading: Reading) -> tuple[Array, Array] | None:
         """Columns of products, `(n, K + 1, N)`, the last 0 if not asked; where joints move."""
-        knowledge, motion = reading.knowledge, reading.motion()
         y, moving = reading.columns()
-        try:
-            check_angles(motion[0])
-            bodies = knowledge.under_any(reading.gravity, dense_regressor, *motion)
-        except (DataError, ValueError):
-            return None
         weight = np.zeros_like(y[:, :1])
         if reading.held:
-            pulls = reading.into_logged() @ knowledge.pulls(motion[0])
+            pulls = reading.into_logged() @ reading.knowledge.pulls(reading.motion()[0])
             weight = np.tensordot(reading.gravity, pulls, 1)[:, None] * moving[:, None]
-        bodies = np.einsum("ij,kjb->ikb", reading.into_logged(), bodies) * moving[:, None]
+        bodies = _body_columns(reading) * moving[:, None]
         if not (np.isfinite(bodies).all() and moving.any()):
             return None
         own = y[:, :NUISANCES] * self._turned[..., None]
@@ -240,13 +256,6 @@ class EvidenceOfLog:
         ee = moving @ np.square(efforts).T / seen[..., 0]
         count = moving.sum(axis=1) * self._log.excerpt.worth
         return _Products(yy, ye, ee, np.where(count >= LEAST_SAMPLE_COUNT, count, 0.0))
-
-
-def _nominal_scale(reading: Reading, products: "_Products") -> float:
-    """Typical effort of a reading over that of the nominal bodies."""
-    nominal, logged = products.nominal(reading), np.sqrt(products.logged(reading)[1])
-    seen = (products.count > 0.0) & (nominal > 1e-6 * nominal.max(initial=0.0)) & (logged > 0.0)
-    return float(np.exp(np.median(np.log(logged[seen] / nominal[seen])))) if seen.any() else 1.0
 
 
 def _mixed(nominal: Evidence | None, sized: Evidence | None) -> Evidence | None:
@@ -285,31 +294,13 @@ class _Problem:
     ye: Array  # shape `(n, k + 4)`
     ee: Array  # shape `(n,)`
     count: Array
-    # which of the joints' own unknowns are not negative, shape `(n, 4)`
-    positive: NDArray[np.bool_]
     scale: float  # of the bodies that unknowns of 1 stand for, over the nominal ones
     carrier: int = -1  # the body that carries a payload, which is the last of them; -1 for none
 
 
-def _normalised(
-    reading: Reading, products: _Products, positive: NDArray[np.bool_], scale: float
-) -> _Problem:
-    n, k = products.yy.shape[0], products.yy.shape[1] - NUISANCES - 1
-    ye, squares, ee = products.logged(reading)
-    count = np.where(ee > 0.0, np.minimum(products.count, MOST_EVIDENCE_SAMPLES), 0.0)
-    rms = np.sqrt(np.where(count > 0.0, ee, 1.0))
-    own = np.sqrt(np.einsum("jkk->jk", products.yy[:, k:-1, k:-1]))
-    sizes = np.where(own > 1e-12, 1.0 / np.maximum(own, 1e-12), 0.0)  # unit effort of each column
-    # an offset may balance what bodies weigh, which the logged effort then lacks
-    balanced = scale * products.nominal(reading) / rms
-    sizes[:, OFFSET_COLUMN] *= np.maximum(balanced, 1.0)
-    factors = np.concatenate((np.full((n, k), scale), sizes * rms[:, None]), axis=1) / rms[:, None]
-    yy = products.yy[:, :-1, :-1] * factors[:, :, None] * factors[:, None, :]
-    ee = np.where(ee > 0.0, squares / rms**2, 0.0)
-    return _Problem(yy, ye * factors / rms[:, None], ee, count, positive, scale)
-
-
-def _averaged(problems: Sequence[_Problem], widths: Sequence[float], steps: int) -> list[Evidence]:
+def _averaged(
+    problems: Sequence[_Problem], positive: NDArray[np.bool_], widths: Sequence[float], steps: int
+) -> list[Evidence]:
     """Evidence of problems of one number of bodies, averaged over the widths."""
     h, k = len(problems), problems[0].ye.shape[1] - NUISANCES
     names = "yy", "ye", "ee", "count"
@@ -319,7 +310,7 @@ def _averaged(problems: Sequence[_Problem], widths: Sequence[float], steps: int)
     if problems[0].carrier >= 0:
         unknown = [problems[0].carrier, -1]  # the last link may weigh less, too
         gamma[..., unknown] = np.minimum(gamma[..., unknown], CARRIED_WIDTH**-2)
-    fit = averaged(yy, ye, ee, counts, problems[0].positive, gamma, steps)
+    fit = averaged(yy, ye, ee, counts, positive, gamma, steps)
     found = []
     for i, best in enumerate(np.argmax(fit.logs, axis=1)):
         top = fit.logs[i, best]
@@ -341,18 +332,23 @@ def rows_of(reading: Reading) -> tuple[Array, Array, Array]:
 
     NaN where the states are impossible.
     """
-    knowledge, motion, (y, moving) = reading.knowledge, reading.motion(), reading.columns()
+    y, moving = reading.columns()
+    joints, own = np.arange(len(moving)), np.zeros((*moving.shape, len(moving), NUISANCES))
+    own[joints, :, joints] = y[:, :NUISANCES].swapaxes(1, 2)
+    free = _body_columns(reading).swapaxes(1, 2) * moving[..., None]
+    columns = np.concatenate((free, own.reshape(*moving.shape, -1)), axis=-1)
+    return columns, reading.efforts() * moving, moving
+
+
+def _body_columns(reading: Reading) -> Array:
+    """Columns of the bodies in logged units, `(n, k, N)`; NaN where the states are impossible."""
+    knowledge, motion = reading.knowledge, reading.motion()
     try:
         check_angles(motion[0])
         bodies = knowledge.under_any(reading.gravity, dense_regressor, *motion)
-    except (DataError, ValueError):  # the states are impossible
-        bodies = np.full((10 * len(knowledge.robot.bodies), *moving.shape), np.nan)
-    bodies = np.einsum("ij,kjb->kib", reading.into_logged(), bodies)
-    joints, own = np.arange(len(moving)), np.zeros((*moving.shape, len(moving), NUISANCES))
-    own[joints, :, joints] = y[:, :NUISANCES].swapaxes(1, 2)
-    free = np.moveaxis(bodies, 0, -1) * moving[..., None]
-    columns = np.concatenate((free, own.reshape(*moving.shape, -1)), axis=-1)
-    return columns, reading.efforts() * moving, moving
+    except (DataError, ValueError):
+        bodies = np.full((10 * len(knowledge.robot.bodies), *motion[0].shape), np.nan)
+    return np.asarray(np.einsum("ij,kjb->ikb", reading.into_logged(), bodies))
 
 
 def dense_regressor(valued: ValuedModel, q: Array, dq: Array, ddq: Array) -> Array:

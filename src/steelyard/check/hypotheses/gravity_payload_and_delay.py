@@ -11,12 +11,11 @@ from copy import copy
 import numpy as np
 
 from steelyard.base.arrays import Array
-from steelyard.check.case_logs_and_checks import remembered
+from steelyard.check.cases_and_checks import remembered
 from steelyard.check.hypotheses.evidence_with_unknown_bodies import rows_of
 from steelyard.check.hypotheses.nuisance_fit_and_score import (
     MISFIT_FLOOR,
     SHARP_DELAY_FLOOR,
-    SharedFit,
     shared_fit,
 )
 from steelyard.check.hypotheses.readings_and_likelihood import (
@@ -47,9 +46,9 @@ def gravity_hypotheses(reading: Reading) -> Iterator[Hypothesis]:
     size = float(np.linalg.norm(own)) or 9.81
     free, pulls = reading.changed(gravity=np.zeros(3)), reading.knowledge.pulls(reading.motion()[0])
     fitted = _shared_fit_beside(free, pulls, np.full(3, 30.0))
-    length = 0.0 if fitted is None else float(np.linalg.norm(fitted.values))
+    length = 0.0 if fitted is None else float(np.linalg.norm(fitted[0]))
     if fitted is not None and 0.3 * size < length < 3.0 * size:
-        says, direction, cost = _direction(fitted.values / length)
+        says, direction, cost = _direction(fitted[0] / length)
         tried.append((says, size * direction, cost))
     for says, gravity, cost in tried:
         if not np.allclose(gravity, reading.gravity):
@@ -71,35 +70,30 @@ def held_hypothesis(reading: Reading, share: float) -> Hypothesis:
 
 def payload_hypotheses(reading: Reading) -> Iterator[Hypothesis]:
     """The payload that fits, if it has mass; or less than the logs of the model carried."""
-    fitted = payload_fit(reading)
-    if fitted is None or not (fitted.values[0] > 0.0 or _of_a_body(fitted)):
+    columns = reading.knowledge.payload(*reading.motion(), reading.gravity)
+    fitted = _shared_fit_beside(reading.changed(payload=None), columns, PAYLOAD_STD)
+    if fitted is None or not (fitted[0][0] > 0.0 or _of_a_body(*fitted)):
         return
-    mass, std = fitted.values[0], float(np.sqrt(fitted.covariance[0, 0]))
-    says = f"the arm carries a payload of about {mass:.2g} kg"
-    if mass <= 0.0:
+    ten, covariance = fitted
+    says = f"the arm carries a payload of about {ten[0]:.2g} kg"
+    if ten[0] <= 0.0:
         last = reading.knowledge.robot.bodies[carrier(reading.knowledge.robot).body].name
         says = (
-            f"the arm carries about {-mass:.2g} kg less on '{last}' than in the fitted logs (a "
+            f"the arm carries about {-ten[0]:.2g} kg less on '{last}' than in the fitted logs (a "
             "tool or payload was removed)"
         )
-    loaded = reading.changed(payload=fitted.values)
+    loaded, std = reading.changed(payload=ten), float(np.sqrt(covariance[0, 0]))
     yield _hypothesis("payload", says, loaded, 10.0 * FITTED_NUMBER_COST, std)
 
 
-def _of_a_body(fitted: SharedFit) -> bool:
+def _of_a_body(ten: Array, covariance: Array) -> bool:
     """Whether numbers with a negative mass are minus those of a body that can exist."""
-    if fitted.values[0] == 0.0:
+    if ten[0] == 0.0:
         return False
-    body = Inertia.from_ten(-fitted.values)
+    body = Inertia.from_ten(-ten)
     spread = body.moved(np.eye(3), -body.com).pseudo[:3, :3]
-    slack = POSSIBLE_BODY * float(np.sqrt(np.diag(fitted.covariance)[4:].max()))
+    slack = POSSIBLE_BODY * float(np.sqrt(np.diag(covariance)[4:].max()))
     return bool(np.linalg.eigvalsh(spread)[0] >= -slack)
-
-
-def payload_fit(reading: Reading) -> SharedFit | None:
-    """Ten numbers of what the last body carries, in its frame."""
-    columns = reading.knowledge.payload(*reading.motion(), reading.gravity)
-    return _shared_fit_beside(reading.changed(payload=None), columns, PAYLOAD_STD)
 
 
 def delay_hypotheses(reading: Reading) -> Iterator[Hypothesis]:
@@ -135,7 +129,9 @@ def _hypothesis(
     return Hypothesis(cause, says, reading, cost, (), reading.score, spread)
 
 
-def _shared_fit_beside(reading: Reading, columns: Array, prior: Array) -> SharedFit | None:
+def _shared_fit_beside(
+    reading: Reading, columns: Array, prior: Array
+) -> tuple[Array, Array] | None:
     """Numbers that all joints share beside a reading's prediction, from joint efforts per unit."""
     columns = np.array([reading.into_logged() @ x for x in columns])
     predicted, log = reading.predicted(*reading.motion()), reading.likelihood
@@ -261,7 +257,6 @@ class _DirectionResidual:
         return other
 
     def least_near(self, start: Array) -> tuple[float, Array]:
-        """The least value, from a start, and its direction."""
         from scipy.optimize import minimize
 
         fit = minimize(self, start + 0.05, jac=True, method="BFGS")
@@ -287,7 +282,6 @@ class _DirectionResidual:
         return np.asarray(np.sqrt(np.maximum(squares, DIRECTION_RESIDUAL_FLOOR**2 * self._ee)))
 
     def _solved(self, g: Array) -> Array:
-        """The bodies and friction that fit best, shape `(k,)`."""
         yy, ye, _ = self._all
         normal = np.tensordot(np.outer(g, g), yy, ((0, 1), (0, 2)))
         return np.asarray(np.linalg.solve(normal + self._ridge, g @ ye))

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import gammaln
+from scipy.special import gammaln, multigammaln
 
 from steelyard.base.arrays import Array
 from steelyard.check.hypotheses.nuisance_fit_and_score import NUISANCES
@@ -123,7 +123,6 @@ class _Fit:
         self.variance = np.clip(self._squares(), 0.0, 1.0) + RESIDUAL_FLOOR**2
 
     def result(self) -> Averaged:
-        """Log evidence about the unknowns reached."""
         _, bend, _, own_bend, coupling = self._expansion()
         passed = coupling @ np.linalg.inv(own_bend)
         bend = bend - _side_by_side(passed) @ _side_by_side(coupling).swapaxes(-1, -2)
@@ -196,15 +195,10 @@ class _Fit:
         return np.where(self._positive, self.theta, 1.0)
 
     def _prior(self) -> Array:
-        """Log density of the unknowns, `(h, w)`."""
         traces = np.trace(self._matrices, axis1=-2, axis2=-1)
         size = np.linalg.slogdet(self._matrices)[1] - traces
         shape = self._gamma + 2.5
-        # of multivariate gamma functions of dimension 4
-        log_gamma = 3.0 * np.log(np.pi) + gammaln(shape[..., None] - 0.5 * np.arange(4)).sum(
-            axis=-1
-        )
-        norm = log_gamma - 4.0 * shape * np.log(self._gamma)
+        norm = multigammaln(shape, 4) - 4.0 * shape * np.log(self._gamma)
         bodies = np.sum(self._gamma * size - norm - 3.0 * np.log(2.0), axis=-1)
         own_norm = gammaln(_FRICTION_SHAPE + 1.0) - (_FRICTION_SHAPE + 1.0) * np.log(_FRICTION_RATE)
         friction = _FRICTION_SHAPE * np.log(self._safe()) - _FRICTION_RATE * self.theta - own_norm

@@ -75,14 +75,6 @@ SHARED_FIT_ROUNDS = 4
 WIDE_STD = 1e6
 
 
-@dataclass(frozen=True, eq=False)
-class SharedFit:
-    """Values `(k,)` and their covariance `(k, k)`."""
-
-    values: Array
-    covariance: Array
-
-
 def shared_fit(
     residual: Array,
     columns: Array,
@@ -91,8 +83,8 @@ def shared_fit(
     size: Array,
     worth: float,
     prior: Array,
-) -> SharedFit:
-    r"""Weighted least squares of $r_j = C_j x + Y_j \theta_j$ over all joints.
+) -> tuple[Array, Array]:
+    r"""Weighted least squares of $r_j = C_j x + Y_j \theta_j$ over all joints: $x$, its covariance.
 
     Every joint weighs by its own residuals; bounds, each `(n, 4)`, are taken as a normal
     distribution of their width.
@@ -107,36 +99,27 @@ def shared_fit(
         worth: Independent samples per sample.
         prior: Standard deviation of the numbers around zero, shape `(k,)`.
     """
-    n, k = len(residual), len(columns)
-    known = np.isfinite(bounds).all(axis=0)
+    k, known = len(columns), np.isfinite(bounds).all(axis=0)
     low, high = (np.where(known, side, 0.0) for side in bounds)
-    middle, unit = 0.5 * (low + high), np.maximum(size, 1e-12)[:, None]
+    unit = np.maximum(size, 1e-12)[:, None]
     width = np.where(known, np.maximum(0.5 * (high - low), 1e-9 * unit), WIDE_STD * unit)
-    columns = np.asarray(columns * (nuisances[:, 2] != 0.0))
+    middle = np.concatenate((np.zeros(k), 0.5 * (low + high).reshape(-1)))
+    std = np.concatenate((prior, width.reshape(-1)))  # of all unknowns, which are in units of it
+    x = np.zeros((len(residual), len(std), residual.shape[1]))
+    x[:, :k] = np.moveaxis(columns, 0, 1) * (nuisances[:, 2:3] != 0.0)
+    for j, own in enumerate(nuisances):
+        x[j, k + NUISANCES * j : k + NUISANCES * (j + 1)] = own
+    x *= std[:, None]
+    squares, products = x @ x.swapaxes(1, 2), (x @ residual[..., None])[..., 0]
+    count = np.maximum(np.count_nonzero(nuisances[:, 2], axis=1), 1)
     variance = np.maximum(np.mean(np.square(residual), axis=1), np.square(size))
-    values: Array = np.zeros(k)
-    covariance: Array = np.eye(k)
     for _ in range(SHARED_FIT_ROUNDS):
-        matrix, vector = np.diag(1.0 / np.square(prior)), np.zeros(k)
-        eliminated = []
-        for j in range(n):
-            weight = worth / variance[j]
-            c, y, r = columns[:, j], nuisances[j], residual[j]
-            inner = weight * y @ y.T + np.diag(1.0 / np.square(width[j]))
-            right = weight * y @ r + middle[j] / np.square(width[j])
-            cross = weight * c @ y.T
-            gain = np.linalg.solve(inner, np.column_stack((cross.T, right)))
-            eliminated.append(gain)
-            matrix += weight * c @ c.T - cross @ gain[:, :k]
-            vector += weight * c @ r - cross @ gain[:, k]
-        covariance = np.asarray(np.linalg.inv(matrix))
-        values = covariance @ vector
-        for j in range(n):
-            theta = eliminated[j][:, k] - eliminated[j][:, :k] @ values
-            left = residual[j] - values @ columns[:, j] - theta @ nuisances[j]
-            count = max(float(np.count_nonzero(nuisances[j, 2])), 1.0)
-            variance[j] = max(float(left @ left) / count, float(size[j]) ** 2)
-    return SharedFit(values, covariance)
+        weight = worth / variance
+        covariance = np.linalg.inv(np.tensordot(weight, squares, 1) + np.eye(len(std)))
+        values = covariance @ (np.tensordot(weight, products, 1) + middle / std)
+        left = residual - values @ x
+        variance = np.maximum(np.sum(np.square(left), axis=1) / count, np.square(size))
+    return (std * values)[:k], (std[:, None] * covariance * std)[:k, :k]
 
 
 SHARP_DELAY_FLOOR = 0.002  # floor of misfits where two delays of one model are compared

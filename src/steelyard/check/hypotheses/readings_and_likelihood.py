@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.base.arrays import Array
-from steelyard.check.efforts_by_gravity_payload_and_friction import EffortPredictor
+from steelyard.check.cases_and_checks import EffortPredictor
 from steelyard.check.hypotheses.log_excerpt import Excerpt
 from steelyard.check.hypotheses.nuisance_fit_and_score import (
     COORDINATE_SWEEPS,
@@ -100,32 +100,28 @@ class Likelihood:
 
     def sums(self, readings: Sequence["Reading"]) -> EffortProducts:
         """Products for readings that differ in positions, zeros, gears and time alone."""
-        return self.sums_of(
-            readings[0],
-            np.array([reading.position for reading in readings]),
-            np.array([reading.position_scale for reading in readings]),
-            readings,
-        )
-
-    def sums_of(
-        self,
-        reading: "Reading",
-        position: NDArray[np.intp],
-        scale: Array,
-        others: Sequence["Reading"] = (),
-    ) -> EffortProducts:
-        """Products for a reading with other columns of positions and their scales, `(h, n)` each.
-
-        Zeros, gears and time are those of the other readings, if they are given.
-        """
-        reading = reading.on(self)
-        motion = reading.motions(position, scale, others or (reading,))
-        q, dq, ddq = (np.moveaxis(x, 0, 1) for x in motion)
-        flat = (len(position[0]), -1)
-        predicted = reading.predicted(*(x.reshape(flat) for x in (q, dq, ddq)))
+        first, flat = readings[0].on(self), (self.signals.n, -1)
+        q, dq, ddq = (np.moveaxis(x, 0, 1) for x in self.motions(readings))
+        predicted = first.predicted(*(x.reshape(flat) for x in (q, dq, ddq)))
         u, du = (self.driven(x.reshape(flat)).reshape(x.shape) for x in (dq, ddq))
         y, moving = regressors(q, u, du, predicted.reshape(q.shape))
-        return self.products(y, moving, self.excerpt.later([reading.delay]))
+        return self.products(y, moving, self.excerpt.later([first.delay]))
+
+    def motions(self, readings: Sequence["Reading"]) -> tuple[Array, Array, Array]:
+        """Joint positions, velocities and accelerations by readings, each `(h, n, B)`."""
+        x, s, position = self.excerpt, self.signals, np.array([r.position for r in readings])
+        scale = np.array([r.position_scale for r in readings])[..., None]
+        q, dq, ddq = scale * x.z[position], scale * x.dz[position], scale * x.ddz[position]
+        gears = [one.geared() for one in readings] if s.position_map is not None else [None]
+        if gears[0] is not None:
+            q, dq, ddq = (np.linalg.solve(np.array(gears), y) for y in (q, dq, ddq))
+        if s.position_offset is not None:
+            q = q + s.position_offset[:, None]
+        if any(one.zeros is not None for one in readings):
+            none = np.zeros(s.n)
+            q = q + np.array([none if r.zeros is None else r.zeros for r in readings])[..., None]
+        time = np.array([one.time for one in readings])[:, None, None]
+        return q, dq / time, ddq / time**2
 
     def products(self, y: Array, moving: Array, e: Array) -> EffortProducts:
         """Products of columns `(n, h, 5, B)` with efforts `(h or 1, n, B)`."""
@@ -217,11 +213,6 @@ class Reading:
         zeros[joint] += offset
         return replace(self, zeros=zeros)
 
-    def ordered(self, order: Sequence[int], *, efforts: bool) -> "Reading":
-        """The columns of positions, or also those of efforts, in another order."""
-        position, effort = (tuple(x[k] for k in order) for x in (self.position, self.effort))
-        return replace(self, position=position, effort=effort if efforts else self.effort)
-
     def into_logged(self) -> Array:
         """$A^{-1}$: joint efforts to logged base units, shape `(n, n)`."""
         log = self.likelihood
@@ -242,29 +233,8 @@ class Reading:
 
     def motion(self) -> tuple[Array, Array, Array]:
         """Joint positions, velocities and accelerations, each `(n, B)`."""
-        q, dq, ddq = self.motions(np.array([self.position]), self.position_scale[None], (self,))
+        q, dq, ddq = self.likelihood.motions([self])
         return q[0], dq[0], ddq[0]
-
-    def motions(
-        self, position: NDArray[np.intp], scale: Array, others: Sequence["Reading"]
-    ) -> tuple[Array, Array, Array]:
-        """The same, `(h, n, B)`, of columns and scales `(h, n)`.
-
-        The rest is that of one other reading, or of as many as there are columns.
-        """
-        x, s = self.likelihood.excerpt, self.likelihood.signals
-        scale = scale[..., None]
-        q, dq, ddq = scale * x.z[position], scale * x.dz[position], scale * x.ddz[position]
-        gears = [one.geared() for one in others] if s.position_map is not None else [None]
-        if gears[0] is not None:
-            q, dq, ddq = (np.linalg.solve(np.array(gears), y) for y in (q, dq, ddq))
-        if s.position_offset is not None:
-            q = q + s.position_offset[:, None]
-        if any(one.zeros is not None for one in others):
-            none = np.zeros(len(self.position))
-            q = q + np.array([none if r.zeros is None else r.zeros for r in others])[..., None]
-        time = np.array([one.time for one in others])[:, None, None]
-        return q, dq / time, ddq / time**2
 
     def efforts(self) -> Array:
         """Efforts of the joints in base units, shape `(n, B)`."""
@@ -312,6 +282,11 @@ class Reading:
         return self.likelihood.scored(self.sums, efforts, self.effort_scale).one(0)
 
     @property
+    def friction_alone(self) -> LikelihoodScore:
+        """How well friction, an offset and rotor inertia explain the efforts, without any body."""
+        return self.scored(*self.columns(), [self.delay]).one(0)
+
+    @property
     def log_likelihood(self) -> float:
         """Up to a constant of the log."""
         return float(self.score.log_likelihood)
@@ -327,6 +302,26 @@ class Reading:
         y, _ = self.columns(predicted)
         friction = self.score.nuisances[joint] @ y[joint, :NUISANCES]
         return self.likelihood.excerpt.t, self.efforts()[joint], predicted[joint] + friction
+
+    @property
+    def keeps_evidence(self) -> bool:
+        """Whether efforts that belong to motion as declared do so under this one too.
+
+        An order that gives the effort of a joint in motion to a resting position is not to be
+        compared with others: what contradicts it no longer counts. Nor is one that gives a joint an
+        effort that never changes, which says nothing of either joint.
+        """
+        excerpt, span = self.likelihood.excerpt, self.likelihood.excerpt.span
+        if any(self.effort[j] != j for j in excerpt.dead):
+            return False
+        if np.all(np.min(np.abs(self.position_scale)) * span > LEAST_SPAN):
+            return True  # every column moves any joint
+
+        def in_motion(of: "Reading") -> set[int]:
+            moves = np.abs(of.position_scale) * span[list(of.position)] > LEAST_SPAN
+            return {of.effort[j] for j in np.flatnonzero(moves)}
+
+        return in_motion(self.likelihood.declared) <= in_motion(self)
 
 
 def _around(friction: Array, size: Array, u: Array) -> tuple[Array, Array]:
@@ -375,26 +370,6 @@ def likelihood_of(
         turned = (np.diag(into) < 0.0)[:, None]
         free = np.where(turned, -upper, lower), np.where(turned, -lower, upper)
     return replace(bare, size=size, bounds=free)
-
-
-def keeps_evidence(reading: Reading) -> bool:
-    """Whether efforts that belong to motion as declared do so under a reading too.
-
-    An order that gives the effort of a joint in motion to a resting position is not to be
-    compared with others: what contradicts it no longer counts. Nor is one that gives a joint an
-    effort that never changes, which says nothing of either joint.
-    """
-    excerpt, span = reading.likelihood.excerpt, reading.likelihood.excerpt.span
-    if any(reading.effort[j] != j for j in excerpt.dead):
-        return False
-    if np.all(np.min(np.abs(reading.position_scale)) * span > LEAST_SPAN):
-        return True  # every column moves any joint
-
-    def in_motion(of: Reading) -> set[int]:
-        moves = np.abs(of.position_scale) * span[list(of.position)] > LEAST_SPAN
-        return {of.effort[j] for j in np.flatnonzero(moves)}
-
-    return in_motion(reading.likelihood.declared) <= in_motion(reading)
 
 
 FITTED_NUMBER_COST = 5.0  # what a fitted number costs [natural units of likelihood]
@@ -476,7 +451,7 @@ def likeliest(
 
 def scored(hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:
     """Hypotheses with their scores, many at a time; orders that leave efforts out are left out."""
-    whole = [h for h in hypotheses if h.cause != "joint order" or keeps_evidence(h.reading)]
+    whole = [h for h in hypotheses if h.cause != "joint order" or h.reading.keeps_evidence]
     found = []
     size = max(1, SAMPLE_BATCH // len(whole[0].reading.likelihood.excerpt.t)) if whole else 1
     for start in range(0, len(whole), size):

@@ -23,8 +23,7 @@ import numpy as np
 
 from steelyard.base.arrays import Array
 from steelyard.base.errors import SteelyardError
-from steelyard.check.case_logs_and_checks import Case, CheckedLog
-from steelyard.check.clean_runs_and_customary_model import clean_runs, customary_model, longest_run
+from steelyard.check.cases_and_checks import Case, CheckedLog
 from steelyard.check.finding import Edit, Finding, Fix
 from steelyard.check.hypotheses.gravity_payload_and_delay import LONGEST_DELAY
 from steelyard.check.hypotheses.nuisance_fit_and_score import LikelihoodScore
@@ -35,17 +34,13 @@ from steelyard.estimate.information.information import Information
 from steelyard.model.laws.friction_over_speed import Coulomb, Viscous
 from steelyard.model.laws.friction_with_memory import MaxwellSlip
 from steelyard.model.model import Model
+from steelyard.robot.file.signals import Signals
 from steelyard.runs.prepare import prepare
 from steelyard.runs.run import Run, fastest_of
 from steelyard.symbolic.native.compiled_programs import recurrence
 
 PRESLIDING_LENGTHS = (1e-3, 3e-3, 1e-2, 3e-2, 0.1)
 """Lengths over which friction may give way [rad; m]."""
-
-
-def friction_alone(reading: Reading) -> LikelihoodScore:
-    """How well friction, an offset and rotor inertia explain the efforts, without any body."""
-    return reading.scored(*reading.columns(), [reading.delay]).one(0)
 
 
 def presliding_score(reading: Reading) -> LikelihoodScore:
@@ -102,25 +97,24 @@ class RowFriction:
 
 def friction_signs(case: Case) -> tuple[Finding, ...]:
     """One finding per log whose friction drives joints; none where it takes energy, or is small."""
-    found = []
-    for log in case.logs:
-        mapped = log.recording.signals.effort_map is not None
-        drives = {} if mapped else friction_of_rows(case, log)
-        if any(d.drives for d in drives.values()):
-            found.append(replace(_friction_sign(case, log, drives), log=log.name))
-    return tuple(found)
+    plain = [log for log in case.logs if log.recording.signals.effort_map is None]
+    drives = {log: friction_of_rows(case, log) for log in plain}
+    return tuple(
+        replace(_friction_sign(case, log.recording.signals, rows), log=log.name)
+        for log, rows in drives.items()
+        if any(row.drives for row in rows.values())
+    )
 
 
-def _friction_sign(case: Case, log: CheckedLog, drives: dict[str, RowFriction]) -> Finding:
-    signals, driven = log.recording.signals, [j for j, d in drives.items() if d.drives]
-    braked = [j for j, d in drives.items() if d.brakes]
+def _friction_sign(case: Case, signals: Signals, drives: dict[str, RowFriction]) -> Finding:
+    driven = tuple(j for j, d in drives.items() if d.drives)
     worst = min((drives[j] for j in driven), key=lambda d: d.size)
     figure = (
         f"friction of {100.0 * worst.size:.0f} % of the effort (standard error "
         f"{100.0 * worst.std:.2g} %), at least {-100.0 * LEAST_NEGATIVE_FRICTION:.0f} % required"
     )
     listed = ", ".join(f"'{j}'" for j in driven)
-    if not braked and 2 * len(driven) > len(case.joints) > 1:
+    if not any(d.brakes for d in drives.values()) and 2 * len(driven) > len(case.joints) > 1:
         says = (
             "all efforts or all positions have the wrong sign: friction drives "
             f"{listed} instead of braking, and is dissipative in no joint"
@@ -128,7 +122,7 @@ def _friction_sign(case: Case, log: CheckedLog, drives: dict[str, RowFriction]) 
         edit = Edit(("signals", "effort", "gain"), [-float(g) for g in signals.gains])
         unwritten = any(signals.unknown_gains) or case.loaded.robot.transmission
         fix = Fix("change the signs of all gains", () if unwritten else (edit,))
-        return Finding.wrong(says, figure, tuple(driven), fix)
+        return Finding.wrong(says, figure, driven, fix)
     says = (
         f"effort of {listed} has the wrong sign, or the position has: friction "
         "drives instead of braking"
@@ -137,16 +131,16 @@ def _friction_sign(case: Case, log: CheckedLog, drives: dict[str, RowFriction]) 
         f"find out which of the two it is: change the sign of the gain of {listed}, or of its "
         "position (position_sign under [signals])"
     )
-    return Finding.doubtful(says, figure, tuple(driven), fix)
+    return Finding.doubtful(says, figure, driven, fix)
 
 
 def friction_of_rows(case: Case, log: CheckedLog) -> dict[str, RowFriction]:
     """What friction does in every joint that a log shows; none where it cannot be fitted."""
     try:
-        runs = clean_runs(Case(case.loaded, (log,)))
-        if not runs:
+        alone = case.only(log)
+        if not alone.runs:
             return {}
-        information = gather(base_regressor(customary_model(case)), runs[0])
+        information = alone.information
     except (SteelyardError, TypeError):
         return {}
     signs = np.sign(log.recording.signals.gains).tolist()
@@ -170,10 +164,8 @@ def _friction_of_row(
     dry, viscous = (columns.index(name) for name in names)
     if gram[-1, -1] <= 0.0 or min(gram[dry, dry], gram[viscous, viscous]) <= 0.0:
         return None
-    own = whitened_columns(gram[:-1, :-1])
-    inverse = own @ own.T
-    theta = inverse @ gram[:-1, -1]
-    left = float(gram[-1, -1] - theta @ gram[:-1, -1])
+    own, fitted, left = own_fit(gram)
+    inverse, theta = own @ own.T, own @ fitted
     effort = float(gram[-1, -1])  # without its mean
     if f"offset.{joint}" in columns:
         k = columns.index(f"offset.{joint}")
@@ -236,16 +228,14 @@ def residual_delay(case: Case) -> Finding | None:
     A log with gaps is not looked at: what filters leave beside a gap may look late.
     """
     try:
-        longest = longest_run(case)
+        longest = case.longest_run()
         if longest is None or len(longest[1].segments) > 1:
             return None
         log, run = longest[0], _fast_motion(longest[1])
-        model = customary_model(case)
-        regressor = base_regressor(model)
-        found = delays_of(regressor, run)
+        found = delays_of(case.regressor, run)
         if found.gone >= 0.5 * EXPLAINED_BY_DELAY:
-            found = replace(_renewed(regressor, run, found.delay), before=found.before)
-        if not found.sure or by_presliding(model, regressor, run) >= found.gone:
+            found = replace(_renewed(case.regressor, run, found.delay), before=found.before)
+        if not found.sure or by_presliding(case.model, case.regressor, run) >= found.gone:
             return None
     except (SteelyardError, TypeError):
         return None
@@ -284,19 +274,18 @@ def no_common_delay(case: Case, log: CheckedLog, delay: float) -> str:
     All joints must have it, and slow motion as much as fast motion.
     """
     try:
-        (run,) = clean_runs(replace(case, logs=(log,))) or (None,)
+        (run,) = case.only(log).runs or (None,)
         if run is None:
             return ""
-        regressor = base_regressor(customary_model(case))
         slowly = replace(
             log.processing,
             motion_cutoff=run.motion_cutoff,
             matched_cutoff=SLOW_BAND * run.matched_cutoff,
         )
         found = {
-            "": _renewed(regressor, _fast_motion(run), delay),
+            "": _renewed(case.regressor, _fast_motion(run), delay),
             f" below {SLOW_BAND * run.matched_cutoff:.2g} Hz": _renewed(
-                regressor, _fast_motion(prepare(log.recording, slowly)), delay
+                case.regressor, _fast_motion(prepare(log.recording, slowly)), delay
             ),
         }
     except (SteelyardError, TypeError):
@@ -372,9 +361,7 @@ def _squares(information: Information) -> Array:
     """Squares that each row's own least squares leave, and degrees of freedom, `(2, rows)`."""
     found = []
     for row in range(len(information.layout.rows)):
-        gram = information.row_gram(row)
-        own = whitened_columns(gram[:-1, :-1])
-        left = float(gram[-1, -1] - np.sum(np.square(own.T @ gram[:-1, -1])))
+        own, _, left = own_fit(information.row_gram(row))
         found.append((left, float(information.n_samples[row] - own.shape[1])))
     return np.array(found).T
 
@@ -386,3 +373,10 @@ def whitened_columns(gram: Array) -> Array:
     values, vectors = np.linalg.eigh(gram / lengths[:, None] / lengths)
     kept = values > SINGULAR_GRAM * values.max()
     return np.asarray(vectors[:, kept] / np.sqrt(values[kept]) / lengths[:, None])
+
+
+def own_fit(gram: Array) -> tuple[Array, Array, float]:
+    """Whitened columns of a row's least squares, their products with its effort, square left."""
+    own = whitened_columns(gram[:-1, :-1])
+    effort = own.T @ gram[:-1, -1]
+    return own, effort, float(gram[-1, -1] - effort @ effort)

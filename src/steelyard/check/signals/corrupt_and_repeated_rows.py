@@ -8,16 +8,11 @@ from numpy.typing import NDArray
 
 from steelyard.base.arrays import Array
 from steelyard.base.errors import LogError
-from steelyard.check.case_logs_and_checks import Case, CheckedLog, case_check, log_check
+from steelyard.check.cases_and_checks import Case, CheckedLog, case_check, log_check
 from steelyard.check.finding import Edit, Finding, Fix, Picture, Severity, Trace, percent_of
 from steelyard.check.signals.motion_units import unit_reading
-from steelyard.check.signals.time_stamps_and_scale import clock_is_irregular
-from steelyard.check.signals.usable_rows_and_derivatives import (
-    JUMP_FACTOR,
-    JUMP_ROWS,
-    SignalOverview,
-    signal_overview,
-)
+from steelyard.check.signals.time_stamps_and_scale import clock_of_log
+from steelyard.check.signals.usable_rows import JUMP_FACTOR, JUMP_ROWS, SignalOverview
 from steelyard.runs.first_pass_over_recording import MOVED
 from steelyard.runs.rows.faulty_row_detectors import LONGEST_STALE, RowVerdict
 from steelyard.runs.run import Run
@@ -31,7 +26,7 @@ BROKEN_VERDICTS = (RowVerdict.UNREADABLE, RowVerdict.ABSURD, RowVerdict.JUMP)
 @log_check("rows", "Are rows corrupt?")
 def corrupt_rows_check(case: Case, log: CheckedLog) -> Finding:
     """Cells that are missing, no numbers, or garbage; and why a log cannot be made a run."""
-    broken = signal_overview(log).broken
+    broken = log.overview.broken
     count, total = int(broken.sum()), len(broken)
     if isinstance(log.run, Run) and log.run.quality.rows > total:  # beyond the excerpt
         dropped, total = log.run.quality.dropped, log.run.quality.rows
@@ -45,8 +40,8 @@ def corrupt_rows_check(case: Case, log: CheckedLog) -> Finding:
     if isinstance(log.run, LogError):
         says += f"; as declared, the log cannot be used: {log.run.wrong}"
         # neither units, nor the clock, nor a motion that is missing explain it
-        explained = unit_reading(case, log).cheaper or clock_is_irregular(case, log)
-        if not explained and signal_overview(log).moves:
+        explained = unit_reading(case, log).cheaper or clock_of_log(case, log).severity
+        if not explained and log.overview.moves:
             severity, fix = Severity.WRONG, Fix(log.run.fix)
     if not severity and (false := _false_positions(case, log)) is not None:
         return false
@@ -89,7 +84,7 @@ MOST_NAMED_STRETCHES = 5  # stretches and jumps of a log that are named
 
 def _false_positions(case: Case, log: CheckedLog) -> Finding | None:
     """Rows lost where all moving joints jump at once, encoders that froze, and other jumps."""
-    overview = signal_overview(log)
+    overview = log.overview
     row_of = np.flatnonzero(overview.kept) + log.window[0]
     t, moving = overview.t - overview.t[:1], int(np.sum(np.ptp(overview.q, axis=0) > MOVED))
     found = [
@@ -210,7 +205,7 @@ def repeated_rows_check(case: Case) -> Iterable[Finding]:
     One finding per log that moves fast enough, another where efforts are held.
     """
     for log in case.logs:
-        for found in _repeats(log, signal_overview(log)):
+        for found in _repeats(log, log.overview):
             yield replace(found, log=log.name)
 
 
@@ -277,7 +272,6 @@ def _held_efforts(
 
 
 def _irregular(overview: SignalOverview) -> Finding | None:
-    """Rows in motion that repeat positions now and then."""
     q, step, half = overview.q, overview.resolution[overview.channels.q], REPEAT_SPAN // 2
     far = np.abs(q[REPEAT_SPAN:] - q[:-REPEAT_SPAN]) > FAR_STEPS * REPEAT_SPAN * step
     fast: NDArray[np.bool_] = np.any(far & (step > 0.0), axis=1)

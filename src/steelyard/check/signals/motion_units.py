@@ -16,12 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.base.arrays import Array
-from steelyard.check.case_logs_and_checks import Case, CheckedLog, remembered
-from steelyard.check.signals.usable_rows_and_derivatives import (
-    PositionSlopes,
-    position_slopes,
-    signal_overview,
-)
+from steelyard.check.cases_and_checks import Case, CheckedLog, remembered
+from steelyard.check.signals.usable_rows import PositionSlopes
 from steelyard.check.signals.velocity_scale_and_lag import (
     FEWEST_RATE_JOINTS,
     RATE_TOLERANCE,
@@ -139,21 +135,6 @@ class JointFacts:
         return TOO_SLOW * max(0.0, log10(SLOW_SPEED * limit / speed))
 
 
-def shared_unit_readings(facts: Sequence[JointFacts], second: float) -> tuple[JointReading, ...]:
-    """The cheapest units of joints of one kind, of which logs hardly ever mix several.
-
-    Units that differ between joints are believed only if the same ones for all would cost more
-    than a change more, or if they are declared so. Joints that rest say little: they have the
-    units of the others.
-    """
-    own = tuple(f.cheapest(second) for f in facts)
-    if _mixed(f.declared(second) for f in facts) or not _mixed(own):
-        return own
-    same = [tuple(f.like(second, joint) for f in facts) for joint in own]
-    best = min(same, key=_cost)
-    return best if _cost(best) <= _cost(own) + CHANGED_UNIT_COST else own
-
-
 def _mixed(joints: Iterable[JointReading]) -> bool:
     return len({(joint.position_unit, joint.velocity_unit) for joint in joints}) > 1
 
@@ -199,7 +180,7 @@ def logged_velocities(case: Case, checked: CheckedLog) -> tuple[tuple[str, ...],
 
     Declared ones are in SI units as declared, others as logged. `None` if there are none.
     """
-    overview, signals = signal_overview(checked), checked.recording.signals
+    overview, signals = checked.overview, checked.recording.signals
     if overview.dq is not None and signals.velocity is not None:
         return signals.velocity, overview.dq
     columns = case.guesses.get("velocity", ())
@@ -230,7 +211,7 @@ def unit_value(
 @remembered
 def unit_reading(case: Case, checked: CheckedLog) -> UnitReading:
     """The cheapest reading of a log."""
-    overview, signals = signal_overview(checked), checked.recording.signals
+    overview, signals = checked.overview, checked.recording.signals
     logged = logged_velocities(case, checked)
     rate = rate_by_velocities(signals, overview, logged)
     units = signals.time_units if rate is None else {ROW: 1.0 / rate}
@@ -243,7 +224,14 @@ def unit_reading(case: Case, checked: CheckedLog) -> UnitReading:
     for unit, second in seconds.items():
         read: dict[JointFacts, JointReading] = {}
         for group in groups:
-            read |= zip(group, shared_unit_readings(group, second / looked), strict=True)
+            own = tuple(f.cheapest(second / looked) for f in group)
+            # logs hardly ever mix units of joints of one kind: they are believed only if the same
+            # ones for all cost more than a change more, or if they are declared so
+            if _mixed(own) and not _mixed(f.declared(second / looked) for f in group):
+                same = [tuple(f.like(second / looked, joint) for f in group) for joint in own]
+                best = min(same, key=_cost)
+                own = best if _cost(best) <= _cost(own) + CHANGED_UNIT_COST else own
+            read |= zip(group, own, strict=True)
         changed = CHANGED_UNIT_COST if abs(second - 1.0) > 1e-9 else 0.0
         cost = _cost(read.values()) + changed + step_cost(overview.step * second)
         cost += _unheld_cost(read, second / looked, declared=changed == 0.0)
@@ -281,8 +269,8 @@ def _unheld_cost(
 def _facts(
     case: Case, checked: CheckedLog, looked: float, agreed: VelocityAgreement | None
 ) -> tuple[JointFacts, ...]:
-    overview, signals = signal_overview(checked), checked.recording.signals
-    slope = position_slopes(overview, looked)
+    overview, signals = checked.overview, checked.recording.signals
+    slope = overview.slopes(looked)
     v, n = slope.v, len(slope.v)
     fast = np.quantile(np.abs(v), FASTEST_SHARE, axis=1) if v.shape[1] else np.zeros(n)
     low, high = np.zeros((2, n))
@@ -327,7 +315,7 @@ def _relative(scale: float, units: Mapping[str, float]) -> dict[str, float]:
 @remembered
 def motion_in_units(case: Case, checked: CheckedLog) -> PositionSlopes:
     """Derivatives of the positions in true seconds, and which joints move."""
-    return position_slopes(signal_overview(checked), unit_reading(case, checked).second)
+    return checked.overview.slopes(unit_reading(case, checked).second)
 
 
 @remembered

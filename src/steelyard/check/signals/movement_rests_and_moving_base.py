@@ -11,14 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.base.arrays import Array, stretches
-from steelyard.check.case_logs_and_checks import Case, CheckedLog, case_check, log_check
+from steelyard.check.cases_and_checks import Case, CheckedLog, case_check, log_check
 from steelyard.check.finding import Finding, Fix, Picture, Severity, of_joints, trace
 from steelyard.check.signals.motion_units import driven_joints, motion_in_units, unit_reading
-from steelyard.check.signals.usable_rows_and_derivatives import (
-    SLOPE_ENDS,
-    signal_overview,
-    width_of,
-)
+from steelyard.check.signals.usable_rows import SLOPE_ENDS, width_of
 from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
 from steelyard.robot.init.column_names import words_of
 from steelyard.runs.spectrum_and_period import motion_band
@@ -34,7 +30,7 @@ POSITION_QUANTILE = 0.005  # positions outside these quantiles, on each side, do
 @case_check("excitation", "Which joints move?")
 def excitation_check(case: Case) -> Iterable[Finding]:
     """Joints that move, and those that hardly do, of which little can be learnt."""
-    logs = [log for log in case.logs if signal_overview(log).step > 0.0]
+    logs = [log for log in case.logs if log.overview.step > 0.0]
     motions = [_joint_motion(case, log) for log in logs]
     alone = len(motions) == 1
     for log, motion in zip(logs, motions, strict=True):
@@ -92,7 +88,7 @@ def _joint_motion(case: Case, log: CheckedLog) -> tuple[Array, NDArray[np.bool_]
     Ranges [rad; m] are in true units or, if that is more, as declared; frequencies [Hz] are 0 at
     rest.
     """
-    overview, units = signal_overview(log), unit_reading(case, log)
+    overview, units = log.overview, unit_reading(case, log)
     coordinates = case.loaded.robot.coordinates
     n = len(coordinates)
     if len(overview.q) < 2:
@@ -123,9 +119,9 @@ MOSTLY_AT_REST = 0.8  # share of the time at rest from which on a log is doubtfu
 @log_check("rests", "How much of the log is standstill?")
 def rests_check(case: Case, log: CheckedLog) -> Finding | None:
     """Time in which no joint moves: friction is anywhere in its dead zone there."""
-    if not (driven_joints(case, log).any() and signal_overview(log).moves):
+    if not (driven_joints(case, log).any() and log.overview.moves):
         return None
-    slope, clock = motion_in_units(case, log), signal_overview(log).clock
+    slope, clock = motion_in_units(case, log), log.overview.clock
     second = unit_reading(case, log).second
     speed = np.abs(slope.v[driven_joints(case, log)])
     share = speed / np.quantile(speed, 0.99, axis=1)[:, None]
@@ -177,7 +173,20 @@ def moving_base_check(case: Case, log: CheckedLog) -> Finding | None:
     base = case.loaded.base
     turns = _inertial_columns(log, TURN_WORDS)
     pulls = _inertial_columns(log, ACCELERATION_WORDS)
-    moves = [*_turning_words(log, turns), *_acceleration_words(log, pulls)]
+    moves = []
+    for column in turns:
+        unit = np.pi / 180.0 if {"deg", "dps"} & {*words_of(column)} else 1.0
+        rates = unit * _inertial_values(log, [column])[:, 0]
+        if len(rates) > 2 and rates.std() > LEAST_TURN and _is_smooth(rates):
+            moves.append(f"'{column}' varies by {rates.std():.2g} rad/s")
+    # accelerations only of all three axes together
+    if len(pulls) == 3 and len(values := _inertial_values(log, pulls)) > 2:
+        length, spread = float(np.mean(np.linalg.norm(values, axis=1))), values.std(axis=0)
+        moves += [
+            f"'{column}' varies by {100.0 * std / length:.2g} % of its mean length"
+            for column, std, x in zip(pulls, spread, values.T, strict=True)
+            if std > LEAST_PULL * length and _is_smooth(x)
+        ]
     if moves:
         says = f"base '{base}' is assumed to be at rest, but its sensor measures motion"
         return Finding.doubtful(says, ", ".join(moves), fix=FIX_BASE)
@@ -215,40 +224,11 @@ def _inertial_columns(log: CheckedLog, kinds: set[str]) -> tuple[str, ...]:
 
 
 def _inertial_values(log: CheckedLog, columns: Sequence[str]) -> Array:
-    """Rows without gaps, shape `(N, columns)`."""
     start, stop = log.window
     last = min(stop, start + BASE_ROWS)
     x = np.concatenate([*log.log.parts(columns, (start, last)), np.zeros((0, len(columns)))])
     return np.asarray(x[np.isfinite(x).all(axis=1)])
 
 
-def _turning_words(log: CheckedLog, columns: tuple[str, ...]) -> list[str]:
-    """Rates of turn that are motion, in words."""
-    clauses = []
-    for column in columns:
-        unit = np.pi / 180.0 if {"deg", "dps"} & {*words_of(column)} else 1.0
-        rates = unit * _inertial_values(log, [column])[:, 0]
-        if len(rates) > 2 and rates.std() > LEAST_TURN and _is_smooth(rates):
-            clauses.append(f"'{column}' varies by {rates.std():.2g} rad/s")
-    return clauses
-
-
-def _acceleration_words(log: CheckedLog, columns: tuple[str, ...]) -> list[str]:
-    """Accelerations that vary, in words; only of all three axes together."""
-    if len(columns) != 3:
-        return []
-    pulls = _inertial_values(log, columns)
-    if len(pulls) < 3:
-        return []
-    length = float(np.mean(np.linalg.norm(pulls, axis=1)))
-    spread = pulls.std(axis=0)
-    moving = [x for x in range(3) if spread[x] > LEAST_PULL * length and _is_smooth(pulls[:, x])]
-    return [
-        f"'{columns[x]}' varies by {100.0 * spread[x] / length:.2g} % of its mean length"
-        for x in moving
-    ]
-
-
 def _is_smooth(values: Array) -> bool:
-    """Whether values are motion rather than noise."""
     return bool(np.sqrt(np.mean(np.square(np.diff(values)))) < SMOOTH_STEP_SHARE * values.std())

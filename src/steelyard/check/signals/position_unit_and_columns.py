@@ -6,13 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from steelyard.base.arrays import Array
-from steelyard.check.case_logs_and_checks import (
-    EXCERPT_ROWS,
-    Case,
-    CheckedLog,
-    log_check,
-    remembered,
-)
+from steelyard.check.cases_and_checks import EXCERPT_ROWS, Case, CheckedLog, log_check, remembered
 from steelyard.check.finding import Edit, Finding, Fix, Picture, Severity, of_joints
 from steelyard.check.signals.motion_units import (
     SAME_SCALE,
@@ -21,12 +15,7 @@ from steelyard.check.signals.motion_units import (
     unit_reading,
     unit_value,
 )
-from steelyard.check.signals.usable_rows_and_derivatives import (
-    gaussian_slope,
-    gaussian_smoothed,
-    signal_overview,
-    with_rows,
-)
+from steelyard.check.signals.usable_rows import gaussian_slope, gaussian_smoothed
 from steelyard.check.signals.velocity_scale_and_lag import AGREEING_CORRELATION
 from steelyard.robot.file.signals import POSITION_UNITS
 from steelyard.robot.init.column_names import Column
@@ -79,7 +68,7 @@ def _misplaced_correlations(
     sign of the former counts. Zero where positions are of motors behind coupled gears, or nothing
     moves.
     """
-    overview, start = signal_overview(log), log.window[0]
+    overview, start = log.overview, log.window[0]
     none = np.zeros(len(others)), np.zeros(len(others))
     if not others or log.recording.signals.position_map is not None:
         return none
@@ -107,12 +96,12 @@ doubtful."""
 MOTOR_RANGE = 3.0  # how far outside positions of motors are at least
 
 
-@log_check("position", "Are positions in the declared unit?", logs=with_rows)
+@log_check("position", "Are positions in the declared unit?", of_rows=True)
 def position_check(case: Case, log: CheckedLog) -> Finding:
     """Whether positions are positions, their unit and side of the gears, and their limits."""
     if wrong := misplaced_velocities(case, log):
         return _misplaced(case, log, wrong)
-    low, high = np.quantile(signal_overview(log).q, [0.005, 0.995], axis=0)
+    low, high = np.quantile(log.overview.q, [0.005, 0.995], axis=0)
     ranges = list(zip(low.tolist(), high.tolist(), strict=True))
     each = np.array([[beyond_range(c, *x) for x in ranges] for c in case.loaded.robot.coordinates])
     off = np.diag(each)
@@ -232,7 +221,6 @@ def _other_unit(
 
 
 def _reasons(case: Case, log: CheckedLog, units: UnitReading, joint: int, off: Array) -> str:
-    """What speaks against the declared unit: range, speed and logged velocities."""
     v, coordinate = motion_in_units(case, log).v[joint], case.loaded.robot.coordinates[joint]
     speed = np.quantile(np.abs(v), 0.995) if len(v) else 0.0
     found = []

@@ -18,8 +18,7 @@ import numpy as np
 
 from steelyard.base.arrays import Array
 from steelyard.base.errors import SteelyardError
-from steelyard.check.case_logs_and_checks import Case, CheckedLog, case_check, remembered
-from steelyard.check.clean_runs_and_customary_model import customary_model, longest_run
+from steelyard.check.cases_and_checks import Case, CheckedLog, case_check, remembered
 from steelyard.check.finding import (
     Edit,
     Finding,
@@ -38,18 +37,14 @@ from steelyard.check.signals.motion_units import (
     driven_joints,
     unit_reading,
 )
-from steelyard.check.signals.usable_rows_and_derivatives import (
-    JITTER_LIMIT,
-    LATE_STEP,
-    signal_overview,
-)
+from steelyard.check.signals.usable_rows import JITTER_LIMIT, LATE_STEP
 from steelyard.check.signals.velocity_scale_and_lag import (
     FEWEST_RATE_JOINTS,
     MOST_OFF,
     RATE_TOLERANCE,
     UNEVEN_RATE,
 )
-from steelyard.estimate.information.base_parameters_and_regressor import Regressor, base_regressor
+from steelyard.estimate.information.base_parameters_and_regressor import Regressor
 from steelyard.estimate.information.gather import gather
 from steelyard.estimate.least_squares.weighted_robust_and_whitened import WeightedLeastSquares
 from steelyard.robot.file.signals import ROW
@@ -82,36 +77,6 @@ class Leaps:
         return self.late >= 0.5 * float(self.missing.sum())
 
 
-def _leaps(t: Array, q: Array) -> Leaps:
-    """Leaps of all joints, by increasing times `(N,)` [s] and positions `(N, n)`.
-
-    Rows that repeat all positions are left out before.
-    """
-    fresh = np.flatnonzero(np.concatenate(([True], (np.diff(q, axis=0) != 0.0).any(axis=1))))
-    if len(fresh) < 8 * STEPS_AROUND_LEAP:
-        return Leaps(np.zeros(0), 0.0, 0)
-    duration = np.diff(t[fresh])
-    velocity = np.diff(q[fresh], axis=0) / duration[:, None]
-    size = np.sqrt(np.mean(np.square(velocity), axis=0))
-    velocity = velocity[:, size > 0.0] / size[size > 0.0]
-    windows = np.lib.stride_tricks.sliding_window_view(velocity, 2 * STEPS_AROUND_LEAP + 1, axis=0)
-    around = np.median(np.delete(windows, STEPS_AROUND_LEAP, axis=2), axis=2)
-    inner = velocity[STEPS_AROUND_LEAP:-STEPS_AROUND_LEAP]
-    square = np.sum(np.square(around), axis=1)
-    factor = np.sum(inner * around, axis=1) / np.maximum(square, 1e-300)
-    left = np.linalg.norm(inner - factor[:, None] * around, axis=1)
-    moving = square > SLOW_LEAP_SHARE**2 * velocity.shape[1]
-    found = (
-        moving
-        & (factor >= LEAP_FACTOR)
-        & (left <= COMMON_LEAP_RESIDUE * np.linalg.norm(inner, axis=1))
-    )
-    slow = moving & (factor <= 1.0 / LEAP_FACTOR)
-    rows = duration[STEPS_AROUND_LEAP:-STEPS_AROUND_LEAP] / np.median(np.diff(t))
-    late = float(np.sum((1.0 - factor[slow]) * rows[slow]))
-    return Leaps(factor[found] - 1.0, late, int(np.count_nonzero(moving)))
-
-
 DOUBTFUL_GAPS, GAPS_PER_ROW = 5, 2.5e-4
 """Short gaps of a doubtful clock: so many, or three that are so frequent."""
 DOUBTFUL_LEAPS, DOUBTFUL_MISSING, MUCH_MISSING = 5, 0.005, 0.05
@@ -128,7 +93,7 @@ def clock_check(case: Case) -> Iterable[Finding]:
     One finding per log; one more if a fit shows that the clock runs fast or slow. A declared rate
     that neither velocities nor a fit confirm is open.
     """
-    found = [replace(_clock_found(case, log), log=log.name) for log in case.logs]
+    found = [replace(clock_of_log(case, log), log=log.name) for log in case.logs]
     if any(finding.severity for finding in found):
         return found
     found = [time_scale_by_velocities(case, e) or f for e, f in zip(case.logs, found, strict=True)]
@@ -146,9 +111,9 @@ def clock_check(case: Case) -> Iterable[Finding]:
     ]
 
 
-def _clock_found(case: Case, log: CheckedLog) -> Finding:
+def clock_of_log(case: Case, log: CheckedLog) -> Finding:
     """What is worst about the clock of one log."""
-    overview, units = signal_overview(log), unit_reading(case, log)
+    overview, units = log.overview, unit_reading(case, log)
     column = log.recording.signals.time
     if overview.step == 0.0:
         says = f"column '{column}' never increases: it is not a clock"
@@ -187,20 +152,42 @@ def _clock_found(case: Case, log: CheckedLog) -> Finding:
 @remembered
 def out_of_order(log: CheckedLog) -> bool:
     """Whether rows are not in the order of time, so that nothing is known of rates or motion."""
-    steps = np.diff(signal_overview(log).stamps)
+    steps = np.diff(log.overview.stamps)
     return bool(np.any(steps > 0.0) and np.count_nonzero(steps < 0.0) > BACKWARD_SHARE * len(steps))
 
 
 @remembered
 def leaping_rows(log: CheckedLog) -> Leaps | None:
-    """Leaps of all joints though stamps go on evenly; `None` if there are hardly any."""
-    overview = signal_overview(log)
+    """Leaps of all joints though stamps go on evenly; `None` if there are hardly any.
+
+    Rows that repeat all positions are left out before.
+    """
+    overview = log.overview
+    t, q = overview.t, overview.q
     if not overview.moves:
         return None
-    found = _leaps(overview.t, overview.q)
-    size = found.missing.sum()
-    often = len(found.missing) >= DOUBTFUL_LEAPS and size >= DOUBTFUL_MISSING * found.moving
-    return found if often else None
+    fresh = np.flatnonzero(np.concatenate(([True], (np.diff(q, axis=0) != 0.0).any(axis=1))))
+    if len(fresh) < 8 * STEPS_AROUND_LEAP:
+        return None
+    duration = np.diff(t[fresh])
+    velocity = np.diff(q[fresh], axis=0) / duration[:, None]
+    size = np.sqrt(np.mean(np.square(velocity), axis=0))
+    velocity = velocity[:, size > 0.0] / size[size > 0.0]
+    windows = np.lib.stride_tricks.sliding_window_view(velocity, 2 * STEPS_AROUND_LEAP + 1, axis=0)
+    around = np.median(np.delete(windows, STEPS_AROUND_LEAP, axis=2), axis=2)
+    inner = velocity[STEPS_AROUND_LEAP:-STEPS_AROUND_LEAP]
+    square = np.sum(np.square(around), axis=1)
+    factor = np.sum(inner * around, axis=1) / np.maximum(square, 1e-300)
+    left = np.linalg.norm(inner - factor[:, None] * around, axis=1)
+    moving = square > SLOW_LEAP_SHARE**2 * velocity.shape[1]
+    alike = left <= COMMON_LEAP_RESIDUE * np.linalg.norm(inner, axis=1)
+    missing = factor[moving & (factor >= LEAP_FACTOR) & alike] - 1.0
+    count = int(np.count_nonzero(moving))
+    if len(missing) < DOUBTFUL_LEAPS or missing.sum() < DOUBTFUL_MISSING * count:
+        return None
+    slow = moving & (factor <= 1.0 / LEAP_FACTOR)
+    rows = duration[STEPS_AROUND_LEAP:-STEPS_AROUND_LEAP] / np.median(np.diff(t))
+    return Leaps(missing, float(np.sum((1.0 - factor[slow]) * rows[slow])), count)
 
 
 def _leaps_found(leaps: Leaps, step: float) -> Finding:
@@ -231,7 +218,6 @@ def _leaps_found(leaps: Leaps, step: float) -> Finding:
 
 
 def _other_rate(log: CheckedLog, units: UnitReading) -> Finding:
-    """The finding on a declared rate that velocities contradict."""
     scale, declared = 1.0 / units.second, 1.0 / log.recording.signals.time_scale
     rate = float(f"{scale * declared:.6g}")
     sure = abs(scale - 1.0) > MOST_OFF
@@ -306,11 +292,6 @@ def _time(seconds: float) -> str:
     return f"{seconds:.3g} s" if seconds >= 1.0 else f"{1e3 * seconds:.3g} ms"
 
 
-def clock_is_irregular(case: Case, log: CheckedLog) -> bool:
-    """Whether the clock of a log is to blame for what goes wrong with it."""
-    return _clock_found(case, log).severity != Severity.OK
-
-
 TRIED_SCALE = 0.05  # relative scale that is tried first to both sides
 VARIANCE_FALL = 0.045  # fall of the logarithm of the variance there from which on others are tried
 TRIED_SCALES = np.log([0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 1.0, 1.05, 1.1, 1.25, 1.43, 1.67, 2.0])
@@ -331,7 +312,6 @@ class _Scaled(Run):
     factor: float = 1.0
 
     def blocks(self, size: int = BLOCK_SAMPLES) -> Iterator[Block]:
-        """The blocks of the run with the faster motion."""
         for block in super().blocks(size):
             yield replace(block, dq=self.factor * block.dq, ddq=self.factor**2 * block.ddq)
 
@@ -359,11 +339,11 @@ def time_scale(case: Case) -> tuple[Finding | None, bool]:
     if signals is None or signals.velocity is not None:
         return None, False
     try:
-        found = longest_run(case, lambda log: driven_joints(case, log).sum() >= FEWEST_RATE_JOINTS)
+        found = case.longest_run(lambda log: driven_joints(case, log).sum() >= FEWEST_RATE_JOINTS)
         if found is None:
             return None, False
         checked, run = found
-        variance = _by_scale(base_regressor(customary_model(case)), run)
+        variance = _by_scale(case.regressor, run)
         now, samples = variance(0.0)
         rise = min(variance(x)[0] for x in (TRIED_SCALE, -TRIED_SCALE)) - now
         if rise > -VARIANCE_FALL:
@@ -400,25 +380,6 @@ def time_scale(case: Case) -> tuple[Finding | None, bool]:
     return finding, False
 
 
-def _other_step(log: CheckedLog, joints: int, scale: float, spread: float, step: float) -> Finding:
-    """The finding on stamps that are many times too far apart, or too near."""
-    far, near = ("far apart", scale) if scale > 1.0 else ("near", 1.0 / scale)
-    rates = (float(f"{scale / step:.{digits}g}") for digits in (1, 2, 3))
-    rate = next((x for x in rates if abs(x * step / scale - 1.0) < spread / scale), scale / step)
-    return Finding.wrong(
-        f"velocities of all {joints} joints are {scale:.4g} times d(q)/dt: time stamps are "
-        f"{near:.3g} times too {far}: the step is {_time(step / scale)}, not {_time(step)}, "
-        "if velocities are in the declared unit",
-        f"joints differ by {100.0 * spread / scale:.1g} % (a clock: at most "
-        f"{100.0 * UNEVEN_RATE:g} %)",
-        fix=Fix(
-            f"correct the time column, or use [signals] rate = {rate:.4g} instead of it; "
-            "if the clock is right, leave velocities out"
-        ),
-        log=log.name,
-    )
-
-
 def _by_velocities(case: Case, log: CheckedLog) -> Array | None:
     """Velocities over derivatives of the reliable joints, if these are so even that a clock is."""
     units = unit_reading(case, log)
@@ -436,17 +397,31 @@ def time_scale_by_velocities(case: Case, log: CheckedLog) -> Finding | None:
     if ratio is None:
         return None
     scale, spread = float(np.mean(ratio)), float(np.ptp(ratio))
-    if abs(scale - 1.0) <= RATE_TOLERANCE:
+    off = abs(scale - 1.0)
+    if off <= RATE_TOLERANCE:
         return None
-    if abs(scale - 1.0) > MOST_OFF:
-        step = unit_reading(case, log).second * signal_overview(log).step
-        return _other_step(log, len(ratio), scale, spread, step)
-    way = "slow" if scale < 1.0 else "fast"
-    return Finding.doubtful(
-        f"velocities of all {len(ratio)} joints are {scale:.4g} times d(q)/dt: the clock runs "
-        f"{way}, or their unit is off",
-        f"{100.0 * abs(scale - 1.0):.2g} % from 1 (at most {100.0 * RATE_TOLERANCE:g} % allowed), "
-        f"joints differ by {100.0 * spread:.1g} % (a clock: at most {100.0 * UNEVEN_RATE:g} %)",
-        fix=Fix("check the log's rate, and leave velocities out if the clock is right"),
+    says = f"velocities of all {len(ratio)} joints are {scale:.4g} times d(q)/dt: "
+    even = f"(a clock: at most {100.0 * UNEVEN_RATE:g} %)"
+    if off <= MOST_OFF:
+        way = "slow" if scale < 1.0 else "fast"
+        return Finding.doubtful(
+            f"{says}the clock runs {way}, or their unit is off",
+            f"{100.0 * off:.2g} % from 1 (at most {100.0 * RATE_TOLERANCE:g} % allowed), "
+            f"joints differ by {100.0 * spread:.1g} % {even}",
+            fix=Fix("check the log's rate, and leave velocities out if the clock is right"),
+            log=log.name,
+        )
+    step = unit_reading(case, log).second * log.overview.step
+    far, near = ("far apart", scale) if scale > 1.0 else ("near", 1.0 / scale)
+    rates = (float(f"{scale / step:.{digits}g}") for digits in (1, 2, 3))
+    rate = next((x for x in rates if abs(x * step / scale - 1.0) < spread / scale), scale / step)
+    return Finding.wrong(
+        f"{says}time stamps are {near:.3g} times too {far}: the step is {_time(step / scale)}, not "
+        f"{_time(step)}, if velocities are in the declared unit",
+        f"joints differ by {100.0 * spread / scale:.1g} % {even}",
+        fix=Fix(
+            f"correct the time column, or use [signals] rate = {rate:.4g} instead of it; "
+            "if the clock is right, leave velocities out"
+        ),
         log=log.name,
     )

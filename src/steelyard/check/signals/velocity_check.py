@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.base.arrays import Array
-from steelyard.check.case_logs_and_checks import Case, CheckedLog, log_check
+from steelyard.check.cases_and_checks import Case, CheckedLog, log_check
 from steelyard.check.decision.verdict_of_log import positions_at_fault
 from steelyard.check.finding import Edit, Finding, Fix, Picture, Severity, trace
 from steelyard.check.signals.motion_units import (
@@ -21,7 +21,6 @@ from steelyard.check.signals.motion_units import (
 )
 from steelyard.check.signals.position_unit_and_columns import misplaced_velocities
 from steelyard.check.signals.time_stamps_and_scale import leaping_rows, time_scale_by_velocities
-from steelyard.check.signals.usable_rows_and_derivatives import signal_overview
 from steelyard.check.signals.velocity_scale_and_lag import VelocityAgreement, one_sided_differences
 from steelyard.robot.file.signals import VELOCITY_UNITS
 
@@ -44,7 +43,7 @@ def velocity_check(case: Case, checked: CheckedLog) -> Finding | None:
     agreed = units.agreement
     if logged is None or agreed is None or not agreed.moving.any():
         return None
-    if misplaced_velocities(case, checked) or not signal_overview(checked).moves:
+    if misplaced_velocities(case, checked) or not checked.overview.moves:
         return None
     columns, velocities = logged[0], _Velocities(case, checked, *logged, units, agreed)
     declared = checked.recording.signals.velocity is not None
@@ -99,7 +98,7 @@ class _Velocities:
         no unit's, or the derivative of no position; they lag, or are differences of a row's
         position and its neighbour's.
         """
-        overview, agreed, units = signal_overview(self.evidence), self.agreed, self.units
+        overview, agreed, units = self.evidence.overview, self.agreed, self.units
         signals, driven = self.evidence.recording.signals, driven_joints(self.case, self.evidence)
         # what is only dragged along moves too little for a scale or a lag
         reliable = agreed.reliable_joints & driven
@@ -143,7 +142,6 @@ class _Velocities:
 
     @property
     def clauses(self) -> list[str]:
-        """What is wrong, one clause each."""
         order, joints, units = self.agreed.order, self.case.joints, self.units.joints
         found = {k: np.flatnonzero(mask).tolist() for k, mask in self.faults.items()}
         declared = self.evidence.recording.signals.velocity is not None
@@ -200,7 +198,7 @@ class _Velocities:
             return f"correlation of {best:.2g} with d(q)/dt, at least 0.9 required"
         far = reliable[np.argmax(np.abs(self.units.relative[reliable] - 1.0))]
         late = reliable[np.argmax(np.abs(agreed.lag[reliable]))]
-        step = 1e3 * signal_overview(self.evidence).step * self.units.second
+        step = 1e3 * self.evidence.overview.step * self.units.second
         return (
             f"{joints[far]}: {agreed.scale[far]:.3g} times d(q)/dt ({1.0 / SAME_SCALE:.2g} to "
             f"{SAME_SCALE:g} allowed); {joints[late]}: {1e3 * agreed.lag[late]:.2f} ± "
@@ -223,9 +221,7 @@ def _picture(case: Case, agreed: VelocityAgreement, bad: NDArray[np.bool_]) -> P
     lag = np.where(agreed.reliable_joints, np.abs(agreed.lag), -1.0)
     joint = int(np.argmax(bad if bad.any() else lag))
     v, t = agreed.derivative[joint], agreed.t
-    length = len(t)
-    if length > 1:
-        length = min(length, max(2, int(VELOCITY_PICTURE_TIME / max(t[1] - t[0], 1e-9))))
+    length = min(len(t), max(2, int(VELOCITY_PICTURE_TIME / max(t[1] - t[0], 1e-9))))
     energy = np.concatenate(([0.0], np.cumsum(np.square(v))))
     start = int(np.argmax(energy[length:] - energy[: len(energy) - length]))
     at = slice(start, start + length)

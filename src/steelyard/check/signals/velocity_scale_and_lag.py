@@ -13,12 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.base.arrays import Array
-from steelyard.check.signals.usable_rows_and_derivatives import (
+from steelyard.check.signals.usable_rows import (
     SHORTEST_STRETCH,
     SignalOverview,
     gaussian_slope,
     gaussian_smoothed,
-    moving_joints,
     width_of,
 )
 from steelyard.robot.file.signals import ROW, VELOCITY_UNITS, Signals
@@ -74,7 +73,7 @@ def velocity_agreement(
     pairs = [(v, w) for v, w in pairs if v.shape[1] >= SHORTEST_STRETCH // 2]
     if not pairs:
         return None
-    move = moving_joints(overview, np.concatenate([v for v, _ in pairs], axis=1))
+    move = overview.moving(np.concatenate([v for v, _ in pairs], axis=1))
     stride = max(1, int(rate * width_of(rate)))
     coarse = [(v[:, ::stride], w[:, ::stride]) for v, w in pairs]
     order, first = _velocity_order(coarse, move, max(1, round(LONGEST_LAG * rate / stride)))

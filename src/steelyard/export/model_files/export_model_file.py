@@ -10,7 +10,7 @@ from steelyard.base.arrays import Array
 from steelyard.base.checked_arguments import checked
 from steelyard.base.errors import ModelError, OutputError
 from steelyard.base.files import whole_file
-from steelyard.check.fitted.implausible_estimates import light_links
+from steelyard.check.fitted.implausible_estimates_and_gear_side import light_links
 from steelyard.estimate.identified_model import IdentifiedModel, load_model
 from steelyard.export.model_files.edited_urdf import urdf_behind, urdf_with
 from steelyard.export.model_files.representable_content import (

@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.base.arrays import Array
-from steelyard.check.case_logs_and_checks import Case, CheckedLog, remembered
 from steelyard.runs.first_pass_over_recording import (
     FASTEST_FACTOR,
     FASTEST_SHARE,
@@ -38,6 +37,16 @@ LEAST_ROWS, SHORTEST_STRETCH = 10, 50
 JUMP_ROWS, JUMP_FACTOR = 10, 10.0
 """A position jumps if it changes by so many times more than between so many rows before and behind,
 and than in the fastest of rows."""
+
+
+@dataclass(frozen=True, eq=False)
+class PositionSlopes:
+    """Derivatives of the positions in all stretches together."""
+
+    t: Array  # time, shape `(N,)` [s as declared]
+    v: Array  # derivatives, shape `(n, N)` [declared unit per true second]
+    rate: float  # [Hz]
+    moving: NDArray[np.bool_]  # joints that move enough to say anything about, shape `(n,)`
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,11 +162,30 @@ class SignalOverview:
         even = [uniform(second * self.clock[s], values[s].T, rate) for s in self.stretches]
         return tuple(x for x in even if x.shape[1] >= SHORTEST_STRETCH), rate
 
+    def slopes(self, second: float = 1.0) -> PositionSlopes:
+        """Derivatives of the positions, and which joints move."""
+        even, rate = self.even(np.column_stack((self.t, self.q)), second)
+        half = len(_bell(rate)) // 2
+        pieces = [(x[0, half : x.shape[1] - half], gaussian_slope(x[1:], rate)) for x in even]
+        pieces = [(t, v) for t, v in pieces if v.shape[1]]
+        n = self.channels.joints
+        t = np.concatenate([np.zeros(0), *(t for t, _ in pieces)])
+        v = np.concatenate([np.zeros((n, 0)), *(v for _, v in pieces)], axis=1)
+        return PositionSlopes(t, v, rate, self.moving(v))
 
-@remembered
-def signal_overview(log: CheckedLog) -> SignalOverview:
-    """The good rows of a log's excerpt: readable, in order of time, without garbage."""
-    (t, x), channels = log.rows, log.channels
+    def moving(self, v: Array) -> NDArray[np.bool_]:
+        """Joints that move enough to say anything about, by derivatives `(n, any)`; `(n,)`."""
+        if v.shape[1] == 0:
+            return np.zeros(len(v), dtype=np.bool_)
+        speed = np.sqrt(np.square(v).mean(axis=1))
+        steps = RANGE_STEPS * self.resolution[self.channels.q]
+        spread = np.ptp(self.q, axis=0)
+        far = (spread > 0.0) & (spread >= np.maximum(steps, RANGE_NOISE * noise_of(self.q)))
+        return np.asarray(far & (speed >= STILL_SHARE * speed.max()))
+
+
+def good_rows(t: Array, x: Array, channels: Channels) -> SignalOverview:
+    """The rows `(R,)`, `(R, C)` of a log that are readable, in order of time, and no garbage."""
     empty = np.isnan(x).all(axis=1)  # of other topics, or of none at all
     empty &= not empty.all()
     readable = np.isfinite(t) & ~empty
@@ -193,11 +221,6 @@ def _rough(t: Array, q: Array) -> float:
     speed = np.diff(q, axis=0) / np.diff(t)[:, None]
     size = float(np.abs(speed).mean())
     return float(np.abs(np.diff(speed, axis=0)).mean()) / size if size > 0.0 else 0.0
-
-
-def with_rows(case: Case) -> tuple[CheckedLog, ...]:
-    """The logs that have enough good rows to say anything of single signals."""
-    return tuple(e for e in case.logs if len(signal_overview(e).t) >= LEAST_ROWS)
 
 
 SLOPE_WIDTH = 0.02  # standard deviation of the low-pass [s]: half the power is gone at 6.6 Hz
@@ -246,36 +269,3 @@ def _convolved(x: Array, kernel: Array) -> Array:
     if x.shape[1] < len(kernel):
         return np.zeros((len(x), 0))
     return np.stack([np.convolve(row, kernel, "valid") for row in x])
-
-
-@dataclass(frozen=True, eq=False)
-class PositionSlopes:
-    """Derivatives of the positions in all stretches together."""
-
-    t: Array  # time, shape `(N,)` [s as declared]
-    v: Array  # derivatives, shape `(n, N)` [declared unit per true second]
-    rate: float  # [Hz]
-    moving: NDArray[np.bool_]  # joints that move enough to say anything about, shape `(n,)`
-
-
-def position_slopes(overview: SignalOverview, second: float = 1.0) -> PositionSlopes:
-    """Derivatives of the positions, and which joints move."""
-    even, rate = overview.even(np.column_stack((overview.t, overview.q)), second)
-    half = len(_bell(rate)) // 2
-    pieces = [(x[0, half : x.shape[1] - half], gaussian_slope(x[1:], rate)) for x in even]
-    pieces = [(t, v) for t, v in pieces if v.shape[1]]
-    n = overview.channels.joints
-    t = np.concatenate([np.zeros(0), *(t for t, _ in pieces)])
-    v = np.concatenate([np.zeros((n, 0)), *(v for _, v in pieces)], axis=1)
-    return PositionSlopes(t, v, rate, moving_joints(overview, v))
-
-
-def moving_joints(overview: SignalOverview, v: Array) -> NDArray[np.bool_]:
-    """Joints that move enough to say anything about, by their derivatives `(n, any)`; `(n,)`."""
-    if v.shape[1] == 0:
-        return np.zeros(len(v), dtype=np.bool_)
-    speed = np.sqrt(np.square(v).mean(axis=1))
-    steps = RANGE_STEPS * overview.resolution[overview.channels.q]
-    spread = np.ptp(overview.q, axis=0)
-    far = (spread > 0.0) & (spread >= np.maximum(steps, RANGE_NOISE * noise_of(overview.q)))
-    return np.asarray(far & (speed >= STILL_SHARE * speed.max()))

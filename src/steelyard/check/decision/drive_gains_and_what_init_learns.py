@@ -1,4 +1,4 @@
-r"""Drive gains by the controller's own targets, and what is advised where a gain may be wrong.
+r"""Drive gains by the controller's own targets, advice on gains, and what `init` learns from logs.
 
 A controller that turns torques into currents has gains for it. In motion its target current also
 compensates friction, which is any function of speed here, and accelerates rotors:
@@ -17,21 +17,35 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.base.arrays import Array
-from steelyard.base.errors import DataError, SteelyardError
-from steelyard.check.case_logs_and_checks import Case, CheckedLog, remembered
-from steelyard.check.clean_runs_and_customary_model import clean_runs, customary_model
+from steelyard.base.errors import DataError, LogError, SteelyardError
+from steelyard.check.cases_and_checks import Case, CheckedLog, remembered
 from steelyard.check.finding import Edit, Finding, Fix, Severity
-from steelyard.check.hypotheses.log_excerpt import excerpt_of
+from steelyard.check.hypotheses.log_excerpt import Excerpt, excerpt_of
 from steelyard.check.hypotheses.nuisance_fit_and_score import REST_SPEED
 from steelyard.check.hypotheses.readings_and_likelihood import Hypothesis
 from steelyard.check.hypotheses.signs_and_delay_by_friction import NO_DELAY_ADVICE
-from steelyard.estimate.friction.friction_mixes_and_curves import with_any_speed
+from steelyard.estimate.friction.friction_mixes_and_curves import (
+    joint_motions,
+    lacking,
+    with_any_speed,
+)
 from steelyard.estimate.information.base_parameters_and_regressor import base_regressor
 from steelyard.estimate.information.gather import gather
 from steelyard.estimate.payload.drive_gains import identified_gains
+from steelyard.logs.formats import open_log
+from steelyard.model.laws.laws_without_friction import RigidBody
+from steelyard.model.model import Model
+from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
 from steelyard.robot.file.sections import Gain
+from steelyard.robot.file.signals import Signals, expanded
+from steelyard.robot.file.signals_from_tables import build_signals
 from steelyard.robot.init.column_names import Column, by_number
-from steelyard.robot.init.guess_efforts_and_gears import stated_current
+from steelyard.robot.init.draft_tables import Known, needs_gains
+from steelyard.robot.init.guess_columns import Guess
+from steelyard.robot.init.guess_efforts_and_gears import Gears, stated_current
+from steelyard.robot.robot import Coordinate, Transmission
+from steelyard.runs.processing_choices import Processing
+from steelyard.runs.runs_of_named_logs import LogArgument, recording_of
 
 TARGET_WORDS = frozenset("des desired target ref reference cmd command commanded setpoint".split())
 TORQUE_WORDS = frozenset("tau torque torques moment moments".split())
@@ -277,10 +291,10 @@ def gains_left(case: Case) -> tuple[Finding, ...]:
     unknown = tuple(joint for joint, _, left in pairs if left)
     known = {joint: float(gain) for joint, gain, left in pairs if not left}
     try:
-        model, runs = with_any_speed(customary_model(case)), clean_runs(case)
-        if runs:
+        model = with_any_speed(case.model)
+        if case.runs:
             regressor = base_regressor(model)
-            identified_gains(model, [gather(regressor, run) for run in runs], known=known)
+            identified_gains(model, [gather(regressor, run) for run in case.runs], known=known)
     except DataError as error:
         says = f"the gains are not identifiable from these logs alone: {error.wrong}"
         figure = f"{len(unknown)} of {len(pairs)} gains to be identified"
@@ -337,3 +351,89 @@ def gains_of_controller(case: Case) -> tuple[Finding, ...]:
         (Edit(("signals", "effort", "gain"), entries),),
     )
     return (Finding.of(severity, says, figure, tuple(case.joints[j] for j in joints), fix),)
+
+
+def refuse_other_columns(
+    logs: Sequence[LogArgument], guess: Guess, moving: Sequence[Coordinate]
+) -> None:
+    """Raise `LogError` where a log lacks columns of the first."""
+    section = guess.section
+    listed = [section.position, section.velocity or (), section.effort.columns]
+    each = [expanded(names, moving) if isinstance(names, str) else names for names in listed]
+    for log in logs[1:]:
+        columns = open_log(log.path).columns
+        if missing := [name for names in each for name in names if name not in columns]:
+            raise LogError(
+                f"the log lacks columns of the first log: {', '.join(missing)}",
+                where=str(log.path),
+                fix=f"give logs with the columns of {logs[0].path}, and one robot file per layout",
+            )
+
+
+def known_from_logs(
+    loaded: LoadedRobot,
+    moving: Sequence[Coordinate],
+    logs: Sequence[LogArgument],
+    guess: Guess,
+    gears: Gears | None,
+) -> Known:
+    """Gains from the controller's own targets, and whether friction laws can be chosen."""
+    if guess.motor_side and gears is None:
+        return Known(friction="the gear ratios are unknown")
+    signals = _signals(guess, moving, gears)
+    checked = [CheckedLog(recording_of(log, signals), Processing(), log.text) for log in logs]
+    excerpts = [x for e in checked if (x := excerpt_of(e.recording, e.processing)) is not None]
+    auto, friction = _friction(excerpts, signals, moving)
+    found = gains_of_logs(checked, len(moving)) if needs_gains(guess) else None
+    if found is None:
+        robot, reference = loaded.robot, 0
+        nominal = Model(robot, (RigidBody(),)).prior if needs_gains(guess) and excerpts else None
+        if nominal is not None:  # the joint whose nominal gravity effort varies most
+            q = np.zeros((sum(len(x.t) for x in excerpts), robot.n))
+            places = [robot.joint_names.index(c.name) for c in moving]
+            q[:, places] = np.concatenate([_joints(x.z, signals) for x in excerpts], axis=1).T
+            reference = int(np.argmax(nominal.gravity(q)[:, places].std(axis=0)))
+        return Known(reference=reference, auto=auto, friction=friction)
+    source = (
+        f"the controller's target torque over its target current ({found.columns[0]} over "
+        f"{found.columns[1]}, ..., friction fitted beside it; 95 %): "
+        f"{found.words([c.name for c in moving])}"
+    )
+    return Known(gains=tuple(found.entries), gains_source=source, auto=auto, friction=friction)
+
+
+def _signals(guess: Guess, moving: Sequence[Coordinate], gears: Gears | None) -> Signals:
+    """The guessed signals; gains of currents are left to be identified."""
+    section = guess.section
+    if needs_gains(guess):
+        effort = section.effort.model_copy(update={"gain": "identify"})
+        section = section.model_copy(update={"effort": effort})
+    transmission = None
+    if gears is not None:
+        matrix = np.diag(gears.ratios)
+        for motor, joint, ratio in gears.coupling:
+            matrix[motor, joint] += ratio
+        names = tuple(f"motor_{k + 1}" for k in range(len(moving)))
+        transmission = Transmission(names, matrix)
+    return build_signals(section, moving, lambda *key: "the log's columns as guessed", transmission)
+
+
+def _friction(
+    excerpts: Sequence[Excerpt], signals: Signals, moving: Sequence[Coordinate]
+) -> tuple[bool, str]:
+    if not excerpts:
+        return False, "no motion could be read"
+    logs = [(_joints(x.dz, signals), x.stretch, 1.0 / x.rate) for x in excerpts]
+    motions = joint_motions(logs)
+    missing = lacking(motions, moving)
+    if missing:
+        more = f", and so on for {len(missing) - 1} more" if len(missing) > 1 else ""
+        return False, missing[0] + more
+    fewest = min(motion.reversals for motion in motions)
+    return True, f"every joint reverses, {fewest} times or more, and moves at several speeds"
+
+
+def _joints(columns: Array, signals: Signals) -> Array:
+    """Position columns as logged, or their derivatives, as the joints', shape `(n, B)`."""
+    scaled = signals.position_scale[:, None] * columns
+    return scaled if signals.position_map is None else np.asarray(signals.position_map @ scaled)
