@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from oracles import body_positions, pinocchio_model
 from steelyard.base.arrays import Array
-from steelyard.excite.constraints.motion_limits import MotionLimits, motion_limits
+from steelyard.excite.constraints.constraint_and_limits import MotionLimits, motion_limits
 from steelyard.excite.planned.fastest_moves_and_tours import (
     ProcessMotion,
     ToolGuidance,

@@ -36,7 +36,7 @@ from steelyard.excite.page.design_text import design_headline, design_level
 from steelyard.excite.search.feasibility import refuse_impossible
 from steelyard.excite.search.repair_until_proven import finished
 from steelyard.excite.search.search_methods import search_by_gradient, seeded
-from steelyard.excite.trajectories.exact_slowed_and_chained_trajectories import ExactTrajectory
+from steelyard.excite.trajectories.exact_trajectories import ExactTrajectory
 from steelyard.model.model import model_with_open_friction
 from steelyard.robot.file.robot_file import load_robot
 

@@ -24,7 +24,7 @@ from steelyard.estimate.least_squares.weighted_robust_and_whitened import Weight
 from steelyard.excite.earlier_model import Earlier
 from steelyard.excite.search.parallel_search import SearchBudget
 from steelyard.excite.searched_or_planned_motion import design
-from steelyard.excite.trajectories.exact_slowed_and_chained_trajectories import ExactTrajectory
+from steelyard.excite.trajectories.exact_trajectories import ExactTrajectory
 from steelyard.excite.trajectories.fourier import random_fourier
 from steelyard.logs.formats import open_log
 from steelyard.model.model import model_with_open_friction

@@ -23,7 +23,7 @@ from steelyard.estimate.least_squares.weighted_robust_and_whitened import Weight
 from steelyard.excite.design_problem_from_tables import build
 from steelyard.excite.search.feasibility import nearest_free
 from steelyard.excite.search.repair_until_proven import finished
-from steelyard.excite.trajectories.exact_slowed_and_chained_trajectories import ExactTrajectory
+from steelyard.excite.trajectories.exact_trajectories import ExactTrajectory
 from steelyard.excite.trajectories.motion_families import blended_fourier
 from steelyard.excite.trajectories.trajectory_files import read_motion
 from steelyard.logs.formats import open_log

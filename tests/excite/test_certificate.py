@@ -11,12 +11,10 @@ from invented import dh_arm
 from steelyard.base.arrays import Array
 from steelyard.excite.constraints.bounds_in_time_and_effort_limits import power_limit, torque_limit
 from steelyard.excite.constraints.certificate import certify, trajectory_hash
-from steelyard.excite.constraints.constraint import Constraint, Margins
-from steelyard.excite.constraints.motion_limits import MotionLimits
+from steelyard.excite.constraints.constraint_and_limits import Constraint, Margins, MotionLimits
 from steelyard.excite.constraints.tool_workspace import Marker, tool_box
-from steelyard.excite.trajectories.exact_slowed_and_chained_trajectories import ExactTrajectory
+from steelyard.excite.trajectories.exact_trajectories import ExactTrajectory, PiecewiseMotion
 from steelyard.excite.trajectories.fourier import FourierMotion
-from steelyard.excite.trajectories.piecewise_polynomials import PiecewiseMotion
 from steelyard.model.laws.laws_without_friction import RigidBody
 from steelyard.model.model import Model
 

@@ -8,10 +8,18 @@ import pytest
 
 from excite.colliding import joint, link, panda, snake, ur10, urdf, waves, written
 from steelyard.excite.collision.clearance import Clearance, self_clearance
-from steelyard.excite.collision.convex_solids_and_mesh_files import Ball, Box, Capsule, Cylinder
-from steelyard.excite.collision.shape_kinematics import obstacle, placed, rates, wall
+from steelyard.excite.collision.solids_and_shapes import (
+    Ball,
+    Box,
+    Capsule,
+    Cylinder,
+    obstacle,
+    placed,
+    rates,
+    wall,
+)
+from steelyard.excite.trajectories.exact_trajectories import SampledMotion
 from steelyard.excite.trajectories.fourier import FourierMotion
-from steelyard.excite.trajectories.piecewise_polynomials import SampledMotion
 from steelyard.robot.file.robot_file import LoadedRobot, load_robot
 
 SAMPLES = 1001

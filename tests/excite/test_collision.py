@@ -12,16 +12,20 @@ import pytest
 from excite.colliding import distances, joint, link, panda, postures, snake, ur10, urdf, written
 from steelyard.base.errors import ModelError
 from steelyard.excite.collision.clearance import Clearance, self_clearance
-from steelyard.excite.collision.convex_solids_and_mesh_files import (
+from steelyard.excite.collision.robot_and_cell_shapes_from_files import world_shapes
+from steelyard.excite.collision.solids_and_shapes import (
     Ball,
     Box,
     Capsule,
     Cylinder,
     Ellipsoid,
     Hull,
+    Shape,
+    obstacle,
+    placed,
+    rates,
+    wall,
 )
-from steelyard.excite.collision.robot_and_cell_shapes_from_files import world_shapes
-from steelyard.excite.collision.shape_kinematics import Shape, obstacle, placed, rates, wall
 from steelyard.robot.file.robot_file import LoadedRobot, load_robot
 
 TURNED = [[0.36, 0.48, -0.8], [-0.8, 0.6, 0.0], [0.48, 0.64, 0.6]]

@@ -13,7 +13,7 @@ from excite.interpreters import Follower, URController, moments
 from steelyard.base.errors import OutputError
 from steelyard.excite.controller_file_formats import PEANO_BOUND
 from steelyard.excite.excite import exported
-from steelyard.excite.trajectories.exact_slowed_and_chained_trajectories import ExactTrajectory
+from steelyard.excite.trajectories.exact_trajectories import ExactTrajectory
 from steelyard.excite.trajectories.fourier import random_fourier
 
 

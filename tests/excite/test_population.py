@@ -12,7 +12,7 @@ from designing import FAMILIES, box, problem, random_starts, torques
 from steelyard.base.arrays import Array
 from steelyard.base.errors import DataError, PackageError
 from steelyard.base.progress import Stopped
-from steelyard.excite.constraints.constraint import Constraint
+from steelyard.excite.constraints.constraint_and_limits import Constraint
 from steelyard.excite.design_problem_and_information import Problem
 from steelyard.excite.search.search_methods import (
     NOTHING_SHOWN_COST,

@@ -7,7 +7,7 @@ from invented import dh_arm, single, tree
 from steelyard.base.arrays import Array
 from steelyard.base.errors import DataError
 from steelyard.excite.collision.workspace_from_tables import up_of
-from steelyard.excite.constraints.motion_limits import MotionLimits
+from steelyard.excite.constraints.constraint_and_limits import MotionLimits
 from steelyard.excite.planned.fastest_moves_and_tours import (
     STRAIGHTNESS,
     ProcessMotion,

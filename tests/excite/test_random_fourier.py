@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from steelyard.excite.constraints.motion_limits import MotionLimits, motion_limits
+from steelyard.excite.constraints.constraint_and_limits import MotionLimits, motion_limits
 from steelyard.excite.trajectories.fourier import random_fourier
 from steelyard.robot.robot import Body, Coordinate, Limits, Robot
 

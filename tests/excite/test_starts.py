@@ -8,7 +8,7 @@ import pytest
 from designing import END, FAMILIES, MIDDLE, START, box, limits, problem, random_starts, torques
 from steelyard.base.arrays import Array
 from steelyard.base.errors import DataError
-from steelyard.excite.constraints.constraint import Constraint, Margins
+from steelyard.excite.constraints.constraint_and_limits import Constraint, Margins
 from steelyard.excite.search.feasibility import (
     POSTURE_ATTEMPTS,
     nearest_free,
@@ -16,7 +16,7 @@ from steelyard.excite.search.feasibility import (
     standing,
     widened,
 )
-from steelyard.excite.trajectories.exact_slowed_and_chained_trajectories import ExactTrajectory
+from steelyard.excite.trajectories.exact_trajectories import ExactTrajectory
 
 CONSTRAINTS: dict[str, list[Constraint]] = {
     "none": [],

@@ -9,7 +9,7 @@ from invented import dh_arm, measured, tree
 from oracles import pinocchio_model
 from steelyard.base.arrays import Array
 from steelyard.base.errors import ModelError
-from steelyard.excite.constraints.constraint import Constraint
+from steelyard.excite.constraints.constraint_and_limits import Constraint
 from steelyard.excite.constraints.tool_workspace import (
     MARKER_TOLERANCE,
     Marker,

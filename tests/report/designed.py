@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from steelyard.excite.constraints.certificate import certify
-from steelyard.excite.constraints.motion_limits import motion_limits
+from steelyard.excite.constraints.constraint_and_limits import motion_limits
 from steelyard.excite.constraints.tool_workspace import Marker, tool_box
 from steelyard.excite.design_problem_and_information import Case, InformationEvaluator
 from steelyard.excite.optimality_criteria import CRITERIA, Measure

@@ -15,7 +15,7 @@ import numpy as np
 from steelyard.base.arrays import Array
 from steelyard.base.errors import OutputError
 from steelyard.base.files import csv_text
-from steelyard.excite.trajectories.exact_slowed_and_chained_trajectories import ExactTrajectory
+from steelyard.excite.trajectories.exact_trajectories import ExactTrajectory
 from steelyard.robot.robot import Robot
 
 MOST_POINTS = 2_000_000  # rows or commands that a file may hold

@@ -21,8 +21,7 @@ import numpy as np
 
 from steelyard.base.arrays import Array
 from steelyard.estimate.information.base_parameters_and_regressor import BaseMap, clear_map
-from steelyard.excite.constraints.constraint import Constraint
-from steelyard.excite.constraints.motion_limits import MotionLimits
+from steelyard.excite.constraints.constraint_and_limits import Constraint, MotionLimits
 from steelyard.excite.optimality_criteria import Criterion, DOptimal, Measure, worst, worst_value
 from steelyard.excite.search.margins_barrier_and_newton import InequalityConstraints
 from steelyard.excite.trajectories.motion_families import Basis

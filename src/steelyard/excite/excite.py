@@ -23,7 +23,7 @@ from steelyard.base.progress import DESIGN_BUDGET_S, Progress, silent
 from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.excite.collision.workspace_from_tables import WALL_RESERVE
 from steelyard.excite.constraints.certificate import COVERS
-from steelyard.excite.constraints.constraint import Gap
+from steelyard.excite.constraints.constraint_and_limits import Gap
 from steelyard.excite.controller_file_formats import (
     csv_of,
     even_times,
@@ -40,9 +40,8 @@ from steelyard.excite.page.design_page import render_design
 from steelyard.excite.page.design_text import DesignContent, design_headline, print_design, scopes
 from steelyard.excite.search.parallel_search import SearchBudget
 from steelyard.excite.searched_or_planned_motion import Designed, design, refuse_other_kind
-from steelyard.excite.trajectories.exact_slowed_and_chained_trajectories import ExactTrajectory
+from steelyard.excite.trajectories.exact_trajectories import ExactTrajectory, through_postures
 from steelyard.excite.trajectories.motion_families import FAMILIES, basis_of
-from steelyard.excite.trajectories.piecewise_polynomials import through_postures
 from steelyard.excite.trajectories.trajectory_files import read_motion, write_motion
 from steelyard.model.model import Model, model_with_open_friction, with_friction
 from steelyard.report.result import Result

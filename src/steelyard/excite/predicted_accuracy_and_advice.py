@@ -9,7 +9,7 @@ import numpy as np
 from steelyard.base.arrays import Array
 from steelyard.base.errors import DataError
 from steelyard.base.motion import Trajectory
-from steelyard.excite.constraints.motion_limits import MotionLimits
+from steelyard.excite.constraints.constraint_and_limits import MotionLimits
 from steelyard.excite.design_problem_and_information import Case, jumping
 from steelyard.excite.optimality_criteria import CRITERIA, worst_value
 from steelyard.excite.planned.plans_from_tables import friction_sweeps, static_postures

@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 
 from steelyard.base.arrays import Array, frozen, set_fields
 from steelyard.base.errors import ModelError
-from steelyard.excite.collision.convex_solids_and_mesh_files import height
 from steelyard.excite.collision.pairs_to_keep_apart import (
     Pair,
     candidate_pairs,
@@ -25,11 +24,18 @@ from steelyard.excite.collision.pairs_to_keep_apart import (
     separable,
 )
 from steelyard.excite.collision.robot_and_cell_shapes_from_files import robot_shapes
-from steelyard.excite.collision.shape_kinematics import Poses, Shape, ShapeKinematics, rates, sides
 from steelyard.excite.collision.shapes_given_or_assumed import reach
+from steelyard.excite.collision.solids_and_shapes import (
+    Poses,
+    Shape,
+    ShapeKinematics,
+    height,
+    rates,
+    sides,
+)
 from steelyard.excite.constraints.bounds_in_time_and_effort_limits import cut, goals
-from steelyard.excite.constraints.constraint import PROOF_BY_BOUNDS, Constraint, Margins
-from steelyard.excite.trajectories.exact_slowed_and_chained_trajectories import ExactTrajectory
+from steelyard.excite.constraints.constraint_and_limits import PROOF_BY_BOUNDS, Constraint, Margins
+from steelyard.excite.trajectories.exact_trajectories import ExactTrajectory
 from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
 from steelyard.robot.robot import Robot
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from steelyard.base.arrays import Array
 from steelyard.base.errors import ModelError
-from steelyard.excite.collision.convex_solids_and_mesh_files import (
+from steelyard.excite.collision.solids_and_shapes import (
     WITHOUT_MESH_ADVICE,
     Ball,
     Box,
@@ -19,9 +19,11 @@ from steelyard.excite.collision.convex_solids_and_mesh_files import (
     Ellipsoid,
     HalfSpace,
     Hull,
+    Shape,
     Solid,
+    obstacle,
+    placed,
 )
-from steelyard.excite.collision.shape_kinematics import Shape, obstacle, placed
 from steelyard.robot.models.mjcf import Compiled, compiled
 from steelyard.robot.robot import Frame
 

@@ -12,10 +12,16 @@ import numpy as np
 
 from steelyard.base.arrays import Array
 from steelyard.base.errors import ModelError
-from steelyard.excite.collision.convex_solids_and_mesh_files import Ball, Capsule
 from steelyard.excite.collision.robot_and_cell_shapes_from_files import check_links, readable_shapes
-from steelyard.excite.collision.shape_kinematics import Origin, Shape, axes_along, placed
-from steelyard.excite.constraints.constraint import Declined, Gap
+from steelyard.excite.collision.solids_and_shapes import (
+    Ball,
+    Capsule,
+    Origin,
+    Shape,
+    axes_along,
+    placed,
+)
+from steelyard.excite.constraints.constraint_and_limits import Declined, Gap
 from steelyard.excite.constraints.tool_workspace import Marker
 from steelyard.model.equations.frame_and_point_kinematics import frame_of, last_frame
 from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot, read_mechanism

@@ -8,12 +8,11 @@ import numpy as np
 from steelyard.base.arrays import Array, by_key
 from steelyard.base.errors import ModelError
 from steelyard.excite.collision.clearance import CLEARANCE_ROOM, Clearance
-from steelyard.excite.collision.convex_solids_and_mesh_files import Box
 from steelyard.excite.collision.pairs_to_keep_apart import Pair, random_postures
 from steelyard.excite.collision.robot_and_cell_shapes_from_files import world_shapes
-from steelyard.excite.collision.shape_kinematics import Shape, obstacle, wall
 from steelyard.excite.collision.shapes_given_or_assumed import WholeRobot, load_balls, whole_robot
-from steelyard.excite.constraints.constraint import Constraint, Gap
+from steelyard.excite.collision.solids_and_shapes import Box, Shape, obstacle, wall
+from steelyard.excite.constraints.constraint_and_limits import Constraint, Gap
 from steelyard.excite.constraints.tool_workspace import (
     Marker,
     checked_boxes,

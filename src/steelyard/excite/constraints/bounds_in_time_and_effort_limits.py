@@ -24,8 +24,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from steelyard.base.arrays import Array, Parameters, frozen, set_fields
 from steelyard.base.errors import ModelError
-from steelyard.excite.constraints.constraint import Constraint, Margins
-from steelyard.excite.trajectories.exact_slowed_and_chained_trajectories import ExactTrajectory
+from steelyard.excite.constraints.constraint_and_limits import Constraint, Margins
+from steelyard.excite.trajectories.exact_trajectories import ExactTrajectory
 from steelyard.model.equations.effort_range_over_friction_signs import EffortBounds, effort_bounds
 from steelyard.model.equations.frame_and_point_kinematics import frame_of, refuse_fixed
 from steelyard.model.equations.inverse_dynamics import JointState, Scalar

@@ -11,9 +11,14 @@ import numpy as np
 
 from steelyard.base.arrays import Array, finite_json, records
 from steelyard.base.files import write_json
-from steelyard.excite.constraints.constraint import PROOF_SAMPLES, Constraint, Declined, Gap
-from steelyard.excite.constraints.motion_limits import MotionLimits
-from steelyard.excite.trajectories.exact_slowed_and_chained_trajectories import (
+from steelyard.excite.constraints.constraint_and_limits import (
+    PROOF_SAMPLES,
+    Constraint,
+    Declined,
+    Gap,
+    MotionLimits,
+)
+from steelyard.excite.trajectories.exact_trajectories import (
     ORDERS,
     ExactTrajectory,
 )

@@ -14,10 +14,10 @@ from numpy.typing import ArrayLike
 
 from steelyard.base.arrays import Array, frozen, set_fields
 from steelyard.base.errors import ModelError
-from steelyard.excite.collision.shape_kinematics import point_rates
+from steelyard.excite.collision.solids_and_shapes import point_rates
 from steelyard.excite.constraints.bounds_in_time_and_effort_limits import Stretches, proven_minimum
-from steelyard.excite.constraints.constraint import Constraint, Margins
-from steelyard.excite.trajectories.exact_slowed_and_chained_trajectories import ExactTrajectory
+from steelyard.excite.constraints.constraint_and_limits import Constraint, Margins
+from steelyard.excite.trajectories.exact_trajectories import ExactTrajectory
 from steelyard.model.equations.frame_and_point_kinematics import (
     Points,
     frame_of,

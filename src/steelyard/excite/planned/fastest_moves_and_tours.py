@@ -14,9 +14,9 @@ import numpy as np
 
 from steelyard.base.arrays import Array, frozen
 from steelyard.base.errors import DataError
-from steelyard.excite.collision.shape_kinematics import axes_along
+from steelyard.excite.collision.solids_and_shapes import axes_along
 from steelyard.excite.constraints.bounds_in_time_and_effort_limits import Stretches, proven_minimum
-from steelyard.excite.constraints.motion_limits import MotionLimits
+from steelyard.excite.constraints.constraint_and_limits import MotionLimits
 from steelyard.excite.constraints.tool_workspace import paths
 from steelyard.excite.planned.followed_lines_and_reachability import (
     Followed,
@@ -27,11 +27,13 @@ from steelyard.excite.planned.followed_lines_and_reachability import (
     unfollowable_error,
 )
 from steelyard.excite.planned.inverse_kinematics import Attitude, InverseKinematics, within
-from steelyard.excite.trajectories.exact_slowed_and_chained_trajectories import (
+from steelyard.excite.trajectories.exact_trajectories import (
     ORDERS,
+    SMOOTH,
     ExactTrajectory,
+    PiecewiseMotion,
+    from_scipy,
 )
-from steelyard.excite.trajectories.piecewise_polynomials import SMOOTH, PiecewiseMotion, from_scipy
 from steelyard.model.equations.frame_and_point_kinematics import (
     FrameKinematics,
     frame_kinematics,

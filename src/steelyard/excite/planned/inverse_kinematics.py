@@ -19,8 +19,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from steelyard.base.arrays import Array, frozen
-from steelyard.excite.collision.shape_kinematics import axes_along
-from steelyard.excite.constraints.motion_limits import MotionLimits
+from steelyard.excite.collision.solids_and_shapes import axes_along
+from steelyard.excite.constraints.constraint_and_limits import MotionLimits
 from steelyard.model.equations.frame_and_point_kinematics import (
     frame_kinematics,
     refuse_fixed,

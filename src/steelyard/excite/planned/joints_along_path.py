@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 
 from steelyard.base.arrays import Array, frozen
 from steelyard.base.errors import DataError
-from steelyard.excite.constraints.motion_limits import MotionLimits
+from steelyard.excite.constraints.constraint_and_limits import MotionLimits
 from steelyard.excite.planned.followed_lines_and_reachability import UnfollowableWay
 from steelyard.excite.planned.inverse_kinematics import (
     Attitude,
@@ -24,7 +24,7 @@ from steelyard.excite.planned.inverse_kinematics import (
     weights_of,
 )
 from steelyard.excite.planned.timed_paths import ToolPath
-from steelyard.excite.trajectories.piecewise_polynomials import PiecewiseMotion, quintic
+from steelyard.excite.trajectories.exact_trajectories import PiecewiseMotion, quintic
 from steelyard.model.equations.frame_and_point_kinematics import (
     FrameKinematics,
     frame_of,

@@ -18,22 +18,20 @@ from numpy.typing import ArrayLike
 from steelyard.base.arrays import Array, frozen
 from steelyard.base.errors import DataError
 from steelyard.excite.collision.workspace_from_tables import tool_of, up_of
-from steelyard.excite.constraints.motion_limits import MotionLimits
+from steelyard.excite.constraints.constraint_and_limits import MotionLimits
 from steelyard.excite.planned.fastest_moves_and_tours import ToolGuidance, Tour, planned_tour
 from steelyard.excite.planned.inverse_kinematics import Attitude, Pointing
 from steelyard.excite.planned.joints_along_path import along_path
 from steelyard.excite.planned.timed_paths import Circle, Reaches, ToolPath, on_circle, out_and_back
-from steelyard.excite.trajectories.exact_slowed_and_chained_trajectories import (
-    ExactTrajectory,
-    SlowedMotion,
-)
-from steelyard.excite.trajectories.motion_families import posture_of
-from steelyard.excite.trajectories.piecewise_polynomials import (
+from steelyard.excite.trajectories.exact_trajectories import (
     SMOOTH,
+    ExactTrajectory,
     PiecewiseMotion,
+    SlowedMotion,
     reach_seconds,
     through_postures,
 )
+from steelyard.excite.trajectories.motion_families import posture_of
 from steelyard.excite.trajectories.trajectory_files import read_motion
 from steelyard.robot.file.excitation_sections import (
     BoxSpans,

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.polynomial import Polynomial
 
 from steelyard.base.arrays import Array, frozen
-from steelyard.excite.trajectories.piecewise_polynomials import SMOOTH
+from steelyard.excite.trajectories.exact_trajectories import SMOOTH
 
 _PER_LAP = 16  # stretches of a lap, and of its ramps, that are followed at once at most
 _PER_REACH = 4  # stretches of a reach that are followed at once at most

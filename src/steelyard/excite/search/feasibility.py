@@ -8,8 +8,7 @@ import numpy as np
 
 from steelyard.base.arrays import Array
 from steelyard.base.errors import DataError
-from steelyard.excite.constraints.constraint import Constraint
-from steelyard.excite.constraints.motion_limits import MotionLimits
+from steelyard.excite.constraints.constraint_and_limits import Constraint, MotionLimits
 from steelyard.excite.design_problem_and_information import Problem
 from steelyard.excite.search.margins_barrier_and_newton import InequalityConstraints
 from steelyard.excite.trajectories.motion_families import posture_of

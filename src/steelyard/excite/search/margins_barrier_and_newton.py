@@ -19,8 +19,7 @@ import numpy as np
 
 from steelyard.base.arrays import Array
 from steelyard.base.progress import Stopped
-from steelyard.excite.constraints.constraint import Constraint
-from steelyard.excite.constraints.motion_limits import MotionLimits
+from steelyard.excite.constraints.constraint_and_limits import Constraint, MotionLimits
 from steelyard.excite.trajectories.motion_families import Basis
 
 _DIP_FACTOR = 1.2

@@ -19,13 +19,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from steelyard.base.arrays import Array, frozen
-from steelyard.excite.constraints.motion_limits import MotionLimits, motion_limits
-from steelyard.excite.trajectories.exact_slowed_and_chained_trajectories import (
+from steelyard.excite.constraints.constraint_and_limits import MotionLimits, motion_limits
+from steelyard.excite.trajectories.exact_trajectories import (
+    SMOOTH,
     ChainedMotion,
     ExactTrajectory,
-)
-from steelyard.excite.trajectories.piecewise_polynomials import (
-    SMOOTH,
     PiecewiseMotion,
     polynomial_extremes,
 )

@@ -10,18 +10,16 @@ from numpy.typing import ArrayLike
 
 from steelyard.base.arrays import Array, frozen
 from steelyard.base.errors import DataError, refuse_unknown
-from steelyard.excite.trajectories.exact_slowed_and_chained_trajectories import (
+from steelyard.excite.trajectories.exact_trajectories import (
+    SMOOTH,
     ChainedMotion,
     ExactTrajectory,
-)
-from steelyard.excite.trajectories.fourier import FourierMotion, rest_basis
-from steelyard.excite.trajectories.piecewise_polynomials import (
-    SMOOTH,
     PiecewiseMotion,
     from_scipy,
     quintic,
     through_postures,
 )
+from steelyard.excite.trajectories.fourier import FourierMotion, rest_basis
 from steelyard.robot.robot import Robot
 
 SAME_MOTION_TOLERANCE = 1e-6  # relative difference up to which two motions are one
