@@ -38,7 +38,11 @@ def walls(*, low: float = -5.0, effort: float = 1e3) -> list[Constraint]:
     arm = Model(robot, (RigidBody(),)).prior
     assert arm is not None
     box = tool_box(robot, Marker(robot.bodies[-1].name), (low, None, None), (5.0, 5.0, 5.0))
-    return [box, torque_limit({"arm": arm}, [effort] * 3), power_limit({"arm": arm}, total=1e4)]
+    return [
+        box,
+        torque_limit({"arm": arm}, [effort] * 3),
+        power_limit({"arm": arm}, [np.inf] * 3, 1e4),
+    ]
 
 
 def test_a_motion_within_everything_is_certified() -> None:

@@ -114,7 +114,7 @@ def test_the_watcher_is_called_at_every_generation_and_can_stop(method: str) -> 
 )
 def test_any_genes_are_a_motion_inside_or_none(name: str, constrained: bool) -> None:
     design = problem(FAMILIES[name], CONSTRAINED if constrained else ())
-    genes = _Genes.of(design)
+    genes = _Genes(design)
     assert genes.count == 3 + 3 * design.basis.count and np.all(genes.units > 0.0)
     random = np.random.default_rng(0)
     corners = np.sign(random.standard_normal((10, genes.count)))
@@ -136,7 +136,7 @@ def test_any_genes_are_a_motion_inside_or_none(name: str, constrained: bool) -> 
 def test_postures_that_are_not_free_are_worse_the_more_they_lack() -> None:
     """A plateau would end a search before it finds a way in."""
     design = problem(FAMILIES["rest"], [box(0.3)])
-    genes = _Genes.of(design)
+    genes = _Genes(design)
     start = random_starts(design.inequalities, np.random.default_rng(0), 1)[0]
     away = np.zeros((6, genes.count))
     away[:, 0] = np.linspace(0.5, 1.0, 6)

@@ -15,7 +15,7 @@ import numpy as np
 from steelyard.base.arrays import Array
 from steelyard.base.errors import OutputError
 from steelyard.base.files import csv_text
-from steelyard.excite.trajectories.exact_trajectories import ExactTrajectory
+from steelyard.excite.trajectories.exact_trajectories import ExactTrajectory, divided
 from steelyard.robot.robot import Robot
 
 MOST_POINTS = 2_000_000  # rows or commands that a file may hold
@@ -191,12 +191,7 @@ def spline_points(trajectory: ExactTrajectory, rate: float) -> Nanoseconds:
     jumps = _acceleration_jumps(trajectory)
     beside = [jumps - BESIDE_JUMP_SECONDS, jumps + BESIDE_JUMP_SECONDS]
     edges = np.sort(np.concatenate([[0.0, trajectory.duration], *beside]))
-    pieces = [
-        np.linspace(a, b, max(1, ceil((b - a) * rate)), endpoint=False)
-        for a, b in zip(edges, edges[1:], strict=False)
-    ]
-    times = np.concatenate([*pieces, edges[-1:]])
-    return np.unique(np.rint(times * 1e9).astype(np.int64))
+    return np.unique(np.rint(divided(edges, 1.0 / rate) * 1e9).astype(np.int64))
 
 
 def _acceleration_jumps(trajectory: ExactTrajectory) -> Array:

@@ -14,7 +14,7 @@ seeds of all its entries into derivatives by position, velocity and acceleration
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from math import ceil
+from math import ceil, exp, inf
 from typing import Any
 
 import numpy as np
@@ -22,13 +22,13 @@ import numpy as np
 from steelyard.base.arrays import Array
 from steelyard.estimate.information.base_parameters_and_regressor import BaseMap, clear_map
 from steelyard.excite.constraints.constraint_and_limits import Constraint, MotionLimits
-from steelyard.excite.optimality_criteria import Criterion, DOptimal, Measure, worst, worst_value
+from steelyard.excite.optimality_criteria import Criterion, DOptimal, worst
 from steelyard.excite.search.margins_barrier_and_newton import InequalityConstraints
 from steelyard.excite.trajectories.motion_families import Basis
 from steelyard.model.equations.inverse_dynamics import JointState, completed
 from steelyard.model.model import Model
 from steelyard.robot.robot import Robot
-from steelyard.symbolic.native.compiled_programs import Code, compiled
+from steelyard.symbolic.native.compiled_programs import Code, compiled, compiled_equations
 from steelyard.symbolic.program_and_softening import InputArray as Input
 from steelyard.symbolic.program_and_softening import Program, softened
 
@@ -118,17 +118,13 @@ class InformationEvaluator:
         if not robot.passive:
             return None
 
-        def build() -> tuple[Program, dict[str, Any]]:
-            from steelyard.symbolic.symbols_and_tracing import symbolic
+        def rows(q: Any, channels: Any) -> list[Any]:
+            still = [0.0] * robot.n
+            ways = completed(robot, JointState(q, still, still, channels))[1]
+            return [0.0 if x is None else x for row in ways for x in row]
 
-            def rows(q: Any, channels: Any) -> list[Any]:
-                still = [0.0] * robot.n
-                ways = completed(robot, JointState(q, still, still, channels))[1]
-                return [0.0 if x is None else x for row in ways for x in row]
-
-            return symbolic(rows, [Input("q", robot.n), Input("channels", len(robot.passive))]), {}
-
-        return compiled(["passive map", *self._key], build)
+        inputs = [Input("q", robot.n), Input("channels", len(robot.passive))]
+        return compiled_equations(["passive map", *self._key], rows, inputs)
 
     @property
     def _key(self) -> list[Any]:
@@ -176,11 +172,6 @@ class Case:
     shows: InformationEvaluator
     criterion: Criterion
 
-    @property
-    def chosen(self) -> tuple[int, ...] | None:
-        """Columns that matter; all if `None`."""
-        return self.criterion.chosen if isinstance(self.criterion, Measure) else None
-
 
 @dataclass(frozen=True, eq=False)
 class Objective:
@@ -221,10 +212,6 @@ class Objective:
         """The smooth criterion alone, for searches that take no slopes."""
         return worst(self._judged(self.seen(x)), sharpness)[0]
 
-    def unsmoothed(self, x: Array) -> float:
-        """The criterion itself, as people read it."""
-        return worst_value(self._judged(self.seen(x)))
-
     def _judged(self, seen: Sequence[SampledInformation]) -> list[tuple[Criterion, Array]]:
         return [(c.criterion, s.gram) for c, s in zip(self.cases, seen, strict=True)]
 
@@ -254,22 +241,15 @@ class JointGroup:
 
 def joint_groups_of(shows: InformationEvaluator) -> tuple[JointGroup, ...]:
     """The limbs of a robot, by their first joints; one of all joints where loops close."""
-    sees = [set(columns) for columns in shows.sees]
-    if shows.model.robot.passive:
-        return (JointGroup(tuple(range(len(sees))), tuple(sorted(set().union(*sees)))),)
-    found: list[tuple[set[int], set[int]]] = []
-    for joint, columns in enumerate(sees):
-        joints, reached = {joint}, set(columns)
-        apart = []
-        for others, known in found:
-            if known & reached:
-                joints |= others
-                reached |= known
-            else:
-                apart.append((others, known))
-        found = [*apart, (joints, reached)]
-    limbs = [JointGroup(tuple(sorted(joints)), tuple(sorted(reached))) for joints, reached in found]
-    return tuple(sorted(limbs, key=lambda limb: limb.joints))
+    from scipy.sparse.csgraph import connected_components
+
+    closed, sees = bool(shows.model.robot.passive), [set(columns) for columns in shows.sees]
+    shared = np.array([[closed or bool(own & other) for other in sees] for own in sees])
+    count, numbers = connected_components(shared, directed=False)
+    limbs = [np.flatnonzero(numbers == number).tolist() for number in range(count)]
+    columns = [set[int]().union(*(sees[joint] for joint in joints)) for joints in limbs]
+    found = zip(limbs, columns, strict=True)
+    return tuple(JointGroup(tuple(joints), tuple(sorted(reached))) for joints, reached in found)
 
 
 SHOWN_PER_WAVE = 20  # samples of the criterion per wave of the highest frequency
@@ -316,7 +296,7 @@ class Problem:
 
     def criterion_value(self, x: Array) -> float:
         """The criterion itself on `samples` samples, with laws that jump at zero speed."""
-        return self._jumping.unsmoothed(x)
+        return exp(self._jumping.value(x, inf))
 
     @cached_property
     def _jumping(self) -> Objective:

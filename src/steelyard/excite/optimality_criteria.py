@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from steelyard.base.arrays import Array, frozen
+from steelyard.base.arrays import Array, frozen, set_fields
 
 DEFINITE_EIGENVALUE = 1e-13  # least eigenvalue over the norm that is positive beyond rounding
 FAINT_EIGENVALUE = 1e-9
@@ -79,8 +79,11 @@ def spectra(gram: Array) -> tuple[Spectrum, Spectrum] | None:
 def soft_greatest(values: Array, sharpness: float) -> tuple[float, Array]:
     r"""$\frac1p \log \sum_i \lambda_i^p$ of eigenvalues in ascending order; its slope by them.
 
-    Those that are rounding next to the largest count as that rounding.
+    Those that are rounding next to the largest count as that rounding. At an infinite sharpness it
+    is the logarithm of the largest; its slope is not given then.
     """
+    if math.isinf(sharpness):
+        return math.log(values[-1]), np.zeros_like(values)
     logs = np.log(np.maximum(values / values[-1], np.finfo(np.float64).eps))
     weights = np.exp(sharpness * logs)
     total = float(np.sum(weights))
@@ -103,6 +106,8 @@ class Criterion(ABC):
     """
 
     name: str
+    chosen: tuple[int, ...] | None = None
+    """Columns that matter; all if `None`."""
 
     @abstractmethod
     def smooth(self, gram: Array, sharpness: float) -> tuple[float, Array]:
@@ -113,8 +118,8 @@ class Criterion(ABC):
         """
 
     def value(self, gram: Array) -> float:
-        """The value itself; here of criteria that are smooth at any sharpness."""
-        return math.exp(self.smooth(gram, 1.0)[0])
+        """The value itself."""
+        return math.exp(self.smooth(gram, math.inf)[0])
 
 
 class Condition(Criterion):
@@ -136,11 +141,6 @@ class Condition(Criterion):
         slope = assembled(vectors, rise) - assembled(axes, fall * spreads**2)
         return 0.5 * (high + low), 0.5 * slope
 
-    def value(self, gram: Array) -> float:
-        """See `Criterion`."""
-        both = spectra(gram)
-        return math.inf if both is None else math.sqrt(both[0][0][-1] * both[1][0][-1])
-
 
 class NormalisedCondition(Criterion):
     r"""Condition number once every column of the regressor has unit norm: free of units.
@@ -158,10 +158,6 @@ class NormalisedCondition(Criterion):
         value, slope = Condition().smooth(unit, sharpness)
         through = np.diag(np.sum(slope * unit, axis=1))
         return value, scaled(slope - through, d)
-
-    def value(self, gram: Array) -> float:
-        """See `Criterion`."""
-        return Condition().value(equilibrated(gram)[0]) if excited(gram) else math.inf
 
 
 class DOptimal(Criterion):
@@ -215,11 +211,6 @@ class EOptimal(Criterion):
         value, fall = soft_greatest(spreads, sharpness)
         return value, assembled(axes, -fall * spreads**2)
 
-    def value(self, gram: Array) -> float:
-        """See `Criterion`."""
-        both = spectra(gram)
-        return math.inf if both is None else float(both[1][0][-1])
-
 
 CRITERIA: Mapping[str, Criterion] = {
     "condition": Condition(),
@@ -236,21 +227,17 @@ def worst(
 ) -> tuple[float, tuple[Array, ...]]:
     r"""Smooth maximum of criteria over cases such as payloads, $\frac1p\log\sum_k e^{p\,s_k}$.
 
-    The order $p$ is the `sharpness`. Also its slope by each information matrix.
+    The order $p$ is the `sharpness`; at an infinite one it is the logarithm of the largest value,
+    as people read it, and has no slope. Else also its slope by each information matrix.
     """
     values, slopes = zip(*(kind.smooth(gram, sharpness) for kind, gram in cases), strict=True)
     highest = max(values)
-    if math.isinf(highest):
-        return math.inf, tuple(np.zeros_like(gram) for _, gram in cases)
+    if math.isinf(highest) or math.isinf(sharpness):
+        return highest, tuple(np.zeros_like(gram) for _, gram in cases)
     shares = np.exp(sharpness * (np.array(values) - highest))
     total = float(np.sum(shares))
     weighted = tuple(share / total * slope for share, slope in zip(shares, slopes, strict=True))
     return highest + math.log(total) / sharpness, weighted
-
-
-def worst_value(cases: Sequence[tuple[Criterion, Array]]) -> float:
-    """The largest value over cases, as people read it."""
-    return max(kind.value(gram) for kind, gram in cases)
 
 
 def _unknown_criterion(gram: Array) -> tuple[float, Array]:
@@ -277,46 +264,27 @@ class Measure(Criterion):
 
     def __post_init__(self) -> None:
         """Own what is kept."""
-        if self.prior is not None:
-            object.__setattr__(self, "prior", frozen(self.prior, (len(self.prior),) * 2))
-        if self.sizes is not None:
-            object.__setattr__(self, "sizes", frozen(self.sizes, (None,)))
+        prior = None if self.prior is None else frozen(self.prior, (len(self.prior),) * 2)
+        sizes = None if self.sizes is None else frozen(self.sizes, (None,))
         parts = [self.kind.name]
         parts += [] if self.chosen is None else [f"of {len(self.chosen)} chosen parameters"]
-        parts += [] if self.prior is None else ["with earlier runs"]
-        parts += [] if self.sizes is None else ["relative to expected values"]
-        object.__setattr__(self, "name", ", ".join(parts))
+        parts += [] if prior is None else ["with earlier runs"]
+        parts += [] if sizes is None else ["relative to expected values"]
+        set_fields(self, prior=prior, sizes=sizes, name=", ".join(parts))
 
     def smooth(self, gram: Array, sharpness: float) -> tuple[float, Array]:
         """See `Criterion`."""
-        seen = self._seen(gram)
-        if seen is None:
-            return math.inf, np.zeros_like(gram)
-        of_interest, pull = seen
-        value, slope = self.kind.smooth(of_interest, sharpness)
-        return value, slope if pull is None else pull @ slope @ pull.T
-
-    def value(self, gram: Array) -> float:
-        """See `Criterion`."""
-        seen = self._seen(gram)
-        return math.inf if seen is None else self.kind.value(seen[0])
-
-    def _seen(self, gram: Array) -> tuple[Array, Array | None] | None:
-        """What the criterion is given, `(k, k)`, and $M$ `(c, k)` for slopes $M S M^T$.
-
-        `None` in place of both says that nothing is definite; in place of $M$, that $M = I$.
-        """
         total = gram if self.prior is None else gram + self.prior
-        pull: Array | None = None
+        pull = np.eye(len(total))  # $M$, `(c, k)`, for slopes $M S M^T$
         if self.chosen is not None:
             if not definite(total):
-                return None
+                return _unknown_criterion(gram)
             total, pull = _complement(total, np.array(self.chosen, dtype=np.intp))
         if self.sizes is not None:
             sizes = self.sizes if self.chosen is None else self.sizes[list(self.chosen)]
-            total = total * sizes[:, None] * sizes
-            pull = np.diag(sizes) if pull is None else pull * sizes
-        return total, pull
+            total, pull = scaled(total, sizes), pull * sizes
+        value, slope = self.kind.smooth(total, sharpness)
+        return value, pull @ slope @ pull.T
 
 
 def _complement(gram: Array, chosen: NDArray[np.intp]) -> tuple[Array, Array]:

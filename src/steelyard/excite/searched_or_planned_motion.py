@@ -276,7 +276,7 @@ def _described(
         tool=tool_of(section.workspace, robot),
         notes=(*loaded.notes, *notes, *hints),
         constraints=tuple(constraints),
-        chosen=cases[0].chosen,
+        chosen=cases[0].criterion.chosen,
         faint=len(base_parameters(shows.model)) - len(clear_map(shows.model)),
         absent=shows.absent,
     )

@@ -240,19 +240,13 @@ def find_mesh(name: str, model: Path) -> Path | None:
     """
     url = urlsplit(name)
     folder = model.resolve().parent
-    if url.scheme == "file":
-        path = Path(unquote(url.path))
-        return path if path.is_file() else None
-    if url.scheme not in ("package", "model"):
-        path = folder / name
-        return path if path.is_file() else None
-    parts = [part for part in name.split("://", 1)[1].split("/") if part]
-    for first in range(max(len(parts) - 1, 1)):
-        for above in (folder, *folder.parents):
-            path = above.joinpath(*parts[first:])
-            if path.is_file():
-                return path
-    return None
+    if url.scheme in ("package", "model"):
+        parts = [part for part in name.split("://", 1)[1].split("/") if part]
+        ends = [parts[first:] for first in range(max(len(parts) - 1, 1))]
+        places = (above.joinpath(*end) for end in ends for above in (folder, *folder.parents))
+    else:
+        places = iter([Path(unquote(url.path)) if url.scheme == "file" else folder / name])
+    return next((path for path in places if path.is_file()), None)
 
 
 def mesh_points(path: Path, where: str) -> Array:

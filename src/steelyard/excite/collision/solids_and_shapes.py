@@ -176,8 +176,6 @@ def _corners(points: Array) -> Array:
     """The points that span their hull; a flat set is thickened by `FLAT_HULL_THICKNESS`."""
     from scipy.spatial import ConvexHull, QhullError
 
-    if len(points) < 1 or not np.isfinite(points).all():
-        raise ValueError("the points of a hull are none, or not finite")
     try:
         return np.asarray(points[ConvexHull(points).vertices])
     except QhullError:

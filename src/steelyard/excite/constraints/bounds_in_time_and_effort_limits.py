@@ -25,7 +25,7 @@ from numpy.typing import ArrayLike, NDArray
 from steelyard.base.arrays import Array, Parameters, frozen, set_fields
 from steelyard.base.errors import ModelError
 from steelyard.excite.constraints.constraint_and_limits import Constraint, Margins
-from steelyard.excite.trajectories.exact_trajectories import ExactTrajectory
+from steelyard.excite.trajectories.exact_trajectories import ExactTrajectory, divided
 from steelyard.model.equations.effort_range_over_friction_signs import EffortBounds, effort_bounds
 from steelyard.model.equations.frame_and_point_kinematics import frame_of, refuse_fixed
 from steelyard.model.equations.inverse_dynamics import JointState, Scalar
@@ -98,13 +98,7 @@ class Course:
     def edges(self, count: int) -> Array:
         """Times from start to end, the breaks and about `count` more, ascending."""
         breaks = np.unique(np.concatenate([[0.0, self.duration], self._trajectory.breaks]))
-        longest = self.duration / count
-        numbers = np.ceil(np.diff(breaks) / longest * (1.0 - 1e-9)).astype(int).clip(1)
-        parts = [
-            np.linspace(start, end, number, endpoint=False)
-            for start, end, number in zip(breaks[:-1], breaks[1:], numbers, strict=True)
-        ]
-        return np.concatenate([*parts, breaks[-1:]])
+        return divided(breaks, self.duration / count)
 
     def stretches(self, start: Array, end: Array) -> Stretches:
         """Stretches from `start` to `end`, each `(B,)` [s], none of them across a break."""
@@ -260,8 +254,8 @@ class EffortLimit(Constraint):
         return values, values - away * (1.0 + 1e-9)
 
 
-def torque_limit(cases: Mapping[str, ValuedModel], limits: ArrayLike | None = None) -> EffortLimit:
-    """Joint efforts within limits, `(n,)` [Nm; N], infinite for any; the robot's if `None`.
+def torque_limit(cases: Mapping[str, ValuedModel], limits: ArrayLike) -> EffortLimit:
+    """Joint efforts within limits, `(n,)` [Nm; N], infinite for any.
 
     Cases are the same model with values, such as without and with a payload, by name. It is one of
     a tree, of terms without internal states.
@@ -269,28 +263,24 @@ def torque_limit(cases: Mapping[str, ValuedModel], limits: ArrayLike | None = No
     Raises:
         ModelError: No joint has a limit.
     """
-    robot = _model_of(cases).robot
-    own = [joint.limits.effort for joint in robot.coordinates]
+    robot = next(iter(cases.values())).model.robot
     titles = [
         f"{'torque' if unit == 'Nm' else 'force'} of '{joint}'"
         for joint, unit in zip(robot.joint_names, robot.effort_units, strict=True)
     ]
-    given = own if limits is None else limits
-    return _limit(cases, given, titles, robot.effort_units, power=False)
+    return _limit(cases, limits, titles, robot.effort_units, power=False)
 
 
 def power_limit(
-    cases: Mapping[str, ValuedModel], limits: ArrayLike | None = None, total: float = np.inf
+    cases: Mapping[str, ValuedModel], limits: Sequence[float] | Array, total: float = np.inf
 ) -> EffortLimit:
     """Mechanical powers within limits, `(n,)` and in total [W], whether joints drive or brake.
 
-    Infinite for any, `None` for any of all joints. Cases and errors are those of `torque_limit`.
+    Infinite for any. Cases and errors are those of `torque_limit`.
     """
-    robot = _model_of(cases).robot
-    own = np.full(robot.n, np.inf) if limits is None else frozen(limits, (None,))
-    titles = [f"power of '{joint}'" for joint in robot.joint_names]
-    titles.append("power of all joints")
-    return _limit(cases, [*own, total], titles, ["W"] * len(titles), power=True)
+    names = next(iter(cases.values())).model.robot.joint_names
+    titles = [*(f"power of '{joint}'" for joint in names), "power of all joints"]
+    return _limit(cases, [*limits, total], titles, ["W"] * len(titles), power=True)
 
 
 def payload_numbers(robot: Robot, frame: str, payload: Inertia) -> dict[str, float]:
@@ -337,14 +327,10 @@ def _limit(
         for side in ("below ", "above -")
         for k, size in zip(which, chosen, strict=True)
     ]
-    model = _model_of(cases)
+    model = next(iter(cases.values())).model
     values = tuple(case.values.values for case in cases.values())
     unit = " or ".join(dict.fromkeys(units[k] for k in which))
     return EffortLimit(name, tuple(labels), unit, model, power, which, frozen(chosen), values)
-
-
-def _model_of(cases: Mapping[str, ValuedModel]) -> Model:
-    return next(iter(cases.values())).model
 
 
 def _programs(model: Model, power: bool) -> EffortBounds:

@@ -4,12 +4,13 @@ import hashlib
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import compress
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from steelyard.base.arrays import Array, finite_json, records
+from steelyard.base.arrays import Array, finite_json, records, stretches
 from steelyard.base.files import write_json
 from steelyard.excite.constraints.constraint_and_limits import (
     PROOF_SAMPLES,
@@ -71,12 +72,11 @@ def velocity_jumps(robot: Robot, trajectory: ExactTrajectory, limit: Array) -> t
 def unrest(trajectory: ExactTrajectory, limit: Array) -> tuple[str, ...]:
     """A sentence for each end at which the motion does not rest; speeds are limited to `limit`."""
     speeds = np.abs(trajectory.derivative([0.0, trajectory.duration], 1))
-    begins, ends = np.any(speeds > ROUNDING_JUMP_SHARE * limit, axis=1)
-    said = {
-        "the motion does not start at rest: the robot must already be moving": begins,
-        "the motion does not end at rest: the robot must be stopped afterwards": ends,
-    }
-    return tuple(note for note, moving in said.items() if moving)
+    notes = (
+        "the motion does not start at rest: the robot must already be moving",
+        "the motion does not end at rest: the robot must be stopped afterwards",
+    )
+    return tuple(compress(notes, np.any(speeds > ROUNDING_JUMP_SHARE * limit, axis=1)))
 
 
 HOLD_TEST_PLACES = (0.1, 0.5, 0.9)  # between two breaks, at which a hold is tested
@@ -91,8 +91,7 @@ def holds(motion: ExactTrajectory) -> Array:
     times = starts[:, None] + np.outer(ends - starts, HOLD_TEST_PLACES)
     speeds = np.abs(motion.derivative(times.ravel(), 1)).reshape(*times.shape, -1)
     still = np.all(speeds <= STILL_SPEED_SHARE * fastest, axis=(1, 2))
-    edges = np.flatnonzero(np.diff(np.concatenate(([False], still, [False]))))
-    lengths = np.array([motion.breaks[b] - motion.breaks[a] for a, b in edges.reshape(-1, 2)])
+    lengths = np.array([motion.breaks[b] - motion.breaks[a] for a, b in stretches(still)])
     return lengths[lengths >= SHORTEST_HOLD]
 
 
@@ -126,14 +125,13 @@ class Proof:
     proven: tuple[float, ...]
     sampled: tuple[float, ...]
     activation_distance: tuple[float, ...]
-    scope: str = ""
-    scale: tuple[float, ...] = ()
+    scope: str
+    scale: tuple[float, ...]
 
     @property
     def used(self) -> tuple[float, ...]:
         """Share of each limit that is used: 1 where nothing is left, more where it is violated."""
-        scale = self.scale or self.activation_distance
-        return tuple(1.0 - own / size for own, size in zip(self.proven, scale, strict=True))
+        return tuple(1.0 - own / size for own, size in zip(self.proven, self.scale, strict=True))
 
     def to_dict(self) -> dict[str, Any]:
         """As values for JSON; a margin without a bound is `None`."""

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from steelyard.base.arrays import Array, frozen
+from steelyard.base.arrays import Array, frozen, set_fields
 from steelyard.excite.trajectories.exact_trajectories import ExactTrajectory
 from steelyard.robot.robot import Coordinate, Robot
 
@@ -97,11 +97,9 @@ class MotionLimits:
     assumed: frozenset[tuple[str, str]] = frozenset()
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "lower", frozen(self.lower, (None,)))
-        for name in ("upper", "velocity", "acceleration"):
-            object.__setattr__(self, name, frozen(getattr(self, name), self.lower.shape))
-        if self.jerk is not None:
-            object.__setattr__(self, "jerk", frozen(self.jerk, self.lower.shape))
+        for name in ("lower", "upper", "velocity", "acceleration", "jerk"):
+            if (values := getattr(self, name)) is not None:
+                set_fields(self, **{name: frozen(values, (np.size(self.lower),))})
         if not np.all(self.lower < self.upper):
             raise ValueError("a lower position limit is not below its upper one")
 
@@ -118,7 +116,7 @@ def motion_limits(robot: Robot) -> MotionLimits:
 
     Notes name assumed ranges and speeds; accelerations are those of `ACCELERATIONS_ASSUMED`.
     """
-    lines: dict[str, list[str]] = {}
+    narrowed, slowed = dict[str, list[str]](), dict[str, list[str]]()
     assumed = {("acceleration", name) for name in robot.joint_names}
     ranges, speeds = list[tuple[float, float]](), list[float]()
     for joint in robot.coordinates:
@@ -126,18 +124,17 @@ def motion_limits(robot: Robot) -> MotionLimits:
         if not (np.isfinite([lower, upper]).all() and lower < upper):
             lower, upper = _assumed_range(joint)
             what = f"without a complete range, moved within {lower:.3g} .. {upper:.3g} {joint.unit}"
-            lines.setdefault(what, []).append(joint.name)
+            narrowed.setdefault(what, []).append(joint.name)
             assumed.add(("position", joint.name))
         ranges.append((lower, upper))
-    for joint in robot.coordinates:
         speed = joint.limits.velocity
         if not 0.0 < speed < np.inf:
             speed = DEFAULT_VELOCITY[joint.kind]
             what = f"without a speed limit, moved at {speed:.3g} {joint.unit}/s at most"
-            lines.setdefault(what, []).append(joint.name)
+            slowed.setdefault(what, []).append(joint.name)
             assumed.add(("velocity", joint.name))
         speeds.append(speed)
-    notes = tuple(f"{what}: {', '.join(joints)}" for what, joints in lines.items())
+    notes = tuple(f"{what}: {', '.join(joints)}" for what, joints in (narrowed | slowed).items())
     bounds = np.array([DEFAULT_ACCELERATION[c.kind] for c in robot.coordinates])
     low, high = np.array(ranges).reshape(-1, 2).T
     return MotionLimits(low, high, np.array(speeds), bounds, notes, assumed=frozenset(assumed))

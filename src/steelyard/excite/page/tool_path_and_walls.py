@@ -37,12 +37,6 @@ class Face:
     forbidden: bool
     name: str
 
-    @property
-    def normal(self) -> Array:
-        """Of length one, shape `(3,)`."""
-        normal = np.cross(self.edges[0], self.edges[1])
-        return np.asarray(normal / np.linalg.norm(normal))
-
     def lines(self) -> Array:
         """Its outline, or lines across it with none where it goes on, shape `(L, 2, 3)` [m]."""
         closed = all(end for side in self.ends for end in side)
@@ -108,8 +102,8 @@ def box_corners(box: BoxSpans, seen: Array) -> tuple[Array, Array]:
 
 def face_segment(face: Face, a: int, b: int) -> Array | None:
     """The face as a line in the plane of two axes, shape `(2, 2)` [m]; `None` if seen flat on."""
-    across = 3 - a - b
-    if abs(face.normal[across]) > 1e-9:
+    normal = np.cross(face.edges[0], face.edges[1])
+    if abs(normal[3 - a - b]) > 1e-9 * np.linalg.norm(normal):
         return None
     ends = [face.corner, *(face.corner + edge for edge in (*face.edges, face.edges.sum(axis=0)))]
     flat = np.array(ends)[:, [a, b]]

@@ -7,7 +7,6 @@ the same step.
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol
 
 import numpy as np
 from numpy.polynomial import Polynomial
@@ -21,17 +20,6 @@ _SAME = 1e-9  # places nearer to each other than this are one [m]
 
 _STEP = Polynomial(SMOOTH)
 _RISE = _STEP.integ()  # way at a speed that rises from 0 to 1 within the unit of time
-
-
-class ToolPath(Protocol):
-    """Where a tool is to be over time; it starts and ends at rest."""
-
-    @property
-    def knots(self) -> Array:
-        """Times from 0 to the duration, shape `(k,)` [s]; the path is smooth between them."""
-
-    def at(self, t: float) -> tuple[Array, Array, Array]:
-        """Place [m], velocity [m/s] and acceleration [m/s²], each `(3,)`, in the base frame."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,7 +57,7 @@ class Circle:
 
     @cached_property
     def knots(self) -> Array:
-        """See `ToolPath`."""
+        """Times from 0 to the duration, shape `(k,)` [s]; the path is smooth between them."""
         stretches = [(0.0, self.ramp), (self.ramp, self.duration - self.ramp)]
         stretches.append((self.duration - self.ramp, self.duration))
         parts = [
@@ -80,11 +68,11 @@ class Circle:
         return np.unique(np.concatenate(parts))
 
     def at(self, t: float) -> tuple[Array, Array, Array]:
-        """See `ToolPath`."""
+        """Place [m], velocity [m/s] and acceleration [m/s²], each `(3,)`, in the base frame."""
         way, rate, slope = self._pace(t)
         speed = 2.0 * np.pi / self.period
         angle, rate, slope = self.angle + speed * way, speed * rate, speed * slope
-        ahead, aside = self._axes
+        ahead, aside = plane_axes(self.normal)
         out = self.radius * (np.cos(angle) * ahead + np.sin(angle) * aside)
         across = self.radius * (np.cos(angle) * aside - np.sin(angle) * ahead)
         return self.centre + out, rate * across, slope * across - rate**2 * out
@@ -99,10 +87,6 @@ class Circle:
         rest = max(t - self.ramp, 0.0)
         slope = float(_STEP.deriv()(x)) / self.ramp
         return self.ramp * float(_RISE(x)) + rest, float(_STEP(x)), slope
-
-    @cached_property
-    def _axes(self) -> tuple[Array, Array]:
-        return plane_axes(self.normal)
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,7 +108,7 @@ class Reaches:
 
     @cached_property
     def knots(self) -> Array:
-        """See `ToolPath`."""
+        """See `Circle`."""
         once = np.linspace(0.0, self.move, _PER_REACH + 1)[:-1]
         once = np.concatenate([once, [self.move] if self.dwell > 0.0 else []])
         starts = self._each * np.arange(len(self.places) - 1)
@@ -132,7 +116,7 @@ class Reaches:
         return np.append(whole, self._each * (len(self.places) - 1))
 
     def at(self, t: float) -> tuple[Array, Array, Array]:
-        """See `ToolPath`."""
+        """See `Circle`."""
         k = min(int(t / self._each * (1.0 + 1e-12)), len(self.places) - 2)
         x = min(max(t - k * self._each, 0.0) / self.move, 1.0)
         start, way = self.places[k], self.places[k + 1] - self.places[k]
@@ -144,6 +128,9 @@ class Reaches:
     def _each(self) -> float:
         """Time from reach to reach [s]."""
         return self.move + self.dwell
+
+
+ToolPath = Circle | Reaches  # where a tool is to be over time; it starts and ends at rest
 
 
 def plane_axes(normal: Array) -> tuple[Array, Array]:

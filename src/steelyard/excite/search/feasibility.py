@@ -53,17 +53,18 @@ class Standing:
 def standing(constraints: Sequence[Constraint], posture: Array) -> Standing:
     """What standing still at a posture lacks."""
     still = np.zeros((1, len(posture)))
-    lacks = [
-        Lack(constraint, label, float(value))
-        for constraint in constraints
-        for label, value in zip(
-            constraint.labels,
-            constraint.margins(posture[None], still, still).values[0],
-            strict=True,
-        )
-        if not value > 0.0
-    ]
+    lacks = _lacks(constraints, (posture[None], still, still))
     return Standing(posture, tuple(sorted(lacks, key=lambda lack: lack.value)))
+
+
+def _lacks(constraints: Sequence[Constraint], state: tuple[Array, Array, Array]) -> list[Lack]:
+    """Least margins at positions, speeds and accelerations, `(N, n)` each, if not positive."""
+    found = []
+    for constraint in constraints:
+        least = constraint.margins(*state).values.min(axis=0)
+        short = zip(constraint.labels, least, strict=True)
+        found += [Lack(constraint, label, float(v)) for label, v in short if not v > 0.0]
+    return found
 
 
 def nearest_free(
@@ -207,12 +208,15 @@ def lacking(problem: Problem, places: Iterable[Array]) -> tuple[Lack, ...]:
     A witness: with everything widened by that much, it is a motion that keeps all samples.
     """
     room, random = problem.inequalities.room, np.random.default_rng(0)
-    tries = (
-        _lacks(problem, still + WORTHY_MOTION_SIZE * room(still, change)[:, None] * change)
-        for still in map(problem.basis.still, places)
-        for change in (random.standard_normal(still.shape) for _ in range(_WIDENING_TRIES))
-    )
-    return min(tries, key=lambda lacks: sum(map(_share_of_room, lacks)), default=())
+    tries = []
+    for still in map(problem.basis.still, places):
+        for _ in range(_WIDENING_TRIES):
+            change = random.standard_normal(still.shape)
+            x = still + WORTHY_MOTION_SIZE * room(still, change)[:, None] * change
+            lacks = _lacks(problem.constraints, problem.inequalities.state(x))
+            tries.append([lack for lack in lacks if lack.value < 0.0])
+    fewest = min(tries, key=lambda lacks: sum(map(_share_of_room, lacks)), default=[])
+    return tuple(sorted(fewest, key=lambda lack: -_share_of_room(lack)))
 
 
 def explained_no_motion(problem: Problem, error: NoMotion) -> DataError:
@@ -248,16 +252,6 @@ def rounded_up(value: float) -> str:
     """Three digits, rounded upwards."""
     digits = 10.0 ** (np.floor(np.log10(value)) - 2.0)
     return f"{np.ceil(value / digits) * digits:.3g}"
-
-
-def _lacks(problem: Problem, x: Array) -> tuple[Lack, ...]:
-    state = problem.inequalities.state(x)
-    found = []
-    for constraint in problem.constraints:
-        least = constraint.margins(*state).values.min(axis=0)
-        short = zip(constraint.labels, least, strict=True)
-        found += [Lack(constraint, label, float(v)) for label, v in short if v < 0.0]
-    return tuple(sorted(found, key=lambda lack: -_share_of_room(lack)))
 
 
 def _share_of_room(lack: Lack) -> float:

@@ -198,39 +198,34 @@ def _lines(
 
 @contextmanager
 def _workers(tables: Tables, method: str, effort: SearchBudget) -> Iterator["queue.Queue[Any]"]:
+    """What processes say that search; sessions of their own keep Ctrl-C from them."""
     messages: queue.Queue[Any] = queue.Queue()
     with ExitStack() as stack:
         for number in range(effort.useful):
-            stack.enter_context(_worker(tables, method, effort, number, messages))
+            process = subprocess.Popen(
+                module_command("steelyard.excite.search.parallel_search"),
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                env={**os.environ, "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"},
+                start_new_session=True,
+            )
+            listener = threading.Thread(target=_read_worker, args=(process, messages), daemon=True)
+            listener.start()
+            stack.callback(_end_worker, process, listener)
+            assert process.stdin is not None
+            with suppress(BrokenPipeError):
+                process.stdin.write(task_of(tables, method, effort, number))
+                process.stdin.flush()
         yield messages
 
 
-@contextmanager
-def _worker(
-    tables: Tables, method: str, effort: SearchBudget, number: int, messages: "queue.Queue[Any]"
-) -> Iterator[None]:
-    """A process that searches; a session of its own keeps Ctrl-C from it."""
-    process = subprocess.Popen(
-        module_command("steelyard.excite.search.parallel_search"),
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        env={**os.environ, "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"},
-        start_new_session=True,
-    )
-    listener = threading.Thread(target=_read_worker, args=(process, messages), daemon=True)
-    listener.start()
+def _end_worker(process: "subprocess.Popen[bytes]", listener: threading.Thread) -> None:
+    process.kill()
+    listener.join()
     assert process.stdin is not None and process.stdout is not None
-    try:
-        with suppress(BrokenPipeError):
-            process.stdin.write(task_of(tables, method, effort, number))
-            process.stdin.flush()
-        yield
-    finally:
-        process.kill()
-        listener.join()
-        with suppress(BrokenPipeError):
-            process.stdin.close()
-        process.stdout.close()
+    with suppress(BrokenPipeError):
+        process.stdin.close()
+    process.stdout.close()
 
 
 def task_of(tables: Tables, method: str, effort: SearchBudget, number: int) -> bytes:

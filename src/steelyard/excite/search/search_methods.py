@@ -7,7 +7,7 @@ parents and offspring together the best survive, so the best one is never lost.
 import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 from math import ceil
 
 import numpy as np
@@ -140,17 +140,14 @@ _LEAST_SIZE = 1e-3
 
 @dataclass(frozen=True, eq=False)
 class _Genes:
-    """Variables from -1 to 1: a posture per joint, then how far each function is moved.
-
-    The `units` are how far each function alone may be moved, `(n, m)`.
-    """
+    """Variables from -1 to 1: a posture per joint, then how far each function is moved."""
 
     problem: Problem
-    units: Array
 
-    @classmethod
-    def of(cls, problem: Problem) -> "_Genes":
-        inequalities = problem.inequalities
+    @cached_property
+    def units(self) -> Array:
+        """How far each function alone may be moved, `(n, m)`."""
+        inequalities = self.problem.inequalities
         middle = 0.5 * (inequalities.limits.lower + inequalities.limits.upper)
         still = inequalities.basis.still(middle)
         margins = inequalities.limit_margins(still)
@@ -160,7 +157,7 @@ class _Genes:
             change[:, k] = 1.0
             rates = np.abs(inequalities.margin_rates(change))
             units[:, k] = np.min(margins / np.maximum(rates, 1e-12), axis=1)
-        return cls(problem, units)
+        return units
 
     @property
     def count(self) -> int:
@@ -220,7 +217,7 @@ def _evolved(
     minimise: Callable[..., BestPoint],
 ) -> Array:
     """Minimise over postures and amplitudes; the best so far is reported at every generation."""
-    genes = _Genes.of(problem)
+    genes = _Genes(problem)
     best = list(each_start(problem.inequalities, random, 1))
 
     def report(x: Array) -> None:

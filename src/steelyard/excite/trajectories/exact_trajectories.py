@@ -99,6 +99,16 @@ class SlowedMotion(ExactTrajectory):
         return {"kind": "slowed", "factor": self.factor, "motion": self.motion.to_dict()}
 
 
+def divided(edges: Array, longest: float) -> Array:
+    """Ascending times `(k,)`, and others evenly between them: no two are more than that apart."""
+    counts = np.ceil(np.diff(edges) / longest * (1.0 - 1e-9)).astype(int).clip(1)
+    parts = [
+        np.linspace(start, end, count, endpoint=False)
+        for start, end, count in zip(edges, edges[1:], counts, strict=False)
+    ]
+    return np.concatenate([*parts, edges[-1:]])
+
+
 JOIN_TOLERANCE = 1e-9  # positions closer than this are one [rad; m], relative above 1
 
 

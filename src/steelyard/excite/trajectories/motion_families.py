@@ -288,21 +288,19 @@ def _ends(s: Any, robot: Robot) -> tuple[Array | None, Array | None]:
     return start, end
 
 
-def _start(s: Any, robot: Robot) -> Array | None:
-    return posture_of(s.start, robot, "start")
-
-
 FAMILIES: Mapping[str, Callable[[Any, Robot], Basis]] = {
     "fourier": lambda s, r: rest_fourier(r.n, s.period, s.harmonics, *_ends(s, r)),
     "raw_fourier": lambda s, r: raw_fourier(r.n, s.period, s.harmonics),
     "blended_fourier": lambda s, r: blended_fourier(
-        r.n, s.period, s.harmonics, s.periods, s.blend, _start(s, r)
+        r.n, s.period, s.harmonics, s.periods, s.blend, posture_of(s.start, r, "start")
     ),
     "ramped_fourier": lambda s, r: ramped_fourier(
-        r.n, s.period, s.harmonics, s.periods, s.ramp, _start(s, r)
+        r.n, s.period, s.harmonics, s.periods, s.ramp, posture_of(s.start, r, "start")
     ),
     "spline": lambda s, r: splines(r.n, s.duration, s.points, s.degree, *_ends(s, r)),
-    "reaching": lambda s, r: reaching(r.n, s.targets, s.move, s.dwell, _start(s, r)),
+    "reaching": lambda s, r: reaching(
+        r.n, s.targets, s.move, s.dwell, posture_of(s.start, r, "start")
+    ),
 }
 """Families that are searched, by their sections; others are planned, see `plans_from_tables`."""
 
