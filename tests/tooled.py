@@ -17,7 +17,7 @@ from steelyard.excite.constraints.constraint_and_limits import MotionLimits, mot
 from steelyard.excite.planned.fastest_moves_and_tours import (
     ProcessMotion,
     ToolGuidance,
-    planned_tour,
+    TourPlanner,
 )
 from steelyard.excite.planned.inverse_kinematics import Pointing
 from steelyard.excite.planned.plans_from_tables import TASKS
@@ -131,4 +131,4 @@ def plan(
     tooled = arm(tooled) if isinstance(tooled, str) else tooled
     robot, frame = tooled.robot, frame_of(tooled.robot, tooled.frame)
     tour = TASKS[task.kind](task, robot, seed)
-    return planned_tour(robot, limits or tooled.limits, frame, tour, guidance, seed)
+    return TourPlanner(robot, limits or tooled.limits, frame, guidance, seed).fastest(tour)

@@ -25,9 +25,8 @@ from proofs.support.safety_panda import panda_claims
 from steelyard.base.errors import SteelyardError
 from steelyard.excite.collision.workspace_from_tables import WALLS_NAME
 from steelyard.excite.constraints.certificate import Certificate, Proof, certify
-from steelyard.excite.design_problem_and_information import Problem
+from steelyard.excite.design_problem_and_information import Earlier, Problem
 from steelyard.excite.design_problem_from_tables import build
-from steelyard.excite.earlier_model import Earlier
 from steelyard.excite.search.feasibility import refuse_impossible
 from steelyard.excite.search.repair_until_proven import finished
 from steelyard.excite.search.search_methods import search_by_gradient, seeded

@@ -15,9 +15,8 @@ import numpy as np
 from designing import random_starts
 from excite.colliding import joint, link, urdf, written
 from steelyard.excite.constraints.certificate import certify
-from steelyard.excite.design_problem_and_information import Problem
+from steelyard.excite.design_problem_and_information import Earlier, Problem
 from steelyard.excite.design_problem_from_tables import Tables, build
-from steelyard.excite.earlier_model import Earlier
 from steelyard.excite.search import parallel_search as parallel_search
 from steelyard.excite.search.feasibility import (
     NoMotion,

@@ -1,4 +1,4 @@
-r"""A design problem, and the information of a motion with its slope by the motion.
+r"""A design problem, the information of motions with its slope by the motion, and earlier models.
 
 The torque of a joint depends on the bodies that it carries and on its own friction. Branches of a
 tree that hang on the fixed base share no parameter, and no torque of one depends on the motion of
@@ -11,26 +11,34 @@ row $y_{tr}$ is $2 w_r S y_{tr}$, and one sweep backwards through the traced reg
 seeds of all its entries into derivatives by position, velocity and acceleration.
 """
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from math import ceil, exp, inf
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from steelyard.base.arrays import Array
+from steelyard.base.errors import DataError
+from steelyard.estimate.identified_model import IdentifiedModel, load_model
 from steelyard.estimate.information.base_parameters_and_regressor import BaseMap, clear_map
+from steelyard.estimate.information.filter_and_gram import ParallelFilter
 from steelyard.excite.constraints.constraint_and_limits import Constraint, MotionLimits
 from steelyard.excite.optimality_criteria import Criterion, DOptimal, worst
 from steelyard.excite.search.margins_barrier_and_newton import InequalityConstraints
 from steelyard.excite.trajectories.motion_families import Basis
 from steelyard.model.equations.inverse_dynamics import JointState, completed
 from steelyard.model.model import Model
+from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
 from steelyard.robot.robot import Robot
 from steelyard.symbolic.native.compiled_programs import Code, compiled, compiled_equations
 from steelyard.symbolic.program_and_softening import InputArray as Input
 from steelyard.symbolic.program_and_softening import Program, softened
+
+_RATE_OVER_CUTOFF = 20.0  # sampling rate; the independent samples a second do not depend on it
+_Q, _DQ, _DDQ, _CHANNELS, _WIDTHS = range(5)
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,11 +104,7 @@ class InformationEvaluator:
 
     @cached_property
     def _entries(self) -> Code:
-        def build() -> tuple[Program, dict[str, Any]]:
-            program, sees = self._program()
-            return program, {"sees": sees}
-
-        return compiled(["shown", *self._key], build)
+        return compiled(["shown", *self._key], self._program)
 
     @cached_property
     def _slopes(self) -> Code:
@@ -144,8 +148,8 @@ class InformationEvaluator:
         """Views of each effort row's entries, `(seen columns, N)`."""
         return np.split(entries, np.cumsum([len(seen) for seen, _, _ in self._places])[:-1])
 
-    def _program(self) -> tuple[Program, list[list[int]]]:
-        """The regressor's entries with softened jumps, and the columns that each row sees."""
+    def _program(self) -> tuple[Program, dict[str, Any]]:
+        """The regressor's entries with softened jumps, and the columns that each row `sees`."""
         from steelyard.symbolic.symbols_and_tracing import symbolic
 
         n, columns = self.model.robot.n, self.base.independent
@@ -162,7 +166,7 @@ class InformationEvaluator:
             return outputs
 
         inputs = [*self.model.inputs, Input("widths", n, shared=True)]
-        return softened(symbolic(rows, inputs), _DQ, _WIDTHS), sees
+        return softened(symbolic(rows, inputs), _DQ, _WIDTHS), {"sees": sees}
 
 
 @dataclass(frozen=True, eq=False)
@@ -354,4 +358,80 @@ def composed_motions(problem: Problem, motions: Iterable[Array]) -> Iterator[Arr
         yield x
 
 
-_Q, _DQ, _DDQ, _CHANNELS, _WIDTHS = range(5)
+@dataclass(frozen=True, eq=False)
+class Earlier:
+    """What was learnt from an earlier log.
+
+    The `noise` of the filtered residuals, `(n,)` [Nm; N], and their filter's cutoff [Hz]; `values`,
+    `(p,)`, of the base parameters that were estimated, and their covariance, `(p, p)`; standard
+    parameters by name; the base parameters that the model was reduced by (`removed`) are zero.
+    """
+
+    noise: Array
+    cutoff: float
+    names: tuple[str, ...]
+    values: Array
+    covariance: Array
+    standard: Mapping[str, float]
+    removed: tuple[str, ...] = ()
+
+    @property
+    def independent_rate(self) -> float:
+        """Independent samples a second behind the filter [Hz]."""
+        design = ParallelFilter.design(self.cutoff, _RATE_OVER_CUTOFF * self.cutoff)
+        return design.rate / (design.decimation * design.inflation)
+
+    @property
+    def weights(self) -> Array:
+        """Information that a second holds, per squared regressor entry, shape `(n,)`."""
+        return np.asarray(self.independent_rate / self.noise**2)
+
+    def information(self, base: BaseMap, absent: Collection[str] = ()) -> Array:
+        """Information on a model's base parameters, `(b, b)`; none on those not estimated.
+
+        Parameters that the model does without (`absent`) are known to be zero.
+        """
+        place = {name: k for k, name in enumerate(base.base_names)}
+        known = [k for k, name in enumerate(self.names) if name in place or name in absent]
+        own = np.linalg.pinv(self.covariance[np.ix_(known, known)], hermitian=True)
+        left = [k for k, name in enumerate(self.names[j] for j in known) if name in place]
+        targets = [place[self.names[known[k]]] for k in left]
+        full = np.zeros((len(base), len(base)))
+        full[np.ix_(targets, targets)] = own[np.ix_(left, left)]
+        return full
+
+
+def earlier_of(identified: IdentifiedModel) -> Earlier:
+    """What an identified model knows for the design of a motion."""
+    estimate = identified.estimate
+    return Earlier(
+        estimate.sigma,
+        identified.cutoffs.matched,
+        estimate.parameters.names,
+        estimate.parameters.values,
+        estimate.covariance,
+        estimate.values.as_dict(),
+        (*(one.name for one in estimate.removed), *estimate.known),
+    )
+
+
+def identified_before(
+    earlier: str | Path | IdentifiedModel, loaded: LoadedRobot
+) -> IdentifiedModel:
+    """An earlier model of the robot."""
+    known = load_model(earlier)
+    where = "earlier model" if isinstance(earlier, IdentifiedModel) else str(earlier)
+    theirs, ours = known.model.robot.joint_names, loaded.robot.joint_names
+    if theirs != ours:
+        raise DataError(
+            f"the earlier model moves the joints {', '.join(theirs)}, this robot {', '.join(ours)}",
+            where=where,
+            fix="give a model that was identified with this robot file, or the model's robot file",
+        )
+    if not (known.estimate.sigma > 0.0).all():
+        raise DataError(
+            "the earlier model fits a joint's efforts without any noise",
+            where=where,
+            fix="leave --earlier out: noise is then assumed",
+        )
+    return known

@@ -37,8 +37,12 @@ from steelyard.excite.constraints.constraint_and_limits import (
     MotionLimits,
     motion_limits,
 )
-from steelyard.excite.design_problem_and_information import Case, InformationEvaluator, Problem
-from steelyard.excite.earlier_model import Earlier
+from steelyard.excite.design_problem_and_information import (
+    Case,
+    Earlier,
+    InformationEvaluator,
+    Problem,
+)
 from steelyard.excite.optimality_criteria import CRITERIA, Measure
 from steelyard.excite.trajectories.motion_families import basis_of, per_joint
 from steelyard.model.equations.frame_and_point_kinematics import last_frame
@@ -98,11 +102,10 @@ def efforts_of(loaded: LoadedRobot, model: Model, earlier: Earlier | None) -> Co
     section = loaded.excitation
     wanted, robot = section.limits, model.robot
     own = np.array([joint.limits.effort for joint in robot.coordinates])
-    given = own if wanted.effort in ("robot", "any") else None
-    efforts = per_joint(None if given is not None else wanted.effort, robot, "effort", own)
-    efforts = wanted.share * efforts
+    given = None if wanted.effort in ("robot", "any") else wanted.effort
+    efforts = wanted.share * per_joint(given, robot, "effort", own)
     powers = per_joint(wanted.power, robot, "power", np.full(robot.n, np.inf))
-    requested = given is None or wanted.power is not None or wanted.total_power is not None
+    requested = given is not None or wanted.power is not None or wanted.total_power is not None
     limited = wanted.effort != "any" and bool(np.isfinite(efforts).any())
     notes = list[str]()
     if wanted.effort == "any":

@@ -34,8 +34,8 @@ from steelyard.excite.controller_file_formats import (
     rapid_of,
     urscript_of,
 )
+from steelyard.excite.design_problem_and_information import earlier_of, identified_before
 from steelyard.excite.design_problem_from_tables import Tables
-from steelyard.excite.earlier_model import earlier_of, identified_before
 from steelyard.excite.page.design_page import render_design
 from steelyard.excite.page.design_text import DesignContent, design_headline, print_design, scopes
 from steelyard.excite.search.parallel_search import SearchBudget

@@ -14,7 +14,7 @@ from steelyard.excite.collision.workspace_from_tables import tool_of
 from steelyard.excite.constraints.certificate import Certificate, certify, holds_note
 from steelyard.excite.constraints.constraint_and_limits import Constraint, Gap, MotionLimits
 from steelyard.excite.constraints.tool_workspace import Marker
-from steelyard.excite.design_problem_and_information import Case, Problem, composed_motions
+from steelyard.excite.design_problem_and_information import Case, Earlier, Problem, composed_motions
 from steelyard.excite.design_problem_from_tables import (
     Tables,
     build,
@@ -23,7 +23,6 @@ from steelyard.excite.design_problem_from_tables import (
     limits_of,
     memoryless,
 )
-from steelyard.excite.earlier_model import Earlier
 from steelyard.excite.planned.plans_from_tables import planned
 from steelyard.excite.predicted_accuracy_and_advice import (
     Advice,

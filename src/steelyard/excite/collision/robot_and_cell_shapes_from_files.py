@@ -1,7 +1,7 @@
 """Collision shapes of robots and cells, as URDF, MJCF, and their STL and OBJ meshes give them."""
 
 import struct
-from collections.abc import Collection
+from collections.abc import Callable, Collection, Mapping
 from contextlib import suppress
 from functools import lru_cache
 from pathlib import Path
@@ -58,7 +58,8 @@ def robot_shapes(robot: Robot, model: Path, skip: Collection[str] = ()) -> Geome
         shapes, never, outside = mjcf_shapes(model, frames, skip)
     else:
         links = root.all("link")
-        shapes = tuple(s for link in links for s in _shapes(link, frames, model, skip))
+        kept = {name: frame for name, frame in frames.items() if name not in skip}
+        shapes = tuple(s for link in links for s in _shapes(link, kept, model))
         never, shaped = frozenset(), [k for k in links if k.all("collision")]
         outside = frozenset(k.attributes["name"].strip() for k in shaped) - frames.keys()
     if not shapes:
@@ -161,21 +162,25 @@ def readable_shapes(
 
 
 def _shapes(
-    link: Element,
-    frames: dict[str, Frame],
-    model: Path,
-    skip: Collection[str] = (),
-    kind: Kind = "collision",
+    link: Element, frames: dict[str, Frame], model: Path, kind: Kind = "collision"
 ) -> list[Shape]:
     """The shapes of one link of a URDF, to collide with or to be seen."""
     name = link.attributes["name"].strip()
-    if name in skip or name not in frames:
+    if name not in frames:
         return []
     shapes = []
     for collision in link.all(kind):
         at, solid = placement_of(collision), _solid(collision, name, model)
         shapes.append(placed(frames[name], name, solid, at.position, at.rotation))
     return shapes
+
+
+_SOLIDS: Mapping[str, Callable[[Element], Solid]] = {
+    "box": lambda box: Box(tuple(numbers_of(box, "size", 3))),
+    "sphere": lambda ball: Ball(number_of(ball, "radius")),
+    "cylinder": lambda rod: Cylinder(number_of(rod, "radius"), number_of(rod, "length")),
+    "capsule": lambda rod: Capsule(number_of(rod, "radius"), number_of(rod, "length")),
+}
 
 
 def _solid(collision: Element, link: str, model: Path) -> Solid:
@@ -190,21 +195,14 @@ def _solid(collision: Element, link: str, model: Path) -> Solid:
     try:
         if element.tag == "mesh":
             return _mesh(element, link, model)
-        if element.tag == "box":
-            x, y, z = numbers_of(element, "size", 3)
-            return Box((x, y, z))
-        if element.tag == "sphere":
-            return Ball(number_of(element, "radius"))
-        if element.tag in ("cylinder", "capsule"):
-            kind = Cylinder if element.tag == "cylinder" else Capsule
-            return kind(number_of(element, "radius"), number_of(element, "length"))
+        if element.tag in _SOLIDS:
+            return _SOLIDS[element.tag](element)
     except ValueError as error:
         raise ModelError(str(error), where=element.where, fix="give lengths above zero") from None
-    known = ["box", "sphere", "cylinder", "capsule", "mesh"]
     raise ModelError(
         f"link '{link}' has a collision shape <{element.tag}>, which is unknown",
         where=element.where,
-        fix=listing(known, "shapes") + f"; or {WITHOUT_MESH_ADVICE}",
+        fix=listing([*_SOLIDS, "mesh"], "shapes") + f"; or {WITHOUT_MESH_ADVICE}",
     )
 
 

@@ -211,7 +211,27 @@ class EffortLimit(Constraint):
     @cached_property
     def bounds(self) -> EffortBounds:
         """Programs of the greatest and least values, `K` of each."""
-        return _programs(self.model, self.power)
+        model = self.model
+        rough = tuple(term for term in model.terms if term.role != "body")
+        smooth = tuple(term for term in model.terms if term.role == "body")
+
+        def efforts(terms: tuple[Term, ...], *x: Sequence[Scalar]) -> list[Scalar]:
+            values: list[Scalar] = []
+            start = 0
+            for term in model.terms:
+                stop = start + len(term.parameters(model.robot))
+                values += [x[3][k] for k in range(start, stop) if term in terms]
+                start = stop
+            return Model(model.robot, terms).torque_of(JointState(*x[:3]), values)
+
+        return effort_bounds(
+            [model.program_key],
+            lambda *x: efforts(smooth, *x),
+            (lambda *x: efforts(rough, *x)) if rough else None,
+            model.robot.n,
+            len(model.parameters),
+            self.power,
+        )
 
     def margins(self, q: Array, dq: Array, ddq: Array) -> Margins:
         """See `Constraint`."""
@@ -331,26 +351,3 @@ def _limit(
     values = tuple(case.values.values for case in cases.values())
     unit = " or ".join(dict.fromkeys(units[k] for k in which))
     return EffortLimit(name, tuple(labels), unit, model, power, which, frozen(chosen), values)
-
-
-def _programs(model: Model, power: bool) -> EffortBounds:
-    rough = tuple(term for term in model.terms if term.role != "body")
-    smooth = tuple(term for term in model.terms if term.role == "body")
-
-    def efforts(terms: tuple[Term, ...], *x: Sequence[Scalar]) -> list[Scalar]:
-        values: list[Scalar] = []
-        start = 0
-        for term in model.terms:
-            stop = start + len(term.parameters(model.robot))
-            values += [x[3][k] for k in range(start, stop) if term in terms]
-            start = stop
-        return Model(model.robot, terms).torque_of(JointState(*x[:3]), values)
-
-    return effort_bounds(
-        [model.program_key],
-        lambda *x: efforts(smooth, *x),
-        (lambda *x: efforts(rough, *x)) if rough else None,
-        model.robot.n,
-        len(model.parameters),
-        power,
-    )

@@ -69,15 +69,10 @@ def velocity_jumps(robot: Robot, trajectory: ExactTrajectory, limit: Array) -> t
     )
 
 
-def unrest(trajectory: ExactTrajectory, limit: Array) -> tuple[str, ...]:
-    """A sentence for each end at which the motion does not rest; speeds are limited to `limit`."""
-    speeds = np.abs(trajectory.derivative([0.0, trajectory.duration], 1))
-    notes = (
-        "the motion does not start at rest: the robot must already be moving",
-        "the motion does not end at rest: the robot must be stopped afterwards",
-    )
-    return tuple(compress(notes, np.any(speeds > ROUNDING_JUMP_SHARE * limit, axis=1)))
-
+UNREST = (
+    "the motion does not start at rest: the robot must already be moving",
+    "the motion does not end at rest: the robot must be stopped afterwards",
+)
 
 HOLD_TEST_PLACES = (0.1, 0.5, 0.9)  # between two breaks, at which a hold is tested
 STILL_SPEED_SHARE = 1e-9  # speed below which all joints stand still, over the motion's highest
@@ -313,6 +308,8 @@ def certify(
         )
     ]
     before = [None] * len(constraints) if proven is None else proven
+    speeds = np.abs(trajectory.derivative([0.0, trajectory.duration], 1))
+    moving = np.any(speeds > ROUNDING_JUMP_SHARE * limits.velocity, axis=1)
     return Certificate(
         robot=robot.name,
         trajectory=trajectory_hash(trajectory),
@@ -321,7 +318,7 @@ def certify(
         extremes=tuple(extremes),
         proofs=tuple(proof_of(trajectory, *one) for one in zip(constraints, before, strict=True)),
         jumps=velocity_jumps(robot, trajectory, limits.velocity),
-        notes=(*notes, *unrest(trajectory, limits.velocity)),
+        notes=(*notes, *compress(UNREST, moving)),
     )
 
 

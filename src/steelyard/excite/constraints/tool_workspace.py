@@ -49,6 +49,8 @@ class Marker:
 
     def __init__(self, frame: str, offset: ArrayLike = (0.0, 0.0, 0.0), radius: float = 0.0):
         set_fields(self, frame=frame, offset=frozen(offset, (3,)), radius=float(radius))
+        if not 0.0 <= self.radius < np.inf:
+            raise ValueError(f"a sphere of radius {radius} m")
 
     def on(self, robot: Robot) -> Frame:
         """Its centre, as a frame on the body that carries it."""

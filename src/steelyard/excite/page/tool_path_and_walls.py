@@ -173,8 +173,7 @@ class DesignToolSection(
             "forbidden": bool(boxes),
             "space": script_json(_space(t, path, arm, faces)),
             "views": [
-                (words, script_json(_view(path, arm, faces, boxes, (a, b))))
-                for words, a, b in VIEWS
+                (words, script_json(_view(path, arm, faces, boxes, a, b))) for words, a, b in VIEWS
             ],
         }
 
@@ -229,14 +228,9 @@ def _space(t: Array, path: Array, arm: Array, faces: Sequence[Face]) -> dict[str
 
 
 def _view(
-    path: Array,
-    arm: Array,
-    faces: Sequence[Face],
-    boxes: Sequence[tuple[Array, Array]],
-    axes: tuple[int, int],
+    path: Array, arm: Array, faces: Sequence[Face], boxes: list[tuple[Array, Array]], a: int, b: int
 ) -> dict[str, Any]:
     """What is seen along one axis, both scales alike."""
-    a, b = axes
 
     def seen(name: str, at: Array, colour: str, width: float, **more: Any) -> dict[str, Any]:
         return line(name, at[:, a], at[:, b], colour, width=width, **more)

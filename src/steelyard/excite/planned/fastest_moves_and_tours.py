@@ -7,6 +7,7 @@ of the tool's way are proven over all times. The way along the curve is the mini
 $s = 10\tau^3 - 15\tau^4 + 6\tau^5$ [Flash1985].
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -69,10 +70,7 @@ class ToolWay:
         return speed, bend
 
     def proven(
-        self,
-        motion: ExactTrajectory,
-        tolerances: tuple[float, float, float],
-        ends: Array | None = None,
+        self, motion: ExactTrajectory, tolerances: Sequence[float], ends: Array | None = None
     ) -> list[float]:
         """Bounds of speed [m/s], acceleration [m/s²] and way off a line [m] at all times.
 
@@ -224,10 +222,6 @@ class Tour:
     cycles: int
     required: tuple[tuple[Array, str, str], ...] = ()
 
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "places", frozen(self.places, (len(self.names), 3)))
-        object.__setattr__(self, "dwells", frozen(self.dwells, (len(self.names),)))
-
 
 @dataclass(frozen=True, eq=False)
 class ProcessMotion:
@@ -265,22 +259,14 @@ _SAME = 1e-6  # places nearer to each other than this are one [m]
 _SLOWER = 1.0 + 1e-9  # keeps a limit that a move meets exactly from being passed by rounding
 
 
-def planned_tour(
-    robot: Robot, limits: MotionLimits, frame: Frame, tour: Tour, guidance: ToolGuidance, seed: int
-) -> ProcessMotion:
-    """The fastest motion of a frame along a tour; the seed is that of the search for postures.
+class TourPlanner:
+    """Plans motions of a frame; the seed is that of the search for postures.
+
+    Solves the inverse kinematics in ranges that leave a little room for splines.
 
     Raises:
         ModelError: The frame does not move, or loops decide where it is.
-        DataError: A place is out of reach; says how far, and how it would have to be moved. Or
-            all places are one.
-        UnfollowableWay: A line cannot be followed from any of the postures tried.
     """
-    return _Planner(robot, limits, frame, guidance, seed).run(tour)
-
-
-class _Planner:
-    """Solves the inverse kinematics in ranges that leave a little room for splines."""
 
     def __init__(
         self, robot: Robot, limits: MotionLimits, frame: Frame, guidance: ToolGuidance, seed: int
@@ -291,7 +277,14 @@ class _Planner:
         self._way = ToolWay(frame_kinematics(robot, frame))
         self._where = f"frame '{frame.name}' of robot '{robot.name}'"
 
-    def run(self, tour: Tour) -> ProcessMotion:
+    def fastest(self, tour: Tour) -> ProcessMotion:
+        """The fastest motion along a tour.
+
+        Raises:
+            DataError: A place is out of reach; says how far, and how it would have to be moved. Or
+                all places are one.
+            UnfollowableWay: A line cannot be followed from any of the postures tried.
+        """
         solver, middle, seed = self._solver, self._middle, self._seed
         required = tour.required
         if np.ptp(tour.places, axis=0).max() <= _SAME:

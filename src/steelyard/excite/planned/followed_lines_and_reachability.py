@@ -9,7 +9,7 @@ import numpy as np
 
 from steelyard.base.arrays import Array
 from steelyard.base.errors import DataError
-from steelyard.excite.planned.inverse_kinematics import InverseKinematics
+from steelyard.excite.planned.inverse_kinematics import InverseKinematics, Postures
 
 _STEP = 0.05  # steps along a line are this long at most [m]
 _LARGEST_CHANGE = 0.3  # most change of a joint from step to step [rad; m]; else the step is halved
@@ -76,9 +76,8 @@ def follow(
         elif step > _SHORTEST:
             step *= 0.5
         else:
-            raise _obstacle_of_line(
-                solver, found.q[0], change, bool(found.reached[0]), share, names, where
-            )
+            followed = Followed(solver, ends, np.array(shares), np.array(postures))
+            raise _obstacle_of_line(followed, found, share, names, where)
     followed = Followed(solver, ends, np.array(shares), np.array(postures))
     return followed if to is None else _arriving(followed, to, names, where)
 
@@ -106,15 +105,10 @@ def _arriving(followed: Followed, to: Array, names: Sequence[str], where: str) -
 
 
 def _obstacle_of_line(
-    solver: InverseKinematics,
-    q: Array,
-    change: Array,
-    reached: bool,
-    share: float,
-    names: Sequence[str],
-    where: str,
+    followed: Followed, found: Postures, share: float, names: Sequence[str], where: str
 ) -> UnfollowableWay:
     """What stops a line: the end of a joint's range, or a posture that would have to jump."""
+    solver, q, change = followed.solver, found.q[0], found.q[0] - followed.q[-1]
     at = f"after {100.0 * share:.0f} % of its way"
     ended = [
         f"'{name}' at its {end} limit"
@@ -125,7 +119,7 @@ def _obstacle_of_line(
     j = int(np.argmax(np.abs(change)))
     if ended:
         wrong = f"the straight line ends {at}: joint {', joint '.join(ended)}"
-    elif not reached:
+    elif not found.reached[0]:
         wrong = f"the straight line leaves the reachable workspace {at}"
     else:
         wrong = f"joint '{names[j]}' would have to jump by {change[j]:.2f} {at} of a straight line"

@@ -19,7 +19,7 @@ from steelyard.base.arrays import Array, frozen
 from steelyard.base.errors import DataError
 from steelyard.excite.collision.workspace_from_tables import tool_of, up_of
 from steelyard.excite.constraints.constraint_and_limits import MotionLimits
-from steelyard.excite.planned.fastest_moves_and_tours import ToolGuidance, Tour, planned_tour
+from steelyard.excite.planned.fastest_moves_and_tours import ToolGuidance, Tour, TourPlanner
 from steelyard.excite.planned.inverse_kinematics import Attitude, Pointing
 from steelyard.excite.planned.joints_along_path import along_path
 from steelyard.excite.planned.timed_paths import Circle, Reaches, ToolPath, on_circle, out_and_back
@@ -247,7 +247,8 @@ TASKS: Mapping[str, Callable[[Any, Robot, int], Tour]] = {
 def _process(s: Any, loaded: LoadedRobot, limits: MotionLimits, seed: int) -> Planned:
     guidance = ToolGuidance(getattr(s, "path", "line"), _attitude(s), s.speed, s.acceleration)
     tour = TASKS[s.kind](s, loaded.robot, seed)
-    motion = planned_tour(loaded.robot, limits, _tool(loaded), tour, guidance, seed)
+    planner = TourPlanner(loaded.robot, limits, _tool(loaded), guidance, seed)
+    motion = planner.fastest(tour)
     return motion.trajectory, (motion.summary,)
 
 

@@ -17,11 +17,9 @@ from steelyard.base.errors import DataError, refuse_unknown, require
 from steelyard.base.progress import Event, Progress, report_progress, silent
 from steelyard.excite.design_problem_and_information import Problem, composed_motions
 from steelyard.excite.search.feasibility import each_start
-from steelyard.excite.search.margins_barrier_and_newton import STAGES, minimised
+from steelyard.excite.search.margins_barrier_and_newton import STAGES, StepWatch, minimised
 
-Watch = Callable[[Array], None]  # told of coefficients in the feasible set; may raise `Stopped`
-
-Method = Callable[[Problem, np.random.Generator, Watch], Array]
+Method = Callable[[Problem, np.random.Generator, StepWatch], Array]
 """A search: of a problem, with a source of all its random choices, and told of every step.
 
 It gives the coefficients that it ends with, feasible at their samples.
@@ -29,7 +27,7 @@ It gives the coefficients that it ends with, feasible at their samples.
 
 
 def search_by_gradient(
-    problem: Problem, random: np.random.Generator, watch: Watch, screened: int = 60
+    problem: Problem, random: np.random.Generator, watch: StepWatch, screened: int = 60
 ) -> Array:
     """Newton's method within a barrier from the best of `screened` random starts.
 
@@ -185,7 +183,7 @@ class _Genes:
                 return None
         return np.asarray(still + factor * change)
 
-    def costs(self, watch: Watch, start: Array) -> Callable[[Array], Array]:
+    def costs(self, watch: StepWatch, start: Array) -> Callable[[Array], Array]:
         """The criterion of many sets of genes, `(B, k)` to `(B,)`; each is shrunk until feasible.
 
         Where a posture is not free, what it lacks leads out. What is better than all before is
@@ -213,7 +211,7 @@ NOTHING_SHOWN_COST = 50.0  # of showing too little, as a condition of 5e21; more
 def _evolved(
     problem: Problem,
     random: np.random.Generator,
-    watch: Watch,
+    watch: StepWatch,
     minimise: Callable[..., BestPoint],
 ) -> Array:
     """Minimise over postures and amplitudes; the best so far is reported at every generation."""
@@ -236,7 +234,7 @@ def _evolved(
 def search_by_genes(
     problem: Problem,
     random: np.random.Generator,
-    watch: Watch,
+    watch: StepWatch,
     population: int = 100,
     generations: int = 400,
 ) -> Array:
@@ -246,7 +244,7 @@ def search_by_genes(
 
 
 def search_by_cma_es(
-    problem: Problem, random: np.random.Generator, watch: Watch, evaluations: int = 40_000
+    problem: Problem, random: np.random.Generator, watch: StepWatch, evaluations: int = 40_000
 ) -> Array:
     """CMA-ES over postures and amplitudes, shrunk until feasible."""
     minimise = partial(minimised_by_cma_es, evaluations=evaluations)
