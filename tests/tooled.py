@@ -19,7 +19,7 @@ from steelyard.excite.planned.fastest_moves_and_tours import (
     ToolGuidance,
     TourPlanner,
 )
-from steelyard.excite.planned.inverse_kinematics import Pointing
+from steelyard.excite.planned.inverse_kinematics import Attitude
 from steelyard.excite.planned.plans_from_tables import TASKS
 from steelyard.model.equations.frame_and_point_kinematics import frame_of
 from steelyard.robot.file.excitation_sections import (
@@ -38,7 +38,7 @@ FILES = {
 }
 
 
-DOWN = Pointing([0.0, 0.0, -1.0])
+DOWN = Attitude([0.0, 0.0, -1.0])
 FREE = ToolGuidance()
 REACH = {"ur10": 0.8, "panda": 0.5}
 

@@ -29,9 +29,9 @@ sys.path.insert(0, str(Path(__file__).parents[2] / "tests"))
 from excite.interpreters import Follower, URController
 from steelyard.base.errors import SteelyardError
 from steelyard.excite.constraints.certificate import Certificate, certify
+from steelyard.excite.controller_file_formats import exported
 from steelyard.excite.design_problem_and_information import Problem
 from steelyard.excite.design_problem_from_tables import build
-from steelyard.excite.excite import exported
 from steelyard.excite.page.design_text import design_headline, design_level
 from steelyard.excite.search.feasibility import refuse_impossible
 from steelyard.excite.search.repair_until_proven import finished

@@ -15,7 +15,7 @@ from proofs.support.claims import Claim, data_folder, main_of
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "tests"))
 from excite.interpreters import Follower, URController, moments
-from steelyard.excite.excite import exported
+from steelyard.excite.controller_file_formats import exported
 from steelyard.excite.trajectories.exact_trajectories import (
     ExactTrajectory,
     SlowedMotion,

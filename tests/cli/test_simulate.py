@@ -10,7 +10,7 @@ import pytest
 from cli.conftest import Command
 from cli.mistakes import ROBOT
 from steelyard.base.files import write_json
-from steelyard.excite.excite import write_export
+from steelyard.excite.controller_file_formats import write_export
 from steelyard.excite.trajectories.exact_trajectories import (
     ChainedMotion,
     PiecewiseMotion,

@@ -7,7 +7,7 @@ import pytest
 from scipy.interpolate import CubicSpline
 
 from steelyard.base.errors import DataError
-from steelyard.excite.excite import write_export
+from steelyard.excite.controller_file_formats import write_export
 from steelyard.excite.trajectories.exact_trajectories import (
     SampledMotion,
     end_speeds,

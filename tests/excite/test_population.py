@@ -162,20 +162,16 @@ def test_a_missing_package_comes_with_the_line_that_installs_it(
     assert 'pip install ".[population]"' in caught.value.fix
 
 
-def test_settings_are_passed_on(monkeypatch: pytest.MonkeyPatch) -> None:
-    from steelyard.excite.search import search_methods as cma_es
-    from steelyard.excite.search import search_methods as genetic
-
+def test_settings_are_passed_on() -> None:
     given: list[dict[str, Any]] = []
 
     def spy(*_: Any, **settings: Any) -> Any:
         given.append(settings)
         raise Stopped("seen")
 
-    monkeypatch.setattr(genetic, "minimised_by_genes", spy)
-    monkeypatch.setattr(cma_es, "minimised_by_cma_es", spy)
-    for method, *numbers in ((search_by_genes, 7, 11), (search_by_cma_es, 123)):
+    sizes = [{"population": 7, "generations": 11}, {"evaluations": 123}]
+    for method, own in zip((search_by_genes, search_by_cma_es), sizes, strict=True):
         with pytest.raises(Stopped):
-            method(problem(FAMILIES["rest"]), seeded(0, 0), silently, *numbers)
+            method(problem(FAMILIES["rest"]), seeded(0, 0), silently, minimise=spy, **own)
     assert (given[0]["population"], given[0]["generations"]) == (7, 11)
     assert given[1]["evaluations"] == 123

@@ -8,13 +8,16 @@ is the greatest integral of the magnitude of its Peano kernel [Davis1963].
 """
 
 import json
-from math import ceil, floor
+from collections.abc import Callable
+from dataclasses import dataclass
+from math import ceil, floor, inf
+from pathlib import Path
 
 import numpy as np
 
 from steelyard.base.arrays import Array
-from steelyard.base.errors import OutputError
-from steelyard.base.files import csv_text
+from steelyard.base.errors import OutputError, refuse_unknown
+from steelyard.base.files import csv_text, refuse_existing, whole_file
 from steelyard.excite.trajectories.exact_trajectories import ExactTrajectory, divided
 from steelyard.robot.robot import Robot
 
@@ -304,3 +307,59 @@ def _unfit_motion(robot: Robot, form: str, wanted: str, prismatic: int = 0) -> O
         where=f"robot '{robot.name}'",
         fix="export the motion in another format",
     )
+
+
+@dataclass(frozen=True)
+class Export:
+    """A format of motions: its file, the text of it, and points a second if none are requested.
+
+    What a controller does `between` points, see `error_between`; `None` if the file is for none.
+    """
+
+    file: str
+    text: Callable[[ExactTrajectory, Robot, float], str]
+    rate: float
+    between: str | None = None
+
+
+EXPORTS: dict[str, Export] = {
+    "csv": Export("trajectory.csv", csv_of, 500.0, "lines"),
+    "ros2": Export("trajectory.yaml", joint_trajectory_of, 20.0, "quintic splines"),
+    "urscript": Export("trajectory.script", urscript_of, 500.0, "lines"),
+    "krl": Export("trajectory.src", krl_of, 10.0, "cubic spline"),
+    "rapid": Export("trajectory.mod", rapid_of, 10.0, "rounded lines"),
+    "mujoco": Export("trajectory.xml", keyframes_of, 50.0),
+}
+
+
+def exported(
+    trajectory: ExactTrajectory, robot: Robot, form: str, rate: float | None = None
+) -> str:
+    """A motion as the text of a file in a format of `EXPORTS`, with `rate` points a second."""
+    export = _format_of_name(form)
+    rate = export.rate if rate is None else rate
+    if not 0.0 < rate < inf:
+        raise OutputError(
+            f"{rate:g} points per second are not a valid rate",
+            where="rate of the export",
+            fix="give a number of points per second above 0",
+        )
+    return export.text(trajectory, robot, rate)
+
+
+def write_export(
+    trajectory: ExactTrajectory, robot: Robot, form: str, folder: Path, rate: float | None = None
+) -> Path:
+    """Write a motion to a folder, under the format's file name; the file."""
+    path = folder / _format_of_name(form).file
+    refuse_existing(path)
+    text = exported(trajectory, robot, form, rate)
+    with whole_file(path) as part:
+        part.write_text(text, encoding="utf-8", newline="\n")
+    return path
+
+
+def _format_of_name(form: str) -> Export:
+    wrong, where = f"there is no format '{form}' for motions", "format of the export"
+    refuse_unknown(form, EXPORTS, wrong, where, "formats", OutputError)
+    return EXPORTS[form]

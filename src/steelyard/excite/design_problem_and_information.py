@@ -26,7 +26,7 @@ from steelyard.estimate.identified_model import IdentifiedModel, load_model
 from steelyard.estimate.information.base_parameters_and_regressor import BaseMap, clear_map
 from steelyard.estimate.information.filter_and_gram import ParallelFilter
 from steelyard.excite.constraints.constraint_and_limits import Constraint, MotionLimits
-from steelyard.excite.optimality_criteria import Criterion, DOptimal, worst
+from steelyard.excite.optimality_criteria import Criterion, d_optimal, worst
 from steelyard.excite.search.margins_barrier_and_newton import InequalityConstraints
 from steelyard.excite.trajectories.motion_families import Basis
 from steelyard.model.equations.inverse_dynamics import JointState, completed
@@ -334,7 +334,7 @@ def composed_motions(problem: Problem, motions: Iterable[Array]) -> Iterator[Arr
         return (
             x,
             value,
-            [max(DOptimal().smooth(g, 1.0)[0] if len(g) else 0.0 for g in own) for own in each],
+            [max(d_optimal(g, 1.0)[0] if len(g) else 0.0 for g in own) for own in each],
         )
 
     best: tuple[Array, float, list[float]] | None = None

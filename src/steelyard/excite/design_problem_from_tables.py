@@ -43,7 +43,7 @@ from steelyard.excite.design_problem_and_information import (
     InformationEvaluator,
     Problem,
 )
-from steelyard.excite.optimality_criteria import CRITERIA, Measure
+from steelyard.excite.optimality_criteria import CRITERIA, measure
 from steelyard.excite.trajectories.motion_families import basis_of, per_joint
 from steelyard.model.equations.frame_and_point_kinematics import last_frame
 from steelyard.model.model import Model, ValuedModel
@@ -354,10 +354,10 @@ def cases_of(
     if wanted.after_earlier:
         prior = _needed(earlier, "after_earlier").information(shows.base, absent)
     if not wanted.relative:
-        return (Case(shows, Measure(CRITERIA[wanted.kind], prior, chosen)),)
+        return (Case(shows, measure(CRITERIA[wanted.kind], prior, chosen)),)
     known = _needed(earlier, "relative")
     sizes = [sizes_of(known, model, shows.base, load) for load in (None, *section.loads)]
-    return tuple(Case(shows, Measure(CRITERIA[wanted.kind], prior, chosen, s)) for s in sizes)
+    return tuple(Case(shows, measure(CRITERIA[wanted.kind], prior, chosen, s)) for s in sizes)
 
 
 def weights_of(wanted: CriterionSection, robot: Robot, earlier: Earlier | None) -> Array:

@@ -6,7 +6,7 @@ import io
 import socket
 import time
 from collections.abc import Callable
-from contextlib import AbstractContextManager, redirect_stdout
+from contextlib import redirect_stdout
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -250,7 +250,7 @@ class Replay:
 
     def stop(self) -> None:
         """End the server."""
-        with _quiet():
+        with redirect_stdout(io.StringIO()):
             self.server.stop()
 
 
@@ -260,7 +260,7 @@ def replayed(stage: Stage, host: str, port: int, speed: float = 1.0) -> Replay:
     import viser
 
     _check_address(host)
-    with _quiet():
+    with redirect_stdout(io.StringIO()):
         server = viser.ViserServer(host=host, port=port, label=stage.robot.name, verbose=False)
     replay = Replay(stage, Clock(stage.trajectory.duration, speed), server)
     _scene(replay)
@@ -281,10 +281,6 @@ def _check_address(host: str) -> None:
             where="--host",
             fix="leave --host out for this machine alone, or give 0.0.0.0 for all others too",
         ) from error
-
-
-def _quiet() -> AbstractContextManager[object]:
-    return redirect_stdout(io.StringIO())
 
 
 def _scene(replay: Replay) -> None:

@@ -61,13 +61,12 @@ class PathMotion:
 
 @dataclass(frozen=True, eq=False)
 class _Knot:
-    """Joints at a time; `passive` are the positions of those that loops determine."""
+    """Joints at a time."""
 
     t: float
     q: Array
     dq: Array
     ddq: Array
-    passive: Array
 
 
 def along_path(
@@ -179,8 +178,7 @@ class _Walk:
         kept = kept[(ranks == rank) & (ratios[:, rank - 1] > _SINGULAR)]
         if not len(kept):
             raise self._astray("the posture at the start of the path is singular", 0.0)
-        best: Array = kept[:_BRANCHES]
-        return best
+        return np.asarray(kept[:_BRANCHES])
 
     def run(self, first: Array) -> PathMotion:
         if self.robot.passive:
@@ -264,7 +262,7 @@ class _Walk:
         drift = self._rows(self.motion.moving(q, passive, dq)[3][:, None])[:, 0]
         needed = np.append(acceleration, unturned) - drift
         ddq[free] = np.linalg.lstsq(rates, needed, rcond=None)[0]
-        return _Knot(t, q, dq, ddq, passive)
+        return _Knot(t, q, dq, ddq)
 
     def _close(self, a: _Knot, b: _Knot) -> bool:
         """Whether the polynomial between two knots keeps to the path in its middle."""
@@ -292,8 +290,7 @@ class _Walk:
     def _rows(self, rates: Array) -> Array:
         """Rates of place and turns, shape `(3 + k, m)`, from those of the frame, `(6, m)`."""
         turned = self.attitude.slopes(rates[None, 3:])[0]
-        rows: Array = np.concatenate([rates[:3], turned]) * weights_of(self.attitude)[:, None]
-        return rows
+        return np.asarray(np.concatenate([rates[:3], turned]) * weights_of(self.attitude)[:, None])
 
     def _excess(self, curve: PiecewiseMotion) -> tuple[float, str]:
         found = []

@@ -208,13 +208,17 @@ class _Genes:
 NOTHING_SHOWN_COST = 50.0  # of showing too little, as a condition of 5e21; more if not free
 
 
-def _evolved(
+def search_by_population(
     problem: Problem,
     random: np.random.Generator,
     watch: StepWatch,
     minimise: Callable[..., BestPoint],
+    **sizes: int,
 ) -> Array:
-    """Minimise over postures and amplitudes; the best so far is reported at every generation."""
+    """Minimise over postures and amplitudes, shrunk until feasible.
+
+    The best so far is reported at every generation.
+    """
     genes = _Genes(problem)
     best = list(each_start(problem.inequalities, random, 1))
 
@@ -226,30 +230,15 @@ def _evolved(
         watch(best[-1])
         return True
 
-    edge = np.ones(genes.count)
-    minimise(genes.costs(report, best[-1]), -edge, edge, random=random, progress=progress)
+    edge, costs = np.ones(genes.count), genes.costs(report, best[-1])
+    minimise(costs, -edge, edge, random=random, progress=progress, **sizes)
     return best[-1]
 
 
-def search_by_genes(
-    problem: Problem,
-    random: np.random.Generator,
-    watch: StepWatch,
-    population: int = 100,
-    generations: int = 400,
-) -> Array:
-    """A genetic algorithm over postures and amplitudes, shrunk until feasible."""
-    minimise = partial(minimised_by_genes, population=population, generations=generations)
-    return _evolved(problem, random, watch, minimise)
-
-
-def search_by_cma_es(
-    problem: Problem, random: np.random.Generator, watch: StepWatch, evaluations: int = 40_000
-) -> Array:
-    """CMA-ES over postures and amplitudes, shrunk until feasible."""
-    minimise = partial(minimised_by_cma_es, evaluations=evaluations)
-    return _evolved(problem, random, watch, minimise)
-
+search_by_genes = partial(
+    search_by_population, minimise=minimised_by_genes, population=100, generations=400
+)
+search_by_cma_es = partial(search_by_population, minimise=minimised_by_cma_es, evaluations=40_000)
 
 METHODS: Mapping[str, Method] = {
     "gradient": search_by_gradient,

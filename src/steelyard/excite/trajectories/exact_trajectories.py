@@ -30,9 +30,9 @@ class ExactTrajectory(ABC):
     """A motion that can be differentiated, bounded and stored."""
 
     @property
-    @abstractmethod
     def duration(self) -> float:
         """Length in time [s]."""
+        return float(self.breaks[-1])
 
     @property
     @abstractmethod
@@ -73,11 +73,6 @@ class SlowedMotion(ExactTrajectory):
     def __post_init__(self) -> None:
         if not 0.0 < self.factor <= 1.0:
             raise ValueError(f"{self.factor:g} of the speed is not a reduced speed")
-
-    @property
-    def duration(self) -> float:
-        """Length in time [s]."""
-        return self.motion.duration / self.factor
 
     @property
     def breaks(self) -> Array:
@@ -277,11 +272,6 @@ class PiecewiseMotion(ExactTrajectory):
     def breaks(self) -> Array:
         """The edges."""
         return self.edges
-
-    @property
-    def duration(self) -> float:
-        """Length in time [s]."""
-        return float(self.edges[-1])
 
     def derivative(self, t: ArrayLike, order: int) -> Array:
         """See `ExactTrajectory`; any order."""
