@@ -3,6 +3,7 @@
 import struct
 from collections.abc import Callable, Collection, Mapping
 from contextlib import suppress
+from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Literal
@@ -97,9 +98,9 @@ def world_shapes(path: Path) -> tuple[Shape, ...]:
                 placement = placement @ joint.at(rest)
             frames[link.name] = Frame(link.name, -1, placement.rotation, placement.position)
         shapes = tuple(
-            Shape(s.name, -1, s.rotation, s.position, s.solid, "world")
-            for element in root.all("link")
-            for s in _shapes(element, frames, path)
+            replace(shape, origin="world")
+            for link in root.all("link")
+            for shape in _shapes(link, frames, path)
         )
     if not shapes:
         raise ModelError(

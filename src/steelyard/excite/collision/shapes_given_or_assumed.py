@@ -6,7 +6,6 @@ link's least moment of inertia, $r = \sqrt{2 I / m}$, or a share of the robot's 
 """
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -120,22 +119,12 @@ def rod(name: str, frame: Frame, end: Array, radius: float, origin: Origin = "li
 POINT_TOOL_RADIUS = 1e-4  # radius of the ball that stands for a tool that is a point [m]
 
 
-@dataclass(frozen=True, eq=False)
-class WholeRobot:
-    """Shapes of all links that move, balls of tool and loads, and names of links that do not move.
-
-    The scope is what it stands for.
-    """
-
-    links: tuple[Shape, ...]
-    carried: tuple[Shape, ...]
-    still: tuple[str, ...]
-    notes: tuple[str, ...]
-    scope: str
+WholeRobot = tuple[list[Shape], list[Shape], tuple[str, ...]]
+"""Shapes of all links, balls of tool and loads that move, and notes on where shapes come from."""
 
 
-def whole_robot(loaded: LoadedRobot, tool: Marker, skip: Collection[str] = ()) -> WholeRobot:
-    """All that a robot moves but `skip`: collision shapes, or visual ones, or assumed capsules."""
+def whole_robot(loaded: LoadedRobot, tool: Marker, skip: Collection[str]) -> WholeRobot:
+    """All of a robot but `skip`: collision shapes, or visual ones, or assumed capsules."""
     robot = loaded.robot
     if robot.loops:
         raise ModelError(
@@ -165,13 +154,8 @@ def whole_robot(loaded: LoadedRobot, tool: Marker, skip: Collection[str] = ()) -
     carried = [placed(frame, name, Ball(radius), tool.offset, origin="tool")]
     if np.linalg.norm(tool.offset) > 0.0:
         carried.append(rod(name, frame, ends[tool.frame][0], radius, "tool"))
-    return WholeRobot(
-        tuple(shape for shape in links if shape.body >= 0),
-        tuple(s for s in (*carried, *load_balls(loaded)) if s.body >= 0),
-        tuple(dict.fromkeys(shape.name for shape in links if shape.body < 0)),
-        _notes_on_shapes(drawn, assumed, skip),
-        f"all links{' but ' if skip else ''}{', '.join(skip)}",
-    )
+    moving = [shape for shape in (*carried, *load_balls(loaded)) if shape.body >= 0]
+    return links, moving, _notes_on_shapes(drawn, assumed, skip)
 
 
 def _link_tree(loaded: LoadedRobot) -> Links:

@@ -28,6 +28,10 @@ FLAT_HULL_THICKNESS = 1e-4  # what a mesh without volume is thickened by to each
 WITHOUT_MESH_ADVICE = "name the link under `without` to ignore its shapes"
 
 
+_OUTERMOST = np.array([[1, 0, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [1, 1, 1]], dtype=np.float64)
+"""Directions among which is that of the point of a solid that is farthest from its centre."""
+
+
 class Solid:
     """A convex solid in a frame of its own.
 
@@ -42,13 +46,15 @@ class Solid:
         """A point of the solid that is farthest along each direction, both of shape `(N, 3)`."""
         raise NotImplementedError
 
-    def _around(self, radius: float, *sizes: float) -> None:
-        """Keep the radius, if all sizes are those of a solid."""
+    def __post_init__(self) -> None:
+        """Keep the radius, if all sizes, which are the fields, are those of a solid."""
+        sizes = np.hstack(list(vars(self).values()))
         if not all(0.0 < size < np.inf for size in sizes):
             kind = {"Ball": "sphere"}.get(type(self).__name__, type(self).__name__.lower())
             shown = ", ".join(f"{size:g}" for size in sizes)
             raise ValueError(f"a {kind} of {shown} m is not a solid")
-        object.__setattr__(self, "radius", radius)
+        farthest = np.linalg.norm(self.farthest(_OUTERMOST), axis=1).max()
+        set_fields(self, radius=vars(self).get("radius", float(farthest)))
 
 
 def height(solid: Solid, directions: Array) -> Array:
@@ -62,9 +68,6 @@ class Ball(Solid):
 
     radius: float
 
-    def __post_init__(self) -> None:
-        self._around(self.radius, self.radius)
-
     def farthest(self, directions: Array) -> Array:
         """See `Solid`."""
         return self.radius * _unit(directions)
@@ -76,10 +79,6 @@ class Box(Solid):
 
     size: tuple[float, float, float]
 
-    def __post_init__(self) -> None:
-        x, y, z = self.size
-        self._around(0.5 * float(np.linalg.norm(self.size)), x, y, z)
-
     def farthest(self, directions: Array) -> Array:
         """See `Solid`."""
         return np.copysign(np.array(self.size) / 2.0, directions)
@@ -90,10 +89,6 @@ class Ellipsoid(Solid):
     """An ellipsoid along the axes, by its three semi-axes [m]."""
 
     semi: tuple[float, float, float]
-
-    def __post_init__(self) -> None:
-        x, y, z = self.semi
-        self._around(max(self.semi), x, y, z)
 
     def farthest(self, directions: Array) -> Array:
         """See `Solid`."""
@@ -117,9 +112,6 @@ class _Round(Solid):
 class Cylinder(_Round):
     """A cylinder about z with flat ends."""
 
-    def __post_init__(self) -> None:
-        self._around(float(np.hypot(self.disc, self.length / 2.0)), self.disc, self.length)
-
     def farthest(self, directions: Array) -> Array:
         """See `Solid`."""
         return self._end(directions) + self.disc * _unit(directions * (1.0, 1.0, 0.0))
@@ -128,9 +120,6 @@ class Cylinder(_Round):
 @dataclass(frozen=True)
 class Capsule(_Round):
     """All points near a piece of the z axis."""
-
-    def __post_init__(self) -> None:
-        self._around(self.disc + self.length / 2.0, self.disc, self.length)
 
     def farthest(self, directions: Array) -> Array:
         """See `Solid`."""
@@ -144,16 +133,16 @@ class Hull(Solid):
     vertices: Array
 
     def __init__(self, points: ArrayLike) -> None:
-        object.__setattr__(self, "vertices", frozen(_corners(frozen(points, (None, 3)))))
-        object.__setattr__(self, "centre", frozen(_ball(self.vertices)))
-        self._around(float(np.linalg.norm(self.vertices - self.centre, axis=1).max()))
+        vertices = frozen(_corners(frozen(points, (None, 3))))
+        centre = frozen(_ball(vertices))
+        radius = float(np.linalg.norm(vertices - centre, axis=1).max())
+        set_fields(self, vertices=vertices, centre=centre, radius=radius)
 
     def farthest(self, directions: Array) -> Array:
         """See `Solid`."""
         return np.asarray(self.vertices[np.argmax(directions @ self.vertices.T, axis=1)])
 
 
-@dataclass(frozen=True)
 class HalfSpace(Solid):
     """All points below the plane z = 0."""
 

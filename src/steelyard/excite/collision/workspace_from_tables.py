@@ -50,25 +50,28 @@ def clearance_of_walls(
     """
     collision, loads = loaded.excitation.collision, loaded.excitation.loads
     aside = [ball.name for ball, one in zip(load_balls(loaded), loads, strict=True) if one.radius]
-    shapes = (*whole.links, *whole.carried, *walls, *cell)
-    first = len(whole.links) + len(whole.carried)
+    links, carried, notes = whole
+    moving = [link for link in links if link.body >= 0]
+    shapes = (*moving, *carried, *walls, *cell)
+    first = len(moving) + len(carried)
     standing = first + len(walls)
-    loose = [k for k in range(len(whole.links), first) if shapes[k].name not in aside]
+    loose = [k for k in range(len(moving), first) if shapes[k].name not in aside]
     meeting = [(i, j) for i in range(first) for j in range(first, standing)]
     meeting += [(i, j) for i in loose for j in range(standing, len(shapes))]
     ways = by_key(((shapes[i].name, shapes[j].name), (i, j)) for i, j in meeting)
     pairs = tuple(Pair(first, second, tuple(own)) for (first, second), own in ways.items())
     if not pairs:
-        return [], whole.notes
-    kept, notes = _changing_pairs(loaded.robot, shapes, pairs)
-    notes = (*whole.notes, *notes)
-    if walls and whole.still:
-        still = ", ".join(whole.still)
+        return [], notes
+    kept, more = _changing_pairs(loaded.robot, shapes, pairs)
+    notes += more
+    if walls and (still := ", ".join(dict.fromkeys(s.name for s in links if s.body < 0))):
         notes += (f"the base does not move, so workspace limits ignore its links: {still}",)
     if not kept:
         return [], notes
     names = frozenset(wall.name for wall in walls)
     things = len({pair.first for pair in kept})
+    skip = () if loaded.excitation.workspace is None else loaded.excitation.workspace.without
+    scope = f"all links{' but ' if skip else ''}{', '.join(skip)}"
     margin = 0.0 if collision is None else collision.margin
     found = Clearance(
         loaded.robot,
@@ -77,7 +80,7 @@ def clearance_of_walls(
         np.array([WALL_RESERVE if pair.second in names else margin for pair in kept]),
         np.full(len(kept), CLEARANCE_ROOM),
         name=WALLS_NAME,
-        scope=f"{whole.scope}, tool and loads: {things} moving bodies",
+        scope=f"{scope}, tool and loads: {things} moving bodies",
         walls=names,
         how=WALLS_PROOF,
     )
@@ -112,8 +115,6 @@ def _changing_pairs(
     return tuple(pair for pair in pairs if pair not in left), tuple(notes)
 
 
-_AXES = "xyz"
-
 ASSUMED_FLOOR_NOTE = "no gravity is declared: the floor is assumed normal to z of the base"
 
 ConstraintsAndNotes = tuple[list[Constraint], list[str]]  # constraints, and what was assumed
@@ -144,10 +145,10 @@ def workspace_of(loaded: LoadedRobot, world: tuple[Shape, ...]) -> ConstraintsAn
     """
     section = loaded.excitation.workspace or WorkspaceSection()
     found, tool = list[Constraint](), tool_of(section, loaded.robot)
-    lower, upper = _sides(section.box)
     if section.box.bounded:
+        sides = zip(*(span or (None, None) for span in _spans(section.box)), strict=True)
         with written("workspace] box"):
-            found.append(tool_box(loaded.robot, tool, lower, upper))
+            found.append(tool_box(loaded.robot, tool, *sides))
     if section.only_tool and section.planes:
         normals, levels = zip(*((x.normal, x.above) for x in section.planes), strict=True)
         with written("workspace] planes"):
@@ -198,15 +199,15 @@ def up_of(robot: Robot) -> Array:
 
 def _boxes(section: WorkspaceSection) -> tuple[Array, Array]:
     """Lower and upper corners, shape `(b, 3)` each [m]."""
-    boxes = [_sides(box) for box in section.keep_out]
-    if any(None in low or None in high for low, high in boxes):
+    boxes = [_spans(box) for box in section.keep_out]
+    if any(None in spans for spans in boxes):
         raise ModelError(
             "a forbidden box is open",
             where="[excitation.workspace] keep_out",
             fix="give x, y and z of each, with two numbers each",
         )
-    low, high = zip(*boxes, strict=True)
-    return np.array(low), np.array(high)
+    low, high = np.array(boxes).transpose(2, 0, 1)
+    return low, high
 
 
 @contextmanager
@@ -219,6 +220,5 @@ def written(key: str) -> Iterator[None]:
         raise ModelError(error.wrong, where=where, fix=error.fix) from None
 
 
-def _sides(box: BoxSpans) -> tuple[list[float | None], list[float | None]]:
-    spans = [getattr(box, axis) for axis in _AXES]
-    return [s and s[0] for s in spans], [s and s[1] for s in spans]
+def _spans(box: BoxSpans) -> list[tuple[float, float] | None]:
+    return [box.x, box.y, box.z]

@@ -289,22 +289,14 @@ def certify(
     What was `proven` of this motion before, margins of each constraint, `(k,)` each, is not proven
     again.
     """
-    allowed = [*limits.bounds, None][: len(ORDERS)]
-    reached = [trajectory.extremes(order) for order in range(len(ORDERS))]
-    units = ("", "/s", "/s²", "/s³")
+    units, anything = ("", "/s", "/s²", "/s³"), [None] * robot.n
+    allowed = [*([low.tolist(), high.tolist()] for low, high in limits.bounds), [anything] * 2]
+    reached = [[x.tolist() for x in trajectory.extremes(order)] for order in range(len(ORDERS))]
     extremes = [
-        Extreme(
-            joint.name,
-            quantity,
-            joint.unit + power,
-            float(least[j]),
-            float(greatest[j]),
-            None if ends is None else float(ends[0][j]),
-            None if ends is None else float(ends[1][j]),
-        )
+        Extreme(joint.name, quantity, joint.unit + power, least[j], most[j], lower[j], upper[j])
         for j, joint in enumerate(robot.coordinates)
-        for quantity, power, (least, greatest), ends in zip(
-            ORDERS, units, reached, allowed, strict=True
+        for quantity, power, (least, most), (lower, upper) in zip(
+            ORDERS, units, reached, allowed[: len(ORDERS)], strict=True
         )
     ]
     before = [None] * len(constraints) if proven is None else proven

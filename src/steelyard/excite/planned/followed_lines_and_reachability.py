@@ -2,8 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
-from typing import Any
 
 import numpy as np
 
@@ -34,17 +32,13 @@ class Followed:
 
     def postures(self, shares: Array) -> Array | None:
         """Postures at shares `(N,)` of the line, `(N, n)`; `None` where they leave the branch."""
+        from scipy.interpolate import make_interp_spline
+
         targets = self.ends[0] + shares[:, None] * (self.ends[1] - self.ends[0])
-        near = np.asarray(self._between(shares))
+        near = np.asarray(make_interp_spline(self.shares, self.q, k=3)(shares))
         found = self.solver.solve(targets, near, near=True)
         good = found.reached.all() and np.abs(found.q - near).max() < _LARGEST_CHANGE
         return found.q if good else None
-
-    @cached_property
-    def _between(self) -> Any:
-        from scipy.interpolate import make_interp_spline
-
-        return make_interp_spline(self.shares, self.q, k=3)
 
 
 def follow(

@@ -140,7 +140,7 @@ def rest_fourier(
 
 def _mean_posture(harmonics: int) -> Array:
     """The mean posture among the coefficients of a `_series`."""
-    return np.eye(2 * harmonics + 1)[-1]
+    return np.asarray(np.eye(2 * harmonics + 1)[-1])
 
 
 def _series(rows: Array, harmonics: int, period: float, periods: int) -> FourierMotion:
