@@ -37,7 +37,7 @@ from steelyard.estimate.least_squares.weighted_robust_and_whitened import Ordina
 from steelyard.estimate.prior.body_priors import default_knowledge
 from steelyard.excite.constraints.constraint_and_limits import MotionLimits
 from steelyard.excite.planned.joints_along_path import along_path
-from steelyard.excite.planned.timed_paths import Reaches, on_circle, out_and_back
+from steelyard.excite.planned.tool_paths_lines_and_reach import Reaches, on_circle, out_and_back
 from steelyard.excite.search.search_methods import minimised_by_genes
 from steelyard.model.laws.friction_over_speed import (
     Coulomb,

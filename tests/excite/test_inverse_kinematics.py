@@ -5,12 +5,12 @@ import pytest
 
 from invented import dh_arm, tree
 from steelyard.base.errors import ModelError
-from steelyard.excite.planned.followed_lines_and_reachability import least_shift
 from steelyard.excite.planned.inverse_kinematics import (
     Attitude,
     InverseKinematics,
     within,
 )
+from steelyard.excite.planned.tool_paths_lines_and_reach import least_shift
 from steelyard.model.equations.frame_and_point_kinematics import (
     frame_kinematics,
     frame_of,

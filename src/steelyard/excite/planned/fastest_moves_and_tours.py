@@ -19,7 +19,8 @@ from steelyard.excite.collision.solids_and_shapes import axes_along
 from steelyard.excite.constraints.bounds_in_time_and_effort_limits import Stretches, proven_minimum
 from steelyard.excite.constraints.constraint_and_limits import MotionLimits
 from steelyard.excite.constraints.tool_workspace import Paths
-from steelyard.excite.planned.followed_lines_and_reachability import (
+from steelyard.excite.planned.inverse_kinematics import Attitude, InverseKinematics, within
+from steelyard.excite.planned.tool_paths_lines_and_reach import (
     Followed,
     UnfollowableWay,
     follow,
@@ -27,7 +28,6 @@ from steelyard.excite.planned.followed_lines_and_reachability import (
     refuse_out_of_reach,
     unfollowable_error,
 )
-from steelyard.excite.planned.inverse_kinematics import Attitude, InverseKinematics, within
 from steelyard.excite.trajectories.exact_trajectories import (
     ORDERS,
     SMOOTH,

@@ -16,14 +16,13 @@ from numpy.typing import ArrayLike
 from steelyard.base.arrays import Array, frozen
 from steelyard.base.errors import DataError
 from steelyard.excite.constraints.constraint_and_limits import MotionLimits
-from steelyard.excite.planned.followed_lines_and_reachability import UnfollowableWay
 from steelyard.excite.planned.inverse_kinematics import (
     Attitude,
     InverseKinematics,
     Kinematics,
     weights_of,
 )
-from steelyard.excite.planned.timed_paths import ToolPath
+from steelyard.excite.planned.tool_paths_lines_and_reach import ToolPath, UnfollowableWay
 from steelyard.excite.trajectories.exact_trajectories import PiecewiseMotion, quintic
 from steelyard.model.equations.frame_and_point_kinematics import (
     FrameKinematics,

@@ -22,7 +22,13 @@ from steelyard.excite.constraints.constraint_and_limits import MotionLimits
 from steelyard.excite.planned.fastest_moves_and_tours import ToolGuidance, Tour, TourPlanner
 from steelyard.excite.planned.inverse_kinematics import Attitude
 from steelyard.excite.planned.joints_along_path import along_path
-from steelyard.excite.planned.timed_paths import Circle, Reaches, ToolPath, on_circle, out_and_back
+from steelyard.excite.planned.tool_paths_lines_and_reach import (
+    Circle,
+    Reaches,
+    ToolPath,
+    on_circle,
+    out_and_back,
+)
 from steelyard.excite.trajectories.exact_trajectories import (
     SMOOTH,
     ExactTrajectory,
