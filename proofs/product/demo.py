@@ -53,7 +53,7 @@ def sines(loaded: LoadedRobot, frequency: float, seconds: float) -> ExactTraject
     periods = round((seconds - 2.0 * BLEND) * frequency)
     basis = blended_fourier(n, (seconds - 2.0 * BLEND) / periods, 1, periods, BLEND)
     phase = np.linspace(0.0, np.pi, n, endpoint=False)
-    middle = nearest_free(limits, problem.constraints, 0.5 * (limits.lower + limits.upper)).posture
+    middle = nearest_free(limits, problem.constraints, 0.5 * (limits.lower + limits.upper))
     x = np.column_stack([LARGE * np.cos(phase), LARGE * np.sin(phase), middle])
     return finished(replace(problem, basis=basis), [x], deadline=0.0).trajectory
 

@@ -49,11 +49,6 @@ def _refuse_many(duration: float, rate: float) -> None:
         )
 
 
-def orders_at(trajectory: ExactTrajectory, t: Array) -> tuple[Array, Array, Array]:
-    """Position, velocity and acceleration at times within the motion, each `(N, n)`."""
-    return trajectory.derivative(t, 0), trajectory.derivative(t, 1), trajectory.derivative(t, 2)
-
-
 def refuse_moving_ends(trajectory: ExactTrajectory, robot: Robot, what: str) -> None:
     """A controller begins and ends at rest, whatever the motion states."""
     for end, time in (("begins", 0.0), ("ends", trajectory.duration)):
@@ -105,7 +100,7 @@ def csv_of(trajectory: ExactTrajectory, robot: Robot, rate: float) -> str:
     """
     times = grid_times(trajectory.duration, rate)
     names = [f"{what}_{c.name}" for what in ("q", "dq", "ddq") for c in robot.coordinates]
-    parts = [values.tolist() for values in orders_at(trajectory, times)]
+    parts = [trajectory.derivative(times, order).tolist() for order in range(3)]
     rows = zip(times.tolist(), *parts, strict=True)
     return csv_text([["time_s", *names], *([t, *q, *dq, *ddq] for t, q, dq, ddq in rows)])
 
@@ -126,7 +121,7 @@ def keyframes_of(trajectory: ExactTrajectory, robot: Robot, rate: float) -> str:
     followed = [body.coordinate for body in bodies]
     ratio, offset = [body.ratio for body in bodies], [body.offset for body in bodies]
     times = even_times(trajectory.duration, rate)
-    q, dq, _ = orders_at(trajectory, times)
+    q, dq = (trajectory.derivative(times, order) for order in range(2))
     joints = ", ".join(body.joint for body in bodies)
     top = f"{len(times)} keyframes in rad (prismatic joints: m). Include this file in a model whose"
     lines = comment_head(trajectory, robot, " ", top, f"joints are, in this order: {joints}.")
@@ -165,7 +160,8 @@ def joint_trajectory_of(trajectory: ExactTrajectory, robot: Robot, rate: float) 
     """
     refuse_moving_ends(trajectory, robot, "a joint_trajectory_controller")
     nanoseconds = spline_points(trajectory, rate)
-    q, dq, ddq = orders_at(trajectory, np.minimum(nanoseconds * 1e-9, trajectory.duration))
+    times = np.minimum(nanoseconds * 1e-9, trajectory.duration)
+    q, dq, ddq = (trajectory.derivative(times, order) for order in range(3))
     way = "lead from wherever the robot is to the start of the motion."
     what = f"{len(q)} points; splines of degree five between them are within 1e-6 of the motion."
     lines = comment_head(trajectory, robot, "#", f"The first {APPROACH_SECONDS} s {way}", what)

@@ -126,9 +126,7 @@ def efforts_of(loaded: LoadedRobot, model: Model, earlier: Earlier | None) -> Co
             )
         return [], [Gap(f"torque is not limited: {why}")]
     cases = _load_cases(loaded, without_memory(model), earlier)
-    found = list[EffortLimit]()
-    if limited:
-        found.append(torque_limit(cases, efforts))
+    found = [torque_limit(cases, efforts)] if limited else []
     if wanted.power is not None or wanted.total_power is not None:
         total = np.inf if wanted.total_power is None else wanted.total_power
         found.append(power_limit(cases, powers, total))
@@ -294,8 +292,7 @@ def limits_of(robot: Robot, section: MotionLimitsSection) -> MotionLimits:
     if section.acceleration is None:
         notes += (ACCELERATIONS_ASSUMED,)
     span = robot_limits.upper - robot_limits.lower
-    share = RANGE_MARGIN * span
-    margin = share if section.position_margin is None else np.full(robot.n, section.position_margin)
+    margin = RANGE_MARGIN * span if section.position_margin is None else section.position_margin
     lower, upper = robot_limits.lower + margin, robot_limits.upper - margin
     for joint, low, high, whole in zip(robot.coordinates, lower, upper, span, strict=True):
         if not low < high:
@@ -353,10 +350,10 @@ def cases_of(
     prior = None
     if wanted.after_earlier:
         prior = _needed(earlier, "after_earlier").information(shows.base, absent)
-    if not wanted.relative:
-        return (Case(shows, measure(CRITERIA[wanted.kind], prior, chosen)),)
-    known = _needed(earlier, "relative")
-    sizes = [sizes_of(known, model, shows.base, load) for load in (None, *section.loads)]
+    sizes: list[Array | None] = [None]
+    if wanted.relative:
+        known = _needed(earlier, "relative")
+        sizes = [sizes_of(known, model, shows.base, load) for load in (None, *section.loads)]
     return tuple(Case(shows, measure(CRITERIA[wanted.kind], prior, chosen, s)) for s in sizes)
 
 
@@ -435,12 +432,10 @@ def _needed(earlier: Earlier | None, key: str) -> Earlier:
 
 def _named(wanted: Sequence[str], model: Model, base: BaseMap, key: str) -> set[str]:
     """Names of base parameters that are named, or belong to a law that is."""
-    first, laws = 0, dict[str, set[str]]()
+    laws, found = dict[str, set[str]](), set[str]()
     for term in model.terms:
-        count = len(term.parameters(model.robot))
-        laws.setdefault(term.law, set()).update(model.names[first : first + count])
-        first += count
-    found = set[str]()
+        own = (parameter.name for parameter in term.parameters(model.robot))
+        laws.setdefault(term.law, set()).update(own)
     for name in wanted:
         wrong = f"'{name}' is neither a law nor a base parameter of the model"
         known, where = [*laws, *base.base_names], f"[excitation.criterion] {key}"

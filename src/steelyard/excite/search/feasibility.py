@@ -1,7 +1,6 @@
 """Feasible postures, random motions about them to start from, and why no motion was found."""
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -42,19 +41,11 @@ class Lack(NamedTuple):
         return f"{self.label} (violated by {-self.value:.3g} {self.constraint.unit})"
 
 
-@dataclass(frozen=True, eq=False)
-class Standing:
-    """A posture, shape `(n,)`, and what it lacks, worst first."""
-
-    posture: Array
-    lacks: tuple[Lack, ...]
-
-
-def standing(constraints: Sequence[Constraint], posture: Array) -> Standing:
-    """What standing still at a posture lacks."""
+def lacks_at(constraints: Sequence[Constraint], posture: Array) -> tuple[Lack, ...]:
+    """What standing still at a posture, `(n,)`, lacks, worst first."""
     still = np.zeros((1, len(posture)))
     lacks = _lacks(constraints, (posture[None], still, still))
-    return Standing(posture, tuple(sorted(lacks, key=lambda lack: lack.value)))
+    return tuple(sorted(lacks, key=lambda lack: lack.value))
 
 
 def _lacks(constraints: Sequence[Constraint], state: tuple[Array, Array, Array]) -> list[Lack]:
@@ -67,14 +58,12 @@ def _lacks(constraints: Sequence[Constraint], state: tuple[Array, Array, Array])
     return found
 
 
-def nearest_free(
-    limits: MotionLimits, constraints: Sequence[Constraint], posture: Array
-) -> Standing:
+def nearest_free(limits: MotionLimits, constraints: Sequence[Constraint], posture: Array) -> Array:
     """Where a descent of what is lacking ends that begins at a posture."""
     from scipy.optimize import minimize
 
-    if not constraints or not standing(constraints, posture).lacks:
-        return Standing(posture, ())
+    if not lacks_at(constraints, posture):
+        return posture
     edge = (1.0 - _EDGE_SHARE) * 0.5 * (limits.upper - limits.lower)
     bounds = list(zip(limits.lower + edge, limits.upper - edge, strict=True))
     still = np.zeros((1, len(posture)))
@@ -92,7 +81,7 @@ def nearest_free(
         return value, slope
 
     found = minimize(lack, posture, jac=True, method="L-BFGS-B", bounds=bounds)
-    return standing(constraints, np.asarray(found.x))
+    return np.asarray(found.x)
 
 
 def postures(
@@ -100,7 +89,7 @@ def postures(
     constraints: Sequence[Constraint],
     random: np.random.Generator,
     attempts: int = POSTURE_ATTEMPTS,
-) -> Iterator[Standing]:
+) -> Iterator[Array]:
     """Postures that descents from random ones end at; the first half of them in the middle."""
     middle, half = 0.5 * (limits.lower + limits.upper), 0.5 * (limits.upper - limits.lower)
     for attempt in range(attempts):
@@ -154,8 +143,7 @@ def _free(
         free &= (constraint.margins(drawn, still, still).values > 0.0).all(axis=1)
     yield from drawn[free]
     if free.sum() < count:
-        for place in postures(limits, inequalities.constraints, random, _POSTURES):
-            yield place.posture
+        yield from postures(limits, inequalities.constraints, random, _POSTURES)
 
 
 def _widened_in_turn(
@@ -223,7 +211,7 @@ def explained_no_motion(problem: Problem, error: NoMotion) -> DataError:
     """An error that no motion was found, with what would have to be widened if that is known."""
     random = np.random.default_rng(0)
     drawn = postures(problem.limits, problem.constraints, random, _WIDENING_POSTURES)
-    lacks = lacking(problem, [place.posture for place in drawn])
+    lacks = lacking(problem, drawn)
     if not lacks:
         return error
     return DataError(
@@ -367,15 +355,15 @@ def _range_text(low: float, high: float) -> str:
 def _refuse_lacking(
     limits: MotionLimits, constraints: Sequence[Constraint], posture: Array, key: str
 ) -> None:
-    here = standing(constraints, posture)
-    if not here.lacks:
+    here = lacks_at(constraints, posture)
+    if not here:
         return
     near = _nearest_posture(limits, constraints, posture)
     fix = "choose another posture"
     if near is not None:
         places = ", ".join(f"{x:.3f}" for x in near)
         fix = f"nearby, [{places}] satisfies all constraints"
-    lacks = "; ".join(str(lack) for lack in here.lacks[:4])
+    lacks = "; ".join(str(lack) for lack in here[:4])
     raise DataError(f"the {key} posture violates: {lacks}", where=f"{_WHERE} {key}", fix=fix)
 
 
@@ -383,17 +371,16 @@ def _refuse_nowhere(problem: Problem) -> None:
     limits, constraints = problem.limits, problem.constraints
     if not constraints:
         return
-    best: Standing | None = None
+    tries = list[tuple[tuple[Lack, ...], Array]]()
     for place in postures(limits, constraints, np.random.default_rng(0)):
-        if not place.lacks:
+        tries.append((lacks_at(constraints, place), place))
+        if not tries[-1][0]:
             return
-        if best is None or place.lacks[0].value > best.lacks[0].value:
-            best = place
-    assert best is not None
-    lacks = lacking(problem, [best.posture])
+    fewest, nearest = max(tries, key=lambda one: one[0][0].value)
+    lacks = lacking(problem, [nearest])
     raise DataError(
         "no posture was found that satisfies all constraints; the nearest violates: "
-        + "; ".join(str(lack) for lack in best.lacks[:4]),
+        + "; ".join(str(lack) for lack in fewest[:4]),
         where=f"[excitation] {constraint_names(lacks)}",
         fix=f"{widening_advice(lacks)}: this allows a motion of {WORTHY_MOTION_SIZE:.0%} of the "
         "joints' ranges about it",
@@ -410,8 +397,8 @@ def _nearest_posture(
         begin = bad + size * half * random.uniform(-1.0, 1.0, len(bad))
         inside = np.clip(begin, limits.lower + 0.05 * half, limits.upper - 0.05 * half)
         free = nearest_free(limits, constraints, inside)
-        if not free.lacks:
-            found.append(_posture_between(constraints, bad, free.posture))
+        if not lacks_at(constraints, free):
+            found.append(_posture_between(constraints, bad, free))
     return min(found, key=lambda q: float(np.linalg.norm((q - bad) / half)), default=None)
 
 
@@ -419,7 +406,7 @@ def _posture_between(constraints: Sequence[Constraint], bad: Array, free: Array)
     low, high = 0.0, 1.0
     for _ in range(12):
         middle = 0.5 * (low + high)
-        lacks = standing(constraints, bad + middle * (free - bad)).lacks
+        lacks = lacks_at(constraints, bad + middle * (free - bad))
         low, high = (middle, high) if lacks else (low, middle)
     tried = np.round(bad + min(1.0, high + _SPARE_SHARE) * (free - bad), 3)
-    return free if standing(constraints, tried).lacks else tried
+    return free if lacks_at(constraints, tried) else tried
