@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from steelyard.base.arrays import Array
+from steelyard.base.arrays import Array, by_key
 from steelyard.base.errors import ModelError
 from steelyard.excite.collision.solids_and_shapes import (
     WITHOUT_MESH_ADVICE,
@@ -160,10 +160,10 @@ def _excluded(model: Any) -> frozenset[frozenset[str]]:
     for signature in model.exclude_signature:
         bodies = (int(signature) >> 16, int(signature) & 0xFFFF)
         pairs.add(frozenset(_link(model, body) for body in bodies))
-    masks: dict[str, list[tuple[int, int]]] = {}
-    for geom in _colliding(model):
-        mask = (int(model.geom_contype[geom]), int(model.geom_conaffinity[geom]))
-        masks.setdefault(_link(model, int(model.geom_bodyid[geom])), []).append(mask)
+    masks = by_key(
+        (_link(model, model.geom_bodyid[k]), (model.geom_contype[k], model.geom_conaffinity[k]))
+        for k in _colliding(model)
+    )
     for first, mine in masks.items():
         for second, theirs in masks.items():
             meet = any((a & d) or (c & b) for a, b in mine for c, d in theirs)

@@ -48,16 +48,16 @@ class Stretches:
     """Stretches of time, by middles and half lengths `(B,)` [s], and where a motion is within them.
 
     Position, velocity, acceleration and jerk at the middles (`at`), their bounds over the
-    stretches, each `(n, B)`, and how far those at the middles may be from the motion's, each `(n,
+    stretches, `(4, n, B)` each, and how far those at the middles may be from the motion's, `(4, n,
     1)`.
     """
 
     middle: Array
     half: Array
-    at: tuple[Array, ...]
-    lower: tuple[Array, ...]
-    upper: tuple[Array, ...]
-    rounding: tuple[Array, ...]
+    at: Array
+    lower: Array
+    upper: Array
+    rounding: Array
 
     def middles(self, program: Program, *shared: Array) -> tuple[Array, Array]:
         """Bounds of a program at the middles, each `(outputs, B)`.
@@ -66,9 +66,8 @@ class Stretches:
         inputs beside `shared`, which do not change in time.
         """
         count = len(program.inputs) - len(shared)
-        lower = [x - r for x, r in zip(self.at[:count], self.rounding, strict=False)]
-        upper = [x + r for x, r in zip(self.at[:count], self.rounding, strict=False)]
-        return enclosed(program, [*lower, *shared], [*upper, *shared])
+        at, rounding = self.at[:count], self.rounding[:count]
+        return enclosed(program, [*(at - rounding), *shared], [*(at + rounding), *shared])
 
     def throughout(self, program: Program, *shared: Array) -> tuple[Array, Array]:
         """Bounds of a program over the whole stretches; see `middles`."""
@@ -85,11 +84,11 @@ class Course:
 
     def __init__(self, trajectory: ExactTrajectory) -> None:
         self._trajectory, self.duration = trajectory, trajectory.duration
-        ends = [trajectory.extremes(order) for order in range(4)]
-        sizes = [np.maximum(np.abs(low), np.abs(high))[:, None] for low, high in ends]
-        self._rounding = tuple(_ROUNDING * size for size in sizes)
-        self._least = [low[:, None] - r for (low, _), r in zip(ends, self._rounding, strict=True)]
-        self._most = [high[:, None] + r for (_, high), r in zip(ends, self._rounding, strict=True)]
+        ends = np.array([trajectory.extremes(order) for order in range(4)])
+        least, greatest = ends.transpose(1, 0, 2)[..., None]
+        sizes = np.maximum(np.abs(least), np.abs(greatest))
+        self._rounding = _ROUNDING * sizes
+        self._least, self._most = least - self._rounding, greatest + self._rounding
         self._jerk = sizes[3] + self._rounding[3]
         snap = np.maximum(*(np.abs(end) for end in trajectory.extremes(4)))[:, None]
         self._snap = (1.0 + _ROUNDING) * snap
@@ -104,15 +103,14 @@ class Course:
         middle = 0.5 * (start + end)
         # a little more than half: the middle is rounded
         half = 0.5 * (end - start) * (1.0 + 1e-9) + 1e-15 * self.duration
-        at = tuple(self._trajectory.derivative(middle, order).T for order in range(4))
-        away = [r + s for r, s in zip(self._reach(at, half), self._rounding, strict=True)]
-        lower = tuple(np.maximum(x - a, g) for x, a, g in zip(at, away, self._least, strict=True))
-        upper = tuple(np.minimum(x + a, g) for x, a, g in zip(at, away, self._most, strict=True))
+        at = np.array([self._trajectory.derivative(middle, order).T for order in range(4)])
+        away = self._reach(at, half) + self._rounding
+        lower, upper = np.maximum(at - away, self._least), np.minimum(at + away, self._most)
         return Stretches(middle, half, at, lower, upper, self._rounding)
 
-    def _reach(self, at: Sequence[Array], half: Array) -> list[Array]:
-        """How far position, velocity, acceleration and jerk come from the middle's, `(n, B)`."""
-        _, speed, bend, jerk = (np.abs(x) + r for x, r in zip(at, self._rounding, strict=True))
+    def _reach(self, at: Array, half: Array) -> Array:
+        """How far position, velocity, acceleration and jerk come from the middle's, `(4, n, B)`."""
+        _, speed, bend, jerk = np.abs(at) + self._rounding
         jerk = np.minimum(jerk + half * self._snap, self._jerk)
         reach = [
             half * (speed + half * (bend / 2.0 + half * jerk / 6.0)),
@@ -120,7 +118,7 @@ class Course:
             half * jerk,
             half * self._snap,
         ]
-        return [x * (1.0 + 1e-9) for x in reach]
+        return np.array(reach) * (1.0 + 1e-9)
 
 
 def proven_minimum(

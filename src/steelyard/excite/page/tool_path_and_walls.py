@@ -27,23 +27,20 @@ LINES_OF_OPEN_FACE = 7  # lines each way of a face that goes on
 class Face:
     """A rectangle of a wall, from a corner along two edges `(2, 3)` [m], like that of `floor`.
 
-    Per side whether the wall ends at its beginning and at its end; and whether it is of a box to
-    keep out of.
+    Per side whether the wall ends there, or goes on; and whether it is of a box to keep out of.
     """
 
     corner: Array
     edges: Array
-    ends: tuple[tuple[bool, bool], tuple[bool, bool]]
+    closed: tuple[bool, bool]
     forbidden: bool
     name: str
 
     def lines(self) -> Array:
         """Its outline, or lines across it with none where it goes on, shape `(L, 2, 3)` [m]."""
-        closed = all(end for side in self.ends for end in side)
-        found, shares = [], np.linspace(0.0, 1.0, 2 if closed else LINES_OF_OPEN_FACE)
-        for side, (begins, stops) in enumerate(self.ends):
-            own = shares[0 if begins else 1 : len(shares) if stops else -1]
-            for share in own:
+        found, shares = [], np.linspace(0.0, 1.0, 2 if all(self.closed) else LINES_OF_OPEN_FACE)
+        for side, closed in enumerate(self.closed):
+            for share in shares if closed else shares[1:-1]:
                 first = self.corner + share * self.edges[side]
                 found.append((first, first + self.edges[1 - side]))
         return np.array(found)
@@ -70,12 +67,11 @@ def _of_box(box: BoxSpans, seen: Array, name: str, *, forbidden: bool) -> Iterat
         u, v = (k for k in range(3) if k != axis)
         size = np.zeros((2, 3))
         size[0, u], size[1, v] = high[u] - low[u], high[v] - low[v]
-        closed = [spans[k] is not None for k in (u, v)]
+        closed = (spans[u] is not None, spans[v] is not None)
         for level in span or ():
             corner = low.copy()
             corner[axis] = level
-            ends = ((closed[0], closed[0]), (closed[1], closed[1]))
-            yield Face(corner, size, ends, forbidden, name)
+            yield Face(corner, size, closed, forbidden, name)
 
 
 def _of_plane(normal: Array, above: float, seen: Array, name: str) -> Face:
@@ -86,7 +82,7 @@ def _of_plane(normal: Array, above: float, seen: Array, name: str) -> Face:
     high = np.nanmax(inside, axis=0) + OPEN_WALL_LENGTH
     corner = axes @ np.array([*low, above / length])
     edges = (axes[:, :2] * (high - low)).T
-    return Face(corner, edges, ((False, False), (False, False)), False, name)
+    return Face(corner, edges, (False, False), False, name)
 
 
 def box_corners(box: BoxSpans, seen: Array) -> tuple[Array, Array]:

@@ -85,10 +85,9 @@ class ToolWay:
             path = Paths(self.points, stretches)
             speed, bend = _greatest_length(path.speeds[:, 0]), _greatest_length(path.bends[:, 0])
             sharp = _greatest_length(np.stack(stretches.middles(self.points.bend)))
-            off = np.array([path.along(0, n) - d for n, d in zip(normals, levels, strict=True)])
-            away = np.zeros((2, len(speed)))
-            if len(off):
-                away = np.linalg.norm(np.abs(off).max(axis=2), axis=0)
+            off = [path.along(0, n) - d for n, d in zip(normals, levels, strict=True)]
+            sides = np.reshape(off, (-1, 2, 2, len(speed)))
+            away = np.linalg.norm(np.abs(sides).max(axis=2), axis=0)
             middle = np.stack([speed, sharp, away[0]])
             over = np.stack([speed + stretches.half * bend, bend, away[1]])
             return -middle, -over
