@@ -242,9 +242,9 @@ def find_mesh(name: str, model: Path) -> Path | None:
     if url.scheme in ("package", "model"):
         parts = [part for part in name.split("://", 1)[1].split("/") if part]
         ends = [parts[first:] for first in range(max(len(parts) - 1, 1))]
-        places = (above.joinpath(*end) for end in ends for above in (folder, *folder.parents))
+        places = [above.joinpath(*end) for end in ends for above in (folder, *folder.parents)]
     else:
-        places = iter([Path(unquote(url.path)) if url.scheme == "file" else folder / name])
+        places = [Path(unquote(url.path)) if url.scheme == "file" else folder / name]
     return next((path for path in places if path.is_file()), None)
 
 

@@ -75,9 +75,9 @@ class Ball(Solid):
 
 @dataclass(frozen=True)
 class Box(Solid):
-    """A box along the axes, by the full lengths of its edges [m]."""
+    """A box along the axes, by the full lengths of its three edges [m]."""
 
-    size: tuple[float, float, float]
+    size: tuple[float, ...]
 
     def farthest(self, directions: Array) -> Array:
         """See `Solid`."""
