@@ -171,7 +171,7 @@ COVERS = (
 class Extreme:
     """How far one derivative of one joint goes over all times.
 
-    It may go from `lower` to `upper`; `None` for any.
+    It may go from `lower` to `upper`; both `None` for any.
     """
 
     joint: str
@@ -185,9 +185,9 @@ class Extreme:
     @property
     def margin(self) -> float | None:
         """What is left to the nearer limit, negative beyond it; `None` without limits."""
-        below = None if self.lower is None else self.least - self.lower
-        above = None if self.upper is None else self.upper - self.greatest
-        return min((x for x in (below, above) if x is not None), default=None)
+        if self.lower is None or self.upper is None:
+            return None
+        return min(self.least - self.lower, self.upper - self.greatest)
 
     @property
     def used(self) -> float | None:
