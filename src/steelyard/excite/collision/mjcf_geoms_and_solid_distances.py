@@ -64,7 +64,13 @@ class Distances:
         spec.compiler.balanceinertia = True
         spec.memory = 1 << 22
         for number, solid in enumerate(solids):
-            _add(spec, number, solid)
+            if isinstance(solid, Hull):
+                corners = solid.vertices.astype(np.float32).ravel()
+                spec.add_mesh(name=f"{number}", uservert=corners)
+                spec.worldbody.add_geom(type=_GEOM.mjGEOM_MESH, meshname=f"{number}")
+            else:
+                kind, size = _GEOMS[type(solid)]
+                spec.worldbody.add_geom(type=kind, size=size(solid))
         self._model = spec.compile()
         data = mujoco.MjData(self._model)
         mujoco.mj_kinematics(self._model, data)
@@ -99,16 +105,6 @@ class Distances:
             distances[k] = measure(model, data, first, second, FARTHEST_DISTANCE, points[k])
         self._spare.append(data)
         return distances, points.reshape(-1, 2, 3)
-
-
-def _add(spec: Any, number: int, solid: Solid) -> None:
-    """One geom for a solid, on the world."""
-    if isinstance(solid, Hull):
-        spec.add_mesh(name=f"{number}", uservert=solid.vertices.astype(np.float32).ravel())
-        spec.worldbody.add_geom(type=_GEOM.mjGEOM_MESH, meshname=f"{number}")
-        return
-    kind, size = _GEOMS[type(solid)]
-    spec.worldbody.add_geom(type=kind, size=size(solid))
 
 
 def mjcf_shapes(
