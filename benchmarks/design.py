@@ -31,11 +31,10 @@ from steelyard.excite.constraints.tool_workspace import HalfSpaces
 from steelyard.excite.design_problem_and_information import Problem
 from steelyard.excite.design_problem_from_tables import build
 from steelyard.excite.search.feasibility import each_start
-from steelyard.excite.search.margins_barrier_and_newton import InequalityConstraints
+from steelyard.excite.search.margins_barrier_and_newton import InequalityConstraints, StepWatch
 from steelyard.excite.search.repair_until_proven import scaled
 from steelyard.excite.search.search_methods import (
     Method,
-    Watch,
     search_by_cma_es,
     search_by_genes,
     search_by_gradient,
@@ -168,7 +167,7 @@ class PinocchioLoop:
 
 
 def search_by_differences(
-    problem: Problem, random: np.random.Generator, watch: Watch, screened: int = 60
+    problem: Problem, random: np.random.Generator, watch: StepWatch, screened: int = 60
 ) -> np.ndarray:
     """SLSQP on a loop over Pinocchio, from the best of some random starts."""
     loop = PinocchioLoop(problem)

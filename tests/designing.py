@@ -7,8 +7,7 @@ import numpy as np
 from invented import dh_arm
 from steelyard.base.arrays import Array, Parameters
 from steelyard.excite.constraints.bounds_in_time_and_effort_limits import torque_limit
-from steelyard.excite.constraints.constraint import Constraint
-from steelyard.excite.constraints.motion_limits import MotionLimits
+from steelyard.excite.constraints.constraint_and_limits import Constraint, MotionLimits
 from steelyard.excite.constraints.tool_workspace import Marker, tool_box
 from steelyard.excite.design_problem_and_information import Case, InformationEvaluator, Problem
 from steelyard.excite.optimality_criteria import CRITERIA

@@ -5,16 +5,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from steelyard.excite.trajectories.exact_slowed_and_chained_trajectories import (
+from steelyard.excite.trajectories.exact_trajectories import (
     ChainedMotion,
     ExactTrajectory,
-)
-from steelyard.excite.trajectories.fourier import FourierMotion, repeated
-from steelyard.excite.trajectories.piecewise_polynomials import (
     PiecewiseMotion,
     SampledMotion,
     through_postures,
 )
+from steelyard.excite.trajectories.fourier import FourierMotion, repeated
 
 
 def rest_fourier(rng: np.random.Generator, periods: int = 2) -> FourierMotion:

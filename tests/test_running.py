@@ -15,7 +15,7 @@ import pytest
 
 from steelyard.base.files import write_json
 from steelyard.base.motion import Rig
-from steelyard.excite.excite import EXPORTS
+from steelyard.excite.controller_file_formats import EXPORTS
 from steelyard.excite.trajectories.fourier import random_fourier
 from steelyard.excite.trajectories.trajectory_files import read_motion
 from steelyard.logs.formats import open_log

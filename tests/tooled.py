@@ -13,13 +13,13 @@ from numpy.typing import ArrayLike
 
 from oracles import body_positions, pinocchio_model
 from steelyard.base.arrays import Array
-from steelyard.excite.constraints.motion_limits import MotionLimits, motion_limits
+from steelyard.excite.constraints.constraint_and_limits import MotionLimits, motion_limits
 from steelyard.excite.planned.fastest_moves_and_tours import (
     ProcessMotion,
     ToolGuidance,
-    planned_tour,
+    TourPlanner,
 )
-from steelyard.excite.planned.inverse_kinematics import Pointing
+from steelyard.excite.planned.inverse_kinematics import Attitude
 from steelyard.excite.planned.plans_from_tables import TASKS
 from steelyard.model.equations.frame_and_point_kinematics import frame_of
 from steelyard.robot.file.excitation_sections import (
@@ -38,7 +38,7 @@ FILES = {
 }
 
 
-DOWN = Pointing([0.0, 0.0, -1.0])
+DOWN = Attitude([0.0, 0.0, -1.0])
 FREE = ToolGuidance()
 REACH = {"ur10": 0.8, "panda": 0.5}
 
@@ -131,4 +131,4 @@ def plan(
     tooled = arm(tooled) if isinstance(tooled, str) else tooled
     robot, frame = tooled.robot, frame_of(tooled.robot, tooled.frame)
     tour = TASKS[task.kind](task, robot, seed)
-    return planned_tour(robot, limits or tooled.limits, frame, tour, guidance, seed)
+    return TourPlanner(robot, limits or tooled.limits, frame, guidance, seed).fastest(tour)

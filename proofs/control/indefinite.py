@@ -10,10 +10,10 @@ from proofs.support.claims import Claim, main_of
 
 from steelyard.base.arrays import Parameters
 from steelyard.base.errors import ModelError
-from steelyard.excite.constraints.motion_limits import motion_limits
+from steelyard.excite.constraints.constraint_and_limits import motion_limits
 from steelyard.excite.planned.joints_along_path import along_path
-from steelyard.excite.planned.timed_paths import Circle
-from steelyard.excite.trajectories.exact_slowed_and_chained_trajectories import ExactTrajectory
+from steelyard.excite.planned.tool_paths_lines_and_reach import Circle
+from steelyard.excite.trajectories.exact_trajectories import ExactTrajectory
 from steelyard.model.model import Model
 from steelyard.robot.robot import Coordinate, Limits
 from steelyard.uses.control.joint_controllers import refuse_indefinite

@@ -23,8 +23,7 @@ from studies.support.robots import robot_file as changed_robot
 
 from steelyard.base.arrays import Array, Parameters
 from steelyard.base.motion import run
-from steelyard.excite.trajectories.exact_slowed_and_chained_trajectories import ExactTrajectory
-from steelyard.excite.trajectories.piecewise_polynomials import SampledMotion
+from steelyard.excite.trajectories.exact_trajectories import ExactTrajectory, SampledMotion
 from steelyard.identify.identify import identify
 from steelyard.identify.reduce import reduce
 from steelyard.model.equations.frame_and_point_kinematics import frame_of, last_frame

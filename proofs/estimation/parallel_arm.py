@@ -35,9 +35,9 @@ from steelyard.estimate.least_squares.known_bounded_and_ridge import (
 )
 from steelyard.estimate.least_squares.weighted_robust_and_whitened import OrdinaryLeastSquares
 from steelyard.estimate.prior.body_priors import default_knowledge
-from steelyard.excite.constraints.motion_limits import MotionLimits
+from steelyard.excite.constraints.constraint_and_limits import MotionLimits
 from steelyard.excite.planned.joints_along_path import along_path
-from steelyard.excite.planned.timed_paths import Reaches, on_circle, out_and_back
+from steelyard.excite.planned.tool_paths_lines_and_reach import Reaches, on_circle, out_and_back
 from steelyard.excite.search.search_methods import minimised_by_genes
 from steelyard.model.laws.friction_over_speed import (
     Coulomb,

@@ -29,14 +29,14 @@ sys.path.insert(0, str(Path(__file__).parents[2] / "tests"))
 from excite.interpreters import Follower, URController
 from steelyard.base.errors import SteelyardError
 from steelyard.excite.constraints.certificate import Certificate, certify
+from steelyard.excite.controller_file_formats import exported
 from steelyard.excite.design_problem_and_information import Problem
 from steelyard.excite.design_problem_from_tables import build
-from steelyard.excite.excite import exported
 from steelyard.excite.page.design_text import design_headline, design_level
 from steelyard.excite.search.feasibility import refuse_impossible
 from steelyard.excite.search.repair_until_proven import finished
 from steelyard.excite.search.search_methods import search_by_gradient, seeded
-from steelyard.excite.trajectories.exact_slowed_and_chained_trajectories import ExactTrajectory
+from steelyard.excite.trajectories.exact_trajectories import ExactTrajectory
 from steelyard.model.model import model_with_open_friction
 from steelyard.robot.file.robot_file import load_robot
 

@@ -15,8 +15,8 @@ from proofs.support.claims import Claim, data_folder, main_of
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "tests"))
 from excite.interpreters import Follower, URController, moments
-from steelyard.excite.excite import exported
-from steelyard.excite.trajectories.exact_slowed_and_chained_trajectories import (
+from steelyard.excite.controller_file_formats import exported
+from steelyard.excite.trajectories.exact_trajectories import (
     ExactTrajectory,
     SlowedMotion,
 )

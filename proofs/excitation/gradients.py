@@ -23,7 +23,7 @@ from steelyard.excite.design_problem_and_information import (
     Problem,
 )
 from steelyard.excite.design_problem_from_tables import build
-from steelyard.excite.optimality_criteria import CRITERIA, Measure
+from steelyard.excite.optimality_criteria import CRITERIA, measure
 from steelyard.excite.search.feasibility import each_start
 from steelyard.excite.search.search_methods import seeded
 from steelyard.excite.trajectories.motion_families import Basis, rest_fourier
@@ -126,7 +126,7 @@ def composed(problem: Problem, x: np.ndarray) -> float:
     sizes = [np.exp(random.standard_normal(count)) for _ in range(2)]
     worst = 0.0
     for kind in CRITERIA.values():
-        measures = [Measure(kind, 1e-2 * root @ root.T, tuple(range(30)), s) for s in sizes]
+        measures = [measure(kind, 1e-2 * root @ root.T, tuple(range(30)), s) for s in sizes]
         cases = tuple(replace(case, criterion=measure) for measure in measures)
         worst = max(worst, slope_error(replace(problem.objective, cases=cases), x, 1))
     return worst

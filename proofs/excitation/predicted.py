@@ -21,10 +21,10 @@ from steelyard.base.motion import run
 from steelyard.estimate.information.base_parameters_and_regressor import Regressor, base_regressor
 from steelyard.estimate.information.gather import gather
 from steelyard.estimate.least_squares.weighted_robust_and_whitened import WeightedLeastSquares
-from steelyard.excite.earlier_model import Earlier
+from steelyard.excite.design_problem_and_information import Earlier
 from steelyard.excite.search.parallel_search import SearchBudget
 from steelyard.excite.searched_or_planned_motion import design
-from steelyard.excite.trajectories.exact_slowed_and_chained_trajectories import ExactTrajectory
+from steelyard.excite.trajectories.exact_trajectories import ExactTrajectory
 from steelyard.excite.trajectories.fourier import random_fourier
 from steelyard.logs.formats import open_log
 from steelyard.model.model import model_with_open_friction

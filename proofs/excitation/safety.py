@@ -25,13 +25,12 @@ from proofs.support.safety_panda import panda_claims
 from steelyard.base.errors import SteelyardError
 from steelyard.excite.collision.workspace_from_tables import WALLS_NAME
 from steelyard.excite.constraints.certificate import Certificate, Proof, certify
-from steelyard.excite.design_problem_and_information import Problem
+from steelyard.excite.design_problem_and_information import Earlier, Problem
 from steelyard.excite.design_problem_from_tables import build
-from steelyard.excite.earlier_model import Earlier
 from steelyard.excite.search.feasibility import refuse_impossible
 from steelyard.excite.search.repair_until_proven import finished
 from steelyard.excite.search.search_methods import search_by_gradient, seeded
-from steelyard.excite.trajectories.exact_slowed_and_chained_trajectories import ExactTrajectory
+from steelyard.excite.trajectories.exact_trajectories import ExactTrajectory
 from steelyard.model.model import model_with_open_friction
 from steelyard.robot.file.robot_file import load_robot
 from steelyard.robot.inertia_and_placement import INERTIAL_NAMES

@@ -17,9 +17,9 @@ from proofs.support.claims import Claim, main_of
 from steelyard.base.arrays import Array
 from steelyard.base.errors import LogError
 from steelyard.base.motion import Trajectory
-from steelyard.excite.constraints.motion_limits import motion_limits
+from steelyard.excite.constraints.constraint_and_limits import motion_limits
+from steelyard.excite.trajectories.exact_trajectories import SampledMotion
 from steelyard.excite.trajectories.fourier import random_fourier
-from steelyard.excite.trajectories.piecewise_polynomials import SampledMotion
 from steelyard.robot.file.robot_file import load_robot
 from steelyard.robot.file.signals import Signals
 from steelyard.robot.robot import Robot

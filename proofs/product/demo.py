@@ -23,7 +23,7 @@ from steelyard.estimate.least_squares.weighted_robust_and_whitened import Weight
 from steelyard.excite.design_problem_from_tables import build
 from steelyard.excite.search.feasibility import nearest_free
 from steelyard.excite.search.repair_until_proven import finished
-from steelyard.excite.trajectories.exact_slowed_and_chained_trajectories import ExactTrajectory
+from steelyard.excite.trajectories.exact_trajectories import ExactTrajectory
 from steelyard.excite.trajectories.motion_families import blended_fourier
 from steelyard.excite.trajectories.trajectory_files import read_motion
 from steelyard.logs.formats import open_log
@@ -55,7 +55,7 @@ def sines(loaded: LoadedRobot, frequency: float, seconds: float) -> ExactTraject
     periods = round((seconds - 2.0 * BLEND) * frequency)
     basis = blended_fourier(n, (seconds - 2.0 * BLEND) / periods, 1, periods, BLEND)
     phase = np.linspace(0.0, np.pi, n, endpoint=False)
-    middle = nearest_free(limits, problem.constraints, 0.5 * (limits.lower + limits.upper)).posture
+    middle = nearest_free(limits, problem.constraints, 0.5 * (limits.lower + limits.upper))
     x = np.column_stack([LARGE * np.cos(phase), LARGE * np.sin(phase), middle])
     return finished(replace(problem, basis=basis), [x], deadline=0.0).trajectory
 

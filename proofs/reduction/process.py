@@ -33,7 +33,7 @@ from steelyard.estimate.reduction.stopping_rules_and_reduction import (
 )
 from steelyard.excite.design_problem_from_tables import limits_of
 from steelyard.excite.planned.plans_from_tables import planned
-from steelyard.excite.trajectories.exact_slowed_and_chained_trajectories import ExactTrajectory
+from steelyard.excite.trajectories.exact_trajectories import ExactTrajectory
 from steelyard.model.model import model_of
 from steelyard.robot.file.robot_file import load_robot
 from steelyard.robot.inertia_and_placement import INERTIAL_NAMES, Inertia

@@ -268,7 +268,7 @@ def searching(process: "subprocess.Popen[str]") -> list[str]:
             parent = (folder / "stat").read_text().rpartition(")")[2].split()[1]
         except OSError:
             continue
-        if b"search.worker_process" in words and int(parent) == process.pid:
+        if b"search.parallel_search" in words and int(parent) == process.pid:
             found.append(folder.name)
     return found
 

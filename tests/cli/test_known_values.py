@@ -9,7 +9,7 @@ import pytest
 import steelyard
 from cli.conftest import Command
 from steelyard.base.errors import ModelError
-from steelyard.excite.earlier_model import earlier_of
+from steelyard.excite.design_problem_and_information import earlier_of
 
 TABLES = """
 [[knowledge]]

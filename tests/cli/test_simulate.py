@@ -10,13 +10,14 @@ import pytest
 from cli.conftest import Command
 from cli.mistakes import ROBOT
 from steelyard.base.files import write_json
-from steelyard.excite.excite import write_export
-from steelyard.excite.trajectories.exact_slowed_and_chained_trajectories import (
+from steelyard.excite.controller_file_formats import write_export
+from steelyard.excite.trajectories.exact_trajectories import (
     ChainedMotion,
+    PiecewiseMotion,
+    SampledMotion,
     SlowedMotion,
 )
 from steelyard.excite.trajectories.fourier import random_fourier
-from steelyard.excite.trajectories.piecewise_polynomials import PiecewiseMotion, SampledMotion
 from steelyard.excite.trajectories.trajectory_files import trajectory_from_dict
 from steelyard.robot.file.robot_file import load_robot
 

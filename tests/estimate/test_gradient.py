@@ -15,7 +15,7 @@ from moving import geared
 from steelyard.base.arrays import Array
 from steelyard.estimate.information.base_parameters_and_regressor import Regressor, base_regressor
 from steelyard.excite.design_problem_and_information import Case, InformationEvaluator, Objective
-from steelyard.excite.optimality_criteria import CRITERIA, Measure, worst
+from steelyard.excite.optimality_criteria import CRITERIA, measure, worst
 from steelyard.excite.trajectories.motion_families import Basis, rest_fourier, splines
 from steelyard.model.laws.friction_over_speed import Coulomb, Coupled, Cubic, Root, Viscous
 from steelyard.model.laws.laws_without_friction import Offset, RigidBody
@@ -245,9 +245,9 @@ def test_the_worst_of_several_loads_with_earlier_runs() -> None:
     random = np.random.default_rng(0)
     prior = np.diag(random.uniform(0.5, 2.0, count))
     cases = [
-        Case(soft, Measure(CRITERIA["a_optimal"], prior, None, random.uniform(0.5, 2.0, count))),
+        Case(soft, measure(CRITERIA["a_optimal"], prior, None, random.uniform(0.5, 2.0, count))),
         Case(
-            soft, Measure(CRITERIA["a_optimal"], prior, (0, 3, 5), random.uniform(0.5, 2.0, count))
+            soft, measure(CRITERIA["a_optimal"], prior, (0, 3, 5), random.uniform(0.5, 2.0, count))
         ),
         Case(shows(tree(), FEW, 0.1), CRITERIA["e_optimal"]),
     ]

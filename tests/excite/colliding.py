@@ -11,7 +11,7 @@ import pytest
 
 from oracles import body_positions, pinocchio_model
 from steelyard.base.arrays import Array
-from steelyard.excite.collision.convex_solids_and_mesh_files import (
+from steelyard.excite.collision.solids_and_shapes import (
     Ball,
     Box,
     Capsule,
@@ -19,9 +19,9 @@ from steelyard.excite.collision.convex_solids_and_mesh_files import (
     Ellipsoid,
     HalfSpace,
     Hull,
+    Shape,
     Solid,
 )
-from steelyard.excite.collision.shape_kinematics import Shape
 from steelyard.excite.trajectories.fourier import FourierMotion
 from steelyard.robot.file.robot_file import LoadedRobot, load_robot
 from steelyard.robot.robot import Robot

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from steelyard.base.motion import Motion
-from steelyard.excite.trajectories.exact_slowed_and_chained_trajectories import (
+from steelyard.excite.trajectories.exact_trajectories import (
     ExactTrajectory,
     SlowedMotion,
 )

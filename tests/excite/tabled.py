@@ -15,11 +15,9 @@ import numpy as np
 from designing import random_starts
 from excite.colliding import joint, link, urdf, written
 from steelyard.excite.constraints.certificate import certify
-from steelyard.excite.design_problem_and_information import Problem
+from steelyard.excite.design_problem_and_information import Earlier, Problem
 from steelyard.excite.design_problem_from_tables import Tables, build
-from steelyard.excite.earlier_model import Earlier
 from steelyard.excite.search import parallel_search as parallel_search
-from steelyard.excite.search import worker_process as worker
 from steelyard.excite.search.feasibility import (
     NoMotion,
     explained_no_motion,
@@ -28,7 +26,7 @@ from steelyard.excite.search.feasibility import (
 from steelyard.excite.search.parallel_search import SearchBudget
 from steelyard.excite.search.repair_until_proven import Kept, finished
 from steelyard.excite.searched_or_planned_motion import Designed, design
-from steelyard.excite.trajectories.exact_slowed_and_chained_trajectories import ExactTrajectory
+from steelyard.excite.trajectories.exact_trajectories import ExactTrajectory
 from steelyard.model.model import Model, with_friction
 from steelyard.model.model import model_with_open_friction as model_with_rigid_bodies
 from steelyard.robot.file.robot_file import LoadedRobot, load_robot
@@ -74,7 +72,7 @@ def searching_here(tables: Tables, method: str, effort: SearchBudget) -> Iterato
     messages: Queue[Any] = Queue()
     for number in range(effort.useful):
         task = pickle.loads(parallel_search.task_of(tables, method, effort, number))
-        for line in worker.explained_answers(*task, tell=messages.put):
+        for line in parallel_search.explained_answers(*task, tell=messages.put):
             messages.put(json.loads(json.dumps(line)))
         messages.put({"ended": 0})
     yield messages

@@ -8,12 +8,12 @@ import pytest
 
 from designing import FAMILIES, box, problem, torques
 from steelyard.base.arrays import Array
-from steelyard.excite.constraints.constraint import Constraint, Margins
+from steelyard.excite.constraints.constraint_and_limits import Constraint, Margins
 from steelyard.excite.search.margins_barrier_and_newton import (
     CONSTRAINT_STEP,
     InequalityConstraints,
 )
-from steelyard.excite.trajectories.exact_slowed_and_chained_trajectories import ExactTrajectory
+from steelyard.excite.trajectories.exact_trajectories import ExactTrajectory
 
 MIDDLE = np.array([-0.1, 0.1, 0.3])
 SOME = ["rest", "rest, from to", "raw", "quintic, from", "blended", "reaching"]

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.interpolate import BSpline
 
-from steelyard.excite.trajectories.exact_slowed_and_chained_trajectories import ChainedMotion
+from steelyard.excite.trajectories.exact_trajectories import ChainedMotion
 from steelyard.excite.trajectories.fourier import fourier_shapes, rest_basis
 from steelyard.excite.trajectories.motion_families import (
     Basis,

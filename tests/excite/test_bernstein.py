@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from steelyard.excite.trajectories.piecewise_polynomials import differentiated, polynomial_extremes
+from steelyard.excite.trajectories.exact_trajectories import differentiated, polynomial_extremes
 
 
 def by_roots(ascending: np.ndarray) -> tuple[float, float]:

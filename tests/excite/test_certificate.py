@@ -11,12 +11,10 @@ from invented import dh_arm
 from steelyard.base.arrays import Array
 from steelyard.excite.constraints.bounds_in_time_and_effort_limits import power_limit, torque_limit
 from steelyard.excite.constraints.certificate import certify, trajectory_hash
-from steelyard.excite.constraints.constraint import Constraint, Margins
-from steelyard.excite.constraints.motion_limits import MotionLimits
+from steelyard.excite.constraints.constraint_and_limits import Constraint, Margins, MotionLimits
 from steelyard.excite.constraints.tool_workspace import Marker, tool_box
-from steelyard.excite.trajectories.exact_slowed_and_chained_trajectories import ExactTrajectory
+from steelyard.excite.trajectories.exact_trajectories import ExactTrajectory, PiecewiseMotion
 from steelyard.excite.trajectories.fourier import FourierMotion
-from steelyard.excite.trajectories.piecewise_polynomials import PiecewiseMotion
 from steelyard.model.laws.laws_without_friction import RigidBody
 from steelyard.model.model import Model
 
@@ -40,7 +38,11 @@ def walls(*, low: float = -5.0, effort: float = 1e3) -> list[Constraint]:
     arm = Model(robot, (RigidBody(),)).prior
     assert arm is not None
     box = tool_box(robot, Marker(robot.bodies[-1].name), (low, None, None), (5.0, 5.0, 5.0))
-    return [box, torque_limit({"arm": arm}, [effort] * 3), power_limit({"arm": arm}, total=1e4)]
+    return [
+        box,
+        torque_limit({"arm": arm}, [effort] * 3),
+        power_limit({"arm": arm}, [np.inf] * 3, 1e4),
+    ]
 
 
 def test_a_motion_within_everything_is_certified() -> None:

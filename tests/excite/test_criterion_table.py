@@ -10,8 +10,7 @@ from excite.tabled import OPEN, arm, designed, model_with_open_friction, problem
 from steelyard.base.arrays import Array
 from steelyard.base.errors import DataError
 from steelyard.estimate.information.base_parameters_and_regressor import base_parameters
-from steelyard.excite.design_problem_and_information import Problem
-from steelyard.excite.earlier_model import Earlier
+from steelyard.excite.design_problem_and_information import Earlier, Problem
 
 ANY = f'{OPEN}[excitation.limits]\neffort = "any"\n'
 QUICK = "[excitation.motion]\nperiod = 4.0\nharmonics = 3\n"
@@ -26,7 +25,7 @@ def earlier(folder: Path, blind: int = 0, size: float = 1.0) -> Earlier:
     seen = len(base) - blind
     root = 0.02 * random.standard_normal((seen, seen))
     return Earlier(
-        noise=[0.5, 1.0, 0.25],
+        noise=np.array([0.5, 1.0, 0.25]),
         cutoff=8.0,
         names=base.base_names[:seen],
         values=values[:seen],

@@ -20,7 +20,7 @@ from steelyard.excite.search.parallel_search import (
     SearchResult,
     time_after,
 )
-from steelyard.excite.trajectories.exact_slowed_and_chained_trajectories import ExactTrajectory
+from steelyard.excite.trajectories.exact_trajectories import ExactTrajectory
 
 
 def test_no_motion_is_proven_twice(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

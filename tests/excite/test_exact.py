@@ -8,18 +8,16 @@ import pytest
 
 from exact_motions import MAKERS
 from steelyard.base.errors import DataError
-from steelyard.excite.trajectories.exact_slowed_and_chained_trajectories import (
+from steelyard.excite.trajectories.exact_trajectories import (
     ChainedMotion,
     ExactTrajectory,
-    SlowedMotion,
-)
-from steelyard.excite.trajectories.fourier import FourierMotion, repeated
-from steelyard.excite.trajectories.piecewise_polynomials import (
     PiecewiseMotion,
+    SlowedMotion,
     from_scipy,
     quintic,
     through_postures,
 )
+from steelyard.excite.trajectories.fourier import FourierMotion, repeated
 from steelyard.excite.trajectories.trajectory_files import KINDS, trajectory_from_dict
 
 CASES = pytest.mark.parametrize("seed", range(2))

@@ -10,7 +10,7 @@ import pytest
 from excite.exportable import NAMES, TOLERANCE, Swings, arm, motions
 from invented import mimic, tree
 from steelyard.base.errors import OutputError
-from steelyard.excite.excite import EXPORTS, exported, write_export
+from steelyard.excite.controller_file_formats import EXPORTS, exported, write_export
 from steelyard.excite.trajectories.trajectory_files import read_motion
 from steelyard.robot.robot import LoopClosure, Robot
 

@@ -8,7 +8,7 @@ import pytest
 
 from excite.exportable import NAMES, TOLERANCE, Swings, arm, motions
 from steelyard.base.errors import OutputError
-from steelyard.excite.excite import exported
+from steelyard.excite.controller_file_formats import exported
 
 AXES = [f"A{k}" for k in range(1, 7)] + [f"E{k}" for k in range(1, 7)]
 

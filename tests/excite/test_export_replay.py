@@ -11,9 +11,8 @@ from ruamel.yaml import YAML
 from excite.exportable import NAMES, TOLERANCE, Jumps, Swings, arm, motions
 from excite.interpreters import Follower, URController, moments
 from steelyard.base.errors import OutputError
-from steelyard.excite.controller_file_formats import PEANO_BOUND
-from steelyard.excite.excite import exported
-from steelyard.excite.trajectories.exact_slowed_and_chained_trajectories import ExactTrajectory
+from steelyard.excite.controller_file_formats import PEANO_BOUND, exported
+from steelyard.excite.trajectories.exact_trajectories import ExactTrajectory
 from steelyard.excite.trajectories.fourier import random_fourier
 
 

@@ -10,11 +10,11 @@ import pytest
 from designing import FAMILIES, START, box, limits, problem, random_starts, torques
 from steelyard.base.arrays import Array
 from steelyard.base.errors import DataError
-from steelyard.excite.constraints.constraint import Constraint, Margins
+from steelyard.excite.constraints.constraint_and_limits import Constraint, Margins
 from steelyard.excite.design_problem_and_information import Problem
 from steelyard.excite.search import repair_until_proven as finish
 from steelyard.excite.search.repair_until_proven import LEAST_MOTION_SHARE, finished, scaled
-from steelyard.excite.trajectories.exact_slowed_and_chained_trajectories import ExactTrajectory
+from steelyard.excite.trajectories.exact_trajectories import ExactTrajectory
 from steelyard.excite.trajectories.motion_families import rest_fourier
 
 ALL = pytest.mark.parametrize("name", FAMILIES)

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from steelyard.excite.constraints.certificate import holds, holds_note
-from steelyard.excite.trajectories.exact_slowed_and_chained_trajectories import SlowedMotion
-from steelyard.excite.trajectories.piecewise_polynomials import through_postures
+from steelyard.excite.trajectories.exact_trajectories import SlowedMotion, through_postures
 
 POSTURES = [[0.0, 1.0], [1.0, -1.0], [0.5, 0.0]]
 

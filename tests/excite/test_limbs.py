@@ -12,7 +12,7 @@ from designing import random_starts
 from invented import ball, tree, turned
 from steelyard.base.arrays import Array
 from steelyard.base.progress import Stopped
-from steelyard.excite.constraints.motion_limits import motion_limits
+from steelyard.excite.constraints.constraint_and_limits import motion_limits
 from steelyard.excite.constraints.tool_workspace import Marker, points_of, tool_box
 from steelyard.excite.design_problem_and_information import (
     Case,

@@ -8,13 +8,12 @@ import pytest
 
 from excite.colliding import joint, link, urdf, written
 from steelyard.base.errors import ModelError
-from steelyard.excite.collision.convex_solids_and_mesh_files import (
-    Hull,
+from steelyard.excite.collision.robot_and_cell_shapes_from_files import (
     find_mesh,
-    height,
     mesh_points,
+    robot_shapes,
 )
-from steelyard.excite.collision.robot_and_cell_shapes_from_files import robot_shapes
+from steelyard.excite.collision.solids_and_shapes import Hull, height
 from steelyard.robot.file.robot_file import load_robot
 
 CORNERS = np.array([[0, 0, 0], [0.4, 0, 0], [0, 0.3, 0], [0, 0, 0.2], [0.05, 0.05, 0.05]])

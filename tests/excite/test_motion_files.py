@@ -7,13 +7,13 @@ import pytest
 from scipy.interpolate import CubicSpline
 
 from steelyard.base.errors import DataError
-from steelyard.excite.excite import write_export
-from steelyard.excite.trajectories.fourier import FourierMotion, random_fourier
-from steelyard.excite.trajectories.piecewise_polynomials import (
+from steelyard.excite.controller_file_formats import write_export
+from steelyard.excite.trajectories.exact_trajectories import (
     SampledMotion,
     end_speeds,
     from_scipy,
 )
+from steelyard.excite.trajectories.fourier import FourierMotion, random_fourier
 from steelyard.excite.trajectories.trajectory_files import (
     read_motion,
     read_table,

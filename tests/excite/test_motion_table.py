@@ -19,7 +19,7 @@ from steelyard.excite.design_problem_from_tables import limits_of
 from steelyard.excite.planned.plans_from_tables import PLANS, planned
 from steelyard.excite.search.parallel_search import SearchBudget
 from steelyard.excite.searched_or_planned_motion import design
-from steelyard.excite.trajectories.exact_slowed_and_chained_trajectories import ExactTrajectory
+from steelyard.excite.trajectories.exact_trajectories import ExactTrajectory
 from steelyard.excite.trajectories.fourier import FourierMotion
 from steelyard.excite.trajectories.motion_families import FAMILIES
 from steelyard.excite.trajectories.trajectory_files import read_motion

@@ -12,7 +12,7 @@ from designing import FAMILIES, box, problem, random_starts, torques
 from steelyard.base.arrays import Array
 from steelyard.base.errors import DataError, PackageError
 from steelyard.base.progress import Stopped
-from steelyard.excite.constraints.constraint import Constraint
+from steelyard.excite.constraints.constraint_and_limits import Constraint
 from steelyard.excite.design_problem_and_information import Problem
 from steelyard.excite.search.search_methods import (
     NOTHING_SHOWN_COST,
@@ -114,7 +114,7 @@ def test_the_watcher_is_called_at_every_generation_and_can_stop(method: str) -> 
 )
 def test_any_genes_are_a_motion_inside_or_none(name: str, constrained: bool) -> None:
     design = problem(FAMILIES[name], CONSTRAINED if constrained else ())
-    genes = _Genes.of(design)
+    genes = _Genes(design)
     assert genes.count == 3 + 3 * design.basis.count and np.all(genes.units > 0.0)
     random = np.random.default_rng(0)
     corners = np.sign(random.standard_normal((10, genes.count)))
@@ -136,7 +136,7 @@ def test_any_genes_are_a_motion_inside_or_none(name: str, constrained: bool) -> 
 def test_postures_that_are_not_free_are_worse_the_more_they_lack() -> None:
     """A plateau would end a search before it finds a way in."""
     design = problem(FAMILIES["rest"], [box(0.3)])
-    genes = _Genes.of(design)
+    genes = _Genes(design)
     start = random_starts(design.inequalities, np.random.default_rng(0), 1)[0]
     away = np.zeros((6, genes.count))
     away[:, 0] = np.linspace(0.5, 1.0, 6)
@@ -162,20 +162,16 @@ def test_a_missing_package_comes_with_the_line_that_installs_it(
     assert 'pip install ".[population]"' in caught.value.fix
 
 
-def test_settings_are_passed_on(monkeypatch: pytest.MonkeyPatch) -> None:
-    from steelyard.excite.search import search_methods as cma_es
-    from steelyard.excite.search import search_methods as genetic
-
+def test_settings_are_passed_on() -> None:
     given: list[dict[str, Any]] = []
 
     def spy(*_: Any, **settings: Any) -> Any:
         given.append(settings)
         raise Stopped("seen")
 
-    monkeypatch.setattr(genetic, "minimised_by_genes", spy)
-    monkeypatch.setattr(cma_es, "minimised_by_cma_es", spy)
-    for method, *numbers in ((search_by_genes, 7, 11), (search_by_cma_es, 123)):
+    sizes = [{"population": 7, "generations": 11}, {"evaluations": 123}]
+    for method, own in zip((search_by_genes, search_by_cma_es), sizes, strict=True):
         with pytest.raises(Stopped):
-            method(problem(FAMILIES["rest"]), seeded(0, 0), silently, *numbers)
+            method(problem(FAMILIES["rest"]), seeded(0, 0), silently, minimise=spy, **own)
     assert (given[0]["population"], given[0]["generations"]) == (7, 11)
     assert given[1]["evaluations"] == 123

@@ -19,7 +19,7 @@ from steelyard.excite.design_problem_and_information import (
     Problem,
     jumping,
 )
-from steelyard.excite.optimality_criteria import CRITERIA, Measure
+from steelyard.excite.optimality_criteria import CRITERIA, measure
 from steelyard.excite.search.search_methods import METHODS, method_of, search_by_gradient, seeded
 from steelyard.model.laws.friction_over_speed import Coulomb
 
@@ -112,7 +112,7 @@ def test_the_worst_of_several_cases_is_the_criterion_value() -> None:
     design = problem(FAMILIES["rest"])
     shows, count = design.cases[0].shows, len(design.cases[0].shows.base)
     sizes = [np.geomspace(0.1, 10.0, count), np.geomspace(10.0, 0.1, count)]
-    cases = [Case(shows, Measure(CRITERIA["a_optimal"], None, None, s)) for s in sizes]
+    cases = [Case(shows, measure(CRITERIA["a_optimal"], None, None, s)) for s in sizes]
     x = random_starts(design.inequalities, np.random.default_rng(0), 1)[0]
     figures = [replace(design, cases=[case]).criterion_value(x) for case in cases]
     assert figures[0] != pytest.approx(figures[1], rel=1e-2)

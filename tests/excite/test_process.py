@@ -7,7 +7,7 @@ from invented import dh_arm, single, tree
 from steelyard.base.arrays import Array
 from steelyard.base.errors import DataError
 from steelyard.excite.collision.workspace_from_tables import up_of
-from steelyard.excite.constraints.motion_limits import MotionLimits
+from steelyard.excite.constraints.constraint_and_limits import MotionLimits
 from steelyard.excite.planned.fastest_moves_and_tours import (
     STRAIGHTNESS,
     ProcessMotion,
@@ -77,7 +77,7 @@ def test_picks_and_places_on_straight_lines(name: str, attitude: Attitude) -> No
     q = motion.trajectory.sample(grid(motion, 300)).q
     turned = np.array([tooled.pose(x)[1] for x in q])
     assert np.linalg.norm(attitude.turns(turned), axis=1).max(initial=0.0) <= 1e-4
-    assert motion.cycles == 2 and len(motion.paces) == 12
+    assert motion.cycles == 2 and len(motion.moves) == 12
     places = tooled.places(motion.postures)
     np.testing.assert_allclose(places, motion.places, atol=1e-7)
 
@@ -128,7 +128,7 @@ def test_joint_moves_are_straight_in_joint_space_and_as_fast_as_limits_allow() -
         speed = np.max(1.875 * np.abs(b - a) / tooled.limits.velocity)
         bend = np.sqrt(np.max(10.0 / np.sqrt(3.0) * np.abs(b - a) / tooled.limits.acceleration))
         assert t[k + 1] - t[k] == pytest.approx(max(speed, bend), rel=1e-6)
-        assert motion.paces[k].limit.startswith("velocity" if speed > bend else "acceleration")
+        assert motion.moves[k].limit.startswith("velocity" if speed > bend else "acceleration")
 
 
 def test_traces_the_edges_of_a_horizontal_square() -> None:
@@ -172,20 +172,20 @@ def test_the_tool_keeps_its_own_limits(path: str) -> None:
     speed = np.linalg.norm(np.gradient(at, t, axis=0), axis=1).max()
     bend = np.linalg.norm(np.diff(at, 2, axis=0), axis=1).max() / (t[1] - t[0]) ** 2
     assert speed <= 0.8 and bend <= 0.4 * (1.0 + 1e-6)
-    assert {pace.limit for pace in motion.paces} == {"acceleration of the tool"}
+    assert {move.limit for move in motion.moves} == {"acceleration of the tool"}
     assert bend > 0.97 * 0.4
     slow = plan("ur10", task, ToolGuidance(path, speed=0.1))
-    assert {pace.limit for pace in slow.paces} == {"speed of the tool"}
+    assert {move.limit for move in slow.moves} == {"speed of the tool"}
     if path == "line":
         least = 1.875 * 0.4 / 0.1
-        assert all(least <= p.duration <= 1.012 * least for p in slow.paces)
+        assert all(least <= p.duration <= 1.012 * least for p in slow.moves)
 
 
 def test_jerks_slow_a_motion_down() -> None:
     limits = replace(arm("panda").limits, jerk=np.full(7, 20.0))
     gentle = plan("panda", square((0.5, 0.0, 0.3), 0.2), limits=limits)
     check_keeps(gentle, limits)
-    assert any(pace.limit.startswith("jerk of 'panda_joint") for pace in gentle.paces)
+    assert any(move.limit.startswith("jerk of 'panda_joint") for move in gentle.moves)
 
 
 @pytest.mark.parametrize(

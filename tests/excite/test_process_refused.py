@@ -4,7 +4,7 @@ from pydantic import ValidationError
 
 from steelyard.base.errors import DataError
 from steelyard.excite.planned.fastest_moves_and_tours import ToolGuidance
-from steelyard.excite.planned.followed_lines_and_reachability import UnfollowableWay
+from steelyard.excite.planned.tool_paths_lines_and_reach import UnfollowableWay
 from tooled import DOWN, arm, box, carried, plan, square, waypoints
 
 JOINT = ToolGuidance("joint")

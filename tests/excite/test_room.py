@@ -10,12 +10,12 @@ from excite.colliding import ARM_WITHOUT, distances, link, postures, ur10, urdf,
 from excite.tabled import OPEN, arm, model_with_open_friction, problem_of, some_motion
 from steelyard.base.errors import ModelError
 from steelyard.excite.collision.clearance import Clearance
-from steelyard.excite.collision.convex_solids_and_mesh_files import Ball, Box, Capsule
+from steelyard.excite.collision.solids_and_shapes import Ball, Box, Capsule
 from steelyard.excite.collision.workspace_from_tables import WALL_RESERVE, WALLS_NAME, up_of
 from steelyard.excite.constraints.certificate import certify
-from steelyard.excite.constraints.constraint import Declined, Gap
+from steelyard.excite.constraints.constraint_and_limits import Declined, Gap
 from steelyard.excite.design_problem_from_tables import build
-from steelyard.excite.trajectories.exact_slowed_and_chained_trajectories import ExactTrajectory
+from steelyard.excite.trajectories.exact_trajectories import ExactTrajectory
 from steelyard.excite.trajectories.fourier import random_fourier
 from steelyard.robot.file.robot_file import load_robot
 from steelyard.simulate.simulate import _above_table, write_demo_arm

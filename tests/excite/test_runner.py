@@ -17,7 +17,7 @@ from excite.tabled import OPEN, arm, model_with_open_friction, searching_here
 from steelyard.base.errors import DataError
 from steelyard.base.progress import Event, Progress, Stopped, silent
 from steelyard.excite.design_problem_from_tables import build
-from steelyard.excite.search import parallel_search, worker_process
+from steelyard.excite.search import parallel_search
 from steelyard.excite.search.parallel_search import SearchBudget, SearchResult, search_in_parallel
 
 pytestmark = pytest.mark.skipif(not Path("/proc").is_dir(), reason="looks at processes in /proc")
@@ -47,7 +47,7 @@ def workers() -> list[int]:
             parent = (folder / "stat").read_text().rpartition(")")[2].split()[1]
         except OSError:
             continue
-        if b"search.worker_process" in words and int(parent) == os.getpid():
+        if b"search.parallel_search" in words and int(parent) == os.getpid():
             found.append(int(folder.name))
     return found
 
@@ -78,7 +78,7 @@ def test_the_course_shows_improvements_within_a_search(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     plain = harvest(tmp_path, SearchBudget(60.0, searches=1))
-    monkeypatch.setattr(worker_process, "TELLING_SECONDS", 0.0)
+    monkeypatch.setattr(parallel_search, "TELLING_SECONDS", 0.0)
     monkeypatch.setattr(parallel_search, "LOOKING_SECONDS", 0.0)
     found = harvest(tmp_path, SearchBudget(60.0, searches=1))
     (best,) = found.best
@@ -186,7 +186,7 @@ def task(folder: Path, searches: int | None, seconds: float = 60.0) -> bytes:
 
 def worker() -> "subprocess.Popen[bytes]":
     return subprocess.Popen(
-        [sys.executable, "-m", "steelyard.excite.search.worker_process"],
+        [sys.executable, "-m", "steelyard.excite.search.parallel_search"],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,

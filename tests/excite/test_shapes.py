@@ -10,9 +10,8 @@ import closed_chains
 from excite.colliding import SNAKE, joint, link, panda, snake, urdf, written
 from steelyard.base.errors import ModelError
 from steelyard.excite.collision.clearance import self_clearance
-from steelyard.excite.collision.convex_solids_and_mesh_files import Ball
 from steelyard.excite.collision.robot_and_cell_shapes_from_files import robot_shapes, world_shapes
-from steelyard.excite.collision.shape_kinematics import obstacle, placed, wall
+from steelyard.excite.collision.solids_and_shapes import Ball, obstacle, placed, wall
 from steelyard.robot.file.robot_file import load_robot
 
 BOMB = """<?xml version="1.0"?><!DOCTYPE robot [<!ENTITY a "ha"><!ENTITY b "&a;&a;&a;&a;">]>

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from excite.exportable import Jumps, Swings, arm
-from steelyard.excite.trajectories.exact_slowed_and_chained_trajectories import (
+from steelyard.excite.trajectories.exact_trajectories import (
     ExactTrajectory,
     SlowedMotion,
 )

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from steelyard.excite.collision.convex_solids_and_mesh_files import (
+from steelyard.excite.collision.solids_and_shapes import (
     FLAT_HULL_THICKNESS,
     Ball,
     Box,

@@ -2,9 +2,9 @@ import numpy as np
 import pytest
 
 from steelyard.base.errors import DataError
-from steelyard.excite.constraints.motion_limits import MotionLimits
+from steelyard.excite.constraints.constraint_and_limits import MotionLimits
 from steelyard.excite.planned.plans_from_tables import friction_sweeps, static_postures
-from steelyard.excite.trajectories.piecewise_polynomials import PiecewiseMotion
+from steelyard.excite.trajectories.exact_trajectories import PiecewiseMotion
 
 LIMITS = MotionLimits(
     [-2.9, -0.3, 0.0, -0.05], [2.9, 0.3, 4.0, 0.4], [2.2, 2.2, 1.0, 0.2], [15.0, 7.5, 1.0, 0.5]

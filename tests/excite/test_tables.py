@@ -11,7 +11,7 @@ from excite.tabled import OPEN, arm, designed, model_with_open_friction, problem
 from oracles import body_positions, pinocchio_model, pinocchio_torque
 from steelyard.base.arrays import Array
 from steelyard.base.errors import ModelError
-from steelyard.excite.constraints.constraint import Constraint
+from steelyard.excite.constraints.constraint_and_limits import Constraint
 from steelyard.excite.design_problem_from_tables import build
 from steelyard.excite.search.search_methods import METHODS
 from steelyard.model.equations.frame_and_point_kinematics import frame_of

@@ -9,13 +9,13 @@ import pytest
 from closed_chains import Oracle, bar, five_bar, palletizer, parallelogram
 from steelyard.base.arrays import Array
 from steelyard.base.errors import DataError, ModelError
-from steelyard.excite.constraints.motion_limits import MotionLimits, motion_limits
-from steelyard.excite.planned.followed_lines_and_reachability import UnfollowableWay
+from steelyard.excite.constraints.constraint_and_limits import MotionLimits, motion_limits
 from steelyard.excite.planned.joints_along_path import PathMotion, along_path
-from steelyard.excite.planned.timed_paths import (
+from steelyard.excite.planned.tool_paths_lines_and_reach import (
     Circle,
     Reaches,
     ToolPath,
+    UnfollowableWay,
     on_circle,
     out_and_back,
     plane_axes,

@@ -9,7 +9,7 @@ from excite.tabled import ARM, OPEN, arm, model_with_open_friction, problem_of
 from excite.test_criterion_table import earlier
 from steelyard.base.errors import ModelError, OutputError
 from steelyard.excite.constraints.bounds_in_time_and_effort_limits import EffortLimit
-from steelyard.excite.constraints.constraint import Declined
+from steelyard.excite.constraints.constraint_and_limits import Declined
 from steelyard.excite.design_problem_and_information import Problem
 from steelyard.excite.design_problem_from_tables import build
 from steelyard.excite.excite import refuse_formats

@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 
 from steelyard.excite.constraints.certificate import certify
-from steelyard.excite.constraints.motion_limits import motion_limits
+from steelyard.excite.constraints.constraint_and_limits import motion_limits
 from steelyard.excite.constraints.tool_workspace import Marker, tool_box
 from steelyard.excite.design_problem_and_information import Case, InformationEvaluator
-from steelyard.excite.optimality_criteria import CRITERIA, Measure
+from steelyard.excite.optimality_criteria import CRITERIA, measure
 from steelyard.excite.predicted_accuracy_and_advice import advised_motions, predicted_accuracy
 from steelyard.excite.searched_or_planned_motion import Designed
 from steelyard.excite.trajectories.fourier import random_fourier
@@ -42,7 +42,7 @@ def designed_for(arm: Robot, *, height: float = 1.0, known: bool = True) -> Desi
     cases = [
         Case(
             InformationEvaluator(model, np.ones(arm.n), np.full(arm.n, 0.01)),
-            Measure(kind, None, None),
+            measure(kind, None, None),
         )
     ]
     box = tool_box(arm, tool, (-1.0, None, -height), (1.0, None, height))

@@ -16,7 +16,7 @@ from report.designed import REACH, designed_for, renamed
 from report.test_page import own_html
 from steelyard.excite.constraints.bounds_in_time_and_effort_limits import torque_limit
 from steelyard.excite.constraints.certificate import proof_of
-from steelyard.excite.constraints.constraint import Declined, Gap
+from steelyard.excite.constraints.constraint_and_limits import Declined, Gap
 from steelyard.excite.constraints.tool_workspace import Marker
 from steelyard.excite.page.design_page import DESIGN_SECTIONS, render_design
 from steelyard.excite.page.design_text import (
@@ -33,7 +33,7 @@ from steelyard.excite.page.design_text import (
     print_design,
     tightest,
 )
-from steelyard.excite.page.tool_path_section import skeleton, tool_path
+from steelyard.excite.page.tool_path_and_walls import skeleton, tool_path
 from steelyard.excite.predicted_accuracy_and_advice import Advice
 from steelyard.excite.searched_or_planned_motion import Designed
 from steelyard.excite.trajectories.fourier import random_fourier

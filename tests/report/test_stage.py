@@ -8,7 +8,7 @@ import pytest
 from scipy.spatial import ConvexHull
 
 from closed_chains import five_bar, independent_path, slider_crank, spatial
-from steelyard.excite.collision.convex_solids_and_mesh_files import (
+from steelyard.excite.collision.solids_and_shapes import (
     Ball,
     Box,
     Capsule,

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from steelyard.base.errors import ModelError
+from steelyard.excite.trajectories.exact_trajectories import SampledMotion
 from steelyard.excite.trajectories.fourier import random_fourier
-from steelyard.excite.trajectories.piecewise_polynomials import SampledMotion
 from steelyard.model.equations.frame_and_point_kinematics import (
     frame_kinematics,
     frame_of,

@@ -8,7 +8,7 @@ import pytest
 
 from steelyard.base.errors import DataError, ModelError
 from steelyard.base.motion import run
-from steelyard.excite.trajectories.piecewise_polynomials import SampledMotion
+from steelyard.excite.trajectories.exact_trajectories import SampledMotion
 from steelyard.model.equations.frame_and_point_kinematics import frame_kinematics
 from steelyard.robot.robot import Robot
 from steelyard.simulate.drives_sensors_and_loads import (

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from steelyard.base.progress import Event, Progress
     from steelyard.excite.excite import DesignedMotion, DesignTask
     from steelyard.excite.search.parallel_search import SearchBudget
-    from steelyard.excite.trajectories.exact_slowed_and_chained_trajectories import ExactTrajectory
+    from steelyard.excite.trajectories.exact_trajectories import ExactTrajectory
     from steelyard.identify.identify import Identification
     from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
     from steelyard.simulate.simulate import SimulatedRun

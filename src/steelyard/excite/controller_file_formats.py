@@ -8,14 +8,17 @@ is the greatest integral of the magnitude of its Peano kernel [Davis1963].
 """
 
 import json
-from math import ceil, floor
+from collections.abc import Callable
+from dataclasses import dataclass
+from math import ceil, floor, inf
+from pathlib import Path
 
 import numpy as np
 
 from steelyard.base.arrays import Array
-from steelyard.base.errors import OutputError
-from steelyard.base.files import csv_text
-from steelyard.excite.trajectories.exact_slowed_and_chained_trajectories import ExactTrajectory
+from steelyard.base.errors import OutputError, refuse_unknown
+from steelyard.base.files import csv_text, refuse_existing, whole_file
+from steelyard.excite.trajectories.exact_trajectories import ExactTrajectory, divided
 from steelyard.robot.robot import Robot
 
 MOST_POINTS = 2_000_000  # rows or commands that a file may hold
@@ -44,11 +47,6 @@ def _refuse_many(duration: float, rate: float) -> None:
             where="rate of the export",
             fix=f"give at most {MOST_POINTS / duration:.3g} points per second",
         )
-
-
-def orders_at(trajectory: ExactTrajectory, t: Array) -> tuple[Array, Array, Array]:
-    """Position, velocity and acceleration at times within the motion, each `(N, n)`."""
-    return trajectory.derivative(t, 0), trajectory.derivative(t, 1), trajectory.derivative(t, 2)
 
 
 def refuse_moving_ends(trajectory: ExactTrajectory, robot: Robot, what: str) -> None:
@@ -102,7 +100,7 @@ def csv_of(trajectory: ExactTrajectory, robot: Robot, rate: float) -> str:
     """
     times = grid_times(trajectory.duration, rate)
     names = [f"{what}_{c.name}" for what in ("q", "dq", "ddq") for c in robot.coordinates]
-    parts = [values.tolist() for values in orders_at(trajectory, times)]
+    parts = [trajectory.derivative(times, order).tolist() for order in range(3)]
     rows = zip(times.tolist(), *parts, strict=True)
     return csv_text([["time_s", *names], *([t, *q, *dq, *ddq] for t, q, dq, ddq in rows)])
 
@@ -123,7 +121,7 @@ def keyframes_of(trajectory: ExactTrajectory, robot: Robot, rate: float) -> str:
     followed = [body.coordinate for body in bodies]
     ratio, offset = [body.ratio for body in bodies], [body.offset for body in bodies]
     times = even_times(trajectory.duration, rate)
-    q, dq, _ = orders_at(trajectory, times)
+    q, dq = (trajectory.derivative(times, order) for order in range(2))
     joints = ", ".join(body.joint for body in bodies)
     top = f"{len(times)} keyframes in rad (prismatic joints: m). Include this file in a model whose"
     lines = comment_head(trajectory, robot, " ", top, f"joints are, in this order: {joints}.")
@@ -162,7 +160,8 @@ def joint_trajectory_of(trajectory: ExactTrajectory, robot: Robot, rate: float) 
     """
     refuse_moving_ends(trajectory, robot, "a joint_trajectory_controller")
     nanoseconds = spline_points(trajectory, rate)
-    q, dq, ddq = orders_at(trajectory, np.minimum(nanoseconds * 1e-9, trajectory.duration))
+    times = np.minimum(nanoseconds * 1e-9, trajectory.duration)
+    q, dq, ddq = (trajectory.derivative(times, order) for order in range(3))
     way = "lead from wherever the robot is to the start of the motion."
     what = f"{len(q)} points; splines of degree five between them are within 1e-6 of the motion."
     lines = comment_head(trajectory, robot, "#", f"The first {APPROACH_SECONDS} s {way}", what)
@@ -191,12 +190,7 @@ def spline_points(trajectory: ExactTrajectory, rate: float) -> Nanoseconds:
     jumps = _acceleration_jumps(trajectory)
     beside = [jumps - BESIDE_JUMP_SECONDS, jumps + BESIDE_JUMP_SECONDS]
     edges = np.sort(np.concatenate([[0.0, trajectory.duration], *beside]))
-    pieces = [
-        np.linspace(a, b, max(1, ceil((b - a) * rate)), endpoint=False)
-        for a, b in zip(edges, edges[1:], strict=False)
-    ]
-    times = np.concatenate([*pieces, edges[-1:]])
-    return np.unique(np.rint(times * 1e9).astype(np.int64))
+    return np.unique(np.rint(divided(edges, 1.0 / rate) * 1e9).astype(np.int64))
 
 
 def _acceleration_jumps(trajectory: ExactTrajectory) -> Array:
@@ -309,3 +303,59 @@ def _unfit_motion(robot: Robot, form: str, wanted: str, prismatic: int = 0) -> O
         where=f"robot '{robot.name}'",
         fix="export the motion in another format",
     )
+
+
+@dataclass(frozen=True)
+class Export:
+    """A format of motions: its file, the text of it, and points a second if none are requested.
+
+    What a controller does `between` points, see `error_between`; `None` if the file is for none.
+    """
+
+    file: str
+    text: Callable[[ExactTrajectory, Robot, float], str]
+    rate: float
+    between: str | None = None
+
+
+EXPORTS: dict[str, Export] = {
+    "csv": Export("trajectory.csv", csv_of, 500.0, "lines"),
+    "ros2": Export("trajectory.yaml", joint_trajectory_of, 20.0, "quintic splines"),
+    "urscript": Export("trajectory.script", urscript_of, 500.0, "lines"),
+    "krl": Export("trajectory.src", krl_of, 10.0, "cubic spline"),
+    "rapid": Export("trajectory.mod", rapid_of, 10.0, "rounded lines"),
+    "mujoco": Export("trajectory.xml", keyframes_of, 50.0),
+}
+
+
+def exported(
+    trajectory: ExactTrajectory, robot: Robot, form: str, rate: float | None = None
+) -> str:
+    """A motion as the text of a file in a format of `EXPORTS`, with `rate` points a second."""
+    export = _format_of_name(form)
+    rate = export.rate if rate is None else rate
+    if not 0.0 < rate < inf:
+        raise OutputError(
+            f"{rate:g} points per second are not a valid rate",
+            where="rate of the export",
+            fix="give a number of points per second above 0",
+        )
+    return export.text(trajectory, robot, rate)
+
+
+def write_export(
+    trajectory: ExactTrajectory, robot: Robot, form: str, folder: Path, rate: float | None = None
+) -> Path:
+    """Write a motion to a folder, under the format's file name; the file."""
+    path = folder / _format_of_name(form).file
+    refuse_existing(path)
+    text = exported(trajectory, robot, form, rate)
+    with whole_file(path) as part:
+        part.write_text(text, encoding="utf-8", newline="\n")
+    return path
+
+
+def _format_of_name(form: str) -> Export:
+    wrong, where = f"there is no format '{form}' for motions", "format of the export"
+    refuse_unknown(form, EXPORTS, wrong, where, "formats", OutputError)
+    return EXPORTS[form]

@@ -1,4 +1,4 @@
-r"""A design problem, and the information of a motion with its slope by the motion.
+r"""A design problem, the information of motions with its slope by the motion, and earlier models.
 
 The torque of a joint depends on the bodies that it carries and on its own friction. Branches of a
 tree that hang on the fixed base share no parameter, and no torque of one depends on the motion of
@@ -11,27 +11,34 @@ row $y_{tr}$ is $2 w_r S y_{tr}$, and one sweep backwards through the traced reg
 seeds of all its entries into derivatives by position, velocity and acceleration.
 """
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from math import ceil
+from math import ceil, exp, inf
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from steelyard.base.arrays import Array
+from steelyard.base.errors import DataError
+from steelyard.estimate.identified_model import IdentifiedModel, load_model
 from steelyard.estimate.information.base_parameters_and_regressor import BaseMap, clear_map
-from steelyard.excite.constraints.constraint import Constraint
-from steelyard.excite.constraints.motion_limits import MotionLimits
-from steelyard.excite.optimality_criteria import Criterion, DOptimal, Measure, worst, worst_value
+from steelyard.estimate.information.filter_and_gram import ParallelFilter
+from steelyard.excite.constraints.constraint_and_limits import Constraint, MotionLimits
+from steelyard.excite.optimality_criteria import Criterion, d_optimal, worst
 from steelyard.excite.search.margins_barrier_and_newton import InequalityConstraints
 from steelyard.excite.trajectories.motion_families import Basis
 from steelyard.model.equations.inverse_dynamics import JointState, completed
 from steelyard.model.model import Model
+from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
 from steelyard.robot.robot import Robot
-from steelyard.symbolic.native.compiled_programs import Code, compiled
+from steelyard.symbolic.native.compiled_programs import Code, compiled, compiled_equations
 from steelyard.symbolic.program_and_softening import InputArray as Input
 from steelyard.symbolic.program_and_softening import Program, softened
+
+_RATE_OVER_CUTOFF = 20.0  # sampling rate; the independent samples a second do not depend on it
+_Q, _DQ, _DDQ, _CHANNELS, _WIDTHS = range(5)
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,11 +104,7 @@ class InformationEvaluator:
 
     @cached_property
     def _entries(self) -> Code:
-        def build() -> tuple[Program, dict[str, Any]]:
-            program, sees = self._program()
-            return program, {"sees": sees}
-
-        return compiled(["shown", *self._key], build)
+        return compiled(["shown", *self._key], self._program)
 
     @cached_property
     def _slopes(self) -> Code:
@@ -119,17 +122,13 @@ class InformationEvaluator:
         if not robot.passive:
             return None
 
-        def build() -> tuple[Program, dict[str, Any]]:
-            from steelyard.symbolic.symbols_and_tracing import symbolic
+        def rows(q: Any, channels: Any) -> list[Any]:
+            still = [0.0] * robot.n
+            ways = completed(robot, JointState(q, still, still, channels))[1]
+            return [0.0 if x is None else x for row in ways for x in row]
 
-            def rows(q: Any, channels: Any) -> list[Any]:
-                still = [0.0] * robot.n
-                ways = completed(robot, JointState(q, still, still, channels))[1]
-                return [0.0 if x is None else x for row in ways for x in row]
-
-            return symbolic(rows, [Input("q", robot.n), Input("channels", len(robot.passive))]), {}
-
-        return compiled(["passive map", *self._key], build)
+        inputs = [Input("q", robot.n), Input("channels", len(robot.passive))]
+        return compiled_equations(["passive map", *self._key], rows, inputs)
 
     @property
     def _key(self) -> list[Any]:
@@ -149,8 +148,8 @@ class InformationEvaluator:
         """Views of each effort row's entries, `(seen columns, N)`."""
         return np.split(entries, np.cumsum([len(seen) for seen, _, _ in self._places])[:-1])
 
-    def _program(self) -> tuple[Program, list[list[int]]]:
-        """The regressor's entries with softened jumps, and the columns that each row sees."""
+    def _program(self) -> tuple[Program, dict[str, Any]]:
+        """The regressor's entries with softened jumps, and the columns that each row `sees`."""
         from steelyard.symbolic.symbols_and_tracing import symbolic
 
         n, columns = self.model.robot.n, self.base.independent
@@ -167,7 +166,7 @@ class InformationEvaluator:
             return outputs
 
         inputs = [*self.model.inputs, Input("widths", n, shared=True)]
-        return softened(symbolic(rows, inputs), _DQ, _WIDTHS), sees
+        return softened(symbolic(rows, inputs), _DQ, _WIDTHS), {"sees": sees}
 
 
 @dataclass(frozen=True, eq=False)
@@ -176,11 +175,6 @@ class Case:
 
     shows: InformationEvaluator
     criterion: Criterion
-
-    @property
-    def chosen(self) -> tuple[int, ...] | None:
-        """Columns that matter; all if `None`."""
-        return self.criterion.chosen if isinstance(self.criterion, Measure) else None
 
 
 @dataclass(frozen=True, eq=False)
@@ -222,10 +216,6 @@ class Objective:
         """The smooth criterion alone, for searches that take no slopes."""
         return worst(self._judged(self.seen(x)), sharpness)[0]
 
-    def unsmoothed(self, x: Array) -> float:
-        """The criterion itself, as people read it."""
-        return worst_value(self._judged(self.seen(x)))
-
     def _judged(self, seen: Sequence[SampledInformation]) -> list[tuple[Criterion, Array]]:
         return [(c.criterion, s.gram) for c, s in zip(self.cases, seen, strict=True)]
 
@@ -255,22 +245,15 @@ class JointGroup:
 
 def joint_groups_of(shows: InformationEvaluator) -> tuple[JointGroup, ...]:
     """The limbs of a robot, by their first joints; one of all joints where loops close."""
-    sees = [set(columns) for columns in shows.sees]
-    if shows.model.robot.passive:
-        return (JointGroup(tuple(range(len(sees))), tuple(sorted(set().union(*sees)))),)
-    found: list[tuple[set[int], set[int]]] = []
-    for joint, columns in enumerate(sees):
-        joints, reached = {joint}, set(columns)
-        apart = []
-        for others, known in found:
-            if known & reached:
-                joints |= others
-                reached |= known
-            else:
-                apart.append((others, known))
-        found = [*apart, (joints, reached)]
-    limbs = [JointGroup(tuple(sorted(joints)), tuple(sorted(reached))) for joints, reached in found]
-    return tuple(sorted(limbs, key=lambda limb: limb.joints))
+    from scipy.sparse.csgraph import connected_components
+
+    closed, sees = bool(shows.model.robot.passive), [set(columns) for columns in shows.sees]
+    shared = np.array([[closed or bool(own & other) for other in sees] for own in sees])
+    count, numbers = connected_components(shared, directed=False)
+    limbs = [np.flatnonzero(numbers == number).tolist() for number in range(count)]
+    columns = [set[int]().union(*(sees[joint] for joint in joints)) for joints in limbs]
+    found = zip(limbs, columns, strict=True)
+    return tuple(JointGroup(tuple(joints), tuple(sorted(reached))) for joints, reached in found)
 
 
 SHOWN_PER_WAVE = 20  # samples of the criterion per wave of the highest frequency
@@ -317,7 +300,7 @@ class Problem:
 
     def criterion_value(self, x: Array) -> float:
         """The criterion itself on `samples` samples, with laws that jump at zero speed."""
-        return self._jumping.unsmoothed(x)
+        return exp(self._jumping.value(x, inf))
 
     @cached_property
     def _jumping(self) -> Objective:
@@ -351,7 +334,7 @@ def composed_motions(problem: Problem, motions: Iterable[Array]) -> Iterator[Arr
         return (
             x,
             value,
-            [max(DOptimal().smooth(g, 1.0)[0] if len(g) else 0.0 for g in own) for own in each],
+            [max(d_optimal(g, 1.0)[0] if len(g) else 0.0 for g in own) for own in each],
         )
 
     best: tuple[Array, float, list[float]] | None = None
@@ -375,4 +358,80 @@ def composed_motions(problem: Problem, motions: Iterable[Array]) -> Iterator[Arr
         yield x
 
 
-_Q, _DQ, _DDQ, _CHANNELS, _WIDTHS = range(5)
+@dataclass(frozen=True, eq=False)
+class Earlier:
+    """What was learnt from an earlier log.
+
+    The `noise` of the filtered residuals, `(n,)` [Nm; N], and their filter's cutoff [Hz]; `values`,
+    `(p,)`, of the base parameters that were estimated, and their covariance, `(p, p)`; standard
+    parameters by name; the base parameters that the model was reduced by (`removed`) are zero.
+    """
+
+    noise: Array
+    cutoff: float
+    names: tuple[str, ...]
+    values: Array
+    covariance: Array
+    standard: Mapping[str, float]
+    removed: tuple[str, ...] = ()
+
+    @property
+    def independent_rate(self) -> float:
+        """Independent samples a second behind the filter [Hz]."""
+        design = ParallelFilter.design(self.cutoff, _RATE_OVER_CUTOFF * self.cutoff)
+        return design.rate / (design.decimation * design.inflation)
+
+    @property
+    def weights(self) -> Array:
+        """Information that a second holds, per squared regressor entry, shape `(n,)`."""
+        return np.asarray(self.independent_rate / self.noise**2)
+
+    def information(self, base: BaseMap, absent: Collection[str] = ()) -> Array:
+        """Information on a model's base parameters, `(b, b)`; none on those not estimated.
+
+        Parameters that the model does without (`absent`) are known to be zero.
+        """
+        place = {name: k for k, name in enumerate(base.base_names)}
+        known = [k for k, name in enumerate(self.names) if name in place or name in absent]
+        own = np.linalg.pinv(self.covariance[np.ix_(known, known)], hermitian=True)
+        left = [k for k, name in enumerate(self.names[j] for j in known) if name in place]
+        targets = [place[self.names[known[k]]] for k in left]
+        full = np.zeros((len(base), len(base)))
+        full[np.ix_(targets, targets)] = own[np.ix_(left, left)]
+        return full
+
+
+def earlier_of(identified: IdentifiedModel) -> Earlier:
+    """What an identified model knows for the design of a motion."""
+    estimate = identified.estimate
+    return Earlier(
+        estimate.sigma,
+        identified.cutoffs.matched,
+        estimate.parameters.names,
+        estimate.parameters.values,
+        estimate.covariance,
+        estimate.values.as_dict(),
+        (*(one.name for one in estimate.removed), *estimate.known),
+    )
+
+
+def identified_before(
+    earlier: str | Path | IdentifiedModel, loaded: LoadedRobot
+) -> IdentifiedModel:
+    """An earlier model of the robot."""
+    known = load_model(earlier)
+    where = "earlier model" if isinstance(earlier, IdentifiedModel) else str(earlier)
+    theirs, ours = known.model.robot.joint_names, loaded.robot.joint_names
+    if theirs != ours:
+        raise DataError(
+            f"the earlier model moves the joints {', '.join(theirs)}, this robot {', '.join(ours)}",
+            where=where,
+            fix="give a model that was identified with this robot file, or the model's robot file",
+        )
+    if not (known.estimate.sigma > 0.0).all():
+        raise DataError(
+            "the earlier model fits a joint's efforts without any noise",
+            where=where,
+            fix="leave --earlier out: noise is then assumed",
+        )
+    return known

@@ -1,31 +1,52 @@
 """From a robot file's `[excitation]` tables to the problem that they describe."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
-from steelyard.base.arrays import Array, frozen
-from steelyard.base.errors import DataError, refuse_unknown
+from steelyard.base.arrays import Array, Parameters, frozen
+from steelyard.base.errors import DataError, ModelError, refuse_unknown
 from steelyard.estimate.information.base_parameters_and_regressor import (
     FAINT,
     BaseMap,
     base_parameters,
     clear_map,
 )
-from steelyard.excite.constraints.bounds_in_time_and_effort_limits import payload_numbers
-from steelyard.excite.constraints.constraint import Declined
-from steelyard.excite.constraints.constraints_from_tables import constraints_of, without_memory
-from steelyard.excite.constraints.motion_limits import (
+from steelyard.excite.collision.clearance import self_clearance
+from steelyard.excite.collision.shapes_given_or_assumed import load_balls
+from steelyard.excite.collision.solids_and_shapes import Shape
+from steelyard.excite.collision.workspace_from_tables import (
+    ConstraintsAndNotes,
+    workspace_of,
+    world_of,
+    written,
+)
+from steelyard.excite.constraints.bounds_in_time_and_effort_limits import (
+    EffortLimit,
+    payload_numbers,
+    power_limit,
+    torque_limit,
+    with_payload,
+)
+from steelyard.excite.constraints.constraint_and_limits import (
     ACCELERATIONS_ASSUMED,
+    Constraint,
+    Declined,
+    Gap,
     MotionLimits,
     motion_limits,
 )
-from steelyard.excite.design_problem_and_information import Case, InformationEvaluator, Problem
-from steelyard.excite.earlier_model import Earlier
-from steelyard.excite.optimality_criteria import CRITERIA, Measure
+from steelyard.excite.design_problem_and_information import (
+    Case,
+    Earlier,
+    InformationEvaluator,
+    Problem,
+)
+from steelyard.excite.optimality_criteria import CRITERIA, measure
 from steelyard.excite.trajectories.motion_families import basis_of, per_joint
 from steelyard.model.equations.frame_and_point_kinematics import last_frame
-from steelyard.model.model import Model
+from steelyard.model.model import Model, ValuedModel
 from steelyard.model.terms.term import StatefulTerm
 from steelyard.robot.file.excitation_sections import (
     CriterionSection,
@@ -34,8 +55,191 @@ from steelyard.robot.file.excitation_sections import (
     MotionLimitsSection,
 )
 from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
-from steelyard.robot.inertia_and_placement import Inertia
+from steelyard.robot.inertia_and_placement import INERTIAL_NAMES, Inertia
 from steelyard.robot.robot import Robot
+
+SHELL_INERTIA = 2.0 / 3.0  # of a hollow ball about its centre, over its mass and its radius squared
+
+LOADS_COUNTED = (
+    "torques hold for loads of any inertia from a point mass to a hollow sphere of the load's "
+    "radius about its centre of mass, alike about all axes; not for an elongated one"
+)
+
+
+def constraints_of(
+    loaded: LoadedRobot, model: Model, earlier: Earlier | None
+) -> tuple[tuple[Constraint, ...], tuple[str, ...]]:
+    """All that must hold at all times beside the limits of the joints, and what was assumed.
+
+    Raises:
+        ModelError: A frame or a shape is missing, or what must hold cannot be proven.
+    """
+    section = loaded.excitation
+    found, notes = list[Constraint](), list[str]()
+    world = world_of(loaded)
+    for part, part_notes in (
+        workspace_of(loaded, world),
+        efforts_of(loaded, model, earlier),
+        clearance_of(loaded, world),
+    ):
+        found += part
+        notes += part_notes
+    space, collision = section.workspace, section.collision
+    used = section.criterion.relative or any(isinstance(c, EffortLimit) for c in found)
+    used |= space is not None and space.limits_links
+    used |= collision is not None and collision.world is not None
+    if section.loads and not used:
+        notes.append(
+            "loads have no effect: neither torque nor workspace is limited, no criterion relative"
+        )
+    if loaded.robot.passive:
+        notes.append(Gap("loop closure is checked at samples, not proven between them"))
+    return tuple(found), tuple(notes)
+
+
+def efforts_of(loaded: LoadedRobot, model: Model, earlier: Earlier | None) -> ConstraintsAndNotes:
+    """Torque and power of the prior model, without and with every load."""
+    section = loaded.excitation
+    wanted, robot = section.limits, model.robot
+    own = np.array([joint.limits.effort for joint in robot.coordinates])
+    given = None if wanted.effort in ("robot", "any") else wanted.effort
+    efforts = wanted.share * per_joint(given, robot, "effort", own)
+    powers = per_joint(wanted.power, robot, "power", np.full(robot.n, np.inf))
+    requested = given is not None or wanted.power is not None or wanted.total_power is not None
+    limited = wanted.effort != "any" and bool(np.isfinite(efforts).any())
+    notes = list[str]()
+    if wanted.effort == "any":
+        notes.append(Declined("torque is not limited, as specified"))
+    elif not np.isfinite(efforts).all():
+        joints = zip(robot.joint_names, efforts, strict=True)
+        free = ", ".join(f"'{name}'" for name, most in joints if not np.isfinite(most))
+        notes.append(Gap(f"torque is not limited for joints without a known effort limit: {free}"))
+    if not (limited or requested):
+        return [], notes
+    why = _unknown_efforts(loaded, model, earlier)
+    if why is not None:
+        if requested:
+            raise ModelError(
+                f"torque cannot be limited: {why}",
+                where="[excitation.limits]",
+                fix='leave out effort and power, or say effort = "any"',
+            )
+        return [], [Gap(f"torque is not limited: {why}")]
+    cases = _load_cases(loaded, without_memory(model), earlier)
+    found = [torque_limit(cases, efforts)] if limited else []
+    if wanted.power is not None or wanted.total_power is not None:
+        total = np.inf if wanted.total_power is None else wanted.total_power
+        found.append(power_limit(cases, powers, total))
+    source = scope = "of the earlier model"
+    if earlier is None:
+        source = "of the model file, without friction"
+        sprung = not _stiffnesses(loaded).keys().isdisjoint(model.names)
+        scope = f"{'masses and springs' if sprung else 'masses'} {source}"
+    notes = [f"torques are limited with the values {source}", *notes]
+    found = [replace(limit, scope=scope) for limit in found]
+    return list(found), [*notes, LOADS_COUNTED] if section.loads else notes
+
+
+def without_memory(model: Model) -> Model:
+    """The model without terms with internal states."""
+    kept = tuple(term for term in model.terms if not isinstance(term, StatefulTerm))
+    return Model(model.robot, kept)
+
+
+def _unknown_efforts(loaded: LoadedRobot, model: Model, earlier: Earlier | None) -> str | None:
+    """Why torques are not known beforehand, if they are not.
+
+    Without an earlier model no friction is known, so laws with memory then lack like all others.
+    """
+    if loaded.signals is not None and loaded.signals.effort_kind == "gravity_compensated_torque":
+        return "the robot file's efforts are gravity compensated"
+    if earlier is not None:
+        for term in model.terms:
+            if isinstance(term, StatefulTerm):
+                return f"'{term.law}' has internal states"
+    if model.robot.passive:
+        return "the robot has closed chains"
+    if not model.has_bodies:
+        return "the model has no rigid bodies"
+    if not any(body.known for body in model.robot.bodies):
+        return "the model file gives no masses"
+    return None
+
+
+def _stiffnesses(loaded: LoadedRobot) -> dict[str, float]:
+    """Values of the parameters of terms for the model file's springs, one per joint."""
+    stiff = {f"spring.{name}": spring.stiffness for name, spring in loaded.springs.items()}
+    return stiff | {
+        f"spring_preload.{name}": spring.stiffness * spring.free
+        for name, spring in loaded.springs.items()
+    }
+
+
+def _load_cases(
+    loaded: LoadedRobot, model: Model, earlier: Earlier | None
+) -> dict[str, ValuedModel]:
+    """The prior model, without and with every load; an earlier model replaces it wholly.
+
+    What that one does not hold is zero: its values may be base parameters, which stand for others.
+    """
+    nominal: Mapping[str, float] = _stiffnesses(loaded) | {
+        f"{name}.{body.name}": float(value)
+        for body in model.robot.bodies
+        for name, value in zip(INERTIAL_NAMES, body.inertia.ten, strict=True)
+    }
+    known = nominal if earlier is None else earlier.standard
+    names = [name for name in model.names if name in known]
+    units = [model.units[model.names.index(name)] for name in names]
+    arm = model.at(Parameters(names, units, [known[name] for name in names]))
+    cases = {"without load": arm}
+    for number, load in enumerate(loaded.excitation.loads, start=1):
+        frame = load.frame or last_frame(model.robot)
+        # what it is as a mass; between both torques are linear
+        shell = SHELL_INERTIA * load.mass * load.ball**2
+        for what, about_com in (
+            ("as a point", np.zeros((3, 3))),
+            (f"as a hollow sphere of {1e3 * load.ball:.3g} mm", shell * np.eye(3)),
+        ):
+            inertia = Inertia.about_com(load.mass, load.com, about_com)
+            with written("loads] frame"):
+                case = with_payload(arm, frame, inertia)
+            cases[f"with load {number}, {load.mass:g} kg {what}"] = case
+    return cases
+
+
+def clearance_of(loaded: LoadedRobot, world: tuple[Shape, ...] = ()) -> ConstraintsAndNotes:
+    """That bodies do not touch each other or the world, where shapes say what they are.
+
+    Loads whose radius is given are bodies, too.
+    """
+    section, loads = loaded.excitation.collision, loaded.excitation.loads
+    bare = [f"{number}" for number, load in enumerate(loads, start=1) if load.radius is None]
+    notes = list[str]()
+    if bare and (section is None or section.bodies):
+        text = "loads without a radius are not checked against the robot's own links: load "
+        notes.append(Gap(text + ", ".join(bare)))
+    balls = tuple(ball for ball, load in zip(load_balls(loaded), loads, strict=True) if load.radius)
+    if section is None:
+        try:
+            found = self_clearance(loaded, others=balls)
+        except ModelError as error:
+            why = error.wrong[:1].lower() + error.wrong[1:]
+            return [], [Gap(f"self-collisions are not checked: {why}")]
+        return [found], [*found.notes, *notes]
+    if not section.bodies:
+        notes.append(Declined("self-collisions are not checked, as specified"))
+        if not world:
+            return [], notes
+    found = self_clearance(
+        loaded,
+        skip=section.without,
+        margin=section.margin,
+        others=(*balls, *world),
+        ignore=section.ignore,
+        bodies=section.bodies,
+    )
+    return [found], [*found.notes, *notes]
+
 
 JUMP_SOFTNESS = 0.01  # width within which jumping laws turn while optimising, over the top speed
 RANGE_MARGIN = 0.02  # share of a joint's range kept free at each end, if no margin is given
@@ -88,8 +292,7 @@ def limits_of(robot: Robot, section: MotionLimitsSection) -> MotionLimits:
     if section.acceleration is None:
         notes += (ACCELERATIONS_ASSUMED,)
     span = robot_limits.upper - robot_limits.lower
-    share = RANGE_MARGIN * span
-    margin = share if section.position_margin is None else np.full(robot.n, section.position_margin)
+    margin = RANGE_MARGIN * span if section.position_margin is None else section.position_margin
     lower, upper = robot_limits.lower + margin, robot_limits.upper - margin
     for joint, low, high, whole in zip(robot.coordinates, lower, upper, span, strict=True):
         if not low < high:
@@ -147,11 +350,11 @@ def cases_of(
     prior = None
     if wanted.after_earlier:
         prior = _needed(earlier, "after_earlier").information(shows.base, absent)
-    if not wanted.relative:
-        return (Case(shows, Measure(CRITERIA[wanted.kind], prior, chosen)),)
-    known = _needed(earlier, "relative")
-    sizes = [sizes_of(known, model, shows.base, load) for load in (None, *section.loads)]
-    return tuple(Case(shows, Measure(CRITERIA[wanted.kind], prior, chosen, s)) for s in sizes)
+    sizes: list[Array | None] = [None]
+    if wanted.relative:
+        known = _needed(earlier, "relative")
+        sizes = [sizes_of(known, model, shows.base, load) for load in (None, *section.loads)]
+    return tuple(Case(shows, measure(CRITERIA[wanted.kind], prior, chosen, s)) for s in sizes)
 
 
 def weights_of(wanted: CriterionSection, robot: Robot, earlier: Earlier | None) -> Array:
@@ -229,12 +432,10 @@ def _needed(earlier: Earlier | None, key: str) -> Earlier:
 
 def _named(wanted: Sequence[str], model: Model, base: BaseMap, key: str) -> set[str]:
     """Names of base parameters that are named, or belong to a law that is."""
-    first, laws = 0, dict[str, set[str]]()
+    laws, found = dict[str, set[str]](), set[str]()
     for term in model.terms:
-        count = len(term.parameters(model.robot))
-        laws.setdefault(term.law, set()).update(model.names[first : first + count])
-        first += count
-    found = set[str]()
+        own = (parameter.name for parameter in term.parameters(model.robot))
+        laws.setdefault(term.law, set()).update(own)
     for name in wanted:
         wrong = f"'{name}' is neither a law nor a base parameter of the model"
         known, where = [*laws, *base.base_names], f"[excitation.criterion] {key}"

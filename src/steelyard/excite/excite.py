@@ -6,9 +6,8 @@ spline is taken at times $\delta$ apart; between them it is greater by at most
 $\delta^2 \max|\ddot s - \ddot q| / 8$, and $\ddot s$ is greatest at a point.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from math import inf
 from pathlib import Path
 from typing import Any
 
@@ -17,99 +16,34 @@ from rich.console import Console
 
 from steelyard.base.arrays import Array, finite_json
 from steelyard.base.checked_arguments import checked
-from steelyard.base.errors import DataError, OutputError, refuse_unknown
-from steelyard.base.files import refuse_existing, whole_file
+from steelyard.base.errors import DataError
 from steelyard.base.progress import DESIGN_BUDGET_S, Progress, silent
 from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.excite.collision.workspace_from_tables import WALL_RESERVE
 from steelyard.excite.constraints.certificate import COVERS
-from steelyard.excite.constraints.constraint import Gap
+from steelyard.excite.constraints.constraint_and_limits import Gap
 from steelyard.excite.controller_file_formats import (
-    csv_of,
+    EXPORTS,
+    Export,
     even_times,
+    exported,
     grid_times,
-    joint_trajectory_of,
-    keyframes_of,
-    krl_of,
-    rapid_of,
-    urscript_of,
+    write_export,
 )
+from steelyard.excite.design_problem_and_information import earlier_of, identified_before
 from steelyard.excite.design_problem_from_tables import Tables
-from steelyard.excite.earlier_model import earlier_of, identified_before
 from steelyard.excite.page.design_page import render_design
 from steelyard.excite.page.design_text import DesignContent, design_headline, print_design, scopes
 from steelyard.excite.search.parallel_search import SearchBudget
 from steelyard.excite.searched_or_planned_motion import Designed, design, refuse_other_kind
-from steelyard.excite.trajectories.exact_slowed_and_chained_trajectories import ExactTrajectory
+from steelyard.excite.trajectories.exact_trajectories import ExactTrajectory, through_postures
 from steelyard.excite.trajectories.motion_families import FAMILIES, basis_of
-from steelyard.excite.trajectories.piecewise_polynomials import through_postures
 from steelyard.excite.trajectories.trajectory_files import read_motion, write_motion
 from steelyard.model.model import Model, model_with_open_friction, with_friction
 from steelyard.report.result import Result
 from steelyard.robot.file.excitation_sections import changed_excitation
 from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
 from steelyard.robot.file.robot_file import load_robot
-from steelyard.robot.robot import Robot
-
-
-@dataclass(frozen=True)
-class Export:
-    """A format of motions: the text of its file, and points a second if none are requested.
-
-    What a controller does `between` points, see `error_between`; `None` if the file is for none.
-    """
-
-    title: str
-    file: str
-    text: Callable[[ExactTrajectory, Robot, float], str]
-    rate: float
-    between: str | None = None
-
-
-EXPORTS: dict[str, Export] = {
-    "csv": Export("CSV table", "trajectory.csv", csv_of, 500.0, "lines"),
-    "ros2": Export(
-        "ROS 2 JointTrajectory", "trajectory.yaml", joint_trajectory_of, 20.0, "quintic splines"
-    ),
-    "urscript": Export("URScript", "trajectory.script", urscript_of, 500.0, "lines"),
-    "krl": Export("KUKA KRL", "trajectory.src", krl_of, 10.0, "cubic spline"),
-    "rapid": Export("ABB RAPID", "trajectory.mod", rapid_of, 10.0, "rounded lines"),
-    "mujoco": Export("MuJoCo keyframes", "trajectory.xml", keyframes_of, 50.0),
-}
-
-
-def exported(
-    trajectory: ExactTrajectory, robot: Robot, form: str, rate: float | None = None
-) -> str:
-    """A motion as the text of a file in a format of `EXPORTS`, with `rate` points a second."""
-    export = _format_of_name(form)
-    rate = export.rate if rate is None else rate
-    if not 0.0 < rate < inf:
-        raise OutputError(
-            f"{rate:g} points per second are not a valid rate",
-            where="rate of the export",
-            fix="give a number of points per second above 0",
-        )
-    return export.text(trajectory, robot, rate)
-
-
-def write_export(
-    trajectory: ExactTrajectory, robot: Robot, form: str, folder: Path, rate: float | None = None
-) -> Path:
-    """Write a motion to a folder, under the format's file name; the file."""
-    path = folder / _format_of_name(form).file
-    refuse_existing(path)
-    text = exported(trajectory, robot, form, rate)
-    with whole_file(path) as part:
-        part.write_text(text, encoding="utf-8", newline="\n")
-    return path
-
-
-def _format_of_name(form: str) -> Export:
-    wrong, where = f"there is no format '{form}' for motions", "format of the export"
-    refuse_unknown(form, EXPORTS, wrong, where, "formats", OutputError)
-    return EXPORTS[form]
-
 
 _SAMPLES_PER_STEP = 64
 _RATE_FACTOR = 1.15

@@ -6,9 +6,8 @@ estimate [Swevers1997], [Pukelsheim2006].
 """
 
 import math
-from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,8 +45,7 @@ def definite(gram: Array) -> bool:
 
 def scaled(matrix: Array, d: Array) -> Array:
     """Rows and columns multiplied with `d`."""
-    result: Array = matrix * d[:, None] * d
-    return result
+    return np.asarray(matrix * d[:, None] * d)
 
 
 def equilibrated(gram: Array) -> tuple[Array, Array]:
@@ -79,8 +77,11 @@ def spectra(gram: Array) -> tuple[Spectrum, Spectrum] | None:
 def soft_greatest(values: Array, sharpness: float) -> tuple[float, Array]:
     r"""$\frac1p \log \sum_i \lambda_i^p$ of eigenvalues in ascending order; its slope by them.
 
-    Those that are rounding next to the largest count as that rounding.
+    Those that are rounding next to the largest count as that rounding. At an infinite sharpness it
+    is the logarithm of the largest; its slope is not given then.
     """
+    if math.isinf(sharpness):
+        return math.log(values[-1]), np.zeros_like(values)
     logs = np.log(np.maximum(values / values[-1], np.finfo(np.float64).eps))
     weights = np.exp(sharpness * logs)
     total = float(np.sum(weights))
@@ -90,145 +91,109 @@ def soft_greatest(values: Array, sharpness: float) -> tuple[float, Array]:
 
 def assembled(vectors: Array, values: Array) -> Array:
     r"""$V \mathrm{diag}(v) V^T$."""
-    result: Array = (vectors * values) @ vectors.T
-    return result
+    return np.asarray((vectors * values) @ vectors.T)
 
 
-class Criterion(ABC):
+@dataclass(frozen=True, eq=False)
+class Criterion:
     r"""A scalar of an information matrix; less is better. The name is for messages and reports.
 
-    With growing sharpness, `smooth` falls to the logarithm of `value`: its distance is at most
-    $\log(c)/p$ for $c$ columns and sharpness $p$. A matrix that is not positive definite beyond
-    rounding, such as one with a column that nothing excites, has the value infinity.
+    At a sharpness $p$ `smooth` gives a smooth approximation of the logarithm of the value, by the
+    $p$-norm over eigenvalues, and its symmetric slope $\partial/\partial G$, `(c, c)`: a change
+    $dG$ changes the value by $\sum_{ij} S_{ij}\,dG_{ij}$. With growing sharpness it falls to the
+    logarithm of `value`: its distance is at most $\log(c)/p$ for $c$ columns. A matrix that is not
+    positive definite beyond rounding, such as one with a column that nothing excites, has the value
+    infinity, and zeros as slope. Columns that matter are `chosen`; all if `None`.
     """
 
     name: str
-
-    @abstractmethod
-    def smooth(self, gram: Array, sharpness: float) -> tuple[float, Array]:
-        r"""A smooth approximation of the logarithm of the value, by the $p$-norm over eigenvalues.
-
-        Also its symmetric slope $\partial/\partial G$, `(c, c)`: a change $dG$ changes the value by
-        $\sum_{ij} S_{ij}\,dG_{ij}$; zeros where it is infinite.
-        """
+    smooth: Callable[[Array, float], tuple[float, Array]]
+    chosen: tuple[int, ...] | None = None
 
     def value(self, gram: Array) -> float:
-        """The value itself; here of criteria that are smooth at any sharpness."""
-        return math.exp(self.smooth(gram, 1.0)[0])
+        """The value itself."""
+        return math.exp(self.smooth(gram, math.inf)[0])
 
 
-class Condition(Criterion):
+def condition(gram: Array, sharpness: float) -> tuple[float, Array]:
     r"""Condition number of the regressor as it is, $\sqrt{\lambda_{max}/\lambda_{min}}$ of $G$.
 
     Smooth: $\frac{1}{2p}\left(\log\sum_i\lambda_i^p + \log\sum_i\lambda_i^{-p}\right)$.
     """
-
-    name = "condition number (raw)"
-
-    def smooth(self, gram: Array, sharpness: float) -> tuple[float, Array]:
-        """See `Criterion`."""
-        both = spectra(gram)
-        if both is None:
-            return _unknown_criterion(gram)
-        (values, vectors), (spreads, axes) = both
-        high, rise = soft_greatest(values, sharpness)
-        low, fall = soft_greatest(spreads, sharpness)
-        slope = assembled(vectors, rise) - assembled(axes, fall * spreads**2)
-        return 0.5 * (high + low), 0.5 * slope
-
-    def value(self, gram: Array) -> float:
-        """See `Criterion`."""
-        both = spectra(gram)
-        return math.inf if both is None else math.sqrt(both[0][0][-1] * both[1][0][-1])
+    both = spectra(gram)
+    if both is None:
+        return _unknown_criterion(gram)
+    (values, vectors), (spreads, axes) = both
+    high, rise = soft_greatest(values, sharpness)
+    low, fall = soft_greatest(spreads, sharpness)
+    slope = assembled(vectors, rise) - assembled(axes, fall * spreads**2)
+    return 0.5 * (high + low), 0.5 * slope
 
 
-class NormalisedCondition(Criterion):
+def normalised_condition(gram: Array, sharpness: float) -> tuple[float, Array]:
     r"""Condition number once every column of the regressor has unit norm: free of units.
 
     That of $D G D$ with $D = \mathrm{diag}(G)^{-1/2}$; the slope goes through $D$ too.
     """
-
-    name = "condition number (columns of unit norm)"
-
-    def smooth(self, gram: Array, sharpness: float) -> tuple[float, Array]:
-        """See `Criterion`."""
-        if not excited(gram):
-            return _unknown_criterion(gram)
-        unit, d = equilibrated(gram)
-        value, slope = Condition().smooth(unit, sharpness)
-        through = np.diag(np.sum(slope * unit, axis=1))
-        return value, scaled(slope - through, d)
-
-    def value(self, gram: Array) -> float:
-        """See `Criterion`."""
-        return Condition().value(equilibrated(gram)[0]) if excited(gram) else math.inf
+    if not excited(gram):
+        return _unknown_criterion(gram)
+    unit, d = equilibrated(gram)
+    value, slope = condition(unit, sharpness)
+    through = np.diag(np.sum(slope * unit, axis=1))
+    return value, scaled(slope - through, d)
 
 
-class DOptimal(Criterion):
+def d_optimal(gram: Array, sharpness: float) -> tuple[float, Array]:
     r"""Geometric mean of the variances along the axes of the covariance, $\det(G)^{-1/c}$.
 
     Smooth at any sharpness: $-\log\det(G)/c$. Column scales only add a constant to it.
     """
-
-    name = "D-optimality (geometric mean of variances)"
-
-    def smooth(self, gram: Array, sharpness: float) -> tuple[float, Array]:
-        """See `Criterion`; the sharpness plays no part."""
-        if not definite(gram):
-            return _unknown_criterion(gram)
-        unit, d = equilibrated(gram)
-        half = np.sum(np.log(np.diagonal(np.linalg.cholesky(unit)))) - np.sum(np.log(d))
-        return -2.0 * float(half) / len(gram), inverse(gram) / -len(gram)
+    if not definite(gram):
+        return _unknown_criterion(gram)
+    unit, d = equilibrated(gram)
+    half = np.sum(np.log(np.diagonal(np.linalg.cholesky(unit)))) - np.sum(np.log(d))
+    return -2.0 * float(half) / len(gram), inverse(gram) / -len(gram)
 
 
-class AOptimal(Criterion):
-    r"""Sum of the parameters' variances, $\mathrm{tr}\,G^{-1}$: give `Measure.sizes` with it.
+def a_optimal(gram: Array, sharpness: float) -> tuple[float, Array]:
+    r"""Sum of the parameters' variances, $\mathrm{tr}\,G^{-1}$: give `measure` sizes with it.
 
     Smooth at any sharpness: $\log\mathrm{tr}\,G^{-1}$.
     """
-
-    name = "A-optimality (sum of variances)"
-
-    def smooth(self, gram: Array, sharpness: float) -> tuple[float, Array]:
-        """See `Criterion`; the sharpness plays no part."""
-        if not definite(gram):
-            return _unknown_criterion(gram)
-        covariance = inverse(gram)
-        total = float(np.trace(covariance))
-        return math.log(total), covariance @ covariance / -total
+    if not definite(gram):
+        return _unknown_criterion(gram)
+    covariance = inverse(gram)
+    total = float(np.trace(covariance))
+    return math.log(total), covariance @ covariance / -total
 
 
-class EOptimal(Criterion):
+def e_optimal(gram: Array, sharpness: float) -> tuple[float, Array]:
     r"""Variance of the worst shown combination of parameters, $\lambda_{max}(G^{-1})$.
 
     Smooth: $\frac{1}{p}\log\sum_i\lambda_i^{-p}$.
     """
+    both = spectra(gram)
+    if both is None:
+        return _unknown_criterion(gram)
+    spreads, axes = both[1]
+    value, fall = soft_greatest(spreads, sharpness)
+    return value, assembled(axes, -fall * spreads**2)
 
-    name = "E-optimality (largest variance)"
 
-    def smooth(self, gram: Array, sharpness: float) -> tuple[float, Array]:
-        """See `Criterion`."""
-        both = spectra(gram)
-        if both is None:
-            return _unknown_criterion(gram)
-        spreads, axes = both[1]
-        value, fall = soft_greatest(spreads, sharpness)
-        return value, assembled(axes, -fall * spreads**2)
-
-    def value(self, gram: Array) -> float:
-        """See `Criterion`."""
-        both = spectra(gram)
-        return math.inf if both is None else float(both[1][0][-1])
+def _unknown_criterion(gram: Array) -> tuple[float, Array]:
+    return math.inf, np.zeros_like(gram)
 
 
 CRITERIA: Mapping[str, Criterion] = {
-    "condition": Condition(),
-    "normalised_condition": NormalisedCondition(),
-    "d_optimal": DOptimal(),
-    "a_optimal": AOptimal(),
-    "e_optimal": EOptimal(),
+    "condition": Criterion("condition number (raw)", condition),
+    "normalised_condition": Criterion(
+        "condition number (columns of unit norm)", normalised_condition
+    ),
+    "d_optimal": Criterion("D-optimality (geometric mean of variances)", d_optimal),
+    "a_optimal": Criterion("A-optimality (sum of variances)", a_optimal),
+    "e_optimal": Criterion("E-optimality (largest variance)", e_optimal),
 }
-"""By the name in a problem file; a new criterion is a class and a line here."""
+"""By the name in a problem file; a new criterion is a function and a line here."""
 
 
 def worst(
@@ -236,29 +201,25 @@ def worst(
 ) -> tuple[float, tuple[Array, ...]]:
     r"""Smooth maximum of criteria over cases such as payloads, $\frac1p\log\sum_k e^{p\,s_k}$.
 
-    The order $p$ is the `sharpness`. Also its slope by each information matrix.
+    The order $p$ is the `sharpness`; at an infinite one it is the logarithm of the largest value,
+    as people read it, and has no slope. Else also its slope by each information matrix.
     """
     values, slopes = zip(*(kind.smooth(gram, sharpness) for kind, gram in cases), strict=True)
     highest = max(values)
-    if math.isinf(highest):
-        return math.inf, tuple(np.zeros_like(gram) for _, gram in cases)
+    if math.isinf(highest) or math.isinf(sharpness):
+        return highest, tuple(np.zeros_like(gram) for _, gram in cases)
     shares = np.exp(sharpness * (np.array(values) - highest))
     total = float(np.sum(shares))
     weighted = tuple(share / total * slope for share, slope in zip(shares, slopes, strict=True))
     return highest + math.log(total) / sharpness, weighted
 
 
-def worst_value(cases: Sequence[tuple[Criterion, Array]]) -> float:
-    """The largest value over cases, as people read it."""
-    return max(kind.value(gram) for kind, gram in cases)
-
-
-def _unknown_criterion(gram: Array) -> tuple[float, Array]:
-    return math.inf, np.zeros_like(gram)
-
-
-@dataclass(frozen=True, eq=False)
-class Measure(Criterion):
+def measure(
+    kind: Criterion,
+    prior: Array | None = None,
+    chosen: tuple[int, ...] | None = None,
+    sizes: Array | None = None,
+) -> Criterion:
     """A criterion of what a motion adds to earlier runs, of chosen parameters, in fitting units.
 
     In this order: $G + G_0$ with the `prior` information, positive semidefinite; then the Schur
@@ -268,55 +229,27 @@ class Measure(Criterion):
     column outside the choice that nothing excites is not definite either: leave it out of $G$, or
     give prior information of it.
     """
+    known = None if prior is None else frozen(prior, (len(prior),) * 2)
+    scales = None if sizes is None else frozen(sizes, (None,))
+    parts = [kind.name]
+    parts += [] if chosen is None else [f"of {len(chosen)} chosen parameters"]
+    parts += [] if known is None else ["with earlier runs"]
+    parts += [] if scales is None else ["relative to expected values"]
 
-    kind: Criterion
-    prior: Array | None = None
-    chosen: tuple[int, ...] | None = None
-    sizes: Array | None = None
-    name: str = field(init=False)
-
-    def __post_init__(self) -> None:
-        """Own what is kept."""
-        if self.prior is not None:
-            object.__setattr__(self, "prior", frozen(self.prior, (len(self.prior),) * 2))
-        if self.sizes is not None:
-            object.__setattr__(self, "sizes", frozen(self.sizes, (None,)))
-        parts = [self.kind.name]
-        parts += [] if self.chosen is None else [f"of {len(self.chosen)} chosen parameters"]
-        parts += [] if self.prior is None else ["with earlier runs"]
-        parts += [] if self.sizes is None else ["relative to expected values"]
-        object.__setattr__(self, "name", ", ".join(parts))
-
-    def smooth(self, gram: Array, sharpness: float) -> tuple[float, Array]:
-        """See `Criterion`."""
-        seen = self._seen(gram)
-        if seen is None:
-            return math.inf, np.zeros_like(gram)
-        of_interest, pull = seen
-        value, slope = self.kind.smooth(of_interest, sharpness)
-        return value, slope if pull is None else pull @ slope @ pull.T
-
-    def value(self, gram: Array) -> float:
-        """See `Criterion`."""
-        seen = self._seen(gram)
-        return math.inf if seen is None else self.kind.value(seen[0])
-
-    def _seen(self, gram: Array) -> tuple[Array, Array | None] | None:
-        """What the criterion is given, `(k, k)`, and $M$ `(c, k)` for slopes $M S M^T$.
-
-        `None` in place of both says that nothing is definite; in place of $M$, that $M = I$.
-        """
-        total = gram if self.prior is None else gram + self.prior
-        pull: Array | None = None
-        if self.chosen is not None:
+    def smooth(gram: Array, sharpness: float) -> tuple[float, Array]:
+        total = gram if known is None else gram + known
+        pull = np.eye(len(total))  # $M$, `(c, k)`, for slopes $M S M^T$
+        if chosen is not None:
             if not definite(total):
-                return None
-            total, pull = _complement(total, np.array(self.chosen, dtype=np.intp))
-        if self.sizes is not None:
-            sizes = self.sizes if self.chosen is None else self.sizes[list(self.chosen)]
-            total = total * sizes[:, None] * sizes
-            pull = np.diag(sizes) if pull is None else pull * sizes
-        return total, pull
+                return _unknown_criterion(gram)
+            total, pull = _complement(total, np.array(chosen, dtype=np.intp))
+        if scales is not None:
+            own = scales if chosen is None else scales[list(chosen)]
+            total, pull = scaled(total, own), pull * own
+        value, slope = kind.smooth(total, sharpness)
+        return value, pull @ slope @ pull.T
+
+    return Criterion(", ".join(parts), smooth, chosen)
 
 
 def _complement(gram: Array, chosen: NDArray[np.intp]) -> tuple[Array, Array]:

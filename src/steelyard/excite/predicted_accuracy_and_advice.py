@@ -3,15 +3,16 @@
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from math import exp, inf
 
 import numpy as np
 
 from steelyard.base.arrays import Array
 from steelyard.base.errors import DataError
 from steelyard.base.motion import Trajectory
-from steelyard.excite.constraints.motion_limits import MotionLimits
+from steelyard.excite.constraints.constraint_and_limits import MotionLimits
 from steelyard.excite.design_problem_and_information import Case, jumping
-from steelyard.excite.optimality_criteria import CRITERIA, worst_value
+from steelyard.excite.optimality_criteria import CRITERIA, worst
 from steelyard.excite.planned.plans_from_tables import friction_sweeps, static_postures
 
 _CHUNK = 20_000
@@ -75,7 +76,7 @@ def predicted_accuracy(
         base.base_names,
         base.base_units,
         information_of_motion(noisy, trajectory, samples),
-        worst_value(pairs),
+        exp(worst(pairs, inf)[0]),
         CRITERIA["condition"].value(plain),
         CRITERIA["normalised_condition"].value(plain),
         np.sqrt(np.maximum(spectrum, 0.0)),

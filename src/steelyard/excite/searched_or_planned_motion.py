@@ -12,19 +12,17 @@ from steelyard.base.progress import Progress, silent
 from steelyard.estimate.information.base_parameters_and_regressor import base_parameters, clear_map
 from steelyard.excite.collision.workspace_from_tables import tool_of
 from steelyard.excite.constraints.certificate import Certificate, certify, holds_note
-from steelyard.excite.constraints.constraint import Constraint, Gap
-from steelyard.excite.constraints.constraints_from_tables import constraints_of
-from steelyard.excite.constraints.motion_limits import MotionLimits
+from steelyard.excite.constraints.constraint_and_limits import Constraint, Gap, MotionLimits
 from steelyard.excite.constraints.tool_workspace import Marker
-from steelyard.excite.design_problem_and_information import Case, Problem, composed_motions
+from steelyard.excite.design_problem_and_information import Case, Earlier, Problem, composed_motions
 from steelyard.excite.design_problem_from_tables import (
     Tables,
     build,
     cases_of,
+    constraints_of,
     limits_of,
     memoryless,
 )
-from steelyard.excite.earlier_model import Earlier
 from steelyard.excite.planned.plans_from_tables import planned
 from steelyard.excite.predicted_accuracy_and_advice import (
     Advice,
@@ -43,7 +41,7 @@ from steelyard.excite.search.parallel_search import (
 )
 from steelyard.excite.search.repair_until_proven import finished
 from steelyard.excite.search.search_methods import method_of
-from steelyard.excite.trajectories.exact_slowed_and_chained_trajectories import ExactTrajectory
+from steelyard.excite.trajectories.exact_trajectories import ExactTrajectory
 from steelyard.excite.trajectories.motion_families import FAMILIES, basis_of, coefficients_of
 from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
 from steelyard.robot.robot import Robot, frame_origins
@@ -277,7 +275,7 @@ def _described(
         tool=tool_of(section.workspace, robot),
         notes=(*loaded.notes, *notes, *hints),
         constraints=tuple(constraints),
-        chosen=cases[0].chosen,
+        chosen=cases[0].criterion.chosen,
         faint=len(base_parameters(shows.model)) - len(clear_map(shows.model)),
         absent=shows.absent,
     )

@@ -15,7 +15,7 @@ from steelyard.base.motion import run
 from steelyard.base.progress import Progress, silent
 from steelyard.estimate.identified_model import IdentifiedModel, load_model
 from steelyard.excite.collision.workspace_from_tables import workspace_of
-from steelyard.excite.trajectories.exact_slowed_and_chained_trajectories import (
+from steelyard.excite.trajectories.exact_trajectories import (
     ExactTrajectory,
     SlowedMotion,
 )

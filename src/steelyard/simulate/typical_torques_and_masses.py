@@ -7,7 +7,7 @@ import numpy as np
 
 from steelyard.base.arrays import Array, frozen
 from steelyard.base.errors import ModelError
-from steelyard.excite.constraints.motion_limits import motion_limits
+from steelyard.excite.constraints.constraint_and_limits import motion_limits
 from steelyard.model.equations.inverse_dynamics import JointState
 from steelyard.model.model import Model
 from steelyard.model.terms.axes_and_fields import Axis

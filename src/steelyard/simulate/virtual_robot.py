@@ -16,7 +16,7 @@ from steelyard.base.motion import Motion, Trajectory, run
 from steelyard.base.progress import Progress, report_progress, silent
 from steelyard.estimate.closed_loop.feedback_and_forward_dynamics import joint_inertia, tuned_pd
 from steelyard.estimate.external.wrench_methods_and_observer_step import moved_frame
-from steelyard.excite.trajectories.exact_slowed_and_chained_trajectories import ExactTrajectory
+from steelyard.excite.trajectories.exact_trajectories import ExactTrajectory
 from steelyard.excite.trajectories.trajectory_files import write_motion
 from steelyard.logs.formats import write_table
 from steelyard.model.laws.laws_without_friction import RigidBody

@@ -3,7 +3,7 @@ r"""Clearances between links, tools and the cell, while optimising and proven fo
 At the middle of an interval of half length $h$ a distance is at least the gap $g$ between the
 heights of both solids along the direction of their nearest points, whatever the solver's tolerance
 was. Within the interval it is at least $g - h \sum_j \kappa_j |\dot q_j|$, with $\kappa$ from
-`shapes.rates` and $|\dot q_j| \le |\dot q_j(t)| + h \max |\ddot q_j|$. Intervals whose bound is
+`rates` and $|\dot q_j| \le |\dot q_j(t)| + h \max |\ddot q_j|$. Intervals whose bound is
 not good enough are cut up; this is conservative advancement [Mirtich1996] without an order in time.
 """
 
@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 
 from steelyard.base.arrays import Array, frozen, set_fields
 from steelyard.base.errors import ModelError
-from steelyard.excite.collision.convex_solids_and_mesh_files import height
 from steelyard.excite.collision.pairs_to_keep_apart import (
     Pair,
     candidate_pairs,
@@ -25,11 +24,18 @@ from steelyard.excite.collision.pairs_to_keep_apart import (
     separable,
 )
 from steelyard.excite.collision.robot_and_cell_shapes_from_files import robot_shapes
-from steelyard.excite.collision.shape_kinematics import Poses, Shape, ShapeKinematics, rates, sides
 from steelyard.excite.collision.shapes_given_or_assumed import reach
+from steelyard.excite.collision.solids_and_shapes import (
+    Poses,
+    Shape,
+    ShapeKinematics,
+    height,
+    rates,
+    sides,
+)
 from steelyard.excite.constraints.bounds_in_time_and_effort_limits import cut, goals
-from steelyard.excite.constraints.constraint import PROOF_BY_BOUNDS, Constraint, Margins
-from steelyard.excite.trajectories.exact_slowed_and_chained_trajectories import ExactTrajectory
+from steelyard.excite.constraints.constraint_and_limits import PROOF_BY_BOUNDS, Constraint, Margins
+from steelyard.excite.trajectories.exact_trajectories import ExactTrajectory
 from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
 from steelyard.robot.robot import Robot
 
@@ -317,7 +323,6 @@ def self_clearance(
     *,
     skip: Collection[str] = (),
     margin: float = CLEARANCE_MARGIN,
-    activation_distance: float | None = None,
     others: Sequence[Shape] = (),
     ignore: Sequence[tuple[str, str]] = (),
     bodies: bool = True,
@@ -328,10 +333,10 @@ def self_clearance(
     `others`: tools, payloads and what stands in the cell. The robot's own pairs that overlap at all
     random postures tried are left out, as they cannot be kept apart; those that are never as far
     apart as their margin [m] are kept from touching. Both are noted. Pairs with the cell must be
-    able to keep the margin; what is fixed to the base has none. From `activation_distance` [m]
-    beyond the margin on a pair does not matter: `CLEARANCE_ROOM`, or `ROOM_REACH_SHARE` of how far
-    the robot reaches, whichever is less, if `None`. Pairs of names to `ignore` may touch; without
-    `bodies` the robot and its tools keep clear of the cell only.
+    able to keep the margin; what is fixed to the base has none. From `CLEARANCE_ROOM` beyond the
+    margin on a pair does not matter, or `ROOM_REACH_SHARE` of how far the robot reaches, whichever
+    is less. Pairs of names to `ignore` may touch; without `bodies` the robot and its tools keep
+    clear of the cell only.
 
     Raises:
         ModelError: No pair is left, a name in `ignore` does not exist, two things have one, or the
@@ -353,9 +358,7 @@ def self_clearance(
     shapes = (*geometry.shapes, *others)
     pairs, notes, left = candidate_pairs(robot, geometry, shapes, ignore, bodies)
     _check_pairs(robot, pairs)
-    if activation_distance is None:
-        activation_distance = min(CLEARANCE_ROOM, ROOM_REACH_SHARE * reach(robot))
-    far = np.full(len(pairs), activation_distance)
+    far = np.full(len(pairs), min(CLEARANCE_ROOM, ROOM_REACH_SHARE * reach(robot)))
     whole = Clearance(robot, shapes, pairs, np.full(len(pairs), margin), far)
     farthest = whole.distances(random_postures(robot)).max(axis=0)
     kept, wanted, more = separable(shapes, pairs, farthest, margin)

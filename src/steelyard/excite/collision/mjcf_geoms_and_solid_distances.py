@@ -1,6 +1,6 @@
 """MuJoCo: geoms of MJCF files, and distances between convex solids."""
 
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -8,9 +8,9 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from steelyard.base.arrays import Array
+from steelyard.base.arrays import Array, by_key
 from steelyard.base.errors import ModelError
-from steelyard.excite.collision.convex_solids_and_mesh_files import (
+from steelyard.excite.collision.solids_and_shapes import (
     WITHOUT_MESH_ADVICE,
     Ball,
     Box,
@@ -19,15 +19,37 @@ from steelyard.excite.collision.convex_solids_and_mesh_files import (
     Ellipsoid,
     HalfSpace,
     Hull,
+    Shape,
     Solid,
+    obstacle,
+    placed,
 )
-from steelyard.excite.collision.shape_kinematics import Shape, obstacle, placed
 from steelyard.robot.models.mjcf import Compiled, compiled
 from steelyard.robot.robot import Frame
 
 FARTHEST_DISTANCE = 1e6  # no two solids are farther apart [m]
 
 _GEOM = mujoco.mjtGeom
+
+_GEOMS: Mapping[type[Solid], tuple[Any, Callable[[Any], Sequence[float]]]] = {
+    Ball: (_GEOM.mjGEOM_SPHERE, lambda ball: (ball.radius, 0.0, 0.0)),
+    Box: (_GEOM.mjGEOM_BOX, lambda box: [edge / 2.0 for edge in box.size]),
+    Ellipsoid: (_GEOM.mjGEOM_ELLIPSOID, lambda ellipsoid: ellipsoid.semi),
+    Cylinder: (_GEOM.mjGEOM_CYLINDER, lambda rod: (rod.disc, rod.length / 2.0, 0.0)),
+    Capsule: (_GEOM.mjGEOM_CAPSULE, lambda rod: (rod.disc, rod.length / 2.0, 0.0)),
+    HalfSpace: (_GEOM.mjGEOM_SPHERE, lambda _: (1.0, 0.0, 0.0)),  # a stand-in that is never used
+}
+"""Kinds and sizes of the geoms of solids."""
+
+_SOLIDS: Mapping[Any, Callable[[float, float, float], Solid]] = {
+    _GEOM.mjGEOM_PLANE: lambda x, y, z: HalfSpace(),
+    _GEOM.mjGEOM_SPHERE: lambda x, y, z: Ball(x),
+    _GEOM.mjGEOM_BOX: lambda x, y, z: Box((2.0 * x, 2.0 * y, 2.0 * z)),
+    _GEOM.mjGEOM_ELLIPSOID: lambda x, y, z: Ellipsoid((x, y, z)),
+    _GEOM.mjGEOM_CYLINDER: lambda x, y, z: Cylinder(x, 2.0 * y),
+    _GEOM.mjGEOM_CAPSULE: lambda x, y, z: Capsule(x, 2.0 * y),
+}
+"""Solids of kinds of geoms, by their sizes."""
 
 
 class Distances:
@@ -42,7 +64,13 @@ class Distances:
         spec.compiler.balanceinertia = True
         spec.memory = 1 << 22
         for number, solid in enumerate(solids):
-            _add(spec, number, solid)
+            if isinstance(solid, Hull):
+                corners = solid.vertices.astype(np.float32).ravel()
+                spec.add_mesh(name=f"{number}", uservert=corners)
+                spec.worldbody.add_geom(type=_GEOM.mjGEOM_MESH, meshname=f"{number}")
+            else:
+                kind, size = _GEOMS[type(solid)]
+                spec.worldbody.add_geom(type=kind, size=size(solid))
         self._model = spec.compile()
         data = mujoco.MjData(self._model)
         mujoco.mj_kinematics(self._model, data)
@@ -77,27 +105,6 @@ class Distances:
             distances[k] = measure(model, data, first, second, FARTHEST_DISTANCE, points[k])
         self._spare.append(data)
         return distances, points.reshape(-1, 2, 3)
-
-
-def _add(spec: Any, number: int, solid: Solid) -> None:
-    """One geom for a solid, on the world; a half-space gets a stand-in that is never used."""
-    if isinstance(solid, Hull):
-        spec.add_mesh(name=f"{number}", uservert=solid.vertices.astype(np.float32).ravel())
-        spec.worldbody.add_geom(type=_GEOM.mjGEOM_MESH, meshname=f"{number}")
-        return
-    kind, size = _GEOM.mjGEOM_SPHERE, (1.0, 0.0, 0.0)
-    if isinstance(solid, Ball):
-        size = (solid.radius, 0.0, 0.0)
-    elif isinstance(solid, Box):
-        x, y, z = solid.size
-        kind, size = _GEOM.mjGEOM_BOX, (x / 2.0, y / 2.0, z / 2.0)
-    elif isinstance(solid, Ellipsoid):
-        kind, size = _GEOM.mjGEOM_ELLIPSOID, solid.semi
-    elif isinstance(solid, Cylinder):
-        kind, size = _GEOM.mjGEOM_CYLINDER, (solid.disc, solid.length / 2.0, 0.0)
-    elif isinstance(solid, Capsule):
-        kind, size = _GEOM.mjGEOM_CAPSULE, (solid.disc, solid.length / 2.0, 0.0)
-    spec.worldbody.add_geom(type=kind, size=size)
 
 
 def mjcf_shapes(
@@ -149,10 +156,10 @@ def _excluded(model: Any) -> frozenset[frozenset[str]]:
     for signature in model.exclude_signature:
         bodies = (int(signature) >> 16, int(signature) & 0xFFFF)
         pairs.add(frozenset(_link(model, body) for body in bodies))
-    masks: dict[str, list[tuple[int, int]]] = {}
-    for geom in _colliding(model):
-        mask = (int(model.geom_contype[geom]), int(model.geom_conaffinity[geom]))
-        masks.setdefault(_link(model, int(model.geom_bodyid[geom])), []).append(mask)
+    masks = by_key(
+        (_link(model, model.geom_bodyid[k]), (model.geom_contype[k], model.geom_conaffinity[k]))
+        for k in _colliding(model)
+    )
     for first, mine in masks.items():
         for second, theirs in masks.items():
             meet = any((a & d) or (c & b) for a, b in mine for c, d in theirs)
@@ -172,17 +179,8 @@ def _solid(file: Compiled, geom: int, link: str, path: Path) -> Solid:
         )
     model = file.model
     kind, size = _GEOM(int(model.geom_type[geom])), [float(s) for s in model.geom_size[geom]]
-    if kind == _GEOM.mjGEOM_PLANE:
-        return HalfSpace()
-    if kind == _GEOM.mjGEOM_SPHERE:
-        return Ball(size[0])
-    if kind == _GEOM.mjGEOM_BOX:
-        return Box((2.0 * size[0], 2.0 * size[1], 2.0 * size[2]))
-    if kind == _GEOM.mjGEOM_ELLIPSOID:
-        return Ellipsoid((size[0], size[1], size[2]))
-    if kind in (_GEOM.mjGEOM_CAPSULE, _GEOM.mjGEOM_CYLINDER):
-        made = Capsule if kind == _GEOM.mjGEOM_CAPSULE else Cylinder
-        return made(size[0], 2.0 * size[1])
+    if kind in _SOLIDS:
+        return _SOLIDS[kind](*size)
     if kind == _GEOM.mjGEOM_MESH:
         mesh = int(model.geom_dataid[geom])
         first, count = int(model.mesh_vertadr[mesh]), int(model.mesh_vertnum[mesh])

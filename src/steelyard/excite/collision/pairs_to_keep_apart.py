@@ -8,8 +8,7 @@ import numpy as np
 
 from steelyard.base.arrays import Array, by_key
 from steelyard.base.errors import ModelError, refuse_unknown
-from steelyard.excite.collision.convex_solids_and_mesh_files import Hull
-from steelyard.excite.collision.shape_kinematics import Geometry, Shape
+from steelyard.excite.collision.solids_and_shapes import Geometry, Hull, Shape
 from steelyard.report.words import count
 from steelyard.robot.models.xml_and_urdf import Element, read_xml
 from steelyard.robot.robot import Robot

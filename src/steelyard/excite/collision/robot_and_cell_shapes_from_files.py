@@ -1,32 +1,42 @@
-"""Collision shapes as URDF and MJCF files give them, of robots and of cells."""
+"""Collision shapes of robots and cells, as URDF, MJCF, and their STL and OBJ meshes give them."""
 
-from collections.abc import Collection
+import struct
+from collections.abc import Callable, Collection, Mapping
 from contextlib import suppress
+from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Literal
+from urllib.parse import unquote, urlsplit
 
 import numpy as np
 
+from steelyard.base.arrays import Array
 from steelyard.base.errors import ModelError, listing, refuse_unknown
-from steelyard.excite.collision.convex_solids_and_mesh_files import (
+from steelyard.excite.collision.solids_and_shapes import (
     WITHOUT_MESH_ADVICE,
     Ball,
     Box,
     Capsule,
     Cylinder,
+    Geometry,
     Hull,
+    Shape,
     Solid,
-    find_mesh,
-    mesh_points,
+    placed,
 )
-from steelyard.excite.collision.shape_kinematics import Geometry, Shape, placed
-from steelyard.excite.constraints.constraint import Declined, Gap
+from steelyard.excite.constraints.constraint_and_limits import Declined, Gap
 from steelyard.robot.file.model_reading_and_loaded_robot import read_mechanism
 from steelyard.robot.inertia_and_placement import Placement
 from steelyard.robot.mechanism import Mechanism
-from steelyard.robot.models import xml_and_urdf as urdf
 from steelyard.robot.models.xacro import expand
+from steelyard.robot.models.xml_and_urdf import (
+    Element,
+    number_of,
+    numbers_of,
+    placement_of,
+    read_xml,
+)
 from steelyard.robot.robot import Frame, Robot
 
 Kind = Literal["collision", "visual"]  # what a URDF gives shapes for
@@ -47,14 +57,15 @@ def robot_shapes(robot: Robot, model: Path, skip: Collection[str] = ()) -> Geome
     mechanism = read_mechanism(model)
     check_links(skip, [link.name for link in mechanism.links], str(model))
     frames = {frame.name: frame for frame in robot.frames}
-    root = urdf.read_xml(model)
+    root = read_xml(model)
     if root.tag == "mujoco":
         from steelyard.excite.collision.mjcf_geoms_and_solid_distances import mjcf_shapes
 
         shapes, never, outside = mjcf_shapes(model, frames, skip)
     else:
         links = root.all("link")
-        shapes = tuple(s for link in links for s in _shapes(link, frames, model, skip))
+        kept = {name: frame for name, frame in frames.items() if name not in skip}
+        shapes = tuple(s for link in links for s in _shapes(link, kept, model))
         never, shaped = frozenset(), [k for k in links if k.all("collision")]
         outside = frozenset(k.attributes["name"].strip() for k in shaped) - frames.keys()
     if not shapes:
@@ -77,7 +88,7 @@ def world_shapes(path: Path) -> tuple[Shape, ...]:
     """
     if expansion := expand(path, {}):
         path = expansion.path
-    root = urdf.read_xml(path)
+    root = read_xml(path)
     if root.tag == "mujoco":
         from steelyard.excite.collision.mjcf_geoms_and_solid_distances import mjcf_world
 
@@ -92,9 +103,9 @@ def world_shapes(path: Path) -> tuple[Shape, ...]:
                 placement = placement @ joint.at(rest)
             frames[link.name] = Frame(link.name, -1, placement.rotation, placement.position)
         shapes = tuple(
-            Shape(s.name, -1, s.rotation, s.position, s.solid, "world")
-            for element in root.all("link")
-            for s in _shapes(element, frames, path)
+            replace(shape, origin="world")
+            for link in root.all("link")
+            for shape in _shapes(link, frames, path)
         )
     if not shapes:
         raise ModelError(
@@ -140,7 +151,7 @@ def readable_shapes(
     robot: Robot, model: Path, links: Collection[str], kind: Kind = "collision"
 ) -> tuple[Shape, ...]:
     """The shapes of some links, of those whose shapes can all be read; an MJCF draws none."""
-    root, frames = urdf.read_xml(model), {frame.name: frame for frame in robot.frames}
+    root, frames = read_xml(model), {frame.name: frame for frame in robot.frames}
     found = list[Shape]()
     if root.tag == "mujoco":
         from steelyard.excite.collision.mjcf_geoms_and_solid_distances import mjcf_shapes
@@ -157,24 +168,28 @@ def readable_shapes(
 
 
 def _shapes(
-    link: urdf.Element,
-    frames: dict[str, Frame],
-    model: Path,
-    skip: Collection[str] = (),
-    kind: Kind = "collision",
+    link: Element, frames: dict[str, Frame], model: Path, kind: Kind = "collision"
 ) -> list[Shape]:
     """The shapes of one link of a URDF, to collide with or to be seen."""
     name = link.attributes["name"].strip()
-    if name in skip or name not in frames:
+    if name not in frames:
         return []
     shapes = []
     for collision in link.all(kind):
-        at, solid = urdf.placement_of(collision), _solid(collision, name, model)
+        at, solid = placement_of(collision), _solid(collision, name, model)
         shapes.append(placed(frames[name], name, solid, at.position, at.rotation))
     return shapes
 
 
-def _solid(collision: urdf.Element, link: str, model: Path) -> Solid:
+_SOLIDS: Mapping[str, Callable[[Element], Solid]] = {
+    "box": lambda box: Box(tuple(numbers_of(box, "size", 3))),
+    "sphere": lambda ball: Ball(number_of(ball, "radius")),
+    "cylinder": lambda rod: Cylinder(number_of(rod, "radius"), number_of(rod, "length")),
+    "capsule": lambda rod: Capsule(number_of(rod, "radius"), number_of(rod, "length")),
+}
+
+
+def _solid(collision: Element, link: str, model: Path) -> Solid:
     found = [child for geometry in collision.all("geometry") for child in geometry.children]
     if len(found) != 1:
         raise ModelError(
@@ -186,25 +201,18 @@ def _solid(collision: urdf.Element, link: str, model: Path) -> Solid:
     try:
         if element.tag == "mesh":
             return _mesh(element, link, model)
-        if element.tag == "box":
-            x, y, z = urdf.numbers_of(element, "size", 3)
-            return Box((x, y, z))
-        if element.tag == "sphere":
-            return Ball(urdf.number_of(element, "radius"))
-        if element.tag in ("cylinder", "capsule"):
-            kind = Cylinder if element.tag == "cylinder" else Capsule
-            return kind(urdf.number_of(element, "radius"), urdf.number_of(element, "length"))
+        if element.tag in _SOLIDS:
+            return _SOLIDS[element.tag](element)
     except ValueError as error:
         raise ModelError(str(error), where=element.where, fix="give lengths above zero") from None
-    known = ["box", "sphere", "cylinder", "capsule", "mesh"]
     raise ModelError(
         f"link '{link}' has a collision shape <{element.tag}>, which is unknown",
         where=element.where,
-        fix=listing(known, "shapes") + f"; or {WITHOUT_MESH_ADVICE}",
+        fix=listing([*_SOLIDS, "mesh"], "shapes") + f"; or {WITHOUT_MESH_ADVICE}",
     )
 
 
-def _mesh(element: urdf.Element, link: str, model: Path) -> Hull:
+def _mesh(element: Element, link: str, model: Path) -> Hull:
     name = element.attributes.get("filename", "").strip()
     path = find_mesh(name, model) if name else None
     if path is None:
@@ -214,7 +222,7 @@ def _mesh(element: urdf.Element, link: str, model: Path) -> Hull:
             fix="put the file where the model names it (a package:// path is looked for in the "
             f"model's folder and those above it), or {WITHOUT_MESH_ADVICE}",
         )
-    x, y, z = urdf.numbers_of(element, "scale", 3) if "scale" in element.attributes else [1.0] * 3
+    x, y, z = numbers_of(element, "scale", 3) if "scale" in element.attributes else [1.0] * 3
     return _hull(path, path.stat().st_mtime_ns, (x, y, z), f"{element.where} of link '{link}'")
 
 
@@ -222,3 +230,74 @@ def _mesh(element: urdf.Element, link: str, model: Path) -> Hull:
 def _hull(path: Path, changed: int, scale: tuple[float, float, float], where: str) -> Hull:
     """The hull of a mesh's file as it was when it changed last."""
     return Hull(mesh_points(path, where) * scale)
+
+
+_STL_HEAD_BYTES, _STL_FACET_BYTES = 84, 50
+
+
+def find_mesh(name: str, model: Path) -> Path | None:
+    """The file that a model means by a mesh's name, or none.
+
+    A name is absolute, relative to the model's folder, or `package://PACKAGE/...`. A package is
+    looked for by its name in the model's folder and in those above it, then with leading parts of
+    the path left out, but for the file's own folder.
+    """
+    url = urlsplit(name)
+    folder = model.resolve().parent
+    if url.scheme in ("package", "model"):
+        parts = [part for part in name.split("://", 1)[1].split("/") if part]
+        ends = [parts[first:] for first in range(max(len(parts) - 1, 1))]
+        places = [above.joinpath(*end) for end in ends for above in (folder, *folder.parents)]
+    else:
+        places = [Path(unquote(url.path)) if url.scheme == "file" else folder / name]
+    return next((path for path in places if path.is_file()), None)
+
+
+def mesh_points(path: Path, where: str) -> Array:
+    """All corners of the faces of an STL or OBJ file, shape `(V, 3)`, each once."""
+    if path.suffix.lower() not in (".stl", ".obj"):
+        raise ModelError(
+            f"the mesh '{path}' is of an unsupported format ('{path.suffix}')",
+            where=where,
+            fix=f"convert it to .stl or .obj and name that file, or {WITHOUT_MESH_ADVICE}",
+        )
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        wrong = f"the mesh '{path}' cannot be read: {error.strerror}"
+        raise ModelError(wrong, where=where, fix="check its permissions") from None
+    try:
+        points = _stl(data) if path.suffix.lower() == ".stl" else _numbers_of_obj(data, b"v")
+        what = "a vertex is not finite" if len(points) else "it has no vertices"
+    except (ValueError, IndexError) as error:
+        points, what = np.empty((0, 3)), str(error)
+    if not len(points) or not np.isfinite(points).all():
+        raise ModelError(
+            f"the mesh '{path}' is not an {path.suffix[1:].upper()} file: {what}",
+            where=where,
+            fix=f"export it anew from a program that opens it, or {WITHOUT_MESH_ADVICE}",
+        )
+    return np.unique(points, axis=0)
+
+
+def _stl(data: bytes) -> Array:
+    if len(data) >= _STL_HEAD_BYTES:
+        count = struct.unpack("<I", data[_STL_HEAD_BYTES - 4 : _STL_HEAD_BYTES])[0]
+        if len(data) == _STL_HEAD_BYTES + _STL_FACET_BYTES * count:
+            facets = np.frombuffer(data[_STL_HEAD_BYTES:], dtype=np.uint8).reshape(
+                count, _STL_FACET_BYTES
+            )
+            corners = np.ascontiguousarray(facets[:, 12:48]).view("<f4")
+            return corners.reshape(-1, 3).astype(np.float64)
+    if not data.lstrip().startswith(b"solid"):
+        raise ValueError("its length does not fit its number of facets")
+    return _numbers_of_obj(data, b"vertex")
+
+
+def _numbers_of_obj(data: bytes, word: bytes) -> Array:
+    """Three numbers after a word at the start of lines."""
+    lines = (line.split() for line in data.splitlines())
+    rows = [[float(w) for w in words[1:4]] for words in lines if words and words[0] == word]
+    if any(len(row) != 3 for row in rows):
+        raise ValueError("a vertex does not have three numbers")
+    return np.array(rows, dtype=np.float64).reshape(-1, 3)

@@ -6,16 +6,21 @@ link's least moment of inertia, $r = \sqrt{2 I / m}$, or a share of the robot's 
 """
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from steelyard.base.arrays import Array
 from steelyard.base.errors import ModelError
-from steelyard.excite.collision.convex_solids_and_mesh_files import Ball, Capsule
 from steelyard.excite.collision.robot_and_cell_shapes_from_files import check_links, readable_shapes
-from steelyard.excite.collision.shape_kinematics import Origin, Shape, axes_along, placed
-from steelyard.excite.constraints.constraint import Declined, Gap
+from steelyard.excite.collision.solids_and_shapes import (
+    Ball,
+    Capsule,
+    Origin,
+    Shape,
+    axes_along,
+    placed,
+)
+from steelyard.excite.constraints.constraint_and_limits import Declined, Gap
 from steelyard.excite.constraints.tool_workspace import Marker
 from steelyard.model.equations.frame_and_point_kinematics import frame_of, last_frame
 from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot, read_mechanism
@@ -27,21 +32,13 @@ WIDEST_RADIUS_FACTOR = 3.0  # radii from inertias stay within this factor of tha
 SHORT_REACH = 1e-3  # reaches below this [m] are those of frames in one place
 
 
-@dataclass(frozen=True, eq=False)
-class LinkTree:
-    """The links of a robot, whether they move or are merged into others.
-
-    Frames of links, the `parents` that carry all but the root, and inertias of links whose mass is
-    known, in their own frames.
-    """
-
-    frames: Mapping[str, Frame]
-    parents: Mapping[str, str]
-    inertias: Mapping[str, Inertia]
+Links = tuple[Mapping[str, Frame], Mapping[str, str], Mapping[str, Inertia]]
+"""The links of a robot, whether they move or are merged into others: their frames, the parents that
+carry all but the root, and inertias of links whose mass is known, in their own frames."""
 
 
 def assumed_shapes(
-    robot: Robot, links: LinkTree, shaped: Collection[str], ends: Mapping[str, Sequence[Array]]
+    robot: Robot, links: Links, shaped: Collection[str], ends: Mapping[str, Sequence[Array]]
 ) -> tuple[Shape, ...]:
     """Capsules and balls for moving links that are not `shaped` but must have a shape.
 
@@ -49,13 +46,18 @@ def assumed_shapes(
     that something real is fixed to, such as the tool's, and where on their bodies, each of shape
     `(3,)` [m]; a link that is more than a frame reaches there.
     """
-    real = _carrying(robot, links, {*shaped, *links.inertias, *ends})
-    usual, bodies = SLENDER_RADIUS_SHARE * reach(robot), {body.name for body in robot.bodies}
-    found = []
-    for name, frame in links.frames.items():
+    frames, parents, inertias = links
+    real = set[str]()  # links with something real, links that joints move, and all that carry them
+    for name in (*shaped, *inertias, *ends, *(body.name for body in robot.bodies)):
+        link: str | None = name
+        while link is not None and link not in real:
+            real.add(link)
+            link = parents.get(link)
+    bodies, found = {body.name for body in robot.bodies}, list[Shape]()
+    for name, frame in frames.items():
         if frame.body >= 0 and name in real and name not in shaped:
             more = ends.get(name, ()) if name in bodies else ()
-            found += _link_shapes(robot, links, name, real, usual, more)
+            found += _link_shapes(robot, links, name, real, more)
     return tuple(found)
 
 
@@ -79,32 +81,18 @@ def _origins(robot: Robot, number: int) -> list[Array]:
     return [body.position + body.rotation @ body.axis * x for x in ends or [0.0]]
 
 
-def _carrying(robot: Robot, links: LinkTree, real: Collection[str]) -> set[str]:
-    """Real links, links that joints move, and all that carry them."""
-    found = set[str]()
-    for name in (*real, *(body.name for body in robot.bodies)):
-        link: str | None = name
-        while link is not None and link not in found:
-            found.add(link)
-            link = links.parents.get(link)
-    return found
-
-
 def _link_shapes(
-    robot: Robot,
-    links: LinkTree,
-    name: str,
-    real: Collection[str],
-    usual: float,
-    more: Sequence[Array],
+    robot: Robot, links: Links, name: str, real: Collection[str], more: Sequence[Array]
 ) -> list[Shape]:
     """A capsule to every end of a link; a ball at its origin if it has a mass and no end."""
-    frame, inertia, radius = links.frames[name], links.inertias.get(name), usual
+    frames, parents, inertias = links
+    frame, inertia = frames[name], inertias.get(name)
+    radius = usual = SLENDER_RADIUS_SHARE * reach(robot)
     origins = {body.name: _origins(robot, k) for k, body in enumerate(robot.bodies)}
     ends = list(more)
-    for child, parent in links.parents.items():
-        if parent == name and child in real and child in links.frames:
-            ends += origins.get(child, [links.frames[child].position])
+    for child, parent in parents.items():
+        if parent == name and child in real and child in frames:
+            ends += origins.get(child, [frames[child].position])
     if inertia is not None:
         least = float(np.linalg.eigvalsh(inertia.inertia_com)[0])
         even = np.sqrt(2.0 * max(least, 0.0) / inertia.mass)
@@ -131,22 +119,12 @@ def rod(name: str, frame: Frame, end: Array, radius: float, origin: Origin = "li
 POINT_TOOL_RADIUS = 1e-4  # radius of the ball that stands for a tool that is a point [m]
 
 
-@dataclass(frozen=True, eq=False)
-class WholeRobot:
-    """Shapes of all links that move, balls of tool and loads, and names of links that do not move.
-
-    The scope is what it stands for.
-    """
-
-    links: tuple[Shape, ...]
-    carried: tuple[Shape, ...]
-    still: tuple[str, ...]
-    notes: tuple[str, ...]
-    scope: str
+WholeRobot = tuple[list[Shape], list[Shape], tuple[str, ...]]
+"""Shapes of all links, balls of tool and loads that move, and notes on where shapes come from."""
 
 
-def whole_robot(loaded: LoadedRobot, tool: Marker, skip: Collection[str] = ()) -> WholeRobot:
-    """All that a robot moves but `skip`: collision shapes, or visual ones, or assumed capsules."""
+def whole_robot(loaded: LoadedRobot, tool: Marker, skip: Collection[str]) -> WholeRobot:
+    """All of a robot but `skip`: collision shapes, or visual ones, or assumed capsules."""
     robot = loaded.robot
     if robot.loops:
         raise ModelError(
@@ -156,8 +134,8 @@ def whole_robot(loaded: LoadedRobot, tool: Marker, skip: Collection[str] = ()) -
             "only_tool = true",
         )
     tree, model = _link_tree(loaded), loaded.sources[-1].path
-    check_links(skip, tree.frames, f"robot '{robot.name}'")
-    wanted = [name for name in tree.frames if name not in skip]
+    check_links(skip, tree[0], f"robot '{robot.name}'")
+    wanted = [name for name in tree[0] if name not in skip]
     ends: dict[str, list[Array]] = {tool.frame: [tool.on(robot).position]}
     for load in loaded.excitation.loads:
         name = load.frame or last_frame(robot)
@@ -176,16 +154,11 @@ def whole_robot(loaded: LoadedRobot, tool: Marker, skip: Collection[str] = ()) -
     carried = [placed(frame, name, Ball(radius), tool.offset, origin="tool")]
     if np.linalg.norm(tool.offset) > 0.0:
         carried.append(rod(name, frame, ends[tool.frame][0], radius, "tool"))
-    return WholeRobot(
-        tuple(shape for shape in links if shape.body >= 0),
-        tuple(s for s in (*carried, *load_balls(loaded)) if s.body >= 0),
-        tuple(dict.fromkeys(shape.name for shape in links if shape.body < 0)),
-        _notes_on_shapes(drawn, assumed, skip),
-        f"all links{' but ' if skip else ''}{', '.join(skip)}",
-    )
+    moving = [shape for shape in (*carried, *load_balls(loaded)) if shape.body >= 0]
+    return links, moving, _notes_on_shapes(drawn, assumed, skip)
 
 
-def _link_tree(loaded: LoadedRobot) -> LinkTree:
+def _link_tree(loaded: LoadedRobot) -> Links:
     """The links as the model file has them, or as the bodies of a table are."""
     robot, model = loaded.robot, loaded.sources[-1].path
     frames = {body.name: frame_of(robot, body.name) for body in robot.bodies}
@@ -195,14 +168,14 @@ def _link_tree(loaded: LoadedRobot) -> LinkTree:
         parents = {joint.child: joint.parent for joint in mechanism.joints}
         known = {link.name: link.inertia for link in mechanism.links if link.name in frames}
         masses = {name: own for name, own in known.items() if own is not None and own.mass > 0.0}
-        return LinkTree(frames, parents, masses)
+        return frames, parents, masses
     names = [body.name for body in robot.bodies]
     parents = {name: names[f.body] for name, f in frames.items() if f.body >= 0}
     parents |= {b.name: names[b.parent] for b in robot.bodies if b.parent >= 0}
     masses = {body.name: body.inertia for body in robot.bodies if body.inertia.mass > 0.0}
     for name in [body.name for body in robot.bodies if body.parent < 0]:
         parents.pop(name, None)
-    return LinkTree(frames, parents, masses)
+    return frames, parents, masses
 
 
 def load_balls(loaded: LoadedRobot) -> tuple[Shape, ...]:

@@ -8,12 +8,11 @@ import numpy as np
 from steelyard.base.arrays import Array, by_key
 from steelyard.base.errors import ModelError
 from steelyard.excite.collision.clearance import CLEARANCE_ROOM, Clearance
-from steelyard.excite.collision.convex_solids_and_mesh_files import Box
 from steelyard.excite.collision.pairs_to_keep_apart import Pair, random_postures
 from steelyard.excite.collision.robot_and_cell_shapes_from_files import world_shapes
-from steelyard.excite.collision.shape_kinematics import Shape, obstacle, wall
 from steelyard.excite.collision.shapes_given_or_assumed import WholeRobot, load_balls, whole_robot
-from steelyard.excite.constraints.constraint import Constraint, Gap
+from steelyard.excite.collision.solids_and_shapes import Box, Shape, obstacle, wall
+from steelyard.excite.constraints.constraint_and_limits import Constraint, Gap
 from steelyard.excite.constraints.tool_workspace import (
     Marker,
     checked_boxes,
@@ -51,25 +50,28 @@ def clearance_of_walls(
     """
     collision, loads = loaded.excitation.collision, loaded.excitation.loads
     aside = [ball.name for ball, one in zip(load_balls(loaded), loads, strict=True) if one.radius]
-    shapes = (*whole.links, *whole.carried, *walls, *cell)
-    first = len(whole.links) + len(whole.carried)
+    links, carried, notes = whole
+    moving = [link for link in links if link.body >= 0]
+    shapes = (*moving, *carried, *walls, *cell)
+    first = len(moving) + len(carried)
     standing = first + len(walls)
-    loose = [k for k in range(len(whole.links), first) if shapes[k].name not in aside]
+    loose = [k for k in range(len(moving), first) if shapes[k].name not in aside]
     meeting = [(i, j) for i in range(first) for j in range(first, standing)]
     meeting += [(i, j) for i in loose for j in range(standing, len(shapes))]
     ways = by_key(((shapes[i].name, shapes[j].name), (i, j)) for i, j in meeting)
     pairs = tuple(Pair(first, second, tuple(own)) for (first, second), own in ways.items())
     if not pairs:
-        return [], whole.notes
-    kept, notes = _changing_pairs(loaded.robot, shapes, pairs)
-    notes = (*whole.notes, *notes)
-    if walls and whole.still:
-        still = ", ".join(whole.still)
+        return [], notes
+    kept, more = _changing_pairs(loaded.robot, shapes, pairs)
+    notes += more
+    if walls and (still := ", ".join(dict.fromkeys(s.name for s in links if s.body < 0))):
         notes += (f"the base does not move, so workspace limits ignore its links: {still}",)
     if not kept:
         return [], notes
     names = frozenset(wall.name for wall in walls)
     things = len({pair.first for pair in kept})
+    skip = () if loaded.excitation.workspace is None else loaded.excitation.workspace.without
+    scope = f"all links{' but ' if skip else ''}{', '.join(skip)}"
     margin = 0.0 if collision is None else collision.margin
     found = Clearance(
         loaded.robot,
@@ -78,7 +80,7 @@ def clearance_of_walls(
         np.array([WALL_RESERVE if pair.second in names else margin for pair in kept]),
         np.full(len(kept), CLEARANCE_ROOM),
         name=WALLS_NAME,
-        scope=f"{whole.scope}, tool and loads: {things} moving bodies",
+        scope=f"{scope}, tool and loads: {things} moving bodies",
         walls=names,
         how=WALLS_PROOF,
     )
@@ -113,8 +115,6 @@ def _changing_pairs(
     return tuple(pair for pair in pairs if pair not in left), tuple(notes)
 
 
-_AXES = "xyz"
-
 ASSUMED_FLOOR_NOTE = "no gravity is declared: the floor is assumed normal to z of the base"
 
 ConstraintsAndNotes = tuple[list[Constraint], list[str]]  # constraints, and what was assumed
@@ -145,10 +145,10 @@ def workspace_of(loaded: LoadedRobot, world: tuple[Shape, ...]) -> ConstraintsAn
     """
     section = loaded.excitation.workspace or WorkspaceSection()
     found, tool = list[Constraint](), tool_of(section, loaded.robot)
-    lower, upper = _sides(section.box)
     if section.box.bounded:
+        sides = zip(*(span or (None, None) for span in _spans(section.box)), strict=True)
         with written("workspace] box"):
-            found.append(tool_box(loaded.robot, tool, lower, upper))
+            found.append(tool_box(loaded.robot, tool, *sides))
     if section.only_tool and section.planes:
         normals, levels = zip(*((x.normal, x.above) for x in section.planes), strict=True)
         with written("workspace] planes"):
@@ -199,15 +199,15 @@ def up_of(robot: Robot) -> Array:
 
 def _boxes(section: WorkspaceSection) -> tuple[Array, Array]:
     """Lower and upper corners, shape `(b, 3)` each [m]."""
-    boxes = [_sides(box) for box in section.keep_out]
-    if any(None in low or None in high for low, high in boxes):
+    boxes = [_spans(box) for box in section.keep_out]
+    if any(None in spans for spans in boxes):
         raise ModelError(
             "a forbidden box is open",
             where="[excitation.workspace] keep_out",
             fix="give x, y and z of each, with two numbers each",
         )
-    low, high = zip(*boxes, strict=True)
-    return np.array(low), np.array(high)
+    low, high = np.array(boxes).transpose(2, 0, 1)
+    return low, high
 
 
 @contextmanager
@@ -220,6 +220,5 @@ def written(key: str) -> Iterator[None]:
         raise ModelError(error.wrong, where=where, fix=error.fix) from None
 
 
-def _sides(box: BoxSpans) -> tuple[list[float | None], list[float | None]]:
-    spans = [getattr(box, axis) for axis in _AXES]
-    return [s and s[0] for s in spans], [s and s[1] for s in spans]
+def _spans(box: BoxSpans) -> list[tuple[float, float] | None]:
+    return [box.x, box.y, box.z]

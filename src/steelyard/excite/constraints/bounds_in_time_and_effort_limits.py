@@ -15,17 +15,16 @@ are continuous and a proof need not know when a joint turns back; `effort_bounds
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from steelyard.base.arrays import Array, Parameters, frozen, set_fields
 from steelyard.base.errors import ModelError
-from steelyard.excite.constraints.constraint import Constraint, Margins
-from steelyard.excite.trajectories.exact_slowed_and_chained_trajectories import ExactTrajectory
+from steelyard.excite.constraints.constraint_and_limits import Constraint, Margins
+from steelyard.excite.trajectories.exact_trajectories import ExactTrajectory, divided
 from steelyard.model.equations.effort_range_over_friction_signs import EffortBounds, effort_bounds
 from steelyard.model.equations.frame_and_point_kinematics import frame_of, refuse_fixed
 from steelyard.model.equations.inverse_dynamics import JointState, Scalar
@@ -49,16 +48,16 @@ class Stretches:
     """Stretches of time, by middles and half lengths `(B,)` [s], and where a motion is within them.
 
     Position, velocity, acceleration and jerk at the middles (`at`), their bounds over the
-    stretches, each `(n, B)`, and how far those at the middles may be from the motion's, each `(n,
+    stretches, `(4, n, B)` each, and how far those at the middles may be from the motion's, `(4, n,
     1)`.
     """
 
     middle: Array
     half: Array
-    at: tuple[Array, ...]
-    lower: tuple[Array, ...]
-    upper: tuple[Array, ...]
-    rounding: tuple[Array, ...]
+    at: Array
+    lower: Array
+    upper: Array
+    rounding: Array
 
     def middles(self, program: Program, *shared: Array) -> tuple[Array, Array]:
         """Bounds of a program at the middles, each `(outputs, B)`.
@@ -67,9 +66,8 @@ class Stretches:
         inputs beside `shared`, which do not change in time.
         """
         count = len(program.inputs) - len(shared)
-        lower = [x - r for x, r in zip(self.at[:count], self.rounding, strict=False)]
-        upper = [x + r for x, r in zip(self.at[:count], self.rounding, strict=False)]
-        return enclosed(program, [*lower, *shared], [*upper, *shared])
+        at, rounding = self.at[:count], self.rounding[:count]
+        return enclosed(program, [*(at - rounding), *shared], [*(at + rounding), *shared])
 
     def throughout(self, program: Program, *shared: Array) -> tuple[Array, Array]:
         """Bounds of a program over the whole stretches; see `middles`."""
@@ -86,11 +84,11 @@ class Course:
 
     def __init__(self, trajectory: ExactTrajectory) -> None:
         self._trajectory, self.duration = trajectory, trajectory.duration
-        ends = [trajectory.extremes(order) for order in range(4)]
-        sizes = [np.maximum(np.abs(low), np.abs(high))[:, None] for low, high in ends]
-        self._rounding = tuple(_ROUNDING * size for size in sizes)
-        self._least = [low[:, None] - r for (low, _), r in zip(ends, self._rounding, strict=True)]
-        self._most = [high[:, None] + r for (_, high), r in zip(ends, self._rounding, strict=True)]
+        ends = np.array([trajectory.extremes(order) for order in range(4)])
+        least, greatest = ends.transpose(1, 0, 2)[..., None]
+        sizes = np.maximum(np.abs(least), np.abs(greatest))
+        self._rounding = _ROUNDING * sizes
+        self._least, self._most = least - self._rounding, greatest + self._rounding
         self._jerk = sizes[3] + self._rounding[3]
         snap = np.maximum(*(np.abs(end) for end in trajectory.extremes(4)))[:, None]
         self._snap = (1.0 + _ROUNDING) * snap
@@ -98,28 +96,21 @@ class Course:
     def edges(self, count: int) -> Array:
         """Times from start to end, the breaks and about `count` more, ascending."""
         breaks = np.unique(np.concatenate([[0.0, self.duration], self._trajectory.breaks]))
-        longest = self.duration / count
-        numbers = np.ceil(np.diff(breaks) / longest * (1.0 - 1e-9)).astype(int).clip(1)
-        parts = [
-            np.linspace(start, end, number, endpoint=False)
-            for start, end, number in zip(breaks[:-1], breaks[1:], numbers, strict=True)
-        ]
-        return np.concatenate([*parts, breaks[-1:]])
+        return divided(breaks, self.duration / count)
 
     def stretches(self, start: Array, end: Array) -> Stretches:
         """Stretches from `start` to `end`, each `(B,)` [s], none of them across a break."""
         middle = 0.5 * (start + end)
         # a little more than half: the middle is rounded
         half = 0.5 * (end - start) * (1.0 + 1e-9) + 1e-15 * self.duration
-        at = tuple(self._trajectory.derivative(middle, order).T for order in range(4))
-        away = [r + s for r, s in zip(self._reach(at, half), self._rounding, strict=True)]
-        lower = tuple(np.maximum(x - a, g) for x, a, g in zip(at, away, self._least, strict=True))
-        upper = tuple(np.minimum(x + a, g) for x, a, g in zip(at, away, self._most, strict=True))
+        at = np.array([self._trajectory.derivative(middle, order).T for order in range(4)])
+        away = self._reach(at, half) + self._rounding
+        lower, upper = np.maximum(at - away, self._least), np.minimum(at + away, self._most)
         return Stretches(middle, half, at, lower, upper, self._rounding)
 
-    def _reach(self, at: Sequence[Array], half: Array) -> list[Array]:
-        """How far position, velocity, acceleration and jerk come from the middle's, `(n, B)`."""
-        _, speed, bend, jerk = (np.abs(x) + r for x, r in zip(at, self._rounding, strict=True))
+    def _reach(self, at: Array, half: Array) -> Array:
+        """How far position, velocity, acceleration and jerk come from the middle's, `(4, n, B)`."""
+        _, speed, bend, jerk = np.abs(at) + self._rounding
         jerk = np.minimum(jerk + half * self._snap, self._jerk)
         reach = [
             half * (speed + half * (bend / 2.0 + half * jerk / 6.0)),
@@ -127,7 +118,7 @@ class Course:
             half * jerk,
             half * self._snap,
         ]
-        return [x * (1.0 + 1e-9) for x in reach]
+        return np.array(reach) * (1.0 + 1e-9)
 
 
 def proven_minimum(
@@ -210,14 +201,30 @@ class EffortLimit(Constraint):
         worse = "; friction has its worse sign" if any(x[rubs].any() for x in self.cases) else ""
         set_fields(self, how=how + worse, activation_distance=TORQUE_ROOM * self.scale)
 
-    def __getstate__(self) -> dict[str, Any]:
-        """What pickle keeps: compiled code is of one process."""
-        return {own.name: getattr(self, own.name) for own in fields(self)}
-
     @cached_property
     def bounds(self) -> EffortBounds:
         """Programs of the greatest and least values, `K` of each."""
-        return _programs(self.model, self.power)
+        model = self.model
+        rough = tuple(term for term in model.terms if term.role != "body")
+        smooth = tuple(term for term in model.terms if term.role == "body")
+
+        def efforts(terms: tuple[Term, ...], *x: Sequence[Scalar]) -> list[Scalar]:
+            values: list[Scalar] = []
+            start = 0
+            for term in model.terms:
+                stop = start + len(term.parameters(model.robot))
+                values += [x[3][k] for k in range(start, stop) if term in terms]
+                start = stop
+            return Model(model.robot, terms).torque_of(JointState(*x[:3]), values)
+
+        return effort_bounds(
+            [model.program_key],
+            lambda *x: efforts(smooth, *x),
+            (lambda *x: efforts(rough, *x)) if rough else None,
+            model.robot.n,
+            len(model.parameters),
+            self.power,
+        )
 
     def margins(self, q: Array, dq: Array, ddq: Array) -> Margins:
         """See `Constraint`."""
@@ -260,8 +267,8 @@ class EffortLimit(Constraint):
         return values, values - away * (1.0 + 1e-9)
 
 
-def torque_limit(cases: Mapping[str, ValuedModel], limits: ArrayLike | None = None) -> EffortLimit:
-    """Joint efforts within limits, `(n,)` [Nm; N], infinite for any; the robot's if `None`.
+def torque_limit(cases: Mapping[str, ValuedModel], limits: ArrayLike) -> EffortLimit:
+    """Joint efforts within limits, `(n,)` [Nm; N], infinite for any.
 
     Cases are the same model with values, such as without and with a payload, by name. It is one of
     a tree, of terms without internal states.
@@ -269,28 +276,24 @@ def torque_limit(cases: Mapping[str, ValuedModel], limits: ArrayLike | None = No
     Raises:
         ModelError: No joint has a limit.
     """
-    robot = _model_of(cases).robot
-    own = [joint.limits.effort for joint in robot.coordinates]
+    robot = next(iter(cases.values())).model.robot
     titles = [
         f"{'torque' if unit == 'Nm' else 'force'} of '{joint}'"
         for joint, unit in zip(robot.joint_names, robot.effort_units, strict=True)
     ]
-    given = own if limits is None else limits
-    return _limit(cases, given, titles, robot.effort_units, power=False)
+    return _limit(cases, limits, titles, robot.effort_units, power=False)
 
 
 def power_limit(
-    cases: Mapping[str, ValuedModel], limits: ArrayLike | None = None, total: float = np.inf
+    cases: Mapping[str, ValuedModel], limits: Sequence[float] | Array, total: float = np.inf
 ) -> EffortLimit:
     """Mechanical powers within limits, `(n,)` and in total [W], whether joints drive or brake.
 
-    Infinite for any, `None` for any of all joints. Cases and errors are those of `torque_limit`.
+    Infinite for any. Cases and errors are those of `torque_limit`.
     """
-    robot = _model_of(cases).robot
-    own = np.full(robot.n, np.inf) if limits is None else frozen(limits, (None,))
-    titles = [f"power of '{joint}'" for joint in robot.joint_names]
-    titles.append("power of all joints")
-    return _limit(cases, [*own, total], titles, ["W"] * len(titles), power=True)
+    names = next(iter(cases.values())).model.robot.joint_names
+    titles = [*(f"power of '{joint}'" for joint in names), "power of all joints"]
+    return _limit(cases, [*limits, total], titles, ["W"] * len(titles), power=True)
 
 
 def payload_numbers(robot: Robot, frame: str, payload: Inertia) -> dict[str, float]:
@@ -337,34 +340,7 @@ def _limit(
         for side in ("below ", "above -")
         for k, size in zip(which, chosen, strict=True)
     ]
-    model = _model_of(cases)
+    model = next(iter(cases.values())).model
     values = tuple(case.values.values for case in cases.values())
     unit = " or ".join(dict.fromkeys(units[k] for k in which))
     return EffortLimit(name, tuple(labels), unit, model, power, which, frozen(chosen), values)
-
-
-def _model_of(cases: Mapping[str, ValuedModel]) -> Model:
-    return next(iter(cases.values())).model
-
-
-def _programs(model: Model, power: bool) -> EffortBounds:
-    rough = tuple(term for term in model.terms if term.role != "body")
-    smooth = tuple(term for term in model.terms if term.role == "body")
-
-    def efforts(terms: tuple[Term, ...], *x: Sequence[Scalar]) -> list[Scalar]:
-        values: list[Scalar] = []
-        start = 0
-        for term in model.terms:
-            stop = start + len(term.parameters(model.robot))
-            values += [x[3][k] for k in range(start, stop) if term in terms]
-            start = stop
-        return Model(model.robot, terms).torque_of(JointState(*x[:3]), values)
-
-    return effort_bounds(
-        [model.program_key],
-        lambda *x: efforts(smooth, *x),
-        (lambda *x: efforts(rough, *x)) if rough else None,
-        model.robot.n,
-        len(model.parameters),
-        power,
-    )

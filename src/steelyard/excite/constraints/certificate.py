@@ -4,16 +4,22 @@ import hashlib
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import compress
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from steelyard.base.arrays import Array, finite_json, records
+from steelyard.base.arrays import Array, finite_json, records, stretches
 from steelyard.base.files import write_json
-from steelyard.excite.constraints.constraint import PROOF_SAMPLES, Constraint, Declined, Gap
-from steelyard.excite.constraints.motion_limits import MotionLimits
-from steelyard.excite.trajectories.exact_slowed_and_chained_trajectories import (
+from steelyard.excite.constraints.constraint_and_limits import (
+    PROOF_SAMPLES,
+    Constraint,
+    Declined,
+    Gap,
+    MotionLimits,
+)
+from steelyard.excite.trajectories.exact_trajectories import (
     ORDERS,
     ExactTrajectory,
 )
@@ -63,16 +69,10 @@ def velocity_jumps(robot: Robot, trajectory: ExactTrajectory, limit: Array) -> t
     )
 
 
-def unrest(trajectory: ExactTrajectory, limit: Array) -> tuple[str, ...]:
-    """A sentence for each end at which the motion does not rest; speeds are limited to `limit`."""
-    speeds = np.abs(trajectory.derivative([0.0, trajectory.duration], 1))
-    begins, ends = np.any(speeds > ROUNDING_JUMP_SHARE * limit, axis=1)
-    said = {
-        "the motion does not start at rest: the robot must already be moving": begins,
-        "the motion does not end at rest: the robot must be stopped afterwards": ends,
-    }
-    return tuple(note for note, moving in said.items() if moving)
-
+UNREST = (
+    "the motion does not start at rest: the robot must already be moving",
+    "the motion does not end at rest: the robot must be stopped afterwards",
+)
 
 HOLD_TEST_PLACES = (0.1, 0.5, 0.9)  # between two breaks, at which a hold is tested
 STILL_SPEED_SHARE = 1e-9  # speed below which all joints stand still, over the motion's highest
@@ -86,8 +86,7 @@ def holds(motion: ExactTrajectory) -> Array:
     times = starts[:, None] + np.outer(ends - starts, HOLD_TEST_PLACES)
     speeds = np.abs(motion.derivative(times.ravel(), 1)).reshape(*times.shape, -1)
     still = np.all(speeds <= STILL_SPEED_SHARE * fastest, axis=(1, 2))
-    edges = np.flatnonzero(np.diff(np.concatenate(([False], still, [False]))))
-    lengths = np.array([motion.breaks[b] - motion.breaks[a] for a, b in edges.reshape(-1, 2)])
+    lengths = np.array([motion.breaks[b] - motion.breaks[a] for a, b in stretches(still)])
     return lengths[lengths >= SHORTEST_HOLD]
 
 
@@ -121,14 +120,13 @@ class Proof:
     proven: tuple[float, ...]
     sampled: tuple[float, ...]
     activation_distance: tuple[float, ...]
-    scope: str = ""
-    scale: tuple[float, ...] = ()
+    scope: str
+    scale: tuple[float, ...]
 
     @property
     def used(self) -> tuple[float, ...]:
         """Share of each limit that is used: 1 where nothing is left, more where it is violated."""
-        scale = self.scale or self.activation_distance
-        return tuple(1.0 - own / size for own, size in zip(self.proven, scale, strict=True))
+        return tuple(1.0 - own / size for own, size in zip(self.proven, self.scale, strict=True))
 
     def to_dict(self) -> dict[str, Any]:
         """As values for JSON; a margin without a bound is `None`."""
@@ -173,7 +171,7 @@ COVERS = (
 class Extreme:
     """How far one derivative of one joint goes over all times.
 
-    It may go from `lower` to `upper`; `None` for any.
+    It may go from `lower` to `upper`; both `None` for any.
     """
 
     joint: str
@@ -187,9 +185,9 @@ class Extreme:
     @property
     def margin(self) -> float | None:
         """What is left to the nearer limit, negative beyond it; `None` without limits."""
-        below = None if self.lower is None else self.least - self.lower
-        above = None if self.upper is None else self.upper - self.greatest
-        return min((x for x in (below, above) if x is not None), default=None)
+        if self.lower is None or self.upper is None:
+            return None
+        return min(self.least - self.lower, self.upper - self.greatest)
 
     @property
     def used(self) -> float | None:
@@ -291,25 +289,19 @@ def certify(
     What was `proven` of this motion before, margins of each constraint, `(k,)` each, is not proven
     again.
     """
-    allowed = [*limits.bounds, None][: len(ORDERS)]
-    reached = [trajectory.extremes(order) for order in range(len(ORDERS))]
-    units = ("", "/s", "/s²", "/s³")
+    units, anything = ("", "/s", "/s²", "/s³"), [None] * robot.n
+    allowed = [*([low.tolist(), high.tolist()] for low, high in limits.bounds), [anything] * 2]
+    reached = [[x.tolist() for x in trajectory.extremes(order)] for order in range(len(ORDERS))]
     extremes = [
-        Extreme(
-            joint.name,
-            quantity,
-            joint.unit + power,
-            float(least[j]),
-            float(greatest[j]),
-            None if ends is None else float(ends[0][j]),
-            None if ends is None else float(ends[1][j]),
-        )
+        Extreme(joint.name, quantity, joint.unit + power, least[j], most[j], lower[j], upper[j])
         for j, joint in enumerate(robot.coordinates)
-        for quantity, power, (least, greatest), ends in zip(
-            ORDERS, units, reached, allowed, strict=True
+        for quantity, power, (least, most), (lower, upper) in zip(
+            ORDERS, units, reached, allowed[: len(ORDERS)], strict=True
         )
     ]
     before = [None] * len(constraints) if proven is None else proven
+    speeds = np.abs(trajectory.derivative([0.0, trajectory.duration], 1))
+    moving = np.any(speeds > ROUNDING_JUMP_SHARE * limits.velocity, axis=1)
     return Certificate(
         robot=robot.name,
         trajectory=trajectory_hash(trajectory),
@@ -318,7 +310,7 @@ def certify(
         extremes=tuple(extremes),
         proofs=tuple(proof_of(trajectory, *one) for one in zip(constraints, before, strict=True)),
         jumps=velocity_jumps(robot, trajectory, limits.velocity),
-        notes=(*notes, *unrest(trajectory, limits.velocity)),
+        notes=(*notes, *compress(UNREST, moving)),
     )
 
 

@@ -14,10 +14,10 @@ from numpy.typing import ArrayLike
 
 from steelyard.base.arrays import Array, frozen, set_fields
 from steelyard.base.errors import ModelError
-from steelyard.excite.collision.shape_kinematics import point_rates
+from steelyard.excite.collision.solids_and_shapes import point_rates
 from steelyard.excite.constraints.bounds_in_time_and_effort_limits import Stretches, proven_minimum
-from steelyard.excite.constraints.constraint import Constraint, Margins
-from steelyard.excite.trajectories.exact_slowed_and_chained_trajectories import ExactTrajectory
+from steelyard.excite.constraints.constraint_and_limits import Constraint, Margins
+from steelyard.excite.trajectories.exact_trajectories import ExactTrajectory
 from steelyard.model.equations.frame_and_point_kinematics import (
     Points,
     frame_of,
@@ -110,17 +110,18 @@ class SphereDistances(Constraint):
         return np.repeat(once, len(self.labels), axis=0)
 
 
-@dataclass(frozen=True, eq=False)
 class Paths:
-    """Bounds of where points are during stretches of half lengths `(B,)` [s].
+    """Bounds of where points are during stretches of a motion of half lengths `(B,)` [s].
 
     Positions and speeds at the middles, accelerations (`bends`) all over, `(2, m, 3, B)` each.
     """
 
-    middles: Array
-    speeds: Array
-    bends: Array
-    half: Array
+    def __init__(self, points: Points, stretches: Stretches) -> None:
+        shape = (len(points.carriers), 3, -1)
+        flow = np.stack(stretches.middles(points.flow)).reshape(2, 2, *shape)
+        self.middles, self.speeds = flow[:, 0], flow[:, 1]
+        self.bends = np.stack(stretches.throughout(points.bend)).reshape(2, *shape)
+        self.half = stretches.half
 
     def along(self, point: int, normal: Array) -> Array:
         """Bounds of a point's coordinate along a vector, `(2, 2, B)` [m].
@@ -135,14 +136,6 @@ class Paths:
         turned = 0.5 * self.half**2 * np.stack([np.minimum(bend[0], 0.0), np.maximum(bend[1], 0.0)])
         over = at + turned + np.stack([-away - _ROUNDING, away + _ROUNDING])
         return np.stack([at, over])
-
-
-def paths(points: Points, stretches: Stretches) -> Paths:
-    """Where points are during stretches of a motion."""
-    m = len(points.carriers)
-    flow = np.stack(stretches.middles(points.flow)).reshape(2, 2, m, 3, -1)
-    bend = np.stack(stretches.throughout(points.bend)).reshape(2, m, 3, -1)
-    return Paths(flow[:, 0], flow[:, 1], bend, stretches.half)
 
 
 def points_of(robot: Robot, marker: Marker) -> Points:
@@ -170,7 +163,7 @@ class HalfSpaces(SphereDistances):
         return places @ self.normals.T - self.levels, self.normals
 
     def _bound(self, stretches: Stretches) -> tuple[Array, Array]:
-        path = paths(self.points, stretches)
+        path = Paths(self.points, stretches)
         found = np.array([path.along(0, normal)[:, 0] for normal in self.normals])
         values, lower = np.moveaxis(found - self.levels[:, None, None], 1, 0)
         return values, lower
@@ -179,7 +172,7 @@ class HalfSpaces(SphereDistances):
 def tool_box(
     robot: Robot, marker: Marker, lower: Sequence[float | None], upper: Sequence[float | None]
 ) -> HalfSpaces:
-    """A sphere that stays in a box, by its least and greatest x, y and z [m]; `None` if open."""
+    """A sphere in a box, by its least and greatest x, y and z [m]; `None` where it is open."""
     name, sides = "tool box", []
     for axis, normal, low, high in zip(_AXES, np.eye(3), lower, upper, strict=True):
         if low is not None and high is not None and not low < high:
@@ -192,12 +185,6 @@ def tool_box(
             sides.append((normal, low, f"{axis} of {marker.title} above {low:g} m"))
         if high is not None:
             sides.append((-normal, -high, f"{axis} of {marker.title} below {high:g} m"))
-    if not sides:
-        raise ModelError(
-            "the box is open on all sides",
-            where=name,
-            fix="give at least one bound, or leave the box out",
-        )
     normals, levels, labels = zip(*sides, strict=True)
     points = points_of(robot, marker)
     return HalfSpaces(name, labels, points, np.array(normals), np.array(levels) + marker.radius)
@@ -241,7 +228,7 @@ class KeepOut(SphereDistances):
         return box_distance(beyond) - self.radius, directions
 
     def _bound(self, stretches: Stretches) -> tuple[Array, Array]:
-        path = paths(self.points, stretches)
+        path = Paths(self.points, stretches)
         # least and greatest coordinates, `(2, B, 3)`, at the middles and all over
         place = np.stack([path.along(0, axis) for axis in np.eye(3)], axis=-1)
         boxes = list(zip(self.centres, self.halves, strict=True))
@@ -269,11 +256,9 @@ def checked_boxes(lower: ArrayLike, upper: ArrayLike, name: str) -> tuple[Array,
     """Corners of boxes, shape `(b, 3)` each [m]."""
     low = frozen(lower, (None, 3))
     high = frozen(upper, low.shape)
-    if not len(low) or not np.all(low < high):
+    if not np.all(low < high):
         raise ModelError(
-            f"box {int(np.argmin((low < high).all(axis=1))) + 1} is empty"
-            if len(low)
-            else "there are no boxes",
+            f"box {int(np.argmin((low < high).all(axis=1))) + 1} is empty",
             where=name,
             fix="give every box a lower corner below its upper one in x, y and z",
         )

@@ -6,7 +6,7 @@ import io
 import socket
 import time
 from collections.abc import Callable
-from contextlib import AbstractContextManager, redirect_stdout
+from contextlib import redirect_stdout
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -16,19 +16,20 @@ from numpy.typing import NDArray
 
 from steelyard.base.arrays import Array
 from steelyard.base.errors import ModelError, OutputError, require
-from steelyard.excite.collision.convex_solids_and_mesh_files import (
+from steelyard.excite.collision.robot_and_cell_shapes_from_files import robot_shapes
+from steelyard.excite.collision.solids_and_shapes import (
     Ball,
     Cylinder,
     Ellipsoid,
     HalfSpace,
     Hull,
+    Shape,
+    ShapeKinematics,
     Solid,
+    axes_along,
 )
-from steelyard.excite.collision.robot_and_cell_shapes_from_files import robot_shapes
-from steelyard.excite.collision.shape_kinematics import Shape, ShapeKinematics, axes_along
 from steelyard.excite.collision.workspace_from_tables import tool_of, world_of
-from steelyard.excite.page.drawn_walls import all_lines, faces_of
-from steelyard.excite.page.tool_path_section import tool_path
+from steelyard.excite.page.tool_path_and_walls import all_lines, faces_of, tool_path
 from steelyard.model.equations.passive_joints import passive_positions
 from steelyard.robot.loop_closures import closest
 from steelyard.robot.robot import Robot
@@ -37,7 +38,7 @@ if TYPE_CHECKING:
     import viser
 
     from steelyard.excite.constraints.tool_workspace import Marker
-    from steelyard.excite.trajectories.exact_slowed_and_chained_trajectories import ExactTrajectory
+    from steelyard.excite.trajectories.exact_trajectories import ExactTrajectory
     from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
 
 PATH_POINTS_A_SECOND = 50.0  # points of the tool's path a second
@@ -249,7 +250,7 @@ class Replay:
 
     def stop(self) -> None:
         """End the server."""
-        with _quiet():
+        with redirect_stdout(io.StringIO()):
             self.server.stop()
 
 
@@ -259,7 +260,7 @@ def replayed(stage: Stage, host: str, port: int, speed: float = 1.0) -> Replay:
     import viser
 
     _check_address(host)
-    with _quiet():
+    with redirect_stdout(io.StringIO()):
         server = viser.ViserServer(host=host, port=port, label=stage.robot.name, verbose=False)
     replay = Replay(stage, Clock(stage.trajectory.duration, speed), server)
     _scene(replay)
@@ -280,10 +281,6 @@ def _check_address(host: str) -> None:
             where="--host",
             fix="leave --host out for this machine alone, or give 0.0.0.0 for all others too",
         ) from error
-
-
-def _quiet() -> AbstractContextManager[object]:
-    return redirect_stdout(io.StringIO())
 
 
 def _scene(replay: Replay) -> None:

@@ -12,7 +12,7 @@ from steelyard.estimate.parameter_status_bootstrap_and_sensitivity import WELL
 from steelyard.excite.constraints.certificate import COVERS, Extreme, Proof
 from steelyard.excite.page import design_text as words
 from steelyard.excite.page.design_text import DesignContent
-from steelyard.excite.page.tool_path_section import DesignToolSection
+from steelyard.excite.page.tool_path_and_walls import DesignToolSection
 from steelyard.excite.predicted_accuracy_and_advice import Advice
 from steelyard.excite.searched_or_planned_motion import Designed
 from steelyard.identify.page.settings_quality_and_checks import SettingsSection

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from steelyard.base.arrays import by_key
 from steelyard.excite.constraints.certificate import COVERS
 from steelyard.excite.predicted_accuracy_and_advice import HELPFUL_SHARE
 from steelyard.excite.trajectories.motion_families import FAMILIES
@@ -151,11 +152,9 @@ def nearest(designed: Designed) -> list[Near]:
 
 def tightest(designed: Designed) -> list[str]:
     """All limits of joints and of constraints that are nearly used up, the most used first."""
-    groups: dict[tuple[str, bool], list[Near]] = {}
-    for one in joint_limits(designed):
-        if one.used >= LEAST_TIGHT_SHARE:
-            own = (one.kind, (one.kind, one.name) in designed.limits.assumed)
-            groups.setdefault(own, []).append(one)
+    close = [one for one in joint_limits(designed) if one.used >= LEAST_TIGHT_SHARE]
+    assumed = designed.limits.assumed
+    groups = by_key(((one.kind, (one.kind, one.name) in assumed), one) for one in close)
     lines = [
         (max(one.used for one in joints), _nearly(designed, *group, joints))
         for group, joints in groups.items()

@@ -7,6 +7,7 @@ of the tool's way are proven over all times. The way along the curve is the mini
 $s = 10\tau^3 - 15\tau^4 + 6\tau^5$ [Flash1985].
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -14,11 +15,12 @@ import numpy as np
 
 from steelyard.base.arrays import Array, frozen
 from steelyard.base.errors import DataError
-from steelyard.excite.collision.shape_kinematics import axes_along
+from steelyard.excite.collision.solids_and_shapes import axes_along
 from steelyard.excite.constraints.bounds_in_time_and_effort_limits import Stretches, proven_minimum
-from steelyard.excite.constraints.motion_limits import MotionLimits
-from steelyard.excite.constraints.tool_workspace import paths
-from steelyard.excite.planned.followed_lines_and_reachability import (
+from steelyard.excite.constraints.constraint_and_limits import MotionLimits
+from steelyard.excite.constraints.tool_workspace import Paths
+from steelyard.excite.planned.inverse_kinematics import Attitude, InverseKinematics, within
+from steelyard.excite.planned.tool_paths_lines_and_reach import (
     Followed,
     UnfollowableWay,
     follow,
@@ -26,12 +28,13 @@ from steelyard.excite.planned.followed_lines_and_reachability import (
     refuse_out_of_reach,
     unfollowable_error,
 )
-from steelyard.excite.planned.inverse_kinematics import Attitude, InverseKinematics, within
-from steelyard.excite.trajectories.exact_slowed_and_chained_trajectories import (
+from steelyard.excite.trajectories.exact_trajectories import (
     ORDERS,
+    SMOOTH,
     ExactTrajectory,
+    PiecewiseMotion,
+    from_scipy,
 )
-from steelyard.excite.trajectories.piecewise_polynomials import SMOOTH, PiecewiseMotion, from_scipy
 from steelyard.model.equations.frame_and_point_kinematics import (
     FrameKinematics,
     frame_kinematics,
@@ -67,10 +70,7 @@ class ToolWay:
         return speed, bend
 
     def proven(
-        self,
-        motion: ExactTrajectory,
-        tolerances: tuple[float, float, float],
-        ends: Array | None = None,
+        self, motion: ExactTrajectory, tolerances: Sequence[float], ends: Array | None = None
     ) -> list[float]:
         """Bounds of speed [m/s], acceleration [m/s²] and way off a line [m] at all times.
 
@@ -82,13 +82,12 @@ class ToolWay:
         levels = np.zeros(0) if ends is None else normals @ ends[0]
 
         def bound(stretches: Stretches) -> tuple[Array, Array]:
-            path = paths(self.points, stretches)
+            path = Paths(self.points, stretches)
             speed, bend = _greatest_length(path.speeds[:, 0]), _greatest_length(path.bends[:, 0])
             sharp = _greatest_length(np.stack(stretches.middles(self.points.bend)))
-            off = np.array([path.along(0, n) - d for n, d in zip(normals, levels, strict=True)])
-            away = np.zeros((2, len(speed)))
-            if len(off):
-                away = np.linalg.norm(np.abs(off).max(axis=2), axis=0)
+            off = [path.along(0, n) - d for n, d in zip(normals, levels, strict=True)]
+            sides = np.reshape(off, (-1, 2, 2, len(speed)))
+            away = np.linalg.norm(np.abs(sides).max(axis=2), axis=0)
             middle = np.stack([speed, sharp, away[0]])
             over = np.stack([speed + stretches.half * bend, bend, away[1]])
             return -middle, -over
@@ -113,10 +112,15 @@ _TIME_TOLERANCE = 0.01  # excess of the proven time for the tool's limits over t
 
 @dataclass(frozen=True, eq=False)
 class Move:
-    """Joint positions over times from 0 to 1; on lines how far the tool leaves them [m]."""
+    """Joint positions over times from 0 to 1, how long they take [s], and the limit that is met.
+
+    On lines also how far the tool leaves them [m].
+    """
 
     curve: PiecewiseMotion
-    deviation: float = 0.0
+    deviation: float
+    duration: float
+    limit: str
 
 
 @dataclass(frozen=True)
@@ -133,18 +137,11 @@ class ToolGuidance:
     acceleration: float = np.inf
 
 
-@dataclass(frozen=True)
-class MovePace:
-    """How long a move takes [s], and the limit that it meets."""
-
-    duration: float
-    limit: str
-
-
-def line_move(followed: Followed, way: ToolWay, where: str) -> Move:
+def line_move(followed: Followed, way: ToolWay, where: str) -> tuple[PiecewiseMotion, float]:
     """Along a straight line of the tool, as a quintic spline through exact postures.
 
-    It keeps within `STRAIGHTNESS` of the line [m] and of the attitude [rad].
+    It keeps within `STRAIGHTNESS` of the line [m] and of the attitude [rad]. Also how far it leaves
+    the line [m].
     """
     from scipy.interpolate import make_interp_spline
 
@@ -162,7 +159,7 @@ def line_move(followed: Followed, way: ToolWay, where: str) -> Move:
         if missed > _SAMPLED_SHARE * STRAIGHTNESS:
             continue
         rough = (np.inf, np.inf, _PROOF_EXCESS * STRAIGHTNESS)
-        return Move(curve, way.proven(curve, rough, followed.ends)[2])
+        return curve, way.proven(curve, rough, followed.ends)[2]
     raise unfollowable_error(
         "the postures along the straight line change so fast that no smooth motion was found that "
         f"keeps to it within {1e3 * STRAIGHTNESS:.3g} mm; it is missed by {1e3 * missed:.3g} mm",
@@ -171,26 +168,27 @@ def line_move(followed: Followed, way: ToolWay, where: str) -> Move:
     )
 
 
-def pace(
-    move: Move, way: ToolWay, limits: MotionLimits, guidance: ToolGuidance, names: tuple[str, ...]
-) -> MovePace:
-    """The shortest time that keeps all limits, for a move that goes somewhere."""
+def shortest_time(
+    curve: PiecewiseMotion, way: ToolWay, limits: MotionLimits, guidance: ToolGuidance
+) -> tuple[float, str]:
+    """The shortest time of a curve that goes somewhere [s], and the limit that it meets."""
+    names = way.kinematics.robot.joint_names
     times: list[tuple[float, str]] = []
     for order, (_, bound) in enumerate(limits.bounds[1:], start=1):
-        low, high = move.curve.extremes(order)
+        low, high = curve.extremes(order)
         needed = (np.maximum(-low, high) / bound) ** (1.0 / order)
         j = int(np.argmax(needed))
         times.append((float(needed[j]), f"{ORDERS[order]} of '{names[j]}'"))
     duration = max(times)[0]
-    speed, bend = way.seen(move.curve, _samples(move.curve))
+    speed, bend = way.seen(curve, _samples(curve))
     tool_times = (speed / guidance.speed, np.sqrt(bend / guidance.acceleration))
     if max(tool_times) * (1.0 + _TIME_TOLERANCE) > duration:
         tolerances = (_TIME_TOLERANCE * speed, 2.0 * _TIME_TOLERANCE * bend, np.inf)
-        most_speed, most_bend, _ = way.proven(move.curve, tolerances)
+        most_speed, most_bend, _ = way.proven(curve, tolerances)
         times.append((most_speed / guidance.speed, "speed of the tool"))
         root = float(np.sqrt(most_bend / guidance.acceleration))
         times.append((root, "acceleration of the tool"))
-    return MovePace(*max(times))
+    return max(times)
 
 
 def _samples(curve: PiecewiseMotion) -> Array:
@@ -223,10 +221,6 @@ class Tour:
     cycles: int
     required: tuple[tuple[Array, str, str], ...] = ()
 
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "places", frozen(self.places, (len(self.names), 3)))
-        object.__setattr__(self, "dwells", frozen(self.dwells, (len(self.names),)))
-
 
 @dataclass(frozen=True, eq=False)
 class ProcessMotion:
@@ -234,7 +228,7 @@ class ProcessMotion:
 
     Places visited, the first again at the end, `(K + 1, 3)` [m], times of arrival `(K + 1,)` [s]
     and postures there, `(K + 1, n)`; the tool's greatest distance from its straight lines [m],
-    proven for all times; per move its time and limit.
+    proven for all times.
     """
 
     trajectory: PiecewiseMotion
@@ -243,16 +237,16 @@ class ProcessMotion:
     postures: Array
     deviation: float
     cycles: int
-    paces: tuple[MovePace, ...]
+    moves: tuple[Move, ...]
 
     @property
     def summary(self) -> str:
         """One line that reports it."""
-        limits = [pace.limit for pace in self.paces]
+        limits = [move.limit for move in self.moves]
         most = max(sorted(set(limits)), key=limits.count)
         straight = f"deviation from straight lines {1e3 * self.deviation:.2g} mm at most; "
         return (
-            f"{self.cycles} cycles, {len(self.paces)} moves in {self.trajectory.duration:.2f} s; "
+            f"{self.cycles} cycles, {len(self.moves)} moves in {self.trajectory.duration:.2f} s; "
             f"{straight if self.deviation else ''}most moves are limited by the {most}"
         )
 
@@ -264,22 +258,14 @@ _SAME = 1e-6  # places nearer to each other than this are one [m]
 _SLOWER = 1.0 + 1e-9  # keeps a limit that a move meets exactly from being passed by rounding
 
 
-def planned_tour(
-    robot: Robot, limits: MotionLimits, frame: Frame, tour: Tour, guidance: ToolGuidance, seed: int
-) -> ProcessMotion:
-    """The fastest motion of a frame along a tour; the seed is that of the search for postures.
+class TourPlanner:
+    """Plans motions of a frame; the seed is that of the search for postures.
+
+    Solves the inverse kinematics in ranges that leave a little room for splines.
 
     Raises:
         ModelError: The frame does not move, or loops decide where it is.
-        DataError: A place is out of reach; says how far, and how it would have to be moved. Or
-            all places are one.
-        UnfollowableWay: A line cannot be followed from any of the postures tried.
     """
-    return _Planner(robot, limits, frame, guidance, seed).run(tour)
-
-
-class _Planner:
-    """Solves the inverse kinematics in ranges that leave a little room for splines."""
 
     def __init__(
         self, robot: Robot, limits: MotionLimits, frame: Frame, guidance: ToolGuidance, seed: int
@@ -290,7 +276,14 @@ class _Planner:
         self._way = ToolWay(frame_kinematics(robot, frame))
         self._where = f"frame '{frame.name}' of robot '{robot.name}'"
 
-    def run(self, tour: Tour) -> ProcessMotion:
+    def fastest(self, tour: Tour) -> ProcessMotion:
+        """The fastest motion along a tour.
+
+        Raises:
+            DataError: A place is out of reach; says how far, and how it would have to be moved. Or
+                all places are one.
+            UnfollowableWay: A line cannot be followed from any of the postures tried.
+        """
         solver, middle, seed = self._solver, self._middle, self._seed
         required = tour.required
         if np.ptp(tour.places, axis=0).max() <= _SAME:
@@ -314,7 +307,7 @@ class _Planner:
             except UnfollowableWay as error:
                 failed.append(error)
             # a move that takes so much longer than most may be done sooner by another posture
-            times = [one.duration for one in made[-1].paces] if made else []
+            times = [move.duration for move in made[-1].moves] if made else []
             if made and max(times) <= _HELD_UP * float(np.median(times)):
                 break
         if not made:
@@ -323,10 +316,10 @@ class _Planner:
 
     def _toured(self, tour: Tour, first: Array) -> ProcessMotion:
         """The motion that starts in a posture; raises `UnfollowableWay` where it ends."""
-        places, names = tour.places, self._robot.joint_names
+        places = tour.places
         known = {places[0].tobytes(): first}
-        done: dict[bytes, tuple[Move, MovePace]] = {}
-        moves: list[tuple[Move, MovePace] | None] = []
+        done: dict[bytes, Move] = {}
+        moves: list[Move | None] = []
         for k in range(len(places)):
             ends = places[[k, (k + 1) % len(places)]]
             key = ends.tobytes()
@@ -335,11 +328,10 @@ class _Planner:
                 continue
             if key not in done:
                 try:
-                    move = self._move(tour, k, ends, known, first)
+                    done[key] = self._move(tour, k, ends, known, first)
                 except UnfollowableWay as error:
                     error.progress += k
                     raise
-                done[key] = move, pace(move, self._way, self._limits, self._guidance, names)
             moves.append(done[key])
         return _joined(tour, moves, known)
 
@@ -347,7 +339,7 @@ class _Planner:
         self, tour: Tour, k: int, ends: Array, known: dict[bytes, Array], rest: Array
     ) -> Move:
         """The move after visit `k`; its end posture becomes known."""
-        start, to = known[ends[0].tobytes()], known.get(ends[1].tobytes())
+        start, to, deviation = known[ends[0].tobytes()], known.get(ends[1].tobytes()), 0.0
         where = f"{self._where}, from {tour.names[k]} to {tour.names[(k + 1) % len(tour.names)]}"
         if self._guidance.path == "joint":
             q = to
@@ -360,13 +352,13 @@ class _Planner:
                 q = self._solver.drawn(ends[1], found.q[0], rest)
             coefficients = np.outer(SMOOTH, q - start)
             coefficients[0] = start
-            move = Move(PiecewiseMotion(np.array([0.0, 1.0]), coefficients[None]))
+            curve = PiecewiseMotion(np.array([0.0, 1.0]), coefficients[None])
         else:
             joints = self._robot.joint_names
             followed = follow(self._solver, ends, start, rest, joints, to=to, where=where)
             q = followed.q[-1] if to is None else to
-            move = line_move(followed, self._way, where)
-        low, high = move.curve.extremes(0)
+            curve, deviation = line_move(followed, self._way, where)
+        low, high = curve.extremes(0)
         past = np.maximum(self._limits.lower - low, high - self._limits.upper)
         j = int(np.argmax(past))
         if past[j] > 0.0:
@@ -375,36 +367,34 @@ class _Planner:
                 f"joint '{name}' exceeds its range by {past[j]:.3g}", where, 1.0
             )
         known[ends[1].tobytes()] = q
-        return move
+        paced = shortest_time(curve, self._way, self._limits, self._guidance)
+        return Move(curve, deviation, *paced)
 
 
-def _joined(
-    tour: Tour, moves: list[tuple[Move, MovePace] | None], known: dict[bytes, Array]
-) -> ProcessMotion:
+def _joined(tour: Tour, moves: list[Move | None], known: dict[bytes, Array]) -> ProcessMotion:
     """All moves and rests one after another; a move that is none stays where it is."""
     order = [*range(len(moves)), 0]
     places, dwells = tour.places[order], tour.dwells[order]
     postures = np.array([known[place.tobytes()] for place in places])
     widths, coefficients, arrivals = [np.zeros(0)], [], [0.0]
-    for k, done in enumerate(moves, start=1):
-        if done is not None:
-            move, timed = done
-            widths.append(np.diff(move.curve.breaks) * timed.duration * _SLOWER)
+    for k, move in enumerate(moves, start=1):
+        if move is not None:
+            widths.append(np.diff(move.curve.breaks) * move.duration * _SLOWER)
             coefficients.append(_quintic(move.curve.coefficients))
         arrivals.append(float(np.concatenate(widths).sum()))
         if dwells[k] > 0.0:
             widths.append(dwells[k : k + 1])
             coefficients.append(_quintic(postures[None, k : k + 1]))
     breaks = np.concatenate([[0.0], np.cumsum(np.concatenate(widths))])
-    made = [move for move in moves if move is not None]
+    made = tuple(move for move in moves if move is not None)
     return ProcessMotion(
         PiecewiseMotion(breaks, np.concatenate(coefficients)),
         places,
         frozen(arrivals),
         frozen(postures),
-        max(move.deviation for move, _ in made),
+        max(move.deviation for move in made),
         tour.cycles,
-        tuple(timed for _, timed in made),
+        made,
     )
 
 

@@ -12,15 +12,13 @@ target itself is out of reach.
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cached_property
-from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from steelyard.base.arrays import Array, frozen
-from steelyard.excite.collision.shape_kinematics import axes_along
-from steelyard.excite.constraints.motion_limits import MotionLimits
+from steelyard.base.arrays import Array, frozen, set_fields
+from steelyard.excite.collision.solids_and_shapes import axes_along
+from steelyard.excite.constraints.constraint_and_limits import MotionLimits
 from steelyard.model.equations.frame_and_point_kinematics import (
     frame_kinematics,
     refuse_fixed,
@@ -29,56 +27,48 @@ from steelyard.model.equations.frame_and_point_kinematics import (
 from steelyard.robot.robot import Frame, Robot
 
 
-class Attitude:
-    """Requirements on a frame's orientation, as turns that must be zero; here there are none."""
-
-    rows: ClassVar[int] = 0
-    """Number of turns `k` that must be zero, 0 to 2."""
-
-    def turns(self, rotation: Array) -> Array:
-        """Turns that are left to make, shape `(N, k)` [rad], at orientations `(N, 3, 3)`."""
-        return np.zeros((len(rotation), 0))
-
-    def slopes(self, angular: Array) -> Array:
-        """How the turns made grow with the joints, `(N, k, n)`, from rates `(N, 3, n)`."""
-        return angular[:, :0]
-
-
 @dataclass(frozen=True, eq=False)
-class Pointing(Attitude):
-    """The z axis of the tool points in a direction of the base; the turn about it is free."""
+class Attitude:
+    """What is required of a tool's orientation: z in a `direction` of the base, or nothing.
 
-    rows: ClassVar[int] = 2
-    direction: Array
+    The turn about that axis is free; those about the two axes `across`, `(k, 3)`, must be zero.
+    """
 
-    def __init__(self, direction: ArrayLike) -> None:
+    direction: Array | None
+    across: Array
+
+    def __init__(self, direction: ArrayLike | None = None) -> None:
+        set_fields(self, direction=None, across=np.zeros((0, 3)))
+        if direction is None:
+            return
         vector = frozen(direction, (3,))
         length = float(np.linalg.norm(vector))
         if not 1e-9 < length < np.inf:
             raise ValueError(f"the direction of a tool has no direction: {vector}")
-        object.__setattr__(self, "direction", frozen(vector / length))
+        unit = frozen(vector / length)
+        set_fields(self, direction=unit, across=axes_along(unit)[:, :2].T)
+
+    @property
+    def rows(self) -> int:
+        """Number of turns `k` that must be zero, 0 or 2."""
+        return len(self.across)
 
     def turns(self, rotation: Array) -> Array:
-        """See `Attitude`; from the tool's axis to the direction along the two cross axes."""
+        """Turns that are left to make, shape `(N, k)` [rad], at orientations `(N, 3, 3)`."""
+        if self.direction is None:
+            return np.zeros((len(rotation), 0))
         axis = rotation[:, :, 2]
         normal = np.cross(axis, self.direction)
         sine = np.linalg.norm(normal, axis=1)
         angle = np.arctan2(sine, axis @ self.direction)
-        across = self._across
         opposite = (sine < 1e-9) & (angle > 1.0)
-        normal[opposite], sine[opposite] = across[0], 1.0
+        normal[opposite], sine[opposite] = self.across[0], 1.0
         length = np.where(sine < 1e-12, 1.0, angle / np.maximum(sine, 1e-12))
-        turned: Array = (normal * length[:, None]) @ across.T
-        return turned
+        return np.asarray((normal * length[:, None]) @ self.across.T)
 
     def slopes(self, angular: Array) -> Array:
-        """See `Attitude`."""
-        rates: Array = self._across @ angular
-        return rates
-
-    @cached_property
-    def _across(self) -> Array:
-        return axes_along(self.direction)[:, :2].T
+        """How the turns made grow with the joints, `(N, k, n)`, from rates `(N, 3, n)`."""
+        return np.asarray(self.across @ angular)
 
 
 REACHED = 1e-8  # a place is reached when it is missed by less than this [m; rad]
@@ -191,8 +181,7 @@ class InverseKinematics:
         half = 0.5 * (self.upper - self.lower)
         room = np.min(np.minimum(q - self.lower, self.upper - q) / half, axis=1)
         agility = np.linalg.svd(self.rates(q), compute_uv=False)[:, -1]
-        ordered: Array = q[np.argsort(-agility * room, kind="stable")]
-        return ordered
+        return np.asarray(q[np.argsort(-agility * room, kind="stable")])
 
     def drawn(self, target: Array, q: Array, towards: Array, share: float = 0.2) -> Array:
         """A posture that keeps the target, its spare joints drawn towards another posture.
@@ -218,8 +207,7 @@ class InverseKinematics:
         """How the way made grows with the joints, shape `(N, 3 + k, n)`, weighed alike."""
         rates = self.kinematics(q)[2]
         rows = np.concatenate([rates[:, :3], self.attitude.slopes(rates[:, 3:])], axis=1)
-        weighed: Array = rows * weights_of(self.attitude)[:, None]
-        return weighed
+        return np.asarray(rows * weights_of(self.attitude)[:, None])
 
     def _step(self, q: Array, rest: Array, damping: Array) -> Array:
         """One damped step, shape `(N, n)`; joints that would leave their range stand still."""

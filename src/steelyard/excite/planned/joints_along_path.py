@@ -15,16 +15,15 @@ from numpy.typing import ArrayLike
 
 from steelyard.base.arrays import Array, frozen
 from steelyard.base.errors import DataError
-from steelyard.excite.constraints.motion_limits import MotionLimits
-from steelyard.excite.planned.followed_lines_and_reachability import UnfollowableWay
+from steelyard.excite.constraints.constraint_and_limits import MotionLimits
 from steelyard.excite.planned.inverse_kinematics import (
     Attitude,
     InverseKinematics,
     Kinematics,
     weights_of,
 )
-from steelyard.excite.planned.timed_paths import ToolPath
-from steelyard.excite.trajectories.piecewise_polynomials import PiecewiseMotion, quintic
+from steelyard.excite.planned.tool_paths_lines_and_reach import ToolPath, UnfollowableWay
+from steelyard.excite.trajectories.exact_trajectories import PiecewiseMotion, quintic
 from steelyard.model.equations.frame_and_point_kinematics import (
     FrameKinematics,
     frame_of,
@@ -61,13 +60,12 @@ class PathMotion:
 
 @dataclass(frozen=True, eq=False)
 class _Knot:
-    """Joints at a time; `passive` are the positions of those that loops determine."""
+    """Joints at a time."""
 
     t: float
     q: Array
     dq: Array
     ddq: Array
-    passive: Array
 
 
 def along_path(
@@ -179,8 +177,7 @@ class _Walk:
         kept = kept[(ranks == rank) & (ratios[:, rank - 1] > _SINGULAR)]
         if not len(kept):
             raise self._astray("the posture at the start of the path is singular", 0.0)
-        best: Array = kept[:_BRANCHES]
-        return best
+        return np.asarray(kept[:_BRANCHES])
 
     def run(self, first: Array) -> PathMotion:
         if self.robot.passive:
@@ -264,7 +261,7 @@ class _Walk:
         drift = self._rows(self.motion.moving(q, passive, dq)[3][:, None])[:, 0]
         needed = np.append(acceleration, unturned) - drift
         ddq[free] = np.linalg.lstsq(rates, needed, rcond=None)[0]
-        return _Knot(t, q, dq, ddq, passive)
+        return _Knot(t, q, dq, ddq)
 
     def _close(self, a: _Knot, b: _Knot) -> bool:
         """Whether the polynomial between two knots keeps to the path in its middle."""
@@ -292,8 +289,7 @@ class _Walk:
     def _rows(self, rates: Array) -> Array:
         """Rates of place and turns, shape `(3 + k, m)`, from those of the frame, `(6, m)`."""
         turned = self.attitude.slopes(rates[None, 3:])[0]
-        rows: Array = np.concatenate([rates[:3], turned]) * weights_of(self.attitude)[:, None]
-        return rows
+        return np.asarray(np.concatenate([rates[:3], turned]) * weights_of(self.attitude)[:, None])
 
     def _excess(self, curve: PiecewiseMotion) -> tuple[float, str]:
         found = []

@@ -18,22 +18,26 @@ from numpy.typing import ArrayLike
 from steelyard.base.arrays import Array, frozen
 from steelyard.base.errors import DataError
 from steelyard.excite.collision.workspace_from_tables import tool_of, up_of
-from steelyard.excite.constraints.motion_limits import MotionLimits
-from steelyard.excite.planned.fastest_moves_and_tours import ToolGuidance, Tour, planned_tour
-from steelyard.excite.planned.inverse_kinematics import Attitude, Pointing
+from steelyard.excite.constraints.constraint_and_limits import MotionLimits
+from steelyard.excite.planned.fastest_moves_and_tours import ToolGuidance, Tour, TourPlanner
+from steelyard.excite.planned.inverse_kinematics import Attitude
 from steelyard.excite.planned.joints_along_path import along_path
-from steelyard.excite.planned.timed_paths import Circle, Reaches, ToolPath, on_circle, out_and_back
-from steelyard.excite.trajectories.exact_slowed_and_chained_trajectories import (
-    ExactTrajectory,
-    SlowedMotion,
+from steelyard.excite.planned.tool_paths_lines_and_reach import (
+    Circle,
+    Reaches,
+    ToolPath,
+    on_circle,
+    out_and_back,
 )
-from steelyard.excite.trajectories.motion_families import posture_of
-from steelyard.excite.trajectories.piecewise_polynomials import (
+from steelyard.excite.trajectories.exact_trajectories import (
     SMOOTH,
+    ExactTrajectory,
     PiecewiseMotion,
+    SlowedMotion,
     reach_seconds,
     through_postures,
 )
+from steelyard.excite.trajectories.motion_families import posture_of
 from steelyard.excite.trajectories.trajectory_files import read_motion
 from steelyard.robot.file.excitation_sections import (
     BoxSpans,
@@ -247,9 +251,12 @@ TASKS: Mapping[str, Callable[[Any, Robot, int], Tour]] = {
 
 
 def _process(s: Any, loaded: LoadedRobot, limits: MotionLimits, seed: int) -> Planned:
-    guidance = ToolGuidance(getattr(s, "path", "line"), _attitude(s), s.speed, s.acceleration)
+    guidance = ToolGuidance(
+        getattr(s, "path", "line"), Attitude(s.tool_axis), s.speed, s.acceleration
+    )
     tour = TASKS[s.kind](s, loaded.robot, seed)
-    motion = planned_tour(loaded.robot, limits, _tool(loaded), tour, guidance, seed)
+    planner = TourPlanner(loaded.robot, limits, _tool(loaded), guidance, seed)
+    motion = planner.fastest(tour)
     return motion.trajectory, (motion.summary,)
 
 
@@ -258,13 +265,11 @@ def _tool(loaded: LoadedRobot) -> Frame:
     return replace(tool.on(loaded.robot), name=tool.title if tool.offset.any() else tool.frame)
 
 
-def _attitude(s: Any) -> Attitude:
-    return Attitude() if s.tool_axis is None else Pointing(s.tool_axis)
-
-
 def _along(path: ToolPath, s: Any, loaded: LoadedRobot, limits: MotionLimits, seed: int) -> Planned:
     robot, start = loaded.robot, posture_of(s.start, loaded.robot, "start")
-    motion = along_path(robot, limits, _tool(loaded), path, _attitude(s), start=start, seed=seed)
+    motion = along_path(
+        robot, limits, _tool(loaded), path, Attitude(s.tool_axis), start=start, seed=seed
+    )
     notes = list[str]()
     if motion.still:
         notes.append(f"joints that the path does not need stand still: {', '.join(motion.still)}")

@@ -1,15 +1,13 @@
 """Feasible postures, random motions about them to start from, and why no motion was found."""
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from steelyard.base.arrays import Array
 from steelyard.base.errors import DataError
-from steelyard.excite.constraints.constraint import Constraint
-from steelyard.excite.constraints.motion_limits import MotionLimits
+from steelyard.excite.constraints.constraint_and_limits import Constraint, MotionLimits
 from steelyard.excite.design_problem_and_information import Problem
 from steelyard.excite.search.margins_barrier_and_newton import InequalityConstraints
 from steelyard.excite.trajectories.motion_families import posture_of
@@ -43,38 +41,29 @@ class Lack(NamedTuple):
         return f"{self.label} (violated by {-self.value:.3g} {self.constraint.unit})"
 
 
-@dataclass(frozen=True, eq=False)
-class Standing:
-    """A posture, shape `(n,)`, and what it lacks, worst first."""
-
-    posture: Array
-    lacks: tuple[Lack, ...]
-
-
-def standing(constraints: Sequence[Constraint], posture: Array) -> Standing:
-    """What standing still at a posture lacks."""
+def lacks_at(constraints: Sequence[Constraint], posture: Array) -> tuple[Lack, ...]:
+    """What standing still at a posture, `(n,)`, lacks, worst first."""
     still = np.zeros((1, len(posture)))
-    lacks = [
-        Lack(constraint, label, float(value))
-        for constraint in constraints
-        for label, value in zip(
-            constraint.labels,
-            constraint.margins(posture[None], still, still).values[0],
-            strict=True,
-        )
-        if not value > 0.0
-    ]
-    return Standing(posture, tuple(sorted(lacks, key=lambda lack: lack.value)))
+    lacks = _lacks(constraints, (posture[None], still, still))
+    return tuple(sorted(lacks, key=lambda lack: lack.value))
 
 
-def nearest_free(
-    limits: MotionLimits, constraints: Sequence[Constraint], posture: Array
-) -> Standing:
+def _lacks(constraints: Sequence[Constraint], state: tuple[Array, Array, Array]) -> list[Lack]:
+    """Least margins at positions, speeds and accelerations, `(N, n)` each, if not positive."""
+    found = []
+    for constraint in constraints:
+        least = constraint.margins(*state).values.min(axis=0)
+        short = zip(constraint.labels, least, strict=True)
+        found += [Lack(constraint, label, float(v)) for label, v in short if not v > 0.0]
+    return found
+
+
+def nearest_free(limits: MotionLimits, constraints: Sequence[Constraint], posture: Array) -> Array:
     """Where a descent of what is lacking ends that begins at a posture."""
     from scipy.optimize import minimize
 
-    if not constraints or not standing(constraints, posture).lacks:
-        return Standing(posture, ())
+    if not lacks_at(constraints, posture):
+        return posture
     edge = (1.0 - _EDGE_SHARE) * 0.5 * (limits.upper - limits.lower)
     bounds = list(zip(limits.lower + edge, limits.upper - edge, strict=True))
     still = np.zeros((1, len(posture)))
@@ -92,7 +81,7 @@ def nearest_free(
         return value, slope
 
     found = minimize(lack, posture, jac=True, method="L-BFGS-B", bounds=bounds)
-    return standing(constraints, np.asarray(found.x))
+    return np.asarray(found.x)
 
 
 def postures(
@@ -100,7 +89,7 @@ def postures(
     constraints: Sequence[Constraint],
     random: np.random.Generator,
     attempts: int = POSTURE_ATTEMPTS,
-) -> Iterator[Standing]:
+) -> Iterator[Array]:
     """Postures that descents from random ones end at; the first half of them in the middle."""
     middle, half = 0.5 * (limits.lower + limits.upper), 0.5 * (limits.upper - limits.lower)
     for attempt in range(attempts):
@@ -154,8 +143,7 @@ def _free(
         free &= (constraint.margins(drawn, still, still).values > 0.0).all(axis=1)
     yield from drawn[free]
     if free.sum() < count:
-        for place in postures(limits, inequalities.constraints, random, _POSTURES):
-            yield place.posture
+        yield from postures(limits, inequalities.constraints, random, _POSTURES)
 
 
 def _widened_in_turn(
@@ -208,19 +196,22 @@ def lacking(problem: Problem, places: Iterable[Array]) -> tuple[Lack, ...]:
     A witness: with everything widened by that much, it is a motion that keeps all samples.
     """
     room, random = problem.inequalities.room, np.random.default_rng(0)
-    tries = (
-        _lacks(problem, still + WORTHY_MOTION_SIZE * room(still, change)[:, None] * change)
-        for still in map(problem.basis.still, places)
-        for change in (random.standard_normal(still.shape) for _ in range(_WIDENING_TRIES))
-    )
-    return min(tries, key=lambda lacks: sum(map(_share_of_room, lacks)), default=())
+    tries = []
+    for still in map(problem.basis.still, places):
+        for _ in range(_WIDENING_TRIES):
+            change = random.standard_normal(still.shape)
+            x = still + WORTHY_MOTION_SIZE * room(still, change)[:, None] * change
+            lacks = _lacks(problem.constraints, problem.inequalities.state(x))
+            tries.append([lack for lack in lacks if lack.value < 0.0])
+    fewest = min(tries, key=lambda lacks: sum(map(_share_of_room, lacks)), default=[])
+    return tuple(sorted(fewest, key=lambda lack: -_share_of_room(lack)))
 
 
 def explained_no_motion(problem: Problem, error: NoMotion) -> DataError:
     """An error that no motion was found, with what would have to be widened if that is known."""
     random = np.random.default_rng(0)
     drawn = postures(problem.limits, problem.constraints, random, _WIDENING_POSTURES)
-    lacks = lacking(problem, [place.posture for place in drawn])
+    lacks = lacking(problem, drawn)
     if not lacks:
         return error
     return DataError(
@@ -249,16 +240,6 @@ def rounded_up(value: float) -> str:
     """Three digits, rounded upwards."""
     digits = 10.0 ** (np.floor(np.log10(value)) - 2.0)
     return f"{np.ceil(value / digits) * digits:.3g}"
-
-
-def _lacks(problem: Problem, x: Array) -> tuple[Lack, ...]:
-    state = problem.inequalities.state(x)
-    found = []
-    for constraint in problem.constraints:
-        least = constraint.margins(*state).values.min(axis=0)
-        short = zip(constraint.labels, least, strict=True)
-        found += [Lack(constraint, label, float(v)) for label, v in short if v < 0.0]
-    return tuple(sorted(found, key=lambda lack: -_share_of_room(lack)))
 
 
 def _share_of_room(lack: Lack) -> float:
@@ -374,15 +355,15 @@ def _range_text(low: float, high: float) -> str:
 def _refuse_lacking(
     limits: MotionLimits, constraints: Sequence[Constraint], posture: Array, key: str
 ) -> None:
-    here = standing(constraints, posture)
-    if not here.lacks:
+    here = lacks_at(constraints, posture)
+    if not here:
         return
     near = _nearest_posture(limits, constraints, posture)
     fix = "choose another posture"
     if near is not None:
         places = ", ".join(f"{x:.3f}" for x in near)
         fix = f"nearby, [{places}] satisfies all constraints"
-    lacks = "; ".join(str(lack) for lack in here.lacks[:4])
+    lacks = "; ".join(str(lack) for lack in here[:4])
     raise DataError(f"the {key} posture violates: {lacks}", where=f"{_WHERE} {key}", fix=fix)
 
 
@@ -390,17 +371,16 @@ def _refuse_nowhere(problem: Problem) -> None:
     limits, constraints = problem.limits, problem.constraints
     if not constraints:
         return
-    best: Standing | None = None
+    tries = list[tuple[tuple[Lack, ...], Array]]()
     for place in postures(limits, constraints, np.random.default_rng(0)):
-        if not place.lacks:
+        tries.append((lacks_at(constraints, place), place))
+        if not tries[-1][0]:
             return
-        if best is None or place.lacks[0].value > best.lacks[0].value:
-            best = place
-    assert best is not None
-    lacks = lacking(problem, [best.posture])
+    fewest, nearest = max(tries, key=lambda one: one[0][0].value)
+    lacks = lacking(problem, [nearest])
     raise DataError(
         "no posture was found that satisfies all constraints; the nearest violates: "
-        + "; ".join(str(lack) for lack in best.lacks[:4]),
+        + "; ".join(str(lack) for lack in fewest[:4]),
         where=f"[excitation] {constraint_names(lacks)}",
         fix=f"{widening_advice(lacks)}: this allows a motion of {WORTHY_MOTION_SIZE:.0%} of the "
         "joints' ranges about it",
@@ -417,8 +397,8 @@ def _nearest_posture(
         begin = bad + size * half * random.uniform(-1.0, 1.0, len(bad))
         inside = np.clip(begin, limits.lower + 0.05 * half, limits.upper - 0.05 * half)
         free = nearest_free(limits, constraints, inside)
-        if not free.lacks:
-            found.append(_posture_between(constraints, bad, free.posture))
+        if not lacks_at(constraints, free):
+            found.append(_posture_between(constraints, bad, free))
     return min(found, key=lambda q: float(np.linalg.norm((q - bad) / half)), default=None)
 
 
@@ -426,7 +406,7 @@ def _posture_between(constraints: Sequence[Constraint], bad: Array, free: Array)
     low, high = 0.0, 1.0
     for _ in range(12):
         middle = 0.5 * (low + high)
-        lacks = standing(constraints, bad + middle * (free - bad)).lacks
+        lacks = lacks_at(constraints, bad + middle * (free - bad))
         low, high = (middle, high) if lacks else (low, middle)
     tried = np.round(bad + min(1.0, high + _SPARE_SHARE) * (free - bad), 3)
-    return free if standing(constraints, tried).lacks else tried
+    return free if lacks_at(constraints, tried) else tried

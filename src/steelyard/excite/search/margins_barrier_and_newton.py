@@ -14,13 +14,13 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
 from steelyard.base.arrays import Array
 from steelyard.base.progress import Stopped
-from steelyard.excite.constraints.constraint import Constraint
-from steelyard.excite.constraints.motion_limits import MotionLimits
+from steelyard.excite.constraints.constraint_and_limits import Constraint, MotionLimits
 from steelyard.excite.trajectories.motion_families import Basis
 
 _DIP_FACTOR = 1.2
@@ -148,10 +148,10 @@ class InequalityConstraints:
     def barrier(self, x: Array) -> Barrier | None:
         """The barrier at `x`, or `None` where a margin is not positive."""
         total = self._limited(x)
-        state = self.state(x) if self.constraints and total is not None else None
+        if total is None or not self.constraints:
+            return total
+        state = self.state(x)
         for number, constraint in enumerate(self.constraints):
-            if total is None or state is None:
-                return None
             reserve = self.reserves[number] if self.reserves else 0.0
             part = self._curved(constraint, state, x.shape, reserve)
             if part is None:
@@ -218,7 +218,7 @@ def _dips(margins: Array) -> Array:
 ObjectiveFunction = Callable[[Array, float], tuple[float, Array]]
 """Coefficients and sharpness to the value to be minimised and its slope."""
 
-StepWatch = Callable[[Array], None]  # told of every step; may raise `Stopped`
+StepWatch = Callable[[Array], None]  # told of feasible coefficients; may raise `Stopped`
 
 STAGES = ((4.0, 1e-1), (4.0, 1e-2), (16.0, 1e-2), (16.0, 1e-3), (64.0, 1e-3), (64.0, 1e-4))
 """Sharpness and weight of the barrier, one after the other."""
@@ -342,14 +342,12 @@ def minimised_by(
     objective: ObjectiveFunction,
     inequalities: InequalityConstraints,
     x: Array,
-    *,
-    stages: tuple[tuple[float, float], ...],
-    extra: Sequence[Array] = (),
+    **options: Any,
 ) -> Array:
     """See `minimised`; where that is not reached by the deadline, how far it came."""
     watch = Deadline(deadline, x)
     try:
-        return minimised(objective, inequalities, x, stages=stages, extra=extra, watch=watch)
+        return minimised(objective, inequalities, x, watch=watch, **options)
     except Stopped:
         return watch.latest[0]
 

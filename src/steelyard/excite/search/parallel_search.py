@@ -2,17 +2,24 @@
 
 The certificate, the report and the files take processor time that is known before the search; how
 long that is by the clock depends on what else the machine does.
+
+Run as a module, this file is such a process. It reads one pickle, the task, and writes one line of
+JSON per search, `{"number", "x", "whole"}`; when its time is spent it writes what it has reached,
+and ends. On the way it writes lines `{"reached"}`, the coefficients of a search so far. What goes
+wrong is a line too. It ends when its standard input is closed: nobody reads it any more.
 """
 
 import json
 import os
 import pickle
 import queue
+import signal
 import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterator, Sequence
+import traceback
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -20,11 +27,13 @@ from typing import Any
 import numpy as np
 
 from steelyard.base.arrays import Array
-from steelyard.base.errors import DataError
+from steelyard.base.errors import DataError, SteelyardError
 from steelyard.base.progress import Progress, Stopped, module_command, report_progress, silent
 from steelyard.excite.design_problem_and_information import Problem
-from steelyard.excite.design_problem_from_tables import Tables
+from steelyard.excite.design_problem_from_tables import Tables, build
 from steelyard.excite.search.feasibility import NoMotion
+from steelyard.excite.search.margins_barrier_and_newton import Deadline
+from steelyard.excite.search.search_methods import method_of, seeded
 
 KEPT_MOTIONS = 4  # best motions that are kept for the end
 
@@ -117,19 +126,12 @@ def search_in_parallel(
     if not found:
         raise refused[0] if refused else _no_motion_error(killed)
     whole = sum(f.whole for f in found)
-    steps = _improvements(course, found[0].criterion_value)
-    return SearchResult(tuple(found[:KEPT_MOTIONS]), whole, steps, stopped, len(killed))
-
-
-def _improvements(
-    course: Sequence[tuple[float, float]], least: float
-) -> tuple[tuple[float, float], ...]:
-    """Times at which a value was below all before, down to that of the best motion."""
+    # improvements: values below all before, down to that of the best motion
     steps = list[tuple[float, float]]()
     for passed, value in course:
-        if value >= least and (not steps or value < steps[-1][1]):
+        if value >= found[0].criterion_value and (not steps or value < steps[-1][1]):
             steps.append((passed, value))
-    return tuple(steps)
+    return SearchResult(tuple(found[:KEPT_MOTIONS]), whole, tuple(steps), stopped, len(killed))
 
 
 def _no_motion_error(exit_codes: Sequence[int]) -> DataError:
@@ -189,39 +191,34 @@ def _lines(
 
 @contextmanager
 def _workers(tables: Tables, method: str, effort: SearchBudget) -> Iterator["queue.Queue[Any]"]:
+    """What processes say that search; sessions of their own keep Ctrl-C from them."""
     messages: queue.Queue[Any] = queue.Queue()
     with ExitStack() as stack:
         for number in range(effort.useful):
-            stack.enter_context(_worker(tables, method, effort, number, messages))
+            process = subprocess.Popen(
+                module_command("steelyard.excite.search.parallel_search"),
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                env={**os.environ, "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"},
+                start_new_session=True,
+            )
+            listener = threading.Thread(target=_read_worker, args=(process, messages), daemon=True)
+            listener.start()
+            stack.callback(_end_worker, process, listener)
+            assert process.stdin is not None
+            with suppress(BrokenPipeError):
+                process.stdin.write(task_of(tables, method, effort, number))
+                process.stdin.flush()
         yield messages
 
 
-@contextmanager
-def _worker(
-    tables: Tables, method: str, effort: SearchBudget, number: int, messages: "queue.Queue[Any]"
-) -> Iterator[None]:
-    """A process that searches; a session of its own keeps Ctrl-C from it."""
-    process = subprocess.Popen(
-        module_command("steelyard.excite.search.worker_process"),
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        env={**os.environ, "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"},
-        start_new_session=True,
-    )
-    listener = threading.Thread(target=_read_worker, args=(process, messages), daemon=True)
-    listener.start()
+def _end_worker(process: "subprocess.Popen[bytes]", listener: threading.Thread) -> None:
+    process.kill()
+    listener.join()
     assert process.stdin is not None and process.stdout is not None
-    try:
-        with suppress(BrokenPipeError):
-            process.stdin.write(task_of(tables, method, effort, number))
-            process.stdin.flush()
-        yield
-    finally:
-        process.kill()
-        listener.join()
-        with suppress(BrokenPipeError):
-            process.stdin.close()
-        process.stdout.close()
+    with suppress(BrokenPipeError):
+        process.stdin.close()
+    process.stdout.close()
 
 
 def task_of(tables: Tables, method: str, effort: SearchBudget, number: int) -> bytes:
@@ -272,3 +269,73 @@ def time_after(problem: Problem, seconds: float, pace: ProcessPace) -> float:
     problem.criterion_value(still)
     reserved = slower * (RESERVED_SECONDS + RESERVED_EVALUATIONS * (time.process_time() - start))
     return min(reserved, MOST_RESERVED_SHARE * seconds)
+
+
+TELLING_SECONDS = 0.1  # between two lines of what a search has reached
+
+
+def main() -> None:
+    """Search until the end of the time."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    answer = os.fdopen(os.dup(1), "w", encoding="utf-8")
+    os.dup2(2, 1)
+    tables, method, seed, until, searches = pickle.load(sys.stdin.buffer)
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+
+    def tell(line: dict[str, Any]) -> None:
+        answer.write(json.dumps(line) + "\n")
+        answer.flush()
+
+    for line in explained_answers(tables, method, seed, until, searches, tell):
+        tell(line)
+
+
+def explained_answers(
+    tables: Tables,
+    method: str,
+    seed: int,
+    until: float,
+    searches: Iterable[int],
+    tell: Callable[[dict[str, Any]], None] = lambda line: None,
+) -> Iterator[dict[str, Any]]:
+    """Do a task of `parallel_search` until a time of `time.time`; say last what went wrong.
+
+    What a search has reached is told now and then.
+    """
+    watch, told = Deadline(until - time.time() + time.monotonic()), time.monotonic()
+
+    def watched(x: Array) -> None:
+        nonlocal told
+        watch(x)
+        if time.monotonic() - told >= TELLING_SECONDS:
+            told = time.monotonic()
+            tell({"reached": x.tolist()})
+
+    number = 0
+    try:
+        problem = build(*tables)
+        for number in searches:
+            x = method_of(method)(problem, seeded(seed, number), watched)
+            yield {"number": number, "x": x.tolist(), "whole": True}
+    except Stopped:
+        for x in watch.latest:
+            yield {"number": number, "x": x.tolist(), "whole": False}
+    except SteelyardError as error:
+        message = {"error": error.wrong, "where": error.where, "fix": error.fix}
+        yield {**message, "none": isinstance(error, NoMotion)}
+    except Exception:
+        yield {"broken": traceback.format_exc()}
+
+
+def _end_with_parent() -> None:
+    """Nothing more comes on standard input: who reads us is gone, or has enough.
+
+    Read without Python's buffer: at its end Python cannot take that from a thread that waits.
+    """
+    while os.read(0, 4096):
+        pass
+    os._exit(0)
+
+
+if __name__ == "__main__":
+    main()

@@ -16,7 +16,7 @@ from steelyard.excite.search.margins_barrier_and_newton import (
     InequalityConstraints,
     minimised_by,
 )
-from steelyard.excite.trajectories.exact_slowed_and_chained_trajectories import ExactTrajectory
+from steelyard.excite.trajectories.exact_trajectories import ExactTrajectory
 
 _SHRINK_ROUNDS = 12
 _ROUNDING = 1e-9

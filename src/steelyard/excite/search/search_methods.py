@@ -7,7 +7,7 @@ parents and offspring together the best survive, so the best one is never lost.
 import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 from math import ceil
 
 import numpy as np
@@ -17,11 +17,9 @@ from steelyard.base.errors import DataError, refuse_unknown, require
 from steelyard.base.progress import Event, Progress, report_progress, silent
 from steelyard.excite.design_problem_and_information import Problem, composed_motions
 from steelyard.excite.search.feasibility import each_start
-from steelyard.excite.search.margins_barrier_and_newton import STAGES, minimised
+from steelyard.excite.search.margins_barrier_and_newton import STAGES, StepWatch, minimised
 
-Watch = Callable[[Array], None]  # told of coefficients in the feasible set; may raise `Stopped`
-
-Method = Callable[[Problem, np.random.Generator, Watch], Array]
+Method = Callable[[Problem, np.random.Generator, StepWatch], Array]
 """A search: of a problem, with a source of all its random choices, and told of every step.
 
 It gives the coefficients that it ends with, feasible at their samples.
@@ -29,7 +27,7 @@ It gives the coefficients that it ends with, feasible at their samples.
 
 
 def search_by_gradient(
-    problem: Problem, random: np.random.Generator, watch: Watch, screened: int = 60
+    problem: Problem, random: np.random.Generator, watch: StepWatch, screened: int = 60
 ) -> Array:
     """Newton's method within a barrier from the best of `screened` random starts.
 
@@ -140,17 +138,14 @@ _LEAST_SIZE = 1e-3
 
 @dataclass(frozen=True, eq=False)
 class _Genes:
-    """Variables from -1 to 1: a posture per joint, then how far each function is moved.
-
-    The `units` are how far each function alone may be moved, `(n, m)`.
-    """
+    """Variables from -1 to 1: a posture per joint, then how far each function is moved."""
 
     problem: Problem
-    units: Array
 
-    @classmethod
-    def of(cls, problem: Problem) -> "_Genes":
-        inequalities = problem.inequalities
+    @cached_property
+    def units(self) -> Array:
+        """How far each function alone may be moved, `(n, m)`."""
+        inequalities = self.problem.inequalities
         middle = 0.5 * (inequalities.limits.lower + inequalities.limits.upper)
         still = inequalities.basis.still(middle)
         margins = inequalities.limit_margins(still)
@@ -160,7 +155,7 @@ class _Genes:
             change[:, k] = 1.0
             rates = np.abs(inequalities.margin_rates(change))
             units[:, k] = np.min(margins / np.maximum(rates, 1e-12), axis=1)
-        return cls(problem, units)
+        return units
 
     @property
     def count(self) -> int:
@@ -188,7 +183,7 @@ class _Genes:
                 return None
         return np.asarray(still + factor * change)
 
-    def costs(self, watch: Watch, start: Array) -> Callable[[Array], Array]:
+    def costs(self, watch: StepWatch, start: Array) -> Callable[[Array], Array]:
         """The criterion of many sets of genes, `(B, k)` to `(B,)`; each is shrunk until feasible.
 
         Where a posture is not free, what it lacks leads out. What is better than all before is
@@ -213,14 +208,18 @@ class _Genes:
 NOTHING_SHOWN_COST = 50.0  # of showing too little, as a condition of 5e21; more if not free
 
 
-def _evolved(
+def search_by_population(
     problem: Problem,
     random: np.random.Generator,
-    watch: Watch,
+    watch: StepWatch,
     minimise: Callable[..., BestPoint],
+    **sizes: int,
 ) -> Array:
-    """Minimise over postures and amplitudes; the best so far is reported at every generation."""
-    genes = _Genes.of(problem)
+    """Minimise over postures and amplitudes, shrunk until feasible.
+
+    The best so far is reported at every generation.
+    """
+    genes = _Genes(problem)
     best = list(each_start(problem.inequalities, random, 1))
 
     def report(x: Array) -> None:
@@ -231,30 +230,15 @@ def _evolved(
         watch(best[-1])
         return True
 
-    edge = np.ones(genes.count)
-    minimise(genes.costs(report, best[-1]), -edge, edge, random=random, progress=progress)
+    edge, costs = np.ones(genes.count), genes.costs(report, best[-1])
+    minimise(costs, -edge, edge, random=random, progress=progress, **sizes)
     return best[-1]
 
 
-def search_by_genes(
-    problem: Problem,
-    random: np.random.Generator,
-    watch: Watch,
-    population: int = 100,
-    generations: int = 400,
-) -> Array:
-    """A genetic algorithm over postures and amplitudes, shrunk until feasible."""
-    minimise = partial(minimised_by_genes, population=population, generations=generations)
-    return _evolved(problem, random, watch, minimise)
-
-
-def search_by_cma_es(
-    problem: Problem, random: np.random.Generator, watch: Watch, evaluations: int = 40_000
-) -> Array:
-    """CMA-ES over postures and amplitudes, shrunk until feasible."""
-    minimise = partial(minimised_by_cma_es, evaluations=evaluations)
-    return _evolved(problem, random, watch, minimise)
-
+search_by_genes = partial(
+    search_by_population, minimise=minimised_by_genes, population=100, generations=400
+)
+search_by_cma_es = partial(search_by_population, minimise=minimised_by_cma_es, evaluations=40_000)
 
 METHODS: Mapping[str, Method] = {
     "gradient": search_by_gradient,

@@ -19,19 +19,19 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from steelyard.base.arrays import Array, frozen
-from steelyard.excite.constraints.motion_limits import MotionLimits, motion_limits
-from steelyard.excite.trajectories.exact_slowed_and_chained_trajectories import (
+from steelyard.excite.constraints.constraint_and_limits import motion_limits
+from steelyard.excite.trajectories.exact_trajectories import (
+    SMOOTH,
     ChainedMotion,
     ExactTrajectory,
-)
-from steelyard.excite.trajectories.piecewise_polynomials import (
-    SMOOTH,
     PiecewiseMotion,
+    divided,
     polynomial_extremes,
 )
 from steelyard.robot.robot import Robot
 
 TAYLOR = 13  # degree of the Taylor polynomials
+_CELLS_PER_WAVE = 16  # short enough for `taylor_pieces`
 
 
 def rest_basis(harmonics: int) -> Array:
@@ -176,20 +176,11 @@ class FourierMotion(ExactTrajectory):
 
     def extremes(self, order: int) -> tuple[Array, Array]:
         """See `ExactTrajectory`."""
-        wave = self.period / wave_cells(self.harmonics)
+        wave = self.period / (_CELLS_PER_WAVE * max(self.harmonics, 1))
         if self.ramp is not None:
             wave = min(wave, self.ramp / 16.0)
-            count = np.ceil(np.diff(self.breaks) / wave).astype(int)
-            inner = [
-                np.linspace(start, end, n, endpoint=False)
-                for start, end, n in zip(self.breaks, self.breaks[1:], count, strict=False)
-            ]
-            cells = np.append(np.concatenate(inner), self.duration)
-        elif self.trend is not None:
-            even = np.linspace(0.0, self.duration, wave_cells(self.harmonics) * self.periods + 1)
-            cells = np.union1d(even, self.breaks)
-        else:
-            cells = np.linspace(0.0, self.period, wave_cells(self.harmonics) + 1)
+        once = np.array([0.0, self.period]) if self.trend is None else self.breaks
+        cells = divided(once, wave)
         least, greatest = polynomial_extremes(taylor_pieces(self, cells, order))
         slack = self._slack(order, float(np.diff(cells).max()))
         return least - slack, greatest + slack
@@ -259,11 +250,6 @@ def repeated(trajectory: ExactTrajectory, times: int) -> ExactTrajectory:
     return trajectory if times == 1 else ChainedMotion((trajectory,), times)
 
 
-def wave_cells(harmonics: int) -> int:
-    """Cells of a period that are short enough for `taylor_pieces`."""
-    return 16 * max(harmonics, 1)
-
-
 def taylor_pieces(trajectory: ExactTrajectory, cells: Array, order: int) -> Array:
     r"""A derivative as Taylor polynomials in the share of each cell's time, `(p, TAYLOR + 1, n)`.
 
@@ -291,33 +277,25 @@ def random_fourier(
     harmonics: int = 5,
     periods: int = 1,
     limits_fraction: float = 0.9,
-    limits: MotionLimits | None = None,
-    start: ArrayLike | None = None,
 ) -> FourierMotion:
     """A random series per joint, as large as one of its limits allows; same seed, same motion.
 
-    It uses a share of the speeds, accelerations and position ranges; of the robot's limits, and
-    about the middle of the ranges, if limits and posture `(n,)` at both ends are not given.
+    It begins and ends in the middle of the position ranges, and uses a share of these, of the
+    speeds and of the accelerations.
     """
-    limits = motion_limits(robot) if limits is None else limits
-    start = 0.5 * (limits.lower + limits.upper) if start is None else frozen(start, (robot.n,))
+    limits = motion_limits(robot)
+    middle, half = 0.5 * (limits.lower + limits.upper), 0.5 * (limits.upper - limits.lower)
     free = np.random.default_rng(seed).standard_normal((robot.n, 2 * harmonics - 2))
     t = np.linspace(0.0, period, _POINTS_PER_WAVE * harmonics + 1)
     series = rest_basis(harmonics) @ free.T
     q, dq, ddq = (fourier_shapes(t, period, harmonics, order) @ series for order in range(3))
-    centre, half = 0.5 * (limits.lower + limits.upper), 0.5 * (limits.upper - limits.lower)
-    room_up = centre + limits_fraction * half - start
-    room_down = start - centre + limits_fraction * half
-    if np.any(room_up <= 0.0) or np.any(room_down <= 0.0):
-        raise ValueError("the start posture is outside the allowed share of the position ranges")
     needed = np.max(
         [
-            q.max(axis=0) / room_up,
-            -q.min(axis=0) / room_down,
+            np.abs(q).max(axis=0) / (limits_fraction * half),
             np.abs(dq).max(axis=0) / (limits_fraction * limits.velocity),
             np.abs(ddq).max(axis=0) / (limits_fraction * limits.acceleration),
         ],
         axis=0,
     )
     scale = 1.0 / (needed * (1.0 + _GRID_MARGIN))
-    return FourierMotion.from_free(start, scale[:, None] * free, period, periods)
+    return FourierMotion.from_free(middle, scale[:, None] * free, period, periods)

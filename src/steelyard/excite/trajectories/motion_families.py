@@ -10,18 +10,16 @@ from numpy.typing import ArrayLike
 
 from steelyard.base.arrays import Array, frozen
 from steelyard.base.errors import DataError, refuse_unknown
-from steelyard.excite.trajectories.exact_slowed_and_chained_trajectories import (
+from steelyard.excite.trajectories.exact_trajectories import (
+    SMOOTH,
     ChainedMotion,
     ExactTrajectory,
-)
-from steelyard.excite.trajectories.fourier import FourierMotion, rest_basis
-from steelyard.excite.trajectories.piecewise_polynomials import (
-    SMOOTH,
     PiecewiseMotion,
     from_scipy,
     quintic,
     through_postures,
 )
+from steelyard.excite.trajectories.fourier import FourierMotion, rest_basis
 from steelyard.robot.robot import Robot
 
 SAME_MOTION_TOLERANCE = 1e-6  # relative difference up to which two motions are one
@@ -33,7 +31,7 @@ _WHERE = "[excitation.motion]"
 class Basis:
     r"""A family of motions $q_j(t) = \sum_i x_{ji} \phi_i(t) + \sum_h p_{jh} \psi_h(t)$.
 
-    The `x` are coefficients of `count` functions per joint, the `p` prescribed postures, `(n,)`
+    The `x` are coefficients of `m` functions per joint, the `p` prescribed postures, `(n,)`
     each, the start first; the functions hold frequencies up to `highest` [Hz]. A family says how a
     motion is `made_of` both, `(k, m + p)`; all functions are that motion for a row of ones and
     zeros. Standing at the posture 1 of one joint has the coefficients `standing`, `(m,)`; `going`,
@@ -41,7 +39,6 @@ class Basis:
     """
 
     joints: int
-    count: int
     highest: float
     prescribed: tuple[Array, ...]
     made_of: Callable[[Array], ExactTrajectory]
@@ -52,6 +49,11 @@ class Basis:
         # making a motion refuses numbers that do not fit each other
         if not self.duration > 0.0:
             raise ValueError(f"a motion of {self.duration} s takes no time")
+
+    @property
+    def count(self) -> int:
+        """Number of functions `m`."""
+        return len(self.standing)
 
     @property
     def duration(self) -> float:
@@ -103,17 +105,16 @@ def coefficients_of(basis: Basis, trajectory: ExactTrajectory) -> Array | None:
     return np.asarray(found.T)
 
 
-def _given(joints: int, *postures: ArrayLike | None) -> tuple[Array, ...]:
+Place = ArrayLike | None  # a posture `(n,)`, if it is given
+
+
+def _given(joints: int, *postures: Place) -> tuple[Array, ...]:
     """Those postures that are given, shape `(n,)` each."""
     return tuple(frozen(place, (joints,)) for place in postures if place is not None)
 
 
 def rest_fourier(
-    joints: int,
-    period: float,
-    harmonics: int,
-    start: ArrayLike | None = None,
-    end: ArrayLike | None = None,
+    joints: int, period: float, harmonics: int, start: Place = None, end: Place = None
 ) -> Basis:
     """Series of one period [s] from rest to rest, by the null space of these conditions.
 
@@ -134,22 +135,16 @@ def rest_fourier(
     standing = np.zeros(2 * harmonics - 2 + (start is None))
     if start is None:
         standing[-1] = 1.0
-    return Basis(joints, len(standing), harmonics / period, postures, made_of, standing)
+    return Basis(joints, harmonics / period, postures, made_of, standing)
 
 
-def _series_basis(
-    joints: int,
-    harmonics: int,
-    highest: float,
-    postures: tuple[Array, ...],
-    made_of: Callable[[Array], ExactTrajectory],
-) -> Basis:
-    """Coefficients are those of the sines, the cosines and the mean posture, in this order."""
-    standing = np.eye(2 * harmonics + 1)[-1]
-    return Basis(joints, len(standing), highest, postures, made_of, standing)
+def _mean_posture(harmonics: int) -> Array:
+    """The mean posture among the coefficients of a `_series`."""
+    return np.asarray(np.eye(2 * harmonics + 1)[-1])
 
 
 def _series(rows: Array, harmonics: int, period: float, periods: int) -> FourierMotion:
+    """Coefficients are those of the sines, the cosines and the mean posture, in this order."""
     sine, cosine, mean = np.split(rows[:, : 2 * harmonics + 1], [harmonics, 2 * harmonics], axis=1)
     start = mean[:, 0] + cosine.sum(axis=1)
     return FourierMotion(start, sine, cosine, period, periods, rests=False)
@@ -157,18 +152,15 @@ def _series(rows: Array, harmonics: int, period: float, periods: int) -> Fourier
 
 def raw_fourier(joints: int, period: float, harmonics: int) -> Basis:
     """Series of one period [s] of any coefficients, not at rest at their ends."""
-    return _series_basis(
-        joints, harmonics, harmonics / period, (), lambda rows: _series(rows, harmonics, period, 1)
-    )
+
+    def made_of(rows: Array) -> FourierMotion:
+        return _series(rows, harmonics, period, 1)
+
+    return Basis(joints, harmonics / period, (), made_of, _mean_posture(harmonics))
 
 
 def blended_fourier(
-    joints: int,
-    period: float,
-    harmonics: int,
-    periods: int,
-    blend: float,
-    start: ArrayLike | None = None,
+    joints: int, period: float, harmonics: int, periods: int, blend: float, start: Place = None
 ) -> Basis:
     """From rest by a quintic blend of `blend` s into a series, and by one back to where it began.
 
@@ -185,16 +177,12 @@ def blended_fourier(
         into = PiecewiseMotion(times, quintic(rest, state, blend))
         return ChainedMotion((into, series, PiecewiseMotion(times, quintic(state, rest, blend))))
 
-    return _series_basis(joints, harmonics, max(harmonics / period, 1.0 / blend), postures, made_of)
+    highest = max(harmonics / period, 1.0 / blend)
+    return Basis(joints, highest, postures, made_of, _mean_posture(harmonics))
 
 
 def ramped_fourier(
-    joints: int,
-    period: float,
-    harmonics: int,
-    periods: int,
-    ramp: float,
-    start: ArrayLike | None = None,
+    joints: int, period: float, harmonics: int, periods: int, ramp: float, start: Place = None
 ) -> Basis:
     """Series whose amplitude rises from zero in `ramp` s, and falls back to it.
 
@@ -207,11 +195,12 @@ def ramped_fourier(
         series, place = _series(rows, harmonics, period, periods), rows[:, -1]
         return replace(series, start=series.start - place).ramped(place, ramp)
 
-    return _series_basis(joints, harmonics, harmonics / period + 0.5 / ramp, postures, made_of)
+    highest = harmonics / period + 0.5 / ramp
+    return Basis(joints, highest, postures, made_of, _mean_posture(harmonics))
 
 
 def reaching(
-    joints: int, targets: int, move_s: float, dwell_s: float = 0.0, start: ArrayLike | None = None
+    joints: int, targets: int, move_s: float, dwell_s: float = 0.0, start: Place = None
 ) -> Basis:
     """Minimum-jerk moves of `move_s` between postures, which are the coefficients.
 
@@ -226,7 +215,7 @@ def reaching(
         places = np.roll(rows.T, len(postures), axis=0)
         return through_postures(np.vstack([places, places[:1]]), move_s, dwell_s)
 
-    return Basis(joints, targets, 1.0 / move_s, postures, made_of, np.ones(targets))
+    return Basis(joints, 1.0 / move_s, postures, made_of, np.ones(targets))
 
 
 _REST_CONTROL_POINTS = 3  # equal control points at an end make velocity and acceleration zero there
@@ -237,8 +226,8 @@ def splines(
     seconds: float,
     control_points: int,
     degree: int = 5,
-    start: ArrayLike | None = None,
-    end: ArrayLike | None = None,
+    start: Place = None,
+    end: Place = None,
 ) -> Basis:
     """B-splines of degree 3 or 5 on even knots, clamped, at rest at both ends [DeBoor2001].
 
@@ -251,24 +240,23 @@ def splines(
     postures = _given(joints, start, end)
     fixed = _REST_CONTROL_POINTS
     inner = control_points - 2 * fixed
-    knots = np.pad(np.linspace(0.0, 1.0, control_points - degree + 1), degree, mode="edge")
+    even = np.linspace(0.0, seconds, control_points - degree + 1)
+    knots = np.pad(even, degree, mode="edge")
 
     def made_of(rows: Array) -> PiecewiseMotion:
         free, first, last = rows[:, :inner], rows[:, inner], rows[:, -1]
         points = np.vstack([*[first] * fixed, free.T, *[last] * fixed])
-        even = np.linspace(0.0, seconds, control_points - degree + 1)
-        return from_scipy(BSpline(np.pad(even, degree, mode="edge"), points, degree))
+        return from_scipy(BSpline(knots, points, degree))
 
     standing = np.ones(inner + (start is None))
     going: Array | float = 0.0
     if end is not None:
         # nearly as by a minimum-jerk move: the control points lie on it
         where = [knots[k + 1 : k + 1 + degree].mean() for k in range(fixed, control_points - fixed)]
-        going = np.outer(
-            postures[1] - postures[0], np.polynomial.Polynomial(SMOOTH)(np.array(where))
-        )
+        shares = np.polynomial.Polynomial(SMOOTH)(np.array(where) / seconds)
+        going = np.outer(postures[1] - postures[0], shares)
     highest = 0.5 * (control_points - degree) / seconds
-    return Basis(joints, len(standing), highest, postures, made_of, standing, going)
+    return Basis(joints, highest, postures, made_of, standing, going)
 
 
 def posture_of(given: Any, robot: Robot, what: str) -> Array | None:
@@ -290,21 +278,19 @@ def _ends(s: Any, robot: Robot) -> tuple[Array | None, Array | None]:
     return start, end
 
 
-def _start(s: Any, robot: Robot) -> Array | None:
-    return posture_of(s.start, robot, "start")
-
-
 FAMILIES: Mapping[str, Callable[[Any, Robot], Basis]] = {
     "fourier": lambda s, r: rest_fourier(r.n, s.period, s.harmonics, *_ends(s, r)),
     "raw_fourier": lambda s, r: raw_fourier(r.n, s.period, s.harmonics),
     "blended_fourier": lambda s, r: blended_fourier(
-        r.n, s.period, s.harmonics, s.periods, s.blend, _start(s, r)
+        r.n, s.period, s.harmonics, s.periods, s.blend, posture_of(s.start, r, "start")
     ),
     "ramped_fourier": lambda s, r: ramped_fourier(
-        r.n, s.period, s.harmonics, s.periods, s.ramp, _start(s, r)
+        r.n, s.period, s.harmonics, s.periods, s.ramp, posture_of(s.start, r, "start")
     ),
     "spline": lambda s, r: splines(r.n, s.duration, s.points, s.degree, *_ends(s, r)),
-    "reaching": lambda s, r: reaching(r.n, s.targets, s.move, s.dwell, _start(s, r)),
+    "reaching": lambda s, r: reaching(
+        r.n, s.targets, s.move, s.dwell, posture_of(s.start, r, "start")
+    ),
 }
 """Families that are searched, by their sections; others are planned, see `plans_from_tables`."""
 

@@ -11,17 +11,15 @@ from steelyard.base.arrays import Array
 from steelyard.base.checked_arguments import checked
 from steelyard.base.errors import DataError, LogError, advice
 from steelyard.base.files import read_json, write_json
-from steelyard.excite.trajectories.exact_slowed_and_chained_trajectories import (
+from steelyard.excite.trajectories.exact_trajectories import (
     ChainedMotion,
     ExactTrajectory,
-    SlowedMotion,
-)
-from steelyard.excite.trajectories.fourier import FourierMotion
-from steelyard.excite.trajectories.piecewise_polynomials import (
     PiecewiseMotion,
     SampledMotion,
+    SlowedMotion,
     end_speeds,
 )
+from steelyard.excite.trajectories.fourier import FourierMotion
 from steelyard.logs.formats import open_log
 from steelyard.logs.log_and_errors import Log
 from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot

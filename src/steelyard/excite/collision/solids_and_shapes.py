@@ -1,4 +1,8 @@
-r"""Collision shapes fixed to bodies: where they are, and how fast their distances can change.
+r"""Convex solids, shapes fixed to bodies, where they are, and how fast their distances change.
+
+With the height $h(d) = \max_{x} d \cdot x$ of a solid in a direction, the signed distance of two
+solids is $\max_{|d| = 1} -h_B(-d) - h_A(d)$: any direction gives a lower bound, the right one the
+distance itself, or less the depth of an overlap.
 
 The distance $s$ of two solids on bodies $a$ and $b$ changes at the rate
 $n \cdot (v_b - v_a)$ of their nearest points, whose difference is along $n$. A revolute joint
@@ -17,9 +21,167 @@ from numpy.typing import ArrayLike, NDArray
 
 from steelyard.base.arrays import Array, frozen, set_fields
 from steelyard.base.errors import ModelError
-from steelyard.excite.collision.convex_solids_and_mesh_files import Ball, HalfSpace, Solid
 from steelyard.model.equations.frame_and_point_kinematics import Points
 from steelyard.robot.robot import Frame, Robot, bodies_along
+
+FLAT_HULL_THICKNESS = 1e-4  # what a mesh without volume is thickened by to each side [m]
+WITHOUT_MESH_ADVICE = "name the link under `without` to ignore its shapes"
+
+
+_OUTERMOST = np.array([[1, 0, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [1, 1, 1]], dtype=np.float64)
+"""Directions among which is that of the point of a solid that is farthest from its centre."""
+
+
+class Solid:
+    """A convex solid in a frame of its own.
+
+    The `radius` [m] is that of a ball around it, infinite for a half-space, and `centre`, shape
+    `(3,)` [m], the middle of that ball: the origin, if not stated.
+    """
+
+    centre: Array = frozen(np.zeros(3))
+    radius: float
+
+    def farthest(self, directions: Array) -> Array:
+        """A point of the solid that is farthest along each direction, both of shape `(N, 3)`."""
+        raise NotImplementedError
+
+    def __post_init__(self) -> None:
+        """Keep the radius, if all sizes, which are the fields, are those of a solid."""
+        sizes = np.hstack(list(vars(self).values()))
+        if not all(0.0 < size < np.inf for size in sizes):
+            kind = {"Ball": "sphere"}.get(type(self).__name__, type(self).__name__.lower())
+            shown = ", ".join(f"{size:g}" for size in sizes)
+            raise ValueError(f"a {kind} of {shown} m is not a solid")
+        farthest = np.linalg.norm(self.farthest(_OUTERMOST), axis=1).max()
+        set_fields(self, radius=vars(self).get("radius", float(farthest)))
+
+
+def height(solid: Solid, directions: Array) -> Array:
+    """How far a solid reaches along directions `(N, 3)`, shape `(N,)`."""
+    return np.asarray(np.einsum("ij,ij->i", solid.farthest(directions), directions))
+
+
+@dataclass(frozen=True)
+class Ball(Solid):
+    """A sphere of a radius [m]."""
+
+    radius: float
+
+    def farthest(self, directions: Array) -> Array:
+        """See `Solid`."""
+        return self.radius * _unit(directions)
+
+
+@dataclass(frozen=True)
+class Box(Solid):
+    """A box along the axes, by the full lengths of its three edges [m]."""
+
+    size: tuple[float, ...]
+
+    def farthest(self, directions: Array) -> Array:
+        """See `Solid`."""
+        return np.copysign(np.array(self.size) / 2.0, directions)
+
+
+@dataclass(frozen=True)
+class Ellipsoid(Solid):
+    """An ellipsoid along the axes, by its three semi-axes [m]."""
+
+    semi: tuple[float, float, float]
+
+    def farthest(self, directions: Array) -> Array:
+        """See `Solid`."""
+        semi = np.array(self.semi)
+        return semi * _unit(directions * semi)
+
+
+@dataclass(frozen=True)
+class _Round(Solid):
+    """What turns about z with a radius `disc` [m]; the `length` along z [m] is without caps."""
+
+    disc: float
+    length: float
+
+    def _end(self, directions: Array) -> Array:
+        """The end of the axis that is farther along each direction."""
+        return np.asarray(np.copysign([0.0, 0.0, self.length / 2.0], directions))
+
+
+@dataclass(frozen=True)
+class Cylinder(_Round):
+    """A cylinder about z with flat ends."""
+
+    def farthest(self, directions: Array) -> Array:
+        """See `Solid`."""
+        return self._end(directions) + self.disc * _unit(directions * (1.0, 1.0, 0.0))
+
+
+@dataclass(frozen=True)
+class Capsule(_Round):
+    """All points near a piece of the z axis."""
+
+    def farthest(self, directions: Array) -> Array:
+        """See `Solid`."""
+        return self._end(directions) + self.disc * _unit(directions)
+
+
+@dataclass(frozen=True, eq=False)
+class Hull(Solid):
+    """The convex hull of points; `vertices` are its corners, shape `(V, 3)` [m]."""
+
+    vertices: Array
+
+    def __init__(self, points: ArrayLike) -> None:
+        vertices = frozen(_corners(frozen(points, (None, 3))))
+        centre = frozen(_ball(vertices))
+        radius = float(np.linalg.norm(vertices - centre, axis=1).max())
+        set_fields(self, vertices=vertices, centre=centre, radius=radius)
+
+    def farthest(self, directions: Array) -> Array:
+        """See `Solid`."""
+        return np.asarray(self.vertices[np.argmax(directions @ self.vertices.T, axis=1)])
+
+
+class HalfSpace(Solid):
+    """All points below the plane z = 0."""
+
+    radius = np.inf
+
+    def farthest(self, directions: Array) -> Array:
+        """The origin: only the direction of z has a farthest point, and no other is requested."""
+        if not np.allclose(directions, (0.0, 0.0, 1.0), atol=1e-6):
+            raise ValueError("a half-space has no end but along z")
+        return np.zeros_like(directions)
+
+
+def _unit(vectors: Array) -> Array:
+    """Vectors of length one; a zero vector becomes the x axis, which is as good as any."""
+    length = np.linalg.norm(vectors, axis=1, keepdims=True)
+    return np.where(length > 0.0, vectors, (1.0, 0.0, 0.0)) / np.where(length > 0.0, length, 1.0)
+
+
+def _corners(points: Array) -> Array:
+    """The points that span their hull; a flat set is thickened by `FLAT_HULL_THICKNESS`."""
+    from scipy.spatial import ConvexHull, QhullError
+
+    try:
+        return np.asarray(points[ConvexHull(points).vertices])
+    except QhullError:
+        signs: Sequence[float] = (-FLAT_HULL_THICKNESS, FLAT_HULL_THICKNESS)
+        cube = np.array([(x, y, z) for x in signs for y in signs for z in signs])
+        thick = (points[:, None] + cube).reshape(-1, 3)
+        return np.asarray(thick[ConvexHull(thick).vertices])
+
+
+def _ball(points: Array, rounds: int = 200) -> Array:
+    """Centre of a nearly smallest ball around points, shape `(3,)` [BadoiuClarkson2003]."""
+    centre = 0.5 * (points.min(axis=0) + points.max(axis=0))
+    for step in range(2, rounds):
+        far = points[np.argmax(np.linalg.norm(points - centre, axis=1))]
+        centre = centre + (far - centre) / step
+    return np.asarray(centre)
+
 
 Origin = Literal["link", "tool", "world"]  # whose: of the model, a tool or payload, or the cell
 
@@ -63,11 +225,11 @@ class Geometry:
     notes: tuple[str, ...] = ()
 
 
+_UPRIGHT = frozen(np.eye(3))
+
+
 def obstacle(
-    name: str,
-    solid: Solid,
-    position: ArrayLike = (0.0, 0.0, 0.0),
-    rotation: ArrayLike | None = None,
+    name: str, solid: Solid, position: ArrayLike = (0.0, 0.0, 0.0), rotation: ArrayLike = _UPRIGHT
 ) -> Shape:
     """A thing that stands still in the cell, placed in the robot's base frame."""
     return placed(Frame(name, -1, np.eye(3), np.zeros(3)), name, solid, position, rotation, "world")
@@ -102,11 +264,11 @@ def placed(
     name: str,
     solid: Solid,
     position: ArrayLike = (0.0, 0.0, 0.0),
-    rotation: ArrayLike | None = None,
+    rotation: ArrayLike = _UPRIGHT,
     origin: Origin = "link",
 ) -> Shape:
     """A solid that is placed in a frame, as a shape on the frame's body."""
-    turned = np.eye(3) if rotation is None else frozen(rotation, (3, 3))
+    turned = frozen(rotation, (3, 3))
     if not np.allclose(turned @ turned.T, np.eye(3), atol=1e-6):
         raise ValueError(f"the rotation of '{name}' is not a rotation")
     at = frame.position + frame.rotation @ frozen(position, (3,))

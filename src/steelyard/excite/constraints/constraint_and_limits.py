@@ -1,11 +1,76 @@
-"""Limits of positions, velocities, accelerations and jerks of a motion, the robot's or assumed."""
+"""What a constraint of motions is, margins and a proof; limits of the joints, given or assumed."""
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
 
 import numpy as np
 
-from steelyard.base.arrays import Array, frozen
+from steelyard.base.arrays import Array, frozen, set_fields
+from steelyard.excite.trajectories.exact_trajectories import ExactTrajectory
 from steelyard.robot.robot import Coordinate, Robot
+
+
+class Gap(str):
+    """A note on something that was not looked at, though it may matter."""
+
+
+class Declined(Gap):
+    """A note on something that was not checked at the user's request."""
+
+
+@dataclass(frozen=True, eq=False)
+class Margins:
+    """Margins at samples, `(N, k)`, and how they change, `(N, k, n)` each.
+
+    Positive is kept. A derivative that is zero by structure is `None`.
+    """
+
+    values: Array
+    by_q: Array | None = None
+    by_dq: Array | None = None
+    by_ddq: Array | None = None
+
+
+PROOF_SAMPLES = 1000  # samples of a motion whose least margins stand beside the proven ones
+
+PROOF_BY_BOUNDS = "bounds over time intervals that cover the whole motion"
+
+
+class Constraint(ABC):
+    """Something that must hold at all times and is not linear in the motion.
+
+    Its labels say what each of the `k` margins is, such as `x of 'flange' above -0.75 m`; the
+    barrier acts on margins below `activation_distance`, `(k,)`; the scope is what of the robot it
+    is about, such as `tool point only`, and `how` the way of its proof, in one sentence.
+    """
+
+    name: str
+    labels: tuple[str, ...]
+    unit: str
+    activation_distance: Array
+    scope: str = ""
+    how: str = PROOF_BY_BOUNDS
+
+    @property
+    def scale(self) -> Array:
+        """What each margin is a share of, shape `(k,)`; the limit, if that is not zero."""
+        return self.activation_distance
+
+    @abstractmethod
+    def margins(self, q: Array, dq: Array, ddq: Array) -> Margins:
+        """Margins at states of shape `(N, n)`."""
+
+    @abstractmethod
+    def proven(self, trajectory: ExactTrajectory) -> Array:
+        """A lower bound of every margin that holds at all times of the trajectory, shape `(k,)`."""
+
+    def reaches(self, lower: Array, upper: Array) -> Array | None:
+        """Change of every margin per change of each joint within bounds, `(k, n)` [m/rad; 1].
+
+        `None` if the margins depend on more than positions.
+        """
+        return None
+
 
 DEFAULT_ACCELERATION = {"revolute": 5.0, "prismatic": 1.0}
 DEFAULT_VELOCITY = {"revolute": 1.5, "prismatic": 0.3}
@@ -32,11 +97,9 @@ class MotionLimits:
     assumed: frozenset[tuple[str, str]] = frozenset()
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "lower", frozen(self.lower, (None,)))
-        for name in ("upper", "velocity", "acceleration"):
-            object.__setattr__(self, name, frozen(getattr(self, name), self.lower.shape))
-        if self.jerk is not None:
-            object.__setattr__(self, "jerk", frozen(self.jerk, self.lower.shape))
+        for name in ("lower", "upper", "velocity", "acceleration", "jerk"):
+            if (values := getattr(self, name)) is not None:
+                set_fields(self, **{name: frozen(values, (np.size(self.lower),))})
         if not np.all(self.lower < self.upper):
             raise ValueError("a lower position limit is not below its upper one")
 
@@ -53,7 +116,7 @@ def motion_limits(robot: Robot) -> MotionLimits:
 
     Notes name assumed ranges and speeds; accelerations are those of `ACCELERATIONS_ASSUMED`.
     """
-    lines: dict[str, list[str]] = {}
+    narrowed, slowed = dict[str, list[str]](), dict[str, list[str]]()
     assumed = {("acceleration", name) for name in robot.joint_names}
     ranges, speeds = list[tuple[float, float]](), list[float]()
     for joint in robot.coordinates:
@@ -61,18 +124,17 @@ def motion_limits(robot: Robot) -> MotionLimits:
         if not (np.isfinite([lower, upper]).all() and lower < upper):
             lower, upper = _assumed_range(joint)
             what = f"without a complete range, moved within {lower:.3g} .. {upper:.3g} {joint.unit}"
-            lines.setdefault(what, []).append(joint.name)
+            narrowed.setdefault(what, []).append(joint.name)
             assumed.add(("position", joint.name))
         ranges.append((lower, upper))
-    for joint in robot.coordinates:
         speed = joint.limits.velocity
         if not 0.0 < speed < np.inf:
             speed = DEFAULT_VELOCITY[joint.kind]
             what = f"without a speed limit, moved at {speed:.3g} {joint.unit}/s at most"
-            lines.setdefault(what, []).append(joint.name)
+            slowed.setdefault(what, []).append(joint.name)
             assumed.add(("velocity", joint.name))
         speeds.append(speed)
-    notes = tuple(f"{what}: {', '.join(joints)}" for what, joints in lines.items())
+    notes = tuple(f"{what}: {', '.join(joints)}" for what, joints in (narrowed | slowed).items())
     bounds = np.array([DEFAULT_ACCELERATION[c.kind] for c in robot.coordinates])
     low, high = np.array(ranges).reshape(-1, 2).T
     return MotionLimits(low, high, np.array(speeds), bounds, notes, assumed=frozenset(assumed))
