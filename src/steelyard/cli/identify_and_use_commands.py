@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from steelyard.base.errors import DataError
+from steelyard.base.files import refuse_existing, whole_folder, write_json
 from steelyard.base.progress import Progress
 from steelyard.cli import interrupt
 from steelyard.cli.commands_from_functions import from_function
@@ -18,10 +20,13 @@ from steelyard.cli.shared_by_commands import (
     optional_folder,
     output_folder,
     print_json,
+    print_lines,
     progress_bar,
     reported,
+    robot_folder,
     show,
 )
+from steelyard.report.words import significant
 
 if TYPE_CHECKING:
     from steelyard.estimate.payload.payload_estimate import PayloadEstimate
@@ -53,13 +58,11 @@ def identify(
 
     Example: steelyard identify ur10e.toml run1.csv run2.csv --validate run3.csv
     """
-    from steelyard.base.files import new_folder
     from steelyard.cli.actuator_commands import actuators_identified, follows_targets
     from steelyard.identify.verdict_and_next_steps import exit_code, next_steps, step_lines
-    from steelyard.robot.models.xacro import stem_of
 
     robot = call.keywords["robot"]
-    folder = new_folder(output, f"steelyard-{stem_of(robot)}")
+    folder = robot_folder(output, robot)
     if follows_targets(robot):
         return actuators_identified(call.keywords, folder, verbose, as_json)
     found = computed(call, folder)
@@ -114,13 +117,11 @@ def validate(
         print_json(found.to_dict()["logs"])
     else:
         show(found, verbose)
-        steps = fix_commands(found.content, model, robot_file(found.content))
+        steps = [*fix_commands(found.content, model, robot_file(found.content))]
         if not found.content.scores:
-            steps = (
-                *steps,
-                (f"steelyard validate {path_word(model)} OTHER_LOG", "error on another motion"),
-            )
-        lines = step_lines(steps)
+            command = f"steelyard validate {path_word(model)} OTHER_LOG"
+            steps.append((command, "error on another motion"))
+        lines = step_lines(tuple(steps))
         if folder is not None:
             lines.append(file_lines(folder, report="report.html"))
         if lines:
@@ -219,8 +220,6 @@ def payload(
 
     Example: steelyard payload steelyard-ur10e loaded.csv --frame tool0 --box 0.2 0.1 0.1
     """
-    from steelyard.base.errors import DataError
-    from steelyard.base.files import whole_folder, write_json
     from steelyard.estimate.identified_model import load_model
     from steelyard.estimate.payload.payload_estimate import PayloadEstimate
     from steelyard.report.terminal import terminal
@@ -241,11 +240,10 @@ def payload(
             fix="leave these out with --when, or weigh without --when",
         )
     identified = load_model(given["model"])
+    of_events = (given[name] for name in common[1:])
     with progress_bar() as progress:
         found = (
-            events_of_logs(
-                identified, given["logs"], given["frame"], given["gain_uncertainty"], progress
-            )
+            events_of_logs(identified, *of_events, progress)
             if when
             else call(model=identified, progress=progress)
         )
@@ -265,9 +263,8 @@ def payload(
     else:
         event_lines(found, terminal())
     if folder is not None:
-        typer.echo(f"\npayload  {folder / 'payload.json'}")
-        if when:
-            typer.echo(f"report   {folder / 'report.html'}")
+        files = {"payload": "payload.json", **({"report": "report.html"} if when else {})}
+        typer.echo("\n" + file_lines(folder, **files))
 
 
 @from_function("steelyard:contact")
@@ -333,10 +330,8 @@ def feedforward(
     """
     from rich.text import Text
 
-    from steelyard.base.files import refuse_existing
     from steelyard.report.tables import light_table
     from steelyard.report.terminal import terminal
-    from steelyard.report.words import significant
 
     refuse_existing(output)
     found = call()
@@ -344,15 +339,12 @@ def feedforward(
     if as_json:
         print_json({**found.to_dict(), "output": str(output)})
         return
-    console = terminal()
     table = light_table(("joint", "RMS", "largest", "unit"), (0, 3))
     table.title, table.title_justify = Text("torque along the motion"), "left"
     for joint, rms, peak in zip(found.joints, found.rms, found.peaks, strict=True):
         cells = (joint.name, significant(rms), significant(peak), joint.effort_unit)
         table.add_row(*(Text(cell) for cell in cells))
-    console.print(table)
-    for warning in found.warnings:
-        console.print(Text(f"! {warning}", style="bold red"))
-    for note in found.notes:
-        console.print(Text(f"note: {note}"))
+    terminal().print(table)
+    print_lines(*(f"! {warning}" for warning in found.warnings), style="bold red")
+    print_lines(*(f"note: {note}" for note in found.notes))
     typer.echo(f"\n{len(found.motion)} rows  {output}")

@@ -9,10 +9,18 @@ from typing import TYPE_CHECKING
 
 import typer
 
+from steelyard.base.errors import ModelError
+from steelyard.base.files import whole_file, whole_folder
 from steelyard.base.visible_text import visible
 from steelyard.cli import interrupt
 from steelyard.cli.commands_from_functions import DerivedCommand, from_function
-from steelyard.cli.shared_by_commands import LOG_HELP, optional_folder, print_json, progress_bar
+from steelyard.cli.shared_by_commands import (
+    LOG_HELP,
+    optional_folder,
+    print_json,
+    print_lines,
+    progress_bar,
+)
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -73,11 +81,7 @@ def check(
 
     Example: steelyard check ur10e.toml run1.csv run2.csv --fix
     """
-    from rich.text import Text
-
-    from steelyard.base.errors import ModelError
-    from steelyard.base.files import whole_file, whole_folder
-    from steelyard.identify.validation_split import ProposedCut, propose_cut
+    from steelyard.identify.repeated_motion_and_validation_split import ProposedCut, propose_cut
     from steelyard.report.terminal import terminal
     from steelyard.robot.file.robot_file import load_robot
 
@@ -94,8 +98,7 @@ def check(
     if as_json:
         print_json({**found.to_dict(), "output": folder and str(folder)})
     else:
-        console = terminal()
-        found.show(console, verbose)
+        found.show(terminal(), verbose)
         given, gains = ProposedCut(tuple(logs)), True
         if not (model or found.last.severity):
             changed = found.fixed is not None and found.fixed.changes
@@ -105,8 +108,7 @@ def check(
             except ModelError:  # a model file and currents: no drive gains, as columns are guessed
                 gains = False
         named = [] if model else [robot, *given.logs]
-        for line in hints(found, folder, named, given.ends, gains=gains):
-            console.print(Text(line), soft_wrap=True)
+        print_lines(*hints(found, folder, named, given.ends, gains=gains), whole=True)
     if found.last.severity:
         raise typer.Exit(int(found.last.severity))
 
@@ -211,7 +213,6 @@ def convert(
 
     Example: steelyard log convert run.mcap@1:5 run.csv --columns "/joint_states/*"
     """
-    from steelyard.base.files import whole_file
     from steelyard.logs.clocks_and_combined_logs import SideBySide
     from steelyard.logs.contents import windowed, with_progress
     from steelyard.logs.formats import open_log, writer_for

@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from steelyard.base.files import new_folder, whole_folder
+from steelyard.base.progress import Stopped
 from steelyard.cli import interrupt
 from steelyard.cli.commands_from_functions import from_function
 from steelyard.cli.shared_by_commands import (
@@ -16,7 +18,9 @@ from steelyard.cli.shared_by_commands import (
     file_lines,
     output_folder,
     print_json,
+    print_lines,
     progress_bar,
+    robot_folder,
     say,
     show,
 )
@@ -72,16 +76,14 @@ def excite(
     Example: steelyard excite panda.toml --budget 20 -o panda-motion
     """
     begun = time.monotonic()
-    from steelyard.base.files import new_folder
     from steelyard.excite.excite import design_task
     from steelyard.excite.page.design_text import design_level
     from steelyard.excite.search.parallel_search import SearchBudget
-    from steelyard.robot.models.xacro import stem_of
 
     given = dict(call.keywords)
     effort = SearchBudget(*(given.pop(x) for x in ("budget", "searches", "processes", "seed")))
     task = design_task(**given)
-    folder = new_folder(output, f"steelyard-{stem_of(given['robot'])}-motion")
+    folder = robot_folder(output, given["robot"], "-motion")
     found, written = _designed(task, effort, folder, begun)
     if as_json:
         print_json(found.to_dict() | {"files": written})
@@ -100,9 +102,6 @@ def _designed(
     task: "DesignTask", effort: "SearchBudget", folder: Path, begun: float
 ) -> "tuple[DesignedMotion, dict[str, str]]":
     """The design and its files, whole in a new folder; Ctrl-C ends a search and keeps its best."""
-    from steelyard.base.files import whole_folder
-    from steelyard.base.progress import Stopped
-
     try:
         with progress_bar() as progress, whole_folder(folder) as part:
             with interrupt.quietly() if task.searched else nullcontext():
@@ -202,13 +201,9 @@ def simulate(
 
     Example: steelyard simulate panda.urdf --seed 1 -o panda-run1
     """
-    from steelyard.base.files import new_folder, whole_folder
-    from steelyard.robot.models.xacro import stem_of
-
-    robot, periods, dry_run, seed, truth = (
-        call.keywords[name] for name in ("robot", "periods", "dry_run", "seed", "truth")
-    )
-    folder = new_folder(output, f"steelyard-{stem_of(robot)}-simulated")
+    given = call.keywords
+    periods, dry_run, truth = (given[name] for name in ("periods", "dry_run", "truth"))
+    folder = robot_folder(output, given["robot"], "-simulated")
     with progress_bar() as progress, whole_folder(folder) as part:
         made = call(folder=part, progress=progress)
         interrupt.too_late()
@@ -224,7 +219,8 @@ def simulate(
         slow = f"{full / dry_run:g} s, not {full:g} s"
         lines.append(f"dry run     at {dry_run:g} of the speed: {slow}")
     another = "another seed is another robot); for another motion of this robot give --motion"
-    lines.append(f"robot       {truth or f'seed {seed} ({another}'}")
+    seed = f"seed {given['seed']} ({another}"
+    lines.append(f"robot       {truth or seed}")
     say("\n".join([*lines, *(f"{name:<11} {path}" for name, path in written.items())]))
 
 
@@ -254,10 +250,7 @@ def track(
 
     Example: steelyard track panda.toml motion.json --model panda-model -o panda-tracking
     """
-    from steelyard.base.files import new_folder
-    from steelyard.robot.models.xacro import stem_of
-
-    folder = new_folder(output, f"steelyard-{stem_of(call.keywords['robot'])}-tracking")
+    folder = robot_folder(output, call.keywords["robot"], "-tracking")
     found = computed(call, folder)
     if as_json:
         print_json({**found.to_dict(), "output": str(folder)})
@@ -281,7 +274,6 @@ def demo(
 
     Example: steelyard demo -o first-try
     """
-    from steelyard.base.files import new_folder, whole_folder
     from steelyard.excite.excite import DesignedMotion, DesignTask
     from steelyard.excite.search.parallel_search import SearchBudget
     from steelyard.identify.identify import identify
@@ -332,13 +324,11 @@ def demo(
 
 def _show(motion: "DesignedMotion", found: "Identification", console: "Console") -> None:
     """Print whether the motion is safe, the error of the model, and how near it is to the truth."""
-    from rich.text import Text
-
     from steelyard.excite.page.design_text import design_headline
     from steelyard.identify.page.parameters_and_truth import TruthSection
     from steelyard.identify.page.verdict_and_joint_errors import VerdictSection
 
-    console.print(Text(design_headline(motion.designed)))
+    print_lines(design_headline(motion.designed))
     parts = [
         part
         for section in (VerdictSection(), TruthSection())

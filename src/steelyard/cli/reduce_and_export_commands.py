@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING, Annotated, Literal, cast
 
 import typer
 
+from steelyard.base.errors import ModelError, OutputError
+from steelyard.base.files import new_folder, refuse_existing, whole_file, whole_folder
 from steelyard.base.progress import DESIGN_BUDGET_S
 from steelyard.cli import interrupt
 from steelyard.cli.commands_from_functions import from_function
@@ -14,11 +16,13 @@ from steelyard.cli.shared_by_commands import (
     optional_folder,
     output_folder,
     print_json,
+    print_lines,
     progress_bar,
     refuse_options,
     say,
     show,
 )
+from steelyard.report.words import count, significant
 
 if TYPE_CHECKING:
     from steelyard.export.code.export_code import WrittenCode
@@ -70,7 +74,6 @@ def reduce(
     Example: steelyard reduce steelyard-leg run*.csv --criterion contribution --each
     """
     from steelyard.base.arrays import finite_json
-    from steelyard.base.files import new_folder, whole_folder
     from steelyard.excite.excite import design_excitation, design_task
     from steelyard.identify.verdict_and_next_steps import exit_code
 
@@ -122,8 +125,6 @@ def reduce(
 
 def _next_lines(condition: float, limit: float | None) -> list[str]:
     """The condition number of the next motion, and whether the reduction is finished."""
-    from steelyard.report.words import significant
-
     lines = [f"condition number of the next motion (not normalised): {significant(condition, 4)}"]
     if limit is not None and condition <= limit:
         lines.append(
@@ -139,8 +140,6 @@ def _next_lines(condition: float, limit: float | None) -> list[str]:
 
 
 def _refuse_missing(robot: str | None, asking: dict[str, bool]) -> None:
-    from steelyard.base.errors import ModelError
-
     if robot is None and any(asking.values()):
         raise ModelError(
             f"{' and '.join(name for name, given in asking.items() if given)} without a robot file",
@@ -151,8 +150,6 @@ def _refuse_missing(robot: str | None, asking: dict[str, bool]) -> None:
 
 def _refuse_same(folder: Path, motion_folder: Path) -> None:
     """Refuse to write a motion to where the model, or a folder around it, is written before."""
-    from steelyard.base.errors import OutputError
-
     if motion_folder.resolve() in (folder.resolve(), *folder.resolve().parents):
         raise OutputError(
             f"the motion's folder is that of the reduced model ({folder}), or contains it",
@@ -217,7 +214,6 @@ def export(
     Example: steelyard export steelyard-ur10e --to c -o ur10e-c
     """
     from steelyard.actuators.actuator_model import is_actuator_model
-    from steelyard.base.files import refuse_existing, whole_file
     from steelyard.cli.actuator_commands import actuators_exported
     from steelyard.estimate.identified_model import load_model
     from steelyard.export.model_files.export_model_file import exported, refuse_changed
@@ -254,8 +250,6 @@ def export(
 
 def _format(to: Kind | None, output: Path | None) -> Kind:
     """The format that is requested, by name or by the file's ending, which must agree."""
-    from steelyard.base.errors import OutputError
-
     ending = "" if output is None else output.suffix.lower()
     of_ending = cast("Kind | None", ENDINGS.get(ending))
     form = to or of_ending
@@ -278,16 +272,12 @@ def _format(to: Kind | None, output: Path | None) -> Kind:
 
 
 def _print_export(path: Path, made: "Exported", as_json: bool) -> None:
-    from rich.text import Text
-
     from steelyard.export.model_files.export_model_file import (
         KEPT,
         LIGHT_LINKS,
         UNSEEN,
         listed_under,
     )
-    from steelyard.report.terminal import terminal
-    from steelyard.report.words import count
 
     if as_json:
         print_json(
@@ -304,7 +294,6 @@ def _print_export(path: Path, made: "Exported", as_json: bool) -> None:
         return
     links = count(sum(not body.massless for body in made.content.robot.bodies), "moving link")
     mass = sum(inertia.mass for inertia in made.content.inertias)
-    console = terminal()
     say(f"{path}: {links}, {mass:.4g} kg")
     few = [f"{name} {x:.0%}" for name, x in made.mass_shares.items() if x < FEW_DATA_SHARE]
     for heading, sentences in (
@@ -317,16 +306,11 @@ def _print_export(path: Path, made: "Exported", as_json: bool) -> None:
         (LIGHT_LINKS, made.light),
         (KEPT, made.impossible),
     ):
-        for line in listed_under(heading, sentences):
-            console.print(Text(line))
+        print_lines(*listed_under(heading, sentences))
 
 
 def _print_code(path: Path, form: Kind, written: "WrittenCode", as_json: bool) -> None:
     """What was written, names that became others, and functions that there cannot be."""
-    from rich.text import Text
-
-    from steelyard.report.terminal import terminal
-
     if as_json:
         print_json(
             {
@@ -351,4 +335,4 @@ def _print_code(path: Path, form: Kind, written: "WrittenCode", as_json: bool) -
     if written.renamed:
         pairs = ", ".join(f"{name} as {plain}" for name, plain in written.renamed.items())
         lines.append(f"identifiers: {pairs}")
-    terminal().print(Text("\n".join(lines)), soft_wrap=True)
+    print_lines(*lines, whole=True)

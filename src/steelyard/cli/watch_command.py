@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 import typer
 
+from steelyard.base.errors import DataError
 from steelyard.base.visible_text import visible
 from steelyard.cli import interrupt
 from steelyard.cli.commands_from_functions import from_function
@@ -56,7 +57,6 @@ def watch(
 
     Example: steelyard watch steelyard-ur10e --from today.csv --frame tool0 -o today
     """
-    from steelyard.base.errors import DataError
     from steelyard.logs.growing_logs import STANDARD_INPUT, rows_of
     from steelyard.uses.watch.stream_output import StreamFiles, event_line, record_of, state_line
     from steelyard.uses.watch.watch import watch_rows

@@ -88,20 +88,10 @@ class Fit:
     unscaled: IdentifiedModel | None = None  # with all scales 1, where some were estimated
     consistent: Consistent | None = None  # what made the estimate, if it was this, without scales
 
-    @property
-    def runs(self) -> tuple[Run, ...]:
-        """The runs that were fitted."""
-        return self.fitted.runs
-
-    @property
-    def information(self) -> Information:
-        """What the runs say about the model's columns."""
-        return self.fitted.information
-
     @cached_property
     def estimator(self) -> Estimator[Information]:
         """What made the estimate."""
-        return self.fitted.estimating(self.runs, self.information)
+        return self.fitted.estimating(self.fitted.runs, self.fitted.information)
 
 
 def fit(task: FitTask, origin: Provenance) -> Fit:
@@ -162,24 +152,11 @@ def fit(task: FitTask, origin: Provenance) -> Fit:
         provenance=replace(origin, notes=(*origin.notes, *notes, *ignored)),
         effort_scales=None if scales is None else scales.known,
     )
-    unscaled = None
+    unscaled, own = None, declared.runs[0].recording.signals
     if scales is not None:
-        signals = declared.runs[0].recording.signals
-        unscaled = replace(
-            identified, estimate=declared.estimate, signals=signals, effort_scales=None
-        )
-    return Fit(
-        task,
-        identified,
-        found,
-        prepared,
-        scales,
-        notes,
-        ignored,
-        method,
-        unscaled,
-        estimator if isinstance(estimator, Consistent) else None,
-    )
+        unscaled = replace(identified, estimate=declared.estimate, signals=own, effort_scales=None)
+    of_fit = found, prepared, scales, notes, ignored, method, unscaled
+    return Fit(task, identified, *of_fit, estimator if isinstance(estimator, Consistent) else None)
 
 
 def _scaled_fit(
@@ -195,11 +172,9 @@ def _scaled_fit(
         with_signals(run, replace(own, gains=own.gains / values))
         for run, own in zip(declared.runs, signals, strict=True)
     )
-    scaled = _fitted(
-        lambda runs, information: partial(scales.scaled.estimate, scales=scales.found),
-        runs,
-        declared.information.scaled(1.0 / values, units),
-    )
+    scaled_information = declared.information.scaled(1.0 / values, units)
+    estimate = partial(scales.scaled.estimate, scales=scales.found)
+    scaled = _fitted(lambda runs, information: estimate, runs, scaled_information)
     zero, every = rotors_at_zero(scaled.estimate, runs[0].recording.signals.effort_kind)
     if zero:
         return declared, None, NO_SCALES.format(len(zero), every)
@@ -216,13 +191,9 @@ NO_SCALES = (
 def calibrated(found: Fit) -> Fit:
     """The fit with bands of predicted efforts that are calibrated on left-out motion."""
     identified, threads, progress = found.identified, found.task.threads, found.task.progress
+    runs, information, *_ = found.fitted
     calibration = calibrate(
-        identified,
-        found.runs,
-        found.information,
-        found.estimator,
-        threads=threads,
-        progress=progress,
+        identified, runs, information, found.estimator, threads=threads, progress=progress
     )
     if calibration is not None:
         return replace(found, identified=replace(identified, calibration=calibration))
@@ -268,7 +239,6 @@ def _ignored(
     why_unscaled: str,
     context: Context,
 ) -> tuple[str, ...]:
-    """What the robot file requests without effect."""
     estimation, notes = loaded.estimation, []
     if not usual:
         unused: tuple[str, ...] = ()
@@ -349,17 +319,16 @@ def without_forces(
     """
     notes: tuple[str, ...] = ()
     for _ in range(MOST_FORCES):
-        identified, information = found.identified, found.information
-        groups = information.windows_of_runs
+        identified, information = found.identified, found.fitted.information
+        groups, coordinates = information.windows_of_runs, identified.model.robot.coordinates
         forces = {
             run.name: force
-            for run in found.runs
+            for run in found.fitted.runs
             if run.name in groups
             and (force := force_of_run(identified, information.of(groups[run.name]), run))
         }
         if not forces:
             break
-        coordinates = identified.model.robot.coordinates
         notes += tuple(
             f"{name}: efforts {force.when} are left out of the fit: a force acts that the other "
             f"motion does not have, as by a contact (rms {force_words(force, coordinates)})"

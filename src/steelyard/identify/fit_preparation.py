@@ -1,6 +1,6 @@
 """Before the fit: gains, zero offsets, friction laws and fields that a robot file leaves open."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from math import inf
@@ -90,12 +90,9 @@ class FitTask:
         self, model: Model, runs: Sequence[Run], longest: float = inf
     ) -> InformationOf:
         """What runs say about regressors of a model's laws; every call is a pass over the runs."""
+        rests, threads = model.has_memory, self.threads
         return information_from(
-            runs,
-            rests=model.has_memory,
-            longest=longest,
-            threads=self.threads,
-            progress=self.progress,
+            runs, rests=rests, longest=longest, threads=threads, progress=self.progress
         )
 
 
@@ -134,7 +131,7 @@ def prepare_fit(task: FitTask, estimator: Estimator[Information]) -> PreparedFit
         )
     signals = runs[0].recording.signals
     if not all(gains_known(signals.effort_units, signals.gains)):
-        task = replace(task, model=_in_unit_of_log(task.model, task.information_of, runs))
+        task = replace(task, model=_in_unit_of_log(task, runs))
         model = task.model
     offsets = _offsets(task, runs, gains)
     if offsets is not None:
@@ -159,29 +156,25 @@ def prepare_fit(task: FitTask, estimator: Estimator[Information]) -> PreparedFit
     return PreparedFit(model, runs, information_of, choice, found.findings, gains, offsets, notes)
 
 
-def _in_unit_of_log(
-    model: Model,
-    information_of: Callable[[Model, Sequence[Run]], InformationOf],
-    runs: Sequence[Run],
-) -> Model:
+def _in_unit_of_log(task: FitTask, runs: Sequence[Run]) -> Model:
     """The model with nominal bodies as large as efforts of an unknown common unit have them.
 
     A gain of 1 stands for that unit: without this, the prior would be so many times too heavy.
     """
-    information, robot = information_of(model, runs)(base_regressor(model)), model.robot
-    base = base_parameters(model)
-    place = {name: k for k, name in enumerate(base.names)}
-    standard = np.zeros(len(base.names))
-    for body, ten in zip(robot.bodies, robot.nominal, strict=True):
-        for kind, value in zip(INERTIAL_NAMES, ten, strict=True):
-            if (name := f"{kind}.{body.name}") in place:
-                standard[place[name]] = value
+    model, robot, base = task.model, task.model.robot, base_parameters(task.model)
+    information = task.information_of(model, runs)(base_regressor(model))
+    nominal = {
+        f"{kind}.{body.name}": value
+        for body, ten in zip(robot.bodies, robot.nominal, strict=True)
+        for kind, value in zip(INERTIAL_NAMES, ten, strict=True)
+    }
+    standard = [nominal.get(name, 0.0) for name in base.names]
     values = dict(zip(base.base_names, base.base_values(standard), strict=True))
     sizes = []
     for row, sees in enumerate(information.layout.sees):
         gram = information.row_gram(row)
-        nominal = np.array([values.get(information.layout.columns[k], 0.0) for k in sees])
-        moved = float(nominal @ gram[:-1, :-1] @ nominal)
+        own = np.array([values.get(information.layout.columns[k], 0.0) for k in sees])
+        moved = float(own @ gram[:-1, :-1] @ own)
         if moved > 0.0 and gram[-1, -1] > 0.0:
             sizes.append(0.5 * np.log(gram[-1, -1] / moved))
     if not sizes:
@@ -209,21 +202,22 @@ def _friction_choice(
 
     known = method_of(loaded).uses and not task.model.per_run_names
     try:
+        of_bodies, memory = consistent if known else None, loaded.friction == "auto"
+        threads, progress = task.threads, task.progress
         return choose_friction(
             task.model,
             runs,
             estimator,
-            consistent if known else None,
-            memory=loaded.friction == "auto",
-            threads=task.threads,
-            progress=task.progress,
+            of_bodies,
+            memory=memory,
+            threads=threads,
+            progress=progress,
         )
     except TooShortError:
         return None
 
 
 def _gains(task: FitTask) -> GainEstimate | None:
-    """The drive gains that the robot file requests."""
     signals, mass, frame = task.runs[0].recording.signals, task.payload_mass, task.payload_frame
     if not any(signals.unknown_gains):
         if task.carrying or mass is not None or frame is not None:
@@ -244,21 +238,15 @@ def _gains(task: FitTask) -> GainEstimate | None:
             where="[signals.effort] gain",
             fix="identify the gains with given nonlinear parameters, and write them into the file",
         )
-    gather_all = partial(
-        gather,
-        base_regressor(model),
-        rests=model.has_memory,
-        threads=task.threads,
-        progress=task.progress,
-    )
-    unloaded, loaded = ([gather_all(run) for run in some] for some in (task.runs, task.carrying))
+    regressor, rests, threads = base_regressor(model), model.has_memory, task.threads
+    gather_all = partial(gather, regressor, rests=rests, threads=threads, progress=task.progress)
+    unloaded, loaded = (list(map(gather_all, some)) for some in (task.runs, task.carrying))
     gains = zip(model.robot.joint_names, signals.gains, signals.unknown_gains, strict=True)
     known = {joint: float(gain) for joint, gain, unknown in gains if not unknown}
     return identified_gains(model, unloaded, loaded, mass=mass, frame=frame, known=known)
 
 
 def _offsets(task: FitTask, runs: Sequence[Run], gains: GainEstimate | None) -> ZeroOffsets | None:
-    """The zero offsets that the robot file requests."""
     signals = runs[0].recording.signals
     if not any(signals.unknown_offsets) or signals.position_offset is None:
         return None

@@ -25,8 +25,15 @@ from steelyard.estimate.estimator_register import method_of
 from steelyard.estimate.scores.score import RunScore
 from steelyard.identify.fit import Fit, below_described_band, calibrated, fit, without_forces
 from steelyard.identify.fit_preparation import FitTask, model_to_fit, with_signals
-from steelyard.identify.page.report_content import ReportContent
-from steelyard.identify.provenance_and_notes import (
+from steelyard.identify.page.report_content_and_error_words import ReportContent
+from steelyard.identify.repeated_fits import (
+    ReportOfLogs,
+    bootstrap_of,
+    fits_with_other_cutoffs,
+    of_each_log,
+)
+from steelyard.identify.repeated_motion_and_validation_split import marked_repeats, refuse_same_rows
+from steelyard.identify.runs_and_notes_of_logs import (
     commanded_note,
     dropped,
     dropped_rows,
@@ -36,19 +43,11 @@ from steelyard.identify.provenance_and_notes import (
     provenance,
     settings,
 )
-from steelyard.identify.repeated_fits import (
-    ReportOfLogs,
-    bootstrap_of,
-    fits_with_other_cutoffs,
-    of_each_log,
-)
-from steelyard.identify.repeated_motion import marked_repeats
 from steelyard.identify.scores_and_model_report import (
     parameter_table,
     scored,
     scored_from_commanded,
 )
-from steelyard.identify.validation_split import refuse_same_rows
 from steelyard.report.result import DataFrame
 from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
 from steelyard.robot.file.robot_file import load_robot
@@ -175,16 +174,9 @@ def identify(
     assumed = (*file.notes, *reasons, *dropped_rows(every), *left_out_stretches(every), *band)
     decided = notes_of(every)
     refuse_same_rows(clean, unseen)
-    task = FitTask(
-        model,
-        file,
-        clean[: len(known)],
-        clean[len(known) :],
-        payload_mass,
-        payload_frame,
-        cores,
-        progress,
-    )
+    fitted_runs, carrying_runs = clean[: len(known)], clean[len(known) :]
+    of_payload = carrying_runs, payload_mass, payload_frame
+    task = FitTask(model, file, fitted_runs, *of_payload, cores, progress)
 
     def fitted_to(some: FitTask, left_out: tuple[str, ...] = ()) -> Fit:
         notes = (*assumed, *left_out, *decided, *unresolved)
@@ -210,9 +202,7 @@ def identify(
     drawn, failed_draws = bootstrap_of(found, bootstrap)
     repeated, failed_logs = None, tuple[str, ...]()
     if each:
-        repeated, failed_logs = of_each_log(
-            found.runs, found.information, found.fitted.estimating, progress
-        )
+        repeated, failed_logs = of_each_log(*found.fitted[:3], progress)
     open_loops, files = dropped(model, (*clean, *unseen)), [*known, *carrying, *unknown]
     return Identification(
         ReportContent(
@@ -249,7 +239,6 @@ def identify(
 
 
 def _refuse_uncommanded(signals: Signals, unseen: Sequence[LogArgument]) -> None:
-    """Scores from commanded motion need its columns, and logs to be predicted."""
     signals.of_commanded()
     if not unseen:
         raise LogError(
@@ -264,14 +253,15 @@ def _scores(
 ) -> tuple[tuple[RunScore, ...], tuple[RunScore, ...], tuple[RunScore, ...]]:
     """Scores of fitted runs, of unseen ones, if given from commanded motion, and without scales."""
     identified, unscaled, progress = found.identified, found.unscaled, found.task.progress
+    runs = found.fitted.runs
     plain: tuple[RunScore, ...] = ()
     if unscaled is not None and not commanded:
         plain = scored(unscaled, [with_signals(run, unscaled.signals) for run in unseen], progress)
-    scores = scored(identified, found.runs if commanded else (*found.runs, *unseen), progress)
+    scores = scored(identified, runs if commanded else (*runs, *unseen), progress)
     if commanded:
         names = [run.name for run in unseen]
         scores += scored_from_commanded(identified, commanded, names, progress)
-    count = len(found.runs)
+    count = len(runs)
     return scores[:count], marked_repeats(identified, unseen, scores[count:]), plain
 
 
@@ -289,20 +279,13 @@ def _limitations(
     the measured motion.
     """
     checked_before = Diagnosis(()) if diagnosis is None else diagnosis
-    before, names = checked_before.findings, {run.name for run in found.runs}
+    before, runs = checked_before.findings, found.fitted.runs
     undecided = (one for one in before if one.severity == Severity.DOUBTFUL and one.hypotheses)
-    case = FittedCase(
-        found.identified,
-        found.runs,
-        unseen,
-        fitted,
-        fresh,
-        found.information,
-        tuple(one for one in undecided if one.log in names),
-        found.scales,
-        found.consistent,
-        found.prepared.gains,
-    )
+    names = {run.name for run in runs}
+    open_questions = tuple(one for one in undecided if one.log in names)
+    of_runs = runs, unseen, fitted, fresh, found.fitted.information
+    of_fit = found.scales, found.consistent, found.prepared.gains
+    case = FittedCase(found.identified, *of_runs, open_questions, *of_fit)
     after = (
         *turned_joints(before),
         *examine_fit(case, found.task.progress),
@@ -327,11 +310,8 @@ EXPLAINED_QUESTIONS = 2  # open questions up to which the headline says why
 def _open_questions(diagnosis: Diagnosis) -> tuple[Finding, ...]:
     """What the check of the logs could not decide, in one finding."""
     if diagnosis.inconclusive:
-        says, checks = (
-            f"check of the logs: {open_words(diagnosis)}",
-            ", ".join(diagnosis.open_checks),
-        )
-        return (Finding("open questions", "", Severity.DOUBTFUL, says, checks),)
+        says, checks = f"check of the logs: {open_words(diagnosis)}", diagnosis.open_checks
+        return (Finding("open questions", "", Severity.DOUBTFUL, says, ", ".join(checks)),)
     basic = {check.name for check in BASIC_CHECKS}
     left = [f for f in diagnosis.findings if f.check in basic and not f.answered]
     found = {f.check: f.says for f in left if not f.says.startswith(UNTIL_OTHER)}

@@ -43,11 +43,16 @@ from steelyard.estimate.reduction.reduction import reduce as reduced_by
 from steelyard.estimate.scores.band_calibration_on_left_out_motion import calibrate
 from steelyard.estimate.scores.score import RunScore
 from steelyard.identify.page.reduction_and_removals import parameter_comparison
-from steelyard.identify.page.report_content import ReportContent
-from steelyard.identify.provenance_and_notes import dropped, dropped_rows, notes_of, settings
+from steelyard.identify.page.report_content_and_error_words import ReportContent
 from steelyard.identify.repeated_fits import ReportOfLogs, of_each_log
-from steelyard.identify.repeated_motion import marked_repeats, repeat_of
-from steelyard.identify.runs_for_model import runs_for
+from steelyard.identify.repeated_motion_and_validation_split import marked_repeats, repeat_of
+from steelyard.identify.runs_and_notes_of_logs import (
+    dropped,
+    dropped_rows,
+    notes_of,
+    runs_for,
+    settings,
+)
 from steelyard.identify.scores_and_model_report import scored
 from steelyard.identify.verdict_and_next_steps import path_word, poorly_predicted
 from steelyard.model.model import Model
@@ -209,15 +214,9 @@ def reduce(
         kept += tuple(name for name in friction if name not in dropped_first)
     everything = information_of(runs)
     information = everything.select(columns)
-    found = reduced_by(
-        information,
-        chosen_by,
-        rule,
-        keep=kept,
-        drop=dropped_first,
-        unseen=information_of(unseen).select(columns) if unseen else None,
-        equal=equal,
-    )
+    fresh = information_of(unseen).select(columns) if unseen else None
+    limits = {"keep": kept, "drop": dropped_first}
+    found = reduced_by(information, chosen_by, rule, **limits, unseen=fresh, equal=equal)
     found = found.after(before)
     estimate = found.estimate
 
@@ -228,9 +227,8 @@ def reduce(
 
     repeated, failed_logs = None, tuple[str, ...]()
     if each:
-        repeated, failed_logs = of_each_log(
-            runs, everything, lambda _runs, _data: estimating, progress
-        )
+        one_log = of_each_log(runs, everything, lambda _runs, _data: estimating, progress)
+        repeated, failed_logs = one_log
     if robot is not None:
         estimate = estimating(everything)
     smaller = replace(
@@ -240,18 +238,16 @@ def reduce(
         provenance=replace(
             identified.provenance,
             runs=tuple(run.name for run in runs),
-            inputs=_inputs(identification=known, validation=unknown),
+            inputs={
+                f"{role} {number}": sha256(log.path)
+                for role, some in (("identification", known), ("validation", unknown))
+                for number, log in enumerate(some, start=1)
+            },
         ),
     )
     names = estimate.parameters.names
-    calibration = calibrate(
-        smaller,
-        runs,
-        information.select(names),
-        lambda part: estimator(part.select(names)),
-        threads=cores,
-        progress=progress,
-    )
+    left, again = information.select(names), lambda part: estimator(part.select(names))
+    calibration = calibrate(smaller, runs, left, again, threads=cores, progress=progress)
     smaller = replace(smaller, calibration=calibration)
     name, both = smaller.model.robot.name, (*runs, *unseen)
     content = ReportContent(
@@ -285,10 +281,8 @@ def _undescribed(
         "that the model before it does not describe"
     )
     fix = Fix(f"See why with {command}, and reduce with logs that the model describes")
-    brief = f"{says}. {fix.says}"
-    return (
-        Finding("given model", "", Severity.DOUBTFUL, says, fix=fix, headline=True, brief=brief),
-    )
+    doubt = Finding("given model", "", Severity.DOUBTFUL, says, fix=fix, headline=True)
+    return (replace(doubt, brief=f"{says}. {fix.says}"),)
 
 
 def _one_motion(smaller: IdentifiedModel, runs: Sequence[Run]) -> tuple[str, ...]:
@@ -337,7 +331,6 @@ def matching(patterns: Iterable[str], names: Sequence[str], option: str) -> tupl
 
 
 def _refuse_contradiction(keep: Sequence[str], drop: Sequence[str], names: Sequence[str]) -> None:
-    """Refuse parameters that are to stay and to go, and to keep them all."""
     if both := sorted(set(keep) & set(drop)):
         raise ModelError(
             f"'{both[0]}' is to be kept and to be removed",
@@ -438,11 +431,8 @@ def _without_empty_terms(identified: IdentifiedModel) -> IdentifiedModel:
     standard = estimate.standard
     if standard is not None:
         at = [k for k, name in enumerate(standard.parameters.names) if name in names]
-        standard = StandardEstimate(
-            standard.parameters.of(at),
-            frozen(standard.covariance[np.ix_(at, at)]),
-            frozen(standard.learned[at]),
-        )
+        numbers = standard.covariance[np.ix_(at, at)], standard.learned[at]
+        standard = StandardEstimate(standard.parameters.of(at), *map(frozen, numbers))
     return replace(
         identified, model=smaller, base=base, estimate=replace(estimate, standard=standard)
     )
@@ -457,12 +447,3 @@ def _tolerance_of(rule: StoppingRule) -> Tolerance:
             fix="add --stop tolerance=5, or leave --error out",
         )
     return rule
-
-
-def _inputs(**logs: Sequence[LogArgument]) -> dict[str, str]:
-    """Hashes of logs by what they are for."""
-    return {
-        f"{role} {n}": sha256(log.path)
-        for role, some in logs.items()
-        for n, log in enumerate(some, 1)
-    }

@@ -1,33 +1,46 @@
-"""How well a model predicts other logs: what `steelyard validate` does."""
+"""How well a model predicts other logs: what `steelyard validate` and `residuals` do."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from steelyard.base.arrays import Array, frozen
 from steelyard.base.checked_arguments import checked
+from steelyard.base.errors import DataError
 from steelyard.base.progress import Progress, silent
 from steelyard.check.findings_text_and_page import finding_dict
 from steelyard.check.fitted.fitted_case_and_ranked_causes import FittedCase
 from steelyard.check.fitted.post_fit_checks import examine_fit, kept_doubts
 from steelyard.estimate.identified_model import IdentifiedModel, load_model
-from steelyard.estimate.scores.score import RunScore
-from steelyard.identify.page.report_content import ReportContent
-from steelyard.identify.provenance_and_notes import (
+from steelyard.estimate.information.gather import Mask
+from steelyard.estimate.scores.effort_errors import (
+    band_of,
+    effort_reference,
+    joints_moving,
+    known_efforts,
+)
+from steelyard.estimate.scores.model_comparison import units_of
+from steelyard.estimate.scores.score import RunScore, low_passed, no_closed_sample
+from steelyard.identify.page.report_content_and_error_words import ReportContent
+from steelyard.identify.repeated_motion_and_validation_split import marked_repeats
+from steelyard.identify.runs_and_notes_of_logs import (
     commanded_note,
     dropped,
     dropped_rows,
     first_dropped,
     notes_of,
+    runs_for,
     settings,
+    was_fitted,
 )
-from steelyard.identify.repeated_motion import marked_repeats
-from steelyard.identify.runs_for_model import runs_for, was_fitted
 from steelyard.identify.scores_and_model_report import ModelReport, scored, scored_from_commanded
 from steelyard.identify.verdict_and_next_steps import verdict
-from steelyard.report.result import Result
+from steelyard.report.result import DataFrame, Result, frame
 from steelyard.runs.run import Run
-from steelyard.runs.runs_of_named_logs import log_files, paths_of
+from steelyard.runs.runs_of_named_logs import log_file, log_files, paths_of
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -45,16 +58,12 @@ class Validation(ModelReport):
         return {"verdict": self.verdict.to_dict(), "logs": found}
 
     def _result(self, score: RunScore, *, fitted: bool) -> dict[str, Any]:
-        order = [name for name, _ in self.content.qualities]
+        others = {name for name, _ in self.content.qualities} - {"", score.run}
         own = replace(
             self.content,
             scores=() if fitted else (score,),
             fitted=(score,) if fitted else (),
-            limitations=tuple(
-                one
-                for one in self.content.limitations
-                if one.log in ("", score.run) or one.log not in order
-            ),
+            limitations=tuple(x for x in self.content.limitations if x.log not in others),
         )
         return {
             **score.to_dict(),
@@ -134,3 +143,115 @@ def validate(
         only_errors=True,
     )
     return Validation(content)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Residuals:
+    """Efforts along a log, measured and predicted, both behind one zero-phase low-pass.
+
+    Every sample is there from the first to the last motion. With estimated scales of the efforts,
+    the measured ones are divided by them.
+    """
+
+    run: str  # name of the log
+    joints: tuple[str, ...]  # names of the joints, in the order of the columns
+    # unit of each joint's efforts: Nm or N; the logged unit without a known drive gain
+    units: tuple[str, ...]
+    cutoff: float  # of the low-pass [Hz]
+    t: Array  # time, shape `(N,)` [s]
+    measured: Array  # measured effort, shape `(N, n)`
+    predicted: Array  # effort predicted by the model, shape `(N, n)`
+    moving: Mask  # whether each joint moves by the log alone, shape `(N, n)`
+
+    @property
+    def residual(self) -> Array:
+        """Measured minus predicted effort, shape `(N, n)`."""
+        return self.measured - self.predicted
+
+    @property
+    def counted(self) -> Mask:
+        """Samples that the errors are computed from, shape `(N, n)`.
+
+        Where a joint moves; all of a joint that rests.
+        """
+        return self.moving | ~joints_moving(self.moving.sum(axis=0))
+
+    @property
+    def error(self) -> Array:
+        """Root mean square of the residual over the `counted` samples, shape `(n,)`."""
+        squares = np.where(self.counted, self.residual**2, 0.0)
+        return np.asarray(np.sqrt(squares.sum(axis=0) / self.counted.sum(axis=0)))
+
+    @property
+    def table(self) -> DataFrame:
+        """A Polars data frame with one row per sample and joint.
+
+        Raises:
+            PackageError: Polars is not installed.
+        """
+        count, n = self.measured.shape
+        columns = {
+            "t": np.repeat(self.t, n),
+            "joint": list(self.joints) * count,
+            "measured": self.measured.ravel(),
+            "predicted": self.predicted.ravel(),
+            "residual": self.residual.ravel(),
+            "unit": list(self.units) * count,
+            "moving": self.moving.ravel(),
+        }
+        return frame(columns, "residuals")
+
+    def __repr__(self) -> str:
+        errors = zip(self.joints, self.error, self.units, strict=True)
+        listed = ", ".join(f"{joint} {error:.3g} {unit}" for joint, error, unit in errors)
+        return f"Residuals({self.run}, below {self.cutoff:g} Hz: {listed})"
+
+
+@checked()
+def residuals(
+    model: str | Path | IdentifiedModel,
+    log: str | Path,
+    *,
+    cutoff: float | None = None,
+    progress: Progress = silent,
+) -> Residuals:
+    """Measured and predicted efforts of a log, in the band and the unit of the printed errors.
+
+    `error` is then what `identify` and `validate` print for each joint.
+
+    Args:
+        model: The model, its `model.json`, or the folder that contains it.
+        log: The log; `run.csv@5:20` is a window in seconds.
+        cutoff: Of the low-pass of measured and predicted efforts [Hz]; that of the printed errors
+            (5 Hz, unless the robot file says otherwise) if `None`.
+        progress: Receives events of progress; an exception from it stops the work.
+
+    Raises:
+        SteelyardError: A file cannot be used, or the cut-off is too high for the log's rate.
+
+    Example:
+        >>> found = residuals("arm-model", "other.csv")
+        >>> found.residual.shape == found.measured.shape == (len(found.t), 2)
+        True
+        >>> printed = validate("arm-model", "other.csv").scores["error"]
+        >>> bool(abs(found.error - printed.to_numpy()).max() < 1e-9)
+        True
+    """
+    if cutoff is not None and not cutoff > 0.0:
+        raise DataError(
+            f"a low-pass of {cutoff:g} Hz passes nothing",
+            where="cutoff of residuals",
+            fix="give a positive frequency, or None for that of the printed errors",
+        )
+    identified = load_model(model)
+    (file,) = map(log_file, paths_of(log))
+    (run,) = runs_for(identified, [file], progress)
+    gains = identified.signals.gains
+    band = band_of(effort_reference(identified), run.rate) if cutoff is None else cutoff
+    found = [(x.t, x.counted, x.efforts) for x in low_passed([identified.valued], run, gains, band)]
+    if not found:
+        raise no_closed_sample(identified.valued, run)
+    t, moving, efforts = (np.concatenate(some, axis=-1) for some in zip(*found, strict=True))
+    measured, predicted = efforts * np.where(known_efforts(identified), gains, 1.0)[:, None]
+    arrays = map(frozen, (t, measured.T, predicted.T))
+    return Residuals(run.name, identified.joints, units_of(identified), band, *arrays, moving.T)

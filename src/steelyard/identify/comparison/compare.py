@@ -42,11 +42,15 @@ from steelyard.identify.comparison.estimators_page import (
     ComparisonContent,
     comparison_lines,
 )
-from steelyard.identify.comparison.model_errors_and_efforts_sections import ModelsContent
-from steelyard.identify.comparison.models_page import COMPARE_MODELS_SECTIONS
+from steelyard.identify.comparison.models_page import COMPARE_MODELS_SECTIONS, ModelsContent
 from steelyard.identify.fit_preparation import FitTask, PreparedFit, model_to_fit, prepare_fit
-from steelyard.identify.provenance_and_notes import dropped, dropped_rows, notes_of
-from steelyard.identify.runs_for_model import runs_for, was_fitted
+from steelyard.identify.runs_and_notes_of_logs import (
+    dropped,
+    dropped_rows,
+    notes_of,
+    runs_for,
+    was_fitted,
+)
 from steelyard.report.page import render_sections
 from steelyard.report.result import DataFrame, Result, frame
 from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
@@ -98,13 +102,12 @@ def comparison_inputs(
             fix="identify the gains first (steelyard identify ROBOT LOG --loaded LOG "
             "--payload-mass KG), and write them into the robot file",
         )
-    model, unresolved, made = model_to_fit(file), tuple[str, ...](), dict[str, Run]()
+    model, diagnosis, made = model_to_fit(file), None, dict[str, Run]()
     if check:
         given = replace(file, signals=signals)
         diagnosis, made = prechecked(file.reference, given, files, progress)
     runs = runs_of(file, signals, files, (), progress, made)[0]
-    if check:
-        unresolved = notes_of_precheck(diagnosis, file.reference)
+    unresolved = () if diagnosis is None else notes_of_precheck(diagnosis, file.reference)
     task = FitTask(model, file, runs, threads=threads, progress=progress)
     ground = prepare_fit(task, WeightedLeastSquares())
     notes = (*file.notes, *reasons, *dropped_rows(runs), *unresolved)
@@ -333,11 +336,9 @@ def compare_models(
     """
     named = named_models(models)
     if len(named) < 2:
-        raise ModelError(
-            f"{len(named)} model is given" if named else "no model is given",
-            where="models to compare",
-            fix="give at least two; `steelyard validate` scores a single one",
-        )
+        wrong = f"{len(named)} model is given" if named else "no model is given"
+        fix = "give at least two; `steelyard validate` scores a single one"
+        raise ModelError(wrong, where="models to compare", fix=fix)
     (first_name, first), *others = named.items()
     for name, other in others:
         refuse_different(first, other, (f"'{first_name}'", f"'{name}'"))
@@ -383,7 +384,6 @@ def _runs(
 def _notes(
     named: Mapping[str, IdentifiedModel], comparison: ModelComparison, runs: Sequence[Run]
 ) -> tuple[str, ...]:
-    """What limits the comparison."""
     (first_name, first), *others = named.items()
     notes = []
     for k, run in enumerate(comparison.runs):
@@ -397,10 +397,7 @@ def _notes(
             "other [processing]"
         )
     kind = first.signals.effort_kind
-    if efforts := [
-        name
-        for name, other in others
-        if not same_efforts(other, first) or other.signals.effort_kind != kind
-    ]:
+    alike = (same_efforts(x, first) and x.signals.effort_kind == kind for _, x in others)
+    if efforts := [name for (name, _), same in zip(others, alike, strict=True) if not same]:
         notes.append(f"{', '.join(efforts)}: other effort columns than {first_name}")
     return (*notes, *dropped_rows(runs))

@@ -10,11 +10,14 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from steelyard.base.arrays import Array
+from steelyard.base.arrays import stretches
 from steelyard.check.findings_text_and_page import finding_dict
 from steelyard.estimate.scores.effort_errors import EffortError, as_logged, pooled
 from steelyard.estimate.scores.score import RunScore
-from steelyard.identify.page.effort_error_words import (
+from steelyard.identify.page.efforts_their_parts_and_residuals import band_text
+from steelyard.identify.page.parameters_and_truth import parameter_rows, usable
+from steelyard.identify.page.report_content_and_error_words import (
+    ReportContent,
     basis_words,
     both_words,
     coverage_words,
@@ -24,9 +27,6 @@ from steelyard.identify.page.effort_error_words import (
     relative_errors,
     scale_words,
 )
-from steelyard.identify.page.efforts_and_their_parts import band_text
-from steelyard.identify.page.parameters_and_truth import parameter_rows, usable
-from steelyard.identify.page.report_content import ReportContent
 from steelyard.identify.verdict_and_next_steps import (
     MOST_FAIR_PERCENT,
     MOST_GOOD_PERCENT,
@@ -61,27 +61,6 @@ def fitted_larger(fitted: Sequence[RunScore], unseen: Sequence[RunScore]) -> str
 
 def _where(run: RunScore) -> str:
     """The times that hold half of a run's squared residuals, if these are few."""
-    starts, squares = _windows(run)
-    order = np.argsort(-squares)
-    total = np.cumsum(squares[order])
-    count = int(np.searchsorted(total, LOCATED_SHARE * total[-1])) + 1
-    if count > max(MOST_CONCENTRATED_SHARE * len(starts), 1.0):
-        return f"in {run.run} residuals are spread over the whole time"
-    spans: list[list[float]] = []
-    for start in np.sort(starts[order[:count]]).tolist():
-        if spans and start - spans[-1][1] < 0.5 * RESIDUAL_WINDOW:
-            spans[-1][1] = start + RESIDUAL_WINDOW
-        else:
-            spans.append([start, start + RESIDUAL_WINDOW])
-    times = ", ".join(f"{a:.0f} to {b:.0f} s" for a, b in spans)
-    return (
-        f"in {run.run} {percent(100.0 * float(total[count - 1] / total[-1]))} of the squared "
-        f"residuals lie in {percent(100.0 * count / len(starts))} of the time: {times}"
-    )
-
-
-def _windows(run: RunScore) -> tuple[Array, Array]:
-    """Starts of windows of time, and squared residuals in each, in the unit of the errors."""
     traces = run.traces
     counts = np.ones(traces.moving.shape) if run.errors.at_rest else traces.moving.astype(float)
     squares = counts * (traces.measured - traces.predicted) ** 2
@@ -89,8 +68,19 @@ def _windows(run: RunScore) -> tuple[Array, Array]:
     errors = np.array([joint.error if joint.counted else 0.0 for joint in run.errors.joints])
     weights = np.divide(errors**2, mean, out=np.zeros(len(mean)), where=mean > 0.0)
     number = ((traces.t - traces.t[0]) // RESIDUAL_WINDOW).astype(int)
-    total = np.asarray(np.bincount(number, squares @ weights), dtype=np.float64)
-    return np.asarray(float(traces.t[0]) + RESIDUAL_WINDOW * np.arange(len(total))), total
+    windows = np.bincount(number, squares @ weights)
+    order = np.argsort(-windows)
+    total = np.cumsum(windows[order])
+    count = int(np.searchsorted(total, LOCATED_SHARE * total[-1])) + 1
+    if count > max(MOST_CONCENTRATED_SHARE * len(windows), 1.0):
+        return f"in {run.run} residuals are spread over the whole time"
+    ends = float(traces.t[0]) + RESIDUAL_WINDOW * np.arange(len(windows) + 1)
+    chosen = stretches(np.isin(np.arange(len(windows)), order[:count]))
+    times = ", ".join(f"{ends[a]:.0f} to {ends[b]:.0f} s" for a, b in chosen)
+    return (
+        f"in {run.run} {percent(100.0 * float(total[count - 1] / total[-1]))} of the squared "
+        f"residuals lie in {percent(100.0 * count / len(windows))} of the time: {times}"
+    )
 
 
 CAPTION = (
@@ -174,21 +164,16 @@ class VerdictSection(Section, name="verdict", title="Verdict", template="verdict
 
 
 def _facts(content: ReportContent) -> list[tuple[str, str]]:
-    """Values and labels of the key figures."""
     facts = [
         (percent(error.value), f"error {error.kind}, in the validation band")
         for error in relative_errors(content.scores)
     ]
     if content.fitted:
         errors = pooled(score.errors for score in content.fitted)
-        facts += [
-            (
-                percent(error.percent_of_used),
-                "error of the fitted runs, of the effort used, in the band of the headline"
-                + (f" (joints in {error.unit})" if len(errors) > 1 else ""),
-            )
-            for error in errors
-        ]
+        what = "error of the fitted runs, of the effort used, in the band of the headline"
+        units = [f" (joints in {one.unit})" * (len(errors) > 1) for one in errors]
+        each = zip(errors, units, strict=True)
+        facts += [(percent(one.percent_of_used), f"{what}{unit}") for one, unit in each]
     table = parameter_rows(content.identified)
     well = sum(row.status in ("identified", "small effect") for row in table)
     condition = significant(content.identified.estimate.condition_normalised, 2)

@@ -30,8 +30,7 @@ from steelyard.estimate.scores.residual_noise_and_traces import (
     residual_trace,
     thresholds_of,
 )
-from steelyard.identify.provenance_and_notes import left_out, notes_of
-from steelyard.identify.runs_for_model import runs_for, was_fitted
+from steelyard.identify.runs_and_notes_of_logs import left_out, notes_of, runs_for, was_fitted
 from steelyard.robot.robot import Robot
 from steelyard.runs.rest_speed_and_speed_histogram import rest_speed_of_runs
 from steelyard.runs.run import Run
@@ -169,7 +168,11 @@ class ContactStream:
             return
         first, tests = not self._loads, touched.any(axis=1)
         for k, j in np.argwhere(touched).tolist():
-            self._add(j, float(signal[k, j]), float(size[k, j] / limits[k, j]), k == CHANGE_TEST)
+            known_load, ratio = self._loads.get(j), float(size[k, j] / limits[k, j])
+            if known_load is None or known_load.ratio < ratio:
+                axis, sigmas = self._robot.coordinates[j], float(size[k, j]) / float(self._sigma[j])
+                peak = axis.name, axis.effort_unit, float(signal[k, j])
+                self._loads[j] = JointLoad(*peak, sigmas, ratio, k == CHANGE_TEST)
         latest = float(at[tests].max())
         decided = float(np.array((t, t) if known is None else known)[tests].min())
         if first:
@@ -185,12 +188,6 @@ class ContactStream:
         self._loads.clear()
         self._released[:] = np.nan
         return event
-
-    def _add(self, j: int, signal: float, ratio: float, change: bool) -> None:
-        known = self._loads.get(j)
-        if known is None or known.ratio < ratio:
-            axis, sigmas = self._robot.coordinates[j], abs(signal) / float(self._sigma[j])
-            self._loads[j] = JointLoad(axis.name, axis.effort_unit, signal, sigmas, ratio, change)
 
     def _event(self) -> ContactEvent:
         links = links_carried_by(self._robot, list(self._loads))

@@ -18,8 +18,7 @@ from steelyard.estimate.identified_model import IdentifiedModel, load_model
 from steelyard.estimate.information.base_parameters_and_regressor import base_regressor
 from steelyard.estimate.information.gather import gather
 from steelyard.estimate.scores.residual_noise_and_traces import residual_cutoff, residual_trace
-from steelyard.identify.provenance_and_notes import notes_of
-from steelyard.identify.runs_for_model import runs_for
+from steelyard.identify.runs_and_notes_of_logs import notes_of, runs_for
 from steelyard.report.page import figures, inspected_page, notes
 from steelyard.report.page_figures import Figure, Group, Key, area, line
 from steelyard.report.result import Result, print_verdict
@@ -122,20 +121,23 @@ class Health(Result):
 
     def report(self) -> str:
         """The report as one self-contained HTML page."""
+        found = []
+        for joint in self.joints:
+            mine = [one for one in self.series if one.joint == joint]
+            drifts = [change for change in self.named if change.joint == joint]
+            words = "; ".join(f"{change.quantity} {change.text}" for change in drifts)
+            if mine:
+                found.append(Group([_figure(one) for one in mine], joint, words or "no drift"))
+        words, tables = f"{self.headline}. {self.claim}", [drifts_table(self)] * bool(self.named)
         sections = (
-            figures(
-                "drift",
-                "Drift",
-                words=f"{self.headline}. {self.claim}",
-                tables=[drifts_table(self)] if self.named else (),
-            ),
+            figures("drift", "Drift", words=words, tables=tables),
             notes("limits", "Limits of this result", self.limits),
             figures("joints", "Joints", tables=[joints_table(self)]),
             figures(
                 "windows",
                 "Changes over time",
                 legend=[Key("--measured", "windows"), Key("--interval", "95 % interval", "area")],
-                groups=_groups(self),
+                groups=found,
                 note="Change from the model of every window; logs follow each other without the "
                 f"time between them. Lines are interrupted between logs: {', '.join(self.logs)}.",
             ),
@@ -206,17 +208,6 @@ def joints_table(content: Health) -> PlainTable:
     words = "Level in the last log relative to the model, with its 95 % interval; ! drift"
     words += "; ? differs, drift not proven." if content.unproven else "."
     return PlainTable("", words, ("joint", *QUANTITY_HEADINGS), rows)
-
-
-def _groups(content: Health) -> list[Group]:
-    found = []
-    for joint in content.joints:
-        mine = [one for one in content.series if one.joint == joint]
-        drifts = [change for change in content.named if change.joint == joint]
-        words = "; ".join(f"{change.quantity} {change.text}" for change in drifts)
-        if mine:
-            found.append(Group([_figure(one) for one in mine], joint, words or "no drift"))
-    return found
 
 
 def _figure(one: Series) -> Figure:

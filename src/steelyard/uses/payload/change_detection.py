@@ -71,12 +71,8 @@ class PayloadWindows:
         left = self.square - 2.0 * np.sum(self.vector * mean, axis=1)
         left = np.maximum(left + np.einsum("wi,wij,wj->w", mean, self.matrix, mean), 1e-300)
         weight = np.minimum(1.0, OUTLYING_WINDOW * np.median(left) / left)
-        return replace(
-            self,
-            matrix=self.matrix * weight[:, None, None],
-            vector=self.vector * weight[:, None],
-            square=self.square * weight,
-        )
+        matrix, vector = self.matrix * weight[:, None, None], self.vector * weight[:, None]
+        return replace(self, matrix=matrix, vector=vector, square=self.square * weight)
 
     def gain(self, first: Places, last: Places) -> Array:
         """Squares that a payload of its own explains in windows `first` to `last`, excluded."""
@@ -292,7 +288,6 @@ def _explained(windows: PayloadWindows, places: list[int]) -> list[float]:
 
 
 def _neighbours(windows: PayloadWindows, places: list[int], k: int) -> tuple[int, int]:
-    """Windows at which the payloads beside a change begin and end."""
     ends = [0, *places, len(windows.starts)]
     return ends[k], ends[k + 2]
 

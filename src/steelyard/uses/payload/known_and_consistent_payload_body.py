@@ -128,7 +128,8 @@ def consistent_body(
     mass, centre = _start(free, by_data, known)
     spread = _spread(free, mass, centre) if known.shape is None else np.diag(known.shape.moments)
     for _ in range(ROUNDS):
-        scale = _scaled(mass, centre, spread)
+        moved = np.array([Inertia.from_ten(e).moved(np.eye(3), centre).ten for e in np.eye(10)]).T
+        scale = np.asarray(moved @ ten_map(of_spread(mass, np.zeros(3), mass * spread)))
         matrix, vector = _equations(free, information, widening, scale)
         rows, values = _known_rows(known, mass, scale)
         rows = np.hstack([rows, np.zeros((len(rows), matrix.shape[1] - 10))])
@@ -185,12 +186,6 @@ def _spread(free: Array, mass: float, centre: Array) -> Array:
     radius = np.cbrt(0.75 * mass / (np.pi * DENSITY))
     values, vectors = np.linalg.eigh(about)
     return np.asarray((vectors * np.clip(values, radius**2 / 5.0, LARGEST)) @ vectors.T)
-
-
-def _scaled(mass: float, centre: Array, spread: Array) -> Array:
-    """Ten numbers per entry of `X`, the pseudo-inertia about a centre in that of a shape."""
-    moved = np.array([Inertia.from_ten(e).moved(np.eye(3), centre).ten for e in np.eye(10)]).T
-    return np.asarray(moved @ ten_map(of_spread(mass, np.zeros(3), mass * spread)))
 
 
 def _equations(

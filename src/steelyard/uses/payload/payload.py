@@ -1,7 +1,7 @@
 """What a robot carries, from logs and an identified model: what `steelyard payload` does."""
 
 import os
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from math import isfinite
 from pathlib import Path
@@ -20,11 +20,10 @@ from steelyard.estimate.information.kept_filtered_samples import gather_samples
 from steelyard.estimate.payload.payload_estimate import PayloadEstimate
 from steelyard.estimate.payload.runs_with_payload import carrier
 from steelyard.estimate.scores.residual_noise_and_traces import residual_cutoff, residual_trace
-from steelyard.identify.provenance_and_notes import dropped
-from steelyard.identify.runs_for_model import fitted_before, runs_for
+from steelyard.identify.runs_and_notes_of_logs import dropped, fitted_before, runs_for
 from steelyard.report.page import figures, inspected_page, notes
 from steelyard.report.page_figures import Figure, Group, Key, area, evenly, line
-from steelyard.report.tables import PlainTable, Row, light_table
+from steelyard.report.tables import PlainTable, light_table, table_of
 from steelyard.report.words import rounded_to_uncertainty
 from steelyard.robot.inertia_and_placement import INERTIAL_NAMES, INERTIAL_UNITS
 from steelyard.runs.run import Run
@@ -33,7 +32,12 @@ from steelyard.uses.effort_plausibility import refuse_without
 from steelyard.uses.payload.change_detection import CHANGE_SPAN
 from steelyard.uses.payload.known_and_consistent_payload_body import PayloadKnowledge, SolidShape
 from steelyard.uses.payload.payload_fit import fit_payload
-from steelyard.uses.payload.pick_up_and_put_down import PayloadEvents, find_payload_events
+from steelyard.uses.payload.pick_up_and_put_down import (
+    Carried,
+    PayloadEvent,
+    PayloadEvents,
+    find_payload_events,
+)
 
 
 def rounded_mass(value: float, half: float) -> tuple[str, str]:
@@ -103,27 +107,23 @@ MASS_WINDOW_NOTE = (
 
 
 def _tables(found: PayloadEvents) -> list[PlainTable]:
-    tables, changes = [], []
-    for number, event in enumerate(found.events, start=1):
-        cells = (
-            f"{number}",
-            event.kind,
-            f"{event.time:.2f}",
-            f"{event.earliest:.2f} to {event.latest:.2f}",
-            mass_with_interval(event.mass, event.mass_half_width),
-            f"{event.ratio:.3g}",
-        )
-        changes.append(Row(cells))
-    if changes:
-        headings = ("#", "change", "time [s]", "95 % interval [s]", "mass [kg]", "× threshold")
-        tables.append(PlainTable("", "", headings, changes, (1, 3, 4)))
-    carried = []
-    for one in found.carried:
-        mass = mass_with_interval(one.payload.mass, float(one.payload.half_width[0]))
-        carried.append(Row((f"{one.start:.2f} to {one.stop:.2f}", mass)))
-    if carried:
-        tables.append(PlainTable("", "", ("carried [s]", "mass [kg]"), carried, (0, 1)))
-    return tables
+    changes: dict[str, Callable[[tuple[int, PayloadEvent]], str]] = {
+        "#": lambda x: f"{x[0]}",
+        "change": lambda x: x[1].kind,
+        "time [s]": lambda x: f"{x[1].time:.2f}",
+        "95 % interval [s]": lambda x: f"{x[1].earliest:.2f} to {x[1].latest:.2f}",
+        "mass [kg]": lambda x: mass_with_interval(x[1].mass, x[1].mass_half_width),
+        "× threshold": lambda x: f"{x[1].ratio:.3g}",
+    }
+    carried: dict[str, Callable[[Carried], str]] = {
+        "carried [s]": lambda x: f"{x.start:.2f} to {x.stop:.2f}",
+        "mass [kg]": lambda x: mass_with_interval(x.payload.mass, float(x.payload.half_width[0])),
+    }
+    tables = (
+        table_of(enumerate(found.events, start=1), changes, text=(1, 3, 4)),
+        table_of(found.carried, carried, text=(0, 1)),
+    )
+    return [table for table in tables if table.rows]
 
 
 def _figure(found: PayloadEvents) -> Figure:
@@ -136,18 +136,13 @@ def _figure(found: PayloadEvents) -> Figure:
         for t in 0.5 * (edges[:-1] + edges[1:])
     ]
     steps, carried = np.repeat(edges, 2)[1:-1], np.repeat(between, 2)
-    return Figure(
-        "",
-        f"Mass of the payload along {found.run}, with its interval and the changes",
-        "time [s]",
-        "mass [kg]",
-        [
-            area("95 % interval", t, mass - half, mass + half, "--interval"),
-            line("window", t, mass, "--measured", width=1.2),
-            line("carried", steps, carried, "--vermillion", width=2.5),
-        ],
-        {"showlegend": False},
-    )
+    traces = [
+        area("95 % interval", t, mass - half, mass + half, "--interval"),
+        line("window", t, mass, "--measured", width=1.2),
+        line("carried", steps, carried, "--vermillion", width=2.5),
+    ]
+    label = f"Mass of the payload along {found.run}, with its interval and the changes"
+    return Figure("", label, "time [s]", "mass [kg]", traces, {"showlegend": False})
 
 
 def payload_lines(estimate: PayloadEstimate, console: Console) -> None:
@@ -359,14 +354,8 @@ def identify_payload(
     of_runs = [
         gather(regressor, run, rests=rests, threads=threads, progress=progress) for run in runs
     ]
-    found = fit_payload(
-        identified,
-        of_runs[: len(loaded)],
-        frame,
-        unloaded=of_runs[len(loaded) :],
-        gain=gain_uncertainty,
-        known=known,
-    )
+    carrying, bare, gain = of_runs[: len(loaded)], of_runs[len(loaded) :], gain_uncertainty
+    found = fit_payload(identified, carrying, frame, unloaded=bare, gain=gain, known=known)
     compared = (
         f"the model was identified from {log.path.name}: compared with itself it has no payload"
         for log in loaded

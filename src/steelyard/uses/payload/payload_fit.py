@@ -104,16 +104,10 @@ def fit_payload(
     share = gain_share(identified, gain)
     refuse_foreign(identified.model, (*unloaded, *loaded))
     carries = carrier(identified.model.robot, frame)
-    gains, units = identified.signals.gains, identified.model.robot.effort_units
-    case = load_case(
-        identified.model,
-        identified.base,
-        carries,
-        [run.scaled(gains, units) for run in unloaded],
-        [run.scaled(gains, units) for run in loaded],
-        first_deviates=True,
-        zero={one.name for one in identified.estimate.removed},
-    )
+    model, gains, units = identified.model, identified.signals.gains, identified.robot.effort_units
+    both = ([run.scaled(gains, units) for run in some] for some in (unloaded, loaded))
+    zero = {one.name for one in identified.estimate.removed}
+    case = load_case(model, identified.base, carries, *both, first_deviates=True, zero=zero)
     fit = fitted_case(identified, case, bool(unloaded))
     if not unloaded:
         refuse_unexplained_case(identified, case, fit)

@@ -1,8 +1,9 @@
 """What a robot picks up and puts down along a run, when, and how heavy it is."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 from itertools import compress, count, pairwise
+from math import hypot
 from typing import Any, Literal
 
 import numpy as np
@@ -143,28 +144,19 @@ def find_payload_events(
     while True:
         stretches = weigher.stretches(changes)
         payloads, unexplained = weigher.payloads(stretches)
-        masses = [_change(*pair) for pair in pairwise(payloads)]
+        # mass and half-width of its interval of each payload, and of changes between them
+        own = [(0.0, 0.0) if p is None else (p.mass, float(p.half_width[0])) for p in payloads]
+        masses = [(new[0] - old[0], hypot(old[1], new[1])) for old, new in pairwise(own)]
         differ = [abs(mass) > CERTAIN_MASS_STD / Z95 * half for mass, half in masses]
         if all(differ):
             break
         changes = list(compress(changes, differ))
     events = tuple(
-        PayloadEvent(
-            "picked up" if mass > 0.0 else "put down",
-            change.time,
-            change.earliest,
-            change.latest,
-            abs(mass),
-            half,
-            change.ratio,
-        )
-        for change, (mass, half) in zip(changes, masses, strict=True)
+        PayloadEvent("picked up" if mass > 0.0 else "put down", *at, abs(mass), half, ratio)
+        for (*at, ratio), (mass, half) in zip(map(astuple, changes), masses, strict=True)
     )
-    carried = tuple(
-        Carried(window.start, window.stop, payload)
-        for window, payload in zip(stretches, payloads, strict=True)
-        if payload is not None
-    )
+    each = zip(stretches, payloads, strict=True)
+    carried = tuple(Carried(at.start, at.stop, one) for at, one in each if one is not None)
     digits = 0 if found.inflation >= 10.0 else 1
     return PayloadEvents(
         run=samples.sources[0].run,
@@ -189,13 +181,6 @@ def find_payload_events(
     )
 
 
-def _change(one: PayloadEstimate | None, other: PayloadEstimate | None) -> tuple[float, float]:
-    """Change of the mass and half-width of its 95 % interval; nothing weighs nothing."""
-    masses = [0.0 if payload is None else payload.mass for payload in (one, other)]
-    widths = [0.0 if payload is None else payload.half_width[0] for payload in (one, other)]
-    return masses[1] - masses[0], float(np.linalg.norm(widths))
-
-
 @dataclass(frozen=True, eq=False)
 class _Weigher:
     """Weighs what is carried between changes; arm, friction and payloads in one fit."""
@@ -207,14 +192,13 @@ class _Weigher:
 
     def stretches(self, changes: list[PayloadChange]) -> list[Window]:
         """Time between the changes, without their intervals where that leaves enough."""
-        run, t = self.samples.sources[0].run, self.samples.t
-        bare = [float(t[0]), *(change.time for change in changes), float(t[-1])]
-        starts = [float(t[0]), *(change.latest for change in changes)]
-        stops = [*(change.earliest for change in changes), float(t[-1])]
-        apart = [b - a >= LEAST_TIME_OF_CHANGES for a, b in zip(starts, stops, strict=True)]
+        run, first, last = self.samples.sources[0].run, *map(float, self.samples.t[[0, -1]])
+        bare = pairwise([first, *(change.time for change in changes), last])
+        starts = [first, *(change.latest for change in changes)]
+        stops = [*(change.earliest for change in changes), last]
         return [
-            Window(run, starts[k], stops[k]) if apart[k] else Window(run, bare[k], bare[k + 1])
-            for k in range(len(apart))
+            Window(run, *((a, b) if b - a >= LEAST_TIME_OF_CHANGES else ends))
+            for a, b, ends in zip(starts, stops, bare, strict=True)
         ]
 
     def payloads(self, stretches: list[Window]) -> tuple[list[PayloadEstimate | None], str]:
@@ -241,15 +225,9 @@ class _Weigher:
         self, stretches: list[Window], loads: Sequence[int | None]
     ) -> list[PayloadEstimate | None]:
         model = self.identified
-        case = combined(
-            model.model,
-            model.base,
-            self.carries,
-            [self.samples.during([window]).information() for window in stretches],
-            loads,
-            [0] * len(stretches),
-            zero={one.name for one in model.estimate.removed},
-        )
+        parts = [self.samples.during([window]).information() for window in stretches]
+        one_run, zero = [0] * len(parts), {one.name for one in model.estimate.removed}
+        case = combined(model.model, model.base, self.carries, parts, loads, one_run, zero=zero)
         fit = fitted_case(model, case, False)
         refuse_unexplained_case(model, case, fit)
         return [

@@ -22,7 +22,7 @@ from steelyard.estimate.scores.residual_noise_and_traces import (
     greatest,
     thresholds_of,
 )
-from steelyard.identify.runs_for_model import fitted_before, processing_of
+from steelyard.identify.runs_and_notes_of_logs import fitted_before, processing_of
 from steelyard.logs.contents import windowed
 from steelyard.logs.formats import open_log
 from steelyard.logs.log_windows import parse_log_argument
@@ -37,9 +37,14 @@ from steelyard.uses.contact.contact import (
     peaks_of_free_motion,
 )
 from steelyard.uses.payload.pick_up_and_put_down import PayloadEvents, find_payload_events
-from steelyard.uses.watch.payload_stream import PayloadStream
 from steelyard.uses.watch.stream_output import StreamFiles
-from steelyard.uses.watch.watcher_and_events import StreamEvent, Watcher, rests_of, velocity_of
+from steelyard.uses.watch.watcher_and_events import (
+    PayloadStream,
+    StreamEvent,
+    Watcher,
+    rests_of,
+    velocity_of,
+)
 
 
 @dataclass(frozen=True, eq=False)

@@ -253,13 +253,10 @@ def measured_wrench(
         )
     whole = replace(run, span=(-np.inf, np.inf))
     t, logged = _logged(run, file, sensor)
+    logged = logged if sensor.sign == "on_robot" else -logged
     segments = by_key((block.segment, block) for block in whole.blocks())
     blocks = [Block.joined(some) for some in segments.values()]
-    sign = 1.0 if sensor.sign == "on_robot" else -1.0
-    read = [
-        sign * np.column_stack([np.interp(one.t, t, column) for column in logged.T])
-        for one in blocks
-    ]
+    read = [np.column_stack([np.interp(one.t, t, x) for x in logged.T]) for one in blocks]
     axes = [identified.pose(one.q.T, sensor.frame)[1] for one in blocks]
     start = parse_log_argument(file.text)[1].seconds[0]
     carried = _carried(identified, run, start, blocks, read, axes, sensor)
@@ -291,8 +288,8 @@ def _logged(run: Run, file: LogArgument, sensor: Sensor) -> tuple[Array, Array]:
     """Increasing times from the log's start `(M,)` [s], and the sensor's columns, `(M, 6)`."""
     recording = recording_of(file, run.recording.signals)
     signals = recording.signals
-    parts = recording.log.parts((signals.time, *sensor.columns), recording.cut.rows)
-    rows = np.concatenate(list(parts))
+    columns = (signals.time, *sensor.columns)
+    rows = np.concatenate(list(recording.log.parts(columns, recording.cut.rows)))
     rows = rows[np.isfinite(rows).all(axis=1)]
     if not len(rows):
         raise DataError(
@@ -415,7 +412,6 @@ QUARTER_TURNS = tuple(
     if np.linalg.det(turn := np.diag(signs)[list(order)]) > 0.0
 )
 """The 24 rotations that bring axes onto axes."""
-
 
 HALVES = (slice(0, 3), slice(3, 6))
 """Force and moment of a wrench."""

@@ -23,8 +23,7 @@ from steelyard.estimate.external.wrench_methods import (
     WrenchMethod,
 )
 from steelyard.estimate.identified_model import IdentifiedModel, load_model
-from steelyard.identify.provenance_and_notes import left_out, notes_of
-from steelyard.identify.runs_for_model import runs_for, was_fitted
+from steelyard.identify.runs_and_notes_of_logs import left_out, notes_of, runs_for, was_fitted
 from steelyard.logs.formats import open_log, write_table
 from steelyard.logs.log_windows import parse_log_argument
 from steelyard.report.page import figures, inspected_page, notes
@@ -160,26 +159,19 @@ class ExternalWrench(Result):
     def components(self) -> tuple[ComponentSummary, ...]:
         """Figures of the six components."""
         found = self.estimate
-        nonzero = np.abs(found.wrench) > found.half_width
-        rows = []
-        for k, (name, unit) in enumerate(zip(COMPONENTS, UNITS, strict=True)):
-            own, half = found.wrench[:, k], found.half_width[:, k]
-            at = int(np.argmax(np.abs(own)))
-            rows.append(
-                ComponentSummary(
-                    component=name,
-                    unit=unit,
-                    rms=float(np.sqrt(np.mean(np.square(own)))),
-                    peak=float(own[at]),
-                    peak_half_width=float(half[at]),
-                    peak_time_s=float(found.t[at]),
-                    median_half_width=float(np.median(half)),
-                    nonzero_share=float(np.mean(nonzero[:, k])),
-                    data_share=float(np.mean(found.data_share[:, k])),
-                    assumed_zero=bool(found.assumed_zero[k]),
-                )
-            )
-        return tuple(rows)
+        at, components = np.argmax(np.abs(found.wrench), axis=0), np.arange(6)
+        columns = (
+            np.sqrt(np.mean(np.square(found.wrench), axis=0)),
+            found.wrench[at, components],
+            found.half_width[at, components],
+            found.t[at],
+            np.median(found.half_width, axis=0),
+            np.mean(np.abs(found.wrench) > found.half_width, axis=0),
+            np.mean(found.data_share, axis=0),
+            found.assumed_zero,
+        )
+        rows = zip(COMPONENTS, UNITS, *(column.tolist() for column in columns), strict=True)
+        return tuple(ComponentSummary(*row) for row in rows)
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -261,25 +253,16 @@ class ExternalWrench(Result):
         """The report as one self-contained HTML page."""
         found = self.estimate
         components, least, torques = _figures(found, self.measured)
+        over_time = Group(components, columns="one")
         tables = [components_table(self)]
         legend = [Key("--measured", "estimate"), Key("--interval", "95 % interval", "area")]
         if self.measured is not None:
             tables.append(self.measured.table())
             legend.append(Key("--predicted", "sensor"))
         sections = (
-            figures(
-                "wrench",
-                "Wrench",
-                words=f"{self.headline}. {self.claim}",
-                tables=tables,
-            ),
+            figures("wrench", "Wrench", words=f"{self.headline}. {self.claim}", tables=tables),
             notes("notes", "Limits of this result", self.warnings),
-            figures(
-                "over-time",
-                "Wrench over time",
-                legend=legend,
-                groups=[Group(components, columns="one")],
-            ),
+            figures("over-time", "Wrench over time", legend=legend, groups=[over_time]),
             figures(
                 "observability",
                 "Observability",
@@ -302,7 +285,7 @@ class ExternalWrench(Result):
 
     def to_dict(self) -> dict[str, Any]:
         """What was estimated as JSON values, without the samples."""
-        found = self.estimate
+        found, at = self.estimate, self.estimate.largest
         return {
             "log": found.run,
             "frame": found.frame,
@@ -312,12 +295,12 @@ class ExternalWrench(Result):
             "bandwidth_hz": found.bandwidth,
             "expected": {"force_N": found.expected.force, "lever_m": found.expected.lever},
             "largest_force": {
-                "force_N": float(found.force[found.largest]),
-                "low_N": float(found.force_lower[found.largest]),
-                "high_N": float(found.force_upper[found.largest]),
-                "observable": bool(found.force_observable[found.largest]),
-                "time_s": float(found.t[found.largest]),
-                "differs_from_zero": bool(found.pushed[found.largest]),
+                "force_N": float(found.force[at]),
+                "low_N": float(found.force_lower[at]),
+                "high_N": float(found.force_upper[at]),
+                "observable": bool(found.force_observable[at]),
+                "time_s": float(found.t[at]),
+                "differs_from_zero": bool(found.pushed[at]),
             },
             "samples": len(found.t),
             "start_s": float(found.t[0]),
@@ -386,7 +369,6 @@ def components_table(content: ExternalWrench) -> PlainTable:
 def _figures(
     found: WrenchEstimate, measured: MeasuredWrench | None
 ) -> tuple[list[Figure], Figure, list[Figure]]:
-    """Components of the wrench, the least observable direction, and external torques over time."""
     at = evenly(len(found.t), MOST_POINTS_OF_WRENCH)
     t, components, torques = found.t[at], [], []
     for k, (name, unit) in enumerate(zip(COMPONENTS, UNITS, strict=True)):
@@ -488,13 +470,10 @@ def external_wrench(
     file = log_file(str(log))
     columns = [measured] if isinstance(measured, str) else list(measured)
     if columns:
-        reader = Sensor(
-            sensor_columns(open_log(file.path).columns, columns, file.text),
-            moved_frame(identified.robot, sensor or frame),
-            sensor_placement(sensor_at),
-            sensor_sign,
-            tuple(map(stretch_of_rest, sensor_rest)),
-        )
+        named = sensor_columns(open_log(file.path).columns, columns, file.text)
+        base = moved_frame(identified.robot, sensor or frame)
+        rest = tuple(map(stretch_of_rest, sensor_rest))
+        reader = Sensor(named, base, sensor_placement(sensor_at), sensor_sign, rest)
     elif sensor is not None or sensor_at or sensor_sign != "on_robot" or sensor_rest:
         raise DataError(
             "a sensor is described, but none of its columns is named",

@@ -163,8 +163,7 @@ class WrenchEstimate:
     @property
     def largest(self) -> int:
         """Sample of the largest force: of those that differ from zero, if any does."""
-        counted = self.pushed if self.pushed.any() else np.ones_like(self.pushed)
-        return int(np.argmax(np.where(counted, self.force, 0.0)))
+        return int(np.argmax(np.where(self.pushed | ~self.pushed.any(), self.force, 0.0)))
 
     @property
     def data_share(self) -> Array:

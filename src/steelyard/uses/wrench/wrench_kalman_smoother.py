@@ -52,7 +52,12 @@ class Smoothed:
 
     def __call__(self, efforts: ExternalEfforts) -> Wrenches:
         """See `WrenchMethod`."""
-        efforts = _without_negligible(efforts)
+        # combinations of parameters that make no difference to the efforts are left out
+        rms = np.hypot(efforts.slow, efforts.noise)[:, :, None]
+        flat = (efforts.spread / rms).reshape(-1, efforts.spread.shape[2])
+        effects, vectors = np.linalg.eigh(flat.T @ flat / len(flat))
+        spread = efforts.spread @ vectors[:, effects > NEGLIGIBLE**2]
+        efforts = replace(efforts, spread=spread)
         std, size = np.sqrt(self.expected.variances), np.ones(len(efforts.torque))
         first = values, covariance = self._posterior(efforts, size)
         for _ in range(ROUNDS):
@@ -70,13 +75,8 @@ class Smoothed:
         n = efforts.torque.shape[1]
         lasts = np.repeat([self.duration, RESIDUAL_CORRELATION_TIME], [6, n])
         std = np.sqrt(size)[:, None] * np.sqrt(self.expected.variances)
-        loads = np.concatenate(
-            [
-                (efforts.jacobian * std[:, :, None]).swapaxes(1, 2),
-                efforts.slow[:, :, None] * np.eye(n),
-            ],
-            axis=2,
-        )
+        of_wrench = (efforts.jacobian * std[:, :, None]).swapaxes(1, 2)
+        loads = np.concatenate([of_wrench, efforts.slow[:, :, None] * np.eye(n)], axis=2)
         noise = efforts.noise[:, :, None] * efforts.correlation * efforts.noise[:, None, :]
         before = np.eye(6 + n)
         before[6:, 6:] = efforts.correlation
@@ -94,13 +94,8 @@ class Smoothed:
         from scipy.ndimage import uniform_filter1d
 
         window = 2 * max(1, round(min(0.5 * self.duration / step, len(size)))) + 1
-        return np.asarray(
-            np.clip(
-                uniform_filter1d(size, window, mode="nearest"),
-                LEAST_WRENCH_VARIANCE,
-                MOST_WRENCH_VARIANCE,
-            )
-        )
+        mean = uniform_filter1d(size, window, mode="nearest")
+        return np.asarray(np.clip(mean, LEAST_WRENCH_VARIANCE, MOST_WRENCH_VARIANCE))
 
 
 def _smoothed(
@@ -144,14 +139,6 @@ def _smoothed(
         covariances[k] += back[k] @ covariances[k + 1] @ back[k].T
     flat = innovations.reshape(-1, columns)
     return states, covariances, flat.T @ flat
-
-
-def _without_negligible(efforts: ExternalEfforts) -> ExternalEfforts:
-    """The same without combinations of parameters that make no difference to the efforts."""
-    std = np.hypot(efforts.slow, efforts.noise)[:, :, None]
-    flat = (efforts.spread / std).reshape(-1, efforts.spread.shape[2])
-    values, vectors = np.linalg.eigh(flat.T @ flat / len(flat))
-    return replace(efforts, spread=efforts.spread @ vectors[:, values > NEGLIGIBLE**2])
 
 
 def _unobservable(before: Array, after: Array) -> Array:

@@ -1,18 +1,22 @@
-"""Measured and predicted effort of every joint over time, and what the prediction consists of."""
+"""Efforts of every joint over time, what they consist of, and what the residual depends on."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from steelyard.base.arrays import Z95, Array
+from steelyard.base.arrays import Z95, Array, stretches
 from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.estimate.information.gather import Mask
 from steelyard.estimate.scores.effort_errors import known_efforts
 from steelyard.estimate.scores.parts_and_bands_along_run import PARTS, TorqueParts, Traces
 from steelyard.estimate.scores.score import RunScore
-from steelyard.identify.page.effort_error_words import below
-from steelyard.identify.page.report_content import ReportContent
+from steelyard.identify.page.report_content_and_error_words import (
+    ReportContent,
+    below,
+    pooled_samples,
+)
 from steelyard.report.page import (
     FigureSection,
     Numbers,
@@ -22,9 +26,21 @@ from steelyard.report.page import (
     rounded,
     script_json,
 )
-from steelyard.report.page_figures import Figure, Group, drawn, from_origin, gaps, line, outline
+from steelyard.report.page_figures import (
+    Figure,
+    Group,
+    Key,
+    area,
+    drawn,
+    evenly,
+    from_origin,
+    gaps,
+    line,
+    outline,
+    points,
+)
 from steelyard.report.tables import PlainTable, Row
-from steelyard.report.words import percent, significant
+from steelyard.report.words import NONE, percent, significant
 from steelyard.robot.robot import Coordinate
 
 MOST_POINTS_OF_EFFORT = 2000  # most points of one line
@@ -102,6 +118,8 @@ def _effort_figure(score: RunScore, joint: int, points: int) -> dict[str, Any]:
     error = score.errors.joints[joint]
     size = f"error {significant(error.error)} {error.unit}"
     used = f"{size}: {percent(error.percent_of_used)} of the effort used"
+    still = stretches(~traces.moving[:, joint].astype(bool))
+    longest = sorted(((t[a], t[b - 1]) for a, b in still), key=lambda span: span[0] - span[1])
     return {
         "caption": used if error.counted else f"at rest: {size}, not counted",
         "covered": "" if covered is None else f"{percent(covered)} in the 95 % band",
@@ -110,7 +128,7 @@ def _effort_figure(score: RunScore, joint: int, points: int) -> dict[str, Any]:
         "time": time,
         "lines": [_packed(drawn(t, signal, points)) for signal in signals],
         "bands": _bands(t, traces, joint, points) if banded else [],
-        "rests": _rests(t, traces, joint),
+        "rests": [[rounded(a), rounded(b)] for a, b in sorted(longest[:MOST_SHADED_RESTS])],
     }
 
 
@@ -160,15 +178,6 @@ def _packed(points: tuple[Array, Array]) -> dict[str, dict[str, str]]:
     return {"x": packed(points[0]), "y": packed(points[1])}
 
 
-def _rests(t: Array, traces: Traces, joint: int) -> list[list[float | None]]:
-    """Start and end [s] of the longest stretches in which the joint does not move."""
-    still = np.concatenate([[False], ~traces.moving[:, joint].astype(bool), [False]])
-    edges = np.flatnonzero(np.diff(still))
-    spans = [(float(t[a]), float(t[b - 1])) for a, b in zip(edges[::2], edges[1::2], strict=True)]
-    spans.sort(key=lambda span: span[0] - span[1])
-    return [[rounded(a), rounded(b)] for a, b in sorted(spans[:MOST_SHADED_RESTS])]
-
-
 MOST_POINTS_OF_TORQUE_PART = 1000  # most points of one line
 MOST_POINTS_OF_TORQUE_PARTS = 60_000  # points of all lines together: about 0.6 MB of the page
 ROUND_OFF_SHARE = 1e-9  # share of the measured effort below which a part is round-off
@@ -207,15 +216,12 @@ class TorqueSplitSection(FigureSection, name="torque-split", title="Effort by ca
         headings = ("Joint", *(name[0].upper() + name[1:] for name in names), "Unit")
         left = (0, len(headings) - 1)
         present = _sizes(parts, np.ones_like(parts.moving))
-        points = min(
-            MOST_POINTS_OF_TORQUE_PART,
-            MOST_POINTS_OF_TORQUE_PARTS // ((2 + len(PARTS)) * len(joints)),
-        )
+        share = MOST_POINTS_OF_TORQUE_PARTS // ((2 + len(PARTS)) * len(joints))
+        points = min(MOST_POINTS_OF_TORQUE_PART, share)
+        figures = [_torque_figure(parts, j, x, present, points) for j, x in enumerate(joints)]
         groups = [
-            Group(
-                [_torque_figure(parts, j, joint, present, points)], joint.name, captions[j], "one"
-            )
-            for j, joint in enumerate(joints)
+            Group([figure], joint.name, caption, "one")
+            for figure, joint, caption in zip(figures, joints, captions, strict=True)
         ]
         return {
             "words": f"Run {score.run} ({kind}). Efforts at the joints below {score.cutoff:g} Hz, "
@@ -268,7 +274,10 @@ def _torque_figure(
     parts: TorqueParts, j: int, joint: Coordinate, present: dict[str, Array], points: int
 ) -> Figure:
     """Measured and predicted effort above, the parts below; those that are zero are left out."""
-    at, t = _drawn(parts.t, points)
+    breaks = gaps(parts.t)[: points // 4]
+    every = np.arange(len(parts.t))[evenly(len(parts.t), points - len(breaks))]
+    places = np.searchsorted(every, breaks, side="right")
+    at, t = np.insert(every, places, -1), np.insert(parts.t[every], places, np.nan)
     hover = f"%{{y:.3g}} {joint.effort_unit}"
 
     def trace(name: str, signal: Array, **more: Any) -> dict[str, Any]:
@@ -293,10 +302,117 @@ def _torque_figure(
     return Figure("", label, "time [s]", joint.effort_unit, traces, layout, height=460)
 
 
-def _drawn(t: Array, points: int) -> tuple[Array, Array]:
-    """Indices of the samples to draw, -1 at a gap of time, and their times, `(points,)` at most."""
-    breaks = gaps(t)[: points // 4]
-    step = max(1, -(-len(t) // (points - len(breaks))))
-    at = np.arange(0, len(t), step)
-    places = np.searchsorted(at, breaks, side="right")
-    return np.insert(at, places, -1), np.insert(t[at], places, np.nan)
+BINS = 20  # ranges of equal width that a quantity is divided into
+LEAST_BIN_SAMPLES = 5  # samples that a bin needs
+MOST_RESIDUAL_POINTS = 150  # most points of one figure
+RESIDUAL_AXES = ("position", "speed", "effort")  # quantities that the residual is drawn over
+
+RESIDUAL_WORDS = (
+    "Mean residual (measured minus predicted effort) of samples with similar position, speed or "
+    "measured effort. A complete model has a mean of zero, over effort as far as that is large "
+    "against its noise. A trend over position points to masses, springs or cables; over speed to "
+    "friction; over effort to drive gains or friction that depends on load."
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Binned:
+    """The residual of one joint over one quantity; bins with few samples are left out."""
+
+    centre: Array  # of each bin, shape `(k,)`
+    mean: Array  # mean residual, shape `(k,)` [Nm; N]
+    std: Array  # standard deviation around it, shape `(k,)` [Nm; N]
+    share: float  # share of the mean squared residual that the means carry, 0 to 1
+
+
+def binned(over: Array, residual: Array) -> Binned:
+    """Bins of equal width of the residual [Nm; N] over a quantity, both of shape `(N,)`."""
+    low, high = (float(over.min()), float(over.max())) if len(over) else (0.0, 0.0)
+    width = (high - low) / BINS or 1.0
+    place = np.minimum(((over - low) / width).astype(np.intp), BINS - 1)
+    count = np.bincount(place, minlength=BINS)
+    kept = np.flatnonzero(count >= LEAST_BIN_SAMPLES)
+    mean = np.bincount(place, residual, BINS)[kept] / count[kept]
+    square = np.bincount(place, residual**2, BINS)[kept] / count[kept]
+    total = float(np.sum(residual**2))
+    share = float(np.sum(count[kept] * mean**2)) / total if total else 0.0
+    std = np.sqrt(np.maximum(square - mean**2, 0.0))
+    return Binned(np.linspace(low, high, 2 * BINS + 1)[1::2][kept], mean, std, share)
+
+
+class ResidualsSection(
+    FigureSection, name="residuals", title="Residual over position, speed and effort"
+):
+    """A table of shares, and three folded figures per joint."""
+
+    def numbers(self, content: ReportContent) -> Numbers | None:
+        """Bins and points."""
+        samples = pooled_samples(content, "validation")
+        if samples is None:
+            return None
+        parts, runs = samples
+        rows, groups = [], []
+        for j, joint in enumerate(content.identified.robot.coordinates):
+            signals, residual = _moving(parts, j)
+            bins = {over: binned(signal, residual) for over, signal in signals.items()}
+            rms = float(np.sqrt(np.mean(residual**2))) if len(residual) else None
+            shares = [
+                percent(100.0 * one.share) if len(one.centre) else NONE for one in bins.values()
+            ]
+            rows.append(Row((joint.name, significant(rms), joint.effort_unit, *shares)))
+            most = max(bins, key=lambda over: bins[over].share)
+            caption = f"most over {most}: {percent(100.0 * bins[most].share)}"
+            if not any(len(one.centre) for one in bins.values()):
+                caption = "too few samples in motion"
+            figures = [_residual_figure(joint, x, signals[x], residual, bins[x]) for x in bins]
+            groups.append(Group(figures, joint.name, caption, "three"))
+        headings = ("Joint", "Residual RMS", "Unit", *(f"Share by {x}" for x in RESIDUAL_AXES))
+        return {
+            "words": RESIDUAL_WORDS,
+            "tables": [PlainTable("", "", headings, rows, (0, 2))],
+            "legend": [
+                Key("--residual", "mean residual"),
+                Key("--rest", "± one standard deviation", "area"),
+                Key("--arm", "samples", "point"),
+            ],
+            "groups": groups,
+            "note": f"Samples of {runs} in which the joint moves, {BINS} bins of equal width with "
+            f"at least {LEAST_BIN_SAMPLES} samples each; at most {MOST_RESIDUAL_POINTS} samples "
+            "are drawn. Share: part of the mean squared residual that the means of the bins carry; "
+            "in a short run some of it is chance.",
+        }
+
+    def to_dict(self, content: ReportContent) -> dict[str, Any]:
+        """Shares per joint and quantity."""
+        samples = pooled_samples(content, "validation")
+        if samples is None:
+            return {"residual_shares": None}
+        found = []
+        for j, joint in enumerate(content.identified.joints):
+            signals, residual = _moving(samples[0], j)
+            shares = {n: rounded(binned(x, residual).share) for n, x in signals.items()}
+            found.append({"joint": joint, **shares})
+        return {"residual_shares": found}
+
+
+def _moving(parts: TorqueParts, j: int) -> tuple[dict[str, Array], Array]:
+    """The quantities and the residual of the samples in which a joint moves."""
+    at = parts.moving[:, j] & np.isfinite(parts.residual[:, j])
+    signals = (parts.q, parts.dq, parts.measured)
+    return {n: x[at, j] for n, x in zip(RESIDUAL_AXES, signals, strict=True)}, parts.residual[at, j]
+
+
+def _residual_figure(
+    joint: Coordinate, over: str, signal: Array, residual: Array, bins: Binned
+) -> Figure:
+    at = evenly(len(residual), MOST_RESIDUAL_POINTS)
+    units = {"position": joint.unit, "speed": f"{joint.unit}/s", "effort": joint.effort_unit}
+    lower, upper = bins.mean - bins.std, bins.mean + bins.std
+    traces = [
+        area("± std", bins.centre, lower, upper, "--rest"),
+        points("samples", signal[at], residual[at], "--arm", 3),
+        line("mean", bins.centre, bins.mean, "--residual", width=2.5),
+    ]
+    label = f"Residual of {joint.name} over {over}"
+    x = f"{'measured ' * (over == 'effort')}{over} [{units[over]}]"
+    return Figure("", label, x, f"residual [{joint.effort_unit}]", traces, {"showlegend": False})

@@ -1,11 +1,21 @@
-"""Errors of predicted efforts in words: what they are relative to, of which joints and times."""
+"""What the page of a model shows, as values, and errors of predicted efforts in words."""
 
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 from math import inf, isfinite
 from statistics import fmean
 
+from steelyard.base.arrays import Parameters
+from steelyard.check.all_checks import Diagnosis
+from steelyard.check.finding import Finding
+from steelyard.estimate.bootstrap_and_sensitivity import Bootstrap, RepeatedEstimates, Sensitivity
+from steelyard.estimate.friction.friction_choice import FrictionChoice
 from steelyard.estimate.identified_model import IdentifiedModel
+from steelyard.estimate.nonlinear.effort_scales import EffortScales
+from steelyard.estimate.nonlinear.nonlinear_parameters import Finding as FieldFinding
+from steelyard.estimate.nonlinear.nonlinear_parameters import ZeroOffsets
+from steelyard.estimate.payload.drive_gains import GainEstimate
+from steelyard.estimate.reduction.reduction import Reduction
 from steelyard.estimate.scores.effort_errors import (
     PROMISED,
     EffortError,
@@ -14,8 +24,48 @@ from steelyard.estimate.scores.effort_errors import (
     of_joints,
     pooled,
 )
+from steelyard.estimate.scores.parts_and_bands_along_run import TorqueParts
 from steelyard.estimate.scores.score import JointScore, RunScore
+from steelyard.report.page import PageContent
 from steelyard.report.words import count, percent, significant
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReportContent(PageContent):
+    """Everything that the report of an identified, validated or reduced model shows."""
+
+    identified: IdentifiedModel
+    scores: tuple[RunScore, ...] = ()  # scores on runs that were not fitted
+    fitted: tuple[RunScore, ...] = ()  # scores on the runs that were
+    unscaled: tuple[RunScore, ...] = ()  # as `scores`, without estimated scales of efforts
+    friction: FrictionChoice | None = None  # how the friction laws were chosen, if they were
+    findings: tuple[FieldFinding, ...] = ()
+    gains: GainEstimate | None = None
+    zero_offsets: ZeroOffsets | None = None  # zero offsets of joints that were estimated, if any
+    effort_scales: EffortScales | None = None  # estimated scales of the joints' efforts, if any
+    diagnosis: Diagnosis | None = None  # what the logs were checked for before
+    limitations: tuple[Finding, ...] = ()  # checks of the fitted model; they qualify the headline
+    sensitivity: Sensitivity | None = None  # fits with other cut-offs, if they were asked for
+    bootstrap: Bootstrap | None = None  # estimates of windows drawn again, if they were asked for
+    repeated: RepeatedEstimates | None = None  # estimates from each log alone, if asked for
+    reduction: Reduction | None = None  # how a model was made smaller, if it was
+    before: tuple[RunScore, ...] = ()  # `scores` of the model that was made smaller
+    truth: Parameters | None = None  # all standard parameters of a simulated robot
+    logs: Mapping[str, str] = field(default_factory=dict)  # the log of each run, as it was given
+    only_errors: bool = False  # whether the model's errors on logs are reported, and not its fit
+
+
+def pooled_samples(content: ReportContent, first: str) -> tuple[TorqueParts, str] | None:
+    """Samples of the `first` kind of runs, `fitted` or `validation`, else of the others; of which.
+
+    `None` if no run has samples.
+    """
+    runs = {first: (), "validation": content.scores, "fitted": content.fitted}
+    for kind, scores in runs.items():
+        if known := [score.parts for score in scores if score.parts is not None]:
+            return TorqueParts.joined(known), count(len(known), f"{kind} run")
+    return None
+
 
 MOVING, WHOLE = "where they move", "whole log"
 
@@ -54,7 +104,9 @@ def relative_errors(scores: Sequence[RunScore]) -> list[RelativeError]:
     """
     if not scores:
         return []
-    moving, every = _moving(scores), count(len(scores[0].joints), "joint")
+    each = list(zip(*(run.joints for run in scores), strict=True))
+    moves = [any(x.relative_percent_moving is not None for x in joint) for joint in each]
+    moving, every = _moving_words(sum(moves), len(each)), count(len(each), "joint")
     kinds: tuple[tuple[Callable[[RunScore], float | None], str, str, str], ...] = (
         (lambda s: s.pooled_percent_moving, "pooled", moving, MOVING),
         (lambda s: s.pooled_percent, "pooled", every, WHOLE),
@@ -99,15 +151,10 @@ def basis_words(scores: Sequence[RunScore]) -> str:
     still = [run.errors.at_rest for run in scores]
     where = "at rest" if all(still) else f"{MOVING}, or all rest" if any(still) else MOVING
     band = below(run.errors.cutoff for run in scores)
-    return f"RMS {band}, pooled over {joints}, {where}, {_seconds(scores)} each"
-
-
-def _seconds(scores: Sequence[RunScore]) -> str:
-    """Like `12 to 18 s`: time over which joints count, over all runs."""
     own = zip(*(run.errors.joints for run in scores), strict=True)
     sums = [sum(one.seconds for one in joint if one.counted) for joint in own]
     ends = dict.fromkeys(significant(s, 2) for s in (min(filter(None, sums)), max(sums)))
-    return f"{' to '.join(ends)} s"
+    return f"RMS {band}, pooled over {joints}, {where}, {' to '.join(ends)} s each"
 
 
 def worse_joints(scores: Sequence[RunScore], limit: float) -> tuple[str, ...]:
@@ -122,11 +169,8 @@ def worse_joints(scores: Sequence[RunScore], limit: float) -> tuple[str, ...]:
     own = of_joints([run.errors for run in scores])
     logged = of_joints(as_logged(run.errors for run in scores)) or own
     for joint, *both in zip(scores[0].joints, own, logged, strict=True):
-        error = max(
-            (one for one in both if one is not None),
-            key=lambda one: one.percent_of_used,
-            default=None,
-        )
+        known = [one for one in both if one is not None]
+        error = max(known, key=lambda one: one.percent_of_used, default=None)
         if error is not None and limit < round(error.percent_of_used, 1) < inf:
             share = percent(error.percent_of_used)
             share += "" if error is both[0] else " as logged"
@@ -146,11 +190,8 @@ def loaded_joints(scores: Sequence[RunScore]) -> list[EffortError]:
 def without_percentage(scores: Sequence[RunScore]) -> list[str]:
     """Joints without a relative error: their measured effort is zero, or no number."""
     errors = of_joints([run.errors for run in scores])
-    return [
-        joint.joint
-        for joint, error in zip(scores[0].joints, errors, strict=True)
-        if error is not None and not isfinite(error.percent_of_used)
-    ]
+    each = zip(scores[0].joints, errors, strict=True)
+    return [joint.joint for joint, x in each if x is not None and not isfinite(x.percent_of_used)]
 
 
 def other_errors(scores: Sequence[RunScore]) -> str:
@@ -162,11 +203,8 @@ def other_errors(scores: Sequence[RunScore]) -> str:
 
 def reference_words(joints: Sequence[JointError]) -> str:
     """Whose errors are relative to more than what the joint used in this log; empty if none's."""
-    raised = [
-        f"{one.joint} {significant(one.reference)} {one.unit}"
-        for one in joints
-        if one.reference > one.used
-    ]
+    more = [one for one in joints if one.reference > one.used]
+    raised = [f"{one.joint} {significant(one.reference)} {one.unit}" for one in more]
     if not raised:
         return ""
     return (
@@ -209,15 +247,6 @@ def relative(joint: JointScore) -> float:
 def below(cutoffs: Iterable[float]) -> str:
     """Like `below 4 and 5 Hz`: cut-offs of low-passes."""
     return f"below {' and '.join(f'{c:g}' for c in sorted(set(cutoffs)))} Hz"
-
-
-def _moving(scores: Sequence[RunScore]) -> str:
-    joints = scores[0].joints
-    moving = sum(
-        any(run.joints[k].relative_percent_moving is not None for run in scores)
-        for k in range(len(joints))
-    )
-    return _moving_words(moving, len(joints))
 
 
 def _moving_words(moving: int, joints: int) -> str:
