@@ -12,7 +12,6 @@ from typer.testing import CliRunner, Result
 
 from cli.mistakes import workshop
 from short_arm import short_logs
-from steelyard.cli import identify_and_use_commands
 from steelyard.cli import shared_by_commands as commands
 from steelyard.cli.app import app
 from steelyard.cli.options_with_several_values import expanded
@@ -64,8 +63,7 @@ def results() -> Iterator[list[dict[str, Any]]]:
         return result
 
     with pytest.MonkeyPatch.context() as patch:
-        for module in (commands, identify_and_use_commands):
-            patch.setattr(module, "computed", kept)
+        patch.setattr(commands, "computed", kept)
         yield found
 
 

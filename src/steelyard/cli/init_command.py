@@ -10,13 +10,8 @@ import typer
 
 from steelyard.base.files import refuse_existing, whole_file
 from steelyard.cli import interrupt
+from steelyard.cli import shared_by_commands as shared
 from steelyard.cli.commands_from_functions import from_function
-from steelyard.cli.shared_by_commands import (
-    XACRO_ARGUMENTS_HELP,
-    print_json,
-    print_lines,
-    refuse_options,
-)
 from steelyard.report.words import count, first_names
 
 if TYPE_CHECKING:
@@ -31,7 +26,7 @@ _NAMED = 6  # locked joints that are named; the robot file lists all
 
 
 @from_function(
-    model={"help": f"URDF, xacro file or MJCF of the robot. {XACRO_ARGUMENTS_HELP}"}
+    model={"help": f"URDF, xacro file or MJCF of the robot. {shared.XACRO_ARGUMENTS_HELP}"}
     | {"metavar": "URDF"},
     rate={"min": 1e-6, "max": 1e6},
     gains={"metavar": "LIST"},
@@ -102,7 +97,7 @@ def init(
         of_logs: dict[str, object] = {"--rate": rate, "--gains": gains, "--ratios": ratios}
         of_logs |= {"--side": side, "--coupling": coupling, "--zeros": zeros}
         fix = "give the log after the model file, or leave it out"
-        refuse_options(of_logs, "is given without a log", fix)
+        shared.refuse_options(of_logs, "is given without a log", fix)
     asking = not (no_input or as_json) and sys.stdin.isatty() and sys.stdout.isatty()
     stated = Stated(ratios, coupling or (), gains, zeros, side)
     assignment, known = examined(proposal, log_files(logs or []), rate, stated, asking)
@@ -113,7 +108,7 @@ def init(
     written = proposal.loaded if draft.unreadable else load_robot(target)
     notes = (*proposal.notes, *_locked(draft), *notes_beside(proposal.loaded, written))
     if as_json:
-        print_json(
+        shared.print_json(
             {
                 "robot_file": str(target),
                 "complete": not (draft.missing or draft.without_columns),
@@ -209,15 +204,15 @@ def show(
     if wrong:
         whats, fixes = zip(*wrong, strict=True)
         written = f"wrote {target}, incomplete: {'; '.join(whats)}"
-        print_lines(written, style="bold red", whole=True)
+        shared.print_lines(written, style="bold red", whole=True)
         to_do = (f"to do {fix}" for fix in dict.fromkeys(fixes))
-        print_lines(*to_do, style="bold", whole=True)
+        shared.print_lines(*to_do, style="bold", whole=True)
     else:
         written = f"wrote {target}: {count(len(draft.identified), 'joint')} to identify"
-        print_lines(written, whole=True)
+        shared.print_lines(written, whole=True)
     lines = [f"guess {reason}" for reason in draft.reasons]
     lines += [*_beyond_columns(draft, known), *(f"note  {note}" for note in notes)]
-    print_lines(*lines, *next_steps(draft, named, parts), whole=True)
+    shared.print_lines(*lines, *next_steps(draft, named, parts), whole=True)
 
 
 def _beyond_columns(draft: "Draft", known: "Known") -> Iterator[str]:

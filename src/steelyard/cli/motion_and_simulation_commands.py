@@ -11,19 +11,8 @@ import typer
 from steelyard.base.files import new_folder, whole_folder
 from steelyard.base.progress import Stopped
 from steelyard.cli import interrupt
+from steelyard.cli import shared_by_commands as shared
 from steelyard.cli.commands_from_functions import from_function
-from steelyard.cli.shared_by_commands import (
-    MODEL_HELP,
-    computed,
-    file_lines,
-    output_folder,
-    print_json,
-    print_lines,
-    progress_bar,
-    robot_folder,
-    say,
-    show,
-)
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -56,7 +45,7 @@ EXITS = {"good": 0, "fair": UNCOVERED, "poor": UNPROVEN}  # exit code by how goo
 )
 def excite(
     call: "partial[DesignedMotion]",
-    output: Annotated[Path | None, output_folder("steelyard-ROBOT-motion")] = None,
+    output: Annotated[Path | None, shared.output_folder("steelyard-ROBOT-motion")] = None,
     verbose: bool = False,
     as_json: bool = False,
 ) -> None:
@@ -83,17 +72,17 @@ def excite(
     given = dict(call.keywords)
     effort = SearchBudget(*(given.pop(x) for x in ("budget", "searches", "processes", "seed")))
     task = design_task(**given)
-    folder = robot_folder(output, given["robot"], "-motion")
+    folder = shared.robot_folder(output, given["robot"], "-motion")
     found, written = _designed(task, effort, folder, begun)
     if as_json:
-        print_json(found.to_dict() | {"files": written})
+        shared.print_json(found.to_dict() | {"files": written})
     else:
-        show(found, verbose)
+        shared.show(found, verbose)
         lines = ["", *(f"{name:<12} {path}" for name, path in written.items())]
         if withheld := [form for form in task.formats if form not in found.written_formats]:
             words = "the motion is not proven to satisfy all limits; do not run it"
             lines.append(f"not written  {', '.join(withheld)}: {words}")
-        say("\n".join(lines))
+        shared.say("\n".join(lines))
     if code := EXITS[design_level(found.designed)]:
         raise typer.Exit(code)
 
@@ -103,7 +92,7 @@ def _designed(
 ) -> "tuple[DesignedMotion, dict[str, str]]":
     """The design and its files, whole in a new folder; Ctrl-C ends a search and keeps its best."""
     try:
-        with progress_bar() as progress, whole_folder(folder) as part:
+        with shared.progress_bar() as progress, whole_folder(folder) as part:
             with interrupt.quietly() if task.searched else nullcontext():
                 watch = _ending(progress) if task.searched else progress
                 found = task.done(effort, progress=watch, since=begun)
@@ -159,7 +148,7 @@ def replay(
     loaded = load_robot(robot)
     stage = staged(loaded, read_motion(trajectory, loaded.robot))
     for note in stage.notes:
-        say(f"note        {note}")
+        shared.say(f"note        {note}")
     with interrupt.quietly():
         shown = replayed(stage, host, port, speed)
         typer.echo(f"replay      {shown.address}  (Ctrl-C ends it)")
@@ -186,7 +175,7 @@ FACTOR = {"metavar": "FACTOR"}
 )
 def simulate(
     call: "partial[SimulatedRun]",
-    output: Annotated[Path | None, output_folder("steelyard-ROBOT-simulated")] = None,
+    output: Annotated[Path | None, shared.output_folder("steelyard-ROBOT-simulated")] = None,
     as_json: bool = False,
 ) -> None:
     """Simulate a robot with random true parameters near the nominal ones, and log it.
@@ -203,13 +192,13 @@ def simulate(
     """
     given = call.keywords
     periods, dry_run, truth = (given[name] for name in ("periods", "dry_run", "truth"))
-    folder = robot_folder(output, given["robot"], "-simulated")
-    with progress_bar() as progress, whole_folder(folder) as part:
+    folder = shared.robot_folder(output, given["robot"], "-simulated")
+    with shared.progress_bar() as progress, whole_folder(folder) as part:
         made = call(folder=part, progress=progress)
         interrupt.too_late()
     written = {name: str(folder / path.name) for name, path in vars(made.files).items()}
     if as_json:
-        print_json(written)
+        shared.print_json(written)
         return
     lines = [f"note        {note}" for note in made.notes]
     if periods > 1:
@@ -221,14 +210,14 @@ def simulate(
     another = "another seed is another robot); for another motion of this robot give --motion"
     seed = f"seed {given['seed']} ({another}"
     lines.append(f"robot       {truth or seed}")
-    say("\n".join([*lines, *(f"{name:<11} {path}" for name, path in written.items())]))
+    shared.say("\n".join([*lines, *(f"{name:<11} {path}" for name, path in written.items())]))
 
 
 @from_function(
     "steelyard:track",
     motion={"help": "trajectory.json, or a table of time and positions."},
     model={
-        "help": f"Identified model: {MODEL_HELP[:-1]}; several with --model A --model B.",
+        "help": f"Identified model: {shared.MODEL_HELP[:-1]}; several with --model A --model B.",
         "metavar": "MODEL",
     },
     control={"metavar": "KIND"},
@@ -238,7 +227,7 @@ def simulate(
 )
 def track(
     call: "partial[TrackingComparison]",
-    output: Annotated[Path | None, output_folder("steelyard-ROBOT-tracking")] = None,
+    output: Annotated[Path | None, shared.output_folder("steelyard-ROBOT-tracking")] = None,
     as_json: bool = False,
 ) -> None:
     """Simulate a robot under control, with and without an identified model.
@@ -250,13 +239,13 @@ def track(
 
     Example: steelyard track panda.toml motion.json --model panda-model -o panda-tracking
     """
-    folder = robot_folder(output, call.keywords["robot"], "-tracking")
-    found = computed(call, folder)
+    folder = shared.robot_folder(output, call.keywords["robot"], "-tracking")
+    found = shared.computed(call, folder)
     if as_json:
-        print_json({**found.to_dict(), "output": str(folder)})
+        shared.print_json({**found.to_dict(), "output": str(folder)})
         return
-    show(found)
-    typer.echo(file_lines(folder, page="tracking.html", JSON="tracking.json"))
+    shared.show(found)
+    typer.echo(shared.file_lines(folder, page="tracking.html", JSON="tracking.json"))
 
 
 DESIGN_SEARCHES = 2  # searches after which the design of the motion ends, on a busy machine as well
@@ -265,7 +254,7 @@ DESIGN_TIME = 120.0  # seconds after which it ends in any case
 
 @from_function()
 def demo(
-    output: Annotated[Path | None, output_folder("steelyard-demo")] = None,
+    output: Annotated[Path | None, shared.output_folder("steelyard-demo")] = None,
     seed: int = 0,
     verbose: bool = False,
     as_json: bool = False,
@@ -283,7 +272,7 @@ def demo(
 
     folder = new_folder(output, "steelyard-demo")
     found: list[DesignedMotion] = []
-    with progress_bar() as progress, whole_folder(folder) as part:
+    with shared.progress_bar() as progress, whole_folder(folder) as part:
 
         def designed(loaded: "LoadedRobot") -> "ExactTrajectory":
             effort = SearchBudget(DESIGN_TIME, DESIGN_SEARCHES, None, seed)
@@ -304,7 +293,9 @@ def demo(
         interrupt.too_late()
     if as_json:
         motion = found[0].to_dict() | {"output": str(folder / "motion")}
-        print_json({"output": str(folder / "results"), **identified.to_dict(), "motion": motion})
+        shared.print_json(
+            {"output": str(folder / "results"), **identified.to_dict(), "motion": motion}
+        )
         return
     console = terminal()
     if verbose:
@@ -328,7 +319,7 @@ def _show(motion: "DesignedMotion", found: "Identification", console: "Console")
     from steelyard.identify.page.parameters_and_truth import TruthSection
     from steelyard.identify.page.verdict_and_joint_errors import VerdictSection
 
-    print_lines(design_headline(motion.designed))
+    shared.print_lines(design_headline(motion.designed))
     parts = [
         part
         for section in (VerdictSection(), TruthSection())

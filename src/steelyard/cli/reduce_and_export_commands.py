@@ -10,18 +10,8 @@ from steelyard.base.errors import ModelError, OutputError
 from steelyard.base.files import new_folder, refuse_existing, whole_file, whole_folder
 from steelyard.base.progress import DESIGN_BUDGET_S
 from steelyard.cli import interrupt
+from steelyard.cli import shared_by_commands as shared
 from steelyard.cli.commands_from_functions import from_function
-from steelyard.cli.shared_by_commands import (
-    file_lines,
-    optional_folder,
-    output_folder,
-    print_json,
-    print_lines,
-    progress_bar,
-    refuse_options,
-    say,
-    show,
-)
 from steelyard.report.words import count, significant
 
 if TYPE_CHECKING:
@@ -48,7 +38,7 @@ def reduce(
     last: Path | None = None,
     limit: float | None = None,
     budget: float = DESIGN_BUDGET_S,
-    output: Annotated[Path | None, output_folder("steelyard-reduced")] = None,
+    output: Annotated[Path | None, shared.output_folder("steelyard-reduced")] = None,
     verbose: bool = False,
     as_json: bool = False,
 ) -> None:
@@ -80,15 +70,18 @@ def reduce(
     _refuse_missing(robot, {"--bodies": bodies, "--next": following is not None})
     if following is None:
         needless = {"--last": last, "--limit": limit}
-        refuse_options(
+        shared.refuse_options(
             needless, "is given, but no motion is designed", "add --next DIR, or leave it out"
         )
-    folder, motion_folder = new_folder(output, "steelyard-reduced"), optional_folder(following)
+    folder, motion_folder = (
+        new_folder(output, "steelyard-reduced"),
+        shared.optional_folder(following),
+    )
     criterion: str | None = None if limit is None else "condition"
     if motion_folder is not None and robot is not None:
         _refuse_same(folder, motion_folder)
         design_task(robot, earlier=call.keywords["model"], start=last, criterion=criterion)
-    with progress_bar() as progress:
+    with shared.progress_bar() as progress:
         found = call(bodies=robot if bodies else None, progress=progress)
         with whole_folder(folder) as place:
             found.write(place)
@@ -96,11 +89,11 @@ def reduce(
                 interrupt.too_late()
     interrupt.finished(str(folder))
     if not as_json:
-        show(found, verbose)
-        typer.echo("\n" + file_lines(folder, model="model.json", report="report.html"))
+        shared.show(found, verbose)
+        typer.echo("\n" + shared.file_lines(folder, model="model.json", report="report.html"))
     designed: dict[str, object] | None = None
     if motion_folder is not None and robot is not None:
-        with progress_bar() as progress, whole_folder(motion_folder) as place:
+        with shared.progress_bar() as progress, whole_folder(motion_folder) as place:
             motion = design_excitation(
                 robot,
                 earlier=found.model,
@@ -115,11 +108,11 @@ def reduce(
         finished = None if limit is None else bool(condition <= limit)
         designed = {"condition": finite_json(condition), "limit": limit, "finished": finished}
         if not as_json:
-            say("\n".join(_next_lines(condition, limit)))
-            typer.echo(file_lines(motion_folder, motion="trajectory.json"))
+            shared.say("\n".join(_next_lines(condition, limit)))
+            typer.echo(shared.file_lines(motion_folder, motion="trajectory.json"))
     if as_json:
         written = {"output": str(folder), "motion": motion_folder and str(motion_folder)}
-        print_json({**found.to_dict(), **written, "next": designed})
+        shared.print_json({**found.to_dict(), **written, "next": designed})
     raise typer.Exit(exit_code(found.content))
 
 
@@ -222,7 +215,7 @@ def export(
     if is_actuator_model(model):
         options: dict[str, object] = {"--model": original, "--precision": precision}
         options |= {"--function": functions, "--frame": frames}
-        refuse_options(options, "does not apply to a model of actuators", "leave it out")
+        shared.refuse_options(options, "does not apply to a model of actuators", "leave it out")
         return actuators_exported(model, form, output, as_json)
     identified = load_model(model)
     usual = f"{identified.model.robot.name}{FORMATS[form][1]}".replace("/", "_")
@@ -230,7 +223,7 @@ def export(
     refuse_existing(path)
     needless = f"does not apply to {FORMATS[form][0]}"
     if form != "urdf" and form != "mjcf":
-        refuse_options({"--model": original}, needless, "leave it out, or give --to urdf")
+        shared.refuse_options({"--model": original}, needless, "leave it out, or give --to urdf")
         from steelyard.export.code.export_code import write_code
 
         written = write_code(
@@ -239,7 +232,7 @@ def export(
         _print_code(path, form, written, as_json)
         return
     of_code = {"--precision": precision, "--function": functions, "--frame": frames}
-    refuse_options(of_code, needless, "leave it out, or give --to c")
+    shared.refuse_options(of_code, needless, "leave it out, or give --to c")
     made = exported(identified, form, original)
     with whole_file(path) as part:
         part.write_text(made.text, encoding="utf-8", newline="")
@@ -280,7 +273,7 @@ def _print_export(path: Path, made: "Exported", as_json: bool) -> None:
     )
 
     if as_json:
-        print_json(
+        shared.print_json(
             {
                 "file": str(path),
                 "format": made.form,
@@ -294,7 +287,7 @@ def _print_export(path: Path, made: "Exported", as_json: bool) -> None:
         return
     links = count(sum(not body.massless for body in made.content.robot.bodies), "moving link")
     mass = sum(inertia.mass for inertia in made.content.inertias)
-    say(f"{path}: {links}, {mass:.4g} kg")
+    shared.say(f"{path}: {links}, {mass:.4g} kg")
     few = [f"{name} {x:.0%}" for name, x in made.mass_shares.items() if x < FEW_DATA_SHARE]
     for heading, sentences in (
         (f"{made.form.upper()} cannot represent:", made.unsupported),
@@ -306,13 +299,13 @@ def _print_export(path: Path, made: "Exported", as_json: bool) -> None:
         (LIGHT_LINKS, made.light),
         (KEPT, made.impossible),
     ):
-        print_lines(*listed_under(heading, sentences))
+        shared.print_lines(*listed_under(heading, sentences))
 
 
 def _print_code(path: Path, form: Kind, written: "WrittenCode", as_json: bool) -> None:
     """What was written, names that became others, and functions that there cannot be."""
     if as_json:
-        print_json(
+        shared.print_json(
             {
                 "file": str(path),
                 "format": form,
@@ -335,4 +328,4 @@ def _print_code(path: Path, form: Kind, written: "WrittenCode", as_json: bool) -
     if written.renamed:
         pairs = ", ".join(f"{name} as {plain}" for name, plain in written.renamed.items())
         lines.append(f"identifiers: {pairs}")
-    print_lines(*lines, whole=True)
+    shared.print_lines(*lines, whole=True)

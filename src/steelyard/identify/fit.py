@@ -9,28 +9,12 @@ from steelyard.base.progress import Progress
 from steelyard.check.fitted.binding_constraints import contradicted_rows
 from steelyard.check.fitted.changes_within_run import force_of_run, force_words
 from steelyard.check.fitted.gear_side_and_rotors import LINK_SIDE_INSTEAD, rotors_at_zero
+from steelyard.estimate import estimator_register as register
 from steelyard.estimate.consistent.convex_estimator import Consistent
 from steelyard.estimate.data_for_estimators import Sources
 from steelyard.estimate.estimate import Estimate, Estimator
-from steelyard.estimate.estimator_register import (
-    KNOWLEDGE,
-    LEAST_SQUARES,
-    PRIOR,
-    WEIGHTS,
-    Context,
-    Offer,
-    context_of,
-    method_of,
-    offer_of,
-    on_information,
-    per_run_columns,
-)
 from steelyard.estimate.identified_model import BAND, Cutoffs, IdentifiedModel, Provenance
-from steelyard.estimate.information.base_parameters_and_regressor import (
-    BaseMap,
-    base_parameters,
-    base_regressor,
-)
+from steelyard.estimate.information import base_parameters_and_regressor as regression
 from steelyard.estimate.information.information import Information
 from steelyard.estimate.least_squares.known_bounded_and_ridge import fixed_values
 from steelyard.estimate.least_squares.weighted_robust_and_whitened import (
@@ -41,13 +25,7 @@ from steelyard.estimate.nonlinear.effort_scales import EffortScales, effort_scal
 from steelyard.estimate.prior.body_priors import Knowledge
 from steelyard.estimate.scores.band_calibration_on_left_out_motion import calibrate
 from steelyard.estimate.scores.cross_validation import choose_cutoff
-from steelyard.identify.fit_preparation import (
-    TOO_SHORT,
-    FitTask,
-    PreparedFit,
-    prepare_fit,
-    with_signals,
-)
+from steelyard.identify import fit_preparation as preparation
 from steelyard.model.model import Model, with_friction
 from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
 from steelyard.robot.file.sections import EstimationSection, PriorSection
@@ -77,14 +55,14 @@ def _fitted(estimating: EstimatorOf, runs: tuple[Run, ...], information: Informa
 class Fit:
     """An identified model, and what was found on the way to it."""
 
-    task: FitTask
+    task: preparation.FitTask
     identified: IdentifiedModel
     fitted: Fitted  # with the gains and scales that were found
-    prepared: PreparedFit  # laws, their fields, gains and offsets, found before
+    prepared: preparation.PreparedFit  # laws, their fields, gains and offsets, found before
     scales: EffortScales | None
     notes: tuple[str, ...]  # what was decided, for people to read
     ignored: tuple[str, ...]  # what the robot file requests without effect
-    method: Offer
+    method: register.Offer
     unscaled: IdentifiedModel | None = None  # with all scales 1, where some were estimated
     consistent: Consistent | None = None  # what made the estimate, if it was this, without scales
 
@@ -94,25 +72,25 @@ class Fit:
         return self.fitted.estimating(self.fitted.runs, self.fitted.information)
 
 
-def fit(task: FitTask, origin: Provenance) -> Fit:
+def fit(task: preparation.FitTask, origin: Provenance) -> Fit:
     """Gains, friction laws, their fields, and last the parameters.
 
     What is decided is added to the notes of the `origin`.
     """
     loaded = task.loaded
-    method = method_of(loaded)
+    method = register.method_of(loaded)
     usual, plain = method.name == EstimationSection().method, method.name
     if plain not in PLAIN_LEAST_SQUARES:
-        plain = LEAST_SQUARES[loaded.estimation.weights]
+        plain = register.LEAST_SQUARES[loaded.estimation.weights]
     least_squares = _of_runs(PLAIN_LEAST_SQUARES[plain], task.model)
-    prepared = prepare_fit(task, least_squares)
-    regressor = base_regressor(prepared.model)
+    prepared = preparation.prepare_fit(task, least_squares)
+    regressor = regression.base_regressor(prepared.model)
     information = prepared.information_of(regressor)
-    context = context_of(loaded, regressor, prepared.runs, task.progress)
+    context = register.context_of(loaded, regressor, prepared.runs, task.progress)
 
     def estimating(runs: Sequence[Run], pooled: Information) -> Estimator[Information]:
         sources = Sources(regressor, runs, pooled, task.threads, task.progress)
-        return on_information(method, context, sources)
+        return register.on_information(method, context, sources)
 
     declared = _fitted(estimating, prepared.runs, information)
     estimator, scales, refused = method.make(context), None, ""
@@ -121,7 +99,7 @@ def fit(task: FitTask, origin: Provenance) -> Fit:
     if wanted and isinstance(estimator, Consistent):
         found, scales, refused = _scaled_fit(declared, estimator, task.progress)
     other = next(name for name in PLAIN_LEAST_SQUARES if name != plain)
-    beside = offer_of(other, "").make(context) if method.name == plain else least_squares
+    beside = register.offer_of(other, "").make(context) if method.name == plain else least_squares
     reference = beside(found.information)
     ignored = _ignored(loaded, prepared, method, usual, why_unscaled, context)
     bodies = ": inertias may be invalid" if found.estimate.standard is None else ""
@@ -137,7 +115,7 @@ def fit(task: FitTask, origin: Provenance) -> Fit:
     first, cutoff = found.runs[0], loaded.validation.cutoff
     identified = IdentifiedModel(
         model=prepared.model,
-        base=base_parameters(prepared.model),
+        base=regression.base_parameters(prepared.model),
         estimate=found.estimate,
         reference=(reference,),
         signals=first.recording.signals,
@@ -169,7 +147,7 @@ def _scaled_fit(
     values, units = scales.found.values, declared.information.signature.effort
     signals = (run.recording.signals for run in declared.runs)
     runs = tuple(
-        with_signals(run, replace(own, gains=own.gains / values))
+        preparation.with_signals(run, replace(own, gains=own.gains / values))
         for run, own in zip(declared.runs, signals, strict=True)
     )
     scaled_information = declared.information.scaled(1.0 / values, units)
@@ -216,7 +194,9 @@ PLAIN_LEAST_SQUARES: dict[str, LeastSquares] = {
 }
 
 
-def _unscaled_because(loaded: LoadedRobot, prepared: PreparedFit, estimator: Estimator[Any]) -> str:
+def _unscaled_because(
+    loaded: LoadedRobot, prepared: preparation.PreparedFit, estimator: Estimator[Any]
+) -> str:
     """Why scales cannot be estimated; empty where they can."""
     if prepared.gains is not None:
         return 'together with gain = "identify"'
@@ -233,11 +213,11 @@ def _unscaled_because(loaded: LoadedRobot, prepared: PreparedFit, estimator: Est
 
 def _ignored(
     loaded: LoadedRobot,
-    prepared: PreparedFit,
-    method: Offer,
+    prepared: preparation.PreparedFit,
+    method: register.Offer,
     usual: bool,
     why_unscaled: str,
-    context: Context,
+    context: register.Context,
 ) -> tuple[str, ...]:
     estimation, notes = loaded.estimation, []
     if not usual:
@@ -249,10 +229,10 @@ def _ignored(
             only = f"{method.name} uses of [[knowledge]] only values of whole base parameters"
             notes.append(f"{only}, not: {'; '.join(unused)}")
         given = {
-            PRIOR: loaded.prior != PriorSection(),
-            KNOWLEDGE: bool(loaded.knowledge) and not least_squares,
-            WEIGHTS: "weights" in estimation.model_fields_set
-            and method.name != LEAST_SQUARES[estimation.weights],
+            register.PRIOR: loaded.prior != PriorSection(),
+            register.KNOWLEDGE: bool(loaded.knowledge) and not least_squares,
+            register.WEIGHTS: "weights" in estimation.model_fields_set
+            and method.name != register.LEAST_SQUARES[estimation.weights],
         }
         idle = [name for name, there in given.items() if there and name not in method.uses]
         notes += [f"{method.name} does not use {' and '.join(idle)}"] if idle else []
@@ -260,19 +240,19 @@ def _ignored(
     if why_unscaled and stated:
         notes.append(f'effort_scales = "auto" has no effect {why_unscaled}')
     if loaded.friction and prepared.choice is None:
-        notes.append(TOO_SHORT)
+        notes.append(preparation.TOO_SHORT)
     return tuple(notes)
 
 
 def _of_runs(estimator: LeastSquares, model: Model) -> Estimator[Information]:
     """The estimator with the parameters that every run of this model has for itself."""
     return lambda information: replace(
-        estimator, per_run=per_run_columns(model, information.layout)
+        estimator, per_run=register.per_run_columns(model, information.layout)
     )(information)
 
 
 def _notes_beyond_physical_bounds(
-    base: BaseMap, known: Knowledge, estimate: Estimate
+    base: regression.BaseMap, known: Knowledge, estimate: Estimate
 ) -> tuple[str, ...]:
     """Parameters and friction curves whose interval lies wholly beyond what is physical."""
     found = contradicted_rows(base, replace(known, rows=()), estimate)
@@ -311,7 +291,7 @@ def below_described_band(
 
 
 def without_forces(
-    found: Fit, refit: Callable[[FitTask, tuple[str, ...]], Fit]
+    found: Fit, refit: Callable[[preparation.FitTask, tuple[str, ...]], Fit]
 ) -> tuple[Fit, tuple[str, ...]]:
     """The fit to what is left of the runs without forces that pass, and what is left out.
 

@@ -18,25 +18,11 @@ from steelyard.estimate.friction.friction_choice import (
     refuse_listed,
 )
 from steelyard.estimate.friction.friction_mixes import PLAIN, with_any_speed
-from steelyard.estimate.information.base_parameters_and_regressor import (
-    BaseMap,
-    base_parameters,
-    base_regressor,
-    refuse_twins,
-)
+from steelyard.estimate.information import base_parameters_and_regressor as regression
 from steelyard.estimate.information.gather import gather
 from steelyard.estimate.information.information import Information
+from steelyard.estimate.nonlinear import nonlinear_parameters as nonlinear
 from steelyard.estimate.nonlinear.grid_search import InformationOf
-from steelyard.estimate.nonlinear.nonlinear_parameters import (
-    Finding,
-    ZeroOffsets,
-    converged_reference,
-    find_fields,
-    find_offsets,
-    information_from,
-    needs_reference,
-    with_offsets,
-)
 from steelyard.estimate.payload.drive_gains import GainEstimate, identified_gains
 from steelyard.estimate.prior.prior_constraint_kinds import knowledge_of
 from steelyard.estimate.scores.cross_validation import TooShortError
@@ -67,9 +53,9 @@ class PreparedFit:
     runs: tuple[Run, ...]  # the runs to be fitted, with the gains that were found
     information_of: InformationOf  # what they say about a regressor; every call is a pass
     choice: FrictionChoice | None  # of the friction laws; `None` if there was none, or could not be
-    findings: tuple[Finding, ...]
+    findings: tuple[nonlinear.Finding, ...]
     gains: GainEstimate | None
-    offsets: ZeroOffsets | None
+    offsets: nonlinear.ZeroOffsets | None
     notes: tuple[str, ...]  # what was decided, for people to read
 
 
@@ -91,7 +77,7 @@ class FitTask:
     ) -> InformationOf:
         """What runs say about regressors of a model's laws; every call is a pass over the runs."""
         rests, threads = model.has_memory, self.threads
-        return information_from(
+        return nonlinear.information_from(
             runs, rests=rests, longest=longest, threads=threads, progress=self.progress
         )
 
@@ -135,18 +121,18 @@ def prepare_fit(task: FitTask, estimator: Estimator[Information]) -> PreparedFit
         model = task.model
     offsets = _offsets(task, runs, gains)
     if offsets is not None:
-        runs = tuple(with_offsets(runs, offsets.values))
+        runs = tuple(nonlinear.with_offsets(runs, offsets.values))
     choice = None
     if loaded.friction:
         choice = _friction_choice(task, runs, estimator)
         laws = PLAIN if choice is None else choice.best.terms
         model = replace(model, terms=(*model.terms, *laws))
     information_of = task.information_of(model, runs)
-    found = find_fields(model, information_of, progress=task.progress)
+    found = nonlinear.find_fields(model, information_of, progress=task.progress)
     model, converged = found.model, True
-    refuse_twins(model, base_parameters(model))
-    if needs_reference(model):
-        model, converged = converged_reference(model, information_of, estimator)
+    regression.refuse_twins(model, regression.base_parameters(model))
+    if nonlinear.needs_reference(model):
+        model, converged = nonlinear.converged_reference(model, information_of, estimator)
     notes = (
         *([] if gains is None else [_gain_note(gains)]),
         *(one.note for one in (offsets, choice) if one is not None),
@@ -161,8 +147,8 @@ def _in_unit_of_log(task: FitTask, runs: Sequence[Run]) -> Model:
 
     A gain of 1 stands for that unit: without this, the prior would be so many times too heavy.
     """
-    model, robot, base = task.model, task.model.robot, base_parameters(task.model)
-    information = task.information_of(model, runs)(base_regressor(model))
+    model, robot, base = task.model, task.model.robot, regression.base_parameters(task.model)
+    information = task.information_of(model, runs)(regression.base_regressor(model))
     nominal = {
         f"{kind}.{body.name}": value
         for body, ten in zip(robot.bodies, robot.nominal, strict=True)
@@ -196,7 +182,7 @@ def _friction_choice(
     """
     loaded, fastest = task.loaded, fastest_of(runs)
 
-    def consistent(model: Model, base: BaseMap) -> Consistent:
+    def consistent(model: Model, base: regression.BaseMap) -> Consistent:
         equal = loaded.estimation.weights == "equal"
         return Consistent(base, knowledge_of(model, loaded, fastest), equal=equal)
 
@@ -238,7 +224,7 @@ def _gains(task: FitTask) -> GainEstimate | None:
             where="[signals.effort] gain",
             fix="identify the gains with given nonlinear parameters, and write them into the file",
         )
-    regressor, rests, threads = base_regressor(model), model.has_memory, task.threads
+    regressor, rests, threads = regression.base_regressor(model), model.has_memory, task.threads
     gather_all = partial(gather, regressor, rests=rests, threads=threads, progress=task.progress)
     unloaded, loaded = (list(map(gather_all, some)) for some in (task.runs, task.carrying))
     gains = zip(model.robot.joint_names, signals.gains, signals.unknown_gains, strict=True)
@@ -246,7 +232,9 @@ def _gains(task: FitTask) -> GainEstimate | None:
     return identified_gains(model, unloaded, loaded, mass=mass, frame=frame, known=known)
 
 
-def _offsets(task: FitTask, runs: Sequence[Run], gains: GainEstimate | None) -> ZeroOffsets | None:
+def _offsets(
+    task: FitTask, runs: Sequence[Run], gains: GainEstimate | None
+) -> nonlinear.ZeroOffsets | None:
     signals = runs[0].recording.signals
     if not any(signals.unknown_offsets) or signals.position_offset is None:
         return None
@@ -258,9 +246,9 @@ def _offsets(task: FitTask, runs: Sequence[Run], gains: GainEstimate | None) -> 
             where="[signals] position_offset",
             fix="identify the offsets with values given there, and write them into the file",
         )
-    return find_offsets(
+    return nonlinear.find_offsets(
         model,
-        lambda offsets: task.information_of(model, with_offsets(runs, offsets)),
+        lambda offsets: task.information_of(model, nonlinear.with_offsets(runs, offsets)),
         signals.position_offset,
         signals.unknown_offsets,
     )

@@ -23,36 +23,22 @@ from steelyard.estimate.consistent.prior_weight_and_contradictions import (
 )
 from steelyard.estimate.estimate import Estimate, StandardEstimate
 from steelyard.estimate.identified_model import IdentifiedModel, load_model
-from steelyard.estimate.information.base_parameters_and_regressor import (
-    base_parameters,
-    base_regressor,
-)
+from steelyard.estimate.information import base_parameters_and_regressor as regression
 from steelyard.estimate.information.information import Information
 from steelyard.estimate.information.kept_filtered_samples import in_units_of_joints
 from steelyard.estimate.nonlinear.nonlinear_parameters import information_from
 from steelyard.estimate.prior.body_priors import Row
 from steelyard.estimate.prior.prior_constraint_kinds import knowledge_of
-from steelyard.estimate.reduction.left_out_errors_and_stopping_rules import (
-    MeanAbsoluteTolerance,
-    StoppingRule,
-    Tolerance,
-    rule_of,
-)
+from steelyard.estimate.reduction import left_out_errors_and_stopping_rules as stopping
 from steelyard.estimate.reduction.reduction import Reduction, criterion_of, least_squares
 from steelyard.estimate.reduction.reduction import reduce as reduced_by
 from steelyard.estimate.scores.band_calibration_on_left_out_motion import calibrate
 from steelyard.estimate.scores.score import RunScore
+from steelyard.identify import runs_and_notes_of_logs as of_logs
 from steelyard.identify.page.reduction_and_removals import parameter_comparison
 from steelyard.identify.page.report_content_and_error_words import ReportContent
 from steelyard.identify.repeated_fits import ReportOfLogs, of_each_log
 from steelyard.identify.repeated_motion_and_validation_split import marked_repeats, repeat_of
-from steelyard.identify.runs_and_notes_of_logs import (
-    dropped,
-    dropped_rows,
-    notes_of,
-    runs_for,
-    settings,
-)
 from steelyard.identify.scores_and_model_report import scored
 from steelyard.identify.verdict_and_next_steps import path_word, poorly_predicted
 from steelyard.model.model import Model
@@ -185,17 +171,17 @@ def reduce(
     identified = load_model(model)
     _refuse_unreducible(identified)
     robot = None if bodies is None else _robot_of(identified, bodies)
-    chosen_by, rule = criterion_of(criterion), rule_of(stop)
+    chosen_by, rule = criterion_of(criterion), stopping.rule_of(stop)
     equal = weights == "equal"
     estimator = least_squares(equal)
     tolerance = _tolerance_of(rule) if error == "mean_absolute" else None
     known, unknown = log_files(paths_of(logs, least=1)), log_files(paths_of(validate))
     refuse_overlaps(known, unknown)
     repetitions = identified.processing.repetitions
-    runs = runs_for(identified, known, progress, at_rest=False, repetitions=repetitions)
-    unseen = runs_for(identified, unknown, progress, at_rest=False)
+    runs = of_logs.runs_for(identified, known, progress, at_rest=False, repetitions=repetitions)
+    unseen = of_logs.runs_for(identified, unknown, progress, at_rest=False)
     cores = threads or os.cpu_count() or 1
-    regressor = base_regressor(identified.model)
+    regressor = regression.base_regressor(identified.model)
 
     def information_of(some: Sequence[Run]) -> Information:
         rests = identified.model.has_memory
@@ -203,13 +189,15 @@ def reduce(
 
     if tolerance is not None:
         samples = sum_of(add, in_units_of_joints(regressor, runs, cores, progress))
-        rule = MeanAbsoluteTolerance(tolerance.tolerance, samples=samples)
+        rule = stopping.MeanAbsoluteTolerance(tolerance.tolerance, samples=samples)
     before = identified.estimate.removed
     gone = {one.name for one in before}
     columns = [name for name in regressor.layout.columns if name not in gone]
     kept, dropped_first = matching(keep, columns, "--keep"), matching(drop, columns, "--drop")
     _refuse_contradiction(kept, dropped_first, columns)
-    if essential == "moving_friction" or (essential is None and isinstance(rule, Tolerance)):
+    if essential == "moving_friction" or (
+        essential is None and isinstance(rule, stopping.Tolerance)
+    ):
         friction = moving_friction(identified.model, runs, columns)
         kept += tuple(name for name in friction if name not in dropped_first)
     everything = information_of(runs)
@@ -258,9 +246,9 @@ def reduce(
         fitted=scored(smaller, runs, progress),
         qualities=tuple((run.name, run.quality.rows_of_text) for run in both),
         limitations=_undescribed(scored(identified, runs, progress), model, known),
-        notes=(*dropped_rows(both), *_one_motion(smaller, runs), *failed_logs),
-        details=(*notes_of(both), *dropped(smaller.model, both)),
-        settings=settings(smaller),
+        notes=(*of_logs.dropped_rows(both), *_one_motion(smaller, runs), *failed_logs),
+        details=(*of_logs.notes_of(both), *of_logs.dropped(smaller.model, both)),
+        settings=of_logs.settings(smaller),
         reduction=found,
         before=scored(identified, unseen, progress),
         repeated=repeated,
@@ -378,7 +366,7 @@ def _with_bodies(
     equal: bool,
 ) -> Estimate:
     """The consistent estimate with the removed base parameters equal to zero."""
-    base = base_parameters(identified.model)
+    base = regression.base_parameters(identified.model)
     knowledge = knowledge_of(identified.model, loaded, fastest_of(runs))
     zeros = {}
     for one in found.estimate.removed:
@@ -424,7 +412,7 @@ def _without_empty_terms(identified: IdentifiedModel) -> IdentifiedModel:
     smaller = Model(model.robot, tuple(term for term in model.terms if not empty(term)))
     if smaller.terms == model.terms or not smaller.terms:
         return identified
-    base, names = base_parameters(smaller), set(smaller.names)
+    base, names = regression.base_parameters(smaller), set(smaller.names)
     gone = set(model.names) - names
     if base.base_names != tuple(n for n in identified.base.base_names if n not in gone):
         return identified
@@ -438,9 +426,9 @@ def _without_empty_terms(identified: IdentifiedModel) -> IdentifiedModel:
     )
 
 
-def _tolerance_of(rule: StoppingRule) -> Tolerance:
+def _tolerance_of(rule: stopping.StoppingRule) -> stopping.Tolerance:
     """The rule, as one that compares errors of joints; `ModelError` for others."""
-    if not isinstance(rule, Tolerance):
+    if not isinstance(rule, stopping.Tolerance):
         raise ModelError(
             f"stopping rule '{rule.name}' compares no mean absolute errors",
             where="--error mean_absolute",

@@ -10,14 +10,7 @@ from steelyard.base.checked_arguments import checked
 from steelyard.base.errors import DataError, LogError
 from steelyard.base.files import csv_text
 from steelyard.base.progress import Progress, report_progress
-from steelyard.estimate.bootstrap_and_sensitivity import (
-    FACTORS,
-    Bootstrap,
-    RepeatedEstimates,
-    Sensitivity,
-    Variation,
-    bootstrap,
-)
+from steelyard.estimate import bootstrap_and_sensitivity as repeating
 from steelyard.estimate.estimate import Estimate
 from steelyard.estimate.identified_model import IdentifiedModel, load_model
 from steelyard.estimate.information.base_parameters_and_regressor import base_regressor
@@ -42,7 +35,7 @@ from steelyard.runs.runs_of_named_logs import LogArgument, recording_of
 class Repeated:
     """Mean and scatter of repeated estimations; `print` it."""
 
-    estimates: RepeatedEstimates
+    estimates: repeating.RepeatedEstimates
 
     @property
     def table(self) -> DataFrame:
@@ -106,7 +99,7 @@ def repeated(
                     where="repeated estimations",
                     fix="identify all models of the same robot with the same terms",
                 )
-    return Repeated(RepeatedEstimates.of(estimates, population=population))
+    return Repeated(repeating.RepeatedEstimates.of(estimates, population=population))
 
 
 class ReportOfLogs(ModelReport):
@@ -127,7 +120,7 @@ class ReportOfLogs(ModelReport):
 
 def of_each_log(
     runs: Sequence[Run], data: Information, estimating: EstimatorOf, progress: Progress
-) -> tuple[RepeatedEstimates | None, tuple[str, ...]]:
+) -> tuple[repeating.RepeatedEstimates | None, tuple[str, ...]]:
     """Estimates from each log alone, with all else as for the runs together; notes on failures."""
     estimates, notes = dict[str, Estimate](), list[str]()
     for number, run in enumerate(runs):
@@ -138,7 +131,7 @@ def of_each_log(
         except DataError as error:
             notes.append(f"no estimate from {run.name} alone: {error.wrong}")
     try:
-        return RepeatedEstimates.of(estimates), tuple(notes)
+        return repeating.RepeatedEstimates.of(estimates), tuple(notes)
     except DataError as error:
         return None, (*notes, f"no scatter over logs: {error.wrong}")
 
@@ -149,7 +142,7 @@ def fits_with_other_cutoffs(
     unseen: Sequence[LogArgument],
     signals: Signals,
     scores: tuple[Sequence[RunScore], Sequence[RunScore]],
-) -> Sensitivity:
+) -> repeating.Sensitivity:
     """Fit again with cut-offs lower and higher than those of the result.
 
     Laws, their fields, gains and the cut-off of scores stay what they are. The `signals` are the
@@ -157,10 +150,10 @@ def fits_with_other_cutoffs(
     """
     identified, model, now = fit.identified, fit.identified.model, fit.identified.cutoffs
     stated, (known, new) = identified.estimate, map(_error, scores)
-    result = Variation(1.0, now.motion, now.matched, stated.parameters.values, known, new)
+    result = repeating.Variation(1.0, now.motion, now.matched, stated.parameters.values, known, new)
     rate = min(run.rate for run in fit.fitted.runs)
     variations = []
-    for factor in FACTORS:
+    for factor in repeating.FACTORS:
         motion = rounded(min(factor * now.motion, NYQUIST_SHARE * rate))
         matched = rounded(min(factor * now.matched, MATCHED_HIGHEST * rate, motion))
         if not identified.processing.parallel_filter:
@@ -178,12 +171,14 @@ def fits_with_other_cutoffs(
             runs += tuple(prepare(recording_of(log, signals), other) for log in unseen)
             of_runs = scored(again, runs, fit.task.progress)
         except LogError as error:
-            variations.append(Variation(factor, motion, matched, None, failed=error.wrong))
+            variations.append(
+                repeating.Variation(factor, motion, matched, None, failed=error.wrong)
+            )
             continue
         known, new = _error(of_runs[: len(fitted)]), _error(of_runs[len(fitted) :])
         values = estimate.parameters.values
-        variations.append(Variation(factor, motion, matched, values, known, new))
-    return Sensitivity(stated.parameters, stated.std, result, tuple(variations))
+        variations.append(repeating.Variation(factor, motion, matched, values, known, new))
+    return repeating.Sensitivity(stated.parameters, stated.std, result, tuple(variations))
 
 
 def _error(scores: Sequence[RunScore]) -> float | None:
@@ -191,7 +186,7 @@ def _error(scores: Sequence[RunScore]) -> float | None:
     return relative_errors(scores)[0].value if scores else None
 
 
-def bootstrap_of(fit: Fit, draws: int | None) -> tuple[Bootstrap | None, tuple[str, ...]]:
+def bootstrap_of(fit: Fit, draws: int | None) -> tuple[repeating.Bootstrap | None, tuple[str, ...]]:
     """Estimates of windows drawn again, or a note on why there are none; nothing without draws."""
     if draws is None:
         return None, ()
@@ -200,6 +195,8 @@ def bootstrap_of(fit: Fit, draws: int | None) -> tuple[Bootstrap | None, tuple[s
         return None, (f"no bootstrap: {fit.method.name} needs {of}, which cannot be resampled",)
     progress = fit.task.progress
     try:
-        return bootstrap(fit.estimator, fit.fitted.information, draws=draws, progress=progress), ()
+        return repeating.bootstrap(
+            fit.estimator, fit.fitted.information, draws=draws, progress=progress
+        ), ()
     except DataError as error:
         return None, (f"no bootstrap: {error.wrong}",)

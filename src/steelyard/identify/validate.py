@@ -24,18 +24,9 @@ from steelyard.estimate.scores.effort_errors import (
 )
 from steelyard.estimate.scores.model_comparison import units_of
 from steelyard.estimate.scores.score import RunScore, low_passed, no_closed_sample
+from steelyard.identify import runs_and_notes_of_logs as of_logs
 from steelyard.identify.page.report_content_and_error_words import ReportContent
 from steelyard.identify.repeated_motion_and_validation_split import marked_repeats
-from steelyard.identify.runs_and_notes_of_logs import (
-    commanded_note,
-    dropped,
-    dropped_rows,
-    first_dropped,
-    notes_of,
-    runs_for,
-    settings,
-    was_fitted,
-)
 from steelyard.identify.scores_and_model_report import ModelReport, scored, scored_from_commanded
 from steelyard.identify.verdict_and_next_steps import verdict
 from steelyard.report.result import DataFrame, Result, frame
@@ -100,7 +91,7 @@ def validate(
     """
     identified = load_model(model)
     files = log_files(paths_of(logs, least=1))
-    runs = runs_for(identified, files, progress)
+    runs = of_logs.runs_for(identified, files, progress)
     scores = (
         scored_from_commanded(identified, files, [run.name for run in runs], progress)
         if commanded
@@ -109,7 +100,7 @@ def validate(
     scores = marked_repeats(identified, runs, scores)
     fitted, fresh = list[RunScore](), list[tuple[Run, RunScore]]()
     for log, run, score in zip(files, runs, scores, strict=True):
-        if was_fitted(identified, log, run):
+        if of_logs.was_fitted(identified, log, run):
             fitted.append(score)
         else:
             fresh.append((run, score))
@@ -122,7 +113,7 @@ def validate(
     found = examine_fit(case)
     known = {(one.check, one.says) for one in found}
     kept = (one for one in kept_doubts(identified) if (one.check, one.says) not in known)
-    open_loops = dropped(identified.model, runs)
+    open_loops = of_logs.dropped(identified.model, runs)
     content = ReportContent(
         title=f"{identified.model.robot.name}: validation",
         robot=identified.model.robot.name,
@@ -131,13 +122,13 @@ def validate(
         fitted=tuple(fitted),
         qualities=tuple((run.name, run.quality.rows_of_text) for run in runs),
         notes=(
-            *dropped_rows(runs),
-            *first_dropped(open_loops),
-            *commanded_note(identified, scores),
+            *of_logs.dropped_rows(runs),
+            *of_logs.first_dropped(open_loops),
+            *of_logs.commanded_note(identified, scores),
             *(f"{score.run} was fitted: its score does not validate the model" for score in fitted),
         ),
-        details=(*notes_of(runs), *open_loops[1:]),
-        settings=settings(identified),
+        details=(*of_logs.notes_of(runs), *open_loops[1:]),
+        settings=of_logs.settings(identified),
         limitations=(*kept, *found),
         logs={run.name: log.text for run, log in zip(runs, files, strict=True)},
         only_errors=True,
@@ -245,7 +236,7 @@ def residuals(
         )
     identified = load_model(model)
     (file,) = map(log_file, paths_of(log))
-    (run,) = runs_for(identified, [file], progress)
+    (run,) = of_logs.runs_for(identified, [file], progress)
     gains = identified.signals.gains
     band = band_of(effort_reference(identified), run.rate) if cutoff is None else cutoff
     found = [(x.t, x.counted, x.efforts) for x in low_passed([identified.valued], run, gains, band)]

@@ -14,15 +14,8 @@ from steelyard.base.checked_arguments import checked
 from steelyard.base.errors import DataError, ModelError
 from steelyard.base.progress import Progress, report_progress, silent
 from steelyard.check.case_from_files_and_precheck import notes_of_precheck, prechecked
+from steelyard.estimate import estimator_register as register
 from steelyard.estimate.data_for_estimators import Sources
-from steelyard.estimate.estimator_register import (
-    ESTIMATORS,
-    Context,
-    Offer,
-    context_of,
-    method_of,
-    offer_of,
-)
 from steelyard.estimate.identified_model import IdentifiedModel, load_model
 from steelyard.estimate.information.base_parameters_and_regressor import base_regressor
 from steelyard.estimate.information.information import Information
@@ -37,6 +30,7 @@ from steelyard.estimate.scores.model_comparison import (
     refuse_different,
     same_efforts,
 )
+from steelyard.identify import runs_and_notes_of_logs as of_logs
 from steelyard.identify.comparison.estimators_page import (
     COMPARE_SECTIONS,
     ComparisonContent,
@@ -44,26 +38,12 @@ from steelyard.identify.comparison.estimators_page import (
 )
 from steelyard.identify.comparison.models_page import COMPARE_MODELS_SECTIONS, ModelsContent
 from steelyard.identify.fit_preparation import FitTask, PreparedFit, model_to_fit, prepare_fit
-from steelyard.identify.runs_and_notes_of_logs import (
-    dropped,
-    dropped_rows,
-    notes_of,
-    runs_for,
-    was_fitted,
-)
 from steelyard.report.page import render_sections
 from steelyard.report.result import DataFrame, Result, frame
 from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
 from steelyard.robot.file.robot_file import load_robot
+from steelyard.runs import runs_of_named_logs as named_logs
 from steelyard.runs.run import Run
-from steelyard.runs.runs_of_named_logs import (
-    LogArgument,
-    log_files,
-    paths_of,
-    refuse_overlaps,
-    runs_of,
-    signals_of,
-)
 
 
 def _refuse_one_run(information: Information) -> NoReturn:
@@ -74,7 +54,7 @@ def _refuse_one_run(information: Information) -> NoReturn:
     )
 
 
-def offers_of(names: Sequence[str], everything: bool) -> tuple[Offer, ...]:
+def offers_of(names: Sequence[str], everything: bool) -> tuple[register.Offer, ...]:
     """The named estimators, several in one name with commas; else those that do not search."""
     if names and everything:
         raise ModelError(
@@ -83,18 +63,20 @@ def offers_of(names: Sequence[str], everything: bool) -> tuple[Offer, ...]:
             fix="leave out one of the two",
         )
     if not names:
-        return tuple(offer for offer in ESTIMATORS if everything or not offer.slow)
+        return tuple(offer for offer in register.ESTIMATORS if everything or not offer.slow)
     each = [name.strip() for some in names for name in some.split(",") if name.strip()]
-    return tuple(dict.fromkeys(offer_of(name, "estimators (--estimators)") for name in each))
+    return tuple(
+        dict.fromkeys(register.offer_of(name, "estimators (--estimators)") for name in each)
+    )
 
 
 def comparison_inputs(
     file: LoadedRobot, logs: Sequence[str], check: bool, threads: int, progress: Progress
-) -> tuple[Context, Parts, PreparedFit, tuple[str, ...], tuple[str, ...]]:
+) -> tuple[register.Context, Parts, PreparedFit, tuple[str, ...], tuple[str, ...]]:
     """What estimators are given, the model with its runs, notes, and details."""
-    files = log_files(logs)
-    refuse_overlaps(files, ())
-    signals, reasons = signals_of(file, files[0])
+    files = named_logs.log_files(logs)
+    named_logs.refuse_overlaps(files, ())
+    signals, reasons = named_logs.signals_of(file, files[0])
     if signals.unknown_gains and all(signals.unknown_gains):
         raise ModelError(
             "estimators cannot be compared while every drive gain is to be identified",
@@ -106,16 +88,16 @@ def comparison_inputs(
     if check:
         given = replace(file, signals=signals)
         diagnosis, made = prechecked(file.reference, given, files, progress)
-    runs = runs_of(file, signals, files, (), progress, made)[0]
+    runs = named_logs.runs_of(file, signals, files, (), progress, made)[0]
     unresolved = () if diagnosis is None else notes_of_precheck(diagnosis, file.reference)
     task = FitTask(model, file, runs, threads=threads, progress=progress)
     ground = prepare_fit(task, WeightedLeastSquares())
-    notes = (*file.notes, *reasons, *dropped_rows(runs), *unresolved)
-    details = (*notes_of(runs), *ground.notes, *dropped(model, runs))
+    notes = (*file.notes, *reasons, *of_logs.dropped_rows(runs), *unresolved)
+    details = (*of_logs.notes_of(runs), *ground.notes, *of_logs.dropped(model, runs))
     # one more pass, in windows that parts can be made of
     regressor, runs = base_regressor(ground.model), ground.runs
     information = task.information_of(ground.model, runs, longest_window(runs))(regressor)
-    context = context_of(file, regressor, runs, progress)
+    context = register.context_of(file, regressor, runs, progress)
     sources = Sources(regressor, runs, information, threads, progress)
     experiment = sources.experiment if len(runs) > 1 else _refuse_one_run
     parts = Parts.of(runs, information, {"samples": sources.samples, "experiment": experiment})
@@ -193,7 +175,7 @@ def compare(
         ['OLS', 'WLS']
     """
     offers = offers_of(estimators, everything)
-    paths = paths_of(logs, least=1)
+    paths = named_logs.paths_of(logs, least=1)
     file = load_robot(robot, base=fixed_base)
     context, parts, ground, notes, details = comparison_inputs(
         file, paths, check, threads or os.cpu_count() or 1, progress
@@ -210,7 +192,7 @@ def compare(
             friction=ground.choice,
             findings=ground.findings,
             gains=ground.gains,
-            comparison=replace(found, current=method_of(file).name),
+            comparison=replace(found, current=register.method_of(file).name),
         )
     )
 
@@ -342,13 +324,13 @@ def compare_models(
     (first_name, first), *others = named.items()
     for name, other in others:
         refuse_different(first, other, (f"'{first_name}'", f"'{name}'"))
-    files = log_files(paths_of(logs, least=1))
+    files = named_logs.log_files(named_logs.paths_of(logs, least=1))
     runs = _runs(named, files, progress)
     found = []
     for number, (name, identified) in enumerate(named.items()):
         report_progress(progress, "comparing models", number, len(named))
         scored = tuple(
-            model_errors(identified, run, first, was_fitted(identified, log, run))
+            model_errors(identified, run, first, of_logs.was_fitted(identified, log, run))
             for log, run in zip(files, runs[name], strict=True)
         )
         found.append(ComparedModel(name, identified, scored))
@@ -359,14 +341,16 @@ def compare_models(
         qualities=tuple((run.name, run.quality.rows_of_text) for run in runs[first_name]),
         models=comparison,
         notes=_notes(named, comparison, runs[first_name]),
-        details=notes_of(runs[first_name]),
+        details=of_logs.notes_of(runs[first_name]),
         settings=(("models", ", ".join(named)), ("logs", ", ".join(file.text for file in files))),
     )
     return ComparedModels(content)
 
 
 def _runs(
-    named: Mapping[str, IdentifiedModel], files: Sequence[LogArgument], progress: Progress
+    named: Mapping[str, IdentifiedModel],
+    files: Sequence[named_logs.LogArgument],
+    progress: Progress,
 ) -> dict[str, tuple[Run, ...]]:
     """The logs as each model reads them, in the processing of the first; read once if alike."""
     first = next(iter(named.values()))
@@ -376,7 +360,7 @@ def _runs(
         values = json_values(identified.signals)
         key = json.dumps({k: v for k, v in values.items() if k not in ("gains", "unknown_gains")})
         if key not in known:
-            known[key] = runs_for(first, files, progress, signals=identified.signals)
+            known[key] = of_logs.runs_for(first, files, progress, signals=identified.signals)
         found[name] = known[key]
     return found
 
@@ -400,4 +384,4 @@ def _notes(
     alike = (same_efforts(x, first) and x.signals.effort_kind == kind for _, x in others)
     if efforts := [name for (name, _), same in zip(others, alike, strict=True) if not same]:
         notes.append(f"{', '.join(efforts)}: other effort columns than {first_name}")
-    return (*notes, *dropped_rows(runs))
+    return (*notes, *of_logs.dropped_rows(runs))

@@ -14,12 +14,8 @@ from steelyard.estimate.friction.friction_choice import FrictionChoice
 from steelyard.estimate.nonlinear.nonlinear_parameters import Finding
 from steelyard.estimate.payload.drive_gains import GainEstimate
 from steelyard.estimate.scores.estimator_comparison import Comparison, EstimatorScore, Failure
+from steelyard.identify.page import gains_offsets_search_and_settings as sections
 from steelyard.identify.page.friction_choice_and_curves import FrictionSection
-from steelyard.identify.page.gains_offsets_search_and_settings import (
-    DrivesSection,
-    QualitySection,
-    SettingsSection,
-)
 from steelyard.report.page import Numbers, PageContent, Section, rounded, script_json
 from steelyard.report.page_figures import dots, traced
 from steelyard.report.tables import PlainTable, Row, light_table, table_of
@@ -275,7 +271,7 @@ def comparison_lines(content: ComparisonContent, console: Console, verbose: bool
 COMPARE_SECTIONS: tuple[Section, ...] = (
     CompareSection(),
     FrictionSection(),
-    DrivesSection(),
-    QualitySection(),
-    SettingsSection(),
+    sections.DrivesSection(),
+    sections.QualitySection(),
+    sections.SettingsSection(),
 )

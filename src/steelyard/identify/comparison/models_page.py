@@ -26,18 +26,8 @@ from steelyard.identify.page.link_inertias_and_ellipsoids import (
     link_dict,
 )
 from steelyard.model.laws.register import description_of
+from steelyard.report import page_figures as plots
 from steelyard.report.page import FigureSection, Numbers, PageContent, Section, TableSection
-from steelyard.report.page_figures import (
-    Figure,
-    Group,
-    Key,
-    Traced,
-    dots,
-    drawn,
-    figure_of_rows,
-    from_origin,
-    line,
-)
 from steelyard.report.tables import PlainTable, Row, narrow_table, table_of
 from steelyard.report.words import NONE, count, fixed, percent, significant, with_interval
 
@@ -51,18 +41,20 @@ def colour(number: int) -> str:
     return MODEL_COLOURS[number % len(MODEL_COLOURS)]
 
 
-def legend(found: ModelComparison, shape: Literal["line", "point"]) -> list[Key]:
+def legend(found: ModelComparison, shape: Literal["line", "point"]) -> list[plots.Key]:
     """Colours of models by name."""
-    return [Key(colour(k), model.name, shape) for k, model in enumerate(found.models)]
+    return [plots.Key(colour(k), model.name, shape) for k, model in enumerate(found.models)]
 
 
 def model_dots(
     number: int, name: str, known: Mapping[str, float], half_widths: Sequence[float] | None = None
-) -> Traced:
+) -> plots.Traced:
     """One mark of a model per named row."""
     symbol = MODEL_SYMBOLS[number % len(MODEL_SYMBOLS)]
     values, rows = list(known.values()), list(known)
-    return dots(name, values, rows, colour(number), symbol=symbol, size=9, half_widths=half_widths)
+    return plots.dots(
+        name, values, rows, colour(number), symbol=symbol, size=9, half_widths=half_widths
+    )
 
 
 FITTED_MARK = "*"  # behind errors on logs that the model was identified from
@@ -87,7 +79,7 @@ class ModelErrorsSection(
         return {
             "headline": models_headline(found),
             "tables": error_tables(found),
-            "groups": [Group([_errors_figure(found)], columns="one")],
+            "groups": [plots.Group([_errors_figure(found)], columns="one")],
             "legend": legend(found, "point"),
         }
 
@@ -216,7 +208,7 @@ def _size(one: EffortError | None) -> str:
     return f"{significant(one.error)} ({share})"
 
 
-def _errors_figure(found: ModelComparison) -> Figure:
+def _errors_figure(found: ModelComparison) -> plots.Figure:
     """Shares of the effort used, all logs together: a row per joint."""
     traces = []
     for k, model in enumerate(found.models):
@@ -225,7 +217,7 @@ def _errors_figure(found: ModelComparison) -> Figure:
         traces.append(model_dots(k, model.name, known))
     label = "Error of every model and joint as a share of the effort used"
     x = "share of the effort used [%]"
-    return figure_of_rows(label, x, found.joints, traces, 30, xaxis={"rangemode": "tozero"})
+    return plots.figure_of_rows(label, x, found.joints, traces, 30, xaxis={"rangemode": "tozero"})
 
 
 MEASURED_COLOUR = "--ink"
@@ -243,30 +235,34 @@ class ModelEffortsSection(FigureSection, name="model-efforts", title="Efforts ov
         return {
             "words": f"Measured and predicted below {cutoff:g} Hz.",
             "groups": [
-                Group([_efforts_figure(found, k, j, most) for j in range(len(found.joints))], name)
+                plots.Group(
+                    [_efforts_figure(found, k, j, most) for j in range(len(found.joints))], name
+                )
                 for k, name in enumerate(found.runs[:count])
             ],
-            "legend": [Key(MEASURED_COLOUR, "measured"), *legend(found, "line")],
+            "legend": [plots.Key(MEASURED_COLOUR, "measured"), *legend(found, "line")],
             "note": f"Not drawn: {', '.join(left_out)}." if left_out else "",
         }
 
 
-def _efforts_figure(found: ModelComparison, run: int, joint: int, most: int) -> Figure:
+def _efforts_figure(found: ModelComparison, run: int, joint: int, most: int) -> plots.Figure:
     first = found.models[0].runs[run]
-    t, time = from_origin(first.t)
+    t, time = plots.from_origin(first.t)
     own = first.errors.joints[joint]
-    x, y = drawn(t, first.measured[:, joint], most)
-    traces = [line("measured", x, y, MEASURED_COLOUR, width=1.6)]
+    x, y = plots.drawn(t, first.measured[:, joint], most)
+    traces = [plots.line("measured", x, y, MEASURED_COLOUR, width=1.6)]
     shares = []
     for k, model in enumerate(found.models):
         errors = model.runs[run]
-        x, y = drawn(t, errors.predicted[:, joint], most)
+        x, y = plots.drawn(t, errors.predicted[:, joint], most)
         dash = MODEL_DASHES[k // len(MODEL_COLOURS) % len(MODEL_DASHES)]
-        traces.append(line(model.name, x, y, colour(k), width=1.2, dash=dash))
+        traces.append(plots.line(model.name, x, y, colour(k), width=1.2, dash=dash))
         shares.append(f"{model.name} {percent(errors.errors.joints[joint].percent_of_used)}")
     label = f"Measured and predicted effort of {own.joint} in {first.run}"
     y_title = f"effort [{own.unit}]"
-    return Figure(own.joint, label, time, y_title, traces, {"showlegend": False}, ", ".join(shares))
+    return plots.Figure(
+        own.joint, label, time, y_title, traces, {"showlegend": False}, ", ".join(shares)
+    )
 
 
 MODEL_PARAMETERS_WORDS = (
@@ -411,7 +407,7 @@ class ModelMassesSection(FigureSection, name="model-masses", title="Masses and c
             if (own := links.get(model.name))
         ]
         label, axis = "Masses of all links in every model", {"rangemode": "tozero"}
-        figure = figure_of_rows(label, "mass [kg]", names, traces, 34, xaxis=axis)
+        figure = plots.figure_of_rows(label, "mass [kg]", names, traces, 34, xaxis=axis)
         return {
             "words": MODEL_MASSES_WORDS,
             "tables": [
@@ -419,7 +415,7 @@ class ModelMassesSection(FigureSection, name="model-masses", title="Masses and c
                 PlainTable(caption, "", headings, centres, range(len(headings))),
             ],
             "legend": [key for key in legend(found, "point") if key.words in links],
-            "groups": [Group([figure], columns="one")],
+            "groups": [plots.Group([figure], columns="one")],
         }
 
     def to_dict(self, content: ModelsContent) -> dict[str, Any]:

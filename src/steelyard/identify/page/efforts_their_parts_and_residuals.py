@@ -17,15 +17,7 @@ from steelyard.identify.page.report_content_and_error_words import (
     below,
     pooled_samples,
 )
-from steelyard.report.page import (
-    FigureSection,
-    Numbers,
-    Section,
-    fill,
-    packed,
-    rounded,
-    script_json,
-)
+from steelyard.report import page
 from steelyard.report.page_figures import (
     Figure,
     Group,
@@ -55,10 +47,10 @@ NOISE_ONLY = "not calibrated: noise only"
 MOST_SHADED_RESTS = 80  # most rests that are shaded in one plot
 
 
-class EffortSection(Section, name="effort", title="Effort, measured and predicted"):
+class EffortSection(page.Section, name="effort", title="Effort, measured and predicted"):
     """One plot per joint; a menu chooses the run."""
 
-    def numbers(self, content: ReportContent) -> Numbers | None:
+    def numbers(self, content: ReportContent) -> page.Numbers | None:
         """Lines of every joint and run, unseen runs first."""
         everything = [(s, "repeated motion" if s.repeats else "not fitted") for s in content.scores]
         everything += [(s, "fitted") for s in content.fitted]
@@ -83,14 +75,14 @@ class EffortSection(Section, name="effort", title="Effort, measured and predicte
             "figures": figures,
         }
 
-    def show(self, numbers: Numbers) -> str:
+    def show(self, numbers: page.Numbers) -> str:
         """The numbers as safe HTML."""
         n_joints = max(len(numbers["joints"]), 1)
         data = [
-            (index // n_joints, index % n_joints, script_json(figure))
+            (index // n_joints, index % n_joints, page.script_json(figure))
             for index, figure in enumerate(numbers["figures"])
         ]
-        return fill("effort.html", {**numbers, "data": data})
+        return page.fill("effort.html", {**numbers, "data": data})
 
 
 def drawn_efforts(lines: int, runs: int) -> tuple[int, int]:
@@ -128,7 +120,9 @@ def _effort_figure(score: RunScore, joint: int, points: int) -> dict[str, Any]:
         "time": time,
         "lines": [_packed(drawn(t, signal, points)) for signal in signals],
         "bands": _bands(t, traces, joint, points) if banded else [],
-        "rests": [[rounded(a), rounded(b)] for a, b in sorted(longest[:MOST_SHADED_RESTS])],
+        "rests": [
+            [page.rounded(a), page.rounded(b)] for a, b in sorted(longest[:MOST_SHADED_RESTS])
+        ],
     }
 
 
@@ -175,7 +169,7 @@ def _bands(t: Array, traces: Traces, joint: int, points: int) -> list[dict[str, 
 
 
 def _packed(points: tuple[Array, Array]) -> dict[str, dict[str, str]]:
-    return {"x": packed(points[0]), "y": packed(points[1])}
+    return {"x": page.packed(points[0]), "y": page.packed(points[1])}
 
 
 MOST_POINTS_OF_TORQUE_PART = 1000  # most points of one line
@@ -191,10 +185,10 @@ TORQUE_PARTS = {  # words, colour and dash
 }
 
 
-class TorqueSplitSection(FigureSection, name="torque-split", title="Effort by cause"):
+class TorqueSplitSection(page.FigureSection, name="torque-split", title="Effort by cause"):
     """A table of sizes, and one folded figure per joint."""
 
-    def numbers(self, content: ReportContent) -> Numbers | None:
+    def numbers(self, content: ReportContent) -> page.Numbers | None:
         """Parts of one run, one that was not fitted if there is one."""
         found, joints = _run(content), content.identified.robot.coordinates
         if found is None:
@@ -242,7 +236,7 @@ class TorqueSplitSection(FigureSection, name="torque-split", title="Effort by ca
         score, _, parts = found
         sizes = _sizes(parts, parts.moving)
         joints = [
-            {"joint": joint, **{name: rounded(size[j]) for name, size in sizes.items()}}
+            {"joint": joint, **{name: page.rounded(size[j]) for name, size in sizes.items()}}
             for j, joint in enumerate(content.identified.joints)
         ]
         return {"torque_split": {"run": score.run, "joints": joints}}
@@ -341,11 +335,11 @@ def binned(over: Array, residual: Array) -> Binned:
 
 
 class ResidualsSection(
-    FigureSection, name="residuals", title="Residual over position, speed and effort"
+    page.FigureSection, name="residuals", title="Residual over position, speed and effort"
 ):
     """A table of shares, and three folded figures per joint."""
 
-    def numbers(self, content: ReportContent) -> Numbers | None:
+    def numbers(self, content: ReportContent) -> page.Numbers | None:
         """Bins and points."""
         samples = pooled_samples(content, "validation")
         if samples is None:
@@ -390,7 +384,7 @@ class ResidualsSection(
         found = []
         for j, joint in enumerate(content.identified.joints):
             signals, residual = _moving(samples[0], j)
-            shares = {n: rounded(binned(x, residual).share) for n, x in signals.items()}
+            shares = {n: page.rounded(binned(x, residual).share) for n, x in signals.items()}
             found.append({"joint": joint, **shares})
         return {"residual_shares": found}
 

@@ -13,14 +13,7 @@ from steelyard.estimate.nonlinear.effort_scales import EffortScales
 from steelyard.estimate.nonlinear.nonlinear_parameters import ZeroOffsets
 from steelyard.estimate.payload.drive_gains import DriveGain, GainEstimate
 from steelyard.identify.page.report_content_and_error_words import ReportContent
-from steelyard.report.page import (
-    FigureSection,
-    Numbers,
-    PageContent,
-    Section,
-    TableSection,
-    ValueSection,
-)
+from steelyard.report import page
 from steelyard.report.page_figures import Figure, Group, Key, line
 from steelyard.report.tables import PlainTable, Row, table_of, text_table
 from steelyard.report.words import rounded_to_uncertainty, significant
@@ -29,11 +22,11 @@ ASSUMED_GAIN = "assumed: geometric mean of the others"  # of a gain not identifi
 
 
 class DrivesSection(
-    ValueSection, name="drives", title="Drive gains", value="gains", in_terminal=True
+    page.ValueSection, name="drives", title="Drive gains", value="gains", in_terminal=True
 ):
     """Gains with intervals."""
 
-    def tables_of(self, found: GainEstimate, content: PageContent) -> Sequence[PlainTable]:
+    def tables_of(self, found: GainEstimate, content: page.PageContent) -> Sequence[PlainTable]:
         """One row per joint."""
         intervals = any(map(_has_interval, found.each))
         words = f"Joint effort per logged unit{', with 95 % intervals' if intervals else ''}."
@@ -73,7 +66,7 @@ def _interval_or_origin(gain: DriveGain) -> str:
 
 
 class EffortScalesSection(
-    ValueSection, name="effort_scales", title="Scales of the efforts", value="effort_scales"
+    page.ValueSection, name="effort_scales", title="Scales of the efforts", value="effort_scales"
 ):
     """Scales with intervals."""
 
@@ -96,7 +89,7 @@ class EffortScalesSection(
 
 
 class ZeroOffsetsSection(
-    ValueSection, name="zero_offsets", title="Zero offsets", value="zero_offsets"
+    page.ValueSection, name="zero_offsets", title="Zero offsets", value="zero_offsets"
 ):
     """Offsets with intervals."""
 
@@ -119,7 +112,7 @@ class ZeroOffsetsSection(
         return (PlainTable("", words, ("Joint", "Offset", "95 % interval", "Unit"), rows, (0, 3)),)
 
 
-class PerRunSection(TableSection, name="per-run", title="Parameters per run"):
+class PerRunSection(page.TableSection, name="per-run", title="Parameters per run"):
     """One column a run."""
 
     def tables(self, content: ReportContent) -> list[PlainTable]:
@@ -150,10 +143,10 @@ WORDS = (
 )
 
 
-class EvolutionSection(FigureSection, name="evolution", title="Genetic algorithm"):
+class EvolutionSection(page.FigureSection, name="evolution", title="Genetic algorithm"):
     """The objective over generations, and the bounds of the search."""
 
-    def numbers(self, content: ReportContent) -> Numbers | None:
+    def numbers(self, content: ReportContent) -> page.Numbers | None:
         """A figure and a table, if the estimate is from a genetic algorithm."""
         found = content.identified.estimate.evolution
         if found is None:
@@ -215,11 +208,11 @@ def _bounds(content: ReportContent) -> PlainTable:
 
 
 class SettingsSection(
-    Section, name="settings", title="Notes and settings", folded=True, template="settings.html"
+    page.Section, name="settings", title="Notes and settings", folded=True, template="settings.html"
 ):
     """What was assumed, and everything that is needed to make the same results again."""
 
-    def numbers(self, content: PageContent) -> Numbers | None:
+    def numbers(self, content: page.PageContent) -> page.Numbers | None:
         """Notes, settings, runs, and hashes of the files."""
         notes = (*content.notes, *content.details)
         origin = content.identified.provenance if isinstance(content, ReportContent) else None
@@ -235,11 +228,11 @@ LETTERS_OF_LONG_VALUE = 80  # from which on it stands below its run
 
 
 class QualitySection(
-    Section, name="quality", title="Data quality", folded=True, template="quality.html"
+    page.Section, name="quality", title="Data quality", folded=True, template="quality.html"
 ):
     """Rows, rates, gaps and dropped samples of every run."""
 
-    def numbers(self, content: PageContent) -> Numbers | None:
+    def numbers(self, content: page.PageContent) -> page.Numbers | None:
         """One column per label, one row per run; long values stand below their run."""
         if not content.qualities:
             return None
@@ -264,10 +257,10 @@ class QualitySection(
 FEW = 40_000  # most points of all pictures of the evidence together
 
 
-class CheckSection(Section, name="check", title="Check of the logs", template="findings.html"):
+class CheckSection(page.Section, name="check", title="Check of the logs", template="findings.html"):
     """The verdict on the logs, and every finding; what is not ok with its picture."""
 
-    def numbers(self, content: ReportContent) -> Numbers | None:
+    def numbers(self, content: ReportContent) -> page.Numbers | None:
         """The findings, if the logs were checked."""
         if content.diagnosis is None:
             return None

@@ -14,6 +14,7 @@ from steelyard.base.arrays import stretches
 from steelyard.check.findings_text_and_page import finding_dict
 from steelyard.estimate.scores.effort_errors import EffortError, as_logged, pooled
 from steelyard.estimate.scores.score import RunScore
+from steelyard.identify import verdict_and_next_steps as judging
 from steelyard.identify.page.efforts_their_parts_and_residuals import band_text
 from steelyard.identify.page.parameters_and_truth import parameter_rows, usable
 from steelyard.identify.page.report_content_and_error_words import (
@@ -26,12 +27,6 @@ from steelyard.identify.page.report_content_and_error_words import (
     relative,
     relative_errors,
     scale_words,
-)
-from steelyard.identify.verdict_and_next_steps import (
-    MOST_FAIR_PERCENT,
-    MOST_GOOD_PERCENT,
-    level_of,
-    verdict,
 )
 from steelyard.report.page import Numbers, Section
 from steelyard.report.tables import light_table
@@ -99,7 +94,7 @@ class VerdictSection(Section, name="verdict", title="Verdict", template="verdict
     def numbers(self, content: ReportContent) -> Numbers:
         """Verdict, key figures and scores."""
         return {
-            "verdict": verdict(content),
+            "verdict": judging.verdict(content),
             "usable": "" if content.only_errors else ". ".join(usable(content.identified)),
             "fitted_larger": fitted_larger(content.fitted, content.scores),
             "facts": _facts(content),
@@ -110,15 +105,15 @@ class VerdictSection(Section, name="verdict", title="Verdict", template="verdict
             "scales": scale_words(
                 content.identified, content.scores or content.fitted, content.unscaled
             ),
-            "good": MOST_GOOD_PERCENT,
-            "fair": MOST_FAIR_PERCENT,
+            "good": judging.MOST_GOOD_PERCENT,
+            "fair": judging.MOST_FAIR_PERCENT,
             "most_others": MOST_OTHERS,
         }
 
     def to_dict(self, content: ReportContent) -> dict[str, Any]:
         """Verdict, limitations, scores and notes."""
         return {
-            "verdict": verdict(content).to_dict(),
+            "verdict": judging.verdict(content).to_dict(),
             "validation": [score.to_dict() for score in content.scores],
             "validation_without_scales": [score.to_dict() for score in content.unscaled],
             "identification": [score.to_dict() | {"motion": "fitted"} for score in content.fitted],
@@ -128,7 +123,7 @@ class VerdictSection(Section, name="verdict", title="Verdict", template="verdict
 
     def printed(self, content: ReportContent) -> Iterable[RenderableType]:
         """The verdict with its limitations, and the errors of every joint, or of every run."""
-        judged = verdict(content)
+        judged = judging.verdict(content)
         yield Group(
             Text(judged.line, style=f"bold {COLOURS[judged.level]}"),
             *([Text(judged.detail)] if judged.detail else []),
@@ -144,7 +139,7 @@ class VerdictSection(Section, name="verdict", title="Verdict", template="verdict
 
     def detailed(self, content: ReportContent) -> Iterable[RenderableType]:
         """The errors of every joint in every run, in the fixed band and in that of the fit."""
-        judged, unseen = verdict(content), bool(content.scores)
+        judged, unseen = judging.verdict(content), bool(content.scores)
         for one in judged.limitations:
             if one.brief != one.text:
                 yield Text(f"! {one.text}", style=COLOURS[one.level])
@@ -196,10 +191,10 @@ def _run(score: RunScore) -> dict[str, Any]:
                 "share": share,
                 "of_limit": joint.percent_of_limit,
                 "over": f"{significant(joint.seconds)} s",
-                "level": level_of(share) if joint.counted else "none",
+                "level": judging.level_of(share) if joint.counted else "none",
                 "bar": min(share, 100.0) if share == share else 0.0,
                 "as_logged": other,
-                "as_logged_level": level_of(other) if joint.counted else "none",
+                "as_logged_level": judging.level_of(other) if joint.counted else "none",
             }
         )
     return {
@@ -265,7 +260,7 @@ def _add(
 ) -> None:
     """A row: error with its unit, relative to what was used, as logged too, and to the limit."""
     shares = [one.percent_of_used for one in (error, logged) if one is not None]
-    styles = [COLOURS[level_of(share)] if error.counted else "dim" for share in shares]
+    styles = [COLOURS[judging.level_of(share)] if error.counted else "dim" for share in shares]
     table.add_row(
         Text(name),
         f"{significant(error.error)} {error.unit}",
@@ -282,7 +277,10 @@ def _fit_table(score: RunScore) -> RenderableType:
     for joint in score.joints:
         table.add_row(
             Text(joint.joint),
-            Text(percent(joint.relative_percent_moving), style=COLOURS[level_of(relative(joint))]),
+            Text(
+                percent(joint.relative_percent_moving),
+                style=COLOURS[judging.level_of(relative(joint))],
+            ),
             percent(joint.relative_percent),
             significant(joint.rmse),
             significant(joint.mae),

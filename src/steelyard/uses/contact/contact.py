@@ -23,13 +23,8 @@ from steelyard.estimate.external.contact_thresholds import ONSET, ContactThresho
 from steelyard.estimate.identified_model import IdentifiedModel, load_model
 from steelyard.estimate.information.base_parameters_and_regressor import base_regressor
 from steelyard.estimate.information.gather import gather
+from steelyard.estimate.scores import residual_noise_and_traces as residual_noise
 from steelyard.estimate.scores.effort_errors import effort_reference
-from steelyard.estimate.scores.residual_noise_and_traces import (
-    ResidualTrace,
-    residual_cutoff,
-    residual_trace,
-    thresholds_of,
-)
 from steelyard.identify.runs_and_notes_of_logs import left_out, notes_of, runs_for, was_fitted
 from steelyard.robot.robot import Robot
 from steelyard.runs.rest_speed_and_speed_histogram import rest_speed_of_runs
@@ -196,7 +191,7 @@ class ContactStream:
 
 
 def contacts_in(
-    trace: ResidualTrace, thresholds: ContactThresholds, robot: Robot, sigma: Array
+    trace: residual_noise.ResidualTrace, thresholds: ContactThresholds, robot: Robot, sigma: Array
 ) -> tuple[ContactEvent, ...]:
     """Stretches of a run in which residuals exceed their thresholds.
 
@@ -248,7 +243,7 @@ class SuspectedContact:
 
 
 def without_contact(
-    traces: Sequence[ResidualTrace],
+    traces: Sequence[residual_noise.ResidualTrace],
     edges: Array,
     cutoff: float,
     robot: Robot,
@@ -326,14 +321,16 @@ def contact(
     notes = [fitted_note(one.name) for one, old in zip(free, fitted, strict=True) if old]
     unseen = [one for one, old in zip(free, fitted, strict=True) if not old]
     own = None if identified.calibration is None else identified.calibration.peaks
-    cutoff = residual_cutoff(identified, unseen) if own is None else own.cutoff
+    cutoff = residual_noise.residual_cutoff(identified, unseen) if own is None else own.cutoff
     sigma = np.asarray(identified.estimate.sigma)
     rest = common_rest_speed(identified, [one.rest_speed for one in unseen or [run]])
     suspected: tuple[SuspectedContact, ...] = ()
     if given:
         traces = []
         for other in unseen:
-            free_trace = residual_trace(identified, replace(other, rest_speed=rest), cutoff)
+            free_trace = residual_noise.residual_trace(
+                identified, replace(other, rest_speed=rest), cutoff
+            )
             refuse_other_efforts(free_trace, sigma, identified.joints)
             carried = _carried(identified, other)
             if carried is None:
@@ -357,8 +354,8 @@ def contact(
             fix="give logs of motion without contact with --calibrate, or identify again from two "
             "or more motions",
         )
-    thresholds = thresholds_of(identified, peaks, rate)
-    trace = residual_trace(identified, replace(run, rest_speed=rest), cutoff)
+    thresholds = residual_noise.thresholds_of(identified, peaks, rate)
+    trace = residual_noise.residual_trace(identified, replace(run, rest_speed=rest), cutoff)
     refuse_other_efforts(trace, sigma, identified.joints)
     robot = identified.model.robot
     found = Contacts(
@@ -422,7 +419,7 @@ def common_rest_speed(identified: IdentifiedModel, speeds: Sequence[Array]) -> A
 
 def peaks_of_free_motion(
     identified: IdentifiedModel,
-    traces: Sequence[ResidualTrace],
+    traces: Sequence[residual_noise.ResidualTrace],
     rest: Array,
     cutoff: float,
     known: ResidualPeaks | None,

@@ -26,13 +26,8 @@ from steelyard.base.arrays import Z95, Array, frozen
 from steelyard.base.errors import DataError, SteelyardError
 from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.estimate.information.information import Information
+from steelyard.estimate.payload import payload_estimate
 from steelyard.estimate.payload.marginal_information import covariance_of, inverse, seen_information
-from steelyard.estimate.payload.payload_estimate import (
-    BEYOND_DOUBT,
-    PayloadEstimate,
-    payload_of,
-    refuse_unseen,
-)
 from steelyard.estimate.payload.runs_with_payload import (
     LoadCase,
     carrier,
@@ -43,11 +38,7 @@ from steelyard.estimate.payload.runs_with_payload import (
 from steelyard.robot.file.effort_units_and_gears import MOTOR_KINDS
 from steelyard.robot.robot import Frame
 from steelyard.uses.effort_plausibility import LEAST_FITTED, refuse_unexplained
-from steelyard.uses.payload.known_and_consistent_payload_body import (
-    PayloadKnowledge,
-    consistent_body,
-    refuse_contradiction,
-)
+from steelyard.uses.payload import known_and_consistent_payload_body as payload_body
 
 FRICTION_DRIFT = 0.5  # of friction and offset from run to run, over the effort they make in a joint
 GAIN_RELATIVE_STD = 0.02  # relative standard deviation of motors' gains given without one
@@ -67,7 +58,7 @@ KNOWN = 1e-6  # standard deviation of what was not estimated, of its size or of 
 ROUNDS = 50
 TOLERANCE = 1e-6  # relative change of the rows' variances at which they have converged
 
-NOTHING_KNOWN = PayloadKnowledge()
+NOTHING_KNOWN = payload_body.PayloadKnowledge()
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,8 +77,8 @@ def fit_payload(
     *,
     unloaded: Sequence[Information] = (),
     gain: float | None = None,
-    known: PayloadKnowledge = NOTHING_KNOWN,
-) -> PayloadEstimate:
+    known: payload_body.PayloadKnowledge = NOTHING_KNOWN,
+) -> payload_estimate.PayloadEstimate:
     """Weigh what a robot carries: a physically consistent body.
 
     The model's covariance says how far its parameters may move; with unloaded runs they are found
@@ -212,8 +203,8 @@ def weighed(
     carries: Frame,
     jointly: bool,
     gain: float,
-    known: PayloadKnowledge,
-) -> PayloadEstimate:
+    known: payload_body.PayloadKnowledge,
+) -> payload_estimate.PayloadEstimate:
     """One payload of a case, with ten columns, as a physically consistent body in a frame.
 
     The arm was found from the runs alone if `jointly`; gains are exact if `gain` is zero.
@@ -225,16 +216,18 @@ def weighed(
     if of_scales is not None:
         widening = widening + of_scales
     by_data = covariance_of(fit.matrix, columns) + widening
-    refuse_unseen(by_data, carries)
-    refuse_contradiction(free, by_data, known)
+    payload_estimate.refuse_unseen(by_data, carries)
+    payload_body.refuse_contradiction(free, by_data, known)
     information = seen_information(fit.matrix, columns)
-    body = consistent_body(free, information, by_data, widening, known)
+    body = payload_body.consistent_body(free, information, by_data, widening, known)
     sign, unexplained = 1.0, _unexplained(identified, case, fit)
-    if not (known.words or unexplained) and free[0] < -BEYOND_DOUBT * np.sqrt(by_data[0, 0]):
-        removed = consistent_body(-free, information, by_data, widening, known)
+    if not (known.words or unexplained) and free[0] < -payload_estimate.BEYOND_DOUBT * np.sqrt(
+        by_data[0, 0]
+    ):
+        removed = payload_body.consistent_body(-free, information, by_data, widening, known)
         if removed.chi_squared <= REMOVED_SHARE * body.chi_squared:
             sign, body = -1.0, removed
-    return payload_of(
+    return payload_estimate.payload_of(
         carries,
         identified.model.robot,
         sign * body.ten,

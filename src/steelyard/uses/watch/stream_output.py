@@ -14,15 +14,10 @@ from steelyard.report.words import signed, significant
 from steelyard.uses.contact.contact import ContactEvent, ContactStart, JointLoad
 from steelyard.uses.payload.payload import mass_with_interval, rounded_mass
 from steelyard.uses.payload.pick_up_and_put_down import PayloadEvent
-from steelyard.uses.watch.watcher_and_events import (
-    StreamEstimate,
-    StreamEvent,
-    StreamNote,
-    Watcher,
-)
+from steelyard.uses.watch import watcher_and_events as watching
 
 
-def record_of(event: StreamEvent) -> dict[str, Any]:
+def record_of(event: watching.StreamEvent) -> dict[str, Any]:
     """As JSON values; `event` says what it is."""
     match event:
         case ContactStart():
@@ -46,7 +41,7 @@ def record_of(event: StreamEvent) -> dict[str, Any]:
                 "mass_half_width_kg": event.mass_half_width,
                 "over_threshold": event.ratio,
             }
-        case StreamNote():
+        case watching.StreamNote():
             return {"event": "note", "time_s": event.time, "text": event.text}
     record: dict[str, Any] = {
         "event": "estimate",
@@ -60,7 +55,7 @@ def record_of(event: StreamEvent) -> dict[str, Any]:
     return record
 
 
-def event_line(event: StreamEvent) -> str:
+def event_line(event: watching.StreamEvent) -> str:
     """One line of a terminal."""
     time = event.end if isinstance(event, ContactEvent) else event.time
     match event:
@@ -73,9 +68,9 @@ def event_line(event: StreamEvent) -> str:
             mass, half = rounded_mass(event.mass, event.mass_half_width)
             between = f"between {event.earliest:.2f} and {event.latest:.2f} s"
             what, text = event.kind, f"{mass} ± {half} kg ({between})"
-        case StreamNote():
+        case watching.StreamNote():
             what, text = "note", event.text
-        case StreamEstimate():
+        case watching.StreamEstimate():
             what, text = "estimate", f"torque {' '.join(f'{x:.3g}' for x in event.torque)}"
             if event.wrench is not None:
                 text += f"; wrench {' '.join(f'{x:.3g}' for x in event.wrench)}"
@@ -88,7 +83,7 @@ def _load(load: JointLoad) -> str:
     return f"{load.joint} {signed(load.peak)} {load.unit}{change}, {ratio} × threshold"
 
 
-def state_line(watcher: Watcher) -> str:
+def state_line(watcher: watching.Watcher) -> str:
     """What a watcher sees now, for a line that is written again and again."""
     if not watcher.observer.steps:
         return "waiting for samples"
@@ -154,7 +149,7 @@ EVENT_COLUMNS = (
 WRENCH_COLUMNS = ("fx_N", "fy_N", "fz_N", "mx_Nm", "my_Nm", "mz_Nm")  # entries of a wrench
 
 
-def event_row(event: ContactEvent | PayloadEvent | StreamNote) -> dict[str, str | float]:
+def event_row(event: ContactEvent | PayloadEvent | watching.StreamNote) -> dict[str, str | float]:
     """Cells of the table of events by `EVENT_COLUMNS`."""
     match event:
         case ContactEvent():
@@ -210,13 +205,13 @@ class StreamFiles:
             tables.flush()
             yield tables
 
-    def take(self, event: StreamEvent) -> None:
+    def take(self, event: watching.StreamEvent) -> None:
         """Write what belongs into the tables: contacts when they end."""
-        if isinstance(event, StreamEstimate):
+        if isinstance(event, watching.StreamEstimate):
             both = (event.torque, event.half_width, event.wrench, event.wrench_half_width)
             known = (x for part in both if part is not None for x in part.tolist())
             self._estimates.writerow(_short([event.time, *known]))
-        elif isinstance(event, ContactEvent | PayloadEvent | StreamNote):
+        elif isinstance(event, ContactEvent | PayloadEvent | watching.StreamNote):
             row = event_row(event)
             self._events.writerow(_short([row.get(name, "") for name in EVENT_COLUMNS]))
 

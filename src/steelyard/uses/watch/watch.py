@@ -16,12 +16,7 @@ from steelyard.estimate.identified_model import IdentifiedModel, load_model
 from steelyard.estimate.information.base_parameters_and_regressor import base_regressor
 from steelyard.estimate.information.kept_filtered_samples import gather_samples
 from steelyard.estimate.payload.runs_with_payload import carrier
-from steelyard.estimate.scores.residual_noise_and_traces import (
-    FORGOTTEN,
-    ResidualTrace,
-    greatest,
-    thresholds_of,
-)
+from steelyard.estimate.scores import residual_noise_and_traces as residual_noise
 from steelyard.identify.runs_and_notes_of_logs import fitted_before, processing_of
 from steelyard.logs.contents import windowed
 from steelyard.logs.formats import open_log
@@ -37,21 +32,15 @@ from steelyard.uses.contact.contact import (
     peaks_of_free_motion,
 )
 from steelyard.uses.payload.pick_up_and_put_down import PayloadEvents, find_payload_events
+from steelyard.uses.watch import watcher_and_events as watching
 from steelyard.uses.watch.stream_output import StreamFiles
-from steelyard.uses.watch.watcher_and_events import (
-    PayloadStream,
-    StreamEvent,
-    Watcher,
-    rests_of,
-    velocity_of,
-)
 
 
 @dataclass(frozen=True, eq=False)
 class WatchStart:
     """A watcher; what its thresholds rest on, and what is not sought and why."""
 
-    watcher: Watcher
+    watcher: watching.Watcher
     model: IdentifiedModel
     notes: tuple[str, ...]
 
@@ -110,7 +99,7 @@ def start_watch(
     if given:
         thresholds, notes = calibrated_thresholds(identified, given, cutoff, rate, progress)
     elif own is not None and own.cutoff == cutoff:
-        thresholds = thresholds_of(identified, own, rate)
+        thresholds = residual_noise.thresholds_of(identified, own, rate)
         notes = [
             f"{rate_words(thresholds, left_out_words(identified))}; these logs were smoothed, and "
             "abrupt stops cause larger residuals in a stream: calibrate with logs that were "
@@ -127,17 +116,17 @@ def start_watch(
             "contact is not sought: the model has no residuals of left-out motion "
             f"behind {cutoff:g} Hz; give logs of motion without contact with --calibrate"
         ]
-    payload: PayloadStream | None = None
+    payload: watching.PayloadStream | None = None
     if identified.signals.effort_kind == "gravity_compensated_torque":
         notes.append("changes of the payload are not sought: efforts are gravity-compensated")
     else:
         payload = payload_stream(identified, frame)
     period = 1.0 / (PER_PERIOD * cutoff) if every is None else every
-    watcher = Watcher(identified, observer, frame, thresholds, payload, period)
+    watcher = watching.Watcher(identified, observer, frame, thresholds, payload, period)
     return WatchStart(watcher, identified, tuple(notes))
 
 
-def payload_stream(identified: IdentifiedModel, frame: str | None) -> PayloadStream:
+def payload_stream(identified: IdentifiedModel, frame: str | None) -> watching.PayloadStream:
     """What finds changes of a payload in consecutive rows of a stream."""
     carrier(identified.model.robot, frame)
     signals, processing = identified.signals, processing_of(identified)
@@ -149,13 +138,13 @@ def payload_stream(identified: IdentifiedModel, frame: str | None) -> PayloadStr
         samples = gather_samples(regressor, run)
         return find_payload_events(identified, samples, frame)
 
-    return PayloadStream(detect)
+    return watching.PayloadStream(detect)
 
 
 def watch_rows(
-    watcher: Watcher,
+    watcher: watching.Watcher,
     arriving: Iterable[Array],
-    emit: Callable[[StreamEvent], None],
+    emit: Callable[[watching.StreamEvent], None],
     files: StreamFiles | None = None,
     *,
     source: str,
@@ -166,7 +155,7 @@ def watch_rows(
     A contact that is still going on is ended there, also where an error ends the rows.
     """
 
-    def report(events: Iterable[StreamEvent]) -> None:
+    def report(events: Iterable[watching.StreamEvent]) -> None:
         for event in events:
             if files is not None:
                 files.take(event)
@@ -214,7 +203,7 @@ def calibrated_thresholds(
         traces.append(stream_trace(identified, log, cutoff))
     rest = common_rest_speed(identified, [np.full(identified.robot.n, np.inf)])
     peaks, suspected = peaks_of_free_motion(identified, traces, rest, cutoff, None)
-    thresholds = thresholds_of(identified, peaks, rate)
+    thresholds = residual_noise.thresholds_of(identified, peaks, rate)
     count = f"{len(unseen)} calibration {'log' if len(unseen) == 1 else 'logs'}"
     return thresholds, [
         rate_words(thresholds, count),
@@ -223,21 +212,23 @@ def calibrated_thresholds(
     ]
 
 
-def stream_trace(identified: IdentifiedModel, log: LogArgument, cutoff: float) -> ResidualTrace:
+def stream_trace(
+    identified: IdentifiedModel, log: LogArgument, cutoff: float
+) -> residual_noise.ResidualTrace:
     """Residuals of a finished log as a stream of its rows shows them, behind a cut-off [Hz]."""
     path, cut = parse_log_argument(log.text)
     signals, observer = identified.signals, identified.observe(bandwidth=cutoff)
-    stream, rest = SampleStream(signals, identified.robot), rests_of(identified)
+    stream, rest = SampleStream(signals, identified.robot), watching.rests_of(identified)
     t, residual, speed = [], [], []
     for rows in windowed(open_log(path), stream.columns, cut):
         for sample in stream.samples(rows):
-            moving = velocity_of(sample.dq, rest)
+            moving = watching.velocity_of(sample.dq, rest)
             observer.step(sample.t, sample.q, moving, signals.gains * sample.effort)
             t.append(sample.t)
             residual.append(-observer.torque)
             speed.append(np.abs(sample.dq))
     name = f"{path.stem}{cut.text}"
-    first = int(np.searchsorted(t, FORGOTTEN / (2.0 * np.pi * cutoff)))
+    first = int(np.searchsorted(t, residual_noise.FORGOTTEN / (2.0 * np.pi * cutoff)))
     if len(t) < first + 2:
         raise LogError(
             "the log is too short for the residual's low-pass",
@@ -246,8 +237,8 @@ def stream_trace(identified: IdentifiedModel, log: LogArgument, cutoff: float) -
         )
     step = float(np.median(np.diff(t)))
     speeds = np.array(speed).T
-    slowest = -greatest(-speeds, round(HOLD / step) + 1)
-    fastest = greatest(speeds, round(SETTLED / step) + 1)
+    slowest = -residual_noise.greatest(-speeds, round(HOLD / step) + 1)
+    fastest = residual_noise.greatest(speeds, round(SETTLED / step) + 1)
     none = np.zeros((3, identified.robot.n, len(t)))
     found = (np.array(residual).T, slowest, fastest, none[0], none[1:])
-    return ResidualTrace(name, np.array(t), step, *found).of(slice(first, None))
+    return residual_noise.ResidualTrace(name, np.array(t), step, *found).of(slice(first, None))

@@ -13,15 +13,8 @@ from steelyard.base.arrays import Array
 from steelyard.base.checked_arguments import checked
 from steelyard.base.errors import DataError
 from steelyard.base.progress import Progress, silent
+from steelyard.estimate.external import wrench_methods as methods
 from steelyard.estimate.external.compiled_observer_step import Axes, moved_frame
-from steelyard.estimate.external.wrench_methods import (
-    FORCE,
-    LEVER,
-    Expected,
-    InverseJacobian,
-    Weighted,
-    WrenchMethod,
-)
 from steelyard.estimate.identified_model import IdentifiedModel, load_model
 from steelyard.identify.runs_and_notes_of_logs import left_out, notes_of, runs_for, was_fitted
 from steelyard.logs.formats import open_log, write_table
@@ -33,17 +26,7 @@ from steelyard.report.tables import PlainTable, Row, narrow_table
 from steelyard.report.words import NONE, significant
 from steelyard.runs.runs_of_named_logs import log_file
 from steelyard.uses.control.feedforward import refuse_unknown_gains
-from steelyard.uses.wrench.measured_wrench_and_sensor_mounting import (
-    UNITS,
-    WRENCH_TABLE_COLUMNS,
-    MeasuredWrench,
-    Sensor,
-    SensorSign,
-    measured_wrench,
-    sensor_columns,
-    sensor_placement,
-    stretch_of_rest,
-)
+from steelyard.uses.wrench import measured_wrench_and_sensor_mounting as sensors
 from steelyard.uses.wrench.wrench_along_run import (
     COMPONENTS,
     ResidualKind,
@@ -113,7 +96,7 @@ class ExternalWrench(Result):
     fitted: bool
     left_out: tuple[str, ...]  # rows and times that were not examined, for people to read
     details: tuple[str, ...]
-    measured: MeasuredWrench | None = None  # by a force/torque sensor, if one is named
+    measured: sensors.MeasuredWrench | None = None  # by a force/torque sensor, if one is named
     json_name = "wrench.json"
 
     @property
@@ -122,7 +105,10 @@ class ExternalWrench(Result):
         found, at = self.estimate, self.estimate.largest
         ends = (found.force_lower[at], found.force_upper[at])
         low, high = (significant(float(x)) for x in ends)
-        size, inverse = significant(float(found.force[at])), found.method == InverseJacobian.name
+        size, inverse = (
+            significant(float(found.force[at])),
+            found.method == methods.InverseJacobian.name,
+        )
         lacks = np.isinf(found.condition[at]) if inverse else not found.force_observable[at]
         remark = f", {NOT_CONTAINED if inverse else PARTLY_EXPECTED}" if lacks else ""
         text = f"{size} N (95 %: {low} to {high} N{remark})"
@@ -170,7 +156,7 @@ class ExternalWrench(Result):
             np.mean(found.data_share, axis=0),
             found.assumed_zero,
         )
-        rows = zip(COMPONENTS, UNITS, *(column.tolist() for column in columns), strict=True)
+        rows = zip(COMPONENTS, sensors.UNITS, *(column.tolist() for column in columns), strict=True)
         return tuple(ComponentSummary(*row) for row in rows)
 
     @property
@@ -179,7 +165,7 @@ class ExternalWrench(Result):
         found, warnings = self.estimate, list(self.left_out)
         if self.measured is not None:
             warnings += self.measured.warnings
-        inverse = found.method == InverseJacobian.name
+        inverse = found.method == methods.InverseJacobian.name
         if found.unobservable:
             names = "; ".join(
                 f"{name_of(one)} ({100.0 * found.unobservable_share(one):.0f} % of the log)"
@@ -328,15 +314,15 @@ class ExternalWrench(Result):
         found = self.estimate
         joints = zip(found.joints, found.units, strict=True)
         names = (
-            *WRENCH_TABLE_COLUMNS,
-            *(f"half_width_{name}" for name in WRENCH_TABLE_COLUMNS),
+            *sensors.WRENCH_TABLE_COLUMNS,
+            *(f"half_width_{name}" for name in sensors.WRENCH_TABLE_COLUMNS),
             *(f"external_{joint}_{unit}" for joint, unit in joints),
         )
         own = np.hstack([found.wrench, found.half_width, found.torque]).T
         columns = dict(zip(names, own, strict=True))
         table = {"time_s": found.t, **columns, "least_data_share": found.least_data_share}
         if self.measured is not None:
-            measured = zip(WRENCH_TABLE_COLUMNS, self.measured.wrench.T, strict=True)
+            measured = zip(sensors.WRENCH_TABLE_COLUMNS, self.measured.wrench.T, strict=True)
             table |= {f"measured_{name}": own for name, own in measured}
         return table
 
@@ -367,11 +353,11 @@ def components_table(content: ExternalWrench) -> PlainTable:
 
 
 def _figures(
-    found: WrenchEstimate, measured: MeasuredWrench | None
+    found: WrenchEstimate, measured: sensors.MeasuredWrench | None
 ) -> tuple[list[Figure], Figure, list[Figure]]:
     at = evenly(len(found.t), MOST_POINTS_OF_WRENCH)
     t, components, torques = found.t[at], [], []
-    for k, (name, unit) in enumerate(zip(COMPONENTS, UNITS, strict=True)):
+    for k, (name, unit) in enumerate(zip(COMPONENTS, sensors.UNITS, strict=True)):
         own, half = found.wrench[at, k], found.half_width[at, k]
         interval = area("95 % interval", t, own - half, own + half, "--interval")
         estimate = line("estimate", t, own, "--measured", width=1.5)
@@ -409,14 +395,14 @@ def external_wrench(
     residual: ResidualKind = "momentum",
     method: MethodName = "smoothed",
     bandwidth: float | None = None,
-    force: float = FORCE,
-    lever: float = LEVER,
+    force: float = methods.FORCE,
+    lever: float = methods.LEVER,
     duration: float = DURATION,
     axes: Axes = "frame",
     measured: str | Sequence[str] = (),
     sensor: str | None = None,
     sensor_at: str | Sequence[float] = (),
-    sensor_sign: SensorSign = "on_robot",
+    sensor_sign: sensors.SensorSign = "on_robot",
     sensor_rest: Sequence[str] = (),
     progress: Progress = silent,
 ) -> ExternalWrench:
@@ -461,19 +447,19 @@ def external_wrench(
     identified = load_model(model)
     refuse_unknown_gains(identified)
     moved_frame(identified.robot, frame)
-    expected = Expected(force, lever)
-    chosen: WrenchMethod
+    expected = methods.Expected(force, lever)
+    chosen: methods.WrenchMethod
     if method == "smoothed":
         chosen = Smoothed(expected, duration)
     else:
-        chosen = (Weighted if method == "weighted" else InverseJacobian)(expected)
+        chosen = (methods.Weighted if method == "weighted" else methods.InverseJacobian)(expected)
     file = log_file(str(log))
     columns = [measured] if isinstance(measured, str) else list(measured)
     if columns:
-        named = sensor_columns(open_log(file.path).columns, columns, file.text)
+        named = sensors.sensor_columns(open_log(file.path).columns, columns, file.text)
         base = moved_frame(identified.robot, sensor or frame)
-        rest = tuple(map(stretch_of_rest, sensor_rest))
-        reader = Sensor(named, base, sensor_placement(sensor_at), sensor_sign, rest)
+        rest = tuple(map(sensors.stretch_of_rest, sensor_rest))
+        reader = sensors.Sensor(named, base, sensors.sensor_placement(sensor_at), sensor_sign, rest)
     elif sensor is not None or sensor_at or sensor_sign != "on_robot" or sensor_rest:
         raise DataError(
             "a sensor is described, but none of its columns is named",
@@ -499,5 +485,7 @@ def external_wrench(
         fitted=was_fitted(identified, file, run),
         left_out=left_out(run),
         details=notes_of([run]),
-        measured=measured_wrench(identified, run, file, reader, estimate) if columns else None,
+        measured=sensors.measured_wrench(identified, run, file, reader, estimate)
+        if columns
+        else None,
     )

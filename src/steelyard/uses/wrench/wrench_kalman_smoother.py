@@ -19,12 +19,7 @@ import numpy as np
 
 from steelyard.base.arrays import Array
 from steelyard.base.errors import DataError
-from steelyard.estimate.external.wrench_methods import (
-    Expected,
-    ExternalEfforts,
-    Wrenches,
-    learned_of,
-)
+from steelyard.estimate.external import wrench_methods as methods
 
 DURATION = 1.0  # expected duration of a push [s]
 RESIDUAL_CORRELATION_TIME = 0.4  # of slow residuals [s], as on a UR10e on other days
@@ -39,7 +34,7 @@ class Smoothed:
     """Wrenches over time, with errors of the model estimated from the same log."""
 
     name: ClassVar[str] = "smoothed"
-    expected: Expected = Expected()  # the size of wrenches, to begin with
+    expected: methods.Expected = methods.Expected()  # the size of wrenches, to begin with
     duration: float = DURATION  # how long a push lasts, usually [s]
 
     def __post_init__(self) -> None:
@@ -50,7 +45,7 @@ class Smoothed:
                 fix="give a time above zero, such as 1 s",
             )
 
-    def __call__(self, efforts: ExternalEfforts) -> Wrenches:
+    def __call__(self, efforts: methods.ExternalEfforts) -> methods.Wrenches:
         """See `WrenchMethod`."""
         # combinations of parameters that make no difference to the efforts are left out
         rms = np.hypot(efforts.slow, efforts.noise)[:, :, None]
@@ -68,9 +63,9 @@ class Smoothed:
         after = size[:, None, None] * covariance
         whole = std[:, None] * (after + _unobservable(first[1], after)) * std
         values = values * np.sqrt(size)[:, None] * std
-        return Wrenches(values, whole, learned_of(before, self.expected))
+        return methods.Wrenches(values, whole, methods.learned_of(before, self.expected))
 
-    def _posterior(self, efforts: ExternalEfforts, size: Array) -> tuple[Array, Array]:
+    def _posterior(self, efforts: methods.ExternalEfforts, size: Array) -> tuple[Array, Array]:
         """Wrenches over their expected size, `(N, 6)`, and their covariances, `(N, 6, 6)`."""
         n = efforts.torque.shape[1]
         lasts = np.repeat([self.duration, RESIDUAL_CORRELATION_TIME], [6, n])
