@@ -20,7 +20,7 @@ from steelyard.identify.scores_and_model_report import (
 )
 from steelyard.identify.verdict_and_next_steps import verdict
 from steelyard.uses.payload.payload import event_lines
-from steelyard.uses.watch.stream_output import summary_lines
+from steelyard.uses.watch.watch import summary_lines
 
 
 def printed(content: ReportContent, width: int = 120, verbose: bool = False) -> str:

@@ -265,12 +265,7 @@ def _format(to: Kind | None, output: Path | None) -> Kind:
 
 
 def _print_export(path: Path, made: "Exported", as_json: bool) -> None:
-    from steelyard.export.model_files.export_model_file import (
-        KEPT,
-        LIGHT_LINKS,
-        UNSEEN,
-        listed_under,
-    )
+    from steelyard.export.model_files import export_model_file as model_files
 
     if as_json:
         shared.print_json(
@@ -295,11 +290,11 @@ def _print_export(path: Path, made: "Exported", as_json: bool) -> None:
             "mostly from the prior (share of the mass that comes from the data):",
             (", ".join(few),) if few else (),
         ),
-        (UNSEEN, (", ".join(made.unseen),) if made.unseen else ()),
-        (LIGHT_LINKS, made.light),
-        (KEPT, made.impossible),
+        (model_files.UNSEEN, (", ".join(made.unseen),) if made.unseen else ()),
+        (model_files.LIGHT_LINKS, made.light),
+        (model_files.KEPT, made.impossible),
     ):
-        shared.print_lines(*listed_under(heading, sentences))
+        shared.print_lines(*model_files.listed_under(heading, sentences))
 
 
 def _print_code(path: Path, form: Kind, written: "WrittenCode", as_json: bool) -> None:

@@ -58,8 +58,13 @@ def watch(
     Example: steelyard watch steelyard-ur10e --from today.csv --frame tool0 -o today
     """
     from steelyard.logs.growing_logs import STANDARD_INPUT, rows_of
-    from steelyard.uses.watch.stream_output import StreamFiles, event_line, record_of, state_line
-    from steelyard.uses.watch.watch import watch_rows
+    from steelyard.uses.watch.watch import (
+        StreamFiles,
+        event_line,
+        record_of,
+        state_line,
+        watch_rows,
+    )
     from steelyard.uses.watch.watcher_and_events import StreamEstimate
 
     if source == STANDARD_INPUT and timeout is not None:
@@ -107,7 +112,7 @@ def watch(
 
 
 def _summary(begun: "WatchStart", as_json: bool) -> "Iterable[str]":
-    from steelyard.uses.watch.stream_output import summary_lines
+    from steelyard.uses.watch.watch import summary_lines
 
     found, robot = begun.watcher.summary, begun.model.robot
     if not as_json:

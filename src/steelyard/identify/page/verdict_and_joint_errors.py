@@ -15,19 +15,9 @@ from steelyard.check.findings_text_and_page import finding_dict
 from steelyard.estimate.scores.effort_errors import EffortError, as_logged, pooled
 from steelyard.estimate.scores.score import RunScore
 from steelyard.identify import verdict_and_next_steps as judging
+from steelyard.identify.page import report_content_and_error_words as in_words
 from steelyard.identify.page.efforts_their_parts_and_residuals import band_text
 from steelyard.identify.page.parameters_and_truth import parameter_rows, usable
-from steelyard.identify.page.report_content_and_error_words import (
-    ReportContent,
-    basis_words,
-    both_words,
-    coverage_words,
-    limit_words,
-    reference_words,
-    relative,
-    relative_errors,
-    scale_words,
-)
 from steelyard.report.page import Numbers, Section
 from steelyard.report.tables import light_table
 from steelyard.report.words import COLOURS, NONE, percent, significant
@@ -91,7 +81,7 @@ MOST_OTHERS = 8  # runs whose errors in the validation band the page lists
 class VerdictSection(Section, name="verdict", title="Verdict", template="verdict.html"):
     """Headline, key figures, and one table of joints per run."""
 
-    def numbers(self, content: ReportContent) -> Numbers:
+    def numbers(self, content: in_words.ReportContent) -> Numbers:
         """Verdict, key figures and scores."""
         return {
             "verdict": judging.verdict(content),
@@ -102,7 +92,7 @@ class VerdictSection(Section, name="verdict", title="Verdict", template="verdict
             "repeated": [_run(score) for score in content.scores if score.repeats],
             "fitted": [_run(score) for score in content.fitted],
             "scaled": any(run.errors.as_logged for run in (*content.scores, *content.fitted)),
-            "scales": scale_words(
+            "scales": in_words.scale_words(
                 content.identified, content.scores or content.fitted, content.unscaled
             ),
             "good": judging.MOST_GOOD_PERCENT,
@@ -110,7 +100,7 @@ class VerdictSection(Section, name="verdict", title="Verdict", template="verdict
             "most_others": MOST_OTHERS,
         }
 
-    def to_dict(self, content: ReportContent) -> dict[str, Any]:
+    def to_dict(self, content: in_words.ReportContent) -> dict[str, Any]:
         """Verdict, limitations, scores and notes."""
         return {
             "verdict": judging.verdict(content).to_dict(),
@@ -121,7 +111,7 @@ class VerdictSection(Section, name="verdict", title="Verdict", template="verdict
             "notes": [*content.notes, *content.details],
         }
 
-    def printed(self, content: ReportContent) -> Iterable[RenderableType]:
+    def printed(self, content: in_words.ReportContent) -> Iterable[RenderableType]:
         """The verdict with its limitations, and the errors of every joint, or of every run."""
         judged = judging.verdict(content)
         yield Group(
@@ -132,12 +122,12 @@ class VerdictSection(Section, name="verdict", title="Verdict", template="verdict
         scores = content.scores or content.fitted
         if not scores:
             return
-        scales = scale_words(content.identified, scores, content.unscaled)
+        scales = in_words.scale_words(content.identified, scores, content.unscaled)
         several, unseen = len(scores) > 1, bool(content.scores)
         shown = _runs_table(scores, unseen) if several else joints_table(scores[0], unseen)
         yield Group(shown, Text(scales)) if scales else shown
 
-    def detailed(self, content: ReportContent) -> Iterable[RenderableType]:
+    def detailed(self, content: in_words.ReportContent) -> Iterable[RenderableType]:
         """The errors of every joint in every run, in the fixed band and in that of the fit."""
         judged, unseen = judging.verdict(content), bool(content.scores)
         for one in judged.limitations:
@@ -153,15 +143,15 @@ class VerdictSection(Section, name="verdict", title="Verdict", template="verdict
                 yield joints_table(score, unseen)
             parts: list[RenderableType] = [_fit_table(score)]
             if score.coverage_percent is not None:
-                inside = coverage_words(score.coverage_percent, unseen)
+                inside = in_words.coverage_words(score.coverage_percent, unseen)
                 parts.append(Text(f"95 % bands {band_text(content.identified)}; {inside}"))
             yield Group(*parts)
 
 
-def _facts(content: ReportContent) -> list[tuple[str, str]]:
+def _facts(content: in_words.ReportContent) -> list[tuple[str, str]]:
     facts = [
         (percent(error.value), f"error {error.kind}, in the validation band")
-        for error in relative_errors(content.scores)
+        for error in in_words.relative_errors(content.scores)
     ]
     if content.fitted:
         errors = pooled(score.errors for score in content.fitted)
@@ -180,7 +170,10 @@ def _facts(content: ReportContent) -> list[tuple[str, str]]:
 def _run(score: RunScore) -> dict[str, Any]:
     """A run as its template shows it; a joint that rests while others move has no level."""
     errors, joints = pooled([score.errors]), score.errors.joints
-    figures = both_words(errors, pooled(as_logged([score.errors]))), limit_words(errors)
+    figures = (
+        in_words.both_words(errors, pooled(as_logged([score.errors]))),
+        in_words.limit_words(errors),
+    )
     shown = []
     for joint, logged in score.errors.pairs:
         share, other = joint.percent_of_used, None if logged is None else logged.percent_of_used
@@ -203,8 +196,8 @@ def _run(score: RunScore) -> dict[str, Any]:
         "cutoff": score.cutoff,
         "band": score.errors.cutoff,
         "figures": "; ".join(filter(None, figures)),
-        "basis": basis_words([score]),
-        "raised": reference_words(joints),
+        "basis": in_words.basis_words([score]),
+        "raised": in_words.reference_words(joints),
         "errors": shown,
         "joints": score.joints,
     }
@@ -212,7 +205,8 @@ def _run(score: RunScore) -> dict[str, Any]:
 
 def _runs_table(scores: Sequence[RunScore], unseen: bool) -> RenderableType:
     """One row per run: its error, and its worst joint."""
-    title = f"{len(scores)} runs, {'not fitted' if unseen else 'fitted'} ({basis_words(scores)})"
+    kind, basis = "not fitted" if unseen else "fitted", in_words.basis_words(scores)
+    title = f"{len(scores)} runs, {kind} ({basis})"
     logged = ["as logged"] if any(score.errors.as_logged for score in scores) else []
     table = light_table(
         ("run", "error", "of used", *logged, "of limit", "worst joint"), (0, 4 + len(logged))
@@ -246,7 +240,7 @@ def joints_table(score: RunScore, unseen: bool) -> RenderableType:
     for error, one in every:
         _add(table, f"pooled, {error.unit}" if len(every) > 1 else "pooled", error, logged=one)
     title = Text(f"{score.run}, {again if unseen else 'fitted'} ({basis})")
-    raised = reference_words(score.errors.joints)
+    raised = in_words.reference_words(score.errors.joints)
     return Group(title, table, Text(f"of used: {raised}")) if raised else Group(title, table)
 
 
@@ -279,7 +273,7 @@ def _fit_table(score: RunScore) -> RenderableType:
             Text(joint.joint),
             Text(
                 percent(joint.relative_percent_moving),
-                style=COLOURS[judging.level_of(relative(joint))],
+                style=COLOURS[judging.level_of(in_words.relative(joint))],
             ),
             percent(joint.relative_percent),
             significant(joint.rmse),

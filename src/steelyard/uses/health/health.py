@@ -26,18 +26,7 @@ from steelyard.report.tables import PlainTable, Row, narrow_table
 from steelyard.report.words import NONE
 from steelyard.runs.runs_of_named_logs import log_files, paths_of, refuse_overlaps
 from steelyard.uses.effort_plausibility import refuse_other_efforts
-from steelyard.uses.health.drift_detection import (
-    CLEAR_HALF_WIDTHS,
-    FALSE_DRIFT_LEVEL,
-    LEAST_CHANGE,
-    LEAST_WINDOW,
-    MOST_WINDOWS_OF_LOG,
-    QUANTITIES,
-    HealthChange,
-    Series,
-    changes_of,
-    series_of,
-)
+from steelyard.uses.health import drift_detection as drift
 from steelyard.uses.payload.payload_fit import unknown_payload
 
 BLIND = 1.0  # relative half-width of all quantities of a joint above which nothing is decided
@@ -51,25 +40,25 @@ class Health(Result):
     robot: str
     joints: Sequence[str]
     logs: tuple[str, ...]  # names of the logs, in the order of time
-    series: tuple[Series, ...]
-    changes: tuple[HealthChange, ...]
+    series: tuple[drift.Series, ...]
+    changes: tuple[drift.HealthChange, ...]
     warnings: tuple[str, ...]
     notes: tuple[str, ...]
     json_name = "health.json"
 
     @property
-    def drifts(self) -> tuple[HealthChange, ...]:
+    def drifts(self) -> tuple[drift.HealthChange, ...]:
         """What drifted, the most certain first: significant and large enough."""
         return tuple(change for change in self.changes if change.matters)
 
     @property
-    def unproven(self) -> tuple[HealthChange, ...]:
+    def unproven(self) -> tuple[drift.HealthChange, ...]:
         """What differs by far from the model, or between logs too short to prove a drift."""
         drifted = {(change.joint, change.quantity) for change in self.drifts}
         return tuple(c for c in self.changes if c.unproven and (c.joint, c.quantity) not in drifted)
 
     @property
-    def named(self) -> tuple[HealthChange, ...]:
+    def named(self) -> tuple[drift.HealthChange, ...]:
         """Drifts and unproven changes; of one within or over logs, not that it differs too."""
         found = (*self.drifts, *self.unproven)
         timed = {(c.joint, c.quantity) for c in found if c.shape != "differs"}
@@ -103,20 +92,21 @@ class Health(Result):
         joints = "; ".join(f"{joint} ({', '.join(dict.fromkeys(x))})" for joint, x in by.items())
         return (
             f"{logs} cannot tell drift from an error of the model in other motions or from other "
-            f"efforts; beyond {CLEAR_HALF_WIDTHS:g} half-widths: {joints}. Give longer logs, or "
-            "several",
+            f"efforts; beyond {drift.CLEAR_HALF_WIDTHS:g} half-widths: {joints}. Give longer logs, "
+            "or several",
             *self.warnings,
         )
 
     @property
     def claim(self) -> str:
         """What counts as a drift."""
+        false, least = 100.0 * drift.FALSE_DRIFT_LEVEL, drift.LEAST_CHANGE
         return (
-            f"A drift is significant (probability of any false one {100.0 * FALSE_DRIFT_LEVEL:.0f} "
-            f"%, {len(self.changes)} changes tested) and changes friction by "
-            f"{100.0 * LEAST_CHANGE['dry friction']:.0f} %, the effort scale by "
-            f"{100.0 * LEAST_CHANGE['effort scale']:.0f} % or an offset by "
-            f"{100.0 * LEAST_CHANGE['offset']:.0f} % of the joint's friction, at least."
+            f"A drift is significant (probability of any false one {false:.0f} %, "
+            f"{len(self.changes)} changes tested) and changes friction by "
+            f"{100.0 * least['dry friction']:.0f} %, the effort scale by "
+            f"{100.0 * least['effort scale']:.0f} % or an offset by "
+            f"{100.0 * least['offset']:.0f} % of the joint's friction, at least."
         )
 
     def report(self) -> str:
@@ -202,7 +192,7 @@ def joints_table(content: Health) -> PlainTable:
     places = [(c.joint, c.quantity) for c in levels]
     last = {at: f"{c.text}{marks.get(at, '')}" for at, c in zip(places, levels, strict=True)}
     rows = [
-        Row((joint, *(last.get((joint, quantity), NONE) for quantity in QUANTITIES)))
+        Row((joint, *(last.get((joint, quantity), NONE) for quantity in drift.QUANTITIES)))
         for joint in content.joints
     ]
     words = "Level in the last log relative to the model, with its 95 % interval; ! drift"
@@ -210,7 +200,7 @@ def joints_table(content: Health) -> PlainTable:
     return PlainTable("", words, ("joint", *QUANTITY_HEADINGS), rows)
 
 
-def _figure(one: Series) -> Figure:
+def _figure(one: drift.Series) -> Figure:
     """Windows of one quantity, the logs one after another."""
     factor, unit = (1.0, one.unit) if one.unit else (100.0, "%")
     traces, start = [], 0.0
@@ -262,10 +252,10 @@ def health(
     for run in runs:
         refuse_other_efforts(residual_trace(identified, run, cutoff), sigma, identified.joints)
         whole = gather(regressor, run, rests=rests, threads=threads, progress=progress)
-        count = int(run.duration / LEAST_WINDOW)
-        found.append(whole.merged(max(1, min(MOST_WINDOWS_OF_LOG, count))))
+        count = int(run.duration / drift.LEAST_WINDOW)
+        found.append(whole.merged(max(1, min(drift.MOST_WINDOWS_OF_LOG, count))))
         carried.append(unknown_payload(identified, whole))
-    series, names = series_of(identified, found), [run.name for run in runs]
+    series, names = drift.series_of(identified, found), [run.name for run in runs]
     if not series:
         raise LogError(
             "no window shows friction, offset and bodies of a joint separately",
@@ -278,7 +268,7 @@ def health(
         joints=robot.joint_names,
         logs=tuple(names),
         series=series,
-        changes=changes_of(series, names),
+        changes=drift.changes_of(series, names),
         warnings=tuple(filter(None, carried)),
         notes=notes_of(runs),
     )
