@@ -320,11 +320,7 @@ def _show(motion: "DesignedMotion", found: "Identification", console: "Console")
     from steelyard.identify.page.verdict_and_joint_errors import VerdictSection
 
     shared.print_lines(design_headline(motion.designed))
-    parts = [
-        part
-        for section in (VerdictSection(), TruthSection())
-        for part in section.printed(found.content)
-    ]
+    parts = [*VerdictSection().printed(found.content), *TruthSection().printed(found.content)]
     for number, part in enumerate(parts):
         if number:
             console.print()

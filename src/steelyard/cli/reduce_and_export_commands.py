@@ -73,10 +73,8 @@ def reduce(
         shared.refuse_options(
             needless, "is given, but no motion is designed", "add --next DIR, or leave it out"
         )
-    folder, motion_folder = (
-        new_folder(output, "steelyard-reduced"),
-        shared.optional_folder(following),
-    )
+    folder = new_folder(output, "steelyard-reduced")
+    motion_folder = shared.optional_folder(following)
     criterion: str | None = None if limit is None else "condition"
     if motion_folder is not None and robot is not None:
         _refuse_same(folder, motion_folder)
@@ -94,14 +92,8 @@ def reduce(
     designed: dict[str, object] | None = None
     if motion_folder is not None and robot is not None:
         with shared.progress_bar() as progress, whole_folder(motion_folder) as place:
-            motion = design_excitation(
-                robot,
-                earlier=found.model,
-                start=last,
-                criterion=criterion,
-                budget=budget,
-                progress=progress,
-            )
+            design = partial(design_excitation, start=last, criterion=criterion, budget=budget)
+            motion = design(robot, earlier=found.model, progress=progress)
             motion.write(place)
             interrupt.too_late()
         condition = motion.designed.shown.raw

@@ -93,14 +93,8 @@ def watch(
         terminal.say(*([json.dumps(begun.to_dict())] if as_json else begun.notes))
         stack.enter_context(interrupt.quietly())
         try:
-            watch_rows(
-                watcher,
-                arrival.noted(arriving),
-                reported,
-                files,
-                source=source,
-                stopped=interrupt.stop_requested,
-            )
+            rows, stopped = arrival.noted(arriving), interrupt.stop_requested
+            watch_rows(watcher, rows, reported, files, source=source, stopped=stopped)
         finally:
             if watcher.started:
                 terminal.say(*_summary(begun, as_json))

@@ -146,10 +146,8 @@ def _scaled_fit(
         return declared, None, ""
     values, units = scales.found.values, declared.information.signature.effort
     signals = (run.recording.signals for run in declared.runs)
-    runs = tuple(
-        preparation.with_signals(run, replace(own, gains=own.gains / values))
-        for run, own in zip(declared.runs, signals, strict=True)
-    )
+    divided = (replace(own, gains=own.gains / values) for own in signals)
+    runs = tuple(map(preparation.with_signals, declared.runs, divided))
     scaled_information = declared.information.scaled(1.0 / values, units)
     estimate = partial(scales.scaled.estimate, scales=scales.found)
     scaled = _fitted(lambda runs, information: estimate, runs, scaled_information)

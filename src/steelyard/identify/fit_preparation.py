@@ -110,11 +110,8 @@ def prepare_fit(task: FitTask, estimator: Estimator[Information]) -> PreparedFit
     model, loaded, runs = task.model, task.loaded, task.runs
     gains = _gains(task)
     if gains is not None:
-        given, none = gains.gains, (False,) * len(gains.gains)
-        runs = tuple(
-            with_signals(run, replace(run.recording.signals, gains=given, unknown_gains=none))
-            for run in runs
-        )
+        known = {"gains": gains.gains, "unknown_gains": (False,) * len(gains.gains)}
+        runs = tuple(with_signals(run, replace(run.recording.signals, **known)) for run in runs)
     signals = runs[0].recording.signals
     if not all(gains_known(signals.effort_units, signals.gains)):
         task = replace(task, model=_in_unit_of_log(task, runs))
@@ -188,17 +185,9 @@ def _friction_choice(
 
     known = method_of(loaded).uses and not task.model.per_run_names
     try:
-        of_bodies, memory = consistent if known else None, loaded.friction == "auto"
-        threads, progress = task.threads, task.progress
-        return choose_friction(
-            task.model,
-            runs,
-            estimator,
-            of_bodies,
-            memory=memory,
-            threads=threads,
-            progress=progress,
-        )
+        given = task.model, runs, estimator, consistent if known else None
+        memory, threads, progress = loaded.friction == "auto", task.threads, task.progress
+        return choose_friction(*given, memory=memory, threads=threads, progress=progress)
     except TooShortError:
         return None
 
@@ -246,11 +235,10 @@ def _offsets(
             where="[signals] position_offset",
             fix="identify the offsets with values given there, and write them into the file",
         )
+    offset, unknown = signals.position_offset, signals.unknown_offsets
+    moved = partial(nonlinear.with_offsets, runs)
     return nonlinear.find_offsets(
-        model,
-        lambda offsets: task.information_of(model, nonlinear.with_offsets(runs, offsets)),
-        signals.position_offset,
-        signals.unknown_offsets,
+        model, lambda offsets: task.information_of(model, moved(offsets)), offset, unknown
     )
 
 

@@ -162,7 +162,11 @@ def _judged(scores: Sequence[RunScore], motion: str, *, unseen: bool) -> Verdict
     """The verdict of scores on a motion; none that is good or fair where it is not unseen."""
     errors = pooled(run.errors for run in scores)
     logged = pooled(as_logged(run.errors for run in scores))
-    detail, others = _detail(scores, errors), other_errors(scores)
+    again = ", ".join(dict.fromkeys(run.repeats for run in scores if run.repeats))
+    repeated = f"It repeats the motion of the fitted run {again}: no validation on other motions"
+    sentences = ["; ".join(filter(None, (basis_words(scores), limit_words(errors))))]
+    sentences += [repeated] * bool(again) + [AT_REST] * any(run.errors.at_rest for run in scores)
+    detail, others = (" ".join(f"{sentence}." for sentence in sentences)), other_errors(scores)
     plain = Verdict("", detail, "none", (), errors, logged, others, unseen=unseen)
     worst = plain.percent_of_used
     scaled = max((one.percent_of_used for one in errors), default=0.0)
@@ -218,15 +222,6 @@ def _untested(content: ReportContent) -> Verdict:
             "evidence for other motions. "
         )
     return Verdict(UNTESTED, f"{described}{to_do}", "none", others=judged.others)
-
-
-def _detail(scores: Sequence[RunScore], errors: Sequence[EffortError]) -> str:
-    """Over what the error is computed, which motions are repeated, and friction at rest."""
-    again = ", ".join(dict.fromkeys(run.repeats for run in scores if run.repeats))
-    repeated = f"It repeats the motion of the fitted run {again}: no validation on other motions"
-    sentences = ["; ".join(filter(None, (basis_words(scores), limit_words(errors))))]
-    sentences += [repeated] * bool(again) + [AT_REST] * any(run.errors.at_rest for run in scores)
-    return " ".join(f"{sentence}." for sentence in sentences)
 
 
 MODEL_ERROR = "model error"  # the check that compares residuals with noise

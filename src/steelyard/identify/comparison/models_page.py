@@ -132,10 +132,8 @@ def models_headline(found: ModelComparison) -> str:
     """The errors of all joints together, one model after the other."""
     each = []
     for model in found.models:
-        errors = (
-            f"{significant(one.error)} {one.unit} ({percent(one.percent_of_used)})"
-            for one in found.all_joints(model)
-        )
+        every = ((x, percent(x.percent_of_used)) for x in found.all_joints(model))
+        errors = (f"{significant(x.error)} {x.unit} ({share})" for x, share in every)
         each.append(f"{model.name} {' and '.join(errors)}")
     return f"RMS error of all joints: {', '.join(each)}"
 
@@ -391,10 +389,8 @@ class ModelMassesSection(FigureSection, name="model-masses", title="Masses and c
             return None
         names = list(dict.fromkeys(name for own in links.values() for name in own))
         headings = ("Link", *links)
-        masses, centres = (
-            [Row((name, *(of(own.get(name)) for own in links.values()))) for name in names]
-            for of in (_mass, _centre)
-        )
+        every = [(name, [own.get(name) for own in links.values()]) for name in names]
+        masses, centres = ([Row((n, *map(of, x))) for n, x in every] for of in (_mass, _centre))
         caption = "Centre of mass in the link's frame: x, y, z [mm]"
         traces = [
             model_dots(
@@ -421,14 +417,9 @@ class ModelMassesSection(FigureSection, name="model-masses", title="Masses and c
     def to_dict(self, content: ModelsContent) -> dict[str, Any]:
         """One row per link and model."""
         of_one_model = ("mass_file", "centre_file", "data_share")
-        return {
-            "bodies": [
-                {"model": model}
-                | {key: x for key, x in link_dict(link).items() if key not in of_one_model}
-                for model, own in _links(content.models).items()
-                for link in own.values()
-            ]
-        }
+        links = ((model, x) for model, own in _links(content.models).items() for x in own.values())
+        rows = [{"model": model, **link_dict(link)} for model, link in links]
+        return {"bodies": [{k: x for k, x in row.items() if k not in of_one_model} for row in rows]}
 
 
 def _links(found: ModelComparison) -> Links:

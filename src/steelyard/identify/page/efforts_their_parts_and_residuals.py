@@ -78,10 +78,8 @@ class EffortSection(page.Section, name="effort", title="Effort, measured and pre
     def show(self, numbers: page.Numbers) -> str:
         """The numbers as safe HTML."""
         n_joints = max(len(numbers["joints"]), 1)
-        data = [
-            (index // n_joints, index % n_joints, page.script_json(figure))
-            for index, figure in enumerate(numbers["figures"])
-        ]
+        figures = map(page.script_json, numbers["figures"])
+        data = [(*divmod(number, n_joints), figure) for number, figure in enumerate(figures)]
         return page.fill("effort.html", {**numbers, "data": data})
 
 
@@ -201,10 +199,8 @@ class TorqueSplitSection(page.FigureSection, name="torque-split", title="Effort 
             cells = (significant(x, 3) for x in own.values())
             rows.append(Row((joint.name, *cells, joint.effort_unit)))
             largest = sorted(PARTS, key=lambda name: -own[name])[:2]
-            words = (
-                f"{TORQUE_PARTS[x][0]} {significant(own[x], 2)} {joint.effort_unit}"
-                for x in largest
-            )
+            sizes_of = ((TORQUE_PARTS[x][0], significant(own[x], 2)) for x in largest)
+            words = (f"{part} {size} {joint.effort_unit}" for part, size in sizes_of)
             captions.append(f"mostly {', '.join(words)}")
         names = [TORQUE_PARTS.get(name, (name,))[0] for name in sizes]
         headings = ("Joint", *(name[0].upper() + name[1:] for name in names), "Unit")
@@ -256,10 +252,8 @@ def _sizes(parts: TorqueParts, chosen: Mask) -> dict[str, Array]:
     weights = np.where(chosen.any(axis=0), chosen, True)
     signals = dict(zip(PARTS, parts.parts, strict=True))
     signals |= {"measured": parts.measured, "residual": parts.residual}
-    sizes = {
-        name: np.sqrt(np.average(np.square(x), axis=0, weights=weights))
-        for name, x in signals.items()
-    }
+    squares = {n: np.average(np.square(x), axis=0, weights=weights) for n, x in signals.items()}
+    sizes = {name: np.sqrt(square) for name, square in squares.items()}
     least = ROUND_OFF_SHARE * sizes["measured"]
     return {name: np.where(size <= least, 0.0, size) for name, size in sizes.items()}
 

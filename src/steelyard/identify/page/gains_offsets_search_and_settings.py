@@ -32,10 +32,8 @@ class DrivesSection(
         words = f"Joint effort per logged unit{', with 95 % intervals' if intervals else ''}."
         if found.payload is not None:
             words += f" The payload of {significant(found.payload.mass)} kg fixes their scale."
-        rows = [
-            Row((one.joint, significant(one.gain), _interval_or_origin(one), one.unit))
-            for one in found.each
-        ]
+        cells = ((x.joint, significant(x.gain), _interval_or_origin(x), x.unit) for x in found.each)
+        rows = list(map(Row, cells))
         how = "95 % interval" if intervals else "Origin"
         return (PlainTable("", words, ("Joint", "Gain", how, "Unit"), rows, (0, 3)),)
 

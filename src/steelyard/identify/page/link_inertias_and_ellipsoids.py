@@ -83,12 +83,17 @@ def identified_links(identified: IdentifiedModel) -> Iterator[IdentifiedLink]:
     for number, body in rigid_bodies(identified.model).items():
         ten = [place[f"{kind}.{body.name}"] for kind in INERTIAL_NAMES]
         inertia = Inertia.from_ten(standard.parameters.values[ten])
-        factor = np.linalg.cholesky(model_prior(robot, number).inertia.pseudo)
-        half = np.linalg.solve(factor, inertia.pseudo)
-        margin = float(np.linalg.eigvalsh(np.linalg.solve(factor, half.T)).min())
         covariance, learned = standard.covariance[np.ix_(ten, ten)], standard.learned[ten].mean()
         nominal = body.inertia if body.known else None
-        yield IdentifiedLink(body.name, inertia, covariance, float(learned), nominal, margin)
+        least = margin(inertia, model_prior(robot, number).inertia)
+        yield IdentifiedLink(body.name, inertia, covariance, float(learned), nominal, least)
+
+
+def margin(inertia: Inertia, prior: Inertia) -> float:
+    """Smallest eigenvalue of the pseudo-inertia in the scale of a prior's; no unit."""
+    factor = np.linalg.cholesky(prior.pseudo)
+    half = np.linalg.solve(factor, inertia.pseudo)
+    return float(np.linalg.eigvalsh(np.linalg.solve(factor, half.T)).min())
 
 
 def _centre(link: IdentifiedLink) -> str:

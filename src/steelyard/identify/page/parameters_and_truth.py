@@ -100,15 +100,11 @@ def _estimated(
     if row.status == "at a bound":
         near = [bound for bound in bounds if abs(value - bound) <= AT_BOUND * std]
         return replace(row, value=near[0] if near else value)
-    return replace(
-        row,
-        value=value,
-        std=std,
-        lower95=value - Z95 * std,
-        upper95=value + Z95 * std,
-        relative_std_percent=100.0 * std / abs(value) if value else inf,
-        from_data_percent=from_data,
-    )
+    relative, lower, upper = inf, value - Z95 * std, value + Z95 * std
+    if value:
+        relative = 100.0 * std / abs(value)
+    row = replace(row, value=value, std=std, lower95=lower, upper95=upper)
+    return replace(row, relative_std_percent=relative, from_data_percent=from_data)
 
 
 STATUS_ORDER: tuple[ParameterStatus, ...] = (
@@ -188,10 +184,8 @@ class ParametersSection(Section, name="parameters", title="Parameters", template
         """Which the data show poorly or not at all."""
         table = parameter_rows(content.identified)
         condition = significant(content.identified.estimate.condition_normalised)
-        names = {
-            status: [row.name for row in table if row.status == status]
-            for status in ("removed", *STATUS_ORDER[1:])
-        }
+        order = ("removed", *STATUS_ORDER[1:])
+        names = {status: [x.name for x in table if x.status == status] for status in order}
         left = count(len(table) - len(names["removed"]), "base parameter")
         lines = [f"{left}, normalised condition number {condition}"]
         for status, chosen in names.items():

@@ -83,11 +83,26 @@ class VerdictSection(Section, name="verdict", title="Verdict", template="verdict
 
     def numbers(self, content: in_words.ReportContent) -> Numbers:
         """Verdict, key figures and scores."""
+        facts = [
+            (percent(error.value), f"error {error.kind}, in the validation band")
+            for error in in_words.relative_errors(content.scores)
+        ]
+        if content.fitted:
+            errors = pooled(score.errors for score in content.fitted)
+            what = "error of the fitted runs, of the effort used, in the band of the headline"
+            units = [f" (joints in {one.unit})" * (len(errors) > 1) for one in errors]
+            each = zip(errors, units, strict=True)
+            facts += [(percent(one.percent_of_used), f"{what}{unit}") for one, unit in each]
+        table = parameter_rows(content.identified)
+        well = sum(row.status in ("identified", "small effect") for row in table)
+        condition = significant(content.identified.estimate.condition_normalised, 2)
+        left = sum(row.status not in ("removed", "known") for row in table)
+        facts.append((f"{well} of {left}", "base parameters identified or of small effect"))
         return {
             "verdict": judging.verdict(content),
             "usable": "" if content.only_errors else ". ".join(usable(content.identified)),
             "fitted_larger": fitted_larger(content.fitted, content.scores),
-            "facts": _facts(content),
+            "facts": [*facts, (condition, "normalised condition number")],
             "runs": [_run(score) for score in content.scores if not score.repeats],
             "repeated": [_run(score) for score in content.scores if score.repeats],
             "fitted": [_run(score) for score in content.fitted],
@@ -146,25 +161,6 @@ class VerdictSection(Section, name="verdict", title="Verdict", template="verdict
                 inside = in_words.coverage_words(score.coverage_percent, unseen)
                 parts.append(Text(f"95 % bands {band_text(content.identified)}; {inside}"))
             yield Group(*parts)
-
-
-def _facts(content: in_words.ReportContent) -> list[tuple[str, str]]:
-    facts = [
-        (percent(error.value), f"error {error.kind}, in the validation band")
-        for error in in_words.relative_errors(content.scores)
-    ]
-    if content.fitted:
-        errors = pooled(score.errors for score in content.fitted)
-        what = "error of the fitted runs, of the effort used, in the band of the headline"
-        units = [f" (joints in {one.unit})" * (len(errors) > 1) for one in errors]
-        each = zip(errors, units, strict=True)
-        facts += [(percent(one.percent_of_used), f"{what}{unit}") for one, unit in each]
-    table = parameter_rows(content.identified)
-    well = sum(row.status in ("identified", "small effect") for row in table)
-    condition = significant(content.identified.estimate.condition_normalised, 2)
-    left = sum(row.status not in ("removed", "known") for row in table)
-    facts.append((f"{well} of {left}", "base parameters identified or of small effect"))
-    return [*facts, (condition, "normalised condition number")]
 
 
 def _run(score: RunScore) -> dict[str, Any]:

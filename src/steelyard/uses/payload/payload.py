@@ -277,34 +277,6 @@ def events_of_logs(
     return tuple(found)
 
 
-def known_of(
-    mass: float | None,
-    com: Sequence[float] | None,
-    box: Sequence[float] | None,
-    cylinder: Sequence[float] | None,
-    sphere: float | None,
-) -> PayloadKnowledge:
-    """What is known of a payload; the arguments and errors are those of `identify_payload`."""
-    for name, given, count in (("box", box, 3), ("cylinder", cylinder, 2), ("com", com, 3)):
-        if given is not None and len(given) != count:
-            raise DataError(
-                f"'{name}' has {len(given)} numbers",
-                where="what is known of the payload",
-                fix=f"give {count}, in metres",
-            )
-    shapes = [] if box is None else [SolidShape.box(tuple(box))]
-    shapes += [] if cylinder is None else [SolidShape.cylinder(*cylinder)]
-    shapes += [] if sphere is None else [SolidShape.sphere(sphere)]
-    if len(shapes) > 1:
-        raise DataError(
-            f"the payload is {' and '.join(shape.words for shape in shapes)}",
-            where="what is known of the payload",
-            fix="give one of box, cylinder and sphere",
-        )
-    centre = None if com is None else tuple(com)
-    return PayloadKnowledge(mass, centre, shapes[0] if shapes else None)
-
-
 @checked(gain_uncertainty=0.0)
 def identify_payload(
     model: str | Path | IdentifiedModel,
@@ -346,7 +318,25 @@ def identify_payload(
         >>> abs(carried.mass) < 0.1
         True
     """
-    known, identified = known_of(mass, com, box, cylinder, sphere), load_model(model)
+    for name, given, count in (("box", box, 3), ("cylinder", cylinder, 2), ("com", com, 3)):
+        if given is not None and len(given) != count:
+            raise DataError(
+                f"'{name}' has {len(given)} numbers",
+                where="what is known of the payload",
+                fix=f"give {count}, in metres",
+            )
+    shapes = [] if box is None else [SolidShape.box(tuple(box))]
+    shapes += [] if cylinder is None else [SolidShape.cylinder(*cylinder)]
+    shapes += [] if sphere is None else [SolidShape.sphere(sphere)]
+    if len(shapes) > 1:
+        raise DataError(
+            f"the payload is {' and '.join(shape.words for shape in shapes)}",
+            where="what is known of the payload",
+            fix="give one of box, cylinder and sphere",
+        )
+    centre = None if com is None else tuple(com)
+    known = PayloadKnowledge(mass, centre, shapes[0] if shapes else None)
+    identified = load_model(model)
     loaded, without = _logs(identified, paths_of(logs, least=1), paths_of(unloaded), frame)
     runs = _runs(identified, [*loaded, *without], progress)
     regressor, threads = base_regressor(identified.model), os.cpu_count() or 1

@@ -152,8 +152,8 @@ def find_payload_events(
             break
         changes = list(compress(changes, differ))
     events = tuple(
-        PayloadEvent("picked up" if mass > 0.0 else "put down", *at, abs(mass), half, ratio)
-        for (*at, ratio), (mass, half) in zip(map(astuple, changes), masses, strict=True)
+        PayloadEvent("picked up" if mass > 0.0 else "put down", t, lo, hi, abs(mass), half, ratio)
+        for (t, lo, hi, ratio), (mass, half) in zip(map(astuple, changes), masses, strict=True)
     )
     each = zip(stretches, payloads, strict=True)
     carried = tuple(Carried(at.start, at.stop, one) for at, one in each if one is not None)
@@ -230,12 +230,9 @@ class _Weigher:
         case = combined(model.model, model.base, self.carries, parts, loads, one_run, zero=zero)
         fit = fitted_case(model, case, False)
         refuse_unexplained_case(model, case, fit)
+        given = self.carries, False, self.gain, NOTHING_KNOWN
         return [
-            None
-            if load is None
-            else weighed(
-                model, case, fit, case.payloads[load], self.carries, False, self.gain, NOTHING_KNOWN
-            )
+            None if load is None else weighed(model, case, fit, case.payloads[load], *given)
             for load in loads
         ]
 

@@ -105,10 +105,8 @@ class ExternalWrench(Result):
         found, at = self.estimate, self.estimate.largest
         ends = (found.force_lower[at], found.force_upper[at])
         low, high = (significant(float(x)) for x in ends)
-        size, inverse = (
-            significant(float(found.force[at])),
-            found.method == methods.InverseJacobian.name,
-        )
+        size = significant(float(found.force[at]))
+        inverse = found.method == methods.InverseJacobian.name
         lacks = np.isinf(found.condition[at]) if inverse else not found.force_observable[at]
         remark = f", {NOT_CONTAINED if inverse else PARTLY_EXPECTED}" if lacks else ""
         text = f"{size} N (95 %: {low} to {high} N{remark})"
@@ -167,10 +165,8 @@ class ExternalWrench(Result):
             warnings += self.measured.warnings
         inverse = found.method == methods.InverseJacobian.name
         if found.unobservable:
-            names = "; ".join(
-                f"{name_of(one)} ({100.0 * found.unobservable_share(one):.0f} % of the log)"
-                for one in found.unobservable
-            )
+            shares = ((name_of(x), 100.0 * found.unobservable_share(x)) for x in found.unobservable)
+            names = "; ".join(f"{name} ({share:.0f} % of the log)" for name, share in shares)
             warnings.append(
                 f"not observable from the joint torques of this log: {names}. "
                 + (

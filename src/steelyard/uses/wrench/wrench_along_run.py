@@ -203,10 +203,8 @@ def external_efforts(
         for block in of_segment:
             channels = np.empty((0, len(block.t))) if block.channels is None else block.channels
             entries = compiled.code((block.q, block.dq, block.ddq, channels, values))
-            observed, speed = (
-                observer_step.Observed.of(entries.T, identified.robot.n),
-                np.abs(block.dq),
-            )
+            observed = observer_step.Observed.of(entries.T, identified.robot.n)
+            speed = np.abs(block.dq)
             noise = uncertainty.noise(speed, block.moving)
             full.append((*_driven(identified, block, observed, split, residual), noise))
             at = slice(-start % every, None, every)
