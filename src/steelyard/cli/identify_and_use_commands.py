@@ -214,10 +214,10 @@ def payload(
             fix="leave these out with --when, or weigh without --when",
         )
     identified = load_model(given["model"])
-    of_events = (given[name] for name in common[1:])
+    frame, gain = given["frame"], given["gain_uncertainty"]
     with shared.progress_bar() as progress:
         found = (
-            text.events_of_logs(identified, *of_events, progress)
+            text.events_of_logs(identified, given["logs"], frame, gain, progress)
             if when
             else call(model=identified, progress=progress)
         )

@@ -37,12 +37,9 @@ def was_fitted(identified: IdentifiedModel, log: LogArgument, run: Run) -> bool:
 
 def processing_of(identified: IdentifiedModel) -> Processing:
     """How logs are read for a model: as those were that it was identified from, without a mean."""
-    return replace(
-        identified.processing,
-        motion_cutoff=identified.cutoffs.motion,
-        matched_cutoff=identified.cutoffs.matched,
-        repetitions=None,
-    )
+    cutoffs = identified.cutoffs
+    own = replace(identified.processing, motion_cutoff=cutoffs.motion, repetitions=None)
+    return replace(own, matched_cutoff=cutoffs.matched)
 
 
 def runs_for(

@@ -104,13 +104,10 @@ def validate(
             fitted.append(score)
         else:
             fresh.append((run, score))
+    # checks compare with the measured motion, not with a commanded one
     unseen = [(run, score) for run, score in fresh if score.predicted_from == "measured"]
-    case = FittedCase(  # checks compare with the measured motion, not with a commanded one
-        identified,
-        unseen=tuple(run for run, _ in unseen),
-        unseen_scores=tuple(score for _, score in unseen),
-    )
-    found = examine_fit(case)
+    runs_of, scores_of = tuple(run for run, _ in unseen), tuple(score for _, score in unseen)
+    found = examine_fit(FittedCase(identified, unseen=runs_of, unseen_scores=scores_of))
     known = {(one.check, one.says) for one in found}
     kept = (one for one in kept_doubts(identified) if (one.check, one.says) not in known)
     open_loops = of_logs.dropped(identified.model, runs)
@@ -244,5 +241,5 @@ def residuals(
         raise no_closed_sample(identified.valued, run)
     t, moving, efforts = (np.concatenate(some, axis=-1) for some in zip(*found, strict=True))
     measured, predicted = efforts * np.where(known_efforts(identified), gains, 1.0)[:, None]
-    arrays = map(frozen, (t, measured.T, predicted.T))
-    return Residuals(run.name, identified.joints, units_of(identified), band, *arrays, moving.T)
+    log = run.name, identified.joints, units_of(identified), band
+    return Residuals(*log, frozen(t), frozen(measured.T), frozen(predicted.T), moving.T)

@@ -216,10 +216,10 @@ def _untested(content: ReportContent) -> Verdict:
         headline, detail = f"{UNTESTED}. {judged.headline}", f"{judged.detail} {to_do}"
         return replace(judged, headline=headline, detail=detail, errors=(), as_logged=())
     if judged.errors and all(isfinite(one.percent_of_used) for one in judged.errors):
+        error = both_words(judged.errors, judged.as_logged)
         described = (
-            f"The model describes {count(len(fitted), 'fitted run')} with an error of "
-            f"{both_words(judged.errors, judged.as_logged)} ({basis_words(fitted)}), which is no "
-            "evidence for other motions. "
+            f"The model describes {count(len(fitted), 'fitted run')} with an error of {error} "
+            f"({basis_words(fitted)}), which is no evidence for other motions. "
         )
     return Verdict(UNTESTED, f"{described}{to_do}", "none", others=judged.others)
 

@@ -65,11 +65,8 @@ def _furthest(estimate: Estimate, other: Estimate) -> tuple[str, float] | None:
         dict(zip(one.parameters.names, one.std.tolist(), strict=True)) for one in (estimate, other)
     )
     std = {name: hypot(mine[name], others[name]) for name in shared}
-    moved = {
-        name: abs(other.parameters[name] - estimate.parameters[name]) / std[name]
-        for name in shared
-        if std[name] > 0.0
-    }
+    apart = {name: abs(other.parameters[name] - estimate.parameters[name]) for name in shared}
+    moved = {name: far / std[name] for name, far in apart.items() if std[name] > 0.0}
     return max(moved.items(), key=lambda one: one[1], default=None)
 
 

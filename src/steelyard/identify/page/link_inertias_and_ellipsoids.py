@@ -212,8 +212,8 @@ def _marks(
     size: int,
 ) -> list[Traced]:
     """Numbers of the model file, those identified, and crosses where the truth is known."""
-    ring = {"symbol": "circle-open", "size": 10}
-    diamond = {"symbol": "diamond", "size": size, "half_widths": half_widths}
+    ring: dict[str, Any] = {"symbol": "circle-open", "size": 10}
+    diamond: dict[str, Any] = {"symbol": "diamond", "size": size, "half_widths": half_widths}
     marks = [
         dots("model file", [*file.values()], list(file), "--measured", **ring),
         dots("identified", values, names, "--predicted", **diamond),

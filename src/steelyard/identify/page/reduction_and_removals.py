@@ -101,7 +101,6 @@ class RemovalsSection(TableSection, name="removals", title="Removed parameters")
 
 
 def _summary(content: ReportContent, found: Reduction) -> str:
-    """What was removed, and what it changes: on unseen motion, and along the path."""
     full, first, state = found.path.full, found.path.states[0], found.state
     size, most = len(state.active), len(first.active)
     removed = len(full.names) - size
@@ -113,11 +112,8 @@ def _summary(content: ReportContent, found: Reduction) -> str:
     ]
     before, after = (pooled(x.errors for x in some) for some in (content.before, content.scores))
     if before and after:
-        changes = (
-            f"{_fine_print(old.percent_of_used)} to {_fine_print(new.percent_of_used)} of the "
-            "effort used"
-            for old, new in zip(before, after, strict=True)
-        )
+        shares = ([_fine_print(one.percent_of_used) for one in some] for some in (before, after))
+        changes = (f"{old} to {new} of the effort used" for old, new in zip(*shares, strict=True))
         sentences.append(f"Error on unseen motion, as in the first line: {'; '.join(changes)}.")
     parts, left = [], _by_size(found)
     if size in left and most in left:
@@ -146,11 +142,8 @@ def _joints_judged(found: Reduction) -> str:
     rises["fitted motion" + ", as none is left out" * (not rises)] = last / first - 1.0
     sentences = []
     for motion, rise in rises.items():
-        worse = [
-            f"{names[k]} {significant(100.0 * rise[k])} %"
-            for k in np.argsort(-rise)
-            if rise[k] > found.tolerance
-        ]
+        order = [k for k in np.argsort(-rise) if rise[k] > found.tolerance]
+        worse = [f"{names[k]} {significant(100.0 * rise[k])} %" for k in order]
         allowed = f"more than {100.0 * found.tolerance:g} %"
         which = f"the error of no joint rises by {allowed}"
         if worse:
@@ -346,9 +339,7 @@ def _ranges(identified: IdentifiedModel) -> PlainTable:
     ]
     fastest = np.max(speeds, axis=0) if speeds else np.full(robot.n, np.nan)
     figures = zip(q.min(axis=0), q.max(axis=0), fastest, strict=True)
-    rows = [
-        Row((joint.name, *map(significant, numbers), joint.unit))
-        for joint, numbers in zip(robot.coordinates, figures, strict=True)
-    ]
+    each = zip(robot.coordinates, figures, strict=True)
+    rows = [Row((joint.name, *map(significant, numbers), joint.unit)) for joint, numbers in each]
     headings = ("Joint", "Least position", "Greatest position", "Greatest mean speed", "Unit")
     return PlainTable("Range of the fitted motions", HOLDS_ONLY, headings, rows, (0, 4))

@@ -138,16 +138,11 @@ class ContactStream:
         known: Sequence[float] | None = None,
         gap: bool = False,
     ) -> Iterator[ContactStart | ContactEvent]:
-        """Take the next sample: the residual, and its change at rest that is decided now.
+        """Take the next sample, at time `t` [s]; there is a `gap` if some are missing before it.
 
-        Args:
-            t: Time [s].
-            signal: Measured minus predicted effort, and its change at rest, shape `(2, n)`
-                [Nm; N]; NaN where nothing is compared.
-            limits: Thresholds, likewise; NaN of a joint without.
-            times: Of the samples that the rows are of [s].
-            known: When each row is known [s]; at `t` if `None`.
-            gap: Whether samples are missing before this one.
+        Rows of `signal` are measured minus predicted effort, and its change at rest that is decided
+        now, shape `(2, n)` [Nm; N], NaN where nothing is compared; `limits` are thresholds, NaN of
+        a joint without. The rows are of samples at `times`, and `known` [s], at `t` if `None`.
         """
         size, at = np.abs(signal), np.array(times)[:, None]
         held = (size >= self._released) & (not gap)
@@ -216,12 +211,10 @@ def contacts_in(
 
 def links_carried_by(robot: Robot, joints: Sequence[int]) -> tuple[str, ...]:
     """Links that all of some joints carry, parents before children."""
-    return tuple(
-        body.name
-        for k, body in enumerate(robot.bodies)
-        if {robot.bodies[one].coordinate for one in robot.carriers(k)}.issuperset(joints)
-        and not body.massless
-    )
+    bodies = robot.bodies
+    carried = [{bodies[one].coordinate for one in robot.carriers(k)} for k in range(len(bodies))]
+    each = zip(bodies, carried, strict=True)
+    return tuple(x.name for x, by in each if by.issuperset(joints) and not x.massless)
 
 
 @dataclass(frozen=True)

@@ -252,10 +252,8 @@ def thresholds_table(content: Contacts, *, relative: bool) -> PlainTable:
     rows, thresholds = [], content.thresholds
     for j, (joint, unit) in enumerate(zip(content.joints, content.units, strict=True)):
         sigma = float(content.sigma[j])
-        cells = [
-            f"{cell(float(limit), sigma)}{'' if mine else ' *'}"
-            for limit, mine in zip(thresholds.limits[j], thresholds.own[j], strict=True)
-        ]
+        limits = zip(thresholds.limits[j].tolist(), thresholds.own[j], strict=True)
+        cells = [f"{cell(limit, sigma)}{'' if mine else ' *'}" for limit, mine in limits]
         cells.insert(1, cell(float(thresholds.changes[j]), sigma))
         rows.append(Row((joint, unit, *cells)))
     words = (

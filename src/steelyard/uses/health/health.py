@@ -172,10 +172,8 @@ class Health(Result):
 
 def drifts_table(content: Health) -> PlainTable:
     """One row per drift or unproven change."""
-    rows = [
-        Row((change.joint, change.quantity, change.text, change.when, chance(change.p)))
-        for change in content.named
-    ]
+    cells = ((x.joint, x.quantity, x.text, x.when, chance(x.p)) for x in content.named)
+    rows = list(map(Row, cells))
     return PlainTable("", "", ("joint", "what", "change ± 95 %", "when", "p"), rows, (0, 1, 3))
 
 
@@ -191,10 +189,7 @@ def joints_table(content: Health) -> PlainTable:
     levels = [c for c in content.changes if c.shape == "differs"]
     places = [(c.joint, c.quantity) for c in levels]
     last = {at: f"{c.text}{marks.get(at, '')}" for at, c in zip(places, levels, strict=True)}
-    rows = [
-        Row((joint, *(last.get((joint, quantity), NONE) for quantity in drift.QUANTITIES)))
-        for joint in content.joints
-    ]
+    rows = [Row((x, *(last.get((x, q), NONE) for q in drift.QUANTITIES))) for x in content.joints]
     words = "Level in the last log relative to the model, with its 95 % interval; ! drift"
     words += "; ? differs, drift not proven." if content.unproven else "."
     return PlainTable("", words, ("joint", *QUANTITY_HEADINGS), rows)

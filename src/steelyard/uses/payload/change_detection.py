@@ -159,13 +159,10 @@ def payload_windows(
 ) -> PayloadWindows:
     """Windows about the payload alone: friction's deviations are the same in all of them.
 
-    Args:
-        starts: Of the windows, shape `(w,)`, as of their `stops` [s].
-        stops: Likewise.
-        grams: Sums of products over the variance of the residuals, shape `(w, d + 11, d + 11)`: of
-            friction's deviations, the payload's ten columns, and efforts less those of the model.
-        drift: Standard deviations of the deviations, shape `(d,)`.
-        size: Mass that a payload may have [kg].
+    They have `starts` and `stops`, shape `(w,)` [s]. `grams` are sums of products over the variance
+    of the residuals, shape `(w, d + 11, d + 11)`: of friction's deviations, whose standard
+    deviations are `drift`, shape `(d,)`, the payload's ten columns, and efforts less those of the
+    model. A payload may have the mass `size` [kg].
     """
     n, prior = len(drift), np.diag(size**-2.0 * np.repeat([1.0, 0.3, 0.1], [1, 3, 6]) ** -2)
     group = np.arange(len(grams)) // round(CHANGE_SPAN / CHANGE_STEP)
@@ -215,14 +212,10 @@ def changes_of(windows: PayloadWindows) -> PayloadChanges:
         at, gains = _profile(windows, low, high)
         inside = at[gains >= gains[at == place] - 3.84 * inflation]
         near = inside[np.abs(inside - place) <= round(CHANGE_SPAN / CHANGE_STEP)]
-        changes.append(
-            PayloadChange(
-                time=0.5 * float(windows.stops[place - 1] + windows.starts[place]),
-                earliest=float(windows.stops[near[0] - 1]) - CHANGE_STEP,
-                latest=float(windows.starts[near[-1]]) + CHANGE_STEP,
-                ratio=explained[k] / threshold,
-            )
-        )
+        time = 0.5 * float(windows.stops[place - 1] + windows.starts[place])
+        earliest = float(windows.stops[near[0] - 1]) - CHANGE_STEP
+        latest = float(windows.starts[near[-1]]) + CHANGE_STEP
+        changes.append(PayloadChange(time, earliest, latest, explained[k] / threshold))
     shown = of_mass[tested] * freedom / expected[tested] / threshold
     least_mass = float(np.median(shown)) ** -0.5 if tested.any() else np.inf
     sliding = windows.sliding_mass(inflation)

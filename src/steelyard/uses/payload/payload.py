@@ -346,11 +346,9 @@ def identify_payload(
     ]
     carrying, bare, gain = of_runs[: len(loaded)], of_runs[len(loaded) :], gain_uncertainty
     found = fit_payload(identified, carrying, frame, unloaded=bare, gain=gain, known=known)
-    compared = (
-        f"the model was identified from {log.path.name}: compared with itself it has no payload"
-        for log in loaded
-        if not without and fitted_before(identified.provenance, log)
-    )
+    before = [x for x in loaded if not without and fitted_before(identified.provenance, x)]
+    says = "the model was identified from {}: compared with itself it has no payload"
+    compared = (says.format(log.path.name) for log in before)
     return replace(found, notes=(*found.notes, *dropped(identified.model, runs), *compared))
 
 

@@ -86,10 +86,8 @@ class PayloadStream:
         carried = (latest.mass, float(latest.half_width[0])) if latest else (0.0, np.nan)
         self.state = PayloadState(*carried, found.least_mass)
         self._least.append(found.least_mass)
-        events = [
-            replace(e, time=e.time + start, earliest=e.earliest + start, latest=e.latest + start)
-            for e in found.events
-        ]
+        times = ((x, x.time + start, x.earliest + start, x.latest + start) for x in found.events)
+        events = [replace(x, time=t, earliest=low, latest=high) for x, t, low, high in times]
         twice = [event for event in events if _known(event, self._candidates)]
         certain = [event for event in twice if not _known(event, self._reported)]
         self._candidates = events

@@ -96,18 +96,12 @@ class Smoothed:
 def _smoothed(
     keeps: Array, before: Array, data: Array, loads: Array, noise: Array
 ) -> tuple[Array, Array, Array]:
-    """Kalman smoother of a stationary process, on several columns of data with the same gains.
+    """Kalman smoother of a stationary process, on several columns of `data` with the same gains.
 
-    Args:
-        keeps: What is left of each state after a step, shape `(m,)`.
-        before: Covariance of the states without data, shape `(m, m)`.
-        data: Shape `(N, n, c)`.
-        loads: From states to data, shape `(N, n, m)`.
-        noise: Covariance of the data's noise, shape `(N, n, n)`.
-
-    Returns:
-        States `(N, m, c)`, their covariances `(N, m, m)`, and the sum of squares and products
-        of the whitened innovations, `(c, c)`.
+    Of each state a step `keeps` a part, `(m,)`; `before` is their covariance without data, `(m,
+    m)`. `loads` lead from states to data, `(N, n, m)`, which is `(N, n, c)`; its `noise` has
+    covariances `(N, n, n)`. Comes back: states `(N, m, c)`, their covariances `(N, m, m)`, and the
+    sum of squares and products of the whitened innovations, `(c, c)`.
     """
     count, n, columns = data.shape
     m = len(keeps)
