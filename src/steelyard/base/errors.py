@@ -150,8 +150,6 @@ def available(package: str) -> bool:
 def require(package: str, extra: str, what: str, where: str) -> None:
     """A `PackageError` if a package is not installed, which an extra of steelyard installs."""
     if not available(package):
-        raise PackageError(
-            f"{what} need the package {package}, which is not installed",
-            where=where,
-            fix=f'pip install {package}, or pip install ".[{extra}]" in the source of steelyard',
-        )
+        wrong = f"{what} need the package {package}, which is not installed"
+        fix = f'pip install {package}, or pip install ".[{extra}]" in the source of steelyard'
+        raise PackageError(wrong, where=where, fix=fix)

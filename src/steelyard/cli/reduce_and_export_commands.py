@@ -136,11 +136,9 @@ def _refuse_missing(robot: str | None, asking: dict[str, bool]) -> None:
 def _refuse_same(folder: Path, motion_folder: Path) -> None:
     """Refuse to write a motion to where the model, or a folder around it, is written before."""
     if motion_folder.resolve() in (folder.resolve(), *folder.resolve().parents):
-        raise OutputError(
-            f"the motion's folder is that of the reduced model ({folder}), or contains it",
-            where=f"--next {motion_folder}",
-            fix="name another folder, outside of which the model is written",
-        )
+        wrong = f"the motion's folder is that of the reduced model ({folder}), or contains it"
+        fix = "name another folder, outside of which the model is written"
+        raise OutputError(wrong, where=f"--next {motion_folder}", fix=fix)
 
 
 Kind = Literal["urdf", "mjcf", "c", "python", "fmu", "ros2", "simulink"]
@@ -248,11 +246,9 @@ def _format(to: Kind | None, output: Path | None) -> Kind:
     if of_ending not in (None, form) and ending != ".xml":
         what, usual = FORMATS[form]
         name = f"end its name in '{usual}'" if usual.startswith(".") else "name a folder"
-        raise OutputError(
-            f"the file would be {what}, but its name ends in '{ending}'",
-            where=str(output),
-            fix=f"{name}, or give --to {of_ending}",
-        )
+        wrong = f"the file would be {what}, but its name ends in '{ending}'"
+        fix = f"{name}, or give --to {of_ending}"
+        raise OutputError(wrong, where=str(output), fix=fix)
     return form
 
 

@@ -68,11 +68,9 @@ def watch(
     from steelyard.uses.watch.watcher_and_events import StreamEstimate
 
     if source == STANDARD_INPUT and timeout is not None:
-        raise DataError(
-            "standard input ends when its writer closes it, not after some time",
-            where="--timeout",
-            fix="leave it out, or give a file with --from",
-        )
+        wrong = "standard input ends when its writer closes it, not after some time"
+        fix = "leave it out, or give a file with --from"
+        raise DataError(wrong, where="--timeout", fix=fix)
     folder = optional_folder(output)
     with progress_bar() as progress:
         begun = call(progress=progress)

@@ -208,11 +208,9 @@ def _gains(task: FitTask) -> GainEstimate | None:
         return None
     model = with_any_speed(with_friction(task.model, task.loaded))
     if any(finds_of(term) for term in model.terms):
-        raise DataError(
-            "drive gains and nonlinear parameters of terms cannot be estimated together",
-            where="[signals.effort] gain",
-            fix="identify the gains with given nonlinear parameters, and write them into the file",
-        )
+        wrong = "drive gains and nonlinear parameters of terms cannot be estimated together"
+        fix = "identify the gains with given nonlinear parameters, and write them into the file"
+        raise DataError(wrong, where="[signals.effort] gain", fix=fix)
     regressor, rests, threads = regression.base_regressor(model), model.has_memory, task.threads
     gather_all = partial(gather, regressor, rests=rests, threads=threads, progress=task.progress)
     unloaded, loaded = (list(map(gather_all, some)) for some in (task.runs, task.carrying))
@@ -230,11 +228,9 @@ def _offsets(
     model = with_friction(task.model, task.loaded)
     if gains is not None or any(finds_of(term) for term in model.terms):
         beside = "drive gains" if gains is not None else "nonlinear parameters of terms"
-        raise DataError(
-            f"zero offsets and {beside} cannot be identified together",
-            where="[signals] position_offset",
-            fix="identify the offsets with values given there, and write them into the file",
-        )
+        wrong = f"zero offsets and {beside} cannot be identified together"
+        fix = "identify the offsets with values given there, and write them into the file"
+        raise DataError(wrong, where="[signals] position_offset", fix=fix)
     offset, unknown = signals.position_offset, signals.unknown_offsets
     moved = partial(nonlinear.with_offsets, runs)
     return nonlinear.find_offsets(

@@ -227,11 +227,9 @@ def identify(
 def _refuse_uncommanded(signals: Signals, unseen: Sequence[named_logs.LogArgument]) -> None:
     signals.of_commanded()
     if not unseen:
-        raise LogError(
-            "there is no log to be predicted from its commanded motion",
-            where="options of the identification",
-            fix="name logs to validate, or leave out 'commanded'",
-        )
+        wrong = "there is no log to be predicted from its commanded motion"
+        fix = "name logs to validate, or leave out 'commanded'"
+        raise LogError(wrong, where="options of the identification", fix=fix)
 
 
 def _scores(

@@ -288,11 +288,9 @@ def _one_motion(smaller: IdentifiedModel, runs: Sequence[Run]) -> tuple[str, ...
 def _refuse_unreducible(identified: IdentifiedModel) -> None:
     """Refuse a model with parameters of single runs, or with some that were not estimated."""
     if own := identified.model.per_run_names:
-        raise ModelError(
-            f"every run has a '{own[0]}' of its own, which cannot be removed",
-            where=identified.model.robot.name,
-            fix="identify without per_run = true, and reduce that model",
-        )
+        wrong = f"every run has a '{own[0]}' of its own, which cannot be removed"
+        fix = "identify without per_run = true, and reduce that model"
+        raise ModelError(wrong, where=identified.model.robot.name, fix=fix)
     if known := identified.estimate.known:
         raise ModelError(
             f"parameters with a value from [[knowledge]] were not estimated: {', '.join(known)}",
@@ -309,28 +307,22 @@ def matching(patterns: Iterable[str], names: Sequence[str], option: str) -> tupl
         wanted = re.compile(".*".join(map(re.escape, pattern.split("*"))))
         mine = {name for name in names if wanted.fullmatch(name)}
         if not mine:
-            raise ModelError(
-                f"no base parameter matches '{pattern}'",
-                where=option,
-                fix=advice(pattern, names, "base parameters"),
-            )
+            wrong = f"no base parameter matches '{pattern}'"
+            fix = advice(pattern, names, "base parameters")
+            raise ModelError(wrong, where=option, fix=fix)
         found |= mine
     return tuple(name for name in names if name in found)
 
 
 def _refuse_contradiction(keep: Sequence[str], drop: Sequence[str], names: Sequence[str]) -> None:
     if both := sorted(set(keep) & set(drop)):
-        raise ModelError(
-            f"'{both[0]}' is to be kept and to be removed",
-            where="--keep and --drop",
-            fix="name it once",
-        )
+        wrong = f"'{both[0]}' is to be kept and to be removed"
+        fix = "name it once"
+        raise ModelError(wrong, where="--keep and --drop", fix=fix)
     if set(names) <= set(keep):
-        raise DataError(
-            f"all {len(names)} parameters are kept: there is nothing to remove",
-            where="--keep",
-            fix="name fewer parameters",
-        )
+        wrong = f"all {len(names)} parameters are kept: there is nothing to remove"
+        fix = "name fewer parameters"
+        raise DataError(wrong, where="--keep", fix=fix)
 
 
 def moving_friction(model: Model, runs: Sequence[Run], columns: Sequence[str]) -> tuple[str, ...]:
@@ -349,11 +341,9 @@ def _robot_of(identified: IdentifiedModel, robot_file: str | Path | LoadedRobot)
     theirs = [body.name for body in loaded.robot.bodies]
     ours = [body.name for body in identified.model.robot.bodies]
     if theirs != ours:
-        raise ModelError(
-            f"the robot file moves the links {', '.join(theirs)}, the model {', '.join(ours)}",
-            where=loaded.reference,
-            fix="give the robot file that the model was identified with",
-        )
+        wrong = f"the robot file moves the links {', '.join(theirs)}, the model {', '.join(ours)}"
+        fix = "give the robot file that the model was identified with"
+        raise ModelError(wrong, where=loaded.reference, fix=fix)
     return loaded
 
 
@@ -429,9 +419,7 @@ def _without_empty_terms(identified: IdentifiedModel) -> IdentifiedModel:
 def _tolerance_of(rule: stopping.StoppingRule) -> stopping.Tolerance:
     """The rule, as one that compares errors of joints; `ModelError` for others."""
     if not isinstance(rule, stopping.Tolerance):
-        raise ModelError(
-            f"stopping rule '{rule.name}' compares no mean absolute errors",
-            where="--error mean_absolute",
-            fix="add --stop tolerance=5, or leave --error out",
-        )
+        wrong = f"stopping rule '{rule.name}' compares no mean absolute errors"
+        fix = "add --stop tolerance=5, or leave --error out"
+        raise ModelError(wrong, where="--error mean_absolute", fix=fix)
     return rule

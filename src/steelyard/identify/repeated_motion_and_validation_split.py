@@ -296,8 +296,6 @@ def refuse_same_rows(fitted: Sequence[Run], unseen: Sequence[Run]) -> None:
     for run, others, role in pairs:
         repeat = repeat_of(others, run)
         if repeat is not None and repeat.same:
-            raise LogError(
-                f"'{run.name}' holds the same samples as '{repeat.run}': {role}",
-                where=f"{run.name} {repeat.words}",
-                fix="give every part once; cut a log with LOG@START:STOP",
-            )
+            wrong = f"'{run.name}' holds the same samples as '{repeat.run}': {role}"
+            fix = "give every part once; cut a log with LOG@START:STOP"
+            raise LogError(wrong, where=f"{run.name} {repeat.words}", fix=fix)

@@ -226,11 +226,9 @@ def residuals(
         True
     """
     if cutoff is not None and not cutoff > 0.0:
-        raise DataError(
-            f"a low-pass of {cutoff:g} Hz passes nothing",
-            where="cutoff of residuals",
-            fix="give a positive frequency, or None for that of the printed errors",
-        )
+        wrong = f"a low-pass of {cutoff:g} Hz passes nothing"
+        fix = "give a positive frequency, or None for that of the printed errors"
+        raise DataError(wrong, where="cutoff of residuals", fix=fix)
     identified = load_model(model)
     (file,) = map(log_file, paths_of(log))
     (run,) = of_logs.runs_for(identified, [file], progress)

@@ -47,21 +47,17 @@ from steelyard.runs.run import Run
 
 
 def _refuse_one_run(information: Information) -> NoReturn:
-    raise DataError(
-        "it simulates whole runs, and there is only one",
-        where=information.runs,
-        fix="give several logs, or several cuts of this one: LOG@0:10 LOG@10:20",
-    )
+    wrong = "it simulates whole runs, and there is only one"
+    fix = "give several logs, or several cuts of this one: LOG@0:10 LOG@10:20"
+    raise DataError(wrong, where=information.runs, fix=fix)
 
 
 def offers_of(names: Sequence[str], everything: bool) -> tuple[register.Offer, ...]:
     """The named estimators, several in one name with commas; else those that do not search."""
     if names and everything:
-        raise ModelError(
-            "estimators are named, and all are requested",
-            where="estimators, everything (--estimators, --all)",
-            fix="leave out one of the two",
-        )
+        wrong = "estimators are named, and all are requested"
+        fix = "leave out one of the two"
+        raise ModelError(wrong, where="estimators, everything (--estimators, --all)", fix=fix)
     if not names:
         return tuple(offer for offer in register.ESTIMATORS if everything or not offer.slow)
     each = [name.strip() for some in names for name in some.split(",") if name.strip()]

@@ -331,11 +331,9 @@ def contact(
             else:
                 notes.append(f"left out of the calibration: {carried}")
         if not traces:
-            raise DataError(
-                f"no calibration log is left: {'; '.join(notes)}",
-                where="--calibrate",
-                fix="give logs of other motion without contact, or leave --calibrate out",
-            )
+            wrong = f"no calibration log is left: {'; '.join(notes)}"
+            fix = "give logs of other motion without contact, or leave --calibrate out"
+            raise DataError(wrong, where="--calibrate", fix=fix)
         peaks, suspected = peaks_of_free_motion(identified, traces, rest, cutoff, own)
         source = f"{len(traces)} calibration {'log' if len(traces) == 1 else 'logs'}"
     elif own is not None:

@@ -313,11 +313,9 @@ def _samples(
     if isinstance(motion, Motion):
         return in_joint_order(motion, joints, robot, "samples of the motion"), ()
     if joints is not None:
-        raise DataError(
-            "names of joints are given together with a file, which has its own",
-            where="joints",
-            fix="leave them out",
-        )
+        wrong = "names of joints are given together with a file, which has its own"
+        fix = "leave them out"
+        raise DataError(wrong, where="joints", fix=fix)
     path = Path(motion)
     if path.suffix == ".json":
         trajectory, names = read_named(path)

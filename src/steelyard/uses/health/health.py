@@ -252,11 +252,9 @@ def health(
         carried.append(unknown_payload(identified, whole))
     series, names = drift.series_of(identified, found), [run.name for run in runs]
     if not series:
-        raise LogError(
-            "no window shows friction, offset and bodies of a joint separately",
-            where=", ".join(names),
-            fix="give longer logs, or motion in both directions at several speeds and postures",
-        )
+        wrong = "no window shows friction, offset and bodies of a joint separately"
+        fix = "give longer logs, or motion in both directions at several speeds and postures"
+        raise LogError(wrong, where=", ".join(names), fix=fix)
     robot = identified.model.robot
     return Health(
         robot=robot.name,

@@ -320,20 +320,16 @@ def identify_payload(
     """
     for name, given, count in (("box", box, 3), ("cylinder", cylinder, 2), ("com", com, 3)):
         if given is not None and len(given) != count:
-            raise DataError(
-                f"'{name}' has {len(given)} numbers",
-                where="what is known of the payload",
-                fix=f"give {count}, in metres",
-            )
+            wrong = f"'{name}' has {len(given)} numbers"
+            fix = f"give {count}, in metres"
+            raise DataError(wrong, where="what is known of the payload", fix=fix)
     shapes = [] if box is None else [SolidShape.box(tuple(box))]
     shapes += [] if cylinder is None else [SolidShape.cylinder(*cylinder)]
     shapes += [] if sphere is None else [SolidShape.sphere(sphere)]
     if len(shapes) > 1:
-        raise DataError(
-            f"the payload is {' and '.join(shape.words for shape in shapes)}",
-            where="what is known of the payload",
-            fix="give one of box, cylinder and sphere",
-        )
+        wrong = f"the payload is {' and '.join(shape.words for shape in shapes)}"
+        fix = "give one of box, cylinder and sphere"
+        raise DataError(wrong, where="what is known of the payload", fix=fix)
     centre = None if com is None else tuple(com)
     known = PayloadKnowledge(mass, centre, shapes[0] if shapes else None)
     identified = load_model(model)

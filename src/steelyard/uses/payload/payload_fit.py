@@ -87,11 +87,9 @@ def fit_payload(
     beside scales that were identified with the model.
     """
     if not loaded:
-        raise DataError(
-            "there is no run with the payload",
-            where="identification of a payload",
-            fix="give at least one log of the loaded robot",
-        )
+        wrong = "there is no run with the payload"
+        fix = "give at least one log of the loaded robot"
+        raise DataError(wrong, where="identification of a payload", fix=fix)
     share = gain_share(identified, gain)
     refuse_foreign(identified.model, (*unloaded, *loaded))
     carries = carrier(identified.model.robot, frame)
@@ -128,11 +126,9 @@ def gain_share(identified: IdentifiedModel, stated: float | None) -> float:
     usual = GAIN_RELATIVE_STD if of_motors and identified.effort_scales is None else 0.0
     gain = usual if stated is None else stated
     if not 0.0 <= gain < 1.0:
-        raise DataError(
-            f"the relative uncertainty of the drive gains is {gain:g}",
-            where="identification of a payload",
-            fix="give 0 for exact gains, or a share such as 0.02",
-        )
+        wrong = f"the relative uncertainty of the drive gains is {gain:g}"
+        fix = "give 0 for exact gains, or a share such as 0.02"
+        raise DataError(wrong, where="identification of a payload", fix=fix)
     return gain
 
 

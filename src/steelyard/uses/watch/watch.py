@@ -320,11 +320,9 @@ def start_watch(
             "that were recorded like the stream (--calibrate)"
         ]
     elif rate is not None:
-        raise DataError(
-            "a rate of false alarms is given, but there is nothing to calibrate thresholds with",
-            where="--rate",
-            fix="give logs of motion without contact with --calibrate",
-        )
+        wrong = "a rate of false alarms is given, but there is nothing to calibrate thresholds with"
+        fix = "give logs of motion without contact with --calibrate"
+        raise DataError(wrong, where="--rate", fix=fix)
     else:
         notes = [
             "contact is not sought: the model has no residuals of left-out motion "
@@ -406,11 +404,9 @@ def calibrated_thresholds(
     """Thresholds from residuals as the stream has them, and what they rest on."""
     unseen = [log for log in logs if not fitted_before(identified.provenance, log)]
     if not unseen:
-        raise DataError(
-            "all calibration logs were fitted: their residuals say nothing of other motion",
-            where="--calibrate",
-            fix="give logs of other motion without contact, or leave --calibrate out",
-        )
+        wrong = "all calibration logs were fitted: their residuals say nothing of other motion"
+        fix = "give logs of other motion without contact, or leave --calibrate out"
+        raise DataError(wrong, where="--calibrate", fix=fix)
     traces = []
     for number, log in enumerate(unseen):
         report_progress(progress, "calibrating thresholds", number, len(unseen))
@@ -444,11 +440,9 @@ def stream_trace(
     name = f"{path.stem}{cut.text}"
     first = int(np.searchsorted(t, residual_noise.FORGOTTEN / (2.0 * np.pi * cutoff)))
     if len(t) < first + 2:
-        raise LogError(
-            "the log is too short for the residual's low-pass",
-            where=name,
-            fix="log for longer, or give a higher bandwidth",
-        )
+        wrong = "the log is too short for the residual's low-pass"
+        fix = "log for longer, or give a higher bandwidth"
+        raise LogError(wrong, where=name, fix=fix)
     step = float(np.median(np.diff(t)))
     speeds = np.array(speed).T
     slowest = -residual_noise.greatest(-speeds, round(HOLD / step) + 1)

@@ -134,11 +134,9 @@ def stretch_of_rest(text: str) -> tuple[float, float]:
     except ValueError:
         found = 0.0, -1.0
     if not colon or not 0.0 <= found[0] < found[1]:
-        raise DataError(
-            f"'{text}' is no stretch of time (--sensor-rest)",
-            where="wrench",
-            fix="give START:STOP in seconds from the log's start, such as 0:1.5",
-        )
+        wrong = f"'{text}' is no stretch of time (--sensor-rest)"
+        fix = "give START:STOP in seconds from the log's start, such as 0:1.5"
+        raise DataError(wrong, where="wrench", fix=fix)
     return found
 
 
@@ -292,11 +290,9 @@ def _logged(run: Run, file: LogArgument, sensor: Sensor) -> tuple[Array, Array]:
     rows = np.concatenate(list(recording.log.parts(columns, recording.cut.rows)))
     rows = rows[np.isfinite(rows).all(axis=1)]
     if not len(rows):
-        raise DataError(
-            f"no row has numbers in all of {', '.join(sensor.columns)}",
-            where=run.name,
-            fix="name columns of the force/torque sensor with --measured",
-        )
+        wrong = f"no row has numbers in all of {', '.join(sensor.columns)}"
+        fix = "name columns of the force/torque sensor with --measured"
+        raise DataError(wrong, where=run.name, fix=fix)
     t, first = np.unique(rows[:, 0] * signals.time_scale, return_index=True)
     return t - run.chain.clock.origin, rows[first, 1:]
 

@@ -457,11 +457,9 @@ def external_wrench(
         rest = tuple(map(sensors.stretch_of_rest, sensor_rest))
         reader = sensors.Sensor(named, base, sensors.sensor_placement(sensor_at), sensor_sign, rest)
     elif sensor is not None or sensor_at or sensor_sign != "on_robot" or sensor_rest:
-        raise DataError(
-            "a sensor is described, but none of its columns is named",
-            where=file.text,
-            fix="name the six columns of the force/torque sensor with --measured",
-        )
+        wrong = "a sensor is described, but none of its columns is named"
+        fix = "name the six columns of the force/torque sensor with --measured"
+        raise DataError(wrong, where=file.text, fix=fix)
     (run,) = runs_for(identified, [file], progress, at_rest=True)
     estimate = estimated_wrench(
         identified,

@@ -39,11 +39,9 @@ class Smoothed:
 
     def __post_init__(self) -> None:
         if not 0.0 < self.duration < np.inf:
-            raise DataError(
-                f"{self.duration:g} s is no duration of a push",
-                where="expected wrench (--duration)",
-                fix="give a time above zero, such as 1 s",
-            )
+            wrong = f"{self.duration:g} s is no duration of a push"
+            fix = "give a time above zero, such as 1 s"
+            raise DataError(wrong, where="expected wrench (--duration)", fix=fix)
 
     def __call__(self, efforts: methods.ExternalEfforts) -> methods.Wrenches:
         """See `WrenchMethod`."""
