@@ -9,9 +9,8 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from steelyard.base.errors import ModelError
+from steelyard.base.errors import ModelError, visible
 from steelyard.base.files import whole_file, whole_folder
-from steelyard.base.visible_text import visible
 from steelyard.cli import interrupt
 from steelyard.cli import shared_by_commands as shared
 from steelyard.cli.commands_from_functions import DerivedCommand, from_function

@@ -15,10 +15,9 @@ from typing import TYPE_CHECKING, Annotated, Any, ParamSpec, TypeVar
 
 import typer
 
-from steelyard.base.errors import ModelError, OutputError, SteelyardError
+from steelyard.base.errors import ModelError, OutputError, SteelyardError, visible
 from steelyard.base.files import new_folder, whole_folder
 from steelyard.base.progress import Event, Progress
-from steelyard.base.visible_text import visible
 from steelyard.cli import interrupt
 
 if TYPE_CHECKING:

@@ -13,8 +13,7 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from steelyard.base.errors import DataError
-from steelyard.base.visible_text import visible
+from steelyard.base.errors import DataError, visible
 from steelyard.cli import interrupt
 from steelyard.cli.commands_from_functions import from_function
 from steelyard.cli.shared_by_commands import optional_folder, progress_bar

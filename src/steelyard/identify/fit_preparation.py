@@ -110,8 +110,10 @@ def prepare_fit(task: FitTask, estimator: Estimator[Information]) -> PreparedFit
     model, loaded, runs = task.model, task.loaded, task.runs
     gains = _gains(task)
     if gains is not None:
-        known = {"gains": gains.gains, "unknown_gains": (False,) * len(gains.gains)}
-        runs = tuple(with_signals(run, replace(run.recording.signals, **known)) for run in runs)
+        given, none = gains.gains, (False,) * len(gains.gains)
+        own = (run.recording.signals for run in runs)
+        known = (replace(signals, gains=given, unknown_gains=none) for signals in own)
+        runs = tuple(map(with_signals, runs, known))
     signals = runs[0].recording.signals
     if not all(gains_known(signals.effort_units, signals.gains)):
         task = replace(task, model=_in_unit_of_log(task, runs))

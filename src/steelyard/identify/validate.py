@@ -239,5 +239,5 @@ def residuals(
         raise no_closed_sample(identified.valued, run)
     t, moving, efforts = (np.concatenate(some, axis=-1) for some in zip(*found, strict=True))
     measured, predicted = efforts * np.where(known_efforts(identified), gains, 1.0)[:, None]
-    log = run.name, identified.joints, units_of(identified), band
-    return Residuals(*log, frozen(t), frozen(measured.T), frozen(predicted.T), moving.T)
+    about = run.name, identified.joints, units_of(identified), band
+    return Residuals(*about, frozen(t), frozen(measured.T), frozen(predicted.T), moving.T)

@@ -3,6 +3,7 @@
 import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
+from functools import partial
 from math import isfinite
 from pathlib import Path
 
@@ -323,9 +324,9 @@ def identify_payload(
             wrong = f"'{name}' has {len(given)} numbers"
             fix = f"give {count}, in metres"
             raise DataError(wrong, where="what is known of the payload", fix=fix)
-    shapes = [] if box is None else [SolidShape.box(tuple(box))]
-    shapes += [] if cylinder is None else [SolidShape.cylinder(*cylinder)]
-    shapes += [] if sphere is None else [SolidShape.sphere(sphere)]
+    shapes = [] if box is None else [SolidShape.of("box", box)]
+    shapes += [] if cylinder is None else [SolidShape.of("cylinder", cylinder)]
+    shapes += [] if sphere is None else [SolidShape.of("sphere", [sphere])]
     if len(shapes) > 1:
         wrong = f"the payload is {' and '.join(shape.words for shape in shapes)}"
         fix = "give one of box, cylinder and sphere"
@@ -337,9 +338,8 @@ def identify_payload(
     runs = _runs(identified, [*loaded, *without], progress)
     regressor, threads = base_regressor(identified.model), os.cpu_count() or 1
     rests = identified.model.has_memory
-    of_runs = [
-        gather(regressor, run, rests=rests, threads=threads, progress=progress) for run in runs
-    ]
+    gather_all = partial(gather, regressor, rests=rests, threads=threads, progress=progress)
+    of_runs = list(map(gather_all, runs))
     carrying, bare, gain = of_runs[: len(loaded)], of_runs[len(loaded) :], gain_uncertainty
     found = fit_payload(identified, carrying, frame, unloaded=bare, gain=gain, known=known)
     before = [x for x in loaded if not without and fitted_before(identified.provenance, x)]
