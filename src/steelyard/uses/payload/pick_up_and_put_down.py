@@ -16,18 +16,7 @@ from steelyard.estimate.information.kept_filtered_samples import FilteredSamples
 from steelyard.estimate.payload.payload_estimate import PayloadEstimate
 from steelyard.estimate.payload.runs_with_payload import carrier, combined, drifting, payload_lift
 from steelyard.robot.robot import Frame
-from steelyard.uses.payload.change_detection import (
-    CHANGE_SPAN,
-    CHANGE_STEP,
-    FALSE_EVENTS_PER_HOUR,
-    LEAST_TIME_OF_CHANGES,
-    LEAST_WINDOWS_OF_LOG,
-    PayloadChange,
-    PayloadChanges,
-    SlidingMass,
-    changes_of,
-    payload_windows,
-)
+from steelyard.uses.payload import change_detection as detection
 from steelyard.uses.payload.payload_fit import (
     FRICTION_DRIFT,
     NOTHING_KNOWN,
@@ -81,7 +70,7 @@ class PayloadEvents:
     # would be
     conclusive: bool
     notes: tuple[str, ...]  # what was taken for granted, for people to read
-    sliding: SlidingMass
+    sliding: detection.SlidingMass
     unexplained: str = ""  # what no payload explains; empty if there is nothing
 
     def __str__(self) -> str:
@@ -164,13 +153,13 @@ def find_payload_events(
         body=identified.model.robot.bodies[carries.body].name,
         events=events,
         carried=carried,
-        alarms_per_hour=FALSE_EVENTS_PER_HOUR,
+        alarms_per_hour=detection.FALSE_EVENTS_PER_HOUR,
         inflation=found.inflation,
         least_mass=found.least_mass,
         conclusive=bool(events) or found.least_mass <= _largest_payload(identified),
         notes=(
-            f"threshold for {FALSE_EVENTS_PER_HOUR:g} false events per hour; residuals along the "
-            f"log make the statistic {found.inflation:.{digits}f} times larger than normal, white "
+            f"threshold for {detection.FALSE_EVENTS_PER_HOUR:g} false events per hour; residuals along "
+            f"the log make the statistic {found.inflation:.{digits}f} times larger than normal, white "
             "ones would",
             f"smallest change of the mass that would be detected: {found.least_mass:.2g} kg (for a "
             "mass at the frame's origin, in at least half of the log)",
@@ -190,14 +179,14 @@ class _Weigher:
     carries: Frame
     gain: float
 
-    def stretches(self, changes: list[PayloadChange]) -> list[Window]:
+    def stretches(self, changes: list[detection.PayloadChange]) -> list[Window]:
         """Time between the changes, without their intervals where that leaves enough."""
         run, first, last = self.samples.sources[0].run, *map(float, self.samples.t[[0, -1]])
         bare = pairwise([first, *(change.time for change in changes), last])
         starts = [first, *(change.latest for change in changes)]
         stops = [*(change.earliest for change in changes), last]
         return [
-            Window(run, *((a, b) if b - a >= LEAST_TIME_OF_CHANGES else ends))
+            Window(run, *((a, b) if b - a >= detection.LEAST_TIME_OF_CHANGES else ends))
             for a, b, ends in zip(starts, stops, bare, strict=True)
         ]
 
@@ -239,7 +228,7 @@ class _Weigher:
 
 def _changes(
     identified: IdentifiedModel, samples: FilteredSamples, carries: Frame
-) -> PayloadChanges:
+) -> detection.PayloadChanges:
     """Where the statistic exceeds its threshold.
 
     It is computed from sums of products in windows of `CHANGE_STEP`: of friction's deviations, of
@@ -252,7 +241,7 @@ def _changes(
     place = {name: k for k, name in enumerate(identified.base.base_names)}
     lift = payload_lift(model.robot, identified.base, carries)[[place[name] for name in columns]]
     transform = np.hstack([np.eye(len(columns))[:, moving], lift])
-    number = np.floor((samples.t - samples.t[0]) / CHANGE_STEP).astype(np.intp)
+    number = np.floor((samples.t - samples.t[0]) / detection.CHANGE_STEP).astype(np.intp)
     width, length = len(moving) + 11, int(number[-1]) + 1
     grams, full = np.zeros((length, width, width)), np.zeros(length, dtype=bool)
     for row, (seen, residual) in enumerate(
@@ -268,17 +257,22 @@ def _changes(
             some = part[at == window]
             grams[window][index] += some.T @ some / np.square(identified.estimate.sigma[row])
         full[at[weights != 0.0]] = True
-    if full.sum() < LEAST_WINDOWS_OF_LOG * round(CHANGE_SPAN / CHANGE_STEP):
+    windows = round(detection.CHANGE_SPAN / detection.CHANGE_STEP)
+    if full.sum() < detection.LEAST_WINDOWS_OF_LOG * windows:
+        least = detection.LEAST_WINDOWS_OF_LOG * detection.CHANGE_SPAN
         raise DataError(
-            f"the log has {CHANGE_STEP * full.sum():.1f} s in which joints move: too short to find "
-            "when a payload changes",
+            f"the log has {detection.CHANGE_STEP * full.sum():.1f} s in which joints move: too short "
+            "to find when a payload changes",
             where=samples.sources[0].run,
-            fix=f"give a log with at least {LEAST_WINDOWS_OF_LOG * CHANGE_SPAN:g} s of motion, "
-            "or weigh without --when",
+            fix=f"give a log with at least {least:g} s of motion, or weigh without --when",
         )
-    starts = np.asarray(float(samples.t[0]) + CHANGE_STEP * np.flatnonzero(full))
+    starts = np.asarray(float(samples.t[0]) + detection.CHANGE_STEP * np.flatnonzero(full))
     deviations, most = FRICTION_DRIFT * np.abs(values[moving]), _largest_payload(identified)
-    return changes_of(payload_windows(starts, starts + CHANGE_STEP, grams[full], deviations, most))
+    return detection.changes_of(
+        detection.payload_windows(
+            starts, starts + detection.CHANGE_STEP, grams[full], deviations, most
+        )
+    )
 
 
 def _largest_payload(identified: IdentifiedModel) -> float:
