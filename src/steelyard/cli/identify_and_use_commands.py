@@ -200,7 +200,6 @@ def payload(
     Example: steelyard payload steelyard-ur10e loaded.csv --frame tool0 --box 0.2 0.1 0.1
     """
     from steelyard.estimate.identified_model import load_model
-    from steelyard.estimate.payload.payload_estimate import PayloadEstimate
     from steelyard.report.terminal import terminal
     from steelyard.uses.payload import payload as text
     from steelyard.uses.payload.pick_up_and_put_down import events_dict
@@ -216,26 +215,23 @@ def payload(
     identified = load_model(given["model"])
     frame, gain = given["frame"], given["gain_uncertainty"]
     with shared.progress_bar() as progress:
-        found = (
-            text.events_of_logs(identified, given["logs"], frame, gain, progress)
-            if when
-            else call(model=identified, progress=progress)
-        )
-    result = found.to_dict() if isinstance(found, PayloadEstimate) else events_dict(found)
+        if when:
+            events = text.events_of_logs(identified, given["logs"], frame, gain, progress)
+            result, show = events_dict(events), partial(text.event_lines, events)
+        else:
+            found = call(model=identified, progress=progress)
+            result, show = found.to_dict(), partial(text.payload_lines, found)
     if folder is not None:
         with whole_folder(folder) as part:
             write_json(part / "payload.json", result)
-            if not isinstance(found, PayloadEstimate):
-                page = text.render_payload_events(found, identified.robot.name)
+            if when:
+                page = text.render_payload_events(events, identified.robot.name)
                 (part / "report.html").write_text(page, encoding="utf-8")
             interrupt.too_late()
     if as_json:
         shared.print_json(result)
         return
-    if isinstance(found, PayloadEstimate):
-        text.payload_lines(found, terminal())
-    else:
-        text.event_lines(found, terminal())
+    show(terminal())
     if folder is not None:
         files = {"payload": "payload.json", **({"report": "report.html"} if when else {})}
         typer.echo("\n" + shared.file_lines(folder, **files))

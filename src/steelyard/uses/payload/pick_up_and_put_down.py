@@ -158,9 +158,9 @@ def find_payload_events(
         least_mass=found.least_mass,
         conclusive=bool(events) or found.least_mass <= _largest_payload(identified),
         notes=(
-            f"threshold for {detection.FALSE_EVENTS_PER_HOUR:g} false events per hour; residuals along "
-            f"the log make the statistic {found.inflation:.{digits}f} times larger than normal, white "
-            "ones would",
+            f"threshold for {detection.FALSE_EVENTS_PER_HOUR:g} false events per hour; residuals "
+            f"along the log make the statistic {found.inflation:.{digits}f} times larger than "
+            "normal, white ones would",
             f"smallest change of the mass that would be detected: {found.least_mass:.2g} kg (for a "
             "mass at the frame's origin, in at least half of the log)",
             *(carried[0].payload.notes if carried else ()),
@@ -261,8 +261,8 @@ def _changes(
     if full.sum() < detection.LEAST_WINDOWS_OF_LOG * windows:
         least = detection.LEAST_WINDOWS_OF_LOG * detection.CHANGE_SPAN
         raise DataError(
-            f"the log has {detection.CHANGE_STEP * full.sum():.1f} s in which joints move: too short "
-            "to find when a payload changes",
+            f"the log has {detection.CHANGE_STEP * full.sum():.1f} s in which joints move: too "
+            "short to find when a payload changes",
             where=samples.sources[0].run,
             fix=f"give a log with at least {least:g} s of motion, or weigh without --when",
         )

@@ -175,29 +175,17 @@ WRENCH_COLUMNS = ("fx_N", "fy_N", "fz_N", "mx_Nm", "my_Nm", "mz_Nm")  # entries 
 
 def event_row(event: ContactEvent | PayloadEvent | watching.StreamNote) -> dict[str, str | float]:
     """Cells of the table of events by `EVENT_COLUMNS`."""
+    row: dict[str, str | float]
     match event:
         case ContactEvent():
             load = event.joints[0]
-            return {
-                "event": "contact",
-                "time_s": event.start,
-                "end_s": event.end,
-                "what": load.joint,
-                "value": load.peak,
-                "unit": load.unit,
-                "over_threshold": load.ratio,
-                "place": event.place,
-            }
+            row = {"event": "contact", "time_s": event.start, "end_s": event.end}
+            row |= {"what": load.joint, "value": load.peak, "unit": load.unit}
+            return row | {"over_threshold": load.ratio, "place": event.place}
         case PayloadEvent():
-            return {
-                "event": event.kind,
-                "time_s": event.time,
-                "what": "payload",
-                "value": event.mass,
-                "half_width": event.mass_half_width,
-                "unit": "kg",
-                "over_threshold": event.ratio,
-            }
+            row = {"event": event.kind, "time_s": event.time, "what": "payload", "unit": "kg"}
+            row |= {"value": event.mass, "half_width": event.mass_half_width}
+            return row | {"over_threshold": event.ratio}
     return {"event": "note", "time_s": event.time, "what": event.text}
 
 
