@@ -16,13 +16,12 @@ from steelyard.report.words import significant
 
 if TYPE_CHECKING:
     from steelyard.estimate.payload.payload_estimate import PayloadEstimate
-    from steelyard.identify.comparison.compare import ComparedModels, EstimatorComparison
+    from steelyard.identify.comparison.compare import EstimatorComparison
     from steelyard.identify.identify import Identification
     from steelyard.identify.validate import Validation
-    from steelyard.uses.contact.contact_page import Contacts
+    from steelyard.report.result import Result
     from steelyard.uses.control.feedforward import FeedforwardTorques
     from steelyard.uses.health.health import Health
-    from steelyard.uses.wrench.wrench import ExternalWrench
 
 NO_CHECK = {"help": "Skip the check of the logs; see `steelyard check`."}
 
@@ -156,7 +155,7 @@ def compare(
     },
 )
 def compare_models(
-    call: "partial[ComparedModels]",
+    call: "partial[Result]",
     output: shared.PlotsFolder = None,
     verbose: bool = False,
     as_json: bool = False,
@@ -239,7 +238,7 @@ def payload(
 
 @from_function("steelyard:contact")
 def contact(
-    call: "partial[Contacts]", output: shared.ReportFolder = None, as_json: bool = False
+    call: "partial[Result]", output: shared.ReportFolder = None, as_json: bool = False
 ) -> None:
     """Find contacts in a log without a force sensor: when, at which joints, on which link.
 
@@ -251,9 +250,7 @@ def contact(
 @from_function(
     "steelyard:external_wrench", sensor_at={"type": str | None, "metavar": '"X Y Z R P Y"'}
 )
-def wrench(
-    call: "partial[ExternalWrench]", output: Path | None = None, as_json: bool = False
-) -> None:
+def wrench(call: "partial[Result]", output: Path | None = None, as_json: bool = False) -> None:
     """Estimate force and moment on a frame along a log, without a force sensor.
 
     With 95 % intervals, finite in singular postures; names what is not observable. With --measured

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from steelyard.base.files import new_folder, whole_folder
-from steelyard.base.progress import Stopped
+from steelyard.base.progress import Event, Progress, Stopped
 from steelyard.cli import interrupt
 from steelyard.cli import shared_by_commands as shared
 from steelyard.cli.commands_from_functions import from_function
@@ -17,14 +17,13 @@ from steelyard.cli.commands_from_functions import from_function
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from steelyard.base.progress import Event, Progress
     from steelyard.excite.excite import DesignedMotion, DesignTask
     from steelyard.excite.search.parallel_search import SearchBudget
     from steelyard.excite.trajectories.exact_slowed_and_chained_trajectories import ExactTrajectory
     from steelyard.identify.identify import Identification
+    from steelyard.report.result import Result
     from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
     from steelyard.simulate.simulate import SimulatedRun
-    from steelyard.simulate.track import TrackingComparison
 
 UNPROVEN = 1  # exit code where a limit or a constraint is not proven
 UNCOVERED = 3  # exit code where all that was looked at is proven, but not everything was looked at
@@ -105,10 +104,10 @@ def _designed(
     return found, {name: str(folder / path) for name, path in files.items()}
 
 
-def _ending(progress: "Progress") -> "Progress":
+def _ending(progress: Progress) -> Progress:
     """A watcher that lets Ctrl-C end a search, and keeps what it has found."""
 
-    def watch(event: "Event") -> bool:
+    def watch(event: Event) -> bool:
         if interrupt.stop_requested():
             interrupt.answered()
             return False
@@ -226,7 +225,7 @@ def simulate(
     tool={"metavar": "NAME"},
 )
 def track(
-    call: "partial[TrackingComparison]",
+    call: "partial[Result]",
     output: Annotated[Path | None, shared.output_folder("steelyard-ROBOT-tracking")] = None,
     as_json: bool = False,
 ) -> None:
