@@ -18,19 +18,7 @@ from steelyard.identify.page.report_content_and_error_words import (
     pooled_samples,
 )
 from steelyard.report import page
-from steelyard.report.page_figures import (
-    Figure,
-    Group,
-    Key,
-    area,
-    drawn,
-    evenly,
-    from_origin,
-    gaps,
-    line,
-    outline,
-    points,
-)
+from steelyard.report import page_figures as plots
 from steelyard.report.tables import PlainTable, Row
 from steelyard.report.words import NONE, percent, significant
 from steelyard.robot.robot import Coordinate
@@ -57,16 +45,16 @@ class EffortSection(page.Section, name="effort", title="Effort, measured and pre
         if not everything:
             return None
         lines = LINES_OF_EFFORT_PLOT * max(len(everything[0][0].joints), 1)
-        most_runs, points = drawn_efforts(lines, len(everything))
+        most_runs, n_points = drawn_efforts(lines, len(everything))
         chosen = everything[:most_runs]
         figures = [
-            _effort_figure(s, joint, points) for s, _ in chosen for joint in range(len(s.joints))
+            _effort_figure(s, joint, n_points) for s, _ in chosen for joint in range(len(s.joints))
         ]
         return {
             "joints": [joint.joint for joint in chosen[0][0].joints],
             "runs": [f"{score.run} ({kind})" for score, kind in chosen],
             "left_out": [score.run for score, _ in everything[most_runs:]],
-            "points": points,
+            "points": n_points,
             "rests": MOST_SHADED_RESTS,
             "bands": any(figure["bands"] for figure in figures),
             "calibration": band_text(content.identified),
@@ -86,8 +74,8 @@ class EffortSection(page.Section, name="effort", title="Effort, measured and pre
 def drawn_efforts(lines: int, runs: int) -> tuple[int, int]:
     """How many of some runs with so many lines each are drawn, and with how many points a line."""
     count = min(max(MOST_POINTS_OF_EFFORTS // (lines * LEAST_POINTS_OF_EFFORT), 1), runs)
-    points = min(MOST_POINTS_OF_EFFORT, MOST_POINTS_OF_EFFORTS // (lines * count))
-    return count, max(points, LEAST_POINTS_OF_EFFORT)
+    n_points = min(MOST_POINTS_OF_EFFORT, MOST_POINTS_OF_EFFORTS // (lines * count))
+    return count, max(n_points, LEAST_POINTS_OF_EFFORT)
 
 
 def band_text(identified: IdentifiedModel) -> str:
@@ -95,10 +83,10 @@ def band_text(identified: IdentifiedModel) -> str:
     return NOISE_ONLY if identified.calibration is None else identified.calibration.text
 
 
-def _effort_figure(score: RunScore, joint: int, points: int) -> dict[str, Any]:
+def _effort_figure(score: RunScore, joint: int, n_points: int) -> dict[str, Any]:
     """Lines of one joint, caption and shaded rests; time is relative where it is a date."""
     traces, numbers = score.traces, score.joints[joint]
-    t, time = from_origin(traces.t)
+    t, time = plots.from_origin(traces.t)
     measured, predicted = traces.measured[:, joint], traces.predicted[:, joint]
     signals = (measured, predicted, measured - predicted)
     banded = traces.band is not None and bool(np.isfinite(traces.band[:, joint]).any())
@@ -116,8 +104,8 @@ def _effort_figure(score: RunScore, joint: int, points: int) -> dict[str, Any]:
         "few": covered is not None and covered < LEAST_COVERAGE_PERCENT,
         "unit": numbers.unit,
         "time": time,
-        "lines": [_packed(drawn(t, signal, points)) for signal in signals],
-        "bands": _bands(t, traces, joint, points) if banded else [],
+        "lines": [_packed(plots.drawn(t, signal, n_points)) for signal in signals],
+        "bands": _bands(t, traces, joint, n_points) if banded else [],
         "rests": [
             [page.rounded(a), page.rounded(b)] for a, b in sorted(longest[:MOST_SHADED_RESTS])
         ],
@@ -141,33 +129,33 @@ def basis_of(scores: Sequence[RunScore], identified: IdentifiedModel) -> str:
         " and ".join(dict.fromkeys(joint.unit for joints in every for joint in joints))
         for every in ([x.joints for x in scores], [x.errors.joints for x in scores])
     )
-    drawn, judged = below(x.cutoff for x in scores), below(x.errors.cutoff for x in scores)
-    if not geared and (lines, drawn) == (errors, judged):
+    shown, judged = below(x.cutoff for x in scores), below(x.errors.cutoff for x in scores)
+    if not geared and (lines, shown) == (errors, judged):
         return (
-            f"Lines, and the errors above them, which are those of the verdict: {lines}, {drawn}."
+            f"Lines, and the errors above them, which are those of the verdict: {lines}, {shown}."
         )
-    fit = "" if drawn == judged else ", the validation band"
+    fit = "" if shown == judged else ", the validation band"
     joint = " at the joints" if geared or lines != errors else ""
     return (
         f"Lines: efforts in {lines}{' before gains and gears' if geared else ''}, the unit of the "
-        f"log, {drawn}{fit}. "
+        f"log, {shown}{fit}. "
         f"Errors above the plots: those of the verdict, in {errors}{joint}, {judged}."
     )
 
 
-def _bands(t: Array, traces: Traces, joint: int, points: int) -> list[dict[str, dict[str, str]]]:
+def _bands(t: Array, traces: Traces, joint: int, n_points: int) -> list[dict[str, dict[str, str]]]:
     """Outlines of bands, none without: of a new measurement, of the model, of the residual."""
     if traces.band is None or traces.model_std is None:
         return []
     predicted, half = traces.predicted[:, joint], traces.band[:, joint]
     sure = Z95 * traces.model_std[:, joint]
     sides = ((predicted, half), (predicted, sure), (np.zeros_like(half), half))
-    most = max(points // POINTS_OVER_BAND_POINTS, LEAST_POINTS_OF_EFFORT)
-    return [_packed(outline(t, middle - away, middle + away, most)) for middle, away in sides]
+    most = max(n_points // POINTS_OVER_BAND_POINTS, LEAST_POINTS_OF_EFFORT)
+    return [_packed(plots.outline(t, middle - away, middle + away, most)) for middle, away in sides]
 
 
-def _packed(points: tuple[Array, Array]) -> dict[str, dict[str, str]]:
-    return {"x": page.packed(points[0]), "y": page.packed(points[1])}
+def _packed(pair: tuple[Array, Array]) -> dict[str, dict[str, str]]:
+    return {"x": page.packed(pair[0]), "y": page.packed(pair[1])}
 
 
 MOST_POINTS_OF_TORQUE_PART = 1000  # most points of one line
@@ -207,10 +195,10 @@ class TorqueSplitSection(page.FigureSection, name="torque-split", title="Effort 
         left = (0, len(headings) - 1)
         present = _sizes(parts, np.ones_like(parts.moving))
         share = MOST_POINTS_OF_TORQUE_PARTS // ((2 + len(PARTS)) * len(joints))
-        points = min(MOST_POINTS_OF_TORQUE_PART, share)
-        figures = [_torque_figure(parts, j, x, present, points) for j, x in enumerate(joints)]
+        n_points = min(MOST_POINTS_OF_TORQUE_PART, share)
+        figures = [_torque_figure(parts, j, x, present, n_points) for j, x in enumerate(joints)]
         groups = [
-            Group([figure], joint.name, caption, "one")
+            plots.Group([figure], joint.name, caption, "one")
             for figure, joint, caption in zip(figures, joints, captions, strict=True)
         ]
         return {
@@ -221,7 +209,7 @@ class TorqueSplitSection(page.FigureSection, name="torque-split", title="Effort 
             "groups": groups,
             "note": "Coriolis: with centrifugal efforts. Inertia: mass matrix times acceleration, "
             "with rotors. A part that is small throughout is hardly identifiable from this motion. "
-            f"Each line has at most {points} evenly spaced points. Click an entry of a legend to "
+            f"Each line has at most {n_points} evenly spaced points. Click an entry of a legend to "
             "hide it.",
         }
 
@@ -259,17 +247,19 @@ def _sizes(parts: TorqueParts, chosen: Mask) -> dict[str, Array]:
 
 
 def _torque_figure(
-    parts: TorqueParts, j: int, joint: Coordinate, present: dict[str, Array], points: int
-) -> Figure:
+    parts: TorqueParts, j: int, joint: Coordinate, present: dict[str, Array], n_points: int
+) -> plots.Figure:
     """Measured and predicted effort above, the parts below; those that are zero are left out."""
-    breaks = gaps(parts.t)[: points // 4]
-    every = np.arange(len(parts.t))[evenly(len(parts.t), points - len(breaks))]
+    breaks = plots.gaps(parts.t)[: n_points // 4]
+    every = np.arange(len(parts.t))[plots.evenly(len(parts.t), n_points - len(breaks))]
     places = np.searchsorted(every, breaks, side="right")
     at, t = np.insert(every, places, -1), np.insert(parts.t[every], places, np.nan)
     hover = f"%{{y:.3g}} {joint.effort_unit}"
 
     def trace(name: str, signal: Array, **more: Any) -> dict[str, Any]:
-        return line(name, t, np.where(at < 0, np.nan, signal[at]), hovertemplate=hover, **more)
+        return plots.line(
+            name, t, np.where(at < 0, np.nan, signal[at]), hovertemplate=hover, **more
+        )
 
     traces = [
         trace("measured", parts.measured[:, j], colour="--measured", width=4.2),
@@ -287,7 +277,7 @@ def _torque_figure(
         "yaxis2": {"domain": [0.0, 0.52], "title": title, "zeroline": True},
     }
     label = f"Effort of {joint.name} by cause over time"
-    return Figure("", label, "time [s]", joint.effort_unit, traces, layout, height=460)
+    return plots.Figure("", label, "time [s]", joint.effort_unit, traces, layout, height=460)
 
 
 BINS = 20  # ranges of equal width that a quantity is divided into
@@ -353,15 +343,15 @@ class ResidualsSection(
             if not any(len(one.centre) for one in bins.values()):
                 caption = "too few samples in motion"
             figures = [_residual_figure(joint, x, signals[x], residual, bins[x]) for x in bins]
-            groups.append(Group(figures, joint.name, caption, "three"))
+            groups.append(plots.Group(figures, joint.name, caption, "three"))
         headings = ("Joint", "Residual RMS", "Unit", *(f"Share by {x}" for x in RESIDUAL_AXES))
         return {
             "words": RESIDUAL_WORDS,
             "tables": [PlainTable("", "", headings, rows, (0, 2))],
             "legend": [
-                Key("--residual", "mean residual"),
-                Key("--rest", "± one standard deviation", "area"),
-                Key("--arm", "samples", "point"),
+                plots.Key("--residual", "mean residual"),
+                plots.Key("--rest", "± one standard deviation", "area"),
+                plots.Key("--arm", "samples", "point"),
             ],
             "groups": groups,
             "note": f"Samples of {runs} in which the joint moves, {BINS} bins of equal width with "
@@ -392,15 +382,17 @@ def _moving(parts: TorqueParts, j: int) -> tuple[dict[str, Array], Array]:
 
 def _residual_figure(
     joint: Coordinate, over: str, signal: Array, residual: Array, bins: Binned
-) -> Figure:
-    at = evenly(len(residual), MOST_RESIDUAL_POINTS)
+) -> plots.Figure:
+    at = plots.evenly(len(residual), MOST_RESIDUAL_POINTS)
     units = {"position": joint.unit, "speed": f"{joint.unit}/s", "effort": joint.effort_unit}
     lower, upper = bins.mean - bins.std, bins.mean + bins.std
     traces = [
-        area("± std", bins.centre, lower, upper, "--rest"),
-        points("samples", signal[at], residual[at], "--arm", 3),
-        line("mean", bins.centre, bins.mean, "--residual", width=2.5),
+        plots.area("± std", bins.centre, lower, upper, "--rest"),
+        plots.points("samples", signal[at], residual[at], "--arm", 3),
+        plots.line("mean", bins.centre, bins.mean, "--residual", width=2.5),
     ]
     label = f"Residual of {joint.name} over {over}"
     x = f"{'measured ' * (over == 'effort')}{over} [{units[over]}]"
-    return Figure("", label, x, f"residual [{joint.effort_unit}]", traces, {"showlegend": False})
+    return plots.Figure(
+        "", label, x, f"residual [{joint.effort_unit}]", traces, {"showlegend": False}
+    )
