@@ -15,6 +15,7 @@ from steelyard.base.errors import DataError
 from steelyard.base.progress import Progress, silent
 from steelyard.estimate.external import wrench_methods as methods
 from steelyard.estimate.external.compiled_observer_step import Axes, moved_frame
+from steelyard.estimate.external.wrench_methods import FORCE, LEVER
 from steelyard.estimate.identified_model import IdentifiedModel, load_model
 from steelyard.identify.runs_and_notes_of_logs import left_out, notes_of, runs_for, was_fitted
 from steelyard.logs.formats import open_log, write_table
@@ -27,6 +28,7 @@ from steelyard.report.words import NONE, significant
 from steelyard.runs.runs_of_named_logs import log_file
 from steelyard.uses.control.feedforward import refuse_unknown_gains
 from steelyard.uses.wrench import measured_wrench_and_sensor_mounting as sensors
+from steelyard.uses.wrench.measured_wrench_and_sensor_mounting import SensorSign
 from steelyard.uses.wrench.wrench_along_run import (
     COMPONENTS,
     ResidualKind,
@@ -391,14 +393,14 @@ def external_wrench(
     residual: ResidualKind = "momentum",
     method: MethodName = "smoothed",
     bandwidth: float | None = None,
-    force: float = methods.FORCE,
-    lever: float = methods.LEVER,
+    force: float = FORCE,
+    lever: float = LEVER,
     duration: float = DURATION,
     axes: Axes = "frame",
     measured: str | Sequence[str] = (),
     sensor: str | None = None,
     sensor_at: str | Sequence[float] = (),
-    sensor_sign: sensors.SensorSign = "on_robot",
+    sensor_sign: SensorSign = "on_robot",
     sensor_rest: Sequence[str] = (),
     progress: Progress = silent,
 ) -> ExternalWrench:
