@@ -16,11 +16,8 @@ from steelyard.estimate.estimate import Estimate, Estimator
 from steelyard.estimate.identified_model import BAND, Cutoffs, IdentifiedModel, Provenance
 from steelyard.estimate.information import base_parameters_and_regressor as regression
 from steelyard.estimate.information.information import Information
+from steelyard.estimate.least_squares import weighted_robust_and_whitened as weighted
 from steelyard.estimate.least_squares.known_bounded_and_ridge import fixed_values
-from steelyard.estimate.least_squares.weighted_robust_and_whitened import (
-    OrdinaryLeastSquares,
-    WeightedLeastSquares,
-)
 from steelyard.estimate.nonlinear.effort_scales import EffortScales, effort_scales
 from steelyard.estimate.prior.body_priors import Knowledge
 from steelyard.estimate.scores.band_calibration_on_left_out_motion import calibrate
@@ -184,11 +181,11 @@ NOT_CALIBRATED = (
     "them"
 )
 
-LeastSquares = OrdinaryLeastSquares | WeightedLeastSquares
+LeastSquares = weighted.OrdinaryLeastSquares | weighted.WeightedLeastSquares
 
 PLAIN_LEAST_SQUARES: dict[str, LeastSquares] = {
-    "WLS": WeightedLeastSquares(),
-    "OLS": OrdinaryLeastSquares(),
+    "WLS": weighted.WeightedLeastSquares(),
+    "OLS": weighted.OrdinaryLeastSquares(),
 }
 
 

@@ -47,14 +47,8 @@ from steelyard.report.result import DataFrame, Result, frame
 from steelyard.report.words import first_names
 from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
 from steelyard.robot.file.robot_file import load_robot
+from steelyard.runs import runs_of_named_logs as named_logs
 from steelyard.runs.run import Run, fastest_of, motion_samples
-from steelyard.runs.runs_of_named_logs import (
-    LogArgument,
-    log_files,
-    paths_of,
-    refuse_overlaps,
-    sha256,
-)
 
 STILL_SPEED_SHARE = 0.05  # speed over that of the fastest joint of its kind: hardly moves
 
@@ -175,8 +169,11 @@ def reduce(
     equal = weights == "equal"
     estimator = least_squares(equal)
     tolerance = _tolerance_of(rule) if error == "mean_absolute" else None
-    known, unknown = log_files(paths_of(logs, least=1)), log_files(paths_of(validate))
-    refuse_overlaps(known, unknown)
+    known, unknown = (
+        named_logs.log_files(named_logs.paths_of(logs, least=1)),
+        named_logs.log_files(named_logs.paths_of(validate)),
+    )
+    named_logs.refuse_overlaps(known, unknown)
     repetitions = identified.processing.repetitions
     runs = of_logs.runs_for(identified, known, progress, at_rest=False, repetitions=repetitions)
     unseen = of_logs.runs_for(identified, unknown, progress, at_rest=False)
@@ -227,7 +224,7 @@ def reduce(
             identified.provenance,
             runs=tuple(run.name for run in runs),
             inputs={
-                f"{role} {number}": sha256(log.path)
+                f"{role} {number}": named_logs.sha256(log.path)
                 for role, some in (("identification", known), ("validation", unknown))
                 for number, log in enumerate(some, start=1)
             },
@@ -257,7 +254,9 @@ def reduce(
 
 
 def _undescribed(
-    scores: Sequence[RunScore], model: str | Path | IdentifiedModel, logs: Sequence[LogArgument]
+    scores: Sequence[RunScore],
+    model: str | Path | IdentifiedModel,
+    logs: Sequence[named_logs.LogArgument],
 ) -> tuple[Finding, ...]:
     """That the model to be reduced does not describe logs that the smaller one is fitted to."""
     if not (poor := poorly_predicted(scores)):

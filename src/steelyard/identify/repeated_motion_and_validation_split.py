@@ -22,21 +22,14 @@ from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.estimate.scores.score import RunScore
 from steelyard.logs.log_windows import Cut, parse_log_argument
 from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
+from steelyard.runs import run as motion
 from steelyard.runs.recording import Recording
 from steelyard.runs.rows.clock_and_row_scan import learn_clock
-from steelyard.runs.run import (
-    MotionRows,
-    MotionSamples,
-    Run,
-    motion_rows,
-    motion_samples,
-    samples_of_rows,
-)
 from steelyard.runs.runs_of_named_logs import log_files, recording_of, runs_of, signals_of
 
 
 def marked_repeats(
-    identified: IdentifiedModel, runs: Sequence[Run], scores: Sequence[RunScore]
+    identified: IdentifiedModel, runs: Sequence[motion.Run], scores: Sequence[RunScore]
 ) -> tuple[RunScore, ...]:
     """The scores of runs that were not fitted, with the fitted run whose motion each repeats."""
     each = zip(scores, (repeat_of(identified.motions, run) for run in runs), strict=True)
@@ -81,25 +74,25 @@ class Repeat:
         )
 
 
-def repeat_of(known: Sequence[MotionSamples], run: Run) -> Repeat | None:
+def repeat_of(known: Sequence[motion.MotionSamples], run: motion.Run) -> Repeat | None:
     """The known run, in the same units, that a run repeats most; `None` if it repeats none."""
-    rows = motion_rows(run)
+    rows = motion.motion_rows(run)
     if not rows.moving.any() or len(rows.t) < 2 * AROUND:
         return None
     found = [r for one in known if (r := _repeat(one, rows)) is not None]
     return max(found, key=lambda r: (r.same, r.share), default=None)
 
 
-def repeat_within(run: Run, middle: float, stop: float) -> Repeat | None:
+def repeat_within(run: motion.Run, middle: float, stop: float) -> Repeat | None:
     """How far a run's end, from `middle` to `stop` [s], repeats what was before; `None` if not."""
-    rows = motion_rows(run)
+    rows = motion.motion_rows(run)
     early, end = rows.where(rows.t < middle), rows.where((rows.t >= middle) & (rows.t <= stop))
     if not len(early.t) or not end.moving.any() or len(end.t) < 2 * AROUND:
         return None
-    return _repeat(samples_of_rows(run.name, early), end)
+    return _repeat(motion.samples_of_rows(run.name, early), end)
 
 
-def _repeat(known: MotionSamples, rows: MotionRows) -> Repeat | None:
+def _repeat(known: motion.MotionSamples, rows: motion.MotionRows) -> Repeat | None:
     if len(known.t) < FEWEST or known.q.shape[1] != rows.q.shape[1]:
         return None
     span = np.maximum(np.ptp(known.q, axis=0), LEAST_NEAR)
@@ -108,7 +101,7 @@ def _repeat(known: MotionSamples, rows: MotionRows) -> Repeat | None:
     return found or _with_other_zeros(known, rows)
 
 
-def _met(known: MotionSamples, rows: MotionRows, shift: float) -> Repeat | None:
+def _met(known: motion.MotionSamples, rows: motion.MotionRows, shift: float) -> Repeat | None:
     """The repetition at one shift, if enough rows meet."""
     span = np.ptp(known.q, axis=0)
     at, off, met = _near(known, rows, shift)
@@ -130,7 +123,7 @@ def _met(known: MotionSamples, rows: MotionRows, shift: float) -> Repeat | None:
 
 
 def _near(
-    known: MotionSamples, rows: MotionRows, shift: float
+    known: motion.MotionSamples, rows: motion.MotionRows, shift: float
 ) -> tuple[Array, Array, NDArray[np.intp]]:
     """Instants of the known rows in the run, distances of positions there, and rows that meet."""
     at = known.t + shift
@@ -140,7 +133,7 @@ def _near(
     return at, off, np.flatnonzero(inside & (np.abs(off) <= close).all(axis=1))
 
 
-def _with_other_zeros(known: MotionSamples, rows: MotionRows) -> Repeat | None:
+def _with_other_zeros(known: motion.MotionSamples, rows: motion.MotionRows) -> Repeat | None:
     """The same, of velocities: the zeros of positions may differ."""
     steps = np.diff(known.t)
     wide = float(np.median(steps))
@@ -174,7 +167,7 @@ def _with_other_zeros(known: MotionSamples, rows: MotionRows) -> Repeat | None:
     return replace(found, zeros=True) if alike else None
 
 
-def _shift(known: MotionSamples, rows: MotionRows, near: Array) -> float | None:
+def _shift(known: motion.MotionSamples, rows: motion.MotionRows, near: Array) -> float | None:
     """The shift at which most rows meet; `None` if that may be chance [s]."""
     grid = np.arange(rows.t[0], rows.t[-1], 1.0 / RATE)[:MOST_INSTANTS]
     columns = np.ascontiguousarray(_at(grid, rows.t, rows.q).T)
@@ -193,7 +186,9 @@ def _shift(known: MotionSamples, rows: MotionRows, near: Array) -> float | None:
     return float(grid[0] + (best - offsets[-1]) / RATE - known.t[0])
 
 
-def _refined(known: MotionSamples, rows: MotionRows, shift: float, span: Array) -> float:
+def _refined(
+    known: motion.MotionSamples, rows: motion.MotionRows, shift: float, span: Array
+) -> float:
     """The shift of least distance near one, by Gauss-Newton steps over the rows that meet [s]."""
     half = 0.5 / RATE
     for _ in range(5):
@@ -288,9 +283,9 @@ def _duration(recording: Recording) -> float:
     return duration if duration < MOST_STEPS * rows * clock.step else inf
 
 
-def refuse_same_rows(fitted: Sequence[Run], unseen: Sequence[Run]) -> None:
+def refuse_same_rows(fitted: Sequence[motion.Run], unseen: Sequence[motion.Run]) -> None:
     """The same rows neither count twice in a fit nor test it, whatever their log is called."""
-    known, role = motion_samples(fitted), "they would count twice in the fit"
+    known, role = motion.motion_samples(fitted), "they would count twice in the fit"
     pairs = [(run, known[:number], role) for number, run in enumerate(fitted)]
     pairs += [(run, known, "they would be both fitted and validated") for run in unseen]
     for run, others, role in pairs:

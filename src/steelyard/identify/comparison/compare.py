@@ -31,11 +31,7 @@ from steelyard.estimate.scores.model_comparison import (
     same_efforts,
 )
 from steelyard.identify import runs_and_notes_of_logs as of_logs
-from steelyard.identify.comparison.estimators_page import (
-    COMPARE_SECTIONS,
-    ComparisonContent,
-    comparison_lines,
-)
+from steelyard.identify.comparison import estimators_page
 from steelyard.identify.comparison.models_page import COMPARE_MODELS_SECTIONS, ModelsContent
 from steelyard.identify.fit_preparation import FitTask, PreparedFit, model_to_fit, prepare_fit
 from steelyard.report.page import render_sections
@@ -104,7 +100,7 @@ def comparison_inputs(
 class EstimatorComparison(Result):
     """A comparison of estimators."""
 
-    content: ComparisonContent  # what the page shows
+    content: estimators_page.ComparisonContent  # what the page shows
     page_name, json_name = "compare.html", "compare.json"
 
     @property
@@ -124,7 +120,7 @@ class EstimatorComparison(Result):
 
     def report(self) -> str:
         """The report as one self-contained HTML page."""
-        return render_sections(COMPARE_SECTIONS, self.content, "compared")
+        return render_sections(estimators_page.COMPARE_SECTIONS, self.content, "compared")
 
     def to_dict(self) -> dict[str, Any]:
         """The numbers as JSON values, as `steelyard compare --json` prints them."""
@@ -132,7 +128,7 @@ class EstimatorComparison(Result):
 
     def show(self, console: Console, verbose: bool = False) -> None:
         """Print the advice and the table; with `verbose` all of it, and the notes."""
-        comparison_lines(self.content, console, verbose)
+        estimators_page.comparison_lines(self.content, console, verbose)
 
 
 @checked(threads=1)
@@ -179,7 +175,7 @@ def compare(
     found = compare_estimators(offers, context, parts, progress=progress, interruption=interruption)
     name = ground.model.robot.name
     return EstimatorComparison(
-        ComparisonContent(
+        estimators_page.ComparisonContent(
             title=f"{name}: estimators compared",
             robot=name,
             qualities=tuple((run.name, run.quality.rows_of_text) for run in ground.runs),

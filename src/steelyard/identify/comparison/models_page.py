@@ -15,11 +15,8 @@ from steelyard.estimate.scores.model_comparison import (
     ModelComparison,
     ParameterValue,
 )
+from steelyard.identify.page import gains_offsets_search_and_settings as sections
 from steelyard.identify.page.efforts_their_parts_and_residuals import drawn_efforts
-from steelyard.identify.page.gains_offsets_search_and_settings import (
-    QualitySection,
-    SettingsSection,
-)
 from steelyard.identify.page.link_inertias_and_ellipsoids import (
     IdentifiedLink,
     identified_links,
@@ -444,6 +441,6 @@ COMPARE_MODELS_SECTIONS: tuple[Section, ...] = (
     ModelEffortsSection(),
     ModelParametersSection(),
     ModelMassesSection(),
-    QualitySection(),
-    SettingsSection(),
+    sections.QualitySection(),
+    sections.SettingsSection(),
 )

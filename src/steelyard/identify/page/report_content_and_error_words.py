@@ -16,14 +16,7 @@ from steelyard.estimate.nonlinear.nonlinear_parameters import Finding as FieldFi
 from steelyard.estimate.nonlinear.nonlinear_parameters import ZeroOffsets
 from steelyard.estimate.payload.drive_gains import GainEstimate
 from steelyard.estimate.reduction.reduction import Reduction
-from steelyard.estimate.scores.effort_errors import (
-    PROMISED,
-    EffortError,
-    JointError,
-    as_logged,
-    of_joints,
-    pooled,
-)
+from steelyard.estimate.scores import effort_errors as errors_of
 from steelyard.estimate.scores.parts_and_bands_along_run import TorqueParts
 from steelyard.estimate.scores.score import JointScore, RunScore
 from steelyard.report.page import PageContent
@@ -121,23 +114,25 @@ def relative_errors(scores: Sequence[RunScore]) -> list[RelativeError]:
     return found
 
 
-def error_words(errors: Sequence[EffortError]) -> str:
+def error_words(errors: Sequence[errors_of.EffortError]) -> str:
     """Like `2.1 Nm: 3.8 % of the effort used`."""
     return "; ".join(f"{one} of the effort used" for one in _each(errors))
 
 
-def _each(errors: Sequence[EffortError]) -> list[str]:
+def _each(errors: Sequence[errors_of.EffortError]) -> list[str]:
     return [f"{significant(x.error, 2)} {x.unit}: {percent(x.percent_of_used)}" for x in errors]
 
 
-def limit_words(errors: Sequence[EffortError]) -> str:
+def limit_words(errors: Sequence[errors_of.EffortError]) -> str:
     """Like `1.0 % of the joints' effort limits`; empty where that is unknown."""
     shares = [one.percent_of_limit for one in errors if one.percent_of_limit is not None]
     words = " and ".join(map(percent, shares))
     return f"{words} of the joints' effort limits" if shares else ""
 
 
-def both_words(errors: Sequence[EffortError], logged: Sequence[EffortError]) -> str:
+def both_words(
+    errors: Sequence[errors_of.EffortError], logged: Sequence[errors_of.EffortError]
+) -> str:
     """The errors, with estimated scales of the efforts also those against efforts as logged."""
     if not logged:
         return error_words(errors)
@@ -166,8 +161,8 @@ def worse_joints(scores: Sequence[RunScore], limit: float) -> tuple[str, ...]:
     if all(run.errors.at_rest for run in scores):
         return ()
     listed = []
-    own = of_joints([run.errors for run in scores])
-    logged = of_joints(as_logged(run.errors for run in scores)) or own
+    own = errors_of.of_joints([run.errors for run in scores])
+    logged = errors_of.of_joints(errors_of.as_logged(run.errors for run in scores)) or own
     for joint, *both in zip(scores[0].joints, own, logged, strict=True):
         known = [one for one in both if one is not None]
         error = max(known, key=lambda one: one.percent_of_used, default=None)
@@ -178,18 +173,20 @@ def worse_joints(scores: Sequence[RunScore], limit: float) -> tuple[str, ...]:
     return tuple(words for _, words in sorted(listed, reverse=True))
 
 
-def loaded_joints(scores: Sequence[RunScore]) -> list[EffortError]:
+def loaded_joints(scores: Sequence[RunScore]) -> list[errors_of.EffortError]:
     """Errors of the joints that move and carry load, over all runs; none of logs at rest."""
     if all(run.errors.at_rest for run in scores):
         return []
-    known = [error for error in of_joints([run.errors for run in scores]) if error is not None]
+    known = [
+        error for error in errors_of.of_joints([run.errors for run in scores]) if error is not None
+    ]
     most = {one.unit: max(e.reference for e in known if e.unit == one.unit) for one in known}
     return [one for one in known if one.reference > LEAST_LOAD * most[one.unit]]
 
 
 def without_percentage(scores: Sequence[RunScore]) -> list[str]:
     """Joints without a relative error: their measured effort is zero, or no number."""
-    errors = of_joints([run.errors for run in scores])
+    errors = errors_of.of_joints([run.errors for run in scores])
     each = zip(scores[0].joints, errors, strict=True)
     return [joint.joint for joint, x in each if x is not None and not isfinite(x.percent_of_used)]
 
@@ -201,7 +198,7 @@ def other_errors(scores: Sequence[RunScore]) -> str:
     return f"Relative error {RATIO} in logged units, in the validation band, {band}: {words}."
 
 
-def reference_words(joints: Sequence[JointError]) -> str:
+def reference_words(joints: Sequence[errors_of.JointError]) -> str:
     """Whose errors are relative to more than what the joint used in this log; empty if none's."""
     more = [one for one in joints if one.reference > one.used]
     raised = [f"{one.joint} {significant(one.reference)} {one.unit}" for one in more]
@@ -215,7 +212,7 @@ def reference_words(joints: Sequence[JointError]) -> str:
 
 def coverage_words(inside: float, unseen: bool) -> str:
     """How much of a log lies in its 95 % bands [%], and whether that is less than they promise."""
-    less = ": less than stated" if unseen and inside < PROMISED else ""
+    less = ": less than stated" if unseen and inside < errors_of.PROMISED else ""
     return f"{percent(inside)} of this log inside{less}"
 
 
@@ -229,7 +226,7 @@ def scale_words(
     if unscaled:
         pairs = list(zip(unscaled, scores, strict=True))
         fresh = [one for one, score in pairs if not score.repeats] or unscaled
-        errors = error_words(pooled(one.errors for one in fresh))
+        errors = error_words(errors_of.pooled(one.errors for one in fresh))
         without = f'. Without scales (effort_scales = "off" in [estimation]): {errors}'
     return (
         f"efforts divided by the estimated scale: {identified.effort_scales.words}; as logged: not "

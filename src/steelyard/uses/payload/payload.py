@@ -30,15 +30,10 @@ from steelyard.robot.inertia_and_placement import INERTIAL_NAMES, INERTIAL_UNITS
 from steelyard.runs.run import Run
 from steelyard.runs.runs_of_named_logs import LogArgument, log_files, paths_of, refuse_overlaps
 from steelyard.uses.effort_plausibility import refuse_without
+from steelyard.uses.payload import pick_up_and_put_down as picking
 from steelyard.uses.payload.change_detection import CHANGE_SPAN
 from steelyard.uses.payload.known_and_consistent_payload_body import PayloadKnowledge, SolidShape
 from steelyard.uses.payload.payload_fit import fit_payload
-from steelyard.uses.payload.pick_up_and_put_down import (
-    Carried,
-    PayloadEvent,
-    PayloadEvents,
-    find_payload_events,
-)
 
 
 def rounded_mass(value: float, half: float) -> tuple[str, str]:
@@ -54,7 +49,7 @@ def mass_with_interval(value: float, half: float) -> str:
     return f"{number} ± {width}" if width else number
 
 
-def counted_changes(found: PayloadEvents) -> str:
+def counted_changes(found: picking.PayloadEvents) -> str:
     """How many changes of the payload there are, or which would be seen."""
     count, least = len(found.events), f"{found.least_mass:.2g} kg"
     if count:
@@ -70,7 +65,7 @@ def counted_changes(found: PayloadEvents) -> str:
 MOST_POINTS_OF_MASS = 3000  # points of a line, at most
 
 
-def render_payload_events(found: Sequence[PayloadEvents], robot: str) -> str:
+def render_payload_events(found: Sequence[picking.PayloadEvents], robot: str) -> str:
     """The page as HTML text, to be written as UTF-8."""
     limits = [f"{one.run}: {one.unexplained}" for one in found if one.unexplained]
     remarks = tuple(dict.fromkeys(note for one in found for note in one.notes))
@@ -107,8 +102,8 @@ MASS_WINDOW_NOTE = (
 )
 
 
-def _tables(found: PayloadEvents) -> list[PlainTable]:
-    changes: dict[str, Callable[[tuple[int, PayloadEvent]], str]] = {
+def _tables(found: picking.PayloadEvents) -> list[PlainTable]:
+    changes: dict[str, Callable[[tuple[int, picking.PayloadEvent]], str]] = {
         "#": lambda x: f"{x[0]}",
         "change": lambda x: x[1].kind,
         "time [s]": lambda x: f"{x[1].time:.2f}",
@@ -116,7 +111,7 @@ def _tables(found: PayloadEvents) -> list[PlainTable]:
         "mass [kg]": lambda x: mass_with_interval(x[1].mass, x[1].mass_half_width),
         "× threshold": lambda x: f"{x[1].ratio:.3g}",
     }
-    carried: dict[str, Callable[[Carried], str]] = {
+    carried: dict[str, Callable[[picking.Carried], str]] = {
         "carried [s]": lambda x: f"{x.start:.2f} to {x.stop:.2f}",
         "mass [kg]": lambda x: mass_with_interval(x.payload.mass, float(x.payload.half_width[0])),
     }
@@ -127,7 +122,7 @@ def _tables(found: PayloadEvents) -> list[PlainTable]:
     return [table for table in tables if table.rows]
 
 
-def _figure(found: PayloadEvents) -> Figure:
+def _figure(found: picking.PayloadEvents) -> Figure:
     sliding = found.sliding
     some = evenly(len(sliding.t), MOST_POINTS_OF_MASS)
     t, mass, half = sliding.t[some], sliding.mass[some], sliding.half_width[some]
@@ -165,7 +160,7 @@ def payload_lines(estimate: PayloadEstimate, console: Console) -> None:
         console.print(Text(text))
 
 
-def event_lines(found: Sequence[PayloadEvents], console: Console) -> None:
+def event_lines(found: Sequence[picking.PayloadEvents], console: Console) -> None:
     """Print when the payload changes along some logs."""
     for one in found:
         console.print(Text(f"{one.run}: {counted_changes(one)}", style="bold"))
@@ -267,14 +262,14 @@ def events_of_logs(
     frame: str | None,
     gain_uncertainty: float | None,
     progress: Progress,
-) -> tuple[PayloadEvents, ...]:
+) -> tuple[picking.PayloadEvents, ...]:
     """When the payload changes along each log; the arguments are those of `payload_events`."""
     identified, found = load_model(model), []
     files, _ = _logs(identified, paths_of(logs, least=1), [], frame)
     regressor, threads = base_regressor(identified.model), os.cpu_count() or 1
     for run in _runs(identified, files, progress):
         samples = gather_samples(regressor, run, threads=threads, progress=progress)
-        found.append(find_payload_events(identified, samples, frame, gain=gain_uncertainty))
+        found.append(picking.find_payload_events(identified, samples, frame, gain=gain_uncertainty))
     return tuple(found)
 
 
@@ -356,7 +351,7 @@ def payload_events(
     *,
     gain_uncertainty: float | None = None,
     progress: Progress = silent,
-) -> PayloadEvents:
+) -> picking.PayloadEvents:
     """Find when a robot picks something up and puts it down, and how heavy it is.
 
     Args:

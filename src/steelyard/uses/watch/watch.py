@@ -32,12 +32,8 @@ from steelyard.runs.runs_of_named_logs import LogArgument, log_files, paths_of
 from steelyard.runs.sample_stream import SampleStream
 from steelyard.uses.contact import contact
 from steelyard.uses.contact.contact import ContactEvent, ContactStart, JointLoad
+from steelyard.uses.payload import pick_up_and_put_down as picking
 from steelyard.uses.payload.payload import mass_with_interval, rounded_mass
-from steelyard.uses.payload.pick_up_and_put_down import (
-    PayloadEvent,
-    PayloadEvents,
-    find_payload_events,
-)
 from steelyard.uses.watch import watcher_and_events as watching
 
 
@@ -54,7 +50,7 @@ def record_of(event: watching.StreamEvent) -> dict[str, Any]:
             }
         case ContactEvent():
             return {"event": "contact_end", **event.to_dict()}
-        case PayloadEvent():
+        case picking.PayloadEvent():
             return {
                 "event": "payload",
                 "kind": event.kind,
@@ -88,7 +84,7 @@ def event_line(event: watching.StreamEvent) -> str:
         case ContactEvent():
             largest, lasted = _load(event.joints[0]), event.end - event.start
             what, text = "released", f"after {lasted:.2f} s; largest {largest}, {event.place}"
-        case PayloadEvent():
+        case picking.PayloadEvent():
             mass, half = rounded_mass(event.mass, event.mass_half_width)
             between = f"between {event.earliest:.2f} and {event.latest:.2f} s"
             what, text = event.kind, f"{mass} ± {half} kg ({between})"
@@ -173,7 +169,9 @@ EVENT_COLUMNS = (
 WRENCH_COLUMNS = ("fx_N", "fy_N", "fz_N", "mx_Nm", "my_Nm", "mz_Nm")  # entries of a wrench
 
 
-def event_row(event: ContactEvent | PayloadEvent | watching.StreamNote) -> dict[str, str | float]:
+def event_row(
+    event: ContactEvent | picking.PayloadEvent | watching.StreamNote,
+) -> dict[str, str | float]:
     """Cells of the table of events by `EVENT_COLUMNS`."""
     row: dict[str, str | float]
     match event:
@@ -182,7 +180,7 @@ def event_row(event: ContactEvent | PayloadEvent | watching.StreamNote) -> dict[
             row = {"event": "contact", "time_s": event.start, "end_s": event.end}
             row |= {"what": load.joint, "value": load.peak, "unit": load.unit}
             return row | {"over_threshold": load.ratio, "place": event.place}
-        case PayloadEvent():
+        case picking.PayloadEvent():
             row = {"event": event.kind, "time_s": event.time, "what": "payload", "unit": "kg"}
             row |= {"value": event.mass, "half_width": event.mass_half_width}
             return row | {"over_threshold": event.ratio}
@@ -223,7 +221,7 @@ class StreamFiles:
             both = (event.torque, event.half_width, event.wrench, event.wrench_half_width)
             known = (x for part in both if part is not None for x in part.tolist())
             self._estimates.writerow(_short([event.time, *known]))
-        elif isinstance(event, ContactEvent | PayloadEvent | watching.StreamNote):
+        elif isinstance(event, ContactEvent | picking.PayloadEvent | watching.StreamNote):
             row = event_row(event)
             self._events.writerow(_short([row.get(name, "") for name in EVENT_COLUMNS]))
 
@@ -332,11 +330,11 @@ def payload_stream(identified: IdentifiedModel, frame: str | None) -> watching.P
     signals, processing = identified.signals, processing_of(identified)
     regressor = base_regressor(identified.model)
 
-    def detect(rows: Array) -> PayloadEvents:
+    def detect(rows: Array) -> picking.PayloadEvents:
         log = LogInMemory(Path("stream"), signals.columns, rows)
         run = prepare(Recording(log, signals).unwrapped(), processing)
         samples = gather_samples(regressor, run)
-        return find_payload_events(identified, samples, frame)
+        return picking.find_payload_events(identified, samples, frame)
 
     return watching.PayloadStream(detect)
 
