@@ -118,12 +118,7 @@ STATUS_ORDER: tuple[ParameterStatus, ...] = (
 )
 """How the line of the terminal counts the parameters."""
 
-SUFFICIENT_STATUSES: tuple[ParameterStatus, ...] = (
-    "identified",
-    "small effect",
-    "known",
-    "removed",
-)
+SUFFICIENT: tuple[ParameterStatus, ...] = ("identified", "small effect", "known", "removed")
 """Parameters of which another motion would change little."""
 
 ONE_BY_ONE = (
@@ -202,7 +197,7 @@ def usable(identified: IdentifiedModel) -> tuple[str, ...]:
     removed = sum(row.status == "removed" for row in table)
     taken = f"; {removed} removed, taken as zero" if removed else ""
     words = f"{count(len(table) - removed, 'base parameter')}: {counts(table)}{taken}"
-    good = all(row.status in SUFFICIENT_STATUSES for row in table)
+    good = all(row.status in SUFFICIENT for row in table)
     return (words,) if good else (words, ONE_BY_ONE)
 
 
