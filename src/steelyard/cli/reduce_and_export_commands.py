@@ -109,7 +109,6 @@ def reduce(
 
 
 def _next_lines(condition: float, limit: float | None) -> list[str]:
-    """The condition number of the next motion, and whether the reduction is finished."""
     lines = [f"condition number of the next motion (not normalised): {significant(condition, 4)}"]
     if limit is not None and condition <= limit:
         lines.append(
@@ -134,7 +133,6 @@ def _refuse_missing(robot: str | None, asking: dict[str, bool]) -> None:
 
 
 def _refuse_same(folder: Path, motion_folder: Path) -> None:
-    """Refuse to write a motion to where the model, or a folder around it, is written before."""
     if motion_folder.resolve() in (folder.resolve(), *folder.resolve().parents):
         wrong = f"the motion's folder is that of the reduced model ({folder}), or contains it"
         fix = "name another folder, outside of which the model is written"
@@ -286,7 +284,6 @@ def _print_export(path: Path, made: "Exported", as_json: bool) -> None:
 
 
 def _print_code(path: Path, form: Kind, written: "WrittenCode", as_json: bool) -> None:
-    """What was written, names that became others, and functions that there cannot be."""
     if as_json:
         shared.print_json(
             {

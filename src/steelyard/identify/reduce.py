@@ -285,7 +285,6 @@ def _one_motion(smaller: IdentifiedModel, runs: Sequence[Run]) -> tuple[str, ...
 
 
 def _refuse_unreducible(identified: IdentifiedModel) -> None:
-    """Refuse a model with parameters of single runs, or with some that were not estimated."""
     if own := identified.model.per_run_names:
         wrong = f"every run has a '{own[0]}' of its own, which cannot be removed"
         fix = "identify without per_run = true, and reduce that model"

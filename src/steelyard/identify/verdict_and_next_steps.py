@@ -206,7 +206,7 @@ UNTESTED = "Not validated on unseen motion"
 def _untested(content: ReportContent) -> Verdict:
     """Without a run that was kept aside nothing is known of other motions, but of a poor fit."""
     fitted, described = content.fitted, ""
-    to_do = f"To validate it, log another motion and run: steelyard validate MODEL OTHER_LOG"
+    to_do = "To validate it, log another motion and run: steelyard validate MODEL OTHER_LOG"
     if not fitted:
         return Verdict(UNTESTED, to_do, "none")
     judged = _judged(fitted, "fitted motion", unseen=False)

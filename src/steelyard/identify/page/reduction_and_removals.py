@@ -286,7 +286,6 @@ def _compared(reduced: IdentifiedModel) -> PlainTable:
 
 
 def _removals(found: Reduction) -> PlainTable:
-    """What was removed, in which order, at what cost, and in how many folds."""
     left = found.left_out
     size = len(found.state.active)
     folds: dict[str, str] = {}
@@ -329,7 +328,6 @@ def _worth(found: Reduction) -> PlainTable:
 
 
 def _ranges(identified: IdentifiedModel) -> PlainTable:
-    """Positions of the rows at which joints move."""
     robot = identified.model.robot
     q = np.concatenate([samples.q for samples in identified.motions])
     speeds = [

@@ -200,7 +200,6 @@ def _run(score: RunScore) -> dict[str, Any]:
 
 
 def _runs_table(scores: Sequence[RunScore], unseen: bool) -> RenderableType:
-    """One row per run: its error, and its worst joint."""
     kind, basis = "not fitted" if unseen else "fitted", in_words.basis_words(scores)
     title = f"{len(scores)} runs, {kind} ({basis})"
     logged = ["as logged"] if any(score.errors.as_logged for score in scores) else []
@@ -261,7 +260,6 @@ def _add(
 
 
 def _fit_table(score: RunScore) -> RenderableType:
-    """Errors in the validation band, between its title and the meaning of its columns."""
     headings = ("joint", "moving", "all", "RMSE", "MAE", "zero", "nominal", "unit")
     table = light_table(headings, (0, 7))
     for joint in score.joints:

@@ -337,7 +337,6 @@ class Watcher:
     def _touched(
         self, sample: StreamSample, residual: Array, gap: bool
     ) -> Iterator[ContactStart | ContactEvent]:
-        """Contacts that begin or end at a sample."""
         if self.thresholds is None or self._stepper is None or self._changes is None:
             return
         level = self._stepper.step(sample.t, sample.dq)
