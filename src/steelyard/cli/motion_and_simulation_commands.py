@@ -292,9 +292,8 @@ def demo(
         interrupt.too_late()
     if as_json:
         motion = found[0].to_dict() | {"output": str(folder / "motion")}
-        shared.print_json(
-            {"output": str(folder / "results"), **identified.to_dict(), "motion": motion}
-        )
+        numbers = identified.to_dict() | {"motion": motion}
+        shared.print_json({"output": str(folder / "results"), **numbers})
         return
     console = terminal()
     if verbose:

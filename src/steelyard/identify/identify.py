@@ -149,13 +149,8 @@ def identify(
     if diagnosis is not None:
         unresolved = notes_of_precheck(diagnosis, file.reference)
     every = (*clean, *unseen)
-    assumed = (
-        *file.notes,
-        *reasons,
-        *of_logs.dropped_rows(every),
-        *of_logs.left_out_stretches(every),
-        *band,
-    )
+    lost = (*of_logs.dropped_rows(every), *of_logs.left_out_stretches(every))
+    assumed = (*file.notes, *reasons, *lost, *band)
     decided = of_logs.notes_of(every)
     refuse_same_rows(clean, unseen)
     fitted_runs, carrying_runs = clean[: len(known)], clean[len(known) :]
