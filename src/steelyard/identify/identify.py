@@ -155,12 +155,12 @@ def identify(
     refuse_same_rows(clean, unseen)
     fitted_runs, carrying_runs = clean[: len(known)], clean[len(known) :]
     of_payload = carrying_runs, payload_mass, payload_frame
-    inputs = {"identification": known, "loaded": carrying, "validation": unknown}
     task = FitTask(model, file, fitted_runs, *of_payload, cores, progress)
 
     def fitted_to(some: FitTask, left_out: tuple[str, ...] = ()) -> Fit:
         notes = (*assumed, *left_out, *decided, *unresolved)
-        return fit(some, of_logs.provenance(file, inputs, some.runs, notes))
+        origin = of_logs.provenance(file, known, carrying, unknown, some.runs, notes)
+        return fit(some, origin)
 
     found = fitted_to(task)
     if check:

@@ -1,6 +1,6 @@
 """Logs as runs for an identified model, where it comes from, and notes on what was left out."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from importlib.metadata import version
 
@@ -62,14 +62,16 @@ LISTED_TIMES = 5  # times that are listed, at most
 
 def provenance(
     loaded: LoadedRobot,
-    logs: Mapping[str, Sequence[LogArgument]],
+    fitted: Sequence[LogArgument],
+    carrying: Sequence[LogArgument],
+    validated: Sequence[LogArgument],
     runs: Sequence[Run],
     notes: Sequence[str],
 ) -> Provenance:
-    """Hashes of all inputs, of logs by what they are for, and what was decided on the way."""
+    """Hashes of all inputs, and what was decided on the way."""
     inputs = {f"robot {s.path.name}": s.sha256 for s in loaded.sources}
-    for role, some in logs.items():
-        for path in dict.fromkeys(log.path for log in some):
+    for role, logs in (("identification", fitted), ("loaded", carrying), ("validation", validated)):
+        for path in dict.fromkeys(log.path for log in logs):
             name = f"{role} {path.name}"
             more = sum(key == name or key.startswith(f"{name} (") for key in inputs)
             inputs[f"{name} ({more + 1})" if more else name] = sha256(path)
