@@ -14,7 +14,7 @@ import steelyard
 from steelyard.base.errors import SteelyardError
 from steelyard.base.progress import Stopped, report_progress
 from steelyard.check.check import CorrectedFile
-from steelyard.identify.page.section_register import CSV_COLUMNS
+from steelyard.identify.scores_and_model_report import CSV_COLUMNS
 from test_interface import folder as folder
 
 NAN = float("nan")

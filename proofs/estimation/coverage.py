@@ -72,7 +72,7 @@ def covered(row: Row, seed: int) -> tuple[float, float, float]:
     named = float("nan")
     if seed < CHECKED:
         named = 100.0 * (
-            differenced(case) or bool(model_error_check(FittedCase(model, found.runs)))
+            differenced(case) or bool(model_error_check(FittedCase(model, found.fitted.runs)))
         )
     return 100.0 * float(inside.mean()), float("nan") if share is None else share, named
 
@@ -113,7 +113,7 @@ def at_edges(row: Row, seed: int) -> tuple[list[bool], list[bool]]:
     """
     case, found = fitted(row, seed)
     with patch.object(Program, "stated_precision", Program.precision):
-        narrow = found.estimator(found.information).std
+        narrow = found.estimator(found.fitted.information).std
     stated, error = found.identified.estimate.std, errors(case, found)
     there = stated > 1.1 * narrow
     return (

@@ -13,7 +13,7 @@ from pathlib import Path
 from proofs.robots.scores import EXAMPLES, ur10e_logs, ur10e_validation
 from proofs.support.claims import Claim, main_of
 
-from steelyard.identify.page.section_register import SECTIONS
+from steelyard.identify.scores_and_model_report import SECTIONS
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "tests"))
 from browser import chromium, look, running  # noqa: E402

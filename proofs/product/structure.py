@@ -184,7 +184,7 @@ def way() -> tuple[int, int, int]:
     from steelyard.estimate.information.gather import gather
     from steelyard.estimate.least_squares.weighted_robust_and_whitened import WeightedLeastSquares
     from steelyard.identify.identify import identify
-    from steelyard.identify.page.section_register import render
+    from steelyard.identify.scores_and_model_report import render
     from steelyard.logs.formats import open_log
     from steelyard.model.model import Model
     from steelyard.robot.file.robot_file import load_robot

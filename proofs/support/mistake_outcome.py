@@ -18,7 +18,7 @@ from steelyard.check.all_checks import Diagnosis
 from steelyard.check.case_from_files_and_precheck import Subject, case_of, diagnosis_of, subject_of
 from steelyard.check.check import correct_robot_file
 from steelyard.identify.identify import identify
-from steelyard.identify.page.report_content import ReportContent
+from steelyard.identify.page.report_content_and_error_words import ReportContent
 from steelyard.identify.validate import validate
 from steelyard.identify.verdict_and_next_steps import verdict
 from steelyard.robot.file.robot_file import load_robot

@@ -18,7 +18,7 @@ from steelyard.estimate.identified_model import Cutoffs, IdentifiedModel, Proven
 from steelyard.estimate.information.base_parameters_and_regressor import base_parameters
 from steelyard.estimate.information.filter_and_gram import noise_bandwidth
 from steelyard.excite.trajectories.fourier import random_fourier
-from steelyard.identify.runs_for_model import processing_of
+from steelyard.identify.runs_and_notes_of_logs import processing_of
 from steelyard.logs.formats import write_table
 from steelyard.model.equations.frame_and_point_kinematics import last_frame
 from steelyard.model.model import model_with_open_friction

@@ -30,7 +30,7 @@ from steelyard.estimate.scores.residual_traces_and_band_calibration import (
     residual_trace,
     thresholds_of,
 )
-from steelyard.identify.runs_for_model import runs_for
+from steelyard.identify.runs_and_notes_of_logs import runs_for
 from steelyard.logs.formats import write_table
 from steelyard.runs.runs_of_named_logs import log_files
 from steelyard.uses.contact.contact import common_rest_speed, contacts_in, peaks_of_free_motion

@@ -10,8 +10,8 @@ from proofs.uses.watch_ur10e import rows_of
 from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.identify.identify import identify
 from steelyard.uses.payload.pick_up_and_put_down import PayloadEvent
-from steelyard.uses.watch.payload_stream import SEARCH_PERIOD
 from steelyard.uses.watch.watch import start_watch
+from steelyard.uses.watch.watcher_and_events import SEARCH_PERIOD
 
 LATEST = 3.0 + 2.0 * SEARCH_PERIOD + 0.5
 """Time after a change by which it is reported [s]: motion on both sides, two searches."""

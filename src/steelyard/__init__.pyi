@@ -29,8 +29,8 @@ from steelyard.identify.identify import Identification as Identification
 from steelyard.identify.identify import identify as identify
 from steelyard.identify.reduce import reduce as reduce
 from steelyard.identify.repeated_fits import repeated as repeated
-from steelyard.identify.residuals import residuals as residuals
 from steelyard.identify.scores_and_model_report import parameter_table as parameter_table
+from steelyard.identify.validate import residuals as residuals
 from steelyard.identify.validate import validate as validate
 from steelyard.logs.formats import open_log as open_log
 from steelyard.model.compiled_quantity import Stepper as Stepper

@@ -10,7 +10,7 @@ from invented import single
 from steelyard.check.finding import Finding, Fix, Severity
 from steelyard.check.fitted.post_fit_checks import FittedCase, assumed_gains_check, examine_fit
 from steelyard.estimate.payload.drive_gains import GainEstimate
-from steelyard.identify.page.report_content import ReportContent
+from steelyard.identify.page.report_content_and_error_words import ReportContent
 from steelyard.identify.verdict_and_next_steps import Limitation, Verdict, verdict
 from weighed import identified_of
 

@@ -12,12 +12,11 @@ from typer.testing import CliRunner, Result
 
 from cli.mistakes import workshop
 from short_arm import short_logs
-from steelyard.cli import identify_and_use_commands
 from steelyard.cli import shared_by_commands as commands
 from steelyard.cli.app import app
 from steelyard.cli.options_with_several_values import expanded
-from steelyard.cli.shared_by_commands import CommandResult, computed
-from steelyard.identify import validation_split
+from steelyard.cli.shared_by_commands import computed
+from steelyard.identify import repeated_motion_and_validation_split
 from steelyard.simulate.simulate import write_demo_arm
 
 Command = Callable[..., Result]
@@ -45,7 +44,7 @@ def command(work: Path, few_stretches: None, monkeypatch: pytest.MonkeyPatch) ->
     `identified` calibrates on all. Logs of 2 s are cut.
     """
     monkeypatch.chdir(work)
-    monkeypatch.setattr(validation_split, "SHORTEST_CUT_LOG", 2.0)
+    monkeypatch.setattr(repeated_motion_and_validation_split, "SHORTEST_CUT_LOG", 2.0)
 
     def run(*arguments: object) -> Result:
         return CliRunner().invoke(app, expanded([str(a) for a in arguments]))
@@ -58,14 +57,13 @@ def results() -> Iterator[list[dict[str, Any]]]:
     """The numbers that commands compute meanwhile, which print text: `--json` of the same run."""
     found: list[dict[str, Any]] = []
 
-    def kept(compute: Callable[..., CommandResult], folder: Path | None) -> CommandResult:
+    def kept(compute: Callable[..., Any], folder: Path | None) -> Any:
         result = computed(compute, folder)
         found.append(json.loads(json.dumps(result.to_dict(), allow_nan=False)))
         return result
 
     with pytest.MonkeyPatch.context() as patch:
-        for module in (commands, identify_and_use_commands):
-            patch.setattr(module, "computed", kept)
+        patch.setattr(commands, "computed", kept)
         yield found
 
 

@@ -69,7 +69,7 @@ def test_data_of_one_window_lose_nothing() -> None:
     information, *_ = data(np.full(4, 0.1))
     fit = SimpleNamespace(
         estimator=WeightedLeastSquares(),
-        information=information,
+        fitted=SimpleNamespace(information=information),
         method=offer_of("WLS", ""),
         task=SimpleNamespace(progress=silent),
     )

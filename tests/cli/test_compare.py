@@ -1,7 +1,6 @@
 """`steelyard compare`: by runs and by stretches, what it writes, mistakes, and Ctrl-C."""
 
 import json
-import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -84,7 +83,6 @@ def test_an_estimator_that_fails_does_not_stop_the_others(command, monkeypatch) 
 
     offers = (Offer("invented", "fails", lambda _: failing), *ESTIMATORS)
     monkeypatch.setattr(register, "ESTIMATORS", offers)
-    monkeypatch.setattr(sys.modules["steelyard.identify.comparison.compare"], "ESTIMATORS", offers)
     done = command("compare", ROBOT, LOG, "--estimators", "invented", "WLS")
     assert done.exit_code == 0, done.output
     text = words(done.output)

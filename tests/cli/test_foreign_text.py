@@ -11,8 +11,7 @@ import typer
 from rich.table import Table
 from typer.testing import CliRunner
 
-from steelyard.base.errors import LogError
-from steelyard.base.visible_text import visible
+from steelyard.base.errors import LogError, visible
 from steelyard.cli.app import app
 from steelyard.cli.shared_by_commands import DEFECT, guarded
 from steelyard.report.terminal import terminal

@@ -107,7 +107,7 @@ def test_ctrl_c_while_modules_are_loaded_leaves_nothing(work: Path) -> None:
         ("options_with_several_values.expanded", IDENTIFY),
         ("files._beside", IDENTIFY),
         ("gather.gather", IDENTIFY),
-        ("section_register.render", IDENTIFY),
+        ("scores_and_model_report.render", IDENTIFY),
         ("shared_by_commands.progress_bar.<locals>.watch", SIMULATE),
         ("formats.write_table", SIMULATE),
         ("files._remove", SIMULATE),
@@ -137,8 +137,8 @@ def test_ctrl_c_comes_too_late_once_results_take_their_place(
 ) -> None:
     monkeypatch.chdir(work)
     arguments = (*IDENTIFY, "-o", "out")
-    code, entered = pressed_here("section_register.print_report", arguments, monkeypatch)
-    assert "section_register.print_report" in entered
+    code, entered = pressed_here("scores_and_model_report.print_report", arguments, monkeypatch)
+    assert "scores_and_model_report.print_report" in entered
     assert (code, capsys.readouterr().err) == (0, "")
     names = sorted(p.name for p in Path("out").iterdir())
     assert names == ["model.json", "parameters.csv", "report.html"]

@@ -17,8 +17,8 @@ from steelyard.estimate.identified_model import load_model
 from steelyard.estimate.nonlinear.nonlinear_parameters import information
 from steelyard.excite.trajectories.trajectory_files import read_trajectory
 from steelyard.export.model_files.export_model_file import exported
-from steelyard.identify.page.section_register import SECTIONS
 from steelyard.identify.reduce import matching, reduce
+from steelyard.identify.scores_and_model_report import SECTIONS
 from steelyard.robot.file.robot_file import load_robot
 from steelyard.runs.runs_of_named_logs import load_runs
 from steelyard.simulate.ground_truth import random_truth

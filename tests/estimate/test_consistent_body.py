@@ -70,7 +70,7 @@ def test_an_impossible_estimate_becomes_a_body_near_it() -> None:
 
 def test_what_is_known_is_met_and_narrows_what_hangs_on_it() -> None:
     free = drawn(3)
-    known = PayloadKnowledge(mass=2.5, com=(0.02, -0.03, 0.1), shape=SolidShape.box(SIZE))
+    known = PayloadKnowledge(mass=2.5, com=(0.02, -0.03, 0.1), shape=SolidShape.of("box", SIZE))
     loose, tight = found(free), found(free, known)
     centre = Inertia.from_ten(tight.ten).com
     assert tight.ten[0] == pytest.approx(2.5, rel=2e-3)
@@ -84,7 +84,7 @@ def test_what_is_known_is_met_and_narrows_what_hangs_on_it() -> None:
 
 def test_a_shape_says_nothing_about_where_the_body_is() -> None:
     free = drawn(5)
-    loose, shaped = found(free), found(free, PayloadKnowledge(shape=SolidShape.box(SIZE)))
+    loose, shaped = found(free), found(free, PayloadKnowledge(shape=SolidShape.of("box", SIZE)))
     assert shaped.covariance[1, 1] == pytest.approx(loose.covariance[1, 1], rel=0.05)
     assert Inertia.from_ten(shaped.ten).com == pytest.approx(Inertia.from_ten(free).com, abs=2e-3)
 
@@ -96,7 +96,7 @@ def test_knowledge_supplies_what_the_data_do_not_see() -> None:
     blind = found(free, std=std)
     assert np.isnan(np.diag(blind.covariance)[4:]).all()
     assert Inertia.from_ten(blind.ten).flaw() is None
-    shaped = found(free, PayloadKnowledge(shape=SolidShape.box(SIZE)), std)
+    shaped = found(free, PayloadKnowledge(shape=SolidShape.of("box", SIZE)), std)
     assert np.isfinite(shaped.covariance).all()
     assert np.all(np.abs(shaped.ten - TRUTH.ten) < 2.0 * np.sqrt(np.diag(shaped.covariance)))
 
@@ -117,9 +117,9 @@ def test_errors_of_the_model_widen_what_is_not_known() -> None:
 @pytest.mark.parametrize(
     ("shape", "moments"),
     [
-        (SolidShape.box((0.1, 0.2, 0.3)), (0.01 / 12, 0.04 / 12, 0.09 / 12)),
-        (SolidShape.cylinder(0.1, 0.3), (0.01 / 16, 0.01 / 16, 0.09 / 12)),
-        (SolidShape.sphere(0.1), (0.0005, 0.0005, 0.0005)),
+        (SolidShape.of("box", (0.1, 0.2, 0.3)), (0.01 / 12, 0.04 / 12, 0.09 / 12)),
+        (SolidShape.of("cylinder", (0.1, 0.3)), (0.01 / 16, 0.01 / 16, 0.09 / 12)),
+        (SolidShape.of("sphere", (0.1,)), (0.0005, 0.0005, 0.0005)),
     ],
 )
 def test_second_moments_of_shapes(shape: SolidShape, moments: tuple[float, ...]) -> None:
@@ -128,7 +128,7 @@ def test_second_moments_of_shapes(shape: SolidShape, moments: tuple[float, ...])
 
 def test_wrong_knowledge_is_refused() -> None:
     with pytest.raises(DataError, match="dimensions of the box are 0.1, -1, 0.2"):
-        SolidShape.box((0.1, -1.0, 0.2))
+        SolidShape.of("box", (0.1, -1.0, 0.2))
     with pytest.raises(DataError, match="known mass is -2 kg"):
         PayloadKnowledge(mass=-2.0)
     with pytest.raises(DataError, match="not three numbers"):

@@ -11,7 +11,7 @@ from steelyard.base.motion import Motion
 from steelyard.estimate.information.base_parameters_and_regressor import base_regressor
 from steelyard.estimate.information.gather import gather
 from steelyard.estimate.scores.score import score
-from steelyard.identify.provenance_and_notes import dropped, first_dropped
+from steelyard.identify.runs_and_notes_of_logs import dropped, first_dropped
 from steelyard.model.laws.friction_with_memory import Dahl
 from steelyard.model.laws.laws_without_friction import RigidBody
 from steelyard.model.model import Model

@@ -7,7 +7,7 @@ import pytest
 
 from steelyard.base.arrays import Array
 from steelyard.excite.trajectories.fourier import random_fourier
-from steelyard.identify.repeated_motion import repeat_of, repeat_within
+from steelyard.identify.repeated_motion_and_validation_split import repeat_of, repeat_within
 from steelyard.robot.file.robot_file import LoadedRobot
 from steelyard.runs.prepare import prepare
 from steelyard.runs.processing_choices import Processing

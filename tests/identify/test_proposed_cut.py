@@ -8,7 +8,7 @@ import pytest
 from short_arm import without_wrist
 from steelyard.base.motion import run
 from steelyard.excite.trajectories.fourier import random_fourier
-from steelyard.identify.validation_split import ProposedCut, propose_cut
+from steelyard.identify.repeated_motion_and_validation_split import ProposedCut, propose_cut
 from steelyard.robot.robot import Robot
 from steelyard.simulate.ground_truth import random_truth
 from steelyard.simulate.virtual_robot import VirtualRobot, customary_sensors

@@ -39,8 +39,8 @@ from steelyard.estimate.scores.estimator_comparison import Comparison, Estimator
 from steelyard.estimate.scores.parts_and_bands_along_run import TorqueParts
 from steelyard.estimate.scores.score import JointScore, RunScore, Traces
 from steelyard.identify.comparison.estimators_page import ComparisonContent
-from steelyard.identify.page.report_content import ReportContent
-from steelyard.identify.page.section_register import render, sections_of
+from steelyard.identify.page.report_content_and_error_words import ReportContent
+from steelyard.identify.scores_and_model_report import render, sections_of
 from steelyard.model.laws.friction_over_speed import Coulomb, Viscous
 from steelyard.model.model import Model
 from steelyard.report.page import Section
@@ -501,7 +501,7 @@ def rendered_only(content: ReportContent, *names: str) -> str:
     def chosen(content: ReportContent) -> list[Section]:
         return [section for section in sections_of(content) if section.name in names]
 
-    with patch("steelyard.identify.page.section_register.sections_of", chosen):
+    with patch("steelyard.identify.scores_and_model_report.sections_of", chosen):
         return render(content)
 
 

@@ -24,8 +24,8 @@ from steelyard.check.findings_text_and_page import render_check
 from steelyard.excite.page.design_page import render_design
 from steelyard.identify.comparison.estimators_page import COMPARE_SECTIONS, ComparisonContent
 from steelyard.identify.comparison.models_page import COMPARE_MODELS_SECTIONS
-from steelyard.identify.page.report_content import ReportContent
-from steelyard.identify.page.section_register import render
+from steelyard.identify.page.report_content_and_error_words import ReportContent
+from steelyard.identify.scores_and_model_report import render
 from steelyard.report.page import render_sections
 from steelyard.simulate.tracking_sections import TRACK_SECTIONS
 from steelyard.uses.payload.payload import render_payload_events

@@ -11,11 +11,11 @@ from rich.console import Console
 from steelyard.estimate.friction.friction_choice import MixScore
 from steelyard.estimate.payload.payload_estimate import PayloadEstimate
 from steelyard.identify.page.friction_choice_and_curves import FrictionSection
-from steelyard.identify.page.gains_effort_scales_and_zero_offsets import (
+from steelyard.identify.page.gains_offsets_search_and_settings import (
     DrivesSection,
     PerRunSection,
 )
-from steelyard.identify.page.report_content import ReportContent
+from steelyard.identify.page.report_content_and_error_words import ReportContent
 from steelyard.model.laws.friction_over_speed import Viscous
 from steelyard.model.laws.friction_with_memory import Dahl
 from steelyard.report.page import Section

@@ -37,7 +37,7 @@ from steelyard.excite.page.tool_path_and_walls import skeleton, tool_path
 from steelyard.excite.predicted_accuracy_and_advice import Advice
 from steelyard.excite.searched_or_planned_motion import Designed
 from steelyard.excite.trajectories.fourier import random_fourier
-from steelyard.identify.page.section_register import SECTIONS
+from steelyard.identify.scores_and_model_report import SECTIONS
 from steelyard.model.laws.laws_without_friction import RigidBody
 from steelyard.model.model import Model
 from steelyard.robot.file.excitation_sections import BoxSpans, PlaneSection, WorkspaceSection

@@ -11,15 +11,17 @@ from invented import ball
 from report.conftest import rendered_only
 from steelyard.base.arrays import Z95, Parameters
 from steelyard.estimate.scores.parts_and_bands_along_run import PARTS
-from steelyard.identify.page import efforts_and_their_parts
-from steelyard.identify.page.conditioning_correlations_and_unseen import (
+from steelyard.identify.page import efforts_their_parts_and_residuals as efforts
+from steelyard.identify.page.conditioning_correlations_and_repeats import (
     CorrelationsSection,
     correlations,
 )
-from steelyard.identify.page.efforts_and_their_parts import (
+from steelyard.identify.page.efforts_their_parts_and_residuals import (
     MOST_POINTS_OF_TORQUE_PART,
     TORQUE_PARTS,
+    ResidualsSection,
     TorqueSplitSection,
+    binned,
 )
 from steelyard.identify.page.friction_choice_and_curves import FrictionCurvesSection, curves_of
 from steelyard.identify.page.link_inertias_and_ellipsoids import (
@@ -28,9 +30,8 @@ from steelyard.identify.page.link_inertias_and_ellipsoids import (
     semi_axes,
 )
 from steelyard.identify.page.parameters_and_truth import TruthSection
-from steelyard.identify.page.report_content import ReportContent, fitted_samples, unseen_samples
-from steelyard.identify.page.residuals_over_motion import ResidualsSection, binned
-from steelyard.identify.page.section_register import render
+from steelyard.identify.page.report_content_and_error_words import ReportContent, pooled_samples
+from steelyard.identify.scores_and_model_report import render
 from steelyard.report.page_figures import Figure
 from steelyard.robot.inertia_and_placement import Inertia
 from steelyard.robot.robot import Frame, frame_origins
@@ -64,7 +65,7 @@ def test_the_parts_of_the_figure_add_up_to_the_prediction(usual: ReportContent) 
 def test_many_joints_share_the_points(
     usual: ReportContent, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(efforts_and_their_parts, "MOST_POINTS_OF_TORQUE_PARTS", 100 * 7 * 2)
+    monkeypatch.setattr(efforts, "MOST_POINTS_OF_TORQUE_PARTS", 100 * 7 * 2)
     numbers = TorqueSplitSection().numbers(usual)
     (figure,) = numbers["groups"][1].figures
     assert 50 <= len(drawn(figure, "predicted")[0]) <= 100
@@ -102,7 +103,7 @@ def test_friction_is_drawn_up_to_the_fastest_sample_with_what_was_measured(
     usual: ReportContent,
 ) -> None:
     numbers = FrictionCurvesSection().numbers(usual)
-    parts, runs = fitted_samples(usual)
+    parts, runs = pooled_samples(usual, "fitted")
     assert runs == "1 fitted run" and runs in numbers["note"]
     for j, (curve, figure) in enumerate(
         zip(curves_of(usual), numbers["groups"][0].figures, strict=True)
@@ -141,7 +142,7 @@ def test_bins_hold_the_mean_of_their_samples() -> None:
 
 
 def test_the_residual_is_that_of_the_runs_that_were_not_fitted(usual: ReportContent) -> None:
-    parts, runs = unseen_samples(usual)
+    parts, runs = pooled_samples(usual, "validation")
     assert runs == "2 validation runs" and len(parts.t) == 4000
     at = parts.moving[:, 0]
     expected = binned(parts.dq[at, 0], parts.measured[at, 0] - parts.predicted[at, 0])
@@ -204,7 +205,7 @@ def test_an_ellipsoid_has_the_inertia_of_its_body() -> None:
 def test_ellipsoids_stand_where_the_links_are(usual) -> None:
     ((figure,),) = (group.figures for group in EllipsoidsSection().numbers(usual)["groups"])
     traces = {trace["name"]: trace for trace in figure.traces}
-    parts, _ = fitted_samples(usual)
+    parts, _ = pooled_samples(usual, "fitted")
     robot = usual.identified.model.robot
     joints = parts.q[len(parts.q) // 2]
     frames = [Frame("c", k, np.eye(3), body.inertia.com) for k, body in enumerate(robot.bodies)]

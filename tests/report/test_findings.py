@@ -22,7 +22,7 @@ from steelyard.check.findings_text_and_page import (
     render_check,
     tally,
 )
-from steelyard.identify.page.settings_quality_and_checks import CheckSection
+from steelyard.identify.page.gains_offsets_search_and_settings import CheckSection
 
 
 def content(name: str = "arm", most: float = 1.0) -> CheckContent:

@@ -16,7 +16,7 @@ from report.conftest import friction, identified, nasty_content, rendered_only, 
 from report.pages import PAGES, pages_of, unreached, wrong_on_paper, wrong_on_screen
 from report.test_page import OF_ALL, own_html
 from steelyard.identify.comparison.estimators_page import ComparisonContent
-from steelyard.identify.page.report_content import ReportContent
+from steelyard.identify.page.report_content_and_error_words import ReportContent
 from steelyard.report.page import TEMPLATES, page_of
 
 pytestmark = pytest.mark.slow

@@ -10,16 +10,14 @@ from report.conftest import EVIL, estimate, identified, robot, run_score
 from steelyard.estimate.estimate import Removed
 from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.estimate.scores.model_comparison import ComparedModel, ModelComparison, ModelErrors
-from steelyard.identify.comparison.model_errors_and_efforts_sections import (
-    ModelsContent,
-    error_tables,
-    models_headline,
-)
 from steelyard.identify.comparison.models_page import (
     COMPARE_MODELS_SECTIONS,
     ModelMassesSection,
     ModelParametersSection,
+    ModelsContent,
     ModelsSection,
+    error_tables,
+    models_headline,
 )
 from steelyard.report.page import render_sections
 

@@ -10,7 +10,7 @@ from steelyard.base.arrays import Parameters
 from steelyard.check.all_checks import Diagnosis
 from steelyard.check.finding import Finding, Fix, Severity
 from steelyard.check.fitted.implausible_estimates_and_gear_side import rotors_at_zero_check
-from steelyard.identify.page.report_content import ReportContent
+from steelyard.identify.page.report_content_and_error_words import ReportContent
 from steelyard.identify.verdict_and_next_steps import (
     fix_commands,
     next_steps,

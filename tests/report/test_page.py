@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from report.conftest import rendered_only, run_score
-from steelyard.identify.page.efforts_and_their_parts import EffortSection
-from steelyard.identify.page.report_content import ReportContent
-from steelyard.identify.page.section_register import SECTIONS, render
+from steelyard.identify.page.efforts_their_parts_and_residuals import EffortSection
+from steelyard.identify.page.report_content_and_error_words import ReportContent
+from steelyard.identify.scores_and_model_report import SECTIONS, render
 from steelyard.report.page_figures import thin
 
 MEGABYTE = 1_000_000

@@ -6,8 +6,8 @@ import numpy as np
 
 from report.conftest import run_score
 from steelyard.estimate.scores.score import RunScore
-from steelyard.identify.page.section_register import render
 from steelyard.identify.page.verdict_and_joint_errors import fitted_larger
+from steelyard.identify.scores_and_model_report import render
 
 
 def with_residuals(ends: float) -> RunScore:

@@ -13,9 +13,9 @@ from report.conftest import identified, robot
 from steelyard.base.arrays import Parameters
 from steelyard.estimate.reduction.stopping_rules_and_reduction import Reduction
 from steelyard.identify.page.parameters_and_truth import parameter_rows
-from steelyard.identify.page.reduction_and_removals import samples_of
-from steelyard.identify.page.report_content import ReportContent
-from steelyard.identify.page.section_register import SECTIONS
+from steelyard.identify.page.reduction_and_removals import measure_of
+from steelyard.identify.page.report_content_and_error_words import ReportContent
+from steelyard.identify.scores_and_model_report import SECTIONS
 from steelyard.identify.verdict_and_next_steps import (
     error_limit_words,
     exit_code,
@@ -83,7 +83,8 @@ def test_errors_of_a_reduction_are_over_the_samples_that_were_fitted(
     names: tuple[str, ...], samples: str
 ) -> None:
     path = SimpleNamespace(full=SimpleNamespace(names=names))
-    assert samples_of(cast(Reduction, SimpleNamespace(path=path))) == samples
+    measure = measure_of(cast(Reduction, SimpleNamespace(path=path)))
+    assert measure.endswith(f", {samples}")
 
 
 def test_the_verdict_comes_first_and_titles_differ():

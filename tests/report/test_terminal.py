@@ -11,9 +11,8 @@ from report.inspected import contact_content, payload_events
 from steelyard.check.finding import Finding, Severity
 from steelyard.estimate.estimate import KnownScales
 from steelyard.estimate.scores.effort_errors import pooled
-from steelyard.identify.page.effort_error_words import coverage_words
-from steelyard.identify.page.report_content import ReportContent
-from steelyard.identify.page.section_register import (
+from steelyard.identify.page.report_content_and_error_words import ReportContent, coverage_words
+from steelyard.identify.scores_and_model_report import (
     CSV_COLUMNS,
     parameters_csv,
     print_report,
@@ -21,7 +20,7 @@ from steelyard.identify.page.section_register import (
 )
 from steelyard.identify.verdict_and_next_steps import verdict
 from steelyard.uses.payload.payload import event_lines
-from steelyard.uses.watch.stream_output import summary_lines
+from steelyard.uses.watch.watch import summary_lines
 
 
 def printed(content: ReportContent, width: int = 120, verbose: bool = False) -> str:

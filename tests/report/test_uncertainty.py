@@ -10,15 +10,15 @@ import pytest
 from rich.console import Console
 
 from report.conftest import rendered_only
-from steelyard.identify.page.efforts_and_their_parts import EffortSection
+from steelyard.identify.page.efforts_their_parts_and_residuals import EffortSection
 from steelyard.identify.page.link_inertias_and_ellipsoids import (
     BodiesSection,
     identified_links,
     margin,
 )
 from steelyard.identify.page.parameters_and_truth import ParametersSection, parameter_rows
-from steelyard.identify.page.report_content import ReportContent
-from steelyard.identify.page.section_register import parameters_csv, print_report, render
+from steelyard.identify.page.report_content_and_error_words import ReportContent
+from steelyard.identify.scores_and_model_report import parameters_csv, print_report, render
 from steelyard.report.page_figures import outline
 from steelyard.robot.inertia_and_placement import Inertia
 

@@ -10,13 +10,13 @@ from steelyard.estimate.scores.residual_traces_and_band_calibration import Resid
 from steelyard.uses.contact.contact import ContactEvent, ContactStart, ContactStream, contacts_in
 from steelyard.uses.payload.change_detection import SlidingMass
 from steelyard.uses.payload.pick_up_and_put_down import Kind, PayloadEvent, PayloadEvents
-from steelyard.uses.watch.payload_stream import (
+from steelyard.uses.watch.watcher_and_events import (
     FIRST_SEARCH,
     SEARCH_PERIOD,
     SEARCHED_SPAN,
+    Doubt,
     PayloadStream,
 )
-from steelyard.uses.watch.watcher_and_events import Doubt
 from uses.test_contact import EDGES, ROBOT, SIGMA, STEP, N, pushed, silent, trace
 
 

@@ -234,6 +234,7 @@ class ActuatorModel:
             if not np.isfinite(np.asarray(data[name], dtype=float)).all():
                 raise ValueError(f"'{name}' holds a value that is not finite")
         lists = {name: tuple(origin.get(name, ())) for name in ("runs", "notes", "doubts")}
+        still, open_signs, beyond_limits = (tuple(map(str, data.get(x, ()))) for x in OF_JOINTS)
         return cls(
             robot,
             TargetSignals.from_dict(data["signals"]),
@@ -244,7 +245,9 @@ class ActuatorModel:
             frozen(data["scale"], (n,)),
             tuple(map(str, data["stated"])),
             step,
-            *(tuple(map(str, data.get(name, ()))) for name in OF_JOINTS),
+            still,
+            open_signs,
+            beyond_limits,
             Provenance(**{**origin, "inputs": dict(origin["inputs"]), **lists}),
         )
 

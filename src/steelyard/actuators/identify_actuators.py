@@ -26,8 +26,7 @@ from steelyard.base.checked_arguments import checked
 from steelyard.base.errors import ModelError
 from steelyard.base.progress import Progress, report_progress, silent
 from steelyard.estimate.identified_model import Provenance
-from steelyard.identify.provenance_and_notes import provenance
-from steelyard.identify.runs_for_model import fitted_before
+from steelyard.identify.runs_and_notes_of_logs import fitted_before, provenance
 from steelyard.model.model import ValuedModel
 from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
 from steelyard.robot.file.robot_file import load_robot

@@ -120,11 +120,8 @@ class Parameters:
 
     def of(self, places: Sequence[int]) -> "Parameters":
         """Some of the parameters, by their places."""
-        return Parameters(
-            [self.names[k] for k in places],
-            [self.units[k] for k in places],
-            self.values[list(places)],
-        )
+        names, units = ([some[k] for k in places] for some in (self.names, self.units))
+        return Parameters(names, units, self.values[list(places)])
 
     def as_dict(self) -> dict[str, float]:
         """Name to value."""

@@ -1,5 +1,6 @@
-"""The one error root with its fix lines, help for misspelt names, and optional packages."""
+"""The one error root with its fix lines, text of strangers, misspelt names, optional packages."""
 
+import unicodedata
 from collections.abc import Collection, Iterable, Mapping
 from difflib import get_close_matches
 from functools import partial
@@ -7,7 +8,29 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any, TypeVar
 
-from steelyard.base.visible_text import visible
+UNPRINTABLE = ("Cc", "Cf", "Cs", "Zl", "Zp")
+"""Unicode categories that move the cursor, turn the direction of writing or cannot be encoded."""
+
+
+def visible(text: str, keep: str = "") -> str:
+    r"""The text with control characters, those in `keep` apart, written as Python escapes them.
+
+    A terminal would obey them: an escape sequence or a line feed in a column's name can print a
+    line that looks like the program's own.
+
+    Example:
+        >>> print(visible("q1\x1b[1A"))
+        q1\x1b[1A
+    """
+    if text.isprintable():
+        return text
+    return "".join(
+        letter.encode("unicode_escape").decode("ascii")
+        if letter not in keep and unicodedata.category(letter) in UNPRINTABLE
+        else letter
+        for letter in text
+    )
+
 
 Named = TypeVar("Named")
 
@@ -150,8 +173,6 @@ def available(package: str) -> bool:
 def require(package: str, extra: str, what: str, where: str) -> None:
     """A `PackageError` if a package is not installed, which an extra of steelyard installs."""
     if not available(package):
-        raise PackageError(
-            f"{what} need the package {package}, which is not installed",
-            where=where,
-            fix=f'pip install {package}, or pip install ".[{extra}]" in the source of steelyard',
-        )
+        wrong = f"{what} need the package {package}, which is not installed"
+        fix = f'pip install {package}, or pip install ".[{extra}]" in the source of steelyard'
+        raise PackageError(wrong, where=where, fix=fix)

@@ -56,11 +56,9 @@ def whole_folder(path: Path) -> Iterator[Path]:
     part = _beside(path)
     with explained(path):
         if path.exists() and (not path.is_dir() or any(path.iterdir())):
-            raise OutputError(
-                f"'{path}' exists already",
-                where=str(path),
-                fix="name another folder, or remove this one",
-            )
+            wrong = f"'{path}' exists already"
+            fix = "name another folder, or remove this one"
+            raise OutputError(wrong, where=str(path), fix=fix)
         new_parents = [parent for parent in part.parents if not parent.exists()]
         try:
             part.mkdir(parents=True)

@@ -97,11 +97,9 @@ def shaped(name: str, values: ArrayLike, shapes: Sequence[tuple[int | None, ...]
 def check_finite(name: str, array: Array) -> None:
     """Refuse NaN and infinity in samples of a motion."""
     if not np.isfinite(array).all():
-        raise DataError(
-            f"'{name}' holds a value that is not finite",
-            where="samples of a motion",
-            fix="leave out samples without a number",
-        )
+        wrong = f"'{name}' holds a value that is not finite"
+        fix = "leave out samples without a number"
+        raise DataError(wrong, where="samples of a motion", fix=fix)
 
 
 class Trajectory(Protocol):

@@ -4,24 +4,11 @@ from typing import Annotated
 
 import typer
 
+from steelyard.cli import doctor_command, init_command, log_commands, watch_command
+from steelyard.cli import identify_and_use_commands as use
+from steelyard.cli import motion_and_simulation_commands as motion
+from steelyard.cli import reduce_and_export_commands as model
 from steelyard.cli.commands_from_functions import DerivedCommand
-from steelyard.cli.doctor_command import doctor
-from steelyard.cli.identify_and_use_commands import (
-    compare,
-    compare_models,
-    contact,
-    feedforward,
-    health,
-    identify,
-    payload,
-    validate,
-    wrench,
-)
-from steelyard.cli.init_command import init
-from steelyard.cli.log_commands import check, log
-from steelyard.cli.motion_and_simulation_commands import demo, excite, replay, simulate, track
-from steelyard.cli.reduce_and_export_commands import export, reduce
-from steelyard.cli.watch_command import watch
 
 app = typer.Typer(
     name="steelyard",
@@ -33,30 +20,30 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 for command in (
-    init,
-    check,
-    excite,
-    identify,
-    validate,
-    compare,
-    compare_models,
-    reduce,
-    payload,
-    contact,
-    wrench,
-    health,
-    watch,
-    export,
-    feedforward,
-    simulate,
-    track,
-    replay,
-    demo,
-    doctor,
+    init_command.init,
+    log_commands.check,
+    motion.excite,
+    use.identify,
+    use.validate,
+    use.compare,
+    use.compare_models,
+    model.reduce,
+    use.payload,
+    use.contact,
+    use.wrench,
+    use.health,
+    watch_command.watch,
+    model.export,
+    use.feedforward,
+    motion.simulate,
+    motion.track,
+    motion.replay,
+    motion.demo,
+    doctor_command.doctor,
 ):
     app.command(cls=DerivedCommand)(command)
 
-app.add_typer(log)
+app.add_typer(log_commands.log)
 
 
 def _version(wanted: bool) -> None:

@@ -13,7 +13,7 @@ from pathlib import Path
 import typer
 
 from steelyard.cli.commands_from_functions import from_function
-from steelyard.cli.shared_by_commands import print_json
+from steelyard.cli.shared_by_commands import print_json, print_lines
 
 EXTRA_PACKAGES = {
     "polars": "logs in Parquet, results as data frames, CSV logs ten times faster",
@@ -58,9 +58,8 @@ def doctor(as_json: bool = False) -> None:
                 words.append(f"\n{line.fix}", "cyan")
             mark = ("optional", "cyan") if line.optional else ("ok", "bold green")
             table.add_row(Text(*mark if line.ok else ("wrong", "bold red")), line.name, words)
-        console = terminal()
-        console.print(table)
-        console.print(Text(summary(found)))
+        terminal().print(table)
+        print_lines(summary(found))
     if not all(line.ok for line in found):
         raise typer.Exit(1)
 
@@ -82,7 +81,10 @@ def examined() -> Iterator[Line]:
     yield Line("machine", f"{platform.platform()}, {os.cpu_count() or 1} cores")
     yield _packages()
     yield from (_extra(name, use) for name, use in EXTRA_PACKAGES.items())
-    yield _compiler()
+    from steelyard.symbolic.native import compiler
+
+    about = f"{compiler.version()} for {compiler.host()[0]}, {compiler.lanes()} lanes"
+    yield Line("compiler", about)
     yield _cache()
     yield _writable("temporary files", Path(tempfile.gettempdir()), "set TMPDIR to another folder")
     yield _writable("this folder", Path.cwd(), "go to another folder, or name one with --output")
@@ -126,14 +128,6 @@ def _extra(name: str, use: str) -> Line:
         how = f'{sys.executable} -m pip install "steelyard[{name}]"'
         return Line(f"extra {name}", f"not installed: {use}", fix=how, optional=True)
     return Line(f"extra {name}", f"{', '.join(there)}: {use}")
-
-
-def _compiler() -> Line:
-    """Code generator, and the processor that programs are compiled for."""
-    from steelyard.symbolic.native import compiler
-
-    about = f"{compiler.version()} for {compiler.host()[0]}, {compiler.lanes()} lanes"
-    return Line("compiler", about)
 
 
 def _cache() -> Line:

@@ -29,11 +29,9 @@ def numbers(text: str, moving: Sequence[Coordinate], option: str) -> tuple[float
     """One number other than zero for each joint, separated by commas."""
     found = parsed(text, len(moving))
     if found is None or not all(found):
-        raise ModelError(
-            f"'{text}' is not {len(moving)} numbers other than zero",
-            where=option,
-            fix=f"give one for each of {_names(moving)}, with commas",
-        )
+        wrong = f"'{text}' is not {len(moving)} numbers other than zero"
+        fix = f"give one for each of {_names(moving)}, with commas"
+        raise ModelError(wrong, where=option, fix=fix)
     return found
 
 
@@ -43,18 +41,14 @@ def positions(text: str, moving: Sequence[Coordinate]) -> tuple[float, ...]:
     turned = [word.endswith("deg") for word in words]
     plain = parsed(" ".join(word.removesuffix("deg") for word in words), len(moving))
     if plain is None:
-        raise ModelError(
-            f"'{text}' is not {len(moving)} positions",
-            where="--zeros",
-            fix=f"give one for each of {_names(moving)}, with commas, such as 0,-90deg,1.5708",
-        )
+        wrong = f"'{text}' is not {len(moving)} positions"
+        fix = f"give one for each of {_names(moving)}, with commas, such as 0,-90deg,1.5708"
+        raise ModelError(wrong, where="--zeros", fix=fix)
     for x, in_degrees, coordinate in zip(plain, turned, moving, strict=True):
         if not in_degrees and looks_like_degrees(x, coordinate):
-            raise ModelError(
-                f"positions are in rad: {x:g} of '{coordinate.name}' looks like degrees",
-                where="--zeros",
-                fix=f"write {x:g}deg",
-            )
+            wrong = f"positions are in rad: {x:g} of '{coordinate.name}' looks like degrees"
+            fix = f"write {x:g}deg"
+            raise ModelError(wrong, where="--zeros", fix=fix)
     return tuple(float(np.deg2rad(x)) if d else x for x, d in zip(plain, turned, strict=True))
 
 
@@ -217,11 +211,9 @@ class Stated:
                 fix="leave the option out, or give --side motor and --ratios",
             )
         if self.ratios is None:
-            raise ModelError(
-                "a coupling is given without gear ratios",
-                where="--coupling",
-                fix="give --ratios as well, one number for each joint",
-            )
+            wrong = "a coupling is given without gear ratios"
+            fix = "give --ratios as well, one number for each joint"
+            raise ModelError(wrong, where="--coupling", fix=fix)
         ratios = numbers(self.ratios, moving, "--ratios")
         coupling = tuple(coupled(text, moving) for text in self.coupling)
         return Gears(ratios, coupling, "ratios as stated by --ratios")

@@ -6,32 +6,22 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from steelyard.base.errors import DataError
+from steelyard.base.files import refuse_existing, whole_folder, write_json
 from steelyard.base.progress import Progress
 from steelyard.cli import interrupt
+from steelyard.cli import shared_by_commands as shared
 from steelyard.cli.commands_from_functions import from_function
-from steelyard.cli.shared_by_commands import (
-    LOG_HELP,
-    PlotsFolder,
-    ReportFolder,
-    computed,
-    file_lines,
-    optional_folder,
-    output_folder,
-    print_json,
-    progress_bar,
-    reported,
-    show,
-)
+from steelyard.report.words import significant
 
 if TYPE_CHECKING:
     from steelyard.estimate.payload.payload_estimate import PayloadEstimate
-    from steelyard.identify.comparison.compare import ComparedModels, EstimatorComparison
+    from steelyard.identify.comparison.compare import EstimatorComparison
     from steelyard.identify.identify import Identification
     from steelyard.identify.validate import Validation
-    from steelyard.uses.contact.contact_page import Contacts
+    from steelyard.report.result import Result
     from steelyard.uses.control.feedforward import FeedforwardTorques
     from steelyard.uses.health.health import Health
-    from steelyard.uses.wrench.wrench import ExternalWrench
 
 NO_CHECK = {"help": "Skip the check of the logs; see `steelyard check`."}
 
@@ -39,7 +29,7 @@ NO_CHECK = {"help": "Skip the check of the logs; see `steelyard check`."}
 @from_function("steelyard:identify", check=NO_CHECK, bootstrap={"metavar": "N"})
 def identify(
     call: "partial[Identification]",
-    output: Annotated[Path | None, output_folder("steelyard-ROBOT")] = None,
+    output: Annotated[Path | None, shared.output_folder("steelyard-ROBOT")] = None,
     verbose: bool = False,
     as_json: bool = False,
 ) -> None:
@@ -53,22 +43,20 @@ def identify(
 
     Example: steelyard identify ur10e.toml run1.csv run2.csv --validate run3.csv
     """
-    from steelyard.base.files import new_folder
     from steelyard.cli.actuator_commands import actuators_identified, follows_targets
     from steelyard.identify.verdict_and_next_steps import exit_code, next_steps, step_lines
-    from steelyard.robot.models.xacro import stem_of
 
     robot = call.keywords["robot"]
-    folder = new_folder(output, f"steelyard-{stem_of(robot)}")
+    folder = shared.robot_folder(output, robot)
     if follows_targets(robot):
         return actuators_identified(call.keywords, folder, verbose, as_json)
-    found = computed(call, folder)
+    found = shared.computed(call, folder)
     if as_json:
-        print_json({"output": str(folder), **found.to_dict()})
+        shared.print_json({"output": str(folder), **found.to_dict()})
     else:
-        show(found, verbose)
+        shared.show(found, verbose)
         lines = step_lines(next_steps(found.content, robot, folder))
-        paths = file_lines(folder, model="model.json", report="report.html")
+        paths = shared.file_lines(folder, model="model.json", report="report.html")
         typer.echo("\n".join(["", *lines, paths]))
     raise typer.Exit(exit_code(found.content))
 
@@ -76,7 +64,7 @@ def identify(
 @from_function("steelyard:validate", max_error={"min": 0.0, "metavar": "PERCENT"})
 def validate(
     call: "partial[Validation]",
-    output: ReportFolder = None,
+    output: shared.ReportFolder = None,
     max_error: float | None = None,
     verbose: bool = False,
     as_json: bool = False,
@@ -97,38 +85,29 @@ def validate(
     """
     from steelyard.actuators.actuator_model import is_actuator_model
     from steelyard.cli.actuator_commands import actuators_validated
-    from steelyard.identify.verdict_and_next_steps import (
-        error_limit_words,
-        exit_code,
-        fix_commands,
-        path_word,
-        robot_file,
-        step_lines,
-    )
+    from steelyard.identify import verdict_and_next_steps as judging
 
-    folder, model = optional_folder(output), call.keywords["model"]
+    folder, model = shared.optional_folder(output), call.keywords["model"]
     if is_actuator_model(model):
         return actuators_validated(call.keywords, folder, max_error, verbose, as_json)
-    found = computed(call, folder)
+    found = shared.computed(call, folder)
     if as_json:
-        print_json(found.to_dict()["logs"])
+        shared.print_json(found.to_dict()["logs"])
     else:
-        show(found, verbose)
-        steps = fix_commands(found.content, model, robot_file(found.content))
+        shared.show(found, verbose)
+        steps = [*judging.fix_commands(found.content, model, judging.robot_file(found.content))]
         if not found.content.scores:
-            steps = (
-                *steps,
-                (f"steelyard validate {path_word(model)} OTHER_LOG", "error on another motion"),
-            )
-        lines = step_lines(steps)
+            command = f"steelyard validate {judging.path_word(model)} OTHER_LOG"
+            steps.append((command, "error on another motion"))
+        lines = judging.step_lines(tuple(steps))
         if folder is not None:
-            lines.append(file_lines(folder, report="report.html"))
+            lines.append(shared.file_lines(folder, report="report.html"))
         if lines:
             typer.echo("\n".join(["", *lines]))
-    above = error_limit_words(found.verdict, max_error)
+    above = judging.error_limit_words(found.verdict, max_error)
     if above and not as_json:
         typer.echo(f"\n{above}")
-    raise typer.Exit(max(exit_code(found.content), int(bool(above))))
+    raise typer.Exit(max(judging.exit_code(found.content), int(bool(above))))
 
 
 @from_function(
@@ -140,7 +119,7 @@ def validate(
 )
 def compare(
     call: "partial[EstimatorComparison]",
-    output: PlotsFolder = None,
+    output: shared.PlotsFolder = None,
     verbose: bool = False,
     as_json: bool = False,
 ) -> None:
@@ -158,7 +137,7 @@ def compare(
         return found
 
     files = {"page": "compare.html", "JSON": "compare.json"}
-    found = reported(compute, output, as_json, verbose, **files)
+    found = shared.reported(compute, output, as_json, verbose, **files)
     if found.untried:
         raise typer.Exit(interrupt.INTERRUPTED)
 
@@ -171,13 +150,13 @@ def compare(
     },
     logs={
         "name": "--on",
-        "help": f"{LOG_HELP} Not logs that a model was identified from.",
+        "help": f"{shared.LOG_HELP} Not logs that a model was identified from.",
         "metavar": "LOG...",
     },
 )
 def compare_models(
-    call: "partial[ComparedModels]",
-    output: PlotsFolder = None,
+    call: "partial[Result]",
+    output: shared.PlotsFolder = None,
     verbose: bool = False,
     as_json: bool = False,
 ) -> None:
@@ -187,7 +166,7 @@ def compare_models(
 
     Example: steelyard compare-models full-model reduced-model --on other_motion.csv -o compared
     """
-    reported(call, output, as_json, verbose, page="models.html", JSON="models.json")
+    shared.reported(call, output, as_json, verbose, page="models.html", JSON="models.json")
 
 
 XYZ = {"type": tuple[float, float, float] | None, "metavar": "X Y Z"}
@@ -195,7 +174,7 @@ XYZ = {"type": tuple[float, float, float] | None, "metavar": "X Y Z"}
 
 @from_function(
     "steelyard:identify_payload",
-    logs={"help": f"With the payload. {LOG_HELP}"},
+    logs={"help": f"With the payload. {shared.LOG_HELP}"},
     gain_uncertainty={"max": 0.5, "metavar": "SHARE"},
     mass={"min": 1e-6},
     com=XYZ,
@@ -219,20 +198,12 @@ def payload(
 
     Example: steelyard payload steelyard-ur10e loaded.csv --frame tool0 --box 0.2 0.1 0.1
     """
-    from steelyard.base.errors import DataError
-    from steelyard.base.files import whole_folder, write_json
     from steelyard.estimate.identified_model import load_model
-    from steelyard.estimate.payload.payload_estimate import PayloadEstimate
     from steelyard.report.terminal import terminal
-    from steelyard.uses.payload.payload import (
-        event_lines,
-        events_of_logs,
-        payload_lines,
-        render_payload_events,
-    )
+    from steelyard.uses.payload import payload as text
     from steelyard.uses.payload.pick_up_and_put_down import events_dict
 
-    given, folder = call.keywords, optional_folder(output)
+    given, folder = call.keywords, shared.optional_folder(output)
     common = ("model", "logs", "frame", "gain_uncertainty")
     if when and any(value for name, value in given.items() if name not in common):
         raise DataError(
@@ -241,50 +212,45 @@ def payload(
             fix="leave these out with --when, or weigh without --when",
         )
     identified = load_model(given["model"])
-    with progress_bar() as progress:
-        found = (
-            events_of_logs(
-                identified, given["logs"], given["frame"], given["gain_uncertainty"], progress
-            )
-            if when
-            else call(model=identified, progress=progress)
-        )
-    result = found.to_dict() if isinstance(found, PayloadEstimate) else events_dict(found)
+    frame, gain = given["frame"], given["gain_uncertainty"]
+    with shared.progress_bar() as progress:
+        if when:
+            events = text.events_of_logs(identified, given["logs"], frame, gain, progress)
+            result, show = events_dict(events), partial(text.event_lines, events)
+        else:
+            found = call(model=identified, progress=progress)
+            result, show = found.to_dict(), partial(text.payload_lines, found)
     if folder is not None:
         with whole_folder(folder) as part:
             write_json(part / "payload.json", result)
-            if not isinstance(found, PayloadEstimate):
-                page = render_payload_events(found, identified.robot.name)
+            if when:
+                page = text.render_payload_events(events, identified.robot.name)
                 (part / "report.html").write_text(page, encoding="utf-8")
             interrupt.too_late()
     if as_json:
-        print_json(result)
+        shared.print_json(result)
         return
-    if isinstance(found, PayloadEstimate):
-        payload_lines(found, terminal())
-    else:
-        event_lines(found, terminal())
+    show(terminal())
     if folder is not None:
-        typer.echo(f"\npayload  {folder / 'payload.json'}")
-        if when:
-            typer.echo(f"report   {folder / 'report.html'}")
+        files = {"payload": "payload.json", **({"report": "report.html"} if when else {})}
+        typer.echo("\n" + shared.file_lines(folder, **files))
 
 
 @from_function("steelyard:contact")
-def contact(call: "partial[Contacts]", output: ReportFolder = None, as_json: bool = False) -> None:
+def contact(
+    call: "partial[Result]", output: shared.ReportFolder = None, as_json: bool = False
+) -> None:
     """Find contacts in a log without a force sensor: when, at which joints, on which link.
 
     Example: steelyard contact steelyard-ur10e shift.csv --calibrate free1.csv free2.csv
     """
-    reported(call, output, as_json, report="report.html")
+    shared.reported(call, output, as_json, report="report.html")
 
 
 @from_function(
     "steelyard:external_wrench", sensor_at={"type": str | None, "metavar": '"X Y Z R P Y"'}
 )
-def wrench(
-    call: "partial[ExternalWrench]", output: Path | None = None, as_json: bool = False
-) -> None:
+def wrench(call: "partial[Result]", output: Path | None = None, as_json: bool = False) -> None:
     """Estimate force and moment on a frame along a log, without a force sensor.
 
     With 95 % intervals, finite in singular postures; names what is not observable. With --measured
@@ -295,18 +261,20 @@ def wrench(
 
     Example: steelyard wrench steelyard-ur10e shift.csv --frame tool0 -o wrench
     """
-    reported(call, output, as_json, report="report.html", table="wrench.csv")
+    shared.reported(call, output, as_json, report="report.html", table="wrench.csv")
 
 
-@from_function("steelyard:health", logs={"help": f"In the order of time. {LOG_HELP}"})
-def health(call: "partial[Health]", output: ReportFolder = None, as_json: bool = False) -> None:
+@from_function("steelyard:health", logs={"help": f"In the order of time. {shared.LOG_HELP}"})
+def health(
+    call: "partial[Health]", output: shared.ReportFolder = None, as_json: bool = False
+) -> None:
     """Detect drift of friction, offsets and effort scales from logs of normal operation.
 
     Exit code 0: no drift. 1: something drifted, or may have (drift not proven). 2: error.
 
     Example: steelyard health steelyard-ur10e monday.csv tuesday.csv -o health
     """
-    found = reported(call, output, as_json, report="report.html")
+    found = shared.reported(call, output, as_json, report="report.html")
     raise typer.Exit(int(bool(found.drifts or found.unproven)))
 
 
@@ -333,26 +301,21 @@ def feedforward(
     """
     from rich.text import Text
 
-    from steelyard.base.files import refuse_existing
     from steelyard.report.tables import light_table
     from steelyard.report.terminal import terminal
-    from steelyard.report.words import significant
 
     refuse_existing(output)
     found = call()
     found.write(output)
     if as_json:
-        print_json({**found.to_dict(), "output": str(output)})
+        shared.print_json({**found.to_dict(), "output": str(output)})
         return
-    console = terminal()
     table = light_table(("joint", "RMS", "largest", "unit"), (0, 3))
     table.title, table.title_justify = Text("torque along the motion"), "left"
     for joint, rms, peak in zip(found.joints, found.rms, found.peaks, strict=True):
         cells = (joint.name, significant(rms), significant(peak), joint.effort_unit)
         table.add_row(*(Text(cell) for cell in cells))
-    console.print(table)
-    for warning in found.warnings:
-        console.print(Text(f"! {warning}", style="bold red"))
-    for note in found.notes:
-        console.print(Text(f"note: {note}"))
+    terminal().print(table)
+    shared.print_lines(*(f"! {warning}" for warning in found.warnings), style="bold red")
+    shared.print_lines(*(f"note: {note}" for note in found.notes))
     typer.echo(f"\n{len(found.motion)} rows  {output}")

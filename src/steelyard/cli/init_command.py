@@ -8,13 +8,15 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
+from steelyard.base.files import refuse_existing, whole_file
 from steelyard.cli import interrupt
+from steelyard.cli import shared_by_commands as shared
 from steelyard.cli.commands_from_functions import from_function
-from steelyard.cli.shared_by_commands import XACRO_ARGUMENTS_HELP, print_json, refuse_options
+from steelyard.report.words import count, first_names
 
 if TYPE_CHECKING:
     from steelyard.cli.drive_questions import Stated
-    from steelyard.identify.validation_split import ProposedCut
+    from steelyard.identify.repeated_motion_and_validation_split import ProposedCut
     from steelyard.robot.init.draft_robot_file import Assignment, Draft, Proposal
     from steelyard.robot.init.draft_tables import Known
     from steelyard.runs.runs_of_named_logs import LogArgument
@@ -24,7 +26,7 @@ _NAMED = 6  # locked joints that are named; the robot file lists all
 
 
 @from_function(
-    model={"help": f"URDF, xacro file or MJCF of the robot. {XACRO_ARGUMENTS_HELP}"}
+    model={"help": f"URDF, xacro file or MJCF of the robot. {shared.XACRO_ARGUMENTS_HELP}"}
     | {"metavar": "URDF"},
     rate={"min": 1e-6, "max": 1e6},
     gains={"metavar": "LIST"},
@@ -82,9 +84,8 @@ def init(
     Signals of motors: steelyard init arm.urdf run1.csv --side motor --ratios 32,45,-48 --coupling
     wrist,elbow,32
     """
-    from steelyard.base.files import refuse_existing, whole_file
     from steelyard.cli.drive_questions import Stated
-    from steelyard.identify.validation_split import ProposedCut, propose_cut
+    from steelyard.identify.repeated_motion_and_validation_split import ProposedCut, propose_cut
     from steelyard.robot.file.robot_file import load_robot
     from steelyard.robot.init.draft_robot_file import drafted, notes_beside, proposed
     from steelyard.runs.runs_of_named_logs import log_files
@@ -96,7 +97,7 @@ def init(
         of_logs: dict[str, object] = {"--rate": rate, "--gains": gains, "--ratios": ratios}
         of_logs |= {"--side": side, "--coupling": coupling, "--zeros": zeros}
         fix = "give the log after the model file, or leave it out"
-        refuse_options(of_logs, "is given without a log", fix)
+        shared.refuse_options(of_logs, "is given without a log", fix)
     asking = not (no_input or as_json) and sys.stdin.isatty() and sys.stdout.isatty()
     stated = Stated(ratios, coupling or (), gains, zeros, side)
     assignment, known = examined(proposal, log_files(logs or []), rate, stated, asking)
@@ -107,7 +108,7 @@ def init(
     written = proposal.loaded if draft.unreadable else load_robot(target)
     notes = (*proposal.notes, *_locked(draft), *notes_beside(proposal.loaded, written))
     if as_json:
-        print_json(
+        shared.print_json(
             {
                 "robot_file": str(target),
                 "complete": not (draft.missing or draft.without_columns),
@@ -182,10 +183,8 @@ def _locked(draft: "Draft") -> list[str]:
         (draft.hands, "recognised as joints of a hand"),
         (draft.apart, "no columns in the log; apart from the identified joints"),
     ):
-        more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
-        some = ", ".join(names[:_NAMED]) + more
         move = "to identify one, move it from [robot.locked] to joints"
-        lines += [f"locked {some} ({why}); {move}"] if names else []
+        lines += [f"locked {first_names(names, _NAMED)} ({why}); {move}"] if names else []
     return lines
 
 
@@ -196,16 +195,6 @@ def show(
 
     `named` are model file, robot file and logs as they were given; of `parts` the last validates.
     """
-    from rich.text import Text
-
-    from steelyard.report.terminal import terminal
-    from steelyard.report.words import count
-
-    console = terminal()
-
-    def say(words: str, style: str = "") -> None:
-        console.print(Text(words, style=style), soft_wrap=True)
-
     target = named[1]
     wrong = list(draft.missing)
     if draft.without_columns:
@@ -213,20 +202,20 @@ def show(
         fix = "state their positions in [robot.locked], or log them; zero is assumed"
         wrong.append((f"the log has no columns of {names}", fix))
     if wrong:
-        say(f"wrote {target}, incomplete: {'; '.join(what for what, _ in wrong)}", "bold red")
-        for fix in dict.fromkeys(fix for _, fix in wrong):
-            say(f"to do {fix}", "bold")
+        whats, fixes = zip(*wrong, strict=True)
+        written = f"wrote {target}, incomplete: {'; '.join(whats)}"
+        shared.print_lines(written, style="bold red", whole=True)
+        to_do = (f"to do {fix}" for fix in dict.fromkeys(fixes))
+        shared.print_lines(*to_do, style="bold", whole=True)
     else:
-        say(f"wrote {target}: {count(len(draft.identified), 'joint')} to identify")
-    for reason in draft.reasons:
-        say(f"guess {reason}")
-    notes = [f"note  {note}" for note in notes]
-    for line in (*_beyond_columns(draft, known), *notes, *next_steps(draft, named, parts)):
-        say(line)
+        written = f"wrote {target}: {count(len(draft.identified), 'joint')} to identify"
+        shared.print_lines(written, whole=True)
+    lines = [f"guess {reason}" for reason in draft.reasons]
+    lines += [*_beyond_columns(draft, known), *(f"note  {note}" for note in notes)]
+    shared.print_lines(*lines, *next_steps(draft, named, parts), whole=True)
 
 
 def _beyond_columns(draft: "Draft", known: "Known") -> Iterator[str]:
-    """Gains and friction laws, and where they come from."""
     from steelyard.robot.init.draft_tables import needs_gains, scale_words
 
     if draft.guess is None:

@@ -9,7 +9,7 @@ through `exec`, ends with a signal whatever the program does.
 
 import signal
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from types import FrameType
@@ -36,7 +36,12 @@ def install() -> None:
     """Take over Ctrl-C; for the program itself, not for whoever imports it."""
     _state.installed = True
     signal.signal(signal.SIGINT, _note)
-    sys.unraisablehook = _quiet(sys.unraisablehook)
+
+    def hook(problem: "sys.UnraisableHookArgs") -> None:
+        if not issubclass(problem.exc_type, Interrupted):
+            sys.unraisablehook(problem)
+
+    sys.unraisablehook = hook
 
 
 def stop_requested() -> bool:
@@ -106,15 +111,3 @@ def _note(number: int, frame: FrameType | None) -> None:
     _state.requests += 1
     if _state.requests > 1 or not _state.quiet:
         raise Interrupted
-
-
-def _quiet(
-    show: Callable[["sys.UnraisableHookArgs"], object],
-) -> Callable[["sys.UnraisableHookArgs"], object]:
-    """No traceback of an interrupt that a callback swallowed: it is asked for again soon."""
-
-    def hook(problem: "sys.UnraisableHookArgs") -> None:
-        if not issubclass(problem.exc_type, Interrupted):
-            show(problem)
-
-    return hook

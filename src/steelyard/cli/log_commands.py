@@ -9,10 +9,11 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from steelyard.base.visible_text import visible
+from steelyard.base.errors import ModelError, visible
+from steelyard.base.files import whole_file, whole_folder
 from steelyard.cli import interrupt
+from steelyard.cli import shared_by_commands as shared
 from steelyard.cli.commands_from_functions import DerivedCommand, from_function
-from steelyard.cli.shared_by_commands import LOG_HELP, optional_folder, print_json, progress_bar
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -73,16 +74,12 @@ def check(
 
     Example: steelyard check ur10e.toml run1.csv run2.csv --fix
     """
-    from rich.text import Text
-
-    from steelyard.base.errors import ModelError
-    from steelyard.base.files import whole_file, whole_folder
-    from steelyard.identify.validation_split import ProposedCut, propose_cut
+    from steelyard.identify.repeated_motion_and_validation_split import ProposedCut, propose_cut
     from steelyard.report.terminal import terminal
     from steelyard.robot.file.robot_file import load_robot
 
-    folder = optional_folder(output)
-    with progress_bar() as progress, ExitStack() as parts:
+    folder = shared.optional_folder(output)
+    with shared.progress_bar() as progress, ExitStack() as parts:
         found = call(progress=progress)
         if found.fixed is not None and found.fixed.changes:
             file = parts.enter_context(whole_file(found.fixed.subject.path))
@@ -92,10 +89,9 @@ def check(
         interrupt.too_late()
     robot, logs, model = (call.keywords[name] for name in ("robot", "logs", "model"))
     if as_json:
-        print_json({**found.to_dict(), "output": folder and str(folder)})
+        shared.print_json({**found.to_dict(), "output": folder and str(folder)})
     else:
-        console = terminal()
-        found.show(console, verbose)
+        found.show(terminal(), verbose)
         given, gains = ProposedCut(tuple(logs)), True
         if not (model or found.last.severity):
             changed = found.fixed is not None and found.fixed.changes
@@ -105,8 +101,7 @@ def check(
             except ModelError:  # a model file and currents: no drive gains, as columns are guessed
                 gains = False
         named = [] if model else [robot, *given.logs]
-        for line in hints(found, folder, named, given.ends, gains=gains):
-            console.print(Text(line), soft_wrap=True)
+        shared.print_lines(*hints(found, folder, named, given.ends, gains=gains), whole=True)
     if found.last.severity:
         raise typer.Exit(int(found.last.severity))
 
@@ -125,12 +120,7 @@ def hints(
     says why the log that validates ends before its last row. Without known drive gains a robot
     file is needed for them.
     """
-    from steelyard.identify.verdict_and_next_steps import (
-        gear_side_steps,
-        identify_command,
-        path_word,
-        step_lines,
-    )
+    from steelyard.identify import verdict_and_next_steps as judging
 
     lines, used = [""], list(named)
     if found.fixed is not None and found.fixed.changes:
@@ -142,8 +132,8 @@ def hints(
         lines.append("--fix       writes a new robot file with these lines, and checks again")
     if folder is None and found.content.diagnosis.severity:
         lines.append("-o FOLDER   writes a page with the plots")
-    file = path_word(used[0] if used else found.content.file)
-    steps = gear_side_steps(found.last.findings, file)
+    file = judging.path_word(used[0] if used else found.content.file)
+    steps = judging.gear_side_steps(found.last.findings, file)
     if found.last.inconclusive:
         steps.insert(0, ("", WHAT_TO_COMPARE))
     elif "transmission" in found.last.open_checks:
@@ -151,11 +141,11 @@ def hints(
     if found.last.model_open:
         steps.insert(1, ("", WHAT_DECIDES_GAINS))
     if named and not gains:
-        words = " ".join(path_word(name) for name in used)
+        words = " ".join(judging.path_word(name) for name in used)
         steps.append((f"steelyard init {words}", "identify needs a robot file for drive gains:"))
     elif named and not found.last.severity:
-        steps.append((identify_command(used[0], used[1:]), ends))
-    lines += step_lines(tuple(steps), 12)
+        steps.append((judging.identify_command(used[0], used[1:]), ends))
+    lines += judging.step_lines(tuple(steps), 12)
     return lines if len(lines) > 1 else []
 
 
@@ -179,10 +169,10 @@ def info(logs: list[str], as_json: bool = False) -> None:
     found = []
     for text in logs:
         path, cut = parse_log_argument(text)
-        with progress_bar() as progress:
+        with shared.progress_bar() as progress:
             found.append(content_of(open_log(path), cut, progress))
     if as_json:
-        print_json([content.to_dict() for content in found])
+        shared.print_json([content.to_dict() for content in found])
         return
     for content in found:
         show_content(content, terminal())
@@ -190,7 +180,7 @@ def info(logs: list[str], as_json: bool = False) -> None:
 
 @log.command(cls=DerivedCommand)
 @from_function(
-    source={"help": LOG_HELP, "metavar": "LOG"},
+    source={"help": shared.LOG_HELP, "metavar": "LOG"},
     output={"metavar": "OUTPUT"},
     columns={"metavar": "NAME..."},
     beside={"metavar": "LOG..."},
@@ -211,7 +201,6 @@ def convert(
 
     Example: steelyard log convert run.mcap@1:5 run.csv --columns "/joint_states/*"
     """
-    from steelyard.base.files import whole_file
     from steelyard.logs.clocks_and_combined_logs import SideBySide
     from steelyard.logs.contents import windowed, with_progress
     from steelyard.logs.formats import open_log, writer_for
@@ -225,14 +214,14 @@ def convert(
     require_columns(path, opened.columns, wanted)
     writer = writer_for(output)
     rows = 0
-    with progress_bar() as progress, whole_file(output) as part:
+    with shared.progress_bar() as progress, whole_file(output) as part:
         with writer(part, wanted) as write:
             for table in with_progress(windowed(opened, wanted, cut), opened, progress, "writing"):
                 write(table)
                 rows += len(table)
         interrupt.too_late()
     if as_json:
-        print_json({"output": str(output), "rows": rows, "columns": list(wanted)})
+        shared.print_json({"output": str(output), "rows": rows, "columns": list(wanted)})
         return
     typer.echo(f"wrote {output}: {rows} rows of {len(wanted)} columns")
     if isinstance(opened, SideBySide):

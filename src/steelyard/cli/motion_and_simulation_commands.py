@@ -8,30 +8,22 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from steelyard.base.files import new_folder, whole_folder
+from steelyard.base.progress import Event, Progress, Stopped
 from steelyard.cli import interrupt
+from steelyard.cli import shared_by_commands as shared
 from steelyard.cli.commands_from_functions import from_function
-from steelyard.cli.shared_by_commands import (
-    MODEL_HELP,
-    computed,
-    file_lines,
-    output_folder,
-    print_json,
-    progress_bar,
-    say,
-    show,
-)
 
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from steelyard.base.progress import Event, Progress
     from steelyard.excite.excite import DesignedMotion, DesignTask
     from steelyard.excite.search.parallel_search import SearchBudget
     from steelyard.excite.trajectories.exact_trajectories import ExactTrajectory
     from steelyard.identify.identify import Identification
+    from steelyard.report.result import Result
     from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
     from steelyard.simulate.simulate import SimulatedRun
-    from steelyard.simulate.track import TrackingComparison
 
 UNPROVEN = 1  # exit code where a limit or a constraint is not proven
 UNCOVERED = 3  # exit code where all that was looked at is proven, but not everything was looked at
@@ -52,7 +44,7 @@ EXITS = {"good": 0, "fair": UNCOVERED, "poor": UNPROVEN}  # exit code by how goo
 )
 def excite(
     call: "partial[DesignedMotion]",
-    output: Annotated[Path | None, output_folder("steelyard-ROBOT-motion")] = None,
+    output: Annotated[Path | None, shared.output_folder("steelyard-ROBOT-motion")] = None,
     verbose: bool = False,
     as_json: bool = False,
 ) -> None:
@@ -72,26 +64,24 @@ def excite(
     Example: steelyard excite panda.toml --budget 20 -o panda-motion
     """
     begun = time.monotonic()
-    from steelyard.base.files import new_folder
     from steelyard.excite.excite import design_task
     from steelyard.excite.page.design_text import design_level
     from steelyard.excite.search.parallel_search import SearchBudget
-    from steelyard.robot.models.xacro import stem_of
 
     given = dict(call.keywords)
     effort = SearchBudget(*(given.pop(x) for x in ("budget", "searches", "processes", "seed")))
     task = design_task(**given)
-    folder = new_folder(output, f"steelyard-{stem_of(given['robot'])}-motion")
+    folder = shared.robot_folder(output, given["robot"], "-motion")
     found, written = _designed(task, effort, folder, begun)
     if as_json:
-        print_json(found.to_dict() | {"files": written})
+        shared.print_json(found.to_dict() | {"files": written})
     else:
-        show(found, verbose)
+        shared.show(found, verbose)
         lines = ["", *(f"{name:<12} {path}" for name, path in written.items())]
         if withheld := [form for form in task.formats if form not in found.written_formats]:
             words = "the motion is not proven to satisfy all limits; do not run it"
             lines.append(f"not written  {', '.join(withheld)}: {words}")
-        say("\n".join(lines))
+        shared.say("\n".join(lines))
     if code := EXITS[design_level(found.designed)]:
         raise typer.Exit(code)
 
@@ -100,11 +90,8 @@ def _designed(
     task: "DesignTask", effort: "SearchBudget", folder: Path, begun: float
 ) -> "tuple[DesignedMotion, dict[str, str]]":
     """The design and its files, whole in a new folder; Ctrl-C ends a search and keeps its best."""
-    from steelyard.base.files import whole_folder
-    from steelyard.base.progress import Stopped
-
     try:
-        with progress_bar() as progress, whole_folder(folder) as part:
+        with shared.progress_bar() as progress, whole_folder(folder) as part:
             with interrupt.quietly() if task.searched else nullcontext():
                 watch = _ending(progress) if task.searched else progress
                 found = task.done(effort, progress=watch, since=begun)
@@ -117,10 +104,10 @@ def _designed(
     return found, {name: str(folder / path) for name, path in files.items()}
 
 
-def _ending(progress: "Progress") -> "Progress":
+def _ending(progress: Progress) -> Progress:
     """A watcher that lets Ctrl-C end a search, and keeps what it has found."""
 
-    def watch(event: "Event") -> bool:
+    def watch(event: Event) -> bool:
         if interrupt.stop_requested():
             interrupt.answered()
             return False
@@ -160,7 +147,7 @@ def replay(
     loaded = load_robot(robot)
     stage = staged(loaded, read_motion(trajectory, loaded.robot))
     for note in stage.notes:
-        say(f"note        {note}")
+        shared.say(f"note        {note}")
     with interrupt.quietly():
         shown = replayed(stage, host, port, speed)
         typer.echo(f"replay      {shown.address}  (Ctrl-C ends it)")
@@ -187,7 +174,7 @@ FACTOR = {"metavar": "FACTOR"}
 )
 def simulate(
     call: "partial[SimulatedRun]",
-    output: Annotated[Path | None, output_folder("steelyard-ROBOT-simulated")] = None,
+    output: Annotated[Path | None, shared.output_folder("steelyard-ROBOT-simulated")] = None,
     as_json: bool = False,
 ) -> None:
     """Simulate a robot with random true parameters near the nominal ones, and log it.
@@ -202,19 +189,15 @@ def simulate(
 
     Example: steelyard simulate panda.urdf --seed 1 -o panda-run1
     """
-    from steelyard.base.files import new_folder, whole_folder
-    from steelyard.robot.models.xacro import stem_of
-
-    robot, periods, dry_run, seed, truth = (
-        call.keywords[name] for name in ("robot", "periods", "dry_run", "seed", "truth")
-    )
-    folder = new_folder(output, f"steelyard-{stem_of(robot)}-simulated")
-    with progress_bar() as progress, whole_folder(folder) as part:
+    given = call.keywords
+    periods, dry_run, truth = (given[name] for name in ("periods", "dry_run", "truth"))
+    folder = shared.robot_folder(output, given["robot"], "-simulated")
+    with shared.progress_bar() as progress, whole_folder(folder) as part:
         made = call(folder=part, progress=progress)
         interrupt.too_late()
     written = {name: str(folder / path.name) for name, path in vars(made.files).items()}
     if as_json:
-        print_json(written)
+        shared.print_json(written)
         return
     lines = [f"note        {note}" for note in made.notes]
     if periods > 1:
@@ -224,15 +207,16 @@ def simulate(
         slow = f"{full / dry_run:g} s, not {full:g} s"
         lines.append(f"dry run     at {dry_run:g} of the speed: {slow}")
     another = "another seed is another robot); for another motion of this robot give --motion"
-    lines.append(f"robot       {truth or f'seed {seed} ({another}'}")
-    say("\n".join([*lines, *(f"{name:<11} {path}" for name, path in written.items())]))
+    seed = f"seed {given['seed']} ({another}"
+    lines.append(f"robot       {truth or seed}")
+    shared.say("\n".join([*lines, *(f"{name:<11} {path}" for name, path in written.items())]))
 
 
 @from_function(
     "steelyard:track",
     motion={"help": "trajectory.json, or a table of time and positions."},
     model={
-        "help": f"Identified model: {MODEL_HELP[:-1]}; several with --model A --model B.",
+        "help": f"Identified model: {shared.MODEL_HELP[:-1]}; several with --model A --model B.",
         "metavar": "MODEL",
     },
     control={"metavar": "KIND"},
@@ -241,8 +225,8 @@ def simulate(
     tool={"metavar": "NAME"},
 )
 def track(
-    call: "partial[TrackingComparison]",
-    output: Annotated[Path | None, output_folder("steelyard-ROBOT-tracking")] = None,
+    call: "partial[Result]",
+    output: Annotated[Path | None, shared.output_folder("steelyard-ROBOT-tracking")] = None,
     as_json: bool = False,
 ) -> None:
     """Simulate a robot under control, with and without an identified model.
@@ -254,16 +238,13 @@ def track(
 
     Example: steelyard track panda.toml motion.json --model panda-model -o panda-tracking
     """
-    from steelyard.base.files import new_folder
-    from steelyard.robot.models.xacro import stem_of
-
-    folder = new_folder(output, f"steelyard-{stem_of(call.keywords['robot'])}-tracking")
-    found = computed(call, folder)
+    folder = shared.robot_folder(output, call.keywords["robot"], "-tracking")
+    found = shared.computed(call, folder)
     if as_json:
-        print_json({**found.to_dict(), "output": str(folder)})
+        shared.print_json({**found.to_dict(), "output": str(folder)})
         return
-    show(found)
-    typer.echo(file_lines(folder, page="tracking.html", JSON="tracking.json"))
+    shared.show(found)
+    typer.echo(shared.file_lines(folder, page="tracking.html", JSON="tracking.json"))
 
 
 DESIGN_SEARCHES = 2  # searches after which the design of the motion ends, on a busy machine as well
@@ -272,7 +253,7 @@ DESIGN_TIME = 120.0  # seconds after which it ends in any case
 
 @from_function()
 def demo(
-    output: Annotated[Path | None, output_folder("steelyard-demo")] = None,
+    output: Annotated[Path | None, shared.output_folder("steelyard-demo")] = None,
     seed: int = 0,
     verbose: bool = False,
     as_json: bool = False,
@@ -281,7 +262,6 @@ def demo(
 
     Example: steelyard demo -o first-try
     """
-    from steelyard.base.files import new_folder, whole_folder
     from steelyard.excite.excite import DesignedMotion, DesignTask
     from steelyard.excite.search.parallel_search import SearchBudget
     from steelyard.identify.identify import identify
@@ -291,7 +271,7 @@ def demo(
 
     folder = new_folder(output, "steelyard-demo")
     found: list[DesignedMotion] = []
-    with progress_bar() as progress, whole_folder(folder) as part:
+    with shared.progress_bar() as progress, whole_folder(folder) as part:
 
         def designed(loaded: "LoadedRobot") -> "ExactTrajectory":
             effort = SearchBudget(DESIGN_TIME, DESIGN_SEARCHES, None, seed)
@@ -312,7 +292,8 @@ def demo(
         interrupt.too_late()
     if as_json:
         motion = found[0].to_dict() | {"output": str(folder / "motion")}
-        print_json({"output": str(folder / "results"), **identified.to_dict(), "motion": motion})
+        numbers = identified.to_dict() | {"motion": motion}
+        shared.print_json({"output": str(folder / "results"), **numbers})
         return
     console = terminal()
     if verbose:
@@ -332,18 +313,12 @@ def demo(
 
 def _show(motion: "DesignedMotion", found: "Identification", console: "Console") -> None:
     """Print whether the motion is safe, the error of the model, and how near it is to the truth."""
-    from rich.text import Text
-
     from steelyard.excite.page.design_text import design_headline
     from steelyard.identify.page.parameters_and_truth import TruthSection
     from steelyard.identify.page.verdict_and_joint_errors import VerdictSection
 
-    console.print(Text(design_headline(motion.designed)))
-    parts = [
-        part
-        for section in (VerdictSection(), TruthSection())
-        for part in section.printed(found.content)
-    ]
+    shared.print_lines(design_headline(motion.designed))
+    parts = [*VerdictSection().printed(found.content), *TruthSection().printed(found.content)]
     for number, part in enumerate(parts):
         if number:
             console.print()

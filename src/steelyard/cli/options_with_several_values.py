@@ -4,20 +4,9 @@ import re
 from itertools import pairwise
 
 MANY_VALUED_OPTIONS = (
-    "--validate",
-    "--format",
-    "--loaded",
-    "--unloaded",
-    "--columns",
-    "--beside",
-    "--calibrate",
-    "--estimators",
-    "--on",
-    "--keep",
-    "--measured",
-    "--sensor-rest",
-    "--drop",
-)
+    "--validate --format --loaded --unloaded --columns --beside --calibrate --estimators --on "
+    "--keep --measured --sensor-rest --drop"
+).split()
 """Options that take all that follows up to the next option."""
 
 

@@ -6,19 +6,13 @@ from typing import TYPE_CHECKING, Annotated, Literal, cast
 
 import typer
 
+from steelyard.base.errors import ModelError, OutputError
+from steelyard.base.files import new_folder, refuse_existing, whole_file, whole_folder
 from steelyard.base.progress import DESIGN_BUDGET_S
 from steelyard.cli import interrupt
+from steelyard.cli import shared_by_commands as shared
 from steelyard.cli.commands_from_functions import from_function
-from steelyard.cli.shared_by_commands import (
-    file_lines,
-    optional_folder,
-    output_folder,
-    print_json,
-    progress_bar,
-    refuse_options,
-    say,
-    show,
-)
+from steelyard.report.words import count, significant
 
 if TYPE_CHECKING:
     from steelyard.export.code.export_code import WrittenCode
@@ -44,7 +38,7 @@ def reduce(
     last: Path | None = None,
     limit: float | None = None,
     budget: float = DESIGN_BUDGET_S,
-    output: Annotated[Path | None, output_folder("steelyard-reduced")] = None,
+    output: Annotated[Path | None, shared.output_folder("steelyard-reduced")] = None,
     verbose: bool = False,
     as_json: bool = False,
 ) -> None:
@@ -70,22 +64,22 @@ def reduce(
     Example: steelyard reduce steelyard-leg run*.csv --criterion contribution --each
     """
     from steelyard.base.arrays import finite_json
-    from steelyard.base.files import new_folder, whole_folder
     from steelyard.excite.excite import design_excitation, design_task
     from steelyard.identify.verdict_and_next_steps import exit_code
 
     _refuse_missing(robot, {"--bodies": bodies, "--next": following is not None})
     if following is None:
         needless = {"--last": last, "--limit": limit}
-        refuse_options(
+        shared.refuse_options(
             needless, "is given, but no motion is designed", "add --next DIR, or leave it out"
         )
-    folder, motion_folder = new_folder(output, "steelyard-reduced"), optional_folder(following)
+    folder = new_folder(output, "steelyard-reduced")
+    motion_folder = shared.optional_folder(following)
     criterion: str | None = None if limit is None else "condition"
     if motion_folder is not None and robot is not None:
         _refuse_same(folder, motion_folder)
         design_task(robot, earlier=call.keywords["model"], start=last, criterion=criterion)
-    with progress_bar() as progress:
+    with shared.progress_bar() as progress:
         found = call(bodies=robot if bodies else None, progress=progress)
         with whole_folder(folder) as place:
             found.write(place)
@@ -93,37 +87,28 @@ def reduce(
                 interrupt.too_late()
     interrupt.finished(str(folder))
     if not as_json:
-        show(found, verbose)
-        typer.echo("\n" + file_lines(folder, model="model.json", report="report.html"))
+        shared.show(found, verbose)
+        typer.echo("\n" + shared.file_lines(folder, model="model.json", report="report.html"))
     designed: dict[str, object] | None = None
     if motion_folder is not None and robot is not None:
-        with progress_bar() as progress, whole_folder(motion_folder) as place:
-            motion = design_excitation(
-                robot,
-                earlier=found.model,
-                start=last,
-                criterion=criterion,
-                budget=budget,
-                progress=progress,
-            )
+        with shared.progress_bar() as progress, whole_folder(motion_folder) as place:
+            design = partial(design_excitation, start=last, criterion=criterion, budget=budget)
+            motion = design(robot, earlier=found.model, progress=progress)
             motion.write(place)
             interrupt.too_late()
         condition = motion.designed.shown.raw
         finished = None if limit is None else bool(condition <= limit)
         designed = {"condition": finite_json(condition), "limit": limit, "finished": finished}
         if not as_json:
-            say("\n".join(_next_lines(condition, limit)))
-            typer.echo(file_lines(motion_folder, motion="trajectory.json"))
+            shared.say("\n".join(_next_lines(condition, limit)))
+            typer.echo(shared.file_lines(motion_folder, motion="trajectory.json"))
     if as_json:
         written = {"output": str(folder), "motion": motion_folder and str(motion_folder)}
-        print_json({**found.to_dict(), **written, "next": designed})
+        shared.print_json({**found.to_dict(), **written, "next": designed})
     raise typer.Exit(exit_code(found.content))
 
 
 def _next_lines(condition: float, limit: float | None) -> list[str]:
-    """The condition number of the next motion, and whether the reduction is finished."""
-    from steelyard.report.words import significant
-
     lines = [f"condition number of the next motion (not normalised): {significant(condition, 4)}"]
     if limit is not None and condition <= limit:
         lines.append(
@@ -139,8 +124,6 @@ def _next_lines(condition: float, limit: float | None) -> list[str]:
 
 
 def _refuse_missing(robot: str | None, asking: dict[str, bool]) -> None:
-    from steelyard.base.errors import ModelError
-
     if robot is None and any(asking.values()):
         raise ModelError(
             f"{' and '.join(name for name, given in asking.items() if given)} without a robot file",
@@ -150,15 +133,10 @@ def _refuse_missing(robot: str | None, asking: dict[str, bool]) -> None:
 
 
 def _refuse_same(folder: Path, motion_folder: Path) -> None:
-    """Refuse to write a motion to where the model, or a folder around it, is written before."""
-    from steelyard.base.errors import OutputError
-
     if motion_folder.resolve() in (folder.resolve(), *folder.resolve().parents):
-        raise OutputError(
-            f"the motion's folder is that of the reduced model ({folder}), or contains it",
-            where=f"--next {motion_folder}",
-            fix="name another folder, outside of which the model is written",
-        )
+        wrong = f"the motion's folder is that of the reduced model ({folder}), or contains it"
+        fix = "name another folder, outside of which the model is written"
+        raise OutputError(wrong, where=f"--next {motion_folder}", fix=fix)
 
 
 Kind = Literal["urdf", "mjcf", "c", "python", "fmu", "ros2", "simulink", "isaaclab", "mjlab"]
@@ -220,8 +198,6 @@ def export(
     Example: steelyard export steelyard-ur10e --to c -o ur10e-c
     """
     from steelyard.actuators.actuator_model import is_actuator_model
-    from steelyard.base.errors import OutputError
-    from steelyard.base.files import refuse_existing, whole_file
     from steelyard.cli.actuator_commands import actuators_exported
     from steelyard.estimate.identified_model import load_model
     from steelyard.export.model_files.export_model_file import exported, refuse_changed
@@ -230,7 +206,7 @@ def export(
     if is_actuator_model(model):
         options: dict[str, object] = {"--model": original, "--precision": precision}
         options |= {"--function": functions, "--frame": frames}
-        refuse_options(options, "does not apply to a model of actuators", "leave it out")
+        shared.refuse_options(options, "does not apply to a model of actuators", "leave it out")
         return actuators_exported(model, form, output, as_json)
     identified = load_model(model)
     if form == "isaaclab" or form == "mjlab":
@@ -244,7 +220,7 @@ def export(
     refuse_existing(path)
     needless = f"does not apply to {FORMATS[form][0]}"
     if form != "urdf" and form != "mjcf":
-        refuse_options({"--model": original}, needless, "leave it out, or give --to urdf")
+        shared.refuse_options({"--model": original}, needless, "leave it out, or give --to urdf")
         from steelyard.export.code.export_code import write_code
 
         written = write_code(
@@ -253,7 +229,7 @@ def export(
         _print_code(path, form, written, as_json)
         return
     of_code = {"--precision": precision, "--function": functions, "--frame": frames}
-    refuse_options(of_code, needless, "leave it out, or give --to c")
+    shared.refuse_options(of_code, needless, "leave it out, or give --to c")
     made = exported(identified, form, original)
     with whole_file(path) as part:
         part.write_text(made.text, encoding="utf-8", newline="")
@@ -264,8 +240,6 @@ def export(
 
 def _format(to: Kind | None, output: Path | None) -> Kind:
     """The format that is requested, by name or by the file's ending, which must agree."""
-    from steelyard.base.errors import OutputError
-
     ending = "" if output is None else output.suffix.lower()
     of_ending = cast("Kind | None", ENDINGS.get(ending))
     form = to or of_ending
@@ -280,28 +254,17 @@ def _format(to: Kind | None, output: Path | None) -> Kind:
     if of_ending not in (None, form) and ending != ".xml" and not code:
         what, usual = FORMATS[form]
         name = f"end its name in '{usual}'" if usual.startswith(".") else "name a folder"
-        raise OutputError(
-            f"the file would be {what}, but its name ends in '{ending}'",
-            where=str(output),
-            fix=f"{name}, or give --to {of_ending}",
-        )
+        wrong = f"the file would be {what}, but its name ends in '{ending}'"
+        fix = f"{name}, or give --to {of_ending}"
+        raise OutputError(wrong, where=str(output), fix=fix)
     return form
 
 
 def _print_export(path: Path, made: "Exported", as_json: bool) -> None:
-    from rich.text import Text
-
-    from steelyard.export.model_files.export_model_file import (
-        KEPT,
-        LIGHT_LINKS,
-        UNSEEN,
-        listed_under,
-    )
-    from steelyard.report.terminal import terminal
-    from steelyard.report.words import count
+    from steelyard.export.model_files import export_model_file as model_files
 
     if as_json:
-        print_json(
+        shared.print_json(
             {
                 "file": str(path),
                 "format": made.form,
@@ -315,8 +278,7 @@ def _print_export(path: Path, made: "Exported", as_json: bool) -> None:
         return
     links = count(sum(not body.massless for body in made.content.robot.bodies), "moving link")
     mass = sum(inertia.mass for inertia in made.content.inertias)
-    console = terminal()
-    say(f"{path}: {links}, {mass:.4g} kg")
+    shared.say(f"{path}: {links}, {mass:.4g} kg")
     few = [f"{name} {x:.0%}" for name, x in made.mass_shares.items() if x < FEW_DATA_SHARE]
     for heading, sentences in (
         (f"{made.form.upper()} cannot represent:", made.unsupported),
@@ -324,22 +286,16 @@ def _print_export(path: Path, made: "Exported", as_json: bool) -> None:
             "mostly from the prior (share of the mass that comes from the data):",
             (", ".join(few),) if few else (),
         ),
-        (UNSEEN, (", ".join(made.unseen),) if made.unseen else ()),
-        (LIGHT_LINKS, made.light),
-        (KEPT, made.impossible),
+        (model_files.UNSEEN, (", ".join(made.unseen),) if made.unseen else ()),
+        (model_files.LIGHT_LINKS, made.light),
+        (model_files.KEPT, made.impossible),
     ):
-        for line in listed_under(heading, sentences):
-            console.print(Text(line))
+        shared.print_lines(*model_files.listed_under(heading, sentences))
 
 
 def _print_code(path: Path, form: Kind, written: "WrittenCode", as_json: bool) -> None:
-    """What was written, names that became others, and functions that there cannot be."""
-    from rich.text import Text
-
-    from steelyard.report.terminal import terminal
-
     if as_json:
-        print_json(
+        shared.print_json(
             {
                 "file": str(path),
                 "format": form,
@@ -362,4 +318,4 @@ def _print_code(path: Path, form: Kind, written: "WrittenCode", as_json: bool) -
     if written.renamed:
         pairs = ", ".join(f"{name} as {plain}" for name, plain in written.renamed.items())
         lines.append(f"identifiers: {pairs}")
-    terminal().print(Text("\n".join(lines)), soft_wrap=True)
+    shared.print_lines(*lines, whole=True)

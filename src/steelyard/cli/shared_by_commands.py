@@ -11,17 +11,17 @@ import traceback
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, ParamSpec, Protocol, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, ParamSpec, TypeVar
 
 import typer
 
-from steelyard.base.errors import ModelError, OutputError, SteelyardError
+from steelyard.base.errors import ModelError, OutputError, SteelyardError, visible
+from steelyard.base.files import new_folder, whole_folder
 from steelyard.base.progress import Event, Progress
-from steelyard.base.visible_text import visible
 from steelyard.cli import interrupt
 
 if TYPE_CHECKING:
-    from rich.console import Console
+    from steelyard.report.result import Result
 
 ROBOT_SUFFIXES = (".toml", ".urdf", ".xacro", ".xml", ".mjcf")  # no log has them
 
@@ -143,20 +143,7 @@ LOG_HELP = (
 )
 
 
-class CommandResult(Protocol):
-    """What a command found: numbers for JSON, files in a folder, lines of the terminal."""
-
-    def to_dict(self) -> dict[str, Any]:
-        """The numbers."""
-
-    def write(self, folder: Path) -> None:
-        """Write report and tables to a folder."""
-
-    def show(self, console: "Console", /) -> None:
-        """Print it."""
-
-
-R = TypeVar("R", bound=CommandResult)
+R = TypeVar("R", bound="Result")
 
 
 @contextmanager
@@ -198,8 +185,6 @@ def computed(compute: Callable[..., R], folder: Path | None) -> R:
 
     A folder that cannot be made is refused before the computation.
     """
-    from steelyard.base.files import whole_folder
-
     with progress_bar() as progress, ExitStack() as stack:
         part = stack.enter_context(whole_folder(folder)) if folder else None
         found = compute(progress=progress)
@@ -228,7 +213,7 @@ def reported(
     return found
 
 
-def show(found: CommandResult, *shown: bool) -> None:
+def show(found: "Result", *shown: bool) -> None:
     """Print a result for people."""
     from steelyard.report.terminal import terminal
 
@@ -242,9 +227,25 @@ def say(words: str) -> None:
 
 def optional_folder(output: Path | None) -> Path | None:
     """The output folder, if one is named; it must not exist."""
-    from steelyard.base.files import new_folder
-
     return None if output is None else new_folder(output, "")
+
+
+def robot_folder(output: Path | None, robot: str, ending: str = "") -> Path:
+    """The folder that is always written, called after the robot if unset; it must not exist."""
+    from steelyard.robot.models.xacro import stem_of
+
+    return new_folder(output, f"steelyard-{stem_of(robot)}{ending}")
+
+
+def print_lines(*lines: str, style: str = "", whole: bool = False) -> None:
+    """Print lines of text, broken at the terminal's width unless they stay `whole`."""
+    from rich.text import Text
+
+    from steelyard.report.terminal import terminal
+
+    console = terminal()
+    for line in lines:
+        console.print(Text(line, style=style), soft_wrap=whole)
 
 
 def refuse_options(given: Mapping[str, object], wrong: str, fix: str) -> None:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from steelyard.base.visible_text import visible
+from steelyard.base.errors import DataError, visible
 from steelyard.cli import interrupt
 from steelyard.cli.commands_from_functions import from_function
 from steelyard.cli.shared_by_commands import optional_folder, progress_bar
@@ -56,18 +56,20 @@ def watch(
 
     Example: steelyard watch steelyard-ur10e --from today.csv --frame tool0 -o today
     """
-    from steelyard.base.errors import DataError
     from steelyard.logs.growing_logs import STANDARD_INPUT, rows_of
-    from steelyard.uses.watch.stream_output import StreamFiles, event_line, record_of, state_line
-    from steelyard.uses.watch.watch import watch_rows
+    from steelyard.uses.watch.watch import (
+        StreamFiles,
+        event_line,
+        record_of,
+        state_line,
+        watch_rows,
+    )
     from steelyard.uses.watch.watcher_and_events import StreamEstimate
 
     if source == STANDARD_INPUT and timeout is not None:
-        raise DataError(
-            "standard input ends when its writer closes it, not after some time",
-            where="--timeout",
-            fix="leave it out, or give a file with --from",
-        )
+        wrong = "standard input ends when its writer closes it, not after some time"
+        fix = "leave it out, or give a file with --from"
+        raise DataError(wrong, where="--timeout", fix=fix)
     folder = optional_folder(output)
     with progress_bar() as progress:
         begun = call(progress=progress)
@@ -88,14 +90,8 @@ def watch(
         terminal.say(*([json.dumps(begun.to_dict())] if as_json else begun.notes))
         stack.enter_context(interrupt.quietly())
         try:
-            watch_rows(
-                watcher,
-                arrival.noted(arriving),
-                reported,
-                files,
-                source=source,
-                stopped=interrupt.stop_requested,
-            )
+            rows, stopped = arrival.noted(arriving), interrupt.stop_requested
+            watch_rows(watcher, rows, reported, files, source=source, stopped=stopped)
         finally:
             if watcher.started:
                 terminal.say(*_summary(begun, as_json))
@@ -107,7 +103,7 @@ def watch(
 
 
 def _summary(begun: "WatchStart", as_json: bool) -> "Iterable[str]":
-    from steelyard.uses.watch.stream_output import summary_lines
+    from steelyard.uses.watch.watch import summary_lines
 
     found, robot = begun.watcher.summary, begun.model.robot
     if not as_json:

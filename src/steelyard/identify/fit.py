@@ -12,45 +12,20 @@ from steelyard.check.fitted.implausible_estimates_and_gear_side import (
     LINK_SIDE_INSTEAD,
     rotors_at_zero,
 )
+from steelyard.estimate import estimator_register as register
 from steelyard.estimate.consistent.convex_estimator import Consistent
 from steelyard.estimate.estimate import Estimate, Estimator
-from steelyard.estimate.estimator_register import (
-    KNOWLEDGE,
-    LEAST_SQUARES,
-    PRIOR,
-    WEIGHTS,
-    Context,
-    Offer,
-    Sources,
-    context_of,
-    method_of,
-    offer_of,
-    on_information,
-    per_run_columns,
-)
+from steelyard.estimate.estimator_register import Sources
 from steelyard.estimate.identified_model import BAND, Cutoffs, IdentifiedModel, Provenance
-from steelyard.estimate.information.base_parameters_and_regressor import (
-    BaseMap,
-    base_parameters,
-    base_regressor,
-)
+from steelyard.estimate.information import base_parameters_and_regressor as regression
 from steelyard.estimate.information.information import Information
+from steelyard.estimate.least_squares import weighted_robust_and_whitened as weighted
 from steelyard.estimate.least_squares.known_bounded_and_ridge import fixed_values
-from steelyard.estimate.least_squares.weighted_robust_and_whitened import (
-    OrdinaryLeastSquares,
-    WeightedLeastSquares,
-)
 from steelyard.estimate.nonlinear.effort_scales import EffortScales, effort_scales
 from steelyard.estimate.prior.body_priors import Knowledge
 from steelyard.estimate.scores.cross_validation import choose_cutoff
 from steelyard.estimate.scores.residual_traces_and_band_calibration import calibrate
-from steelyard.identify.fit_preparation import (
-    TOO_SHORT,
-    FitTask,
-    PreparedFit,
-    prepare_fit,
-    with_signals,
-)
+from steelyard.identify import fit_preparation as preparation
 from steelyard.model.model import Model, with_friction
 from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
 from steelyard.robot.file.sections import EstimationSection, PriorSection
@@ -80,52 +55,42 @@ def _fitted(estimating: EstimatorOf, runs: tuple[Run, ...], information: Informa
 class Fit:
     """An identified model, and what was found on the way to it."""
 
-    task: FitTask
+    task: preparation.FitTask
     identified: IdentifiedModel
     fitted: Fitted  # with the gains and scales that were found
-    prepared: PreparedFit  # laws, their fields, gains and offsets, found before
+    prepared: preparation.PreparedFit  # laws, their fields, gains and offsets, found before
     scales: EffortScales | None
     notes: tuple[str, ...]  # what was decided, for people to read
     ignored: tuple[str, ...]  # what the robot file requests without effect
-    method: Offer
+    method: register.Offer
     unscaled: IdentifiedModel | None = None  # with all scales 1, where some were estimated
     consistent: Consistent | None = None  # what made the estimate, if it was this, without scales
-
-    @property
-    def runs(self) -> tuple[Run, ...]:
-        """The runs that were fitted."""
-        return self.fitted.runs
-
-    @property
-    def information(self) -> Information:
-        """What the runs say about the model's columns."""
-        return self.fitted.information
 
     @cached_property
     def estimator(self) -> Estimator[Information]:
         """What made the estimate."""
-        return self.fitted.estimating(self.runs, self.information)
+        return self.fitted.estimating(self.fitted.runs, self.fitted.information)
 
 
-def fit(task: FitTask, origin: Provenance) -> Fit:
+def fit(task: preparation.FitTask, origin: Provenance) -> Fit:
     """Gains, friction laws, their fields, and last the parameters.
 
     What is decided is added to the notes of the `origin`.
     """
     loaded = task.loaded
-    method = method_of(loaded)
+    method = register.method_of(loaded)
     usual, plain = method.name == EstimationSection().method, method.name
     if plain not in PLAIN_LEAST_SQUARES:
-        plain = LEAST_SQUARES[loaded.estimation.weights]
+        plain = register.LEAST_SQUARES[loaded.estimation.weights]
     least_squares = _of_runs(PLAIN_LEAST_SQUARES[plain], task.model)
-    prepared = prepare_fit(task, least_squares)
-    regressor = base_regressor(prepared.model)
+    prepared = preparation.prepare_fit(task, least_squares)
+    regressor = regression.base_regressor(prepared.model)
     information = prepared.information_of(regressor)
-    context = context_of(loaded, regressor, prepared.runs, task.progress)
+    context = register.context_of(loaded, regressor, prepared.runs, task.progress)
 
     def estimating(runs: Sequence[Run], pooled: Information) -> Estimator[Information]:
         sources = Sources(regressor, runs, pooled, task.threads, task.progress)
-        return on_information(method, context, sources)
+        return register.on_information(method, context, sources)
 
     declared = _fitted(estimating, prepared.runs, information)
     estimator, scales, refused = method.make(context), None, ""
@@ -134,7 +99,7 @@ def fit(task: FitTask, origin: Provenance) -> Fit:
     if wanted and isinstance(estimator, Consistent):
         found, scales, refused = _scaled_fit(declared, estimator, task.progress)
     other = next(name for name in PLAIN_LEAST_SQUARES if name != plain)
-    beside = offer_of(other, "").make(context) if method.name == plain else least_squares
+    beside = register.offer_of(other, "").make(context) if method.name == plain else least_squares
     reference = beside(found.information)
     ignored = _ignored(loaded, prepared, method, usual, why_unscaled, context)
     bodies = ": inertias may be invalid" if found.estimate.standard is None else ""
@@ -150,7 +115,7 @@ def fit(task: FitTask, origin: Provenance) -> Fit:
     first, cutoff = found.runs[0], loaded.validation.cutoff
     identified = IdentifiedModel(
         model=prepared.model,
-        base=base_parameters(prepared.model),
+        base=regression.base_parameters(prepared.model),
         estimate=found.estimate,
         reference=(reference,),
         signals=first.recording.signals,
@@ -165,24 +130,11 @@ def fit(task: FitTask, origin: Provenance) -> Fit:
         provenance=replace(origin, notes=(*origin.notes, *notes, *ignored)),
         effort_scales=None if scales is None else scales.known,
     )
-    unscaled = None
+    unscaled, own = None, declared.runs[0].recording.signals
     if scales is not None:
-        signals = declared.runs[0].recording.signals
-        unscaled = replace(
-            identified, estimate=declared.estimate, signals=signals, effort_scales=None
-        )
-    return Fit(
-        task,
-        identified,
-        found,
-        prepared,
-        scales,
-        notes,
-        ignored,
-        method,
-        unscaled,
-        estimator if isinstance(estimator, Consistent) else None,
-    )
+        unscaled = replace(identified, estimate=declared.estimate, signals=own, effort_scales=None)
+    of_fit = found, prepared, scales, notes, ignored, method, unscaled
+    return Fit(task, identified, *of_fit, estimator if isinstance(estimator, Consistent) else None)
 
 
 def _scaled_fit(
@@ -194,15 +146,11 @@ def _scaled_fit(
         return declared, None, ""
     values, units = scales.found.values, declared.information.signature.effort
     signals = (run.recording.signals for run in declared.runs)
-    runs = tuple(
-        with_signals(run, replace(own, gains=own.gains / values))
-        for run, own in zip(declared.runs, signals, strict=True)
-    )
-    scaled = _fitted(
-        lambda runs, information: partial(scales.scaled.estimate, scales=scales.found),
-        runs,
-        declared.information.scaled(1.0 / values, units),
-    )
+    divided = (replace(own, gains=own.gains / values) for own in signals)
+    runs = tuple(map(preparation.with_signals, declared.runs, divided))
+    scaled_information = declared.information.scaled(1.0 / values, units)
+    estimate = partial(scales.scaled.estimate, scales=scales.found)
+    scaled = _fitted(lambda runs, information: estimate, runs, scaled_information)
     zero, every = rotors_at_zero(scaled.estimate, runs[0].recording.signals.effort_kind)
     if zero:
         return declared, None, NO_SCALES.format(len(zero), every)
@@ -219,13 +167,9 @@ NO_SCALES = (
 def calibrated(found: Fit) -> Fit:
     """The fit with bands of predicted efforts that are calibrated on left-out motion."""
     identified, threads, progress = found.identified, found.task.threads, found.task.progress
+    runs, information, *_ = found.fitted
     calibration = calibrate(
-        identified,
-        found.runs,
-        found.information,
-        found.estimator,
-        threads=threads,
-        progress=progress,
+        identified, runs, information, found.estimator, threads=threads, progress=progress
     )
     if calibration is not None:
         return replace(found, identified=replace(identified, calibration=calibration))
@@ -240,15 +184,17 @@ NOT_CALIBRATED = (
     "them"
 )
 
-LeastSquares = OrdinaryLeastSquares | WeightedLeastSquares
+LeastSquares = weighted.OrdinaryLeastSquares | weighted.WeightedLeastSquares
 
 PLAIN_LEAST_SQUARES: dict[str, LeastSquares] = {
-    "WLS": WeightedLeastSquares(),
-    "OLS": OrdinaryLeastSquares(),
+    "WLS": weighted.WeightedLeastSquares(),
+    "OLS": weighted.OrdinaryLeastSquares(),
 }
 
 
-def _unscaled_because(loaded: LoadedRobot, prepared: PreparedFit, estimator: Estimator[Any]) -> str:
+def _unscaled_because(
+    loaded: LoadedRobot, prepared: preparation.PreparedFit, estimator: Estimator[Any]
+) -> str:
     """Why scales cannot be estimated; empty where they can."""
     if prepared.gains is not None:
         return 'together with gain = "identify"'
@@ -265,13 +211,12 @@ def _unscaled_because(loaded: LoadedRobot, prepared: PreparedFit, estimator: Est
 
 def _ignored(
     loaded: LoadedRobot,
-    prepared: PreparedFit,
-    method: Offer,
+    prepared: preparation.PreparedFit,
+    method: register.Offer,
     usual: bool,
     why_unscaled: str,
-    context: Context,
+    context: register.Context,
 ) -> tuple[str, ...]:
-    """What the robot file requests without effect."""
     estimation, notes = loaded.estimation, []
     if not usual:
         unused: tuple[str, ...] = ()
@@ -282,10 +227,10 @@ def _ignored(
             only = f"{method.name} uses of [[knowledge]] only values of whole base parameters"
             notes.append(f"{only}, not: {'; '.join(unused)}")
         given = {
-            PRIOR: loaded.prior != PriorSection(),
-            KNOWLEDGE: bool(loaded.knowledge) and not least_squares,
-            WEIGHTS: "weights" in estimation.model_fields_set
-            and method.name != LEAST_SQUARES[estimation.weights],
+            register.PRIOR: loaded.prior != PriorSection(),
+            register.KNOWLEDGE: bool(loaded.knowledge) and not least_squares,
+            register.WEIGHTS: "weights" in estimation.model_fields_set
+            and method.name != register.LEAST_SQUARES[estimation.weights],
         }
         idle = [name for name, there in given.items() if there and name not in method.uses]
         notes += [f"{method.name} does not use {' and '.join(idle)}"] if idle else []
@@ -293,19 +238,19 @@ def _ignored(
     if why_unscaled and stated:
         notes.append(f'effort_scales = "auto" has no effect {why_unscaled}')
     if loaded.friction and prepared.choice is None:
-        notes.append(TOO_SHORT)
+        notes.append(preparation.TOO_SHORT)
     return tuple(notes)
 
 
 def _of_runs(estimator: LeastSquares, model: Model) -> Estimator[Information]:
     """The estimator with the parameters that every run of this model has for itself."""
     return lambda information: replace(
-        estimator, per_run=per_run_columns(model, information.layout)
+        estimator, per_run=register.per_run_columns(model, information.layout)
     )(information)
 
 
 def _notes_beyond_physical_bounds(
-    base: BaseMap, known: Knowledge, estimate: Estimate
+    base: regression.BaseMap, known: Knowledge, estimate: Estimate
 ) -> tuple[str, ...]:
     """Parameters and friction curves whose interval lies wholly beyond what is physical."""
     found = contradicted_rows(base, replace(known, rows=()), estimate)
@@ -344,7 +289,7 @@ def below_described_band(
 
 
 def without_forces(
-    found: Fit, refit: Callable[[FitTask, tuple[str, ...]], Fit]
+    found: Fit, refit: Callable[[preparation.FitTask, tuple[str, ...]], Fit]
 ) -> tuple[Fit, tuple[str, ...]]:
     """The fit to what is left of the runs without forces that pass, and what is left out.
 
@@ -352,17 +297,16 @@ def without_forces(
     """
     notes: tuple[str, ...] = ()
     for _ in range(MOST_FORCES):
-        identified, information = found.identified, found.information
-        groups = information.windows_of_runs
+        identified, information = found.identified, found.fitted.information
+        groups, coordinates = information.windows_of_runs, identified.model.robot.coordinates
         forces = {
             run.name: force
-            for run in found.runs
+            for run in found.fitted.runs
             if run.name in groups
             and (force := force_of_run(identified, information.of(groups[run.name]), run))
         }
         if not forces:
             break
-        coordinates = identified.model.robot.coordinates
         notes += tuple(
             f"{name}: efforts {force.when} are left out of the fit: a force acts that the other "
             f"motion does not have, as by a contact (rms {force_words(force, coordinates)})"

@@ -1,6 +1,6 @@
 """Before the fit: gains, zero offsets, friction laws and fields that a robot file leaves open."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from math import inf
@@ -18,24 +18,11 @@ from steelyard.estimate.friction.friction_choice import (
     refuse_listed,
 )
 from steelyard.estimate.friction.friction_mixes_and_curves import PLAIN, with_any_speed
-from steelyard.estimate.information.base_parameters_and_regressor import (
-    BaseMap,
-    base_parameters,
-    base_regressor,
-    refuse_twins,
-)
+from steelyard.estimate.information import base_parameters_and_regressor as regression
 from steelyard.estimate.information.gather import gather
 from steelyard.estimate.information.information import Information
+from steelyard.estimate.nonlinear import nonlinear_parameters as nonlinear
 from steelyard.estimate.nonlinear.grid_search import InformationOf
-from steelyard.estimate.nonlinear.nonlinear_parameters import (
-    Finding,
-    ZeroOffsets,
-    converged_reference,
-    find_fields,
-    find_offsets,
-    information_from,
-    with_offsets,
-)
 from steelyard.estimate.payload.drive_gains import GainEstimate, identified_gains
 from steelyard.estimate.prior.prior_constraint_kinds import knowledge_of
 from steelyard.estimate.scores.cross_validation import TooShortError
@@ -66,9 +53,9 @@ class PreparedFit:
     runs: tuple[Run, ...]  # the runs to be fitted, with the gains that were found
     information_of: InformationOf  # what they say about a regressor; every call is a pass
     choice: FrictionChoice | None  # of the friction laws; `None` if there was none, or could not be
-    findings: tuple[Finding, ...]
+    findings: tuple[nonlinear.Finding, ...]
     gains: GainEstimate | None
-    offsets: ZeroOffsets | None
+    offsets: nonlinear.ZeroOffsets | None
     notes: tuple[str, ...]  # what was decided, for people to read
 
 
@@ -89,12 +76,9 @@ class FitTask:
         self, model: Model, runs: Sequence[Run], longest: float = inf
     ) -> InformationOf:
         """What runs say about regressors of a model's laws; every call is a pass over the runs."""
-        return information_from(
-            runs,
-            rests=model.has_memory,
-            longest=longest,
-            threads=self.threads,
-            progress=self.progress,
+        rests, threads = model.has_memory, self.threads
+        return nonlinear.information_from(
+            runs, rests=rests, longest=longest, threads=threads, progress=self.progress
         )
 
 
@@ -127,28 +111,27 @@ def prepare_fit(task: FitTask, estimator: Estimator[Information]) -> PreparedFit
     gains = _gains(task)
     if gains is not None:
         given, none = gains.gains, (False,) * len(gains.gains)
-        runs = tuple(
-            with_signals(run, replace(run.recording.signals, gains=given, unknown_gains=none))
-            for run in runs
-        )
+        own = (run.recording.signals for run in runs)
+        known = (replace(signals, gains=given, unknown_gains=none) for signals in own)
+        runs = tuple(map(with_signals, runs, known))
     signals = runs[0].recording.signals
     if not all(gains_known(signals.effort_units, signals.gains)):
-        task = replace(task, model=_in_unit_of_log(task.model, task.information_of, runs))
+        task = replace(task, model=_in_unit_of_log(task, runs))
         model = task.model
     offsets = _offsets(task, runs, gains)
     if offsets is not None:
-        runs = tuple(with_offsets(runs, offsets.values))
+        runs = tuple(nonlinear.with_offsets(runs, offsets.values))
     choice = None
     if loaded.friction:
         choice = _friction_choice(task, runs, estimator)
         laws = PLAIN if choice is None else choice.best.terms
         model = replace(model, terms=(*model.terms, *laws))
     information_of = task.information_of(model, runs)
-    found = find_fields(model, information_of, progress=task.progress)
+    found = nonlinear.find_fields(model, information_of, progress=task.progress)
     model, converged = found.model, True
-    refuse_twins(model, base_parameters(model))
+    regression.refuse_twins(model, regression.base_parameters(model))
     if any(term.needs_reference for term in model.terms):
-        model, converged = converged_reference(model, information_of, estimator)
+        model, converged = nonlinear.converged_reference(model, information_of, estimator)
     notes = (
         *([] if gains is None else [_gain_note(gains)]),
         *(one.note for one in (offsets, choice) if one is not None),
@@ -158,29 +141,25 @@ def prepare_fit(task: FitTask, estimator: Estimator[Information]) -> PreparedFit
     return PreparedFit(model, runs, information_of, choice, found.findings, gains, offsets, notes)
 
 
-def _in_unit_of_log(
-    model: Model,
-    information_of: Callable[[Model, Sequence[Run]], InformationOf],
-    runs: Sequence[Run],
-) -> Model:
+def _in_unit_of_log(task: FitTask, runs: Sequence[Run]) -> Model:
     """The model with nominal bodies as large as efforts of an unknown common unit have them.
 
     A gain of 1 stands for that unit: without this, the prior would be so many times too heavy.
     """
-    information, robot = information_of(model, runs)(base_regressor(model)), model.robot
-    base = base_parameters(model)
-    place = {name: k for k, name in enumerate(base.names)}
-    standard = np.zeros(len(base.names))
-    for body, ten in zip(robot.bodies, robot.nominal, strict=True):
-        for kind, value in zip(INERTIAL_NAMES, ten, strict=True):
-            if (name := f"{kind}.{body.name}") in place:
-                standard[place[name]] = value
+    model, robot, base = task.model, task.model.robot, regression.base_parameters(task.model)
+    information = task.information_of(model, runs)(regression.base_regressor(model))
+    nominal = {
+        f"{kind}.{body.name}": value
+        for body, ten in zip(robot.bodies, robot.nominal, strict=True)
+        for kind, value in zip(INERTIAL_NAMES, ten, strict=True)
+    }
+    standard = [nominal.get(name, 0.0) for name in base.names]
     values = dict(zip(base.base_names, base.base_values(standard), strict=True))
     sizes = []
     for row, sees in enumerate(information.layout.sees):
         gram = information.row_gram(row)
-        nominal = np.array([values.get(information.layout.columns[k], 0.0) for k in sees])
-        moved = float(nominal @ gram[:-1, :-1] @ nominal)
+        own = np.array([values.get(information.layout.columns[k], 0.0) for k in sees])
+        moved = float(own @ gram[:-1, :-1] @ own)
         if moved > 0.0 and gram[-1, -1] > 0.0:
             sizes.append(0.5 * np.log(gram[-1, -1] / moved))
     if not sizes:
@@ -202,27 +181,20 @@ def _friction_choice(
     """
     loaded, fastest = task.loaded, fastest_of(runs)
 
-    def consistent(model: Model, base: BaseMap) -> Consistent:
+    def consistent(model: Model, base: regression.BaseMap) -> Consistent:
         equal = loaded.estimation.weights == "equal"
         return Consistent(base, knowledge_of(model, loaded, fastest), equal=equal)
 
     known = method_of(loaded).uses and not task.model.per_run_names
     try:
-        return choose_friction(
-            task.model,
-            runs,
-            estimator,
-            consistent if known else None,
-            memory=loaded.friction == "auto",
-            threads=task.threads,
-            progress=task.progress,
-        )
+        given = task.model, runs, estimator, consistent if known else None
+        memory, threads, progress = loaded.friction == "auto", task.threads, task.progress
+        return choose_friction(*given, memory=memory, threads=threads, progress=progress)
     except TooShortError:
         return None
 
 
 def _gains(task: FitTask) -> GainEstimate | None:
-    """The drive gains that the robot file requests."""
     signals, mass, frame = task.runs[0].recording.signals, task.payload_mass, task.payload_frame
     if not any(signals.unknown_gains):
         if task.carrying or mass is not None or frame is not None:
@@ -238,42 +210,33 @@ def _gains(task: FitTask) -> GainEstimate | None:
         return None
     model = with_any_speed(with_friction(task.model, task.loaded))
     if any(finds_of(term) for term in model.terms):
-        raise DataError(
-            "drive gains and nonlinear parameters of terms cannot be estimated together",
-            where="[signals.effort] gain",
-            fix="identify the gains with given nonlinear parameters, and write them into the file",
-        )
-    gather_all = partial(
-        gather,
-        base_regressor(model),
-        rests=model.has_memory,
-        threads=task.threads,
-        progress=task.progress,
-    )
-    unloaded, loaded = ([gather_all(run) for run in some] for some in (task.runs, task.carrying))
+        wrong = "drive gains and nonlinear parameters of terms cannot be estimated together"
+        fix = "identify the gains with given nonlinear parameters, and write them into the file"
+        raise DataError(wrong, where="[signals.effort] gain", fix=fix)
+    regressor, rests, threads = regression.base_regressor(model), model.has_memory, task.threads
+    gather_all = partial(gather, regressor, rests=rests, threads=threads, progress=task.progress)
+    unloaded, loaded = (list(map(gather_all, some)) for some in (task.runs, task.carrying))
     gains = zip(model.robot.joint_names, signals.gains, signals.unknown_gains, strict=True)
     known = {joint: float(gain) for joint, gain, unknown in gains if not unknown}
     return identified_gains(model, unloaded, loaded, mass=mass, frame=frame, known=known)
 
 
-def _offsets(task: FitTask, runs: Sequence[Run], gains: GainEstimate | None) -> ZeroOffsets | None:
-    """The zero offsets that the robot file requests."""
+def _offsets(
+    task: FitTask, runs: Sequence[Run], gains: GainEstimate | None
+) -> nonlinear.ZeroOffsets | None:
     signals = runs[0].recording.signals
     if not any(signals.unknown_offsets) or signals.position_offset is None:
         return None
     model = with_friction(task.model, task.loaded)
     if gains is not None or any(finds_of(term) for term in model.terms):
         beside = "drive gains" if gains is not None else "nonlinear parameters of terms"
-        raise DataError(
-            f"zero offsets and {beside} cannot be identified together",
-            where="[signals] position_offset",
-            fix="identify the offsets with values given there, and write them into the file",
-        )
-    return find_offsets(
-        model,
-        lambda offsets: task.information_of(model, with_offsets(runs, offsets)),
-        signals.position_offset,
-        signals.unknown_offsets,
+        wrong = f"zero offsets and {beside} cannot be identified together"
+        fix = "identify the offsets with values given there, and write them into the file"
+        raise DataError(wrong, where="[signals] position_offset", fix=fix)
+    offset, unknown = signals.position_offset, signals.unknown_offsets
+    moved = partial(nonlinear.with_offsets, runs)
+    return nonlinear.find_offsets(
+        model, lambda offsets: task.information_of(model, moved(offsets)), offset, unknown
     )
 
 

@@ -23,49 +23,23 @@ from steelyard.check.fitted.post_fit_checks import doubts_of_fit, examine_fit
 from steelyard.check.signals.movement_rests_and_moving_base import of_base
 from steelyard.estimate.estimator_register import method_of
 from steelyard.estimate.scores.score import RunScore
+from steelyard.identify import repeated_fits
+from steelyard.identify import runs_and_notes_of_logs as of_logs
+from steelyard.identify import scores_and_model_report as model_report
 from steelyard.identify.fit import Fit, below_described_band, calibrated, fit, without_forces
 from steelyard.identify.fit_preparation import FitTask, model_to_fit, with_signals
-from steelyard.identify.page.report_content import ReportContent
-from steelyard.identify.provenance_and_notes import (
-    commanded_note,
-    dropped,
-    dropped_rows,
-    first_dropped,
-    left_out_stretches,
-    notes_of,
-    provenance,
-    settings,
-)
-from steelyard.identify.repeated_fits import (
-    ReportOfLogs,
-    bootstrap_of,
-    fits_with_other_cutoffs,
-    of_each_log,
-)
-from steelyard.identify.repeated_motion import marked_repeats
-from steelyard.identify.scores_and_model_report import (
-    parameter_table,
-    scored,
-    scored_from_commanded,
-)
-from steelyard.identify.validation_split import refuse_same_rows
+from steelyard.identify.page.report_content_and_error_words import ReportContent
+from steelyard.identify.repeated_motion_and_validation_split import marked_repeats, refuse_same_rows
 from steelyard.report.result import DataFrame
 from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
 from steelyard.robot.file.robot_file import load_robot
 from steelyard.robot.file.signals import Signals
+from steelyard.runs import runs_of_named_logs as named_logs
 from steelyard.runs.run import Run
-from steelyard.runs.runs_of_named_logs import (
-    LogArgument,
-    log_files,
-    paths_of,
-    refuse_overlaps,
-    runs_of,
-    signals_of,
-)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Identification(ReportOfLogs):
+class Identification(repeated_fits.ReportOfLogs):
     """An identified model, and how well it predicts.
 
     Attributes:
@@ -81,7 +55,7 @@ class Identification(ReportOfLogs):
     @property
     def parameters(self) -> DataFrame:
         """The base parameters, one a row: value, standard deviation, 95 % interval, status."""
-        return parameter_table(self.model)
+        return model_report.parameter_table(self.model)
 
     def beside(self, truth: Parameters) -> "Identification":
         """The same with the true standard parameters of a simulated robot in the report."""
@@ -152,10 +126,11 @@ def identify(
     file = replace(file, estimation=file.estimation.model_copy(update=requested))
     method_of(file)
     known, carrying, unknown = (
-        log_files(paths_of(some, least)) for some, least in ((logs, 1), (loaded, 0), (validate, 0))
+        named_logs.log_files(named_logs.paths_of(some, least))
+        for some, least in ((logs, 1), (loaded, 0), (validate, 0))
     )
-    refuse_overlaps([*known, *carrying], unknown)
-    signals, reasons = signals_of(file, known[0])
+    named_logs.refuse_overlaps([*known, *carrying], unknown)
+    signals, reasons = named_logs.signals_of(file, known[0])
     if commanded:
         _refuse_uncommanded(signals, unknown)
     model, diagnosis, unresolved = model_to_fit(file), None, tuple[str, ...]()
@@ -163,32 +138,29 @@ def identify(
     if check:
         given = replace(file, signals=signals)
         diagnosis, made = prechecked(file.reference, given, (*known, *unknown), progress)
-    clean, unseen = runs_of(file, signals, [*known, *carrying], unknown, progress, made)
+    clean, unseen = named_logs.runs_of(file, signals, [*known, *carrying], unknown, progress, made)
     cores = threads or os.cpu_count() or 1
     file, band = below_described_band(file, signals, model, clean[: len(known)], cores, progress)
     if band:
         read = (*clean, *unseen)
-        clean, unseen = runs_of(file, signals, [*known, *carrying], unknown, progress, before=read)
+        clean, unseen = named_logs.runs_of(
+            file, signals, [*known, *carrying], unknown, progress, before=read
+        )
     if diagnosis is not None:
         unresolved = notes_of_precheck(diagnosis, file.reference)
     every = (*clean, *unseen)
-    assumed = (*file.notes, *reasons, *dropped_rows(every), *left_out_stretches(every), *band)
-    decided = notes_of(every)
+    lost = (*of_logs.dropped_rows(every), *of_logs.left_out_stretches(every))
+    assumed = (*file.notes, *reasons, *lost, *band)
+    decided = of_logs.notes_of(every)
     refuse_same_rows(clean, unseen)
-    task = FitTask(
-        model,
-        file,
-        clean[: len(known)],
-        clean[len(known) :],
-        payload_mass,
-        payload_frame,
-        cores,
-        progress,
-    )
+    fitted_runs, carrying_runs = clean[: len(known)], clean[len(known) :]
+    of_payload = carrying_runs, payload_mass, payload_frame
+    task = FitTask(model, file, fitted_runs, *of_payload, cores, progress)
 
     def fitted_to(some: FitTask, left_out: tuple[str, ...] = ()) -> Fit:
         notes = (*assumed, *left_out, *decided, *unresolved)
-        return fit(some, provenance(file, known, carrying, unknown, some.runs, notes))
+        origin = of_logs.provenance(file, known, carrying, unknown, some.runs, notes)
+        return fit(some, origin)
 
     found = fitted_to(task)
     if check:
@@ -206,14 +178,14 @@ def identify(
     varied = None
     if sensitivity:
         columns = identified.signals.of_commanded() if commanded else identified.signals
-        varied = fits_with_other_cutoffs(found, known, unknown, columns, (fitted, fresh))
-    drawn, failed_draws = bootstrap_of(found, bootstrap)
+        varied = repeated_fits.fits_with_other_cutoffs(
+            found, known, unknown, columns, (fitted, fresh)
+        )
+    drawn, failed_draws = repeated_fits.bootstrap_of(found, bootstrap)
     repeated, failed_logs = None, tuple[str, ...]()
     if each:
-        repeated, failed_logs = of_each_log(
-            found.runs, found.information, found.fitted.estimating, progress
-        )
-    open_loops, files = dropped(model, (*clean, *unseen)), [*known, *carrying, *unknown]
+        repeated, failed_logs = repeated_fits.of_each_log(*found.fitted[:3], progress)
+    open_loops, files = of_logs.dropped(model, (*clean, *unseen)), [*known, *carrying, *unknown]
     return Identification(
         ReportContent(
             title=f"{identified.robot.name}: identified dynamics",
@@ -225,14 +197,14 @@ def identify(
             qualities=tuple((run.name, run.quality.rows_of_text) for run in every),
             notes=(
                 *assumed,
-                *first_dropped(open_loops),
+                *of_logs.first_dropped(open_loops),
                 *found.ignored,
-                *commanded_note(identified, fresh),
+                *of_logs.commanded_note(identified, fresh),
                 *failed_draws,
                 *failed_logs,
             ),
             details=(*decided, *found.notes, *open_loops[1:]),
-            settings=settings(identified),
+            settings=of_logs.settings(identified),
             friction=prepared.choice,
             findings=prepared.findings,
             gains=prepared.gains,
@@ -248,30 +220,30 @@ def identify(
     )
 
 
-def _refuse_uncommanded(signals: Signals, unseen: Sequence[LogArgument]) -> None:
-    """Scores from commanded motion need its columns, and logs to be predicted."""
+def _refuse_uncommanded(signals: Signals, unseen: Sequence[named_logs.LogArgument]) -> None:
     signals.of_commanded()
     if not unseen:
-        raise LogError(
-            "there is no log to be predicted from its commanded motion",
-            where="options of the identification",
-            fix="name logs to validate, or leave out 'commanded'",
-        )
+        wrong = "there is no log to be predicted from its commanded motion"
+        fix = "name logs to validate, or leave out 'commanded'"
+        raise LogError(wrong, where="options of the identification", fix=fix)
 
 
 def _scores(
-    found: Fit, unseen: Sequence[Run], commanded: Sequence[LogArgument]
+    found: Fit, unseen: Sequence[Run], commanded: Sequence[named_logs.LogArgument]
 ) -> tuple[tuple[RunScore, ...], tuple[RunScore, ...], tuple[RunScore, ...]]:
     """Scores of fitted runs, of unseen ones, if given from commanded motion, and without scales."""
     identified, unscaled, progress = found.identified, found.unscaled, found.task.progress
+    runs = found.fitted.runs
     plain: tuple[RunScore, ...] = ()
     if unscaled is not None and not commanded:
-        plain = scored(unscaled, [with_signals(run, unscaled.signals) for run in unseen], progress)
-    scores = scored(identified, found.runs if commanded else (*found.runs, *unseen), progress)
+        plain = model_report.scored(
+            unscaled, [with_signals(run, unscaled.signals) for run in unseen], progress
+        )
+    scores = model_report.scored(identified, runs if commanded else (*runs, *unseen), progress)
     if commanded:
         names = [run.name for run in unseen]
-        scores += scored_from_commanded(identified, commanded, names, progress)
-    count = len(found.runs)
+        scores += model_report.scored_from_commanded(identified, commanded, names, progress)
+    count = len(runs)
     return scores[:count], marked_repeats(identified, unseen, scores[count:]), plain
 
 
@@ -289,20 +261,13 @@ def _limitations(
     the measured motion.
     """
     checked_before = Diagnosis(()) if diagnosis is None else diagnosis
-    before, names = checked_before.findings, {run.name for run in found.runs}
+    before, runs = checked_before.findings, found.fitted.runs
     undecided = (one for one in before if one.severity == Severity.DOUBTFUL and one.hypotheses)
-    case = FittedCase(
-        found.identified,
-        found.runs,
-        unseen,
-        fitted,
-        fresh,
-        found.information,
-        tuple(one for one in undecided if one.log in names),
-        found.scales,
-        found.consistent,
-        found.prepared.gains,
-    )
+    names = {run.name for run in runs}
+    open_questions = tuple(one for one in undecided if one.log in names)
+    of_runs = runs, unseen, fitted, fresh, found.fitted.information
+    of_fit = found.scales, found.consistent, found.prepared.gains
+    case = FittedCase(found.identified, *of_runs, open_questions, *of_fit)
     after = (
         *turned_joints(before),
         *examine_fit(case, found.task.progress),
@@ -327,11 +292,8 @@ EXPLAINED_QUESTIONS = 2  # open questions up to which the headline says why
 def _open_questions(diagnosis: Diagnosis) -> tuple[Finding, ...]:
     """What the check of the logs could not decide, in one finding."""
     if diagnosis.inconclusive:
-        says, checks = (
-            f"check of the logs: {open_words(diagnosis)}",
-            ", ".join(diagnosis.open_checks),
-        )
-        return (Finding("open questions", "", Severity.DOUBTFUL, says, checks),)
+        says, checks = f"check of the logs: {open_words(diagnosis)}", diagnosis.open_checks
+        return (Finding("open questions", "", Severity.DOUBTFUL, says, ", ".join(checks)),)
     basic = {check.name for check in BASIC_CHECKS}
     left = [f for f in diagnosis.findings if f.check in basic and not f.answered]
     found = {f.check: f.says for f in left if not f.says.startswith(UNTIL_OTHER)}

@@ -23,31 +23,26 @@ from steelyard.estimate.consistent.prior_weight_and_contradictions import (
 )
 from steelyard.estimate.estimate import Estimate, StandardEstimate
 from steelyard.estimate.identified_model import IdentifiedModel, load_model
-from steelyard.estimate.information.base_parameters_and_regressor import (
-    base_parameters,
-    base_regressor,
-)
+from steelyard.estimate.information import base_parameters_and_regressor as regression
 from steelyard.estimate.information.information import Information
 from steelyard.estimate.information.kept_filtered_samples import in_units_of_joints
 from steelyard.estimate.nonlinear.nonlinear_parameters import information_from
 from steelyard.estimate.prior.body_priors import Row
 from steelyard.estimate.prior.prior_constraint_kinds import knowledge_of
+from steelyard.estimate.reduction import stopping_rules_and_reduction as stopping
 from steelyard.estimate.reduction.stopping_rules_and_reduction import (
     Reduction,
     criterion_of,
     least_squares,
-    rule_of,
-    within_tolerance,
 )
 from steelyard.estimate.reduction.stopping_rules_and_reduction import reduce as reduced_by
 from steelyard.estimate.scores.residual_traces_and_band_calibration import calibrate
 from steelyard.estimate.scores.score import RunScore
+from steelyard.identify import runs_and_notes_of_logs as of_logs
 from steelyard.identify.page.reduction_and_removals import parameter_comparison
-from steelyard.identify.page.report_content import ReportContent
-from steelyard.identify.provenance_and_notes import dropped, dropped_rows, notes_of, settings
+from steelyard.identify.page.report_content_and_error_words import ReportContent
 from steelyard.identify.repeated_fits import ReportOfLogs, of_each_log
-from steelyard.identify.repeated_motion import marked_repeats, repeat_of
-from steelyard.identify.runs_for_model import runs_for
+from steelyard.identify.repeated_motion_and_validation_split import marked_repeats, repeat_of
 from steelyard.identify.scores_and_model_report import scored
 from steelyard.identify.verdict_and_next_steps import path_word, poorly_predicted
 from steelyard.model.model import Model
@@ -56,14 +51,8 @@ from steelyard.report.result import DataFrame, Result, frame
 from steelyard.report.words import first_names
 from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
 from steelyard.robot.file.robot_file import load_robot
+from steelyard.runs import runs_of_named_logs as named_logs
 from steelyard.runs.run import Run, fastest_of, motion_samples
-from steelyard.runs.runs_of_named_logs import (
-    LogArgument,
-    log_files,
-    paths_of,
-    refuse_overlaps,
-    sha256,
-)
 
 STILL_SPEED_SHARE = 0.05  # speed over that of the fastest joint of its kind: hardly moves
 
@@ -180,22 +169,23 @@ def reduce(
     identified = load_model(model)
     _refuse_unreducible(identified)
     robot = None if bodies is None else _robot_of(identified, bodies)
-    chosen_by, rule = criterion_of(criterion), rule_of(stop)
+    chosen_by, rule = criterion_of(criterion), stopping.rule_of(stop)
     equal = weights == "equal"
     estimator = least_squares(equal)
     if error == "mean_absolute" and not rule.bounded:
-        raise ModelError(
-            f"stopping rule '{rule.name}' compares no mean absolute errors",
-            where="--error mean_absolute",
-            fix="add --stop tolerance=5, or leave --error out",
-        )
-    known, unknown = log_files(paths_of(logs, least=1)), log_files(paths_of(validate))
-    refuse_overlaps(known, unknown)
+        wrong = f"stopping rule '{rule.name}' compares no mean absolute errors"
+        fix = "add --stop tolerance=5, or leave --error out"
+        raise ModelError(wrong, where="--error mean_absolute", fix=fix)
+    known, unknown = (
+        named_logs.log_files(named_logs.paths_of(logs, least=1)),
+        named_logs.log_files(named_logs.paths_of(validate)),
+    )
+    named_logs.refuse_overlaps(known, unknown)
     repetitions = identified.processing.repetitions
-    runs = runs_for(identified, known, progress, at_rest=False, repetitions=repetitions)
-    unseen = runs_for(identified, unknown, progress, at_rest=False)
+    runs = of_logs.runs_for(identified, known, progress, at_rest=False, repetitions=repetitions)
+    unseen = of_logs.runs_for(identified, unknown, progress, at_rest=False)
     cores = threads or os.cpu_count() or 1
-    regressor = base_regressor(identified.model)
+    regressor = regression.base_regressor(identified.model)
 
     def information_of(some: Sequence[Run]) -> Information:
         rests = identified.model.has_memory
@@ -203,7 +193,7 @@ def reduce(
 
     if error == "mean_absolute":
         samples = sum_of(add, in_units_of_joints(regressor, runs, cores, progress))
-        rule = within_tolerance(rule.tolerance, samples)
+        rule = stopping.within_tolerance(rule.tolerance, samples)
     before = identified.estimate.removed
     gone = {one.name for one in before}
     columns = [name for name in regressor.layout.columns if name not in gone]
@@ -214,15 +204,9 @@ def reduce(
         kept += tuple(name for name in friction if name not in dropped_first)
     everything = information_of(runs)
     information = everything.select(columns)
-    found = reduced_by(
-        information,
-        chosen_by,
-        rule,
-        keep=kept,
-        drop=dropped_first,
-        unseen=information_of(unseen).select(columns) if unseen else None,
-        equal=equal,
-    )
+    fresh = information_of(unseen).select(columns) if unseen else None
+    limits = {"keep": kept, "drop": dropped_first}
+    found = reduced_by(information, chosen_by, rule, **limits, unseen=fresh, equal=equal)
     found = found.after(before)
     estimate = found.estimate
 
@@ -233,9 +217,8 @@ def reduce(
 
     repeated, failed_logs = None, tuple[str, ...]()
     if each:
-        repeated, failed_logs = of_each_log(
-            runs, everything, lambda _runs, _data: estimating, progress
-        )
+        one_log = of_each_log(runs, everything, lambda _runs, _data: estimating, progress)
+        repeated, failed_logs = one_log
     if robot is not None:
         estimate = estimating(everything)
     smaller = replace(
@@ -245,18 +228,16 @@ def reduce(
         provenance=replace(
             identified.provenance,
             runs=tuple(run.name for run in runs),
-            inputs=_inputs(identification=known, validation=unknown),
+            inputs={
+                f"{role} {number}": named_logs.sha256(log.path)
+                for role, some in (("identification", known), ("validation", unknown))
+                for number, log in enumerate(some, start=1)
+            },
         ),
     )
     names = estimate.parameters.names
-    calibration = calibrate(
-        smaller,
-        runs,
-        information.select(names),
-        lambda part: estimator(part.select(names)),
-        threads=cores,
-        progress=progress,
-    )
+    left, again = information.select(names), lambda part: estimator(part.select(names))
+    calibration = calibrate(smaller, runs, left, again, threads=cores, progress=progress)
     smaller = replace(smaller, calibration=calibration)
     name, both = smaller.model.robot.name, (*runs, *unseen)
     content = ReportContent(
@@ -267,9 +248,9 @@ def reduce(
         fitted=scored(smaller, runs, progress),
         qualities=tuple((run.name, run.quality.rows_of_text) for run in both),
         limitations=_undescribed(scored(identified, runs, progress), model, known),
-        notes=(*dropped_rows(both), *_one_motion(smaller, runs), *failed_logs),
-        details=(*notes_of(both), *dropped(smaller.model, both)),
-        settings=settings(smaller),
+        notes=(*of_logs.dropped_rows(both), *_one_motion(smaller, runs), *failed_logs),
+        details=(*of_logs.notes_of(both), *of_logs.dropped(smaller.model, both)),
+        settings=of_logs.settings(smaller),
         reduction=found,
         before=scored(identified, unseen, progress),
         repeated=repeated,
@@ -278,7 +259,9 @@ def reduce(
 
 
 def _undescribed(
-    scores: Sequence[RunScore], model: str | Path | IdentifiedModel, logs: Sequence[LogArgument]
+    scores: Sequence[RunScore],
+    model: str | Path | IdentifiedModel,
+    logs: Sequence[named_logs.LogArgument],
 ) -> tuple[Finding, ...]:
     """That the model to be reduced does not describe logs that the smaller one is fitted to."""
     if not (poor := poorly_predicted(scores)):
@@ -290,10 +273,8 @@ def _undescribed(
         "that the model before it does not describe"
     )
     fix = Fix(f"See why with {command}, and reduce with logs that the model describes")
-    brief = f"{says}. {fix.says}"
-    return (
-        Finding("given model", "", Severity.DOUBTFUL, says, fix=fix, headline=True, brief=brief),
-    )
+    doubt = Finding("given model", "", Severity.DOUBTFUL, says, fix=fix, headline=True)
+    return (replace(doubt, brief=f"{says}. {fix.says}"),)
 
 
 def _one_motion(smaller: IdentifiedModel, runs: Sequence[Run]) -> tuple[str, ...]:
@@ -309,13 +290,10 @@ def _one_motion(smaller: IdentifiedModel, runs: Sequence[Run]) -> tuple[str, ...
 
 
 def _refuse_unreducible(identified: IdentifiedModel) -> None:
-    """Refuse a model with parameters of single runs, or with some that were not estimated."""
     if own := identified.model.per_run_names:
-        raise ModelError(
-            f"every run has a '{own[0]}' of its own, which cannot be removed",
-            where=identified.model.robot.name,
-            fix="identify without per_run = true, and reduce that model",
-        )
+        wrong = f"every run has a '{own[0]}' of its own, which cannot be removed"
+        fix = "identify without per_run = true, and reduce that model"
+        raise ModelError(wrong, where=identified.model.robot.name, fix=fix)
     if known := identified.estimate.known:
         raise ModelError(
             f"parameters with a value from [[knowledge]] were not estimated: {', '.join(known)}",
@@ -332,29 +310,22 @@ def matching(patterns: Iterable[str], names: Sequence[str], option: str) -> tupl
         wanted = re.compile(".*".join(map(re.escape, pattern.split("*"))))
         mine = {name for name in names if wanted.fullmatch(name)}
         if not mine:
-            raise ModelError(
-                f"no base parameter matches '{pattern}'",
-                where=option,
-                fix=advice(pattern, names, "base parameters"),
-            )
+            wrong = f"no base parameter matches '{pattern}'"
+            fix = advice(pattern, names, "base parameters")
+            raise ModelError(wrong, where=option, fix=fix)
         found |= mine
     return tuple(name for name in names if name in found)
 
 
 def _refuse_contradiction(keep: Sequence[str], drop: Sequence[str], names: Sequence[str]) -> None:
-    """Refuse parameters that are to stay and to go, and to keep them all."""
     if both := sorted(set(keep) & set(drop)):
-        raise ModelError(
-            f"'{both[0]}' is to be kept and to be removed",
-            where="--keep and --drop",
-            fix="name it once",
-        )
+        wrong = f"'{both[0]}' is to be kept and to be removed"
+        fix = "name it once"
+        raise ModelError(wrong, where="--keep and --drop", fix=fix)
     if set(names) <= set(keep):
-        raise DataError(
-            f"all {len(names)} parameters are kept: there is nothing to remove",
-            where="--keep",
-            fix="name fewer parameters",
-        )
+        wrong = f"all {len(names)} parameters are kept: there is nothing to remove"
+        fix = "name fewer parameters"
+        raise DataError(wrong, where="--keep", fix=fix)
 
 
 def moving_friction(model: Model, runs: Sequence[Run], columns: Sequence[str]) -> tuple[str, ...]:
@@ -373,11 +344,9 @@ def _robot_of(identified: IdentifiedModel, robot_file: str | Path | LoadedRobot)
     theirs = [body.name for body in loaded.robot.bodies]
     ours = [body.name for body in identified.model.robot.bodies]
     if theirs != ours:
-        raise ModelError(
-            f"the robot file moves the links {', '.join(theirs)}, the model {', '.join(ours)}",
-            where=loaded.reference,
-            fix="give the robot file that the model was identified with",
-        )
+        wrong = f"the robot file moves the links {', '.join(theirs)}, the model {', '.join(ours)}"
+        fix = "give the robot file that the model was identified with"
+        raise ModelError(wrong, where=loaded.reference, fix=fix)
     return loaded
 
 
@@ -390,7 +359,7 @@ def _with_bodies(
     equal: bool,
 ) -> Estimate:
     """The consistent estimate with the removed base parameters equal to zero."""
-    base = base_parameters(identified.model)
+    base = regression.base_parameters(identified.model)
     knowledge = knowledge_of(identified.model, loaded, fastest_of(runs))
     zeros = {}
     for one in found.estimate.removed:
@@ -436,27 +405,15 @@ def _without_empty_terms(identified: IdentifiedModel) -> IdentifiedModel:
     smaller = Model(model.robot, tuple(term for term in model.terms if not empty(term)))
     if smaller.terms == model.terms or not smaller.terms:
         return identified
-    base, names = base_parameters(smaller), set(smaller.names)
+    base, names = regression.base_parameters(smaller), set(smaller.names)
     gone = set(model.names) - names
     if base.base_names != tuple(n for n in identified.base.base_names if n not in gone):
         return identified
     standard = estimate.standard
     if standard is not None:
         at = [k for k, name in enumerate(standard.parameters.names) if name in names]
-        standard = StandardEstimate(
-            standard.parameters.of(at),
-            frozen(standard.covariance[np.ix_(at, at)]),
-            frozen(standard.learned[at]),
-        )
+        numbers = standard.covariance[np.ix_(at, at)], standard.learned[at]
+        standard = StandardEstimate(standard.parameters.of(at), *map(frozen, numbers))
     return replace(
         identified, model=smaller, base=base, estimate=replace(estimate, standard=standard)
     )
-
-
-def _inputs(**logs: Sequence[LogArgument]) -> dict[str, str]:
-    """Hashes of logs by what they are for."""
-    return {
-        f"{role} {n}": sha256(log.path)
-        for role, some in logs.items()
-        for n, log in enumerate(some, 1)
-    }

@@ -10,30 +10,23 @@ from steelyard.base.checked_arguments import checked
 from steelyard.base.errors import DataError, LogError
 from steelyard.base.files import csv_text
 from steelyard.base.progress import Progress, report_progress
+from steelyard.estimate import parameter_status_bootstrap_and_sensitivity as repeating
 from steelyard.estimate.estimate import Estimate
 from steelyard.estimate.identified_model import IdentifiedModel, load_model
 from steelyard.estimate.information.base_parameters_and_regressor import base_regressor
 from steelyard.estimate.information.information import Information
-from steelyard.estimate.parameter_status_bootstrap_and_sensitivity import (
-    FACTORS,
-    Bootstrap,
-    RepeatedEstimates,
-    Sensitivity,
-    Variation,
-    bootstrap,
-)
 from steelyard.estimate.scores.score import RunScore
 from steelyard.identify.fit import EstimatorOf, Fit
-from steelyard.identify.page.bootstrap_repeats_and_sensitivity import repeated_table
-from steelyard.identify.page.effort_error_words import relative_errors
-from steelyard.identify.runs_for_model import processing_of
+from steelyard.identify.page.conditioning_correlations_and_repeats import repeated_table
+from steelyard.identify.page.report_content_and_error_words import relative_errors
+from steelyard.identify.runs_and_notes_of_logs import processing_of
 from steelyard.identify.scores_and_model_report import ModelReport, scored
 from steelyard.report.result import DataFrame, frame
 from steelyard.report.tables import text_table
 from steelyard.report.terminal import terminal
 from steelyard.robot.file.signals import Signals
 from steelyard.runs.prepare import prepare
-from steelyard.runs.processing_choices import MATCHED_HIGHEST, NYQUIST_SHARE, Processing, rounded
+from steelyard.runs.processing_choices import MATCHED_HIGHEST, NYQUIST_SHARE, rounded
 from steelyard.runs.run import Run
 from steelyard.runs.runs_of_named_logs import LogArgument, recording_of
 
@@ -42,7 +35,7 @@ from steelyard.runs.runs_of_named_logs import LogArgument, recording_of
 class Repeated:
     """Mean and scatter of repeated estimations; `print` it."""
 
-    estimates: RepeatedEstimates
+    estimates: repeating.RepeatedEstimates
 
     @property
     def table(self) -> DataFrame:
@@ -93,25 +86,20 @@ def repeated(
         >>> found.table["std"].max()
         0.0
     """
-    known = [load_model(model) for model in models]
-    _refuse_other_groups(known)
-    estimates = {str(number): model.estimate for number, model in enumerate(known, start=1)}
-    return Repeated(RepeatedEstimates.of(estimates, population=population))
-
-
-def _refuse_other_groups(models: Sequence[IdentifiedModel]) -> None:
-    """Refuse models in which base parameters of one name are different combinations."""
+    estimates: dict[str, Estimate] = {}
     groups: dict[str, str] = {}
-    for number, model in enumerate(models, start=1):
-        for k, name in enumerate(model.base.base_names):
-            group = groups.setdefault(name, model.base.grouping(k))
-            if group != model.base.grouping(k):
+    for number, identified in enumerate(map(load_model, models), start=1):
+        estimates[str(number)] = identified.estimate
+        for k, name in enumerate(identified.base.base_names):
+            group, own = groups.get(name), identified.base.grouping(k)
+            if groups.setdefault(name, own) != own:
                 raise DataError(
-                    f"the base parameter '{name}' of model {number} is the combination "
-                    f"{model.base.grouping(k)}, that of another one {group}",
+                    f"the base parameter '{name}' of model {number} is the combination {own}, that "
+                    f"of another one {group}",
                     where="repeated estimations",
                     fix="identify all models of the same robot with the same terms",
                 )
+    return Repeated(repeating.RepeatedEstimates.of(estimates, population=population))
 
 
 class ReportOfLogs(ModelReport):
@@ -132,7 +120,7 @@ class ReportOfLogs(ModelReport):
 
 def of_each_log(
     runs: Sequence[Run], data: Information, estimating: EstimatorOf, progress: Progress
-) -> tuple[RepeatedEstimates | None, tuple[str, ...]]:
+) -> tuple[repeating.RepeatedEstimates | None, tuple[str, ...]]:
     """Estimates from each log alone, with all else as for the runs together; notes on failures."""
     estimates, notes = dict[str, Estimate](), list[str]()
     for number, run in enumerate(runs):
@@ -143,7 +131,7 @@ def of_each_log(
         except DataError as error:
             notes.append(f"no estimate from {run.name} alone: {error.wrong}")
     try:
-        return RepeatedEstimates.of(estimates), tuple(notes)
+        return repeating.RepeatedEstimates.of(estimates), tuple(notes)
     except DataError as error:
         return None, (*notes, f"no scatter over logs: {error.wrong}")
 
@@ -154,18 +142,18 @@ def fits_with_other_cutoffs(
     unseen: Sequence[LogArgument],
     signals: Signals,
     scores: tuple[Sequence[RunScore], Sequence[RunScore]],
-) -> Sensitivity:
+) -> repeating.Sensitivity:
     """Fit again with cut-offs lower and higher than those of the result.
 
     Laws, their fields, gains and the cut-off of scores stay what they are. The `signals` are the
     columns of the unseen logs, the `scores` the result's on the fitted logs and on the unseen ones.
     """
-    identified, now, estimate = fit.identified, fit.identified.cutoffs, fit.identified.estimate
-    known, new = map(_error, scores)
-    result = Variation(1.0, now.motion, now.matched, estimate.parameters.values, known, new)
-    rate = min(run.rate for run in fit.runs)
+    identified, model, now = fit.identified, fit.identified.model, fit.identified.cutoffs
+    stated, (known, new) = identified.estimate, map(_error, scores)
+    result = repeating.Variation(1.0, now.motion, now.matched, stated.parameters.values, known, new)
+    rate = min(run.rate for run in fit.fitted.runs)
     variations = []
-    for factor in FACTORS:
+    for factor in repeating.FACTORS:
         motion = rounded(min(factor * now.motion, NYQUIST_SHARE * rate))
         matched = rounded(min(factor * now.matched, MATCHED_HIGHEST * rate, motion))
         if not identified.processing.parallel_filter:
@@ -173,30 +161,24 @@ def fits_with_other_cutoffs(
         other = replace(processing_of(identified), motion_cutoff=motion, matched_cutoff=matched)
         try:
             same = replace(other, repetitions=identified.processing.repetitions)
-            runs, again = _refitted(fit, fitted, same)
+            runs = tuple(
+                replace(prepare(recording_of(log, identified.signals), same), name=before.name)
+                for log, before in zip(fitted, fit.fitted.runs, strict=True)
+            )
+            information = fit.task.information_of(model, runs)(base_regressor(model))
+            estimate = fit.fitted.estimating(runs, information)(information)
+            again = replace(identified, estimate=estimate)
             runs += tuple(prepare(recording_of(log, signals), other) for log in unseen)
             of_runs = scored(again, runs, fit.task.progress)
         except LogError as error:
-            variations.append(Variation(factor, motion, matched, None, failed=error.wrong))
+            variations.append(
+                repeating.Variation(factor, motion, matched, None, failed=error.wrong)
+            )
             continue
-        values, count = again.estimate.parameters.values, len(fitted)
-        known, new = _error(of_runs[:count]), _error(of_runs[count:])
-        variations.append(Variation(factor, motion, matched, values, known, new))
-    return Sensitivity(estimate.parameters, estimate.std, result, tuple(variations))
-
-
-def _refitted(
-    fit: Fit, logs: Sequence[LogArgument], processing: Processing
-) -> tuple[tuple[Run, ...], IdentifiedModel]:
-    """The logs read with other cut-offs, and the same model fitted to them."""
-    signals, model = fit.identified.signals, fit.identified.model
-    runs = tuple(
-        replace(prepare(recording_of(log, signals), processing), name=before.name)
-        for log, before in zip(logs, fit.runs, strict=True)
-    )
-    information = fit.task.information_of(model, runs)(base_regressor(model))
-    estimate = fit.fitted.estimating(runs, information)(information)
-    return runs, replace(fit.identified, estimate=estimate)
+        known, new = _error(of_runs[: len(fitted)]), _error(of_runs[len(fitted) :])
+        values = estimate.parameters.values
+        variations.append(repeating.Variation(factor, motion, matched, values, known, new))
+    return repeating.Sensitivity(stated.parameters, stated.std, result, tuple(variations))
 
 
 def _error(scores: Sequence[RunScore]) -> float | None:
@@ -204,7 +186,7 @@ def _error(scores: Sequence[RunScore]) -> float | None:
     return relative_errors(scores)[0].value if scores else None
 
 
-def bootstrap_of(fit: Fit, draws: int | None) -> tuple[Bootstrap | None, tuple[str, ...]]:
+def bootstrap_of(fit: Fit, draws: int | None) -> tuple[repeating.Bootstrap | None, tuple[str, ...]]:
     """Estimates of windows drawn again, or a note on why there are none; nothing without draws."""
     if draws is None:
         return None, ()
@@ -213,6 +195,8 @@ def bootstrap_of(fit: Fit, draws: int | None) -> tuple[Bootstrap | None, tuple[s
         return None, (f"no bootstrap: {fit.method.name} needs {of}, which cannot be resampled",)
     progress = fit.task.progress
     try:
-        return bootstrap(fit.estimator, fit.information, draws=draws, progress=progress), ()
+        return repeating.bootstrap(
+            fit.estimator, fit.fitted.information, draws=draws, progress=progress
+        ), ()
     except DataError as error:
         return None, (f"no bootstrap: {error.wrong}",)

@@ -1,31 +1,114 @@
-"""Scores of an identified model on logs, and the report on a model with its scores."""
+"""Scores of an identified model on logs, and the report on both: all sections of its page."""
+
+from __future__ import annotations
 
 import io
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from html import escape
 from pathlib import Path
 from typing import Any
 
 from rich.console import Console
+from rich.text import Text
 
+from steelyard.base.arrays import finite_json
 from steelyard.base.errors import DataError, advice
+from steelyard.base.files import csv_text
 from steelyard.base.progress import Progress, report_progress
 from steelyard.estimate.identified_model import IdentifiedModel, load_model
 from steelyard.estimate.scores.effort_errors import effort_reference
 from steelyard.estimate.scores.parts_and_bands_along_run import Bands, TorqueSplit
 from steelyard.estimate.scores.score import RunScore, score
-from steelyard.identify.page.effort_error_words import both_words
-from steelyard.identify.page.parameters_and_truth import parameter_rows
-from steelyard.identify.page.report_content import ReportContent
-from steelyard.identify.page.section_register import SECTIONS, parameters_csv, print_report, render
+from steelyard.identify.page import (
+    conditioning_correlations_and_repeats,
+    efforts_their_parts_and_residuals,
+    friction_choice_and_curves,
+    gains_offsets_search_and_settings,
+    link_inertias_and_ellipsoids,
+    parameters_and_truth,
+    reduction_and_removals,
+    verdict_and_joint_errors,
+)
+from steelyard.identify.page.parameters_and_truth import ParameterRow, parameter_rows
+from steelyard.identify.page.report_content_and_error_words import ReportContent, both_words
 from steelyard.identify.page.verdict_and_joint_errors import joints_table
-from steelyard.identify.runs_for_model import runs_for
+from steelyard.identify.runs_and_notes_of_logs import runs_for
 from steelyard.identify.verdict_and_next_steps import Verdict, verdict
+from steelyard.report.page import Section, render_sections
 from steelyard.report.result import TEXT_WIDTH, DataFrame, Result, Series, frame
 from steelyard.report.terminal import terminal
 from steelyard.runs.run import Run
 from steelyard.runs.runs_of_named_logs import LogArgument
+
+SECTIONS: tuple[Section, ...] = (
+    verdict_and_joint_errors.VerdictSection(),
+    reduction_and_removals.ReductionSection(),
+    efforts_their_parts_and_residuals.EffortSection(),
+    efforts_their_parts_and_residuals.TorqueSplitSection(),
+    friction_choice_and_curves.FrictionCurvesSection(),
+    friction_choice_and_curves.FrictionSection(),
+    efforts_their_parts_and_residuals.ResidualsSection(),
+    gains_offsets_search_and_settings.DrivesSection(),
+    gains_offsets_search_and_settings.EffortScalesSection(),
+    gains_offsets_search_and_settings.ZeroOffsetsSection(),
+    parameters_and_truth.TruthSection(),
+    reduction_and_removals.RemovalsSection(),
+    parameters_and_truth.ParametersSection(),
+    link_inertias_and_ellipsoids.MassesSection(),
+    link_inertias_and_ellipsoids.EllipsoidsSection(),
+    link_inertias_and_ellipsoids.BodiesSection(),
+    gains_offsets_search_and_settings.PerRunSection(),
+    gains_offsets_search_and_settings.EvolutionSection(),
+    conditioning_correlations_and_repeats.UnseenSection(),
+    conditioning_correlations_and_repeats.ConditioningSection(),
+    conditioning_correlations_and_repeats.CorrelationsSection(),
+    conditioning_correlations_and_repeats.BootstrapSection(),
+    conditioning_correlations_and_repeats.RepeatedSection(),
+    conditioning_correlations_and_repeats.SensitivitySection(),
+    gains_offsets_search_and_settings.CheckSection(),
+    gains_offsets_search_and_settings.QualitySection(),
+    gains_offsets_search_and_settings.SettingsSection(),
+)
+
+OF_ERRORS = ("verdict", "effort", "torque-split", "residuals", "check", "quality", "settings")
+ERROR_SECTIONS = tuple(section for section in SECTIONS if section.name in OF_ERRORS)
+"""Sections about the errors of a model on logs, without its fit."""
+
+
+def sections_of(content: ReportContent) -> tuple[Section, ...]:
+    """The sections of a page: those about errors alone, or all."""
+    return ERROR_SECTIONS if content.only_errors else SECTIONS
+
+
+def render(content: ReportContent) -> str:
+    """The report as HTML text, to be written as UTF-8."""
+    by = content.identified.provenance.version
+    return render_sections(sections_of(content), content, "identified", by)
+
+
+CSV_COLUMNS = tuple(field.name for field in fields(ParameterRow))  # columns of `parameters.csv`
+
+
+def print_report(content: ReportContent, console: Console, verbose: bool = False) -> None:
+    """Print what the sections have for a terminal, and the notes."""
+    sections = sections_of(content)
+    shown = [part for section in sections for part in section.printed(content)]
+    if verbose:
+        shown += [part for section in sections for part in section.detailed(content)]
+    for number, part in enumerate(shown):
+        if number:
+            console.print()
+        console.print(part)
+    for note in (*content.notes, *(content.details if verbose else ())):
+        console.print(Text(f"note: {note}"))
+
+
+def parameters_csv(identified: IdentifiedModel) -> str:
+    """All base parameters as CSV: values, intervals, and how well they are identified."""
+    return csv_text(
+        [CSV_COLUMNS, *(finite_json(vars(row)).values() for row in parameter_rows(identified))]
+    )
 
 
 def scored(
@@ -105,11 +188,8 @@ class Scores:
         """
         table = self.table
         if column not in table.columns:
-            raise DataError(
-                f"the scores have no column '{column}'",
-                where="scores",
-                fix=advice(column, table.columns, "columns", len(table.columns)),
-            )
+            fix = advice(column, table.columns, "columns", len(table.columns))
+            raise DataError(f"the scores have no column '{column}'", where="scores", fix=fix)
         return table[column]
 
     def __str__(self) -> str:

@@ -10,8 +10,10 @@ from typing import Any
 from steelyard.check.finding import Finding
 from steelyard.estimate.scores.effort_errors import EffortError, as_logged, known_efforts, pooled
 from steelyard.estimate.scores.score import RunScore
-from steelyard.identify.page.effort_error_words import (
+from steelyard.identify.page.parameters_and_truth import parameter_rows
+from steelyard.identify.page.report_content_and_error_words import (
     MOST_NAMED_JOINTS,
+    ReportContent,
     basis_words,
     both_words,
     error_words,
@@ -21,8 +23,6 @@ from steelyard.identify.page.effort_error_words import (
     without_percentage,
     worse_joints,
 )
-from steelyard.identify.page.parameters_and_truth import parameter_rows
-from steelyard.identify.page.report_content import ReportContent
 from steelyard.report.words import Level, count, first_names, percent
 
 MOST_GOOD_PERCENT = 10.0  # relative error [%] up to which a joint counts as well predicted
@@ -40,8 +40,6 @@ AT_REST = (
     "At rest, friction has any value up to the breakaway (static) friction. The error includes "
     "this unknown friction: the log validates gravity only"
 )
-
-HOW_TO_VALIDATE = "steelyard validate MODEL OTHER_LOG"
 
 
 @dataclass(frozen=True)
@@ -115,7 +113,10 @@ def level_of(relative_percent: float | None) -> Level:
 
 def verdict(content: ReportContent) -> Verdict:
     """The verdict of a report, no better than its limitations allow."""
-    plain, found, levels = _of_scores(content), [], []
+    scores = [run for run in content.scores if not run.repeats] or list(content.scores)
+    plain, found, levels = _untested(content), [], []
+    if scores:
+        plain = _judged(scores, _motion(scores), unseen=not scores[0].repeats)
     for one in content.limitations:
         figure = f" ({one.figure})" if one.figure else ""
         advice = f". {one.fix.says}" if one.fix is not None else ""
@@ -139,11 +140,8 @@ def exit_code(content: ReportContent) -> int:
 
 def poorly_predicted(scores: Sequence[RunScore]) -> tuple[str, ...]:
     """Each run whose error alone is poor, like `run.csv with an error of 3.9 Nm: 50 % of ...`."""
-    return tuple(
-        f"{one.run} with an error of {error_words(pooled([one.errors]))}"
-        for one in scores
-        if _judged([one], "", unseen=True).level == "poor"
-    )
+    poor = [one for one in scores if _judged([one], "", unseen=True).level == "poor"]
+    return tuple(f"{x.run} with an error of {error_words(pooled([x.errors]))}" for x in poor)
 
 
 def error_limit_words(judged: Verdict, most: float | None) -> str:
@@ -158,30 +156,23 @@ def error_limit_words(judged: Verdict, most: float | None) -> str:
     return f"The error of {percent(error)} is above --max-error {most:g} %"
 
 
-def _of_scores(content: ReportContent) -> Verdict:
-    """The verdict of the scores alone."""
-    if not content.scores:
-        return _untested(content)
-    scores = [run for run in content.scores if not run.repeats] or list(content.scores)
-    return _judged(scores, _motion(scores), unseen=not scores[0].repeats)
-
-
 def _judged(scores: Sequence[RunScore], motion: str, *, unseen: bool) -> Verdict:
     """The verdict of scores on a motion; none that is good or fair where it is not unseen."""
     errors = pooled(run.errors for run in scores)
     logged = pooled(as_logged(run.errors for run in scores))
-    detail, others = _detail(scores, errors), other_errors(scores)
+    again = ", ".join(dict.fromkeys(run.repeats for run in scores if run.repeats))
+    repeated = f"It repeats the motion of the fitted run {again}: no validation on other motions"
+    sentences = ["; ".join(filter(None, (basis_words(scores), limit_words(errors))))]
+    sentences += [repeated] * bool(again) + [AT_REST] * any(run.errors.at_rest for run in scores)
+    detail, others = (" ".join(f"{sentence}." for sentence in sentences)), other_errors(scores)
     plain = Verdict("", detail, "none", (), errors, logged, others, unseen=unseen)
     worst = plain.percent_of_used
     scaled = max((one.percent_of_used for one in errors), default=0.0)
     if worst is None or not isfinite(worst):
-        strange = ", ".join(without_percentage(scores))
-        return replace(
-            plain,
-            headline=f"The error on {motion} cannot be given as a percentage",
-            detail=f"No relative error of {strange}: its measured effort is zero or not a number. "
-            f"See the table. {detail}",
-        )
+        why = f"No relative error of {', '.join(without_percentage(scores))}: its measured effort"
+        detail = f"{why} is zero or not a number. See the table. {detail}"
+        headline = f"The error on {motion} cannot be given as a percentage"
+        return replace(plain, headline=headline, detail=detail)
     worse = worse_joints(scores, MOST_GOOD_PERCENT)
     moving = len({j.joint for run in scores for j in run.errors.joints if j.counted})
     limited: Level = "good" if worst <= MOST_GOOD_PERCENT and 2 * len(worse) <= moving else "fair"
@@ -215,33 +206,20 @@ UNTESTED = "Not validated on unseen motion"
 def _untested(content: ReportContent) -> Verdict:
     """Without a run that was kept aside nothing is known of other motions, but of a poor fit."""
     fitted, described = content.fitted, ""
-    to_do = f"To validate it, log another motion and run: {HOW_TO_VALIDATE}"
+    to_do = "To validate it, log another motion and run: steelyard validate MODEL OTHER_LOG"
     if not fitted:
         return Verdict(UNTESTED, to_do, "none")
     judged = _judged(fitted, "fitted motion", unseen=False)
     if judged.level == "poor":
-        headline = f"{UNTESTED}. {judged.headline}"
-        detail = f"{judged.detail} {to_do}"
+        headline, detail = f"{UNTESTED}. {judged.headline}", f"{judged.detail} {to_do}"
         return replace(judged, headline=headline, detail=detail, errors=(), as_logged=())
     if judged.errors and all(isfinite(one.percent_of_used) for one in judged.errors):
+        error = both_words(judged.errors, judged.as_logged)
         described = (
-            f"The model describes {count(len(fitted), 'fitted run')} with an error of "
-            f"{both_words(judged.errors, judged.as_logged)} ({basis_words(fitted)}), which is no "
-            "evidence for other motions. "
+            f"The model describes {count(len(fitted), 'fitted run')} with an error of {error} "
+            f"({basis_words(fitted)}), which is no evidence for other motions. "
         )
     return Verdict(UNTESTED, f"{described}{to_do}", "none", others=judged.others)
-
-
-def _detail(scores: Sequence[RunScore], errors: Sequence[EffortError]) -> str:
-    """Over what the error is computed, which motions are repeated, and friction at rest."""
-    again = ", ".join(dict.fromkeys(run.repeats for run in scores if run.repeats))
-    repeated = f"It repeats the motion of the fitted run {again}: no validation on other motions"
-    sentences = (
-        "; ".join(words for words in (basis_words(scores), limit_words(errors)) if words),
-        repeated if again else "",
-        AT_REST if any(run.errors.at_rest for run in scores) else "",
-    )
-    return " ".join(f"{sentence}." for sentence in sentences if sentence)
 
 
 MODEL_ERROR = "model error"  # the check that compares residuals with noise
@@ -296,7 +274,7 @@ def gear_side_steps(findings: Sequence[Finding], robot: str) -> list[Step]:
     """The edit for sensors on the link side, where a finding proposes it."""
     edit = f'if sensors are on the link side: kind = "link_torque" in {robot}, no rotor_inertia'
     proposed = any(found.check == GEAR_SIDE and found.fix is not None for found in findings)
-    return [("", f"{edit} in terms")] if proposed else []
+    return [("", f"{edit} in terms")] * proposed
 
 
 def identify_command(robot: str, logs: Sequence[str]) -> str:
@@ -323,18 +301,12 @@ def robot_file(content: ReportContent) -> str:
     """The robot file that the model was identified with, if it lies here; else `ROBOT`."""
     inputs = content.identified.provenance.inputs
     names = (role.removeprefix("robot ") for role in inputs if role.startswith("robot "))
-    return next(
-        (name for name in names if name.endswith(".toml") and Path(name).is_file()), "ROBOT"
-    )
+    here = (name for name in names if name.endswith(".toml") and Path(name).is_file())
+    return next(here, "ROBOT")
 
 
 def step_lines(steps: tuple[Step, ...], indent: int = 8) -> list[str]:
     """The steps as lines of a terminal, `indent` columns for the heading; remarks as comments."""
-    lines = [
-        line
-        for command, remark in steps
-        for line in (f"# {remark}" if remark else "", command)
-        if line
-    ]
-    heads = ("next", *[""] * (len(lines) - 1))
-    return [f"{head:{indent}}{line}" for head, line in zip(heads, lines, strict=False)]
+    both = [line for step, why in steps for line in (f"# {why}" if why else "", step)]
+    lines = list(filter(None, both))
+    return [f"{'' if number else 'next':{indent}}{line}" for number, line in enumerate(lines)]

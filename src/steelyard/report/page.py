@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import numpy as np
+from markupsafe import Markup
 
 from steelyard.base.arrays import Array
 from steelyard.base.templates import templates_of
@@ -35,44 +36,30 @@ PICTURE = 'class="picture'  # what marks a picture in the page
 def _environment() -> Environment:
     """Templates that escape everything: names come from files of strangers."""
     environment = templates_of(TEMPLATES, autoescape=True)
-    environment.filters |= {
-        "significant": words.significant,
-        "percent": words.percent,
-        "alike": words.rounded_to_uncertainty,
-        "share": words.share,
-        "relative": words.relative,
-        "kept": words.kept,
-        "breakable": breakable,
-    }
+    own = (words.significant, words.percent, words.share, words.relative, words.kept, breakable)
+    environment.filters |= {function.__name__: function for function in own}
+    environment.filters["alike"] = words.rounded_to_uncertainty
     environment.globals["count"] = words.count
     return environment
 
 
 def fill(template: str, values: Mapping[str, Any]) -> str:
     """A template of this room filled with values, as safe HTML."""
-    from markupsafe import Markup
-
     return Markup(_environment().get_template(template).render(values))
 
 
 def breakable(name: str) -> str:
     """A name as safe HTML that may be broken behind dots and underscores, never inside a word."""
-    from markupsafe import Markup
-
     return Markup("<wbr>").join(words.pieces(name))
 
 
 def verbatim(name: str) -> str:
     """A style sheet or script of this room, to stand in a page as it is."""
-    from markupsafe import Markup
-
     return Markup((TEMPLATES / name).read_text(encoding="utf-8"))
 
 
 def script_json(value: object) -> str:
     """JSON that cannot end the script element it stands in."""
-    from markupsafe import Markup
-
     text = json.dumps(value, allow_nan=False, ensure_ascii=True, separators=(",", ":"))
     for character in "<>&":
         text = text.replace(character, f"\\u{ord(character):04x}")

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal, TypeVar
+from typing import Any, Literal, TypeVar
 
 from rich.box import SIMPLE_HEAD
 from rich.table import Table
@@ -62,13 +62,13 @@ def table_of(
 
 
 def light_table(
-    headings: Sequence[str], left: Sequence[int] = (0,), *, whole: bool = True
+    headings: Sequence[str], left: Sequence[int] = (0,), *, whole: bool = True, **layout: Any
 ) -> Table:
     """An empty table of the terminal without frame, with some columns aligned to the left.
 
     In a narrow terminal words are broken and, if `whole`, numbers are not: for short headings.
     """
-    table = Table(box=SIMPLE_HEAD, show_edge=False, pad_edge=False)
+    table = Table(box=SIMPLE_HEAD, show_edge=False, **({"pad_edge": False} | layout))
     for number, heading in enumerate(headings):
         side: Literal["left", "right"] = "left" if number in left else "right"
         unbroken = whole and number not in left
@@ -89,11 +89,10 @@ def text_table(table: PlainTable, title: str) -> Table:
 def narrow_table(table: PlainTable, columns: Sequence[int] | None = None) -> Table:
     """Some columns of a table for the terminal, or all, without lines between them."""
     chosen = range(len(table.headings)) if columns is None else columns
-    shown = Table(box=SIMPLE_HEAD, show_edge=False, padding=(0, 1, 0, 0))
-    for number in chosen:
-        side: Literal["left", "right"] = "left" if number in table.text else "right"
-        shown.add_column(Text(table.headings[number]), justify=side, overflow="fold")
-    return _with_rows(shown, table, chosen)
+    headings = [table.headings[number] for number in chosen]
+    left = [place for place, number in enumerate(chosen) if number in table.text]
+    layout = {"pad_edge": True, "padding": (0, 1, 0, 0)}
+    return _with_rows(light_table(headings, left, whole=False, **layout), table, chosen)
 
 
 def _with_rows(shown: Table, table: PlainTable, columns: Sequence[int]) -> Table:

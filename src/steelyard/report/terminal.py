@@ -5,7 +5,7 @@ from typing import IO
 from rich.console import Console, ConsoleOptions, ConsoleRenderable, RenderHook, RenderResult
 from rich.segment import Segment
 
-from steelyard.base.visible_text import visible
+from steelyard.base.errors import visible
 
 
 class _Visible:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from steelyard.base.arrays import Array, finite_json, records
-from steelyard.identify.page.settings_quality_and_checks import SettingsSection
+from steelyard.identify.page.gains_offsets_search_and_settings import SettingsSection
 from steelyard.report.page import FigureSection, Numbers, PageContent, Section
 from steelyard.report.page_figures import Figure, Group, Key, evenly, line, thin
 from steelyard.report.tables import PlainTable, Row, text_table

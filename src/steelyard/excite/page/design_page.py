@@ -15,7 +15,7 @@ from steelyard.excite.page.design_text import DesignContent
 from steelyard.excite.page.tool_path_and_walls import DesignToolSection
 from steelyard.excite.predicted_accuracy_and_advice import Advice
 from steelyard.excite.searched_or_planned_motion import Designed
-from steelyard.identify.page.settings_quality_and_checks import SettingsSection
+from steelyard.identify.page.gains_offsets_search_and_settings import SettingsSection
 from steelyard.report.page import Numbers, Section, render_sections, rounded, script_json
 from steelyard.report.page_figures import line, thin
 from steelyard.report.tables import PlainTable, Row, table_of

@@ -14,15 +14,8 @@ from steelyard.base.checked_arguments import checked
 from steelyard.base.errors import DataError, ModelError
 from steelyard.base.progress import Progress, report_progress, silent
 from steelyard.check.case_from_files_and_precheck import notes_of_precheck, prechecked
-from steelyard.estimate.estimator_register import (
-    ESTIMATORS,
-    Context,
-    Offer,
-    Sources,
-    context_of,
-    method_of,
-    offer_of,
-)
+from steelyard.estimate import estimator_register as register
+from steelyard.estimate.estimator_register import Sources
 from steelyard.estimate.identified_model import IdentifiedModel, load_model
 from steelyard.estimate.information.base_parameters_and_regressor import base_regressor
 from steelyard.estimate.information.information import Information
@@ -37,60 +30,45 @@ from steelyard.estimate.scores.model_comparison import (
     refuse_different,
     same_efforts,
 )
-from steelyard.identify.comparison.estimators_page import (
-    COMPARE_SECTIONS,
-    ComparisonContent,
-    comparison_lines,
-)
-from steelyard.identify.comparison.model_errors_and_efforts_sections import ModelsContent
-from steelyard.identify.comparison.models_page import COMPARE_MODELS_SECTIONS
+from steelyard.identify import runs_and_notes_of_logs as of_logs
+from steelyard.identify.comparison import estimators_page
+from steelyard.identify.comparison.models_page import COMPARE_MODELS_SECTIONS, ModelsContent
 from steelyard.identify.fit_preparation import FitTask, PreparedFit, model_to_fit, prepare_fit
-from steelyard.identify.provenance_and_notes import dropped, dropped_rows, notes_of
-from steelyard.identify.runs_for_model import runs_for, was_fitted
 from steelyard.report.page import render_sections
 from steelyard.report.result import DataFrame, Result, frame
 from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
 from steelyard.robot.file.robot_file import load_robot
+from steelyard.runs import runs_of_named_logs as named_logs
 from steelyard.runs.run import Run
-from steelyard.runs.runs_of_named_logs import (
-    LogArgument,
-    log_files,
-    paths_of,
-    refuse_overlaps,
-    runs_of,
-    signals_of,
-)
 
 
 def _refuse_one_run(information: Information) -> NoReturn:
-    raise DataError(
-        "it simulates whole runs, and there is only one",
-        where=information.runs,
-        fix="give several logs, or several cuts of this one: LOG@0:10 LOG@10:20",
-    )
+    wrong = "it simulates whole runs, and there is only one"
+    fix = "give several logs, or several cuts of this one: LOG@0:10 LOG@10:20"
+    raise DataError(wrong, where=information.runs, fix=fix)
 
 
-def offers_of(names: Sequence[str], everything: bool) -> tuple[Offer, ...]:
+def offers_of(names: Sequence[str], everything: bool) -> tuple[register.Offer, ...]:
     """The named estimators, several in one name with commas; else those that do not search."""
     if names and everything:
-        raise ModelError(
-            "estimators are named, and all are requested",
-            where="estimators, everything (--estimators, --all)",
-            fix="leave out one of the two",
-        )
+        wrong = "estimators are named, and all are requested"
+        fix = "leave out one of the two"
+        raise ModelError(wrong, where="estimators, everything (--estimators, --all)", fix=fix)
     if not names:
-        return tuple(offer for offer in ESTIMATORS if everything or not offer.slow)
+        return tuple(offer for offer in register.ESTIMATORS if everything or not offer.slow)
     each = [name.strip() for some in names for name in some.split(",") if name.strip()]
-    return tuple(dict.fromkeys(offer_of(name, "estimators (--estimators)") for name in each))
+    return tuple(
+        dict.fromkeys(register.offer_of(name, "estimators (--estimators)") for name in each)
+    )
 
 
 def comparison_inputs(
     file: LoadedRobot, logs: Sequence[str], check: bool, threads: int, progress: Progress
-) -> tuple[Context, Parts, PreparedFit, tuple[str, ...], tuple[str, ...]]:
+) -> tuple[register.Context, Parts, PreparedFit, tuple[str, ...], tuple[str, ...]]:
     """What estimators are given, the model with its runs, notes, and details."""
-    files = log_files(logs)
-    refuse_overlaps(files, ())
-    signals, reasons = signals_of(file, files[0])
+    files = named_logs.log_files(logs)
+    named_logs.refuse_overlaps(files, ())
+    signals, reasons = named_logs.signals_of(file, files[0])
     if signals.unknown_gains and all(signals.unknown_gains):
         raise ModelError(
             "estimators cannot be compared while every drive gain is to be identified",
@@ -98,21 +76,20 @@ def comparison_inputs(
             fix="identify the gains first (steelyard identify ROBOT LOG --loaded LOG "
             "--payload-mass KG), and write them into the robot file",
         )
-    model, unresolved, made = model_to_fit(file), tuple[str, ...](), dict[str, Run]()
+    model, diagnosis, made = model_to_fit(file), None, dict[str, Run]()
     if check:
         given = replace(file, signals=signals)
         diagnosis, made = prechecked(file.reference, given, files, progress)
-    runs = runs_of(file, signals, files, (), progress, made)[0]
-    if check:
-        unresolved = notes_of_precheck(diagnosis, file.reference)
+    runs = named_logs.runs_of(file, signals, files, (), progress, made)[0]
+    unresolved = () if diagnosis is None else notes_of_precheck(diagnosis, file.reference)
     task = FitTask(model, file, runs, threads=threads, progress=progress)
     ground = prepare_fit(task, WeightedLeastSquares())
-    notes = (*file.notes, *reasons, *dropped_rows(runs), *unresolved)
-    details = (*notes_of(runs), *ground.notes, *dropped(model, runs))
+    notes = (*file.notes, *reasons, *of_logs.dropped_rows(runs), *unresolved)
+    details = (*of_logs.notes_of(runs), *ground.notes, *of_logs.dropped(model, runs))
     # one more pass, in windows that parts can be made of
     regressor, runs = base_regressor(ground.model), ground.runs
     information = task.information_of(ground.model, runs, longest_window(runs))(regressor)
-    context = context_of(file, regressor, runs, progress)
+    context = register.context_of(file, regressor, runs, progress)
     sources = Sources(regressor, runs, information, threads, progress)
     experiment = sources.experiment if len(runs) > 1 else _refuse_one_run
     parts = Parts.of(runs, information, {"samples": sources.samples, "experiment": experiment})
@@ -123,7 +100,7 @@ def comparison_inputs(
 class EstimatorComparison(Result):
     """A comparison of estimators."""
 
-    content: ComparisonContent  # what the page shows
+    content: estimators_page.ComparisonContent  # what the page shows
     page_name, json_name = "compare.html", "compare.json"
 
     @property
@@ -143,7 +120,7 @@ class EstimatorComparison(Result):
 
     def report(self) -> str:
         """The report as one self-contained HTML page."""
-        return render_sections(COMPARE_SECTIONS, self.content, "compared")
+        return render_sections(estimators_page.COMPARE_SECTIONS, self.content, "compared")
 
     def to_dict(self) -> dict[str, Any]:
         """The numbers as JSON values, as `steelyard compare --json` prints them."""
@@ -151,7 +128,7 @@ class EstimatorComparison(Result):
 
     def show(self, console: Console, verbose: bool = False) -> None:
         """Print the advice and the table; with `verbose` all of it, and the notes."""
-        comparison_lines(self.content, console, verbose)
+        estimators_page.comparison_lines(self.content, console, verbose)
 
 
 @checked(threads=1)
@@ -190,7 +167,7 @@ def compare(
         ['OLS', 'WLS']
     """
     offers = offers_of(estimators, everything)
-    paths = paths_of(logs, least=1)
+    paths = named_logs.paths_of(logs, least=1)
     file = load_robot(robot, base=fixed_base)
     context, parts, ground, notes, details = comparison_inputs(
         file, paths, check, threads or os.cpu_count() or 1, progress
@@ -198,7 +175,7 @@ def compare(
     found = compare_estimators(offers, context, parts, progress=progress, interruption=interruption)
     name = ground.model.robot.name
     return EstimatorComparison(
-        ComparisonContent(
+        estimators_page.ComparisonContent(
             title=f"{name}: estimators compared",
             robot=name,
             qualities=tuple((run.name, run.quality.rows_of_text) for run in ground.runs),
@@ -207,7 +184,7 @@ def compare(
             friction=ground.choice,
             findings=ground.findings,
             gains=ground.gains,
-            comparison=replace(found, current=method_of(file).name),
+            comparison=replace(found, current=register.method_of(file).name),
         )
     )
 
@@ -333,21 +310,19 @@ def compare_models(
     """
     named = named_models(models)
     if len(named) < 2:
-        raise ModelError(
-            f"{len(named)} model is given" if named else "no model is given",
-            where="models to compare",
-            fix="give at least two; `steelyard validate` scores a single one",
-        )
+        wrong = f"{len(named)} model is given" if named else "no model is given"
+        fix = "give at least two; `steelyard validate` scores a single one"
+        raise ModelError(wrong, where="models to compare", fix=fix)
     (first_name, first), *others = named.items()
     for name, other in others:
         refuse_different(first, other, (f"'{first_name}'", f"'{name}'"))
-    files = log_files(paths_of(logs, least=1))
+    files = named_logs.log_files(named_logs.paths_of(logs, least=1))
     runs = _runs(named, files, progress)
     found = []
     for number, (name, identified) in enumerate(named.items()):
         report_progress(progress, "comparing models", number, len(named))
         scored = tuple(
-            model_errors(identified, run, first, was_fitted(identified, log, run))
+            model_errors(identified, run, first, of_logs.was_fitted(identified, log, run))
             for log, run in zip(files, runs[name], strict=True)
         )
         found.append(ComparedModel(name, identified, scored))
@@ -358,14 +333,16 @@ def compare_models(
         qualities=tuple((run.name, run.quality.rows_of_text) for run in runs[first_name]),
         models=comparison,
         notes=_notes(named, comparison, runs[first_name]),
-        details=notes_of(runs[first_name]),
+        details=of_logs.notes_of(runs[first_name]),
         settings=(("models", ", ".join(named)), ("logs", ", ".join(file.text for file in files))),
     )
     return ComparedModels(content)
 
 
 def _runs(
-    named: Mapping[str, IdentifiedModel], files: Sequence[LogArgument], progress: Progress
+    named: Mapping[str, IdentifiedModel],
+    files: Sequence[named_logs.LogArgument],
+    progress: Progress,
 ) -> dict[str, tuple[Run, ...]]:
     """The logs as each model reads them, in the processing of the first; read once if alike."""
     first = next(iter(named.values()))
@@ -375,7 +352,7 @@ def _runs(
         values = json_values(identified.signals)
         key = json.dumps({k: v for k, v in values.items() if k not in ("gains", "unknown_gains")})
         if key not in known:
-            known[key] = runs_for(first, files, progress, signals=identified.signals)
+            known[key] = of_logs.runs_for(first, files, progress, signals=identified.signals)
         found[name] = known[key]
     return found
 
@@ -383,7 +360,6 @@ def _runs(
 def _notes(
     named: Mapping[str, IdentifiedModel], comparison: ModelComparison, runs: Sequence[Run]
 ) -> tuple[str, ...]:
-    """What limits the comparison."""
     (first_name, first), *others = named.items()
     notes = []
     for k, run in enumerate(comparison.runs):
@@ -397,10 +373,7 @@ def _notes(
             "other [processing]"
         )
     kind = first.signals.effort_kind
-    if efforts := [
-        name
-        for name, other in others
-        if not same_efforts(other, first) or other.signals.effort_kind != kind
-    ]:
+    alike = (same_efforts(x, first) and x.signals.effort_kind == kind for _, x in others)
+    if efforts := [name for (name, _), same in zip(others, alike, strict=True) if not same]:
         notes.append(f"{', '.join(efforts)}: other effort columns than {first_name}")
-    return (*notes, *dropped_rows(runs))
+    return (*notes, *of_logs.dropped_rows(runs))

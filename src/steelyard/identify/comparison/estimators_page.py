@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from math import inf
 from typing import Any
 
 import numpy as np
@@ -13,9 +14,8 @@ from steelyard.estimate.friction.friction_choice import FrictionChoice
 from steelyard.estimate.nonlinear.nonlinear_parameters import Finding
 from steelyard.estimate.payload.drive_gains import GainEstimate
 from steelyard.estimate.scores.estimator_comparison import Comparison, EstimatorScore, Failure
+from steelyard.identify.page import gains_offsets_search_and_settings as sections
 from steelyard.identify.page.friction_choice_and_curves import FrictionSection
-from steelyard.identify.page.gains_effort_scales_and_zero_offsets import DrivesSection
-from steelyard.identify.page.settings_quality_and_checks import QualitySection, SettingsSection
 from steelyard.report.page import Numbers, PageContent, Section, rounded, script_json
 from steelyard.report.page_figures import dots, traced
 from steelyard.report.tables import PlainTable, Row, light_table, table_of
@@ -49,11 +49,8 @@ class CompareSection(Section, name="compare", title="Estimators compared", templ
             Row((part, *(percent(None if x.failed[k] else float(x.means[k])) for x in drawn)))
             for k, part in enumerate(parts)
         ]
-        failures = [
-            Row((score.name, *words))
-            for score in every
-            for words in failure_words(score.failures, len(parts))
-        ]
+        failed = [(x.name, failure_words(x.failures, len(parts))) for x in every]
+        failures = [Row((name, *words)) for name, each in failed for words in each]
         of_parts = (f"{left.capitalize()} left out", *(score.name for score in drawn))
         of_failures = ("Estimator", "When", "Reason", "What to do")
         tables = [
@@ -86,9 +83,8 @@ def comparison_headline(comparison: Comparison) -> str:
 
 def reasons(comparison: Comparison) -> str:
     """Why, and what to write into the robot file."""
-    advice, setting = comparison.advice, comparison.setting
-    why = "" if advice is None else advice.why
-    return why + (f". In the robot file: {setting}" if setting else "")
+    why = "" if comparison.advice is None else comparison.advice.why
+    return why + (f". In the robot file: {comparison.setting}" if comparison.setting else "")
 
 
 def stopped(comparison: Comparison) -> str:
@@ -104,9 +100,7 @@ def stopped(comparison: Comparison) -> str:
 
 def in_order(comparison: Comparison) -> list[EstimatorScore]:
     """The least error first, those that failed last."""
-    return sorted(
-        comparison.scores, key=lambda t: (not t.whole, float("inf") if t.mean is None else t.mean)
-    )
+    return sorted(comparison.scores, key=lambda x: (not x.whole, inf if x.mean is None else x.mean))
 
 
 def main_table(comparison: Comparison) -> PlainTable:
@@ -171,10 +165,11 @@ def failure_words(failures: Sequence[Failure], parts: int) -> list[tuple[str, st
 
 
 def _figure(drawn: Sequence[EstimatorScore], comparison: Comparison) -> dict[str, Any]:
-    """Errors of all parts with their means on the left, times on the right."""
     errors = np.concatenate([t.means[np.isfinite(t.means)] for t in drawn])
     wide = errors.min() > 0.0 and errors.max() > LEAST_LOGARITHMIC_RATIO * errors.min()
-    names = [score.name for score in drawn]
+    names, means = [score.name for score in drawn], [score.mean or 0.0 for score in drawn]
+    half = [score.standard_error or 0.0 for score in drawn]
+    diamond: dict[str, Any] = {"symbol": "diamond", "size": 10, "half_widths": half}
     return {
         "x": "error [%]",
         "y": "",
@@ -188,15 +183,7 @@ def _figure(drawn: Sequence[EstimatorScore], comparison: Comparison) -> dict[str
                 text=[part for _ in drawn for part in comparison.parts],
                 hovertemplate="%{y}, %{text}: %{x:.3g} %<extra></extra>",
             ),
-            dots(
-                "mean and its standard error",
-                [score.mean or 0.0 for score in drawn],
-                names,
-                "--blue",
-                symbol="diamond",
-                size=10,
-                half_widths=[score.standard_error or 0.0 for score in drawn],
-            ),
+            dots("mean and its standard error", means, names, "--blue", **diamond),
             traced(
                 "points",
                 "time of one fit",
@@ -216,7 +203,6 @@ def _figure(drawn: Sequence[EstimatorScore], comparison: Comparison) -> dict[str
 
 
 def _times(seconds: Sequence[float]) -> dict[str, Any]:
-    """An axis of whole decades."""
     known = np.log10(np.maximum(seconds, 1e-6)) if seconds else np.zeros(1)
     first, last = int(np.floor(known.min())), int(np.ceil(known.max() + 1e-9))
     ticks = range(first, last + 1)
@@ -253,8 +239,8 @@ def comparison_lines(content: ComparisonContent, console: Console, verbose: bool
             console.print(Text(line))
     if comparison.setting:
         console.print(Text(f"in the robot file: {comparison.setting}"))
-    if stopped(comparison):
-        console.print(Text(stopped(comparison), style="bold yellow"))
+    if left := stopped(comparison):
+        console.print(Text(left, style="bold yellow"))
     console.print()
     shown = main_table(comparison)
     most = len(shown.rows) if verbose else MOST_SHOWN_ESTIMATORS
@@ -272,11 +258,9 @@ def comparison_lines(content: ComparisonContent, console: Console, verbose: bool
     console.print(table)
     if rest := [row.cells[0] for row in shown.rows[most:]]:
         console.print(Text(f"and {len(rest)} more: {', '.join(rest)} (-v)"))
-    if verbose:
-        for number in columns:
-            if shown.headings[number] in COLUMN_MEANINGS:
-                heading = shown.headings[number]
-                console.print(Text(f"{heading}: {COLUMN_MEANINGS[heading]}"))
+    for heading in (shown.headings[number] for number in columns if verbose):
+        if heading in COLUMN_MEANINGS:
+            console.print(Text(f"{heading}: {COLUMN_MEANINGS[heading]}"))
     for score in in_order(comparison):
         for when, reason, fix in failure_words(score.failures, len(comparison.parts)):
             console.print(Text(f"{score.name} failed ({when}): {reason}; {fix}", style="yellow"))
@@ -287,7 +271,7 @@ def comparison_lines(content: ComparisonContent, console: Console, verbose: bool
 COMPARE_SECTIONS: tuple[Section, ...] = (
     CompareSection(),
     FrictionSection(),
-    DrivesSection(),
-    QualitySection(),
-    SettingsSection(),
+    sections.DrivesSection(),
+    sections.QualitySection(),
+    sections.SettingsSection(),
 )

@@ -12,7 +12,7 @@ from steelyard.estimate.friction.friction_choice import FrictionChoice
 from steelyard.estimate.friction.friction_mixes_and_curves import FrictionCurve, friction_curves
 from steelyard.estimate.nonlinear.nonlinear_parameters import Finding
 from steelyard.estimate.scores.parts_and_bands_along_run import PARTS, TorqueParts
-from steelyard.identify.page.report_content import ReportContent, fitted_samples
+from steelyard.identify.page.report_content_and_error_words import ReportContent, pooled_samples
 from steelyard.model.terms.term import StatefulTerm
 from steelyard.report.page import FigureSection, Numbers, TableSection, rounded
 from steelyard.report.page_figures import Figure, Group, Key, area, evenly, line, points
@@ -36,7 +36,7 @@ class FrictionSection(TableSection, name="friction", title="Friction", in_termin
     def tables(self, content: Any) -> list[PlainTable]:
         """One table each, if there is anything in it."""
         mixes = [] if content.friction is None else [_mixes(content.friction)]
-        return [*mixes, *([_fields(content.findings)] if content.findings else [])]
+        return mixes + [_fields(content.findings)] * bool(content.findings)
 
     def printed(self, content: Any) -> Iterable[RenderableType]:
         """The laws that were chosen, and how much of the error they take away."""
@@ -67,7 +67,6 @@ class FrictionSection(TableSection, name="friction", title="Friction", in_termin
 
 
 def _chosen(choice: FrictionChoice) -> str:
-    """The chosen laws beside the first row of the table."""
     first, best = choice.table[0], choice.best
     compared = f"{count(len(choice.table), 'combination')} of laws compared"
     if best is first:
@@ -147,7 +146,7 @@ class FrictionCurvesSection(FigureSection, name="friction-curves", title="Fricti
 
     def numbers(self, content: ReportContent) -> Numbers | None:
         """Curves and points."""
-        found, samples = curves_of(content), fitted_samples(content)
+        found, samples = curves_of(content), pooled_samples(content, "fitted")
         if samples is None or not found:
             return None
         parts, runs = samples
@@ -179,9 +178,9 @@ class FrictionCurvesSection(FigureSection, name="friction-curves", title="Fricti
             "friction_curves": [
                 {
                     "joint": curve.joint,
-                    "speed": [rounded(x) for x in curve.speed],
-                    "friction": [rounded(x) for x in curve.effort],
-                    "half_width": [rounded(x) for x in curve.half_width],
+                    "speed": list(map(rounded, curve.speed)),
+                    "friction": list(map(rounded, curve.effort)),
+                    "half_width": list(map(rounded, curve.half_width)),
                 }
                 for curve in curves_of(content)
             ]
@@ -190,7 +189,7 @@ class FrictionCurvesSection(FigureSection, name="friction-curves", title="Fricti
 
 def curves_of(content: ReportContent) -> tuple[FrictionCurve, ...]:
     """The curves up to the largest speed in the samples; none without samples."""
-    samples = fitted_samples(content)
+    samples = pooled_samples(content, "fitted")
     if samples is None:
         return ()
     parts, _ = samples
@@ -208,16 +207,12 @@ def _curve_figure(curve: FrictionCurve, joint: Coordinate, j: int, parts: Torque
     sides = (slice(None, middle), slice(middle, None))
     # Later traces are drawn over earlier ones: the band must not hide the points.
     lower, upper = curve.effort - half, curve.effort + half
-    traces = [
-        area("95 % interval", speed[at], lower[at], upper[at], "--surely", 0.7) for at in sides
-    ]
-    traces.append(
-        points("measured", parts.dq[chosen, j], parts.friction[chosen, j], "--measured", 4)
-    )
     hover = f"%{{x:.3g}} {joint.unit}/s: %{{y:.3g}} {joint.effort_unit}<extra></extra>"
-    traces.append(
-        line("friction", speed, curve.effort, "--predicted", width=2.5, hovertemplate=hover)
-    )
+    traces = [
+        *(area("95 % interval", speed[at], lower[at], upper[at], "--surely", 0.7) for at in sides),
+        points("measured", parts.dq[chosen, j], parts.friction[chosen, j], "--measured", 4),
+        line("friction", speed, curve.effort, "--predicted", width=2.5, hovertemplate=hover),
+    ]
     label = f"Friction of {curve.joint} over its speed, with samples"
     axes = f"speed [{joint.unit}/s]", f"friction [{joint.effort_unit}]"
     return Figure(curve.joint, label, *axes, traces, {"showlegend": False})

@@ -7,18 +7,17 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from steelyard.base.arrays import Z95, Array, Parameters
-from steelyard.estimate.estimate import StandardEstimate
+from steelyard.base.arrays import Z95, Array
 from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.estimate.prior.body_priors import model_prior, rigid_bodies, spread_of
-from steelyard.identify.page.report_content import ReportContent, fitted_samples
+from steelyard.identify.page.report_content_and_error_words import ReportContent, pooled_samples
 from steelyard.report.page import FigureSection, Numbers, TableSection, rounded
 from steelyard.report.page_figures import Figure, Group, Key, Traced, dots, figure_of_rows, in_space
 from steelyard.report.tables import PlainTable, Row, table_of
 from steelyard.report.words import NONE, fixed, share, significant, with_interval
 from steelyard.robot.inertia_and_placement import INERTIAL_NAMES, Inertia
 from steelyard.robot.loop_closures import loop_equations
-from steelyard.robot.robot import Robot, bodies_along, sticks
+from steelyard.robot.robot import bodies_along, sticks
 
 BODIES_WORDS = (
     "Estimate of each link from data and prior, with 95 % intervals. The data alone determine only "
@@ -64,7 +63,15 @@ class BodiesSection(TableSection, name="bodies", title="Link inertial parameters
         standard = identified.estimate.standard
         if standard is None or not table.rows:
             return []
-        return [replace(table, rows=(*table.rows, _total(identified, standard)), text=(0, 3, 4))]
+        bodies = rigid_bodies(identified.model).values()
+        place = {name: k for k, name in enumerate(standard.parameters.names)}
+        mine = [place[f"m.{body.name}"] for body in bodies]
+        variance = max(float(standard.covariance[np.ix_(mine, mine)].sum()), 0.0)
+        nominal = sum(body.inertia.mass for body in bodies)
+        mass = float(standard.parameters.values[mine].sum())
+        file = significant(nominal) if all(body.known for body in bodies) else NONE
+        cells = ("all links", with_interval(mass, Z95 * sqrt(variance)), file, *("",) * 4)
+        return [replace(table, rows=(*table.rows, Row(cells, total=True)), text=(0, 3, 4))]
 
 
 def identified_links(identified: IdentifiedModel) -> Iterator[IdentifiedLink]:
@@ -76,14 +83,10 @@ def identified_links(identified: IdentifiedModel) -> Iterator[IdentifiedLink]:
     for number, body in rigid_bodies(identified.model).items():
         ten = [place[f"{kind}.{body.name}"] for kind in INERTIAL_NAMES]
         inertia = Inertia.from_ten(standard.parameters.values[ten])
-        yield IdentifiedLink(
-            body.name,
-            inertia,
-            standard.covariance[np.ix_(ten, ten)],
-            float(standard.learned[ten].mean()),
-            body.inertia if body.known else None,
-            margin(inertia, model_prior(robot, number).inertia),
-        )
+        covariance, learned = standard.covariance[np.ix_(ten, ten)], standard.learned[ten].mean()
+        nominal = body.inertia if body.known else None
+        least = margin(inertia, model_prior(robot, number).inertia)
+        yield IdentifiedLink(body.name, inertia, covariance, float(learned), nominal, least)
 
 
 def margin(inertia: Inertia, prior: Inertia) -> float:
@@ -114,19 +117,6 @@ LINK_COLUMNS: dict[str, Callable[[IdentifiedLink], str]] = {
 }
 
 
-def _total(identified: IdentifiedModel, standard: StandardEstimate) -> Row:
-    """The masses of all links together; their intervals do not add."""
-    bodies = rigid_bodies(identified.model).values()
-    place = {name: k for k, name in enumerate(standard.parameters.names)}
-    mine = [place[f"m.{body.name}"] for body in bodies]
-    variance = max(float(standard.covariance[np.ix_(mine, mine)].sum()), 0.0)
-    nominal = sum(body.inertia.mass for body in bodies)
-    mass = float(standard.parameters.values[mine].sum())
-    file = significant(nominal) if all(body.known for body in bodies) else NONE
-    cells = ("all links", with_interval(mass, Z95 * sqrt(variance)), file, *("",) * 4)
-    return Row(cells, total=True)
-
-
 MASSES_WORDS = (
     "Mass of each link in the model file and as identified from data and prior, and the shift of "
     "its centre of mass against the file, in the link's frame. Only sums of these numbers affect "
@@ -144,11 +134,16 @@ class MassesSection(FigureSection, name="masses", title="Masses and centres, bef
         links = list(identified_links(content.identified))
         if not links:
             return None
-        true = _true(links, content.truth)
+        known = {} if content.truth is None else content.truth.as_dict()
+        true = {
+            link.name: Inertia.from_ten([known[f"{kind}.{link.name}"] for kind in INERTIAL_NAMES])
+            for link in links
+            if known
+        }
         groups = [Group([_masses(links, true)], columns="one")]
-        known = [link for link in links if link.nominal is not None and link.inertia.mass]
-        if known:
-            groups.append(Group([_shifts(known, axis, true) for axis in range(3)], columns="three"))
+        moved = [link for link in links if link.nominal is not None and link.inertia.mass]
+        if moved:
+            groups.append(Group([_shifts(moved, axis, true) for axis in range(3)], columns="three"))
         return {
             "words": MASSES_WORDS,
             "legend": [
@@ -166,17 +161,6 @@ class MassesSection(FigureSection, name="masses", title="Masses and centres, bef
         return {
             "bodies": [link_dict(link) for link in identified_links(content.identified)] or None
         }
-
-
-def _true(links: list[IdentifiedLink], truth: Parameters | None) -> dict[str, Inertia]:
-    """True mass properties by link, of a simulated robot."""
-    if truth is None:
-        return {}
-    known = truth.as_dict()
-    return {
-        link.name: Inertia.from_ten([known[f"{kind}.{link.name}"] for kind in INERTIAL_NAMES])
-        for link in links
-    }
 
 
 def _masses(links: list[IdentifiedLink], true: dict[str, Inertia]) -> Figure:
@@ -213,13 +197,10 @@ def _shifts(links: list[IdentifiedLink], axis: int, true: dict[str, Inertia]) ->
     shift = [1e3 * (link.inertia.com - file[link.name])[axis] for link in links]
     half = [1e3 * Z95 * link.com_std[axis] for link in links]
     crosses = {n: 1e3 * (true[n].com - file[n])[axis] for n in names if n in true}
-    return figure_of_rows(
-        f"Shift of the centres of mass along {'xyz'[axis]}",
-        f"shift along {'xyz'[axis]} [mm]",
-        names,
-        _marks(dict.fromkeys(names, 0.0), names, shift, half, crosses, 8),
-        28,
-    )
+    marks = _marks(dict.fromkeys(names, 0.0), names, shift, half, crosses, 8)
+    along = f"along {'xyz'[axis]}"
+    label = f"Shift of the centres of mass {along}"
+    return figure_of_rows(label, f"shift {along} [mm]", names, marks, 28)
 
 
 def _marks(
@@ -231,18 +212,11 @@ def _marks(
     size: int,
 ) -> list[Traced]:
     """Numbers of the model file, those identified, and crosses where the truth is known."""
-    colour, open_ring = "--measured", "circle-open"
+    ring: dict[str, Any] = {"symbol": "circle-open", "size": 10}
+    diamond: dict[str, Any] = {"symbol": "diamond", "size": size, "half_widths": half_widths}
     marks = [
-        dots("model file", [*file.values()], list(file), colour, symbol=open_ring, size=10),
-        dots(
-            "identified",
-            values,
-            names,
-            "--predicted",
-            symbol="diamond",
-            size=size,
-            half_widths=half_widths,
-        ),
+        dots("model file", [*file.values()], list(file), "--measured", **ring),
+        dots("identified", values, names, "--predicted", **diamond),
     ]
     if true:
         marks.append(dots("truth", [*true.values()], list(true), "--green", symbol="x", size=6))
@@ -257,15 +231,13 @@ def link_dict(link: IdentifiedLink) -> dict[str, Any]:
         "mass": rounded(link.inertia.mass),
         "mass_half_width": rounded(link.mass_half_width),
         "mass_file": None if file is None else rounded(file.mass),
-        "centre": [rounded(x) for x in link.inertia.com],
-        "centre_half_width": [rounded(Z95 * x) for x in link.com_std],
-        "centre_file": None if file is None else [rounded(x) for x in file.com],
+        "centre": list(map(rounded, link.inertia.com)),
+        "centre_half_width": list(map(rounded, Z95 * link.com_std)),
+        "centre_file": None if file is None else list(map(rounded, file.com)),
         "data_share": rounded(link.learned),
         "margin": float(significant(link.margin, 4)),
     }
 
-
-AXES = "xyz"
 
 MERIDIANS, RINGS = 16, 9  # of the surface of an ellipsoid
 SPACE_MARGIN = 0.05  # space around the robot, relative to its greatest extent
@@ -290,7 +262,10 @@ class EllipsoidsSection(FigureSection, name="ellipsoids", title="Links as inerti
     def numbers(self, content: ReportContent) -> Numbers | None:
         """The figure, if the estimate knows all standard parameters."""
         robot, links = content.identified.robot, list(identified_links(content.identified))
-        joints = _posture(robot, content)
+        samples = pooled_samples(content, "fitted")
+        joints = np.zeros(robot.n) if samples is None else samples[0].q[len(samples[0].q) // 2]
+        if robot.passive:
+            joints = np.array(loop_equations(robot).assembly)
         rotations, origins = ([x[0] for x in xs[1:]] for xs in bodies_along(robot, joints[None]))
         place = {body.name: (rotations[k], origins[k]) for k, body in enumerate(robot.bodies)}
         solids = _placed([(link.name, link.inertia) for link in links], place)
@@ -317,14 +292,6 @@ def semi_axes(inertia: Inertia) -> tuple[Array, Array] | None:
     if values.min() < 0.0:
         return None
     return np.sqrt(5.0 * values / inertia.mass), vectors
-
-
-def _posture(robot: Robot, content: ReportContent) -> Array:
-    """Positions of joints: the middle sample, else zero; of loops the closed reference."""
-    if robot.passive:
-        return np.array(loop_equations(robot).assembly)
-    samples = fitted_samples(content)
-    return np.zeros(robot.n) if samples is None else samples[0].q[len(samples[0].q) // 2]
 
 
 class Solid(NamedTuple):
@@ -360,8 +327,12 @@ def _figure(arm: Array, solids: Sequence[Solid], file: Sequence[Solid]) -> Figur
     i, j, k = every.T.tolist()
     style = {"color": "--vermillion", "opacity": 0.45, "hoverinfo": "skip", "showlegend": True}
     surfaces = in_space("identified", points, type="mesh3d", i=i, j=j, k=k, **style)
-    traces = [_arm(arm), surfaces]
-    traces += [_centres("identified centres", solids, "--vermillion", "diamond")]
+    stick = {"line": {"color": "--arm", "width": 6}, "marker": {"color": "--arm", "size": 3}}
+    traces = [
+        in_space("robot", arm, mode="lines+markers", hoverinfo="skip", **stick),
+        surfaces,
+        _centres("identified centres", solids, "--vermillion", "diamond"),
+    ]
     if file:
         traces += [_wires(file), _centres("centres in the file", file, "--measured", "circle")]
     camera = {"eye": {"x": 1.15, "y": -1.25, "z": 0.6}, "center": {"x": 0.0, "y": 0.0, "z": -0.1}}
@@ -380,9 +351,9 @@ def _axes(points: Array) -> dict[str, Any]:
     margin = SPACE_MARGIN * float(np.max(high - low))
     extent = np.array([low - margin, high + margin])
     size = extent[1] - extent[0]
-    found: dict[str, Any] = {"aspectmode": "manual"}
-    found["aspectratio"] = dict(zip(AXES, (size / size.max()).tolist(), strict=True))
-    for axis, bounds in zip(AXES, extent.T.tolist(), strict=True):
+    ratio = dict(zip("xyz", (size / size.max()).tolist(), strict=True))
+    found: dict[str, Any] = {"aspectmode": "manual", "aspectratio": ratio}
+    for axis, bounds in zip("xyz", extent.T.tolist(), strict=True):
         title = {"text": f"{axis} [m]"}
         found[f"{axis}axis"] = {"title": title, "backgroundcolor": "--ground", "range": bounds}
     return found
@@ -409,11 +380,6 @@ def _centres(name: str, solids: Sequence[Solid], colour: str, symbol: str) -> Tr
     )
 
 
-def _arm(points: Array) -> Traced:
-    style = {"line": {"color": "--arm", "width": 6}, "marker": {"color": "--arm", "size": 3}}
-    return in_space("robot", points, mode="lines+markers", hoverinfo="skip", **style)
-
-
 def _sphere() -> tuple[Array, Array]:
     """Corners `(V, 3)` of a sphere of radius 1, and its triangles `(F, 3)`."""
     polar = np.pi * np.arange(1, RINGS + 1) / (RINGS + 1)
@@ -422,11 +388,10 @@ def _sphere() -> tuple[Array, Array]:
         [np.sin(p) * np.cos(a), np.sin(p) * np.sin(a), np.cos(p)] for p in polar for a in around
     ]
     corners = np.array([*rings, [0.0, 0.0, 1.0], [0.0, 0.0, -1.0]])
-    top, bottom = len(corners) - 2, len(corners) - 1
+    top, bottom, last = len(corners) - 2, len(corners) - 1, (RINGS - 1) * MERIDIANS
     faces = []
     for m in range(MERIDIANS):
         n = (m + 1) % MERIDIANS
-        last = (RINGS - 1) * MERIDIANS
         faces += [(top, m, n), (bottom, last + n, last + m)]
         for ring in range(0, last, MERIDIANS):
             a, b, c, d = ring + m, ring + n, ring + MERIDIANS + m, ring + MERIDIANS + n

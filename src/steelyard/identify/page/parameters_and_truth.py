@@ -19,7 +19,7 @@ from steelyard.estimate.parameter_status_bootstrap_and_sensitivity import (
     ParameterStatus,
     statuses,
 )
-from steelyard.identify.page.report_content import ReportContent
+from steelyard.identify.page.report_content_and_error_words import ReportContent
 from steelyard.model.laws.register import description_of
 from steelyard.report.page import FigureSection, Numbers, Section
 from steelyard.report.page_figures import Figure, Group, Key, dots, figure_of_rows
@@ -90,11 +90,8 @@ def nominal_values(identified: IdentifiedModel) -> dict[str, float]:
     values = base.base_values([0.0 if prior is None else prior for prior in priors])
     unknown = np.array([prior is None for prior in priors])
     mixed = np.any((base.lift != 0.0) & unknown, axis=1)
-    return {
-        name: float(value)
-        for name, value, hidden in zip(base.base_names, values, mixed, strict=True)
-        if not hidden
-    }
+    each = zip(base.base_names, values.tolist(), mixed, strict=True)
+    return {name: value for name, value, hidden in each if not hidden}
 
 
 def _estimated(
@@ -109,15 +106,11 @@ def _estimated(
     if row.status == "at a bound":
         near = [bound for bound in bounds if abs(value - bound) <= AT_BOUND * std]
         return replace(row, value=near[0] if near else value)
-    return replace(
-        row,
-        value=value,
-        std=std,
-        lower95=value - Z95 * std,
-        upper95=value + Z95 * std,
-        relative_std_percent=100.0 * std / abs(value) if value else inf,
-        from_data_percent=from_data,
-    )
+    relative, lower, upper = inf, value - Z95 * std, value + Z95 * std
+    if value:
+        relative = 100.0 * std / abs(value)
+    row = replace(row, value=value, std=std, lower95=lower, upper95=upper)
+    return replace(row, relative_std_percent=relative, from_data_percent=from_data)
 
 
 STATUS_ORDER: tuple[ParameterStatus, ...] = (
@@ -131,12 +124,7 @@ STATUS_ORDER: tuple[ParameterStatus, ...] = (
 )
 """How the line of the terminal counts the parameters."""
 
-SUFFICIENT_STATUSES: tuple[ParameterStatus, ...] = (
-    "identified",
-    "small effect",
-    "known",
-    "removed",
-)
+SUFFICIENT: tuple[ParameterStatus, ...] = ("identified", "small effect", "known", "removed")
 """Parameters of which another motion would change little."""
 
 ONE_BY_ONE = (
@@ -152,24 +140,19 @@ class ParametersSection(Section, name="parameters", title="Parameters", template
 
     def numbers(self, content: ReportContent) -> Numbers | None:
         """Rows of the parameters that the data see."""
-        table = [
-            row for row in parameter_rows(content.identified) if row.status != "not identifiable"
-        ]
-        base = content.identified.base
-        terms = dict(
-            zip(base.base_names, np.count_nonzero(base.lift, axis=1).tolist(), strict=True)
-        )
+        identified, base = content.identified, content.identified.base
+        table = [row for row in parameter_rows(identified) if row.status != "not identifiable"]
+        members = np.count_nonzero(base.lift, axis=1).tolist()
+        terms = dict(zip(base.base_names, members, strict=True))
         sizes = [terms.get(row.name, 1) for row in table]
-        rows = []
-        for row, members in zip(table, sizes, strict=True):
-            relative = row.relative_std_percent
-            bar = 100.0 if relative is None or not relative < 100.0 else relative
-            rows.append({**vars(row), "bar": bar, "others": members - 1})
+        std = [row.relative_std_percent for row in table]
+        bars = [100.0 if relative is None else min(100.0, relative) for relative in std]
+        each = zip(table, bars, sizes, strict=True)
         return {
-            "rows": rows,
+            "rows": [{**vars(row), "bar": bar, "others": n - 1} for row, bar, n in each],
             "grouped": any(members > 1 for members in sizes),
             "nominal": any(row.nominal is not None for row in table),
-            "estimator": content.identified.estimate.estimator,
+            "estimator": identified.estimate.estimator,
             "counts": counts(table),
             "statuses": {row.status for row in table},
             "learned": any(row.from_data_percent is not None for row in table),
@@ -202,10 +185,8 @@ class ParametersSection(Section, name="parameters", title="Parameters", template
         """Which the data show poorly or not at all."""
         table = parameter_rows(content.identified)
         condition = significant(content.identified.estimate.condition_normalised)
-        names = {
-            status: [row.name for row in table if row.status == status]
-            for status in ("removed", *STATUS_ORDER[1:])
-        }
+        order = ("removed", *STATUS_ORDER[1:])
+        names = {status: [x.name for x in table if x.status == status] for status in order}
         left = count(len(table) - len(names["removed"]), "base parameter")
         lines = [f"{left}, normalised condition number {condition}"]
         for status, chosen in names.items():
@@ -222,7 +203,7 @@ def usable(identified: IdentifiedModel) -> tuple[str, ...]:
     removed = sum(row.status == "removed" for row in table)
     taken = f"; {removed} removed, taken as zero" if removed else ""
     words = f"{count(len(table) - removed, 'base parameter')}: {counts(table)}{taken}"
-    good = all(row.status in SUFFICIENT_STATUSES for row in table)
+    good = all(row.status in SUFFICIENT for row in table)
     return (words,) if good else (words, ONE_BY_ONE)
 
 
@@ -300,9 +281,8 @@ def true_parameters(content: ReportContent) -> list[TrueParameter]:
     if content.truth is None:
         return []
     base, known = content.identified.base, content.truth.as_dict()
-    true = dict(
-        zip(base.base_names, base.base_values([known[name] for name in base.names]), strict=True)
-    )
+    values = base.base_values([known[name] for name in base.names])
+    true = dict(zip(base.base_names, values, strict=True))
     return [
         TrueParameter(row.name, row.unit, float(true[row.name]), row.value, Z95 * row.std)
         for row in parameter_rows(content.identified)
@@ -319,18 +299,11 @@ def _truth_sentence(found: Sequence[TrueParameter]) -> str:
 def _truth_figure(found: Sequence[TrueParameter]) -> Figure:
     """Distances from the truth in half-widths."""
     band = {"type": "rect", "xref": "x", "yref": "paper", "x0": -1, "x1": 1, "y0": 0, "y1": 1}
+    inside = [one for one in found if one.inside], "inside", "--green", "circle"
+    outside = [one for one in found if not one.inside], "outside", "--vermillion", "diamond"
     traces = [
-        dots(
-            words,
-            [one.distance for one in found if one.inside == inside],
-            [one.name for one in found if one.inside == inside],
-            colour,
-            symbol="circle" if inside else "diamond",
-        )
-        for words, inside, colour in (
-            ("inside", True, "--green"),
-            ("outside", False, "--vermillion"),
-        )
+        dots(words, [one.distance for one in some], [one.name for one in some], colour, symbol=mark)
+        for some, words, colour, mark in (inside, outside)
     ]
     return figure_of_rows(
         "Distance of every estimate from the truth",

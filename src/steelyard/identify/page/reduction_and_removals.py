@@ -1,6 +1,6 @@
 """Sections of the report on a reduced model: its path, and what was removed."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -11,14 +11,13 @@ from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.estimate.reduction.backward_elimination_and_left_out_errors import CRITERIA
 from steelyard.estimate.reduction.stopping_rules_and_reduction import Reduction
 from steelyard.estimate.scores.effort_errors import pooled
-from steelyard.identify.page.effort_error_words import MOVING, WHOLE
-from steelyard.identify.page.report_content import ReportContent
+from steelyard.identify.page.report_content_and_error_words import MOVING, WHOLE, ReportContent
 from steelyard.model.laws.register import law_of
 from steelyard.model.terms.term import StatefulTerm
 from steelyard.report.page import FigureSection, Numbers, TableSection
 from steelyard.report.page_figures import Figure, Group, Key, area, line, points
 from steelyard.report.tables import PlainTable, Row, table_of, text_table
-from steelyard.report.words import count, rounded_to_uncertainty, significant
+from steelyard.report.words import NONE, count, rounded_to_uncertainty, significant
 
 HOLDS_ONLY = (
     "The reduced model describes motions like those of the fitted logs only: speeds and positions "
@@ -55,8 +54,9 @@ class ReductionSection(FigureSection, name="reduction", title="Reduction"):
         found = content.reduction
         if found is None:
             return {}
-        left = {} if found.left_out is None else _by_size(found)
-        unseen = None if found.unseen is None else found.unseen.mean(axis=1).tolist()
+        left, unseen = _by_size(found), [None] * len(found.path.states)
+        if found.unseen is not None:
+            unseen = found.unseen.mean(axis=1).tolist()
         return {
             "kept": list(found.estimate.parameters.names),
             "criterion": {
@@ -71,9 +71,9 @@ class ReductionSection(FigureSection, name="reduction", title="Reduction"):
                     "parameters": len(state.active),
                     "condition": state.condition,
                     "left_out_percent": left.get(len(state.active)),
-                    "unseen_percent": None if unseen is None else unseen[place],
+                    "unseen_percent": error,
                 }
-                for place, state in enumerate(found.path.states)
+                for state, error in zip(found.path.states, unseen, strict=True)
             ],
         }
 
@@ -101,7 +101,6 @@ class RemovalsSection(TableSection, name="removals", title="Removed parameters")
 
 
 def _summary(content: ReportContent, found: Reduction) -> str:
-    """What was removed, and what it changes: on unseen motion, and along the path."""
     full, first, state = found.path.full, found.path.states[0], found.state
     size, most = len(state.active), len(first.active)
     removed = len(full.names) - size
@@ -111,22 +110,17 @@ def _summary(content: ReportContent, found: Reduction) -> str:
         + (f" ({earlier} more before)" if earlier > 0 else "")
         + f": condition number {significant(first.condition)} to {significant(state.condition)}."
     ]
-    before, after = (
-        pooled(run.errors for run in scores) for scores in (content.before, content.scores)
-    )
+    before, after = (pooled(x.errors for x in some) for some in (content.before, content.scores))
     if before and after:
-        changes = (
-            f"{_fine_print(old.percent_of_used)} to {_fine_print(new.percent_of_used)} of the "
-            "effort used"
-            for old, new in zip(before, after, strict=True)
-        )
+        shares = ([_fine_print(one.percent_of_used) for one in some] for some in (before, after))
+        changes = (f"{old} to {new} of the effort used" for old, new in zip(*shares, strict=True))
         sentences.append(f"Error on unseen motion, as in the first line: {'; '.join(changes)}.")
     parts, left = [], _by_size(found)
     if size in left and most in left:
         parts.append(f"left-out data {_fine_print(left[most])} to {_fine_print(left[size])}")
     if found.unseen is not None:
-        start, end = (float(found.unseen[k].mean()) for k in (0, found.chosen))
-        parts.append(f"unseen motion {_fine_print(start)} to {_fine_print(end)}")
+        start, end = (_fine_print(float(found.unseen[k].mean())) for k in (0, found.chosen))
+        parts.append(f"unseen motion {start} to {end}")
     if parts:
         measure = measure_of(found)
         sentences.append(f"The choice is by another measure, {measure}: {', '.join(parts)}.")
@@ -148,11 +142,8 @@ def _joints_judged(found: Reduction) -> str:
     rises["fitted motion" + ", as none is left out" * (not rises)] = last / first - 1.0
     sentences = []
     for motion, rise in rises.items():
-        worse = [
-            f"{names[k]} {significant(100.0 * rise[k])} %"
-            for k in np.argsort(-rise)
-            if rise[k] > found.tolerance
-        ]
+        order = [k for k in np.argsort(-rise) if rise[k] > found.tolerance]
+        worse = [f"{names[k]} {significant(100.0 * rise[k])} %" for k in order]
         allowed = f"more than {100.0 * found.tolerance:g} %"
         which = f"the error of no joint rises by {allowed}"
         if worse:
@@ -163,13 +154,10 @@ def _joints_judged(found: Reduction) -> str:
 
 def measure_of(found: Reduction) -> str:
     """The relative error that models of a path are compared by."""
-    return f"the mean of the joints' relative errors in the validation band, {samples_of(found)}"
-
-
-def samples_of(found: Reduction) -> str:
-    """Which samples count: all of a log, if a law of the model knows friction at rest."""
     laws = (law_of(name) for name in found.path.full.names)
-    return WHOLE if any(issubclass(law, StatefulTerm) for law in laws) else MOVING
+    # all samples of a log count if a law of the model knows friction at rest
+    samples = WHOLE if any(issubclass(law, StatefulTerm) for law in laws) else MOVING
+    return f"the mean of the joints' relative errors in the validation band, {samples}"
 
 
 def _fine_print(value: float) -> str:
@@ -185,7 +173,6 @@ def _by_size(found: Reduction) -> dict[int, float]:
 
 
 def _errors(found: Reduction) -> Figure:
-    """Errors by the number of parameters."""
     sizes = np.array(found.path.sizes, dtype=np.float64)
     efforts = np.sqrt(np.maximum(found.path.full.information.effort_squares(), 1e-300))
     fitted = np.array([100.0 * np.sqrt(s.squares) / efforts for s in found.path.states])
@@ -207,7 +194,6 @@ def _errors(found: Reduction) -> Figure:
 
 
 def _conditions(found: Reduction) -> Figure:
-    """Condition numbers by the number of parameters."""
     sizes = np.array(found.path.sizes, dtype=np.float64)
     values = np.array([state.condition for state in found.path.states])
     chosen = [found.chosen]
@@ -224,7 +210,6 @@ MEASURES = {"rms": "root mean square", "mean_absolute": "mean absolute"}
 
 
 def _joints(found: Reduction) -> PlainTable:
-    """Errors of the full and of the reduced model by joint."""
     measure = MEASURES[found.measure]
     words = (
         f"{measure.capitalize()} errors of the fitted motion, in the joint's unit and relative to "
@@ -273,15 +258,9 @@ def parameter_comparison(reduced: IdentifiedModel) -> list[dict[str, Any]]:
 
 
 def _compared(reduced: IdentifiedModel) -> PlainTable:
-    """Values and standard deviations of the full and of the reduced model."""
-
-    def value(label: str) -> Callable[[dict[str, Any]], str]:
-        return lambda row: (
-            "–" if row[label] is None else rounded_to_uncertainty(row[label], row[f"{label}_std"])
-        )
-
-    def std(label: str) -> Callable[[dict[str, Any]], str]:
-        return lambda row: "–" if row[label] is None else significant(row[label], 2)
+    def value(row: dict[str, Any], label: str) -> str:
+        std = row[f"{label}_std"]
+        return NONE if row[label] is None else rounded_to_uncertainty(row[label], std)
 
     words = (
         "A dash: not identifiable in the full model, removed from the reduced one. Standard "
@@ -292,12 +271,12 @@ def _compared(reduced: IdentifiedModel) -> PlainTable:
         {
             "Parameter": lambda row: row["name"],
             "Unit": lambda row: row["unit"],
-            "Full": value("full"),
-            "Std": std("full_std"),
-            "Std [%]": std("full_relative_std_percent"),
-            "Reduced": value("reduced"),
-            "Std of it": std("reduced_std"),
-            "In %": std("reduced_relative_std_percent"),
+            "Full": lambda row: value(row, "full"),
+            "Std": lambda row: significant(row["full_std"], 2),
+            "Std [%]": lambda row: significant(row["full_relative_std_percent"], 2),
+            "Reduced": lambda row: value(row, "reduced"),
+            "Std of it": lambda row: significant(row["reduced_std"], 2),
+            "In %": lambda row: significant(row["reduced_relative_std_percent"], 2),
         },
         caption="Parameters of the full and the reduced model",
         words=words,
@@ -307,32 +286,32 @@ def _compared(reduced: IdentifiedModel) -> PlainTable:
 
 
 def _removals(found: Reduction) -> PlainTable:
-    """What was removed, in which order, at what cost, and in how many folds."""
     left = found.left_out
     size = len(found.state.active)
-    folds = None if left is None or size not in left.sizes else left.sizes.index(size)
-    chosen = {step.name for step in found.path.steps}
-    rows = []
-    for one in found.estimate.removed:
-        stable = ""
-        if left is not None and folds is not None and one.name in chosen:
-            stable = f"{left.removed[folds][one.name]} of {len(left.folds)}"
-        rows.append(Row((str(one.step), one.name, significant(one.cost), stable)))
-    return PlainTable(
-        "In the order of their removal",
-        " Cost: rise of χ² by the removal, counted with the correlation of residuals;"
+    folds: dict[str, str] = {}
+    if left is not None and size in left.sizes:
+        removed, mine = left.removed[left.sizes.index(size)], found.estimate.removed
+        names = {one.name for one in mine} & {step.name for step in found.path.steps}
+        folds = {name: f"{removed[name]} of {len(left.folds)}" for name in names}
+    return table_of(
+        found.estimate.removed,
+        {
+            "Step": lambda one: str(one.step),
+            "Parameter": lambda one: one.name,
+            "Cost": lambda one: significant(one.cost),
+            "Folds": lambda one: folds.get(one.name, ""),
+        },
+        caption="In the order of their removal",
+        words=" Cost: rise of χ² by the removal, counted with the correlation of residuals;"
         " a parameter that is zero in truth costs 1 on average. Folds: left-out parts of the data "
         "without which the same parameter was removed as well.",
-        ("Step", "Parameter", "Cost", "Folds"),
-        rows,
         text=(1,),
     )
 
 
 def _worth(found: Reduction) -> PlainTable:
-    """The criterion's value of every parameter, in the full model and last."""
     about = f"{found.criterion.heading}: {found.criterion.about}."
-    last = "Last: before the removal, or in the model that was taken."
+    words = f"{about} Last: before the removal, or in the model that was taken."
     return table_of(
         found.worth(),
         {
@@ -342,14 +321,13 @@ def _worth(found: Reduction) -> PlainTable:
             "Last": lambda row: significant(row["last"]),
         },
         caption=f"{found.criterion.heading} by parameter",
-        words=f"{about} {last}",
+        words=words,
         text=(0, 1),
-        note=f"{about} {last}",
+        note=words,
     )
 
 
 def _ranges(identified: IdentifiedModel) -> PlainTable:
-    """Positions of the rows at which joints move."""
     robot = identified.model.robot
     q = np.concatenate([samples.q for samples in identified.motions])
     speeds = [
@@ -359,14 +337,7 @@ def _ranges(identified: IdentifiedModel) -> PlainTable:
     ]
     fastest = np.max(speeds, axis=0) if speeds else np.full(robot.n, np.nan)
     figures = zip(q.min(axis=0), q.max(axis=0), fastest, strict=True)
-    rows = [
-        Row((joint.name, *map(significant, numbers), joint.unit))
-        for joint, numbers in zip(robot.coordinates, figures, strict=True)
-    ]
-    return PlainTable(
-        "Range of the fitted motions",
-        HOLDS_ONLY,
-        ("Joint", "Least position", "Greatest position", "Greatest mean speed", "Unit"),
-        rows,
-        text=(0, 4),
-    )
+    each = zip(robot.coordinates, figures, strict=True)
+    rows = [Row((joint.name, *map(significant, numbers), joint.unit)) for joint, numbers in each]
+    headings = ("Joint", "Least position", "Greatest position", "Greatest mean speed", "Unit")
+    return PlainTable("Range of the fitted motions", HOLDS_ONLY, headings, rows, (0, 4))

@@ -10,29 +10,14 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from steelyard.base.arrays import Array
+from steelyard.base.arrays import stretches
 from steelyard.check.findings_text_and_page import finding_dict
 from steelyard.estimate.scores.effort_errors import EffortError, as_logged, pooled
 from steelyard.estimate.scores.score import RunScore
-from steelyard.identify.page.effort_error_words import (
-    basis_words,
-    both_words,
-    coverage_words,
-    limit_words,
-    reference_words,
-    relative,
-    relative_errors,
-    scale_words,
-)
-from steelyard.identify.page.efforts_and_their_parts import band_text
+from steelyard.identify import verdict_and_next_steps as judging
+from steelyard.identify.page import report_content_and_error_words as in_words
+from steelyard.identify.page.efforts_their_parts_and_residuals import band_text
 from steelyard.identify.page.parameters_and_truth import parameter_rows, usable
-from steelyard.identify.page.report_content import ReportContent
-from steelyard.identify.verdict_and_next_steps import (
-    MOST_FAIR_PERCENT,
-    MOST_GOOD_PERCENT,
-    level_of,
-    verdict,
-)
 from steelyard.report.page import Numbers, Section
 from steelyard.report.tables import light_table
 from steelyard.report.words import COLOURS, NONE, percent, significant
@@ -61,27 +46,6 @@ def fitted_larger(fitted: Sequence[RunScore], unseen: Sequence[RunScore]) -> str
 
 def _where(run: RunScore) -> str:
     """The times that hold half of a run's squared residuals, if these are few."""
-    starts, squares = _windows(run)
-    order = np.argsort(-squares)
-    total = np.cumsum(squares[order])
-    count = int(np.searchsorted(total, LOCATED_SHARE * total[-1])) + 1
-    if count > max(MOST_CONCENTRATED_SHARE * len(starts), 1.0):
-        return f"in {run.run} residuals are spread over the whole time"
-    spans: list[list[float]] = []
-    for start in np.sort(starts[order[:count]]).tolist():
-        if spans and start - spans[-1][1] < 0.5 * RESIDUAL_WINDOW:
-            spans[-1][1] = start + RESIDUAL_WINDOW
-        else:
-            spans.append([start, start + RESIDUAL_WINDOW])
-    times = ", ".join(f"{a:.0f} to {b:.0f} s" for a, b in spans)
-    return (
-        f"in {run.run} {percent(100.0 * float(total[count - 1] / total[-1]))} of the squared "
-        f"residuals lie in {percent(100.0 * count / len(starts))} of the time: {times}"
-    )
-
-
-def _windows(run: RunScore) -> tuple[Array, Array]:
-    """Starts of windows of time, and squared residuals in each, in the unit of the errors."""
     traces = run.traces
     counts = np.ones(traces.moving.shape) if run.errors.at_rest else traces.moving.astype(float)
     squares = counts * (traces.measured - traces.predicted) ** 2
@@ -89,8 +53,19 @@ def _windows(run: RunScore) -> tuple[Array, Array]:
     errors = np.array([joint.error if joint.counted else 0.0 for joint in run.errors.joints])
     weights = np.divide(errors**2, mean, out=np.zeros(len(mean)), where=mean > 0.0)
     number = ((traces.t - traces.t[0]) // RESIDUAL_WINDOW).astype(int)
-    total = np.asarray(np.bincount(number, squares @ weights), dtype=np.float64)
-    return np.asarray(float(traces.t[0]) + RESIDUAL_WINDOW * np.arange(len(total))), total
+    windows = np.bincount(number, squares @ weights)
+    order = np.argsort(-windows)
+    total = np.cumsum(windows[order])
+    count = int(np.searchsorted(total, LOCATED_SHARE * total[-1])) + 1
+    if count > max(MOST_CONCENTRATED_SHARE * len(windows), 1.0):
+        return f"in {run.run} residuals are spread over the whole time"
+    ends = float(traces.t[0]) + RESIDUAL_WINDOW * np.arange(len(windows) + 1)
+    chosen = stretches(np.isin(np.arange(len(windows)), order[:count]))
+    times = ", ".join(f"{ends[a]:.0f} to {ends[b]:.0f} s" for a, b in chosen)
+    return (
+        f"in {run.run} {percent(100.0 * float(total[count - 1] / total[-1]))} of the squared "
+        f"residuals lie in {percent(100.0 * count / len(windows))} of the time: {times}"
+    )
 
 
 CAPTION = (
@@ -106,29 +81,44 @@ MOST_OTHERS = 8  # runs whose errors in the validation band the page lists
 class VerdictSection(Section, name="verdict", title="Verdict", template="verdict.html"):
     """Headline, key figures, and one table of joints per run."""
 
-    def numbers(self, content: ReportContent) -> Numbers:
+    def numbers(self, content: in_words.ReportContent) -> Numbers:
         """Verdict, key figures and scores."""
+        facts = [
+            (percent(error.value), f"error {error.kind}, in the validation band")
+            for error in in_words.relative_errors(content.scores)
+        ]
+        if content.fitted:
+            errors = pooled(score.errors for score in content.fitted)
+            what = "error of the fitted runs, of the effort used, in the band of the headline"
+            units = [f" (joints in {one.unit})" * (len(errors) > 1) for one in errors]
+            each = zip(errors, units, strict=True)
+            facts += [(percent(one.percent_of_used), f"{what}{unit}") for one, unit in each]
+        table = parameter_rows(content.identified)
+        well = sum(row.status in ("identified", "small effect") for row in table)
+        condition = significant(content.identified.estimate.condition_normalised, 2)
+        left = sum(row.status not in ("removed", "known") for row in table)
+        facts.append((f"{well} of {left}", "base parameters identified or of small effect"))
         return {
-            "verdict": verdict(content),
+            "verdict": judging.verdict(content),
             "usable": "" if content.only_errors else ". ".join(usable(content.identified)),
             "fitted_larger": fitted_larger(content.fitted, content.scores),
-            "facts": _facts(content),
+            "facts": [*facts, (condition, "normalised condition number")],
             "runs": [_run(score) for score in content.scores if not score.repeats],
             "repeated": [_run(score) for score in content.scores if score.repeats],
             "fitted": [_run(score) for score in content.fitted],
             "scaled": any(run.errors.as_logged for run in (*content.scores, *content.fitted)),
-            "scales": scale_words(
+            "scales": in_words.scale_words(
                 content.identified, content.scores or content.fitted, content.unscaled
             ),
-            "good": MOST_GOOD_PERCENT,
-            "fair": MOST_FAIR_PERCENT,
+            "good": judging.MOST_GOOD_PERCENT,
+            "fair": judging.MOST_FAIR_PERCENT,
             "most_others": MOST_OTHERS,
         }
 
-    def to_dict(self, content: ReportContent) -> dict[str, Any]:
+    def to_dict(self, content: in_words.ReportContent) -> dict[str, Any]:
         """Verdict, limitations, scores and notes."""
         return {
-            "verdict": verdict(content).to_dict(),
+            "verdict": judging.verdict(content).to_dict(),
             "validation": [score.to_dict() for score in content.scores],
             "validation_without_scales": [score.to_dict() for score in content.unscaled],
             "identification": [score.to_dict() | {"motion": "fitted"} for score in content.fitted],
@@ -136,9 +126,9 @@ class VerdictSection(Section, name="verdict", title="Verdict", template="verdict
             "notes": [*content.notes, *content.details],
         }
 
-    def printed(self, content: ReportContent) -> Iterable[RenderableType]:
+    def printed(self, content: in_words.ReportContent) -> Iterable[RenderableType]:
         """The verdict with its limitations, and the errors of every joint, or of every run."""
-        judged = verdict(content)
+        judged = judging.verdict(content)
         yield Group(
             Text(judged.line, style=f"bold {COLOURS[judged.level]}"),
             *([Text(judged.detail)] if judged.detail else []),
@@ -147,14 +137,14 @@ class VerdictSection(Section, name="verdict", title="Verdict", template="verdict
         scores = content.scores or content.fitted
         if not scores:
             return
-        scales = scale_words(content.identified, scores, content.unscaled)
+        scales = in_words.scale_words(content.identified, scores, content.unscaled)
         several, unseen = len(scores) > 1, bool(content.scores)
         shown = _runs_table(scores, unseen) if several else joints_table(scores[0], unseen)
         yield Group(shown, Text(scales)) if scales else shown
 
-    def detailed(self, content: ReportContent) -> Iterable[RenderableType]:
+    def detailed(self, content: in_words.ReportContent) -> Iterable[RenderableType]:
         """The errors of every joint in every run, in the fixed band and in that of the fit."""
-        judged, unseen = verdict(content), bool(content.scores)
+        judged, unseen = judging.verdict(content), bool(content.scores)
         for one in judged.limitations:
             if one.brief != one.text:
                 yield Text(f"! {one.text}", style=COLOURS[one.level])
@@ -168,39 +158,18 @@ class VerdictSection(Section, name="verdict", title="Verdict", template="verdict
                 yield joints_table(score, unseen)
             parts: list[RenderableType] = [_fit_table(score)]
             if score.coverage_percent is not None:
-                inside = coverage_words(score.coverage_percent, unseen)
+                inside = in_words.coverage_words(score.coverage_percent, unseen)
                 parts.append(Text(f"95 % bands {band_text(content.identified)}; {inside}"))
             yield Group(*parts)
-
-
-def _facts(content: ReportContent) -> list[tuple[str, str]]:
-    """Values and labels of the key figures."""
-    facts = [
-        (percent(error.value), f"error {error.kind}, in the validation band")
-        for error in relative_errors(content.scores)
-    ]
-    if content.fitted:
-        errors = pooled(score.errors for score in content.fitted)
-        facts += [
-            (
-                percent(error.percent_of_used),
-                "error of the fitted runs, of the effort used, in the band of the headline"
-                + (f" (joints in {error.unit})" if len(errors) > 1 else ""),
-            )
-            for error in errors
-        ]
-    table = parameter_rows(content.identified)
-    well = sum(row.status in ("identified", "small effect") for row in table)
-    condition = significant(content.identified.estimate.condition_normalised, 2)
-    left = sum(row.status not in ("removed", "known") for row in table)
-    facts.append((f"{well} of {left}", "base parameters identified or of small effect"))
-    return [*facts, (condition, "normalised condition number")]
 
 
 def _run(score: RunScore) -> dict[str, Any]:
     """A run as its template shows it; a joint that rests while others move has no level."""
     errors, joints = pooled([score.errors]), score.errors.joints
-    figures = both_words(errors, pooled(as_logged([score.errors]))), limit_words(errors)
+    figures = (
+        in_words.both_words(errors, pooled(as_logged([score.errors]))),
+        in_words.limit_words(errors),
+    )
     shown = []
     for joint, logged in score.errors.pairs:
         share, other = joint.percent_of_used, None if logged is None else logged.percent_of_used
@@ -211,10 +180,10 @@ def _run(score: RunScore) -> dict[str, Any]:
                 "share": share,
                 "of_limit": joint.percent_of_limit,
                 "over": f"{significant(joint.seconds)} s",
-                "level": level_of(share) if joint.counted else "none",
+                "level": judging.level_of(share) if joint.counted else "none",
                 "bar": min(share, 100.0) if share == share else 0.0,
                 "as_logged": other,
-                "as_logged_level": level_of(other) if joint.counted else "none",
+                "as_logged_level": judging.level_of(other) if joint.counted else "none",
             }
         )
     return {
@@ -223,16 +192,16 @@ def _run(score: RunScore) -> dict[str, Any]:
         "cutoff": score.cutoff,
         "band": score.errors.cutoff,
         "figures": "; ".join(filter(None, figures)),
-        "basis": basis_words([score]),
-        "raised": reference_words(joints),
+        "basis": in_words.basis_words([score]),
+        "raised": in_words.reference_words(joints),
         "errors": shown,
         "joints": score.joints,
     }
 
 
 def _runs_table(scores: Sequence[RunScore], unseen: bool) -> RenderableType:
-    """One row per run: its error, and its worst joint."""
-    title = f"{len(scores)} runs, {'not fitted' if unseen else 'fitted'} ({basis_words(scores)})"
+    kind, basis = "not fitted" if unseen else "fitted", in_words.basis_words(scores)
+    title = f"{len(scores)} runs, {kind} ({basis})"
     logged = ["as logged"] if any(score.errors.as_logged for score in scores) else []
     table = light_table(
         ("run", "error", "of used", *logged, "of limit", "worst joint"), (0, 4 + len(logged))
@@ -266,7 +235,7 @@ def joints_table(score: RunScore, unseen: bool) -> RenderableType:
     for error, one in every:
         _add(table, f"pooled, {error.unit}" if len(every) > 1 else "pooled", error, logged=one)
     title = Text(f"{score.run}, {again if unseen else 'fitted'} ({basis})")
-    raised = reference_words(score.errors.joints)
+    raised = in_words.reference_words(score.errors.joints)
     return Group(title, table, Text(f"of used: {raised}")) if raised else Group(title, table)
 
 
@@ -280,7 +249,7 @@ def _add(
 ) -> None:
     """A row: error with its unit, relative to what was used, as logged too, and to the limit."""
     shares = [one.percent_of_used for one in (error, logged) if one is not None]
-    styles = [COLOURS[level_of(share)] if error.counted else "dim" for share in shares]
+    styles = [COLOURS[judging.level_of(share)] if error.counted else "dim" for share in shares]
     table.add_row(
         Text(name),
         f"{significant(error.error)} {error.unit}",
@@ -291,13 +260,15 @@ def _add(
 
 
 def _fit_table(score: RunScore) -> RenderableType:
-    """Errors in the validation band, between its title and the meaning of its columns."""
     headings = ("joint", "moving", "all", "RMSE", "MAE", "zero", "nominal", "unit")
     table = light_table(headings, (0, 7))
     for joint in score.joints:
         table.add_row(
             Text(joint.joint),
-            Text(percent(joint.relative_percent_moving), style=COLOURS[level_of(relative(joint))]),
+            Text(
+                percent(joint.relative_percent_moving),
+                style=COLOURS[judging.level_of(in_words.relative(joint))],
+            ),
             percent(joint.relative_percent),
             significant(joint.rmse),
             significant(joint.mae),

@@ -260,7 +260,8 @@ class SignalsSection(Section):
 
 
 Actuated = Positive | Literal["identify"]
-Delay = Annotated[float, Field(ge=0.0, le=2.0)] | Literal["identify"]
+Seconds = Annotated[float, Field(ge=0.0, le=2.0)]
+Delay = Seconds | Literal["identify"]
 
 
 class ActuatorSection(Section):

@@ -23,15 +23,9 @@ from steelyard.estimate.external.contact_thresholds import ONSET, ContactThresho
 from steelyard.estimate.identified_model import IdentifiedModel, load_model
 from steelyard.estimate.information.base_parameters_and_regressor import base_regressor
 from steelyard.estimate.information.gather import gather
+from steelyard.estimate.scores import residual_traces_and_band_calibration as residual_noise
 from steelyard.estimate.scores.effort_errors import effort_reference
-from steelyard.estimate.scores.residual_traces_and_band_calibration import (
-    ResidualTrace,
-    residual_cutoff,
-    residual_trace,
-    thresholds_of,
-)
-from steelyard.identify.provenance_and_notes import left_out, notes_of
-from steelyard.identify.runs_for_model import runs_for, was_fitted
+from steelyard.identify.runs_and_notes_of_logs import left_out, notes_of, runs_for, was_fitted
 from steelyard.robot.robot import Robot
 from steelyard.runs.prepare import rest_speed_of_runs
 from steelyard.runs.run import Run
@@ -144,16 +138,11 @@ class ContactStream:
         known: Sequence[float] | None = None,
         gap: bool = False,
     ) -> Iterator[ContactStart | ContactEvent]:
-        """Take the next sample: the residual, and its change at rest that is decided now.
+        """Take the next sample, at time `t` [s]; there is a `gap` if some are missing before it.
 
-        Args:
-            t: Time [s].
-            signal: Measured minus predicted effort, and its change at rest, shape `(2, n)`
-                [Nm; N]; NaN where nothing is compared.
-            limits: Thresholds, likewise; NaN of a joint without.
-            times: Of the samples that the rows are of [s].
-            known: When each row is known [s]; at `t` if `None`.
-            gap: Whether samples are missing before this one.
+        Rows of `signal` are measured minus predicted effort, and its change at rest that is decided
+        now, shape `(2, n)` [Nm; N], NaN where nothing is compared; `limits` are thresholds, NaN of
+        a joint without. The rows are of samples at `times`, and `known` [s], at `t` if `None`.
         """
         size, at = np.abs(signal), np.array(times)[:, None]
         held = (size >= self._released) & (not gap)
@@ -169,7 +158,11 @@ class ContactStream:
             return
         first, tests = not self._loads, touched.any(axis=1)
         for k, j in np.argwhere(touched).tolist():
-            self._add(j, float(signal[k, j]), float(size[k, j] / limits[k, j]), k == CHANGE_TEST)
+            known_load, ratio = self._loads.get(j), float(size[k, j] / limits[k, j])
+            if known_load is None or known_load.ratio < ratio:
+                axis, sigmas = self._robot.coordinates[j], float(size[k, j]) / float(self._sigma[j])
+                peak = axis.name, axis.effort_unit, float(signal[k, j])
+                self._loads[j] = JointLoad(*peak, sigmas, ratio, k == CHANGE_TEST)
         latest = float(at[tests].max())
         decided = float(np.array((t, t) if known is None else known)[tests].min())
         if first:
@@ -186,12 +179,6 @@ class ContactStream:
         self._released[:] = np.nan
         return event
 
-    def _add(self, j: int, signal: float, ratio: float, change: bool) -> None:
-        known = self._loads.get(j)
-        if known is None or known.ratio < ratio:
-            axis, sigmas = self._robot.coordinates[j], abs(signal) / float(self._sigma[j])
-            self._loads[j] = JointLoad(axis.name, axis.effort_unit, signal, sigmas, ratio, change)
-
     def _event(self) -> ContactEvent:
         links = links_carried_by(self._robot, list(self._loads))
         joints = sorted(self._loads.values(), key=lambda load: -load.ratio)
@@ -199,7 +186,7 @@ class ContactStream:
 
 
 def contacts_in(
-    trace: ResidualTrace, thresholds: ContactThresholds, robot: Robot, sigma: Array
+    trace: residual_noise.ResidualTrace, thresholds: ContactThresholds, robot: Robot, sigma: Array
 ) -> tuple[ContactEvent, ...]:
     """Stretches of a run in which residuals exceed their thresholds.
 
@@ -224,12 +211,10 @@ def contacts_in(
 
 def links_carried_by(robot: Robot, joints: Sequence[int]) -> tuple[str, ...]:
     """Links that all of some joints carry, parents before children."""
-    return tuple(
-        body.name
-        for k, body in enumerate(robot.bodies)
-        if {robot.bodies[one].coordinate for one in robot.carriers(k)}.issuperset(joints)
-        and not body.massless
-    )
+    bodies = robot.bodies
+    carried = [{bodies[one].coordinate for one in robot.carriers(k)} for k in range(len(bodies))]
+    each = zip(bodies, carried, strict=True)
+    return tuple(x.name for x, by in each if by.issuperset(joints) and not x.massless)
 
 
 @dataclass(frozen=True)
@@ -251,7 +236,7 @@ class SuspectedContact:
 
 
 def without_contact(
-    traces: Sequence[ResidualTrace],
+    traces: Sequence[residual_noise.ResidualTrace],
     edges: Array,
     cutoff: float,
     robot: Robot,
@@ -329,14 +314,16 @@ def contact(
     notes = [fitted_note(one.name) for one, old in zip(free, fitted, strict=True) if old]
     unseen = [one for one, old in zip(free, fitted, strict=True) if not old]
     own = None if identified.calibration is None else identified.calibration.peaks
-    cutoff = residual_cutoff(identified, unseen) if own is None else own.cutoff
+    cutoff = residual_noise.residual_cutoff(identified, unseen) if own is None else own.cutoff
     sigma = np.asarray(identified.estimate.sigma)
     rest = common_rest_speed(identified, [one.rest_speed for one in unseen or [run]])
     suspected: tuple[SuspectedContact, ...] = ()
     if given:
         traces = []
         for other in unseen:
-            free_trace = residual_trace(identified, replace(other, rest_speed=rest), cutoff)
+            free_trace = residual_noise.residual_trace(
+                identified, replace(other, rest_speed=rest), cutoff
+            )
             refuse_other_efforts(free_trace, sigma, identified.joints)
             carried = _carried(identified, other)
             if carried is None:
@@ -344,11 +331,9 @@ def contact(
             else:
                 notes.append(f"left out of the calibration: {carried}")
         if not traces:
-            raise DataError(
-                f"no calibration log is left: {'; '.join(notes)}",
-                where="--calibrate",
-                fix="give logs of other motion without contact, or leave --calibrate out",
-            )
+            wrong = f"no calibration log is left: {'; '.join(notes)}"
+            fix = "give logs of other motion without contact, or leave --calibrate out"
+            raise DataError(wrong, where="--calibrate", fix=fix)
         peaks, suspected = peaks_of_free_motion(identified, traces, rest, cutoff, own)
         source = f"{len(traces)} calibration {'log' if len(traces) == 1 else 'logs'}"
     elif own is not None:
@@ -360,8 +345,8 @@ def contact(
             fix="give logs of motion without contact with --calibrate, or identify again from two "
             "or more motions",
         )
-    thresholds = thresholds_of(identified, peaks, rate)
-    trace = residual_trace(identified, replace(run, rest_speed=rest), cutoff)
+    thresholds = residual_noise.thresholds_of(identified, peaks, rate)
+    trace = residual_noise.residual_trace(identified, replace(run, rest_speed=rest), cutoff)
     refuse_other_efforts(trace, sigma, identified.joints)
     robot = identified.model.robot
     found = Contacts(
@@ -425,7 +410,7 @@ def common_rest_speed(identified: IdentifiedModel, speeds: Sequence[Array]) -> A
 
 def peaks_of_free_motion(
     identified: IdentifiedModel,
-    traces: Sequence[ResidualTrace],
+    traces: Sequence[residual_noise.ResidualTrace],
     rest: Array,
     cutoff: float,
     known: ResidualPeaks | None,

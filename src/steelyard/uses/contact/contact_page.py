@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from math import isfinite
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -122,11 +123,10 @@ class Contacts(Result):
         if self.stands:
             found.append(self._visible_at_rest)
         if self.blind:
-            pairs = zip(self.joints, self.units, self.levels, self.shown, strict=True)
+            sizes = self.levels.tolist(), self.shown.tolist()
             listed = ", ".join(
-                f"{joint} ({significant(float(level), 2)} {unit}, efforts up to "
-                f"{significant(float(shown), 2)})"
-                for joint, unit, level, shown in pairs
+                f"{joint} ({significant(level, 2)} {unit}, efforts up to {significant(most, 2)})"
+                for joint, unit, level, most in zip(self.joints, self.units, *sizes, strict=True)
                 if joint in self.blind
             )
             found.append(
@@ -159,22 +159,16 @@ class Contacts(Result):
     def _visible_at_rest(self) -> str:
         """Pushes that show where the robot stands."""
         limits = np.fmin(self.thresholds.limits[:, 0], self.thresholds.changes)
-        pushes = ", ".join(
-            f"{joint} {significant(float(limit), 2)} {unit}"
-            for joint, unit, limit in zip(self.joints, self.units, limits, strict=True)
-            if np.isfinite(limit)
-        )
+        each = zip(self.joints, limits.tolist(), self.units, strict=True)
+        known = [f"{joint} {significant(x, 2)} {unit}" for joint, x, unit in each if isfinite(x)]
+        pushes = ", ".join(known)
         return f"no joint moves: at rest only pushes above these thresholds are visible: {pushes}"
 
     def report(self) -> str:
         """The report as one self-contained HTML page."""
+        words, tables = f"{self.headline}. {self.claim}", [events_table(self)] * bool(self.events)
         sections = (
-            figures(
-                "contacts",
-                "Contacts",
-                words=f"{self.headline}. {self.claim}",
-                tables=[events_table(self)] if self.events else (),
-            ),
+            figures("contacts", "Contacts", words=words, tables=tables),
             notes("notes", "Limits of this result", self.warnings),
             figures(
                 "residuals",
@@ -258,10 +252,8 @@ def thresholds_table(content: Contacts, *, relative: bool) -> PlainTable:
     rows, thresholds = [], content.thresholds
     for j, (joint, unit) in enumerate(zip(content.joints, content.units, strict=True)):
         sigma = float(content.sigma[j])
-        cells = [
-            f"{cell(float(limit), sigma)}{'' if mine else ' *'}"
-            for limit, mine in zip(thresholds.limits[j], thresholds.own[j], strict=True)
-        ]
+        limits = zip(thresholds.limits[j].tolist(), thresholds.own[j], strict=True)
+        cells = [f"{cell(limit, sigma)}{'' if mine else ' *'}" for limit, mine in limits]
         cells.insert(1, cell(float(thresholds.changes[j]), sigma))
         rows.append(Row((joint, unit, *cells)))
     words = (
@@ -275,7 +267,6 @@ def thresholds_table(content: Contacts, *, relative: bool) -> PlainTable:
 
 
 def _footnotes(thresholds: ContactThresholds) -> Iterator[str]:
-    """What signs in the table of thresholds mean."""
     if not all(map(all, thresholds.own)):
         yield "* too few visits in the calibration: the joint's largest threshold and its friction"
     if np.isnan(thresholds.changes).all():
@@ -297,18 +288,15 @@ def _figure(content: Contacts, j: int) -> Figure:
     change = thresholds.changes[j]
     low, high = np.fmax(-level, mean - change), np.fmin(level, mean + change)
     inside = np.zeros(len(t), dtype=bool)
+    joint = content.joints[j]
     for event in content.events:
-        if any(load.joint == content.joints[j] for load in event.joints):
+        if any(load.joint == joint for load in event.joints):
             inside |= (t >= event.start) & (t <= event.end)
-    return Figure(
-        content.joints[j],
-        f"Residual of {content.joints[j]} over time, with thresholds",
-        "time [s]",
-        f"residual [{content.units[j]}]",
-        [
-            area("within the thresholds", t, low, high, "--rest"),
-            line("residual", t, residual, "--measured", width=1.2),
-            line("contact", t, np.where(inside, residual, np.nan), "--vermillion", width=2.5),
-        ],
-        {"showlegend": False},
-    )
+    traces = [
+        area("within the thresholds", t, low, high, "--rest"),
+        line("residual", t, residual, "--measured", width=1.2),
+        line("contact", t, np.where(inside, residual, np.nan), "--vermillion", width=2.5),
+    ]
+    label = f"Residual of {joint} over time, with thresholds"
+    y, layout = f"residual [{content.units[j]}]", {"showlegend": False}
+    return Figure(joint, label, "time [s]", y, traces, layout)

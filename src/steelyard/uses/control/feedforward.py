@@ -216,15 +216,11 @@ class FeedforwardTorques:
 
     def to_dict(self) -> dict[str, Any]:
         """As JSON values, without the samples."""
+        names, units = ((x.name for x in self.joints), (x.effort_unit for x in self.joints))
         return {
             "duration_s": float(self.motion.t[-1] - self.motion.t[0]),
             "samples": len(self.motion),
-            "joints": records(
-                name=(joint.name for joint in self.joints),
-                unit=(joint.effort_unit for joint in self.joints),
-                rms=self.rms,
-                peak=self.peaks,
-            ),
+            "joints": records(name=names, unit=units, rms=self.rms, peak=self.peaks),
             "notes": list(self.notes),
             "warnings": list(self.warnings),
         }
@@ -275,14 +271,11 @@ def feedforward(
         torque = torque * identified.effort_scales.values
         identified = replace(identified, effort_scales=None)
     far = far_beyond_limits(robot, samples.q)
-    warnings = (
-        (f"{far}: do not command these torques; positions are in rad, convert degrees",)
-        if far
-        else tuple(beyond_limits(robot.coordinates, samples, torque, measured))
-    )
-    return FeedforwardTorques(
-        robot.coordinates, samples, torque, remarks_on_torques(identified), warnings
-    )
+    warnings = tuple(beyond_limits(robot.coordinates, samples, torque, measured))
+    if far:
+        warnings = (f"{far}: do not command these torques; positions are in rad, convert degrees",)
+    notes = remarks_on_torques(identified)
+    return FeedforwardTorques(robot.coordinates, samples, torque, notes, warnings)
 
 
 def beyond_limits(
@@ -320,11 +313,9 @@ def _samples(
     if isinstance(motion, Motion):
         return in_joint_order(motion, joints, robot, "samples of the motion"), ()
     if joints is not None:
-        raise DataError(
-            "names of joints are given together with a file, which has its own",
-            where="joints",
-            fix="leave them out",
-        )
+        wrong = "names of joints are given together with a file, which has its own"
+        fix = "leave them out"
+        raise DataError(wrong, where="joints", fix=fix)
     path = Path(motion)
     if path.suffix == ".json":
         trajectory, names = read_named(path)

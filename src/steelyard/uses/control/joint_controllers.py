@@ -244,11 +244,9 @@ def control_of(text: str, model: ValuedModel | None = None) -> Control:
         control: Control = kind(**gains)
         return control if model is None else TorqueFeedforward(control, model)
     if model is None:
-        raise ModelError(
-            f"controller '{name}' computes with a model, and none is given",
-            where="--control",
-            fix="add --model MODEL, or use pd, pid or cascade",
-        )
+        wrong = f"controller '{name}' computes with a model, and none is given"
+        fix = "add --model MODEL, or use pd, pid or cascade"
+        raise ModelError(wrong, where="--control", fix=fix)
     found: Control = kind(model, **gains)
     return found
 

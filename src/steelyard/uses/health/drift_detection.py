@@ -283,7 +283,6 @@ def _inflation(one: Series) -> float:
 
 
 def _constant(t: Array, y: Array, s: Array) -> float:
-    """The time constant that a settling value fits best with."""
     constants = SETTLING * float(t[-1] - t[0])
     return float(min(constants, key=lambda tau: _fit(_settling(t, tau), y, s).square))
 
@@ -375,7 +374,8 @@ def _change(
     few: bool = False,
 ) -> HealthChange:
     """A change as tested; of `few` windows or logs one of `CLEAR_HALF_WIDTHS` is reported too."""
-    large = abs(size) >= LEAST_CHANGE[one.quantity] * one.scale
+    large, sure = abs(size) >= LEAST_CHANGE[one.quantity] * one.scale, p < FALSE_DRIFT_LEVEL
+    clear = few and abs(size) > CLEAR_HALF_WIDTHS * Z95 * spread
     return HealthChange(
         joint=one.joint,
         quantity=one.quantity,
@@ -386,11 +386,6 @@ def _change(
         logs=logs,
         time=time,
         p=min(p, 1.0),
-        matters=bool(large and p < FALSE_DRIFT_LEVEL),
-        unproven=bool(
-            few
-            and large
-            and p >= FALSE_DRIFT_LEVEL
-            and abs(size) > CLEAR_HALF_WIDTHS * Z95 * spread
-        ),
+        matters=bool(large and sure),
+        unproven=bool(clear and large and not sure),
     )

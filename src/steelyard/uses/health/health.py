@@ -21,8 +21,7 @@ from steelyard.estimate.scores.residual_traces_and_band_calibration import (
     residual_cutoff,
     residual_trace,
 )
-from steelyard.identify.provenance_and_notes import notes_of
-from steelyard.identify.runs_for_model import runs_for
+from steelyard.identify.runs_and_notes_of_logs import notes_of, runs_for
 from steelyard.report.page import figures, inspected_page, notes
 from steelyard.report.page_figures import Figure, Group, Key, area, line
 from steelyard.report.result import Result, print_verdict
@@ -30,18 +29,7 @@ from steelyard.report.tables import PlainTable, Row, narrow_table
 from steelyard.report.words import NONE
 from steelyard.runs.runs_of_named_logs import log_files, paths_of, refuse_overlaps
 from steelyard.uses.effort_plausibility import refuse_other_efforts
-from steelyard.uses.health.drift_detection import (
-    CLEAR_HALF_WIDTHS,
-    FALSE_DRIFT_LEVEL,
-    LEAST_CHANGE,
-    LEAST_WINDOW,
-    MOST_WINDOWS_OF_LOG,
-    QUANTITIES,
-    HealthChange,
-    Series,
-    changes_of,
-    series_of,
-)
+from steelyard.uses.health import drift_detection as drift
 from steelyard.uses.payload.payload_fit import unknown_payload
 
 BLIND = 1.0  # relative half-width of all quantities of a joint above which nothing is decided
@@ -55,25 +43,25 @@ class Health(Result):
     robot: str
     joints: Sequence[str]
     logs: tuple[str, ...]  # names of the logs, in the order of time
-    series: tuple[Series, ...]
-    changes: tuple[HealthChange, ...]
+    series: tuple[drift.Series, ...]
+    changes: tuple[drift.HealthChange, ...]
     warnings: tuple[str, ...]
     notes: tuple[str, ...]
     json_name = "health.json"
 
     @property
-    def drifts(self) -> tuple[HealthChange, ...]:
+    def drifts(self) -> tuple[drift.HealthChange, ...]:
         """What drifted, the most certain first: significant and large enough."""
         return tuple(change for change in self.changes if change.matters)
 
     @property
-    def unproven(self) -> tuple[HealthChange, ...]:
+    def unproven(self) -> tuple[drift.HealthChange, ...]:
         """What differs by far from the model, or between logs too short to prove a drift."""
         drifted = {(change.joint, change.quantity) for change in self.drifts}
         return tuple(c for c in self.changes if c.unproven and (c.joint, c.quantity) not in drifted)
 
     @property
-    def named(self) -> tuple[HealthChange, ...]:
+    def named(self) -> tuple[drift.HealthChange, ...]:
         """Drifts and unproven changes; of one within or over logs, not that it differs too."""
         found = (*self.drifts, *self.unproven)
         timed = {(c.joint, c.quantity) for c in found if c.shape != "differs"}
@@ -107,38 +95,42 @@ class Health(Result):
         joints = "; ".join(f"{joint} ({', '.join(dict.fromkeys(x))})" for joint, x in by.items())
         return (
             f"{logs} cannot tell drift from an error of the model in other motions or from other "
-            f"efforts; beyond {CLEAR_HALF_WIDTHS:g} half-widths: {joints}. Give longer logs, or "
-            "several",
+            f"efforts; beyond {drift.CLEAR_HALF_WIDTHS:g} half-widths: {joints}. Give longer logs, "
+            "or several",
             *self.warnings,
         )
 
     @property
     def claim(self) -> str:
         """What counts as a drift."""
+        false, least = 100.0 * drift.FALSE_DRIFT_LEVEL, drift.LEAST_CHANGE
         return (
-            f"A drift is significant (probability of any false one {100.0 * FALSE_DRIFT_LEVEL:.0f} "
-            f"%, {len(self.changes)} changes tested) and changes friction by "
-            f"{100.0 * LEAST_CHANGE['dry friction']:.0f} %, the effort scale by "
-            f"{100.0 * LEAST_CHANGE['effort scale']:.0f} % or an offset by "
-            f"{100.0 * LEAST_CHANGE['offset']:.0f} % of the joint's friction, at least."
+            f"A drift is significant (probability of any false one {false:.0f} %, "
+            f"{len(self.changes)} changes tested) and changes friction by "
+            f"{100.0 * least['dry friction']:.0f} %, the effort scale by "
+            f"{100.0 * least['effort scale']:.0f} % or an offset by "
+            f"{100.0 * least['offset']:.0f} % of the joint's friction, at least."
         )
 
     def report(self) -> str:
         """The report as one self-contained HTML page."""
+        found = []
+        for joint in self.joints:
+            mine = [one for one in self.series if one.joint == joint]
+            drifts = [change for change in self.named if change.joint == joint]
+            words = "; ".join(f"{change.quantity} {change.text}" for change in drifts)
+            if mine:
+                found.append(Group([_figure(one) for one in mine], joint, words or "no drift"))
+        words, tables = f"{self.headline}. {self.claim}", [drifts_table(self)] * bool(self.named)
         sections = (
-            figures(
-                "drift",
-                "Drift",
-                words=f"{self.headline}. {self.claim}",
-                tables=[drifts_table(self)] if self.named else (),
-            ),
+            figures("drift", "Drift", words=words, tables=tables),
             notes("limits", "Limits of this result", self.limits),
             figures("joints", "Joints", tables=[joints_table(self)]),
             figures(
                 "windows",
                 "Changes over time",
                 legend=[Key("--measured", "windows"), Key("--interval", "95 % interval", "area")],
-                groups=_groups(self),
+                groups=found,
                 note="Change from the model of every window; logs follow each other without the "
                 f"time between them. Lines are interrupted between logs: {', '.join(self.logs)}.",
             ),
@@ -183,10 +175,8 @@ class Health(Result):
 
 def drifts_table(content: Health) -> PlainTable:
     """One row per drift or unproven change."""
-    rows = [
-        Row((change.joint, change.quantity, change.text, change.when, chance(change.p)))
-        for change in content.named
-    ]
+    cells = ((x.joint, x.quantity, x.text, x.when, chance(x.p)) for x in content.named)
+    rows = list(map(Row, cells))
     return PlainTable("", "", ("joint", "what", "change ± 95 %", "when", "p"), rows, (0, 1, 3))
 
 
@@ -202,27 +192,13 @@ def joints_table(content: Health) -> PlainTable:
     levels = [c for c in content.changes if c.shape == "differs"]
     places = [(c.joint, c.quantity) for c in levels]
     last = {at: f"{c.text}{marks.get(at, '')}" for at, c in zip(places, levels, strict=True)}
-    rows = [
-        Row((joint, *(last.get((joint, quantity), NONE) for quantity in QUANTITIES)))
-        for joint in content.joints
-    ]
+    rows = [Row((x, *(last.get((x, q), NONE) for q in drift.QUANTITIES))) for x in content.joints]
     words = "Level in the last log relative to the model, with its 95 % interval; ! drift"
     words += "; ? differs, drift not proven." if content.unproven else "."
     return PlainTable("", words, ("joint", *QUANTITY_HEADINGS), rows)
 
 
-def _groups(content: Health) -> list[Group]:
-    found = []
-    for joint in content.joints:
-        mine = [one for one in content.series if one.joint == joint]
-        drifts = [change for change in content.named if change.joint == joint]
-        words = "; ".join(f"{change.quantity} {change.text}" for change in drifts)
-        if mine:
-            found.append(Group([_figure(one) for one in mine], joint, words or "no drift"))
-    return found
-
-
-def _figure(one: Series) -> Figure:
+def _figure(one: drift.Series) -> Figure:
     """Windows of one quantity, the logs one after another."""
     factor, unit = (1.0, one.unit) if one.unit else (100.0, "%")
     traces, start = [], 0.0
@@ -274,23 +250,21 @@ def health(
     for run in runs:
         refuse_other_efforts(residual_trace(identified, run, cutoff), sigma, identified.joints)
         whole = gather(regressor, run, rests=rests, threads=threads, progress=progress)
-        count = int(run.duration / LEAST_WINDOW)
-        found.append(whole.merged(max(1, min(MOST_WINDOWS_OF_LOG, count))))
+        count = int(run.duration / drift.LEAST_WINDOW)
+        found.append(whole.merged(max(1, min(drift.MOST_WINDOWS_OF_LOG, count))))
         carried.append(unknown_payload(identified, whole))
-    series, names = series_of(identified, found), [run.name for run in runs]
+    series, names = drift.series_of(identified, found), [run.name for run in runs]
     if not series:
-        raise LogError(
-            "no window shows friction, offset and bodies of a joint separately",
-            where=", ".join(names),
-            fix="give longer logs, or motion in both directions at several speeds and postures",
-        )
+        wrong = "no window shows friction, offset and bodies of a joint separately"
+        fix = "give longer logs, or motion in both directions at several speeds and postures"
+        raise LogError(wrong, where=", ".join(names), fix=fix)
     robot = identified.model.robot
     return Health(
         robot=robot.name,
         joints=robot.joint_names,
         logs=tuple(names),
         series=series,
-        changes=changes_of(series, names),
+        changes=drift.changes_of(series, names),
         warnings=tuple(filter(None, carried)),
         notes=notes_of(runs),
     )

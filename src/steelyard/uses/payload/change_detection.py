@@ -71,12 +71,8 @@ class PayloadWindows:
         left = self.square - 2.0 * np.sum(self.vector * mean, axis=1)
         left = np.maximum(left + np.einsum("wi,wij,wj->w", mean, self.matrix, mean), 1e-300)
         weight = np.minimum(1.0, OUTLYING_WINDOW * np.median(left) / left)
-        return replace(
-            self,
-            matrix=self.matrix * weight[:, None, None],
-            vector=self.vector * weight[:, None],
-            square=self.square * weight,
-        )
+        matrix, vector = self.matrix * weight[:, None, None], self.vector * weight[:, None]
+        return replace(self, matrix=matrix, vector=vector, square=self.square * weight)
 
     def gain(self, first: Places, last: Places) -> Array:
         """Squares that a payload of its own explains in windows `first` to `last`, excluded."""
@@ -163,13 +159,10 @@ def payload_windows(
 ) -> PayloadWindows:
     """Windows about the payload alone: friction's deviations are the same in all of them.
 
-    Args:
-        starts: Of the windows, shape `(w,)`, as of their `stops` [s].
-        stops: Likewise.
-        grams: Sums of products over the variance of the residuals, shape `(w, d + 11, d + 11)`: of
-            friction's deviations, the payload's ten columns, and efforts less those of the model.
-        drift: Standard deviations of the deviations, shape `(d,)`.
-        size: Mass that a payload may have [kg].
+    They have `starts` and `stops`, shape `(w,)` [s]. `grams` are sums of products over the variance
+    of the residuals, shape `(w, d + 11, d + 11)`: of friction's deviations, whose standard
+    deviations are `drift`, shape `(d,)`, the payload's ten columns, and efforts less those of the
+    model. A payload may have the mass `size` [kg].
     """
     n, prior = len(drift), np.diag(size**-2.0 * np.repeat([1.0, 0.3, 0.1], [1, 3, 6]) ** -2)
     group = np.arange(len(grams)) // round(CHANGE_SPAN / CHANGE_STEP)
@@ -219,14 +212,10 @@ def changes_of(windows: PayloadWindows) -> PayloadChanges:
         at, gains = _profile(windows, low, high)
         inside = at[gains >= gains[at == place] - 3.84 * inflation]
         near = inside[np.abs(inside - place) <= round(CHANGE_SPAN / CHANGE_STEP)]
-        changes.append(
-            PayloadChange(
-                time=0.5 * float(windows.stops[place - 1] + windows.starts[place]),
-                earliest=float(windows.stops[near[0] - 1]) - CHANGE_STEP,
-                latest=float(windows.starts[near[-1]]) + CHANGE_STEP,
-                ratio=explained[k] / threshold,
-            )
-        )
+        time = 0.5 * float(windows.stops[place - 1] + windows.starts[place])
+        earliest = float(windows.stops[near[0] - 1]) - CHANGE_STEP
+        latest = float(windows.starts[near[-1]]) + CHANGE_STEP
+        changes.append(PayloadChange(time, earliest, latest, explained[k] / threshold))
     shown = of_mass[tested] * freedom / expected[tested] / threshold
     least_mass = float(np.median(shown)) ** -0.5 if tested.any() else np.inf
     sliding = windows.sliding_mass(inflation)
@@ -292,7 +281,6 @@ def _explained(windows: PayloadWindows, places: list[int]) -> list[float]:
 
 
 def _neighbours(windows: PayloadWindows, places: list[int], k: int) -> tuple[int, int]:
-    """Windows at which the payloads beside a change begin and end."""
     ends = [0, *places, len(windows.starts)]
     return ends[k], ends[k + 2]
 

@@ -11,9 +11,12 @@ If nothing is known and $\hat\phi$ is physically consistent, it is the result; e
 keeps what the data hardly determine away from the edge of consistent bodies.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
+from typing_extensions import Self
 
 from steelyard.base.arrays import Z95, Array
 from steelyard.base.errors import DataError
@@ -46,6 +49,13 @@ FORM = Entropic()  # keeps bodies possible, and what is hardly determined near t
 
 Vector = tuple[float, ...]
 
+SOLIDS = {
+    "box": ("a box of {:g} x {:g} x {:g} m", (12.0, 12.0, 12.0)),
+    "cylinder": ("a cylinder of {:g} m diameter and {:g} m length along z", (16.0, 16.0, 12.0)),
+    "sphere": ("a sphere of {:g} m diameter", (20.0, 20.0, 20.0)),
+}
+"""Solids in words, and squared length over second moment per mass along x, y and z."""
+
 
 @dataclass(frozen=True)
 class SolidShape:
@@ -55,23 +65,16 @@ class SolidShape:
     moments: Vector  # second moments about the centre per mass, along x, y and z [m²]
 
     @classmethod
-    def box(cls, size: Vector) -> "SolidShape":
-        """A box with edges of these lengths [m]."""
-        x, y, z = _lengths("box", size)
-        return cls(f"a box of {x:g} x {y:g} x {z:g} m", (x**2 / 12.0, y**2 / 12.0, z**2 / 12.0))
-
-    @classmethod
-    def cylinder(cls, diameter: float, length: float) -> "SolidShape":
-        """A cylinder along z [m]."""
-        across, along = _lengths("cylinder", (diameter, length))
-        words = f"a cylinder of {across:g} m diameter and {along:g} m length along z"
-        return cls(words, (across**2 / 16.0, across**2 / 16.0, along**2 / 12.0))
-
-    @classmethod
-    def sphere(cls, diameter: float) -> "SolidShape":
-        """A ball [m]."""
-        (across,) = _lengths("sphere", (diameter,))
-        return cls(f"a sphere of {across:g} m diameter", (across**2 / 20.0,) * 3)
+    def of(cls, kind: Literal["box", "cylinder", "sphere"], lengths: Sequence[float]) -> Self:
+        """A box with edges of these lengths, a cylinder along z, or a ball of this diameter [m]."""
+        if not all(np.isfinite(x) and x > 0.0 for x in lengths):
+            shown = ", ".join(f"{x:g}" for x in lengths)
+            fix = "give lengths above zero, in metres"
+            raise _refused(f"the dimensions of the {kind} are {shown}", fix)
+        words, shares = SOLIDS[kind]
+        sides = lengths if kind == "box" else (lengths[0], lengths[0], lengths[-1])
+        moments = tuple(x**2 / share for x, share in zip(sides, shares, strict=True))
+        return cls(words.format(*lengths), moments)
 
 
 @dataclass(frozen=True)
@@ -130,7 +133,8 @@ def consistent_body(
     mass, centre = _start(free, by_data, known)
     spread = _spread(free, mass, centre) if known.shape is None else np.diag(known.shape.moments)
     for _ in range(ROUNDS):
-        scale = _scaled(mass, centre, spread)
+        moved = np.array([Inertia.from_ten(e).moved(np.eye(3), centre).ten for e in np.eye(10)]).T
+        scale = np.asarray(moved @ ten_map(of_spread(mass, np.zeros(3), mass * spread)))
         matrix, vector = _equations(free, information, widening, scale)
         rows, values = _known_rows(known, mass, scale)
         rows = np.hstack([rows, np.zeros((len(rows), matrix.shape[1] - 10))])
@@ -187,12 +191,6 @@ def _spread(free: Array, mass: float, centre: Array) -> Array:
     radius = np.cbrt(0.75 * mass / (np.pi * DENSITY))
     values, vectors = np.linalg.eigh(about)
     return np.asarray((vectors * np.clip(values, radius**2 / 5.0, LARGEST)) @ vectors.T)
-
-
-def _scaled(mass: float, centre: Array, spread: Array) -> Array:
-    """Ten numbers per entry of `X`, the pseudo-inertia about a centre in that of a shape."""
-    moved = np.array([Inertia.from_ten(e).moved(np.eye(3), centre).ten for e in np.eye(10)]).T
-    return np.asarray(moved @ ten_map(of_spread(mass, np.zeros(3), mass * spread)))
 
 
 def _equations(
@@ -262,15 +260,6 @@ def _optimum(matrix: Array, vector: Array) -> tuple[Array, float]:
     best = solved(program, "the payload as a physically consistent body")[:count]
     rise = np.square(matrix @ best - vector).sum() - np.square(matrix @ u - vector).sum()
     return np.asarray(best[:10]), max(0.0, float(rise))
-
-
-def _lengths(kind: str, lengths: tuple[float, ...]) -> tuple[float, ...]:
-    if not all(np.isfinite(x) and x > 0.0 for x in lengths):
-        raise _refused(
-            f"the dimensions of the {kind} are {', '.join(f'{x:g}' for x in lengths)}",
-            "give lengths above zero, in metres",
-        )
-    return lengths
 
 
 def _refused(wrong: str, fix: str) -> DataError:

@@ -1,8 +1,9 @@
 """What a robot carries, from logs and an identified model: what `steelyard payload` does."""
 
 import os
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
+from functools import partial
 from math import isfinite
 from pathlib import Path
 
@@ -23,20 +24,19 @@ from steelyard.estimate.scores.residual_traces_and_band_calibration import (
     residual_cutoff,
     residual_trace,
 )
-from steelyard.identify.provenance_and_notes import dropped
-from steelyard.identify.runs_for_model import fitted_before, runs_for
+from steelyard.identify.runs_and_notes_of_logs import dropped, fitted_before, runs_for
 from steelyard.report.page import figures, inspected_page, notes
 from steelyard.report.page_figures import Figure, Group, Key, area, evenly, line
-from steelyard.report.tables import PlainTable, Row, light_table
+from steelyard.report.tables import PlainTable, light_table, table_of
 from steelyard.report.words import rounded_to_uncertainty
 from steelyard.robot.inertia_and_placement import INERTIAL_NAMES, INERTIAL_UNITS
 from steelyard.runs.run import Run
 from steelyard.runs.runs_of_named_logs import LogArgument, log_files, paths_of, refuse_overlaps
 from steelyard.uses.effort_plausibility import refuse_without
+from steelyard.uses.payload import pick_up_and_put_down as picking
 from steelyard.uses.payload.change_detection import CHANGE_SPAN
 from steelyard.uses.payload.known_and_consistent_payload_body import PayloadKnowledge, SolidShape
 from steelyard.uses.payload.payload_fit import fit_payload
-from steelyard.uses.payload.pick_up_and_put_down import PayloadEvents, find_payload_events
 
 
 def rounded_mass(value: float, half: float) -> tuple[str, str]:
@@ -52,7 +52,7 @@ def mass_with_interval(value: float, half: float) -> str:
     return f"{number} ± {width}" if width else number
 
 
-def counted_changes(found: PayloadEvents) -> str:
+def counted_changes(found: picking.PayloadEvents) -> str:
     """How many changes of the payload there are, or which would be seen."""
     count, least = len(found.events), f"{found.least_mass:.2g} kg"
     if count:
@@ -68,7 +68,7 @@ def counted_changes(found: PayloadEvents) -> str:
 MOST_POINTS_OF_MASS = 3000  # points of a line, at most
 
 
-def render_payload_events(found: Sequence[PayloadEvents], robot: str) -> str:
+def render_payload_events(found: Sequence[picking.PayloadEvents], robot: str) -> str:
     """The page as HTML text, to be written as UTF-8."""
     limits = [f"{one.run}: {one.unexplained}" for one in found if one.unexplained]
     remarks = tuple(dict.fromkeys(note for one in found for note in one.notes))
@@ -105,31 +105,27 @@ MASS_WINDOW_NOTE = (
 )
 
 
-def _tables(found: PayloadEvents) -> list[PlainTable]:
-    tables, changes = [], []
-    for number, event in enumerate(found.events, start=1):
-        cells = (
-            f"{number}",
-            event.kind,
-            f"{event.time:.2f}",
-            f"{event.earliest:.2f} to {event.latest:.2f}",
-            mass_with_interval(event.mass, event.mass_half_width),
-            f"{event.ratio:.3g}",
-        )
-        changes.append(Row(cells))
-    if changes:
-        headings = ("#", "change", "time [s]", "95 % interval [s]", "mass [kg]", "× threshold")
-        tables.append(PlainTable("", "", headings, changes, (1, 3, 4)))
-    carried = []
-    for one in found.carried:
-        mass = mass_with_interval(one.payload.mass, float(one.payload.half_width[0]))
-        carried.append(Row((f"{one.start:.2f} to {one.stop:.2f}", mass)))
-    if carried:
-        tables.append(PlainTable("", "", ("carried [s]", "mass [kg]"), carried, (0, 1)))
-    return tables
+def _tables(found: picking.PayloadEvents) -> list[PlainTable]:
+    changes: dict[str, Callable[[tuple[int, picking.PayloadEvent]], str]] = {
+        "#": lambda x: f"{x[0]}",
+        "change": lambda x: x[1].kind,
+        "time [s]": lambda x: f"{x[1].time:.2f}",
+        "95 % interval [s]": lambda x: f"{x[1].earliest:.2f} to {x[1].latest:.2f}",
+        "mass [kg]": lambda x: mass_with_interval(x[1].mass, x[1].mass_half_width),
+        "× threshold": lambda x: f"{x[1].ratio:.3g}",
+    }
+    carried: dict[str, Callable[[picking.Carried], str]] = {
+        "carried [s]": lambda x: f"{x.start:.2f} to {x.stop:.2f}",
+        "mass [kg]": lambda x: mass_with_interval(x.payload.mass, float(x.payload.half_width[0])),
+    }
+    tables = (
+        table_of(enumerate(found.events, start=1), changes, text=(1, 3, 4)),
+        table_of(found.carried, carried, text=(0, 1)),
+    )
+    return [table for table in tables if table.rows]
 
 
-def _figure(found: PayloadEvents) -> Figure:
+def _figure(found: picking.PayloadEvents) -> Figure:
     sliding = found.sliding
     some = evenly(len(sliding.t), MOST_POINTS_OF_MASS)
     t, mass, half = sliding.t[some], sliding.mass[some], sliding.half_width[some]
@@ -139,18 +135,13 @@ def _figure(found: PayloadEvents) -> Figure:
         for t in 0.5 * (edges[:-1] + edges[1:])
     ]
     steps, carried = np.repeat(edges, 2)[1:-1], np.repeat(between, 2)
-    return Figure(
-        "",
-        f"Mass of the payload along {found.run}, with its interval and the changes",
-        "time [s]",
-        "mass [kg]",
-        [
-            area("95 % interval", t, mass - half, mass + half, "--interval"),
-            line("window", t, mass, "--measured", width=1.2),
-            line("carried", steps, carried, "--vermillion", width=2.5),
-        ],
-        {"showlegend": False},
-    )
+    traces = [
+        area("95 % interval", t, mass - half, mass + half, "--interval"),
+        line("window", t, mass, "--measured", width=1.2),
+        line("carried", steps, carried, "--vermillion", width=2.5),
+    ]
+    label = f"Mass of the payload along {found.run}, with its interval and the changes"
+    return Figure("", label, "time [s]", "mass [kg]", traces, {"showlegend": False})
 
 
 def payload_lines(estimate: PayloadEstimate, console: Console) -> None:
@@ -172,7 +163,7 @@ def payload_lines(estimate: PayloadEstimate, console: Console) -> None:
         console.print(Text(text))
 
 
-def event_lines(found: Sequence[PayloadEvents], console: Console) -> None:
+def event_lines(found: Sequence[picking.PayloadEvents], console: Console) -> None:
     """Print when the payload changes along some logs."""
     for one in found:
         console.print(Text(f"{one.run}: {counted_changes(one)}", style="bold"))
@@ -274,43 +265,15 @@ def events_of_logs(
     frame: str | None,
     gain_uncertainty: float | None,
     progress: Progress,
-) -> tuple[PayloadEvents, ...]:
+) -> tuple[picking.PayloadEvents, ...]:
     """When the payload changes along each log; the arguments are those of `payload_events`."""
     identified, found = load_model(model), []
     files, _ = _logs(identified, paths_of(logs, least=1), [], frame)
     regressor, threads = base_regressor(identified.model), os.cpu_count() or 1
     for run in _runs(identified, files, progress):
         samples = gather_samples(regressor, run, threads=threads, progress=progress)
-        found.append(find_payload_events(identified, samples, frame, gain=gain_uncertainty))
+        found.append(picking.find_payload_events(identified, samples, frame, gain=gain_uncertainty))
     return tuple(found)
-
-
-def known_of(
-    mass: float | None,
-    com: Sequence[float] | None,
-    box: Sequence[float] | None,
-    cylinder: Sequence[float] | None,
-    sphere: float | None,
-) -> PayloadKnowledge:
-    """What is known of a payload; the arguments and errors are those of `identify_payload`."""
-    for name, given, count in (("box", box, 3), ("cylinder", cylinder, 2), ("com", com, 3)):
-        if given is not None and len(given) != count:
-            raise DataError(
-                f"'{name}' has {len(given)} numbers",
-                where="what is known of the payload",
-                fix=f"give {count}, in metres",
-            )
-    shapes = [] if box is None else [SolidShape.box(tuple(box))]
-    shapes += [] if cylinder is None else [SolidShape.cylinder(*cylinder)]
-    shapes += [] if sphere is None else [SolidShape.sphere(sphere)]
-    if len(shapes) > 1:
-        raise DataError(
-            f"the payload is {' and '.join(shape.words for shape in shapes)}",
-            where="what is known of the payload",
-            fix="give one of box, cylinder and sphere",
-        )
-    centre = None if com is None else tuple(com)
-    return PayloadKnowledge(mass, centre, shapes[0] if shapes else None)
 
 
 @checked(gain_uncertainty=0.0)
@@ -354,27 +317,32 @@ def identify_payload(
         >>> abs(carried.mass) < 0.1
         True
     """
-    known, identified = known_of(mass, com, box, cylinder, sphere), load_model(model)
+    for name, given, count in (("box", box, 3), ("cylinder", cylinder, 2), ("com", com, 3)):
+        if given is not None and len(given) != count:
+            wrong = f"'{name}' has {len(given)} numbers"
+            fix = f"give {count}, in metres"
+            raise DataError(wrong, where="what is known of the payload", fix=fix)
+    shapes = [] if box is None else [SolidShape.of("box", box)]
+    shapes += [] if cylinder is None else [SolidShape.of("cylinder", cylinder)]
+    shapes += [] if sphere is None else [SolidShape.of("sphere", [sphere])]
+    if len(shapes) > 1:
+        wrong = f"the payload is {' and '.join(shape.words for shape in shapes)}"
+        fix = "give one of box, cylinder and sphere"
+        raise DataError(wrong, where="what is known of the payload", fix=fix)
+    centre = None if com is None else tuple(com)
+    known = PayloadKnowledge(mass, centre, shapes[0] if shapes else None)
+    identified = load_model(model)
     loaded, without = _logs(identified, paths_of(logs, least=1), paths_of(unloaded), frame)
     runs = _runs(identified, [*loaded, *without], progress)
     regressor, threads = base_regressor(identified.model), os.cpu_count() or 1
     rests = identified.model.has_memory
-    of_runs = [
-        gather(regressor, run, rests=rests, threads=threads, progress=progress) for run in runs
-    ]
-    found = fit_payload(
-        identified,
-        of_runs[: len(loaded)],
-        frame,
-        unloaded=of_runs[len(loaded) :],
-        gain=gain_uncertainty,
-        known=known,
-    )
-    compared = (
-        f"the model was identified from {log.path.name}: compared with itself it has no payload"
-        for log in loaded
-        if not without and fitted_before(identified.provenance, log)
-    )
+    gather_all = partial(gather, regressor, rests=rests, threads=threads, progress=progress)
+    of_runs = list(map(gather_all, runs))
+    carrying, bare, gain = of_runs[: len(loaded)], of_runs[len(loaded) :], gain_uncertainty
+    found = fit_payload(identified, carrying, frame, unloaded=bare, gain=gain, known=known)
+    before = [x for x in loaded if not without and fitted_before(identified.provenance, x)]
+    says = "the model was identified from {}: compared with itself it has no payload"
+    compared = (says.format(log.path.name) for log in before)
     return replace(found, notes=(*found.notes, *dropped(identified.model, runs), *compared))
 
 
@@ -386,7 +354,7 @@ def payload_events(
     *,
     gain_uncertainty: float | None = None,
     progress: Progress = silent,
-) -> PayloadEvents:
+) -> picking.PayloadEvents:
     """Find when a robot picks something up and puts it down, and how heavy it is.
 
     Args:

@@ -26,12 +26,7 @@ from steelyard.base.arrays import Z95, Array, frozen
 from steelyard.base.errors import DataError, SteelyardError
 from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.estimate.information.information import Information
-from steelyard.estimate.payload.payload_estimate import (
-    BEYOND_DOUBT,
-    PayloadEstimate,
-    payload_of,
-    refuse_unseen,
-)
+from steelyard.estimate.payload import payload_estimate
 from steelyard.estimate.payload.runs_with_payload import (
     LoadCase,
     carrier,
@@ -45,11 +40,7 @@ from steelyard.estimate.payload.runs_with_payload import (
 from steelyard.robot.file.signals import MOTOR_KINDS
 from steelyard.robot.robot import Frame
 from steelyard.uses.effort_plausibility import LEAST_FITTED, refuse_unexplained
-from steelyard.uses.payload.known_and_consistent_payload_body import (
-    PayloadKnowledge,
-    consistent_body,
-    refuse_contradiction,
-)
+from steelyard.uses.payload import known_and_consistent_payload_body as payload_body
 
 FRICTION_DRIFT = 0.5  # of friction and offset from run to run, over the effort they make in a joint
 GAIN_RELATIVE_STD = 0.02  # relative standard deviation of motors' gains given without one
@@ -69,7 +60,7 @@ KNOWN = 1e-6  # standard deviation of what was not estimated, of its size or of 
 ROUNDS = 50
 TOLERANCE = 1e-6  # relative change of the rows' variances at which they have converged
 
-NOTHING_KNOWN = PayloadKnowledge()
+NOTHING_KNOWN = payload_body.PayloadKnowledge()
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,8 +79,8 @@ def fit_payload(
     *,
     unloaded: Sequence[Information] = (),
     gain: float | None = None,
-    known: PayloadKnowledge = NOTHING_KNOWN,
-) -> PayloadEstimate:
+    known: payload_body.PayloadKnowledge = NOTHING_KNOWN,
+) -> payload_estimate.PayloadEstimate:
     """Weigh what a robot carries: a physically consistent body.
 
     The model's covariance says how far its parameters may move; with unloaded runs they are found
@@ -98,24 +89,16 @@ def fit_payload(
     beside scales that were identified with the model.
     """
     if not loaded:
-        raise DataError(
-            "there is no run with the payload",
-            where="identification of a payload",
-            fix="give at least one log of the loaded robot",
-        )
+        wrong = "there is no run with the payload"
+        fix = "give at least one log of the loaded robot"
+        raise DataError(wrong, where="identification of a payload", fix=fix)
     share = gain_share(identified, gain)
     refuse_foreign(identified.model, (*unloaded, *loaded))
     carries = carrier(identified.model.robot, frame)
-    gains, units = identified.signals.gains, identified.model.robot.effort_units
-    case = load_case(
-        identified.model,
-        identified.base,
-        carries,
-        [run.scaled(gains, units) for run in unloaded],
-        [run.scaled(gains, units) for run in loaded],
-        first_deviates=True,
-        zero={one.name for one in identified.estimate.removed},
-    )
+    model, gains, units = identified.model, identified.signals.gains, identified.robot.effort_units
+    both = ([run.scaled(gains, units) for run in some] for some in (unloaded, loaded))
+    zero = {one.name for one in identified.estimate.removed}
+    case = load_case(model, identified.base, carries, *both, first_deviates=True, zero=zero)
     fit = fitted_case(identified, case, bool(unloaded))
     if not unloaded:
         refuse_unexplained_case(identified, case, fit)
@@ -145,11 +128,9 @@ def gain_share(identified: IdentifiedModel, stated: float | None) -> float:
     usual = GAIN_RELATIVE_STD if of_motors and identified.effort_scales is None else 0.0
     gain = usual if stated is None else stated
     if not 0.0 <= gain < 1.0:
-        raise DataError(
-            f"the relative uncertainty of the drive gains is {gain:g}",
-            where="identification of a payload",
-            fix="give 0 for exact gains, or a share such as 0.02",
-        )
+        wrong = f"the relative uncertainty of the drive gains is {gain:g}"
+        fix = "give 0 for exact gains, or a share such as 0.02"
+        raise DataError(wrong, where="identification of a payload", fix=fix)
     return gain
 
 
@@ -220,8 +201,8 @@ def weighed(
     carries: Frame,
     jointly: bool,
     gain: float,
-    known: PayloadKnowledge,
-) -> PayloadEstimate:
+    known: payload_body.PayloadKnowledge,
+) -> payload_estimate.PayloadEstimate:
     """One payload of a case, with ten columns, as a physically consistent body in a frame.
 
     The arm was found from the runs alone if `jointly`; gains are exact if `gain` is zero.
@@ -233,16 +214,18 @@ def weighed(
     if of_scales is not None:
         widening = widening + of_scales
     by_data = covariance_of(fit.matrix, columns) + widening
-    refuse_unseen(by_data, carries)
-    refuse_contradiction(free, by_data, known)
+    payload_estimate.refuse_unseen(by_data, carries)
+    payload_body.refuse_contradiction(free, by_data, known)
     information = seen_information(fit.matrix, columns)
-    body = consistent_body(free, information, by_data, widening, known)
+    body = payload_body.consistent_body(free, information, by_data, widening, known)
     sign, unexplained = 1.0, _unexplained(identified, case, fit)
-    if not (known.words or unexplained) and free[0] < -BEYOND_DOUBT * np.sqrt(by_data[0, 0]):
-        removed = consistent_body(-free, information, by_data, widening, known)
+    if not (known.words or unexplained) and free[0] < -payload_estimate.BEYOND_DOUBT * np.sqrt(
+        by_data[0, 0]
+    ):
+        removed = payload_body.consistent_body(-free, information, by_data, widening, known)
         if removed.chi_squared <= REMOVED_SHARE * body.chi_squared:
             sign, body = -1.0, removed
-    return payload_of(
+    return payload_estimate.payload_of(
         carries,
         identified.model.robot,
         sign * body.ten,

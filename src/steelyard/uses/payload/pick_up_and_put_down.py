@@ -1,8 +1,9 @@
 """What a robot picks up and puts down along a run, when, and how heavy it is."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 from itertools import compress, count, pairwise
+from math import hypot
 from typing import Any, Literal
 
 import numpy as np
@@ -15,18 +16,7 @@ from steelyard.estimate.information.kept_filtered_samples import FilteredSamples
 from steelyard.estimate.payload.payload_estimate import PayloadEstimate
 from steelyard.estimate.payload.runs_with_payload import carrier, combined, drifting, payload_lift
 from steelyard.robot.robot import Frame
-from steelyard.uses.payload.change_detection import (
-    CHANGE_SPAN,
-    CHANGE_STEP,
-    FALSE_EVENTS_PER_HOUR,
-    LEAST_TIME_OF_CHANGES,
-    LEAST_WINDOWS_OF_LOG,
-    PayloadChange,
-    PayloadChanges,
-    SlidingMass,
-    changes_of,
-    payload_windows,
-)
+from steelyard.uses.payload import change_detection as detection
 from steelyard.uses.payload.payload_fit import (
     FRICTION_DRIFT,
     NOTHING_KNOWN,
@@ -80,7 +70,7 @@ class PayloadEvents:
     # would be
     conclusive: bool
     notes: tuple[str, ...]  # what was taken for granted, for people to read
-    sliding: SlidingMass
+    sliding: detection.SlidingMass
     unexplained: str = ""  # what no payload explains; empty if there is nothing
 
     def __str__(self) -> str:
@@ -143,28 +133,19 @@ def find_payload_events(
     while True:
         stretches = weigher.stretches(changes)
         payloads, unexplained = weigher.payloads(stretches)
-        masses = [_change(*pair) for pair in pairwise(payloads)]
+        # mass and half-width of its interval of each payload, and of changes between them
+        own = [(0.0, 0.0) if p is None else (p.mass, float(p.half_width[0])) for p in payloads]
+        masses = [(new[0] - old[0], hypot(old[1], new[1])) for old, new in pairwise(own)]
         differ = [abs(mass) > CERTAIN_MASS_STD / Z95 * half for mass, half in masses]
         if all(differ):
             break
         changes = list(compress(changes, differ))
     events = tuple(
-        PayloadEvent(
-            "picked up" if mass > 0.0 else "put down",
-            change.time,
-            change.earliest,
-            change.latest,
-            abs(mass),
-            half,
-            change.ratio,
-        )
-        for change, (mass, half) in zip(changes, masses, strict=True)
+        PayloadEvent("picked up" if mass > 0.0 else "put down", t, lo, hi, abs(mass), half, ratio)
+        for (t, lo, hi, ratio), (mass, half) in zip(map(astuple, changes), masses, strict=True)
     )
-    carried = tuple(
-        Carried(window.start, window.stop, payload)
-        for window, payload in zip(stretches, payloads, strict=True)
-        if payload is not None
-    )
+    each = zip(stretches, payloads, strict=True)
+    carried = tuple(Carried(at.start, at.stop, one) for at, one in each if one is not None)
     digits = 0 if found.inflation >= 10.0 else 1
     return PayloadEvents(
         run=samples.sources[0].run,
@@ -172,14 +153,14 @@ def find_payload_events(
         body=identified.model.robot.bodies[carries.body].name,
         events=events,
         carried=carried,
-        alarms_per_hour=FALSE_EVENTS_PER_HOUR,
+        alarms_per_hour=detection.FALSE_EVENTS_PER_HOUR,
         inflation=found.inflation,
         least_mass=found.least_mass,
         conclusive=bool(events) or found.least_mass <= _largest_payload(identified),
         notes=(
-            f"threshold for {FALSE_EVENTS_PER_HOUR:g} false events per hour; residuals along the "
-            f"log make the statistic {found.inflation:.{digits}f} times larger than normal, white "
-            "ones would",
+            f"threshold for {detection.FALSE_EVENTS_PER_HOUR:g} false events per hour; residuals "
+            f"along the log make the statistic {found.inflation:.{digits}f} times larger than "
+            "normal, white ones would",
             f"smallest change of the mass that would be detected: {found.least_mass:.2g} kg (for a "
             "mass at the frame's origin, in at least half of the log)",
             *(carried[0].payload.notes if carried else ()),
@@ -187,13 +168,6 @@ def find_payload_events(
         sliding=found.sliding,
         unexplained=unexplained,
     )
-
-
-def _change(one: PayloadEstimate | None, other: PayloadEstimate | None) -> tuple[float, float]:
-    """Change of the mass and half-width of its 95 % interval; nothing weighs nothing."""
-    masses = [0.0 if payload is None else payload.mass for payload in (one, other)]
-    widths = [0.0 if payload is None else payload.half_width[0] for payload in (one, other)]
-    return masses[1] - masses[0], float(np.linalg.norm(widths))
 
 
 @dataclass(frozen=True, eq=False)
@@ -205,16 +179,15 @@ class _Weigher:
     carries: Frame
     gain: float
 
-    def stretches(self, changes: list[PayloadChange]) -> list[Window]:
+    def stretches(self, changes: list[detection.PayloadChange]) -> list[Window]:
         """Time between the changes, without their intervals where that leaves enough."""
-        run, t = self.samples.sources[0].run, self.samples.t
-        bare = [float(t[0]), *(change.time for change in changes), float(t[-1])]
-        starts = [float(t[0]), *(change.latest for change in changes)]
-        stops = [*(change.earliest for change in changes), float(t[-1])]
-        apart = [b - a >= LEAST_TIME_OF_CHANGES for a, b in zip(starts, stops, strict=True)]
+        run, first, last = self.samples.sources[0].run, *map(float, self.samples.t[[0, -1]])
+        bare = pairwise([first, *(change.time for change in changes), last])
+        starts = [first, *(change.latest for change in changes)]
+        stops = [*(change.earliest for change in changes), last]
         return [
-            Window(run, starts[k], stops[k]) if apart[k] else Window(run, bare[k], bare[k + 1])
-            for k in range(len(apart))
+            Window(run, *((a, b) if b - a >= detection.LEAST_TIME_OF_CHANGES else ends))
+            for a, b, ends in zip(starts, stops, bare, strict=True)
         ]
 
     def payloads(self, stretches: list[Window]) -> tuple[list[PayloadEstimate | None], str]:
@@ -241,30 +214,21 @@ class _Weigher:
         self, stretches: list[Window], loads: Sequence[int | None]
     ) -> list[PayloadEstimate | None]:
         model = self.identified
-        case = combined(
-            model.model,
-            model.base,
-            self.carries,
-            [self.samples.during([window]).information() for window in stretches],
-            loads,
-            [0] * len(stretches),
-            zero={one.name for one in model.estimate.removed},
-        )
+        parts = [self.samples.during([window]).information() for window in stretches]
+        one_run, zero = [0] * len(parts), {one.name for one in model.estimate.removed}
+        case = combined(model.model, model.base, self.carries, parts, loads, one_run, zero=zero)
         fit = fitted_case(model, case, False)
         refuse_unexplained_case(model, case, fit)
+        given = self.carries, False, self.gain, NOTHING_KNOWN
         return [
-            None
-            if load is None
-            else weighed(
-                model, case, fit, case.payloads[load], self.carries, False, self.gain, NOTHING_KNOWN
-            )
+            None if load is None else weighed(model, case, fit, case.payloads[load], *given)
             for load in loads
         ]
 
 
 def _changes(
     identified: IdentifiedModel, samples: FilteredSamples, carries: Frame
-) -> PayloadChanges:
+) -> detection.PayloadChanges:
     """Where the statistic exceeds its threshold.
 
     It is computed from sums of products in windows of `CHANGE_STEP`: of friction's deviations, of
@@ -277,7 +241,7 @@ def _changes(
     place = {name: k for k, name in enumerate(identified.base.base_names)}
     lift = payload_lift(model.robot, identified.base, carries)[[place[name] for name in columns]]
     transform = np.hstack([np.eye(len(columns))[:, moving], lift])
-    number = np.floor((samples.t - samples.t[0]) / CHANGE_STEP).astype(np.intp)
+    number = np.floor((samples.t - samples.t[0]) / detection.CHANGE_STEP).astype(np.intp)
     width, length = len(moving) + 11, int(number[-1]) + 1
     grams, full = np.zeros((length, width, width)), np.zeros(length, dtype=bool)
     for row, (seen, residual) in enumerate(
@@ -293,17 +257,22 @@ def _changes(
             some = part[at == window]
             grams[window][index] += some.T @ some / np.square(identified.estimate.sigma[row])
         full[at[weights != 0.0]] = True
-    if full.sum() < LEAST_WINDOWS_OF_LOG * round(CHANGE_SPAN / CHANGE_STEP):
+    windows = round(detection.CHANGE_SPAN / detection.CHANGE_STEP)
+    if full.sum() < detection.LEAST_WINDOWS_OF_LOG * windows:
+        least = detection.LEAST_WINDOWS_OF_LOG * detection.CHANGE_SPAN
         raise DataError(
-            f"the log has {CHANGE_STEP * full.sum():.1f} s in which joints move: too short to find "
-            "when a payload changes",
+            f"the log has {detection.CHANGE_STEP * full.sum():.1f} s in which joints move: too "
+            "short to find when a payload changes",
             where=samples.sources[0].run,
-            fix=f"give a log with at least {LEAST_WINDOWS_OF_LOG * CHANGE_SPAN:g} s of motion, "
-            "or weigh without --when",
+            fix=f"give a log with at least {least:g} s of motion, or weigh without --when",
         )
-    starts = np.asarray(float(samples.t[0]) + CHANGE_STEP * np.flatnonzero(full))
+    starts = np.asarray(float(samples.t[0]) + detection.CHANGE_STEP * np.flatnonzero(full))
     deviations, most = FRICTION_DRIFT * np.abs(values[moving]), _largest_payload(identified)
-    return changes_of(payload_windows(starts, starts + CHANGE_STEP, grams[full], deviations, most))
+    return detection.changes_of(
+        detection.payload_windows(
+            starts, starts + detection.CHANGE_STEP, grams[full], deviations, most
+        )
+    )
 
 
 def _largest_payload(identified: IdentifiedModel) -> float:

@@ -1,14 +1,18 @@
-"""External torque, contact and payload on a stream: what `steelyard watch` does."""
+"""External torque, contact and payload on a stream: what `steelyard watch` does and reports."""
 
-from collections.abc import Callable, Iterable, Sequence
+import csv
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
+from math import isinf, isnan
 from pathlib import Path
-from typing import Any
+from typing import Any, Self, TextIO
 
 import numpy as np
 
 from steelyard.base.arrays import Array
 from steelyard.base.errors import DataError, LogError
+from steelyard.base.files import explained
 from steelyard.base.progress import Progress, report_progress, silent
 from steelyard.estimate.external.contact_thresholds import HOLD, SETTLED, ContactThresholds
 from steelyard.estimate.external.momentum_observer_with_wrench_and_contact import PER_PERIOD
@@ -16,37 +20,227 @@ from steelyard.estimate.identified_model import IdentifiedModel, load_model
 from steelyard.estimate.information.base_parameters_and_regressor import base_regressor
 from steelyard.estimate.information.kept_filtered_samples import gather_samples
 from steelyard.estimate.payload.runs_with_payload import carrier
-from steelyard.estimate.scores.residual_traces_and_band_calibration import (
-    FORGOTTEN,
-    ResidualTrace,
-    greatest,
-    thresholds_of,
-)
-from steelyard.identify.runs_for_model import fitted_before, processing_of
+from steelyard.estimate.scores import residual_traces_and_band_calibration as residual_noise
+from steelyard.identify.runs_and_notes_of_logs import fitted_before, processing_of
 from steelyard.logs.contents import windowed
 from steelyard.logs.formats import open_log
 from steelyard.logs.log_and_errors import parse_log_argument
+from steelyard.report.words import signed, significant
 from steelyard.runs.prepare import prepare
 from steelyard.runs.recording import LogInMemory, Recording
 from steelyard.runs.runs_of_named_logs import LogArgument, log_files, paths_of
 from steelyard.runs.sample_stream import SampleStream
-from steelyard.uses.contact.contact import (
-    common_rest_speed,
-    fitted_note,
-    left_out_words,
-    peaks_of_free_motion,
-)
-from steelyard.uses.payload.pick_up_and_put_down import PayloadEvents, find_payload_events
-from steelyard.uses.watch.payload_stream import PayloadStream
-from steelyard.uses.watch.stream_output import StreamFiles
-from steelyard.uses.watch.watcher_and_events import StreamEvent, Watcher, rests_of, velocity_of
+from steelyard.uses.contact import contact
+from steelyard.uses.contact.contact import ContactEvent, ContactStart, JointLoad
+from steelyard.uses.payload import pick_up_and_put_down as picking
+from steelyard.uses.payload.payload import mass_with_interval, rounded_mass
+from steelyard.uses.watch import watcher_and_events as watching
+
+
+def record_of(event: watching.StreamEvent) -> dict[str, Any]:
+    """As JSON values; `event` says what it is."""
+    match event:
+        case ContactStart():
+            return {
+                "event": "contact",
+                "time_s": event.time,
+                "known_s": event.known,
+                **vars(event.joint),
+                "links": list(event.links),
+            }
+        case ContactEvent():
+            return {"event": "contact_end", **event.to_dict()}
+        case picking.PayloadEvent():
+            return {
+                "event": "payload",
+                "kind": event.kind,
+                "time_s": event.time,
+                "earliest_s": event.earliest,
+                "latest_s": event.latest,
+                "mass_kg": event.mass,
+                "mass_half_width_kg": event.mass_half_width,
+                "over_threshold": event.ratio,
+            }
+        case watching.StreamNote():
+            return {"event": "note", "time_s": event.time, "text": event.text}
+    record: dict[str, Any] = {
+        "event": "estimate",
+        "time_s": event.time,
+        "torque": event.torque.tolist(),
+        "torque_half_width": event.half_width.tolist(),
+    }
+    if event.wrench is not None and event.wrench_half_width is not None:
+        record["wrench"] = event.wrench.tolist()
+        record["wrench_half_width"] = event.wrench_half_width.tolist()
+    return record
+
+
+def event_line(event: watching.StreamEvent) -> str:
+    """One line of a terminal."""
+    time = event.end if isinstance(event, ContactEvent) else event.time
+    match event:
+        case ContactStart():
+            what, text = "contact", f"{_load(event.joint)}, {event.place}"
+        case ContactEvent():
+            largest, lasted = _load(event.joints[0]), event.end - event.start
+            what, text = "released", f"after {lasted:.2f} s; largest {largest}, {event.place}"
+        case picking.PayloadEvent():
+            mass, half = rounded_mass(event.mass, event.mass_half_width)
+            between = f"between {event.earliest:.2f} and {event.latest:.2f} s"
+            what, text = event.kind, f"{mass} ± {half} kg ({between})"
+        case watching.StreamNote():
+            what, text = "note", event.text
+        case watching.StreamEstimate():
+            what, text = "estimate", f"torque {' '.join(f'{x:.3g}' for x in event.torque)}"
+            if event.wrench is not None:
+                text += f"; wrench {' '.join(f'{x:.3g}' for x in event.wrench)}"
+    return f"{time:9.2f} s  {what:9}  {text}"
+
+
+def _load(load: JointLoad) -> str:
+    change = " change" if load.change else ""
+    ratio = significant(load.ratio)
+    return f"{load.joint} {signed(load.peak)} {load.unit}{change}, {ratio} × threshold"
+
+
+def state_line(watcher: watching.Watcher) -> str:
+    """What a watcher sees now, for a line that is written again and again."""
+    if not watcher.observer.steps:
+        return "waiting for samples"
+    parts = [f"{watcher.time:.1f} s"]
+    if not isnan(watcher.ratio):
+        parts.append(f"largest residual {significant(watcher.ratio)} × threshold")
+    if watcher.frame is not None:
+        force, half = watcher.observer.wrench[:3], watcher.observer.half_width[:3]
+        parts.append(f"force {np.linalg.norm(force):.0f} ± {np.linalg.norm(half):.0f} N")
+    payload = watcher.payload
+    if payload is not None and payload.state is not None:
+        mass, half_width = rounded_mass(payload.state.mass, payload.state.half_width)
+        carried = f"{mass} ± {half_width} kg" if half_width else "none"
+        least = payload.state.least_mass
+        changes = "no changes" if isinf(least) else f"changes of {least:.2g} kg or more"
+        parts.append(f"payload {carried} ({changes} visible)")
+    return "   ".join(parts)
+
+
+def summary_lines(
+    summary: Mapping[str, Any], joints: Sequence[str], units: Sequence[str]
+) -> Iterator[str]:
+    """The end of a stream, see `Watcher.summary`."""
+    duration, samples, least = (summary[x] for x in ("duration_s", "samples", "least_mass_kg"))
+    yield (
+        f"{duration:.1f} s, {_counted(samples, 'sample')} "
+        f"({samples / duration if duration else 0.0:.0f} a second): "
+        f"{_counted(summary['contacts'], 'contact')}, "
+        f"{_counted(summary['payload_changes'], 'change')} of the payload"
+    )
+    largest = zip(joints, summary["largest_torque"], units, strict=True)
+    sizes = ", ".join(f"{joint} {significant(size)} {unit}" for joint, size, unit in largest)
+    yield f"largest external torque: {sizes}"
+    if summary["doubt"]:
+        yield summary["doubt"]
+    if summary["dropped_rows"]:
+        rows = ", ".join(f"{count} for {why}" for why, count in summary["dropped_rows"].items())
+        yield f"rows left out: {rows}"
+    if summary["gaps"]:
+        yield f"pauses after which the observer restarted: {summary['gaps']}"
+    if summary["carried_kg"] is not None:
+        mass = mass_with_interval(summary["carried_kg"], summary["carried_half_width_kg"])
+        yield f"payload at the last search: {mass} kg"
+    if least is not None:
+        yield (
+            "no change of the payload would have been seen: too little motion"
+            if isinf(least)
+            else "smallest change of the payload's mass that would be detected: "
+            f"{least:.2g} kg (for a mass at the frame's origin, in half of the searches)"
+        )
+    if failed := summary["payload_not_sought"]:
+        yield f"the last search for changes of the payload was not possible: {failed}"
+
+
+def _counted(count: int, what: str) -> str:
+    return f"{count or 'no'} {what}{'s' * (count != 1)}"
+
+
+EVENT_COLUMNS = (
+    "event", "time_s", "end_s", "what", "value", "half_width", "unit", "over_threshold", "place",
+)  # fmt: skip
+
+WRENCH_COLUMNS = ("fx_N", "fy_N", "fz_N", "mx_Nm", "my_Nm", "mz_Nm")  # entries of a wrench
+
+
+def event_row(
+    event: ContactEvent | picking.PayloadEvent | watching.StreamNote,
+) -> dict[str, str | float]:
+    """Cells of the table of events by `EVENT_COLUMNS`."""
+    row: dict[str, str | float]
+    match event:
+        case ContactEvent():
+            load = event.joints[0]
+            row = {"event": "contact", "time_s": event.start, "end_s": event.end}
+            row |= {"what": load.joint, "value": load.peak, "unit": load.unit}
+            return row | {"over_threshold": load.ratio, "place": event.place}
+        case picking.PayloadEvent():
+            row = {"event": event.kind, "time_s": event.time, "what": "payload", "unit": "kg"}
+            row |= {"value": event.mass, "half_width": event.mass_half_width}
+            return row | {"over_threshold": event.ratio}
+    return {"event": "note", "time_s": event.time, "what": event.text}
+
+
+EVENTS, ESTIMATES = "events.csv", "estimates.csv"
+
+
+class StreamFiles:
+    """`events.csv` and `estimates.csv`, complete up to the last `flush`."""
+
+    def __init__(self, events: TextIO, estimates: TextIO) -> None:
+        self._files = events, estimates
+        self._events, self._estimates = (csv.writer(x, lineterminator="\n") for x in self._files)
+
+    @classmethod
+    @contextmanager
+    def opened(cls, folder: Path, joints: Sequence[str], wrench: bool) -> Iterator[Self]:
+        """New files in a new folder, closed at the end of the block."""
+        with explained(folder), ExitStack() as stack:
+            folder.mkdir(parents=True)
+            files: list[Any] = [
+                stack.enter_context((folder / name).open("x", encoding="utf-8", newline=""))
+                for name in (EVENTS, ESTIMATES)
+            ]
+            tables = cls(*files)
+            tables._events.writerow(EVENT_COLUMNS)
+            both = [*WRENCH_COLUMNS, *(f"half_width.{x}" for x in WRENCH_COLUMNS)] if wrench else []
+            torques = (f"{what}.{joint}" for what in ("torque", "half_width") for joint in joints)
+            tables._estimates.writerow(["time_s", *torques, *both])
+            tables.flush()
+            yield tables
+
+    def take(self, event: watching.StreamEvent) -> None:
+        """Write what belongs into the tables: contacts when they end."""
+        if isinstance(event, watching.StreamEstimate):
+            both = (event.torque, event.half_width, event.wrench, event.wrench_half_width)
+            known = (x for part in both if part is not None for x in part.tolist())
+            self._estimates.writerow(_short([event.time, *known]))
+        elif isinstance(event, ContactEvent | picking.PayloadEvent | watching.StreamNote):
+            row = event_row(event)
+            self._events.writerow(_short([row.get(name, "") for name in EVENT_COLUMNS]))
+
+    def flush(self) -> None:
+        """Hand all rows to the system."""
+        for file in self._files:
+            file.flush()
+
+
+def _short(row: Sequence[str | float]) -> list[str]:
+    """Cells, numbers with nine digits."""
+    return [cell if isinstance(cell, str) else f"{cell:.9g}" for cell in row]
 
 
 @dataclass(frozen=True, eq=False)
 class WatchStart:
     """A watcher; what its thresholds rest on, and what is not sought and why."""
 
-    watcher: Watcher
+    watcher: watching.Watcher
     model: IdentifiedModel
     notes: tuple[str, ...]
 
@@ -105,52 +299,50 @@ def start_watch(
     if given:
         thresholds, notes = calibrated_thresholds(identified, given, cutoff, rate, progress)
     elif own is not None and own.cutoff == cutoff:
-        thresholds = thresholds_of(identified, own, rate)
+        thresholds = residual_noise.thresholds_of(identified, own, rate)
         notes = [
-            f"{rate_words(thresholds, left_out_words(identified))}; these logs were smoothed, and "
-            "abrupt stops cause larger residuals in a stream: calibrate with logs that were "
-            "recorded like the stream (--calibrate)"
+            f"{rate_words(thresholds, contact.left_out_words(identified))}; these logs were "
+            "smoothed, and abrupt stops cause larger residuals in a stream: calibrate with logs "
+            "that were recorded like the stream (--calibrate)"
         ]
     elif rate is not None:
-        raise DataError(
-            "a rate of false alarms is given, but there is nothing to calibrate thresholds with",
-            where="--rate",
-            fix="give logs of motion without contact with --calibrate",
-        )
+        wrong = "a rate of false alarms is given, but there is nothing to calibrate thresholds with"
+        fix = "give logs of motion without contact with --calibrate"
+        raise DataError(wrong, where="--rate", fix=fix)
     else:
         notes = [
             "contact is not sought: the model has no residuals of left-out motion "
             f"behind {cutoff:g} Hz; give logs of motion without contact with --calibrate"
         ]
-    payload: PayloadStream | None = None
+    payload: watching.PayloadStream | None = None
     if identified.signals.effort_kind == "gravity_compensated_torque":
         notes.append("changes of the payload are not sought: efforts are gravity-compensated")
     else:
         payload = payload_stream(identified, frame)
     period = 1.0 / (PER_PERIOD * cutoff) if every is None else every
-    watcher = Watcher(identified, observer, frame, thresholds, payload, period)
+    watcher = watching.Watcher(identified, observer, frame, thresholds, payload, period)
     return WatchStart(watcher, identified, tuple(notes))
 
 
-def payload_stream(identified: IdentifiedModel, frame: str | None) -> PayloadStream:
+def payload_stream(identified: IdentifiedModel, frame: str | None) -> watching.PayloadStream:
     """What finds changes of a payload in consecutive rows of a stream."""
     carrier(identified.model.robot, frame)
     signals, processing = identified.signals, processing_of(identified)
     regressor = base_regressor(identified.model)
 
-    def detect(rows: Array) -> PayloadEvents:
+    def detect(rows: Array) -> picking.PayloadEvents:
         log = LogInMemory(Path("stream"), signals.columns, rows)
         run = prepare(Recording(log, signals).unwrapped(), processing)
         samples = gather_samples(regressor, run)
-        return find_payload_events(identified, samples, frame)
+        return picking.find_payload_events(identified, samples, frame)
 
-    return PayloadStream(detect)
+    return watching.PayloadStream(detect)
 
 
 def watch_rows(
-    watcher: Watcher,
+    watcher: watching.Watcher,
     arriving: Iterable[Array],
-    emit: Callable[[StreamEvent], None],
+    emit: Callable[[watching.StreamEvent], None],
     files: StreamFiles | None = None,
     *,
     source: str,
@@ -161,7 +353,7 @@ def watch_rows(
     A contact that is still going on is ended there, also where an error ends the rows.
     """
 
-    def report(events: Iterable[StreamEvent]) -> None:
+    def report(events: Iterable[watching.StreamEvent]) -> None:
         for event in events:
             if files is not None:
                 files.take(event)
@@ -198,51 +390,49 @@ def calibrated_thresholds(
     """Thresholds from residuals as the stream has them, and what they rest on."""
     unseen = [log for log in logs if not fitted_before(identified.provenance, log)]
     if not unseen:
-        raise DataError(
-            "all calibration logs were fitted: their residuals say nothing of other motion",
-            where="--calibrate",
-            fix="give logs of other motion without contact, or leave --calibrate out",
-        )
+        wrong = "all calibration logs were fitted: their residuals say nothing of other motion"
+        fix = "give logs of other motion without contact, or leave --calibrate out"
+        raise DataError(wrong, where="--calibrate", fix=fix)
     traces = []
     for number, log in enumerate(unseen):
         report_progress(progress, "calibrating thresholds", number, len(unseen))
         traces.append(stream_trace(identified, log, cutoff))
-    rest = common_rest_speed(identified, [np.full(identified.robot.n, np.inf)])
-    peaks, suspected = peaks_of_free_motion(identified, traces, rest, cutoff, None)
-    thresholds = thresholds_of(identified, peaks, rate)
+    rest = contact.common_rest_speed(identified, [np.full(identified.robot.n, np.inf)])
+    peaks, suspected = contact.peaks_of_free_motion(identified, traces, rest, cutoff, None)
+    thresholds = residual_noise.thresholds_of(identified, peaks, rate)
     count = f"{len(unseen)} calibration {'log' if len(unseen) == 1 else 'logs'}"
     return thresholds, [
         rate_words(thresholds, count),
         *(one.text for one in suspected),
-        *(fitted_note(log.path.name) for log in logs if log not in unseen),
+        *(contact.fitted_note(log.path.name) for log in logs if log not in unseen),
     ]
 
 
-def stream_trace(identified: IdentifiedModel, log: LogArgument, cutoff: float) -> ResidualTrace:
+def stream_trace(
+    identified: IdentifiedModel, log: LogArgument, cutoff: float
+) -> residual_noise.ResidualTrace:
     """Residuals of a finished log as a stream of its rows shows them, behind a cut-off [Hz]."""
     path, cut = parse_log_argument(log.text)
     signals, observer = identified.signals, identified.observe(bandwidth=cutoff)
-    stream, rest = SampleStream(signals, identified.robot), rests_of(identified)
+    stream, rest = SampleStream(signals, identified.robot), watching.rests_of(identified)
     t, residual, speed = [], [], []
     for rows in windowed(open_log(path), stream.columns, cut):
         for sample in stream.samples(rows):
-            moving = velocity_of(sample.dq, rest)
+            moving = watching.velocity_of(sample.dq, rest)
             observer.step(sample.t, sample.q, moving, signals.gains * sample.effort)
             t.append(sample.t)
             residual.append(-observer.torque)
             speed.append(np.abs(sample.dq))
     name = f"{path.stem}{cut.text}"
-    first = int(np.searchsorted(t, FORGOTTEN / (2.0 * np.pi * cutoff)))
+    first = int(np.searchsorted(t, residual_noise.FORGOTTEN / (2.0 * np.pi * cutoff)))
     if len(t) < first + 2:
-        raise LogError(
-            "the log is too short for the residual's low-pass",
-            where=name,
-            fix="log for longer, or give a higher bandwidth",
-        )
+        wrong = "the log is too short for the residual's low-pass"
+        fix = "log for longer, or give a higher bandwidth"
+        raise LogError(wrong, where=name, fix=fix)
     step = float(np.median(np.diff(t)))
     speeds = np.array(speed).T
-    slowest = -greatest(-speeds, round(HOLD / step) + 1)
-    fastest = greatest(speeds, round(SETTLED / step) + 1)
+    slowest = -residual_noise.greatest(-speeds, round(HOLD / step) + 1)
+    fastest = residual_noise.greatest(speeds, round(SETTLED / step) + 1)
     none = np.zeros((3, identified.robot.n, len(t)))
     found = (np.array(residual).T, slowest, fastest, none[0], none[1:])
-    return ResidualTrace(name, np.array(t), step, *found).of(slice(first, None))
+    return residual_noise.ResidualTrace(name, np.array(t), step, *found).of(slice(first, None))

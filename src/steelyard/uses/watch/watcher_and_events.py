@@ -1,14 +1,14 @@
 """What a stream is watched by, and its events: external torque, contacts, payload and wrench."""
 
-from collections import Counter
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections import Counter, deque
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from steelyard.base.arrays import Array
-from steelyard.base.errors import LogError
+from steelyard.base.errors import LogError, SteelyardError
 from steelyard.estimate.covariance_and_band_widths import rest_speed_of
 from steelyard.estimate.external.contact_thresholds import ChangeStepper, ContactThresholds
 from steelyard.estimate.external.momentum_observer_with_wrench_and_contact import Observer
@@ -16,8 +16,92 @@ from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.runs.sample_stream import SampleStream, StreamSample
 from steelyard.uses.contact.contact import ContactEvent, ContactStart, ContactStream
 from steelyard.uses.effort_plausibility import LARGE_RESIDUAL, LEAST_EXPLAINED
-from steelyard.uses.payload.pick_up_and_put_down import PayloadEvent
-from steelyard.uses.watch.payload_stream import PayloadStream
+from steelyard.uses.payload.pick_up_and_put_down import PayloadEvent, PayloadEvents
+
+SEARCH_PERIOD = 2.0  # time between two searches [s]
+SEARCHED_SPAN = 40.0  # latest samples that are searched [s]
+FIRST_SEARCH = 10.0  # time of samples before the first search [s]
+SAME_EVENT_TIME = 3.0  # difference of the times of one event in two searches, at most [s]
+
+Detect = Callable[[Array], PayloadEvents]
+"""Finds the events of consecutive rows as logged; times count from the first one."""
+
+
+@dataclass(frozen=True, eq=False)
+class PayloadState:
+    """What is carried at the end of a search."""
+
+    mass: float  # its mass, zero if nothing is carried [kg]
+    half_width: float
+    least_mass: float  # smallest change of the mass that would be seen, infinite if none would [kg]
+
+
+class PayloadStream:
+    """Finds changes of a payload sample by sample.
+
+    Every `SEARCH_PERIOD` changes are sought in the last `SEARCHED_SPAN`. One that is found twice in
+    a row, at about the same time and of the same kind, is reported once.
+
+    Attributes:
+        state: What is carried; `None` before the first search that succeeds.
+        failed: Why the last search failed; empty if it did not.
+    """
+
+    def __init__(self, detect: Detect) -> None:
+        self.state: PayloadState | None = None
+        self.failed = ""
+        self.searches = 0
+        self._detect = detect
+        self._kept: deque[tuple[float, Array]] = deque()
+        self._due = FIRST_SEARCH
+        self._candidates: list[PayloadEvent] = []
+        self._reported: list[PayloadEvent] = []
+        self._least: list[float] = []
+
+    @property
+    def least_mass(self) -> float | None:
+        """Change of the mass that half of the searches would have seen [kg]; `None` without any."""
+        return float(np.quantile(self._least, 0.5, method="higher")) if self._least else None
+
+    def step(self, t: float, row: Array) -> tuple[PayloadEvent, ...]:
+        """Take the next sample, a row as logged; the events that are certain with it.
+
+        Its time counts from the first sample [s].
+        """
+        self._kept.append((t, row))
+        if t < self._due:
+            return ()
+        self._due = t + SEARCH_PERIOD
+        while self._kept[0][0] < t - SEARCHED_SPAN:
+            self._kept.popleft()
+        try:
+            found = self._detect(np.array([one for _, one in self._kept]))
+        except SteelyardError as error:
+            self.failed, self._candidates = error.wrong, []
+            return ()
+        self.failed, self.searches = "", self.searches + 1
+        start = self._kept[0][0]
+        last = [one for one in found.carried if one.stop >= t - start - SAME_EVENT_TIME]
+        latest = last[-1].payload if last else None
+        carried = (latest.mass, float(latest.half_width[0])) if latest else (0.0, np.nan)
+        self.state = PayloadState(*carried, found.least_mass)
+        self._least.append(found.least_mass)
+        times = ((x, x.time + start, x.earliest + start, x.latest + start) for x in found.events)
+        events = [replace(x, time=t, earliest=low, latest=high) for x, t, low, high in times]
+        twice = [event for event in events if _known(event, self._candidates)]
+        certain = [event for event in twice if not _known(event, self._reported)]
+        self._candidates = events
+        self._reported = [*self._reported, *certain][-100:]
+        return tuple(certain)
+
+
+def _known(event: PayloadEvent, others: list[PayloadEvent]) -> bool:
+    return any(
+        other.kind == event.kind
+        and other.earliest - SAME_EVENT_TIME <= event.time <= other.latest + SAME_EVENT_TIME
+        for other in others
+    )
+
 
 DOUBT_SHARE = 0.5  # share of the time with residuals beyond thresholds that means something lasts
 LEAST_DOUBT_TIME = 5.0  # least time of samples, or beyond thresholds, until it is said [s]
@@ -253,7 +337,6 @@ class Watcher:
     def _touched(
         self, sample: StreamSample, residual: Array, gap: bool
     ) -> Iterator[ContactStart | ContactEvent]:
-        """Contacts that begin or end at a sample."""
         if self.thresholds is None or self._stepper is None or self._changes is None:
             return
         level = self._stepper.step(sample.t, sample.dq)

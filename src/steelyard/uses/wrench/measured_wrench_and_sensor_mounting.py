@@ -134,11 +134,9 @@ def stretch_of_rest(text: str) -> tuple[float, float]:
     except ValueError:
         found = 0.0, -1.0
     if not colon or not 0.0 <= found[0] < found[1]:
-        raise DataError(
-            f"'{text}' is no stretch of time (--sensor-rest)",
-            where="wrench",
-            fix="give START:STOP in seconds from the log's start, such as 0:1.5",
-        )
+        wrong = f"'{text}' is no stretch of time (--sensor-rest)"
+        fix = "give START:STOP in seconds from the log's start, such as 0:1.5"
+        raise DataError(wrong, where="wrench", fix=fix)
     return found
 
 
@@ -253,13 +251,10 @@ def measured_wrench(
         )
     whole = replace(run, span=(-np.inf, np.inf))
     t, logged = _logged(run, file, sensor)
+    logged = logged if sensor.sign == "on_robot" else -logged
     segments = by_key((block.segment, block) for block in whole.blocks())
     blocks = [Block.joined(some) for some in segments.values()]
-    sign = 1.0 if sensor.sign == "on_robot" else -1.0
-    read = [
-        sign * np.column_stack([np.interp(one.t, t, column) for column in logged.T])
-        for one in blocks
-    ]
+    read = [np.column_stack([np.interp(one.t, t, x) for x in logged.T]) for one in blocks]
     axes = [identified.pose(one.q.T, sensor.frame)[1] for one in blocks]
     start = parse_log_argument(file.text)[1].seconds[0]
     carried = _carried(identified, run, start, blocks, read, axes, sensor)
@@ -291,15 +286,13 @@ def _logged(run: Run, file: LogArgument, sensor: Sensor) -> tuple[Array, Array]:
     """Increasing times from the log's start `(M,)` [s], and the sensor's columns, `(M, 6)`."""
     recording = recording_of(file, run.recording.signals)
     signals = recording.signals
-    parts = recording.log.parts((signals.time, *sensor.columns), recording.cut.rows)
-    rows = np.concatenate(list(parts))
+    columns = (signals.time, *sensor.columns)
+    rows = np.concatenate(list(recording.log.parts(columns, recording.cut.rows)))
     rows = rows[np.isfinite(rows).all(axis=1)]
     if not len(rows):
-        raise DataError(
-            f"no row has numbers in all of {', '.join(sensor.columns)}",
-            where=run.name,
-            fix="name columns of the force/torque sensor with --measured",
-        )
+        wrong = f"no row has numbers in all of {', '.join(sensor.columns)}"
+        fix = "name columns of the force/torque sensor with --measured"
+        raise DataError(wrong, where=run.name, fix=fix)
     t, first = np.unique(rows[:, 0] * signals.time_scale, return_index=True)
     return t - run.chain.clock.origin, rows[first, 1:]
 
@@ -415,7 +408,6 @@ QUARTER_TURNS = tuple(
     if np.linalg.det(turn := np.diag(signs)[list(order)]) > 0.0
 )
 """The 24 rotations that bring axes onto axes."""
-
 
 HALVES = (slice(0, 3), slice(3, 6))
 """Force and moment of a wrench."""

@@ -13,18 +13,15 @@ from steelyard.base.arrays import Array
 from steelyard.base.checked_arguments import checked
 from steelyard.base.errors import DataError
 from steelyard.base.progress import Progress, silent
+from steelyard.estimate.external import wrench_methods_and_observer_step as methods
 from steelyard.estimate.external.wrench_methods_and_observer_step import (
     FORCE,
     LEVER,
     Axes,
-    Expected,
-    InverseJacobian,
-    Weighted,
     moved_frame,
 )
 from steelyard.estimate.identified_model import IdentifiedModel, load_model
-from steelyard.identify.provenance_and_notes import left_out, notes_of
-from steelyard.identify.runs_for_model import runs_for, was_fitted
+from steelyard.identify.runs_and_notes_of_logs import left_out, notes_of, runs_for, was_fitted
 from steelyard.logs.formats import open_log, write_table
 from steelyard.logs.log_and_errors import parse_log_argument
 from steelyard.report.page import figures, inspected_page, notes
@@ -34,17 +31,8 @@ from steelyard.report.tables import PlainTable, Row, narrow_table
 from steelyard.report.words import NONE, significant
 from steelyard.runs.runs_of_named_logs import log_file
 from steelyard.uses.control.feedforward import refuse_unknown_gains
-from steelyard.uses.wrench.measured_wrench_and_sensor_mounting import (
-    UNITS,
-    WRENCH_TABLE_COLUMNS,
-    MeasuredWrench,
-    Sensor,
-    SensorSign,
-    measured_wrench,
-    sensor_columns,
-    sensor_placement,
-    stretch_of_rest,
-)
+from steelyard.uses.wrench import measured_wrench_and_sensor_mounting as sensors
+from steelyard.uses.wrench.measured_wrench_and_sensor_mounting import SensorSign
 from steelyard.uses.wrench.wrench_along_run import (
     COMPONENTS,
     ResidualKind,
@@ -119,7 +107,7 @@ class ExternalWrench(Result):
     fitted: bool
     left_out: tuple[str, ...]  # rows and times that were not examined, for people to read
     details: tuple[str, ...]
-    measured: MeasuredWrench | None = None  # by a force/torque sensor, if one is named
+    measured: sensors.MeasuredWrench | None = None  # by a force/torque sensor, if one is named
     json_name = "wrench.json"
 
     @property
@@ -128,7 +116,8 @@ class ExternalWrench(Result):
         found, at = self.estimate, self.estimate.largest
         ends = (found.force_lower[at], found.force_upper[at])
         low, high = (significant(float(x)) for x in ends)
-        size, inverse = significant(float(found.force[at])), found.method == InverseJacobian.name
+        size = significant(float(found.force[at]))
+        inverse = found.method == methods.InverseJacobian.name
         lacks = np.isinf(found.condition[at]) if inverse else not found.force_observable[at]
         remark = f", {NOT_CONTAINED if inverse else PARTLY_EXPECTED}" if lacks else ""
         text = f"{size} N (95 %: {low} to {high} N{remark})"
@@ -165,26 +154,19 @@ class ExternalWrench(Result):
     def components(self) -> tuple[ComponentSummary, ...]:
         """Figures of the six components."""
         found = self.estimate
-        nonzero = np.abs(found.wrench) > found.half_width
-        rows = []
-        for k, (name, unit) in enumerate(zip(COMPONENTS, UNITS, strict=True)):
-            own, half = found.wrench[:, k], found.half_width[:, k]
-            at = int(np.argmax(np.abs(own)))
-            rows.append(
-                ComponentSummary(
-                    component=name,
-                    unit=unit,
-                    rms=float(np.sqrt(np.mean(np.square(own)))),
-                    peak=float(own[at]),
-                    peak_half_width=float(half[at]),
-                    peak_time_s=float(found.t[at]),
-                    median_half_width=float(np.median(half)),
-                    nonzero_share=float(np.mean(nonzero[:, k])),
-                    data_share=float(np.mean(found.data_share[:, k])),
-                    assumed_zero=bool(found.assumed_zero[k]),
-                )
-            )
-        return tuple(rows)
+        at, components = np.argmax(np.abs(found.wrench), axis=0), np.arange(6)
+        columns = (
+            np.sqrt(np.mean(np.square(found.wrench), axis=0)),
+            found.wrench[at, components],
+            found.half_width[at, components],
+            found.t[at],
+            np.median(found.half_width, axis=0),
+            np.mean(np.abs(found.wrench) > found.half_width, axis=0),
+            np.mean(found.data_share, axis=0),
+            found.assumed_zero,
+        )
+        rows = zip(COMPONENTS, sensors.UNITS, *(column.tolist() for column in columns), strict=True)
+        return tuple(ComponentSummary(*row) for row in rows)
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -192,12 +174,10 @@ class ExternalWrench(Result):
         found, warnings = self.estimate, list(self.left_out)
         if self.measured is not None:
             warnings += self.measured.warnings
-        inverse = found.method == InverseJacobian.name
+        inverse = found.method == methods.InverseJacobian.name
         if found.unobservable:
-            names = "; ".join(
-                f"{name_of(one)} ({100.0 * found.unobservable_share(one):.0f} % of the log)"
-                for one in found.unobservable
-            )
+            shares = ((name_of(x), 100.0 * found.unobservable_share(x)) for x in found.unobservable)
+            names = "; ".join(f"{name} ({share:.0f} % of the log)" for name, share in shares)
             warnings.append(
                 f"not observable from the joint torques of this log: {names}. "
                 + (
@@ -266,25 +246,16 @@ class ExternalWrench(Result):
         """The report as one self-contained HTML page."""
         found = self.estimate
         components, least, torques = _figures(found, self.measured)
+        over_time = Group(components, columns="one")
         tables = [components_table(self)]
         legend = [Key("--measured", "estimate"), Key("--interval", "95 % interval", "area")]
         if self.measured is not None:
             tables.append(self.measured.table())
             legend.append(Key("--predicted", "sensor"))
         sections = (
-            figures(
-                "wrench",
-                "Wrench",
-                words=f"{self.headline}. {self.claim}",
-                tables=tables,
-            ),
+            figures("wrench", "Wrench", words=f"{self.headline}. {self.claim}", tables=tables),
             notes("notes", "Limits of this result", self.warnings),
-            figures(
-                "over-time",
-                "Wrench over time",
-                legend=legend,
-                groups=[Group(components, columns="one")],
-            ),
+            figures("over-time", "Wrench over time", legend=legend, groups=[over_time]),
             figures(
                 "observability",
                 "Observability",
@@ -307,7 +278,7 @@ class ExternalWrench(Result):
 
     def to_dict(self) -> dict[str, Any]:
         """What was estimated as JSON values, without the samples."""
-        found = self.estimate
+        found, at = self.estimate, self.estimate.largest
         return {
             "log": found.run,
             "frame": found.frame,
@@ -317,12 +288,12 @@ class ExternalWrench(Result):
             "bandwidth_hz": found.bandwidth,
             "expected": {"force_N": found.expected.force, "lever_m": found.expected.lever},
             "largest_force": {
-                "force_N": float(found.force[found.largest]),
-                "low_N": float(found.force_lower[found.largest]),
-                "high_N": float(found.force_upper[found.largest]),
-                "observable": bool(found.force_observable[found.largest]),
-                "time_s": float(found.t[found.largest]),
-                "differs_from_zero": bool(found.pushed[found.largest]),
+                "force_N": float(found.force[at]),
+                "low_N": float(found.force_lower[at]),
+                "high_N": float(found.force_upper[at]),
+                "observable": bool(found.force_observable[at]),
+                "time_s": float(found.t[at]),
+                "differs_from_zero": bool(found.pushed[at]),
             },
             "samples": len(found.t),
             "start_s": float(found.t[0]),
@@ -350,15 +321,15 @@ class ExternalWrench(Result):
         found = self.estimate
         joints = zip(found.joints, found.units, strict=True)
         names = (
-            *WRENCH_TABLE_COLUMNS,
-            *(f"half_width_{name}" for name in WRENCH_TABLE_COLUMNS),
+            *sensors.WRENCH_TABLE_COLUMNS,
+            *(f"half_width_{name}" for name in sensors.WRENCH_TABLE_COLUMNS),
             *(f"external_{joint}_{unit}" for joint, unit in joints),
         )
         own = np.hstack([found.wrench, found.half_width, found.torque]).T
         columns = dict(zip(names, own, strict=True))
         table = {"time_s": found.t, **columns, "least_data_share": found.least_data_share}
         if self.measured is not None:
-            measured = zip(WRENCH_TABLE_COLUMNS, self.measured.wrench.T, strict=True)
+            measured = zip(sensors.WRENCH_TABLE_COLUMNS, self.measured.wrench.T, strict=True)
             table |= {f"measured_{name}": own for name, own in measured}
         return table
 
@@ -389,12 +360,11 @@ def components_table(content: ExternalWrench) -> PlainTable:
 
 
 def _figures(
-    found: WrenchEstimate, measured: MeasuredWrench | None
+    found: WrenchEstimate, measured: sensors.MeasuredWrench | None
 ) -> tuple[list[Figure], Figure, list[Figure]]:
-    """Components of the wrench, the least observable direction, and external torques over time."""
     at = evenly(len(found.t), MOST_POINTS_OF_WRENCH)
     t, components, torques = found.t[at], [], []
-    for k, (name, unit) in enumerate(zip(COMPONENTS, UNITS, strict=True)):
+    for k, (name, unit) in enumerate(zip(COMPONENTS, sensors.UNITS, strict=True)):
         own, half = found.wrench[at, k], found.half_width[at, k]
         interval = area("95 % interval", t, own - half, own + half, "--interval")
         estimate = line("estimate", t, own, "--measured", width=1.5)
@@ -484,28 +454,23 @@ def external_wrench(
     identified = load_model(model)
     refuse_unknown_gains(identified)
     moved_frame(identified.robot, frame)
-    expected = Expected(force, lever)
+    expected = methods.Expected(force, lever)
     chosen: WrenchMethod
     if method == "smoothed":
         chosen = Smoothed(expected, duration)
     else:
-        chosen = (Weighted if method == "weighted" else InverseJacobian)(expected)
+        chosen = (methods.Weighted if method == "weighted" else methods.InverseJacobian)(expected)
     file = log_file(str(log))
     columns = [measured] if isinstance(measured, str) else list(measured)
     if columns:
-        reader = Sensor(
-            sensor_columns(open_log(file.path).columns, columns, file.text),
-            moved_frame(identified.robot, sensor or frame),
-            sensor_placement(sensor_at),
-            sensor_sign,
-            tuple(map(stretch_of_rest, sensor_rest)),
-        )
+        named = sensors.sensor_columns(open_log(file.path).columns, columns, file.text)
+        base = moved_frame(identified.robot, sensor or frame)
+        rest = tuple(map(sensors.stretch_of_rest, sensor_rest))
+        reader = sensors.Sensor(named, base, sensors.sensor_placement(sensor_at), sensor_sign, rest)
     elif sensor is not None or sensor_at or sensor_sign != "on_robot" or sensor_rest:
-        raise DataError(
-            "a sensor is described, but none of its columns is named",
-            where=file.text,
-            fix="name the six columns of the force/torque sensor with --measured",
-        )
+        wrong = "a sensor is described, but none of its columns is named"
+        fix = "name the six columns of the force/torque sensor with --measured"
+        raise DataError(wrong, where=file.text, fix=fix)
     (run,) = runs_for(identified, [file], progress, at_rest=True)
     estimate = estimated_wrench(
         identified,
@@ -525,5 +490,7 @@ def external_wrench(
         fitted=was_fitted(identified, file, run),
         left_out=left_out(run),
         details=notes_of([run]),
-        measured=measured_wrench(identified, run, file, reader, estimate) if columns else None,
+        measured=sensors.measured_wrench(identified, run, file, reader, estimate)
+        if columns
+        else None,
     )

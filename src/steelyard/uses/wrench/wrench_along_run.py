@@ -18,21 +18,11 @@ from numpy.typing import NDArray
 from steelyard.base.arrays import Z95, Array
 from steelyard.base.errors import DataError
 from steelyard.base.progress import Progress, report_progress, silent
+from steelyard.estimate.external import wrench_methods_and_observer_step as methods
 from steelyard.estimate.external.momentum_observer_with_wrench_and_contact import (
     PER_PERIOD,
     check_bandwidth,
     momentum_residual,
-)
-from steelyard.estimate.external.wrench_methods_and_observer_step import (
-    Axes,
-    Expected,
-    ExternalEfforts,
-    InverseJacobian,
-    Observed,
-    Wrenches,
-    condition_numbers,
-    moved_frame,
-    observed_quantity,
 )
 from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.estimate.information.gather import blocks_with_channels
@@ -63,7 +53,7 @@ KINDS = ("force along", "moment about")
 MINOR_COMPONENT = 0.3  # share of a direction's largest component below which one is not named
 
 
-def unobservable_directions(learned: Array, expected: Expected) -> tuple[Array, ...]:
+def unobservable_directions(learned: Array, expected: methods.Expected) -> tuple[Array, ...]:
     """Directions with less than `OBSERVABLE` from data, each of shape `(6,)` and length 1.
 
     Components are shares of the expected size; those that are expected to be zero are in none.
@@ -117,10 +107,10 @@ class WrenchEstimate:
 
     run: str
     frame: str
-    axes: Axes
+    axes: methods.Axes
     residual: ResidualKind
     method: str
-    expected: Expected
+    expected: methods.Expected
     bandwidth: float  # of the low-pass of the efforts [Hz]
     joints: tuple[str, ...]
     units: tuple[str, ...]
@@ -164,8 +154,7 @@ class WrenchEstimate:
     @property
     def largest(self) -> int:
         """Sample of the largest force: of those that differ from zero, if any does."""
-        counted = self.pushed if self.pushed.any() else np.ones_like(self.pushed)
-        return int(np.argmax(np.where(counted, self.force, 0.0)))
+        return int(np.argmax(np.where(self.pushed | ~self.pushed.any(), self.force, 0.0)))
 
     @property
     def data_share(self) -> Array:
@@ -176,7 +165,7 @@ class WrenchEstimate:
     def assumed_zero(self) -> NDArray[np.bool_]:
         """Components that are zero by assumption, shape `(6,)`."""
         zero = self.expected.variances == 0.0
-        return np.asarray(zero & (self.method != InverseJacobian.name))
+        return np.asarray(zero & (self.method != methods.InverseJacobian.name))
 
     @property
     def unobservable(self) -> tuple[Array, ...]:
@@ -202,7 +191,7 @@ LONGEST_STRETCH = 120.0  # longest stretch along which the model's errors are th
 
 def external_efforts(
     identified: IdentifiedModel, run: Run, quantity: Quantity, residual: ResidualKind, cutoff: float
-) -> Iterator[tuple[Array, ExternalEfforts]]:
+) -> Iterator[tuple[Array, methods.ExternalEfforts]]:
     """Time and external efforts of stretches without gaps, of at most `LONGEST_STRETCH`.
 
     They are behind a low-pass [Hz], at twice its cut-off or faster.
@@ -217,7 +206,8 @@ def external_efforts(
         for block in of_segment:
             channels = np.empty((0, len(block.t))) if block.channels is None else block.channels
             entries = compiled.code((block.q, block.dq, block.ddq, channels, values))
-            observed, speed = Observed.of(entries.T, identified.robot.n), np.abs(block.dq)
+            observed = methods.Observed.of(entries.T, identified.robot.n)
+            speed = np.abs(block.dq)
             noise = uncertainty.noise(speed, block.moving)
             full.append((*_driven(identified, block, observed, split, residual), noise))
             at = slice(-start % every, None, every)
@@ -230,7 +220,7 @@ def external_efforts(
             raw = momentum_residual(first, driven, run.rate)
         t, jacobian, spread = (np.concatenate(some) for some in zip(*kept, strict=True))
         noise = np.maximum(noise, zero_phase(noise, cutoff, run.rate))[::every]
-        efforts = ExternalEfforts(
+        efforts = methods.ExternalEfforts(
             step=every / run.rate,
             torque=zero_phase(raw, cutoff, run.rate)[::every],
             jacobian=jacobian,
@@ -249,7 +239,7 @@ def external_efforts(
 def _driven(
     identified: IdentifiedModel,
     block: Block,
-    observed: Observed,
+    observed: methods.Observed,
     split: TorqueSplit,
     residual: ResidualKind,
 ) -> tuple[Array, Array]:
@@ -270,7 +260,7 @@ def estimated_wrench(
     residual: ResidualKind = "momentum",
     method: WrenchMethod | None = None,
     bandwidth: float | None = None,
-    axes: Axes = "frame",
+    axes: methods.Axes = "frame",
     window: tuple[float, float] = (-np.inf, np.inf),
     progress: Progress = silent,
 ) -> WrenchEstimate:
@@ -280,14 +270,14 @@ def estimated_wrench(
     the efforts [Hz] is by default the cut-off of the model's scores, or a tenth of the log's rate
     if that is less.
     """
-    place = moved_frame(identified.robot, frame)
+    place = methods.moved_frame(identified.robot, frame)
     chosen = _bandwidth(identified, run, bandwidth)
     whole = replace(run, span=(-np.inf, np.inf))
     sigma = np.asarray(identified.estimate.sigma)
     method = Smoothed() if method is None else method
     pushes = _expected_efforts(identified, whole, method.expected)
     refuse_other_efforts(residual_trace(identified, run, chosen), sigma, identified.joints, pushes)
-    quantity = observed_quantity(place, axes, identified.base.independent)
+    quantity = methods.observed_quantity(place, axes, identified.base.independent)
     parts = []
     expected, length = method.expected, sum(s.samples for s in whole.segments) / run.rate
     known, done = expected.variances > 0.0, 0.0
@@ -305,7 +295,7 @@ def estimated_wrench(
             "torque_half_width": _half_width(efforts.covariance),
             "least_data_share": np.linalg.eigvalsh(found.learned[:, known][:, :, known])[:, 0],
             "learned": found.learned,
-            "condition": condition_numbers(efforts.jacobian),
+            "condition": methods.condition_numbers(efforts.jacobian),
         }
         inside = (t >= window[0]) & (t < window[1])  # the run has context around it
         parts.append({name: values[inside] for name, values in part.items()})
@@ -323,12 +313,12 @@ def estimated_wrench(
     )
 
 
-def _expected_efforts(identified: IdentifiedModel, run: Run, expected: Expected) -> Array:
+def _expected_efforts(identified: IdentifiedModel, run: Run, expected: methods.Expected) -> Array:
     """Standard deviation of what wrenches of the expected size make on the robot's end, `(n,)`.
 
     In Nm or N, along a run; a wrench on another frame makes less.
     """
-    frame = moved_frame(identified.robot, None).name
+    frame = methods.moved_frame(identified.robot, None).name
     q = np.concatenate([block.q[:, :: max(1, int(run.rate))].T for block in run.blocks()])
     jacobian = identified.jacobian(q, frame)
     squares = np.einsum("tij,i,tij->j", jacobian, expected.variances, jacobian)
@@ -339,7 +329,7 @@ def _half_width(covariance: Array) -> Array:
     return np.asarray(Z95 * np.sqrt(np.maximum(np.diagonal(covariance, axis1=1, axis2=2), 0.0)))
 
 
-def _force_half_width(found: Wrenches) -> Array:
+def _force_half_width(found: methods.Wrenches) -> Array:
     """See `WrenchEstimate.force_half_width`; of a force of zero, the widest."""
     force, covariance = found.values[:, :3], found.covariance[:, :3, :3]
     square = np.sum(np.square(force), axis=1)

@@ -19,14 +19,7 @@ import numpy as np
 
 from steelyard.base.arrays import Array
 from steelyard.base.errors import DataError
-from steelyard.estimate.external.wrench_methods_and_observer_step import (
-    Expected,
-    ExternalEfforts,
-    InverseJacobian,
-    Weighted,
-    Wrenches,
-    learned_of,
-)
+from steelyard.estimate.external import wrench_methods_and_observer_step as methods
 
 DURATION = 1.0  # expected duration of a push [s]
 RESIDUAL_CORRELATION_TIME = 0.4  # of slow residuals [s], as on a UR10e on other days
@@ -41,20 +34,23 @@ class Smoothed:
     """Wrenches over time, with errors of the model estimated from the same log."""
 
     name: ClassVar[str] = "smoothed"
-    expected: Expected = Expected()  # the size of wrenches, to begin with
+    expected: methods.Expected = methods.Expected()  # the size of wrenches, to begin with
     duration: float = DURATION  # how long a push lasts, usually [s]
 
     def __post_init__(self) -> None:
         if not 0.0 < self.duration < np.inf:
-            raise DataError(
-                f"{self.duration:g} s is no duration of a push",
-                where="expected wrench (--duration)",
-                fix="give a time above zero, such as 1 s",
-            )
+            wrong = f"{self.duration:g} s is no duration of a push"
+            fix = "give a time above zero, such as 1 s"
+            raise DataError(wrong, where="expected wrench (--duration)", fix=fix)
 
-    def __call__(self, efforts: ExternalEfforts) -> Wrenches:
+    def __call__(self, efforts: methods.ExternalEfforts) -> methods.Wrenches:
         """Wrenches of all samples."""
-        efforts = _without_negligible(efforts)
+        # combinations of parameters that make no difference to the efforts are left out
+        rms = np.hypot(efforts.slow, efforts.noise)[:, :, None]
+        flat = (efforts.spread / rms).reshape(-1, efforts.spread.shape[2])
+        effects, vectors = np.linalg.eigh(flat.T @ flat / len(flat))
+        spread = efforts.spread @ vectors[:, effects > NEGLIGIBLE**2]
+        efforts = replace(efforts, spread=spread)
         std, size = np.sqrt(self.expected.variances), np.ones(len(efforts.torque))
         first = values, covariance = self._posterior(efforts, size)
         for _ in range(ROUNDS):
@@ -65,20 +61,15 @@ class Smoothed:
         after = size[:, None, None] * covariance
         whole = std[:, None] * (after + _unobservable(first[1], after)) * std
         values = values * np.sqrt(size)[:, None] * std
-        return Wrenches(values, whole, learned_of(before, self.expected))
+        return methods.Wrenches(values, whole, methods.learned_of(before, self.expected))
 
-    def _posterior(self, efforts: ExternalEfforts, size: Array) -> tuple[Array, Array]:
+    def _posterior(self, efforts: methods.ExternalEfforts, size: Array) -> tuple[Array, Array]:
         """Wrenches over their expected size, `(N, 6)`, and their covariances, `(N, 6, 6)`."""
         n = efforts.torque.shape[1]
         lasts = np.repeat([self.duration, RESIDUAL_CORRELATION_TIME], [6, n])
         std = np.sqrt(size)[:, None] * np.sqrt(self.expected.variances)
-        loads = np.concatenate(
-            [
-                (efforts.jacobian * std[:, :, None]).swapaxes(1, 2),
-                efforts.slow[:, :, None] * np.eye(n),
-            ],
-            axis=2,
-        )
+        of_wrench = (efforts.jacobian * std[:, :, None]).swapaxes(1, 2)
+        loads = np.concatenate([of_wrench, efforts.slow[:, :, None] * np.eye(n)], axis=2)
         noise = efforts.noise[:, :, None] * efforts.correlation * efforts.noise[:, None, :]
         before = np.eye(6 + n)
         before[6:, 6:] = efforts.correlation
@@ -96,33 +87,22 @@ class Smoothed:
         from scipy.ndimage import uniform_filter1d
 
         window = 2 * max(1, round(min(0.5 * self.duration / step, len(size)))) + 1
-        return np.asarray(
-            np.clip(
-                uniform_filter1d(size, window, mode="nearest"),
-                LEAST_WRENCH_VARIANCE,
-                MOST_WRENCH_VARIANCE,
-            )
-        )
+        mean = uniform_filter1d(size, window, mode="nearest")
+        return np.asarray(np.clip(mean, LEAST_WRENCH_VARIANCE, MOST_WRENCH_VARIANCE))
 
 
-WrenchMethod = Weighted | InverseJacobian | Smoothed  # from external efforts to wrenches
+WrenchMethod = methods.Weighted | methods.InverseJacobian | Smoothed  # from efforts to wrenches
 
 
 def _smoothed(
     keeps: Array, before: Array, data: Array, loads: Array, noise: Array
 ) -> tuple[Array, Array, Array]:
-    """Kalman smoother of a stationary process, on several columns of data with the same gains.
+    """Kalman smoother of a stationary process, on several columns of `data` with the same gains.
 
-    Args:
-        keeps: What is left of each state after a step, shape `(m,)`.
-        before: Covariance of the states without data, shape `(m, m)`.
-        data: Shape `(N, n, c)`.
-        loads: From states to data, shape `(N, n, m)`.
-        noise: Covariance of the data's noise, shape `(N, n, n)`.
-
-    Returns:
-        States `(N, m, c)`, their covariances `(N, m, m)`, and the sum of squares and products
-        of the whitened innovations, `(c, c)`.
+    Of each state a step `keeps` a part, `(m,)`; `before` is their covariance without data, `(m,
+    m)`. `loads` lead from states to data, `(N, n, m)`, which is `(N, n, c)`; its `noise` has
+    covariances `(N, n, n)`. Comes back: states `(N, m, c)`, their covariances `(N, m, m)`, and the
+    sum of squares and products of the whitened innovations, `(c, c)`.
     """
     count, n, columns = data.shape
     m = len(keeps)
@@ -149,14 +129,6 @@ def _smoothed(
         covariances[k] += back[k] @ covariances[k + 1] @ back[k].T
     flat = innovations.reshape(-1, columns)
     return states, covariances, flat.T @ flat
-
-
-def _without_negligible(efforts: ExternalEfforts) -> ExternalEfforts:
-    """The same without combinations of parameters that make no difference to the efforts."""
-    std = np.hypot(efforts.slow, efforts.noise)[:, :, None]
-    flat = (efforts.spread / std).reshape(-1, efforts.spread.shape[2])
-    values, vectors = np.linalg.eigh(flat.T @ flat / len(flat))
-    return replace(efforts, spread=efforts.spread @ vectors[:, values > NEGLIGIBLE**2])
 
 
 def _unobservable(before: Array, after: Array) -> Array:

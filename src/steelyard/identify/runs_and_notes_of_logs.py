@@ -1,14 +1,61 @@
-"""Where a model comes from, and notes: inputs, settings, and what of each run was left out."""
+"""Logs as runs for an identified model, where it comes from, and notes on what was left out."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from importlib.metadata import version
 
+from steelyard.base.progress import Progress
 from steelyard.estimate.identified_model import IdentifiedModel, Provenance
 from steelyard.estimate.scores.score import RunScore
+from steelyard.identify.repeated_motion_and_validation_split import repeat_of
 from steelyard.model.model import Model
 from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
+from steelyard.robot.file.signals import Signals
+from steelyard.runs.processing_choices import Processing
 from steelyard.runs.run import Run, open_stretches
-from steelyard.runs.runs_of_named_logs import LogArgument, sha256
+from steelyard.runs.runs_of_named_logs import LogArgument, overlap, prepared, recording_of, sha256
+from steelyard.runs.spectrum_and_period import Repetitions
+
+
+def fitted_before(origin: Provenance, log: LogArgument) -> bool:
+    """Whether a model was identified from samples of this log, whatever it is called now."""
+    inputs = {h for role, h in origin.inputs.items() if role.startswith("identification ")}
+    if sha256(log.path) not in inputs:
+        return False
+    names = [run.rpartition("/")[2] for run in origin.runs]
+    cuts = [name.removeprefix(log.path.stem) for name in names if name.startswith(log.path.stem)]
+    return not cuts or any(overlap(log, LogArgument(f"{log.path}{cut}", log.path)) for cut in cuts)
+
+
+def was_fitted(identified: IdentifiedModel, log: LogArgument, run: Run) -> bool:
+    """Whether the model was identified from this log, or from rows of its run in another one."""
+    if fitted_before(identified.provenance, log):
+        return True
+    repeat = repeat_of(identified.motions, run)
+    return repeat is not None and repeat.same
+
+
+def processing_of(identified: IdentifiedModel) -> Processing:
+    """How logs are read for a model: as those were that it was identified from, without a mean."""
+    cutoffs = identified.cutoffs
+    own = replace(identified.processing, motion_cutoff=cutoffs.motion, repetitions=None)
+    return replace(own, matched_cutoff=cutoffs.matched)
+
+
+def runs_for(
+    identified: IdentifiedModel,
+    logs: Sequence[LogArgument],
+    progress: Progress,
+    *,
+    signals: Signals | None = None,
+    at_rest: bool = True,
+    repetitions: Repetitions | None = None,
+) -> tuple[Run, ...]:
+    """Logs as runs for a model, read by its signals unless others are given, and averaged if so."""
+    recordings = [recording_of(log, signals or identified.signals) for log in logs]
+    processing = replace(processing_of(identified), repetitions=repetitions)
+    return prepared(recordings, processing, progress, at_rest=at_rest)
+
 
 LISTED_TIMES = 5  # times that are listed, at most
 
@@ -61,23 +108,17 @@ def dropped_rows(runs: Sequence[Run]) -> tuple[str, ...]:
 
 def left_out_stretches(runs: Sequence[Run]) -> tuple[str, ...]:
     """One line for each stretch of a run that is left out."""
-    return tuple(
-        f"{run.name}: {stretch.words(run.recording.signals.effort)}"
-        for run in runs
-        for stretch in run.recording.left_out
-    )
+    pairs = ((run, stretch) for run in runs for stretch in run.recording.left_out)
+    return tuple(f"{run.name}: {x.words(run.recording.signals.effort)}" for run, x in pairs)
 
 
 def left_out(run: Run) -> tuple[str, ...]:
     """One line if rows of a run were dropped or times of it are not examined."""
     quality = run.quality
-    times = ", ".join(
-        f"{start:.2f} to {stop:.2f} s" for start, stop in quality.unexamined[:LISTED_TIMES]
-    )
-    more = len(quality.unexamined) - LISTED_TIMES
+    times = [f"{start:.2f} to {stop:.2f} s" for start, stop in quality.unexamined]
+    more = f" and {len(times) - LISTED_TIMES} more times" if len(times) > LISTED_TIMES else ""
     words = [quality.dropped_rows] if quality.dropped else []
-    if times:
-        words.append(f"not examined: {times}{f' and {more} more times' if more > 0 else ''}")
+    words += [f"not examined: {', '.join(times[:LISTED_TIMES])}{more}"] * bool(times)
     return (f"{run.name}: {'; '.join(words)}",) if words else ()
 
 

@@ -1,32 +1,40 @@
-"""Whether a run repeats the motion, or the rows, of another one.
+r"""Whether a run repeats the motion, or the rows, of another one; which logs are fitted.
 
 Some rows of the other run are looked for in the run: at the shift in time at which most of them
 are met by all joints at once. Repeated motion has other efforts, for it has noise of its own; rows
 with the same positions and efforts are the same log, trimmed, thinned, shifted or rounded. Where
 joints were given other zeros meanwhile, or the base was turned, velocities meet and positions up to
-a constant per joint; efforts then decide whether it is the same motion of the same arm.
+a constant per joint; efforts then decide whether it is the same motion of the same arm. No rows are
+both fitted and validate.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from math import ceil, floor, inf
 
 import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.base.arrays import Array
+from steelyard.base.errors import LogError, SteelyardError
+from steelyard.base.progress import silent
 from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.estimate.scores.score import RunScore
-from steelyard.runs.run import MotionRows, MotionSamples, Run, motion_rows, samples_of_rows
+from steelyard.logs.log_and_errors import Cut, parse_log_argument
+from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
+from steelyard.runs import run as motion
+from steelyard.runs.recording import Recording
+from steelyard.runs.rows.clock_and_row_scan import learn_clock
+from steelyard.runs.runs_of_named_logs import log_files, recording_of, runs_of, signals_of
 
 
 def marked_repeats(
-    identified: IdentifiedModel, runs: Sequence[Run], scores: Sequence[RunScore]
+    identified: IdentifiedModel, runs: Sequence[motion.Run], scores: Sequence[RunScore]
 ) -> tuple[RunScore, ...]:
     """The scores of runs that were not fitted, with the fitted run whose motion each repeats."""
-    repeats = [repeat_of(identified.motions, run) for run in runs]
+    each = zip(scores, (repeat_of(identified.motions, run) for run in runs), strict=True)
     return tuple(
-        score if repeat is None else replace(score, repeats=repeat.run)
-        for score, repeat in zip(scores, repeats, strict=True)
+        score if repeat is None else replace(score, repeats=repeat.run) for score, repeat in each
     )
 
 
@@ -66,26 +74,25 @@ class Repeat:
         )
 
 
-def repeat_of(known: Sequence[MotionSamples], run: Run) -> Repeat | None:
+def repeat_of(known: Sequence[motion.MotionSamples], run: motion.Run) -> Repeat | None:
     """The known run, in the same units, that a run repeats most; `None` if it repeats none."""
-    rows = motion_rows(run)
+    rows = motion.motion_rows(run)
     if not rows.moving.any() or len(rows.t) < 2 * AROUND:
         return None
     found = [r for one in known if (r := _repeat(one, rows)) is not None]
     return max(found, key=lambda r: (r.same, r.share), default=None)
 
 
-def repeat_within(run: Run, middle: float, stop: float) -> Repeat | None:
+def repeat_within(run: motion.Run, middle: float, stop: float) -> Repeat | None:
     """How far a run's end, from `middle` to `stop` [s], repeats what was before; `None` if not."""
-    rows = motion_rows(run)
+    rows = motion.motion_rows(run)
     early, end = rows.where(rows.t < middle), rows.where((rows.t >= middle) & (rows.t <= stop))
     if not len(early.t) or not end.moving.any() or len(end.t) < 2 * AROUND:
         return None
-    return _repeat(samples_of_rows(run.name, early), end)
+    return _repeat(motion.samples_of_rows(run.name, early), end)
 
 
-def _repeat(known: MotionSamples, rows: MotionRows) -> Repeat | None:
-    """How far a run repeats one other."""
+def _repeat(known: motion.MotionSamples, rows: motion.MotionRows) -> Repeat | None:
     if len(known.t) < FEWEST or known.q.shape[1] != rows.q.shape[1]:
         return None
     span = np.maximum(np.ptp(known.q, axis=0), LEAST_NEAR)
@@ -94,7 +101,7 @@ def _repeat(known: MotionSamples, rows: MotionRows) -> Repeat | None:
     return found or _with_other_zeros(known, rows)
 
 
-def _met(known: MotionSamples, rows: MotionRows, shift: float) -> Repeat | None:
+def _met(known: motion.MotionSamples, rows: motion.MotionRows, shift: float) -> Repeat | None:
     """The repetition at one shift, if enough rows meet."""
     span = np.ptp(known.q, axis=0)
     at, off, met = _near(known, rows, shift)
@@ -103,12 +110,20 @@ def _met(known: MotionSamples, rows: MotionRows, shift: float) -> Repeat | None:
     if len(met) < FEWEST or share < REPEATED_RUN_SHARE:
         return None
     rms = np.sqrt(np.mean(np.square(off[met]), axis=0)) / np.maximum(span, LEAST_NEAR)
-    same = _same_rows(known, rows, met, at) >= max(2.0, SAME * len(met))
+    before = np.column_stack((known.q[met], known.effort[met]))
+    tolerance = EXACT * np.ptp(np.column_stack((known.q, known.effort)), axis=0) + 1e-12
+    nearest = np.searchsorted(rows.t, at[met])
+    again = np.zeros(len(met), dtype=np.bool_)
+    for step in range(-AROUND, AROUND + 1):
+        row = np.clip(nearest + step, 0, len(rows.t) - 1)
+        now = np.column_stack((rows.q[row], rows.effort[row]))
+        again |= (np.abs(now - before) <= tolerance).all(axis=1)
+    same = int(again.sum()) >= max(2.0, SAME * len(met))
     return Repeat(known.run, share, shift, float(rms.max()), same)
 
 
 def _near(
-    known: MotionSamples, rows: MotionRows, shift: float
+    known: motion.MotionSamples, rows: motion.MotionRows, shift: float
 ) -> tuple[Array, Array, NDArray[np.intp]]:
     """Instants of the known rows in the run, distances of positions there, and rows that meet."""
     at = known.t + shift
@@ -118,7 +133,7 @@ def _near(
     return at, off, np.flatnonzero(inside & (np.abs(off) <= close).all(axis=1))
 
 
-def _with_other_zeros(known: MotionSamples, rows: MotionRows) -> Repeat | None:
+def _with_other_zeros(known: motion.MotionSamples, rows: motion.MotionRows) -> Repeat | None:
     """The same, of velocities: the zeros of positions may differ."""
     steps = np.diff(known.t)
     wide = float(np.median(steps))
@@ -141,23 +156,18 @@ def _with_other_zeros(known: MotionSamples, rows: MotionRows) -> Repeat | None:
         return None
     apart = np.median(_at(at, rows.t, rows.q)[inside] - known.q[inside], axis=0)
     again = replace(known, q=known.q + apart)
-    found = _met(again, rows, shift)
-    if found is None or not _same_efforts(again, rows, shift):
-        return None
-    return replace(found, zeros=True)
-
-
-def _same_efforts(known: MotionSamples, rows: MotionRows, shift: float) -> bool:
-    """Whether efforts are alike where positions meet, root mean square over joints."""
-    at, _, met = _near(known, rows, shift)
-    off = _at(at[met], rows.t, rows.effort) - known.effort[met]
-    size = np.std(known.effort, axis=0)
+    found, size = _met(again, rows, shift), np.std(known.effort, axis=0)
     moved = size > 0.0
+    if found is None or not moved.any():
+        return None
+    at, _, met = _near(again, rows, shift)
+    off = _at(at[met], rows.t, rows.effort) - known.effort[met]
     parts = np.mean(np.square(off), axis=0)[moved] / np.square(size[moved])
-    return bool(moved.any()) and float(np.sqrt(parts.mean())) <= REPEATED_EFFORT_DISTANCE
+    alike = float(np.sqrt(parts.mean())) <= REPEATED_EFFORT_DISTANCE
+    return replace(found, zeros=True) if alike else None
 
 
-def _shift(known: MotionSamples, rows: MotionRows, near: Array) -> float | None:
+def _shift(known: motion.MotionSamples, rows: motion.MotionRows, near: Array) -> float | None:
     """The shift at which most rows meet; `None` if that may be chance [s]."""
     grid = np.arange(rows.t[0], rows.t[-1], 1.0 / RATE)[:MOST_INSTANTS]
     columns = np.ascontiguousarray(_at(grid, rows.t, rows.q).T)
@@ -176,7 +186,9 @@ def _shift(known: MotionSamples, rows: MotionRows, near: Array) -> float | None:
     return float(grid[0] + (best - offsets[-1]) / RATE - known.t[0])
 
 
-def _refined(known: MotionSamples, rows: MotionRows, shift: float, span: Array) -> float:
+def _refined(
+    known: motion.MotionSamples, rows: motion.MotionRows, shift: float, span: Array
+) -> float:
     """The shift of least distance near one, by Gauss-Newton steps over the rows that meet [s]."""
     half = 0.5 / RATE
     for _ in range(5):
@@ -198,14 +210,87 @@ def _at(t: Array, times: Array, values: Array) -> Array:
     return np.column_stack([np.interp(t, times, column) for column in values.T])
 
 
-def _same_rows(known: MotionSamples, rows: MotionRows, met: NDArray[np.intp], at: Array) -> int:
-    """How many of the rows that meet are found again in all positions and efforts."""
-    before = np.column_stack((known.q[met], known.effort[met]))
-    tolerance = EXACT * np.ptp(np.column_stack((known.q, known.effort)), axis=0) + 1e-12
-    nearest = np.searchsorted(rows.t, at[met])
-    again = np.zeros(len(met), dtype=np.bool_)
-    for step in range(-AROUND, AROUND + 1):
-        row = np.clip(nearest + step, 0, len(rows.t) - 1)
-        now = np.column_stack((rows.q[row], rows.effort[row]))
-        again |= (np.abs(now - before) <= tolerance).all(axis=1)
-    return int(again.sum())
+FITTED_SHARE = 0.7  # share of a single log that is fitted; the rest validates
+SHORTEST_CUT_LOG = 5.0  # duration from which on a log is long enough for that [s]
+NEAR_END = 2.0  # time before a log's end up to which the end of its motion is not reported [s]
+MOST_STEPS = 3.0  # duration over rows times median step: a last time beyond is not believed
+
+
+@dataclass(frozen=True)
+class ProposedCut:
+    """Logs and windows of them as arguments of a command."""
+
+    logs: tuple[str, ...]  # logs to identify from; the last one validates, if there are several
+    ends: str = ""  # why the last window ends before the log does; empty if it does not
+
+
+def propose_cut(loaded: LoadedRobot, logs: Sequence[str]) -> ProposedCut:
+    """Logs to identify from, the last to validate: of a single one two windows in its own seconds.
+
+    A single log is left whole if it is cut by rows, or its motion is shorter than
+    `SHORTEST_CUT_LOG`. The second window ends with the motion, and where the motion is repeated,
+    with its first round: a motion that was fitted validates nothing.
+    """
+    if len(logs) != 1:
+        return ProposedCut(tuple(logs))
+    log, *more = log_files(logs)
+    if more:  # episodes of a dataset, together as two windows of rows
+        rows = [parse_log_argument(one.text)[1].rows for one in (log, *more)]
+        first, end = rows[0][0], rows[-1][1] or rows[-1][0]
+        middle = first + FITTED_SHARE * (end - first)
+        border = min((row for row, _ in rows[1:]), key=lambda row: abs(row - middle))
+        return ProposedCut((f"{log.path}#{first}:{border}", f"{log.path}#{border}:{end}"))
+    cut = parse_log_argument(log.text)[1]
+    if cut.rows != Cut().rows:
+        return ProposedCut((log.text,))
+    signals = signals_of(loaded, log)[0]
+    start = max(0.0, cut.seconds[0])
+    stop = min(cut.seconds[1], _duration(recording_of(log, signals)))
+    if not SHORTEST_CUT_LOG <= stop - start < inf:
+        return ProposedCut((log.text,))
+    begin, ends = start, ""
+    try:
+        ((run,), _) = runs_of(loaded, signals, [log], (), silent)
+    except SteelyardError:
+        pass
+    else:
+        begin = max(begin, run.span[0])
+        whole, moves = stop, min(stop, run.span[1])
+        stop, shift = moves, inf
+        while shift > 0.0:  # the motion ends where it begins anew
+            repeat = repeat_within(run, begin + FITTED_SHARE * (stop - begin), stop)
+            shift = 0.0 if repeat is None or repeat.shift >= stop - begin else repeat.shift
+            stop = begin + shift if shift > 0.0 else stop
+        if stop < whole - NEAR_END:
+            why = "the motion repeats" if stop < moves else "no joint moves"
+            ends = f"rows after {0.1 * ceil(10.0 * stop):.10g} s are left out: {why}"
+    if stop - begin < SHORTEST_CUT_LOG:
+        return ProposedCut((log.text,))
+    middle = begin + FITTED_SHARE * (stop - begin)
+    a, b, c = floor(10.0 * start), floor(10.0 * middle), ceil(10.0 * stop)
+    windows = ((a, b), (b, c))
+    return ProposedCut(tuple(f"{log.path}@{0.1 * m:.10g}:{0.1 * n:.10g}" for m, n in windows), ends)
+
+
+def _duration(recording: Recording) -> float:
+    """Time from the first good row to the last row with a time [s]; infinite if that is absurd."""
+    signals, clock, rows, last = recording.signals, learn_clock(recording), 0, 0.0
+    for part in recording.log.parts((signals.time,)):
+        times = part[np.isfinite(part[:, 0]), 0]
+        rows += len(part)
+        last = float(times[-1]) if len(times) else last
+    duration = last * signals.time_scale - clock.origin
+    return duration if duration < MOST_STEPS * rows * clock.step else inf
+
+
+def refuse_same_rows(fitted: Sequence[motion.Run], unseen: Sequence[motion.Run]) -> None:
+    """The same rows neither count twice in a fit nor test it, whatever their log is called."""
+    known, role = motion.motion_samples(fitted), "they would count twice in the fit"
+    pairs = [(run, known[:number], role) for number, run in enumerate(fitted)]
+    pairs += [(run, known, "they would be both fitted and validated") for run in unseen]
+    for run, others, role in pairs:
+        repeat = repeat_of(others, run)
+        if repeat is not None and repeat.same:
+            wrong = f"'{run.name}' holds the same samples as '{repeat.run}': {role}"
+            fix = "give every part once; cut a log with LOG@START:STOP"
+            raise LogError(wrong, where=f"{run.name} {repeat.words}", fix=fix)
