@@ -84,7 +84,7 @@ class ActuatorModel:
     Example:
         >>> model = load_actuators("servo-model")
         >>> sorted(model.values.values)[:3]
-        ['armature', 'coulomb', 'damping']
+        ['armature', 'back_emf', 'coulomb']
     """
 
     robot: Robot

@@ -261,7 +261,7 @@ class SignalsSection(Section):
 
 Actuated = Positive | Literal["identify"]
 Seconds = Annotated[float, Field(ge=0.0, le=2.0)]
-Delay = Seconds | Literal["identify"]
+ActuatorDelay = Seconds | Literal["identify"]
 
 
 class ActuatorSection(Section):
@@ -292,7 +292,7 @@ class ActuatorSection(Section):
     armature: Actuated | Many[Actuated] = key(
         "identify", "Inertia of rotor and gears at the joint [kg m²; kg]."
     )
-    delay: Delay | Many[Delay] = key(
+    delay: ActuatorDelay | Many[ActuatorDelay] = key(
         "identify", "From a target in the log to its effect, of all joints or each [s]."
     )
     load_friction: Actuated | Many[Actuated] | None = key(
