@@ -40,7 +40,7 @@ BENCH_MJCF = """<mujoco><option timestep="{step}" integrator="implicitfast" grav
 <worldbody><body><joint name="motor" axis="0 1 0" {first}/>
 <inertial pos="0.15 0 0" mass="0.5" diaginertia="1e-4 5e-4 5e-4"/></body></worldbody>
 <actuator>{motors}</actuator></mujoco>"""
-STIFF = 'solreffriction="0.004 1" solimpfriction="0.999 0.9999 0.001 0.5 2"'
+STIFF = 'solreffriction="0.0005 1" solimpfriction="0.999 0.9999 0.001 0.5 2"'
 
 ROBOT_FILE = """[robot]
 urdf = "servos.urdf"

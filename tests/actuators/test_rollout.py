@@ -39,9 +39,9 @@ def values_of(servos: Servos) -> ActuatorValues:
         Servos(),
         Servos(torque_limit=(0.9, 0.3), coulomb=(0.0, 0.0)),
         Servos(armature=(1e-4, 1e-4), damping=(1.0, 0.8), delay=0.0),
-        Servos(torque_limit=(0.9, 0.3), back_emf=(0.3, 0.2), coulomb=(0.0, 0.0)),
+        Servos(torque_limit=(0.9, 0.3), back_emf=(0.3, 0.2)),
         Servos(stribeck=(0.1, 0.05), stribeck_speed=(0.3, 0.2)),
-        Servos(load_friction=(0.1, 0.05), coulomb=(0.05, 0.03)),
+        Servos(load_friction=(0.2, 0.1)),
     ],
     ids=["no friction", "friction", "torque limit", "light", "back-EMF", "Stribeck", "load"],
 )
