@@ -89,7 +89,7 @@ def few_stretches(monkeypatch: pytest.MonkeyPatch) -> None:
     from steelyard.estimate.scores.cross_validation import stretches_left_out
 
     monkeypatch.setattr(
-        "steelyard.estimate.scores.residual_traces_and_band_calibration.stretches_left_out",
+        "steelyard.estimate.scores.cross_validation.stretches_left_out",
         lambda runs, information: stretches_left_out(runs, information)[:2],
     )
 
