@@ -16,7 +16,7 @@ from steelyard.actuators.actuator_parameters import (
     ActuatorValues,
     Free,
 )
-from steelyard.actuators.choice import POSSIBLE, WIDE
+from steelyard.actuators.choice import WIDE
 from steelyard.actuators.closed_loop_step import ArmStep
 from steelyard.base.arrays import Z95, Array, frozen, json_values
 from steelyard.base.errors import ModelError
@@ -28,7 +28,7 @@ from steelyard.model.model import Model
 from steelyard.robot.file.signals import TargetSignals
 from steelyard.robot.robot import Robot, robot_from_dict, robot_to_dict
 
-SCHEMA_VERSION = 1
+SCHEMA_VERSION = 2
 
 BEYOND_LIMITS = 0.2  # how far motion may leave the limits of a model file [rad; m]
 LONGEST_DELAY = 2.0  # [s]
@@ -121,6 +121,7 @@ class ActuatorModel:
         found = []
         for kind in KINDS:
             common = kind.name == "delay" and np.ptp(self.values["delay"]) == 0.0
+            common = common and ("delay", 0) not in place
             joints = [(-1, "all")] if common else list(enumerate(self.joints))
             for j, joint in joints:
                 value = float(self.values[kind.name][j])
@@ -203,9 +204,7 @@ class ActuatorModel:
         robot, origin = robot_from_dict(data["robot"]), data["provenance"]
         n, p = robot.n, len(data["free"])
         signs = frozen(data["signs"], (n,))
-        lacking = {kind.name: [kind.default] * n for kind in KINDS if kind.part in POSSIBLE}
-        listed = {**lacking, **data["values"]}
-        given = {kind.name: frozen(listed[kind.name], (n,)) for kind in KINDS}
+        given = {kind.name: frozen(data["values"][kind.name], (n,)) for kind in KINDS}
         if not (abs(signs) == 1.0).all():
             raise ValueError("a sign is not 1 or -1")
         for kind in KINDS:
@@ -234,7 +233,7 @@ class ActuatorModel:
             if not np.isfinite(np.asarray(data[name], dtype=float)).all():
                 raise ValueError(f"'{name}' holds a value that is not finite")
         lists = {name: tuple(origin.get(name, ())) for name in ("runs", "notes", "doubts")}
-        still, open_signs, beyond_limits = (tuple(map(str, data.get(x, ()))) for x in OF_JOINTS)
+        still, open_signs, beyond_limits = (tuple(map(str, data[x])) for x in OF_JOINTS)
         return cls(
             robot,
             TargetSignals.from_dict(data["signals"]),

@@ -280,6 +280,7 @@ def _brief(one: ActuatorParameter) -> str:
 RATIOS = (
     ("coulomb", "dry friction over stiffness [mrad]"),
     ("damping", "damping over stiffness [ms]"),
+    ("back_emf", "back-EMF over stiffness [ms]"),
     ("armature", "armature over stiffness [10⁻³ s²]"),
 )
 
@@ -323,6 +324,8 @@ def _delay_line(delay: ActuatorParameter) -> str:
         return f"delay  {size} ms, {of}"
     if delay.status in ("stated", "assumed"):
         return f"delay  {significant(1e3 * delay.value)} ms {of}, {delay.status}"
+    if delay.joint != "all":
+        return f"delay  none {of}"
     return "delay  none: motion that was left out is predicted as well without one"
 
 

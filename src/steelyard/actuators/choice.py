@@ -24,12 +24,14 @@ USUAL = ("coulomb", "delay")
 POSSIBLE = ("delays", "stribeck", "load_friction", "torque_limit", "back_emf", "dead_band")
 REPLACED = {"delays": "delay", "back_emf": "damping"}
 """Parts that others take the place of."""
+ASKED = 1 + len(USUAL) + len(POSSIBLE)  # laws that are tried, at most
 NEEDED = {"delays": "delay", "back_emf": "torque_limit"}
 """Parts without which others are not tried."""
 WIDE = 0.35  # standard deviation of a logarithm, above which a value is not known
 LEAST_GAIN = 0.02  # share of the left-out error that a part which is added has to take away
 LEAST_LOSS = 0.005  # share that it has to grow by without a part that is kept
 LEFT_OUT = 4  # every one of so many blocks of windows is left out
+DIFFERENT = 3.0  # standard deviations by which delays of joints differ that have one each
 SHORT = 5  # rounds of a fit that begins at another one
 LIMITS = 7  # torque limits that are tried, from the largest torque of a spring to its median
 REACH = 0.8  # of the largest torque: where a limit is tried first
@@ -209,10 +211,19 @@ def chosen(
 def _shown(found: Fitted, part: str) -> bool:
     """Whether the data show a part at some joint: its interval ends at half and at twice, or less.
 
+    Delays of the joints have to differ.
     What only continues a fit that has not ended lowers the error too.
     """
-    std = [s for one, s in zip(found.task.free, found.std, strict=True) if one.name == part]
-    return bool(min(std, default=0.0) < WIDE)
+    free = found.task.free
+    if part == "delays":
+        late, std = zip(
+            *((one.at(found.values), s) for one, s in zip(free, found.std, strict=True)
+              if one.name == "delay"),
+            strict=True,
+        )  # fmt: skip
+        first, last = int(np.argmin(late)), int(np.argmax(late))
+        return bool(late[last] - late[first] > DIFFERENT * np.hypot(std[first], std[last]))
+    return bool(min(s for one, s in zip(free, found.std, strict=True) if one.name == part) < WIDE)
 
 
 def _limited(

@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 
 from steelyard.actuators.actuator_model import ActuatorModel, arm_step, load_actuators
-from steelyard.actuators.actuator_parameters import IN_STEP, KINDS, ActuatorValues
+from steelyard.actuators.actuator_parameters import IN_STEP, KINDS, UNLIMITED, ActuatorValues
 from steelyard.actuators.actuators_page import (
     ActuatorIdentification,
     ActuatorValidation,
 )
-from steelyard.actuators.choice import ALWAYS, USUAL, Search, chosen
+from steelyard.actuators.choice import ALWAYS, ASKED, USUAL, Search, chosen
 from steelyard.actuators.closed_loop_step import ArmStep
 from steelyard.actuators.fit import Fitted, fit
 from steelyard.actuators.open_loop import OpenLoop, open_loop
@@ -128,7 +128,7 @@ def identify_actuators(
         start,
         _stated(file),
         file.actuator.law == "auto",
-        lambda what: report_progress(progress, "choosing the law", next(count), 6, what),
+        lambda what: report_progress(progress, "choosing the law", next(count), ASKED, what),
     )
     final = _final(replace(search, windows=tuple(windows)), fitted, parts, job)
     notes = _notes_of_zeros(job, final.values, open_signs, seen)
@@ -301,8 +301,10 @@ def like_the_others(values: ActuatorValues, loaded: Sequence[int]) -> ActuatorVa
     factor = np.ones(values.n)
     rest = [j for j in range(values.n) if j not in loaded]
     factor[rest] = usual / values["stiffness"][rest]
-    scaled = ("stiffness", "damping", "coulomb", "armature")
-    return values.changed(**{name: values[name] * factor for name in scaled})
+    scaled = ("stiffness", "damping", "back_emf", "coulomb", "stribeck", "armature")
+    found = {name: values[name] * factor for name in scaled}
+    limit = np.minimum(values["torque_limit"] * factor, UNLIMITED)
+    return values.changed(torque_limit=limit, **found)
 
 
 def _misfit(found: Fitted) -> float:

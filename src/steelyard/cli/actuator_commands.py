@@ -125,6 +125,7 @@ def actuators_exported(model: str, form: str, output: Path | None, as_json: bool
     if as_json:
         print_json({"file": str(path), "format": form, "unsupported": list(made.unsupported)})
         return
-    say(f"{path}: {len(known.joints)} position actuators; its head says how targets become ctrl")
+    name = {"mjcf": "MJCF", "isaaclab": "Isaac Lab"}.get(form, form)
+    say(f"{path}: {len(known.joints)} position actuators; its head says how to convert targets")
     for sentence in made.unsupported:
-        say(f"{form} cannot represent: {sentence}")
+        say(f"{name} cannot represent: {sentence}")

@@ -37,9 +37,11 @@ def install() -> None:
     _state.installed = True
     signal.signal(signal.SIGINT, _note)
 
+    show = sys.unraisablehook
+
     def hook(problem: "sys.UnraisableHookArgs") -> None:
         if not issubclass(problem.exc_type, Interrupted):
-            sys.unraisablehook(problem)
+            show(problem)
 
     sys.unraisablehook = hook
 

@@ -250,10 +250,10 @@ def _format(to: Kind | None, output: Path | None) -> Kind:
             fix=f"give --to {', '.join(FORMATS)}, or end the name of --output in .urdf, .xml, "
             ".py or .fmu",
         )
-    code = of_ending == "python" and form in ("isaaclab", "mjlab")
-    if of_ending not in (None, form) and ending != ".xml" and not code:
+    means = "python" if form in ("isaaclab", "mjlab") else form  # they are Python too
+    if of_ending not in (None, means) and (ending != ".xml" or means == "python"):
         what, usual = FORMATS[form]
-        name = f"end its name in '{usual}'" if usual.startswith(".") else "name a folder"
+        name = f"end its name in '{usual}'" if "." in usual else "name a folder"
         wrong = f"the file would be {what}, but its name ends in '{ending}'"
         fix = f"{name}, or give --to {of_ending}"
         raise OutputError(wrong, where=str(output), fix=fix)

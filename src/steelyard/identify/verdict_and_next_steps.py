@@ -114,9 +114,11 @@ def level_of(relative_percent: float | None) -> Level:
 def verdict(content: ReportContent) -> Verdict:
     """The verdict of a report, no better than its limitations allow."""
     scores = [run for run in content.scores if not run.repeats] or list(content.scores)
-    plain, found, levels = _untested(content), [], []
+    found, levels = [], []
     if scores:
         plain = _judged(scores, _motion(scores), unseen=not scores[0].repeats)
+    else:
+        plain = _untested(content)
     for one in content.limitations:
         figure = f" ({one.figure})" if one.figure else ""
         advice = f". {one.fix.says}" if one.fix is not None else ""

@@ -54,8 +54,9 @@ class StoppingRule:
 
     def accepts(self, full: State, smaller: State) -> bool:
         """Whether a model may be one of the path; else the parameter it lost is essential."""
-        allowed = (1.0 + self.tolerance) * self.errors(full) if self.bounded else np.inf
-        return bool(np.all(self.errors(smaller) <= allowed))
+        if not self.bounded:
+            return True
+        return bool(np.all(self.errors(smaller) <= (1.0 + self.tolerance) * self.errors(full)))
 
     def errors(self, state: State) -> Array:
         r"""Error of each effort row on the fitted motion, shape `(rows,)` [Nm; N].
@@ -167,7 +168,7 @@ def count(parameters: float) -> StoppingRule:
             fix = f"give {path.sizes[0]}, or keep fewer parameters"
             if path.steps:
                 fix = f"give a number from {path.sizes[-1]} to {path.sizes[0]}"
-            raise DataError(f"no model has {parameters:g} parameters", where=WHERE, fix=fix)
+            raise DataError(f"no model has {parameters:.12g} parameters", where=WHERE, fix=fix)
         return path.sizes.index(int(parameters))
 
     return StoppingRule("count", choose)

@@ -8,7 +8,7 @@ from math import ceil
 import numpy as np
 
 from steelyard.actuators.actuator_model import ActuatorModel, ActuatorParameter
-from steelyard.actuators.actuator_parameters import UNLIMITED
+from steelyard.actuators.actuator_parameters import BY_NAME, UNLIMITED
 from steelyard.base.arrays import Z95
 from steelyard.base.errors import ModelError
 from steelyard.export.model_files.representable_content import Content
@@ -58,11 +58,12 @@ def actuators_mjcf(model: ActuatorModel) -> ActuatorFile:
     root = mjcf_of(Content(robot, inertias, tuple(effects), (), (), lacks))
     for option in root.iter("option"):
         option.set("timestep", number(TIMESTEP))
+    emfs = dict(zip(model.joints, values["back_emf"], strict=True))
     for joint in root.iter("joint"):
         joint.attrib.update(STIFF if joint.get("frictionloss") else {})
         joint.attrib.pop("actuatorfrcrange", None)  # a limit is what was identified, or stated
-        emf = float(values["back_emf"][model.joints.index(str(joint.get("name")))])
-        joint.attrib.update({"damping": number(emf)} if emf > 0.0 else {})
+        if (emf := float(emfs.get(joint.get("name", ""), 0.0))) > 0.0:
+            joint.set("damping", number(emf))
     motors = root.find("actuator")
     assert motors is not None
     for motor in list(motors):
@@ -85,10 +86,10 @@ def _actuator(model: ActuatorModel, j: int, name: str) -> ET.Element:
 
 
 def refuse_beyond_limits(model: ActuatorModel) -> None:
-    """A `ModelError` where the fitted motion is outside of the joints' limits."""
+    """A `ModelError` where motion of the logs is outside of the joints' limits."""
     if model.beyond_limits:
         raise ModelError(
-            f"sign or zero of {', '.join(model.beyond_limits)} cannot be right: the fitted motion "
+            f"sign or zero of {', '.join(model.beyond_limits)} cannot be right: motion of the logs "
             "is far beyond the limits of the model file",
             where=f"model of '{model.robot.name}'",
             fix="state position_sign and position_offset in the robot file, and identify again",
@@ -102,11 +103,12 @@ def unsupported(model: ActuatorModel, names: Sequence[str]) -> tuple[str, ...]:
         "load_friction": "dry friction that grows with the motor's torque",
         "dead_band": "the controller's dead band",
         "back_emf": "a torque limit that falls with speed",
+        "stribeck_speed": "the speed over which dry friction falls",
     }
     found = []
     for name in names:
         sizes = model.values[name]
-        if np.any(sizes > 0.0):
+        if np.any(model.values[BY_NAME[name].part] > 0.0):
             listed = ", ".join(
                 f"{joint} {significant(x)}" for joint, x in zip(model.joints, sizes, strict=True)
             )
@@ -144,15 +146,15 @@ def origin_lines(model: ActuatorModel) -> list[str]:
     ]
 
 
-def target_lines(model: ActuatorModel) -> list[str]:
-    """How targets of the log become those of the model's joints."""
+def target_lines(model: ActuatorModel, target: str = "ctrl", position: str = "qpos") -> list[str]:
+    """How targets and positions of the log become those of the model's joints, by their names."""
     values = model.values
     return [
-        "Targets and positions of the log, in rad or m, in the joints of this file; ctrl is held",
-        "from row to row:",
+        "Targets and positions of the log, in rad or m, in the joints of this file; a target is",
+        "held from row to row:",
         *(
-            f"  {joint}: ctrl = {values.signs[j]:+g} * (target {values['offset'][j]:+.6g}) "
-            f"{values['zero'][j]:+.6g}, qpos = {values.signs[j]:+g} * position "
+            f"  {joint}: {target} = {values.signs[j]:+g} * (target {values['offset'][j]:+.6g}) "
+            f"{values['zero'][j]:+.6g}, {position} = {values.signs[j]:+g} * logged "
             f"{values['zero'][j]:+.6g}"
             for j, joint in enumerate(model.joints)
         ),
@@ -183,7 +185,7 @@ def _range(one: ActuatorParameter) -> str:
 def _ratios(model: ActuatorModel) -> list[str]:
     found = []
     for j, joint in enumerate(model.joints):
-        for name in ("damping", "coulomb", "armature"):
+        for name in ("damping", "back_emf", "coulomb", "stribeck", "armature"):
             if (ratio := model.ratio(name, j)) is not None:
                 value, std = ratio
                 low, high = (significant(value * np.exp(s * Z95 * std)) for s in (-1.0, 1.0))

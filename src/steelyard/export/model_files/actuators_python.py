@@ -1,6 +1,7 @@
 """Identified actuators as configurations of Isaac Lab and of mjlab: Python that these import.
 
-Names of their fields are those of `isaaclab.actuators` (2.2 and later) and `mjlab.actuator`.
+Names of their fields are those of `isaaclab.actuators` and `mjlab.actuator`; friction of Isaac Lab
+is in Nm from Isaac Sim 5.0 on.
 """
 
 from collections.abc import Iterator
@@ -19,7 +20,7 @@ from steelyard.export.model_files.actuators_mjcf import (
 
 Framework = Literal["isaaclab", "mjlab"]
 LACKS = {
-    "isaaclab": ("load_friction", "dead_band"),
+    "isaaclab": ("stribeck_speed", "load_friction", "dead_band"),
     "mjlab": ("stribeck", "load_friction", "dead_band", "back_emf"),
 }
 HEAD = {
@@ -52,7 +53,7 @@ def actuators_python(model: ActuatorModel, framework: Framework) -> ActuatorFile
     lacks = unsupported(model, LACKS[framework])
     lines = [
         *origin_lines(model),
-        *target_lines(model),
+        *target_lines(model, "target of the actuator", "joint position"),
         *range_lines(model),
         "This configuration cannot represent:",
         *(f"  - {sentence}" for sentence in lacks or ("nothing",)),
@@ -89,7 +90,7 @@ def _mjlab(model: ActuatorModel) -> Iterator[str]:
         yield f"            target_names_expr=(re.escape({joint!r}),),"
         yield from _fields(
             stiffness=v["stiffness"],
-            damping=v["damping"],
+            damping=v["damping"] + v["back_emf"],
             armature=v["armature"],
             frictionloss=v["coulomb"],
             effort_limit=v["torque_limit"],

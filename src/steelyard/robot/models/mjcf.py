@@ -38,10 +38,15 @@ import sys
 sys.path[:] = filter(None, sys.path)  # no module of the folder that this is run in
 try:
     import resource
-    resource.setrlimit(resource.RLIMIT_CPU, (int(sys.argv[3]), int(sys.argv[3])))
-    resource.setrlimit(resource.RLIMIT_AS, (int(sys.argv[2]), int(sys.argv[2])))
-except (ImportError, OSError, ValueError):
-    pass
+except ImportError:
+    limits = {}
+else:
+    limits = {resource.RLIMIT_AS: int(sys.argv[2]), resource.RLIMIT_CPU: int(sys.argv[3])}
+for kind, most in limits.items():
+    try:
+        resource.setrlimit(kind, (most, most))
+    except (OSError, ValueError):  # a stricter one is set already
+        pass
 import mujoco
 try:
     mujoco.MjModel.from_xml_path(sys.argv[1])
