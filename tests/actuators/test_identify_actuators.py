@@ -17,6 +17,7 @@ from typer.testing import CliRunner
 
 import steelyard
 from steelyard.actuators.actuator_model import ActuatorModel
+from steelyard.actuators.actuator_parameters import Free
 from steelyard.actuators.actuators_page import ActuatorIdentification
 from steelyard.actuators.rollout import rollouts
 from steelyard.actuators.target_runs import TargetRun, windows_of
@@ -24,6 +25,7 @@ from steelyard.base.errors import LogError, ModelError
 from steelyard.cli.app import app
 from steelyard.export.model_files.actuators_mjcf import actuators_mjcf
 from steelyard.export.model_files.actuators_python import actuators_python
+from steelyard.robot.file.robot_file import load_robot
 
 TRUE = Servos()
 
@@ -153,6 +155,46 @@ def test_exported_configurations_hold_the_values(
         assert one["effort_limit"] is None
         assert one[late] == round(values["delay"][j] / 0.005)
     assert len(listed) == 2 and "95 % intervals" in file.read_text("utf-8")
+
+
+def test_exports_of_an_arm_with_a_finger_that_follows(
+    found: ActuatorIdentification, tmp_path: Path
+) -> None:
+    finger = """<link name="finger"><inertial><mass value="0.01"/>
+    <inertia ixx="1e-6" iyy="1e-6" izz="1e-6" ixy="0" ixz="0" iyz="0"/></inertial></link>
+    <joint name="follower" type="revolute"><parent link="lower"/><child link="finger"/>
+    <axis xyz="0 1 0"/><mimic joint="elbow" multiplier="0.5"/></joint></robot>"""
+    (tmp_path / "arm.urdf").write_text(URDF.replace("</robot>", finger))
+    values = found.model.values.changed(back_emf=(0.2, 0.1), damping=1e-6, stribeck=0.02)
+    odd = replace(found.model, robot=load_robot(tmp_path / "arm.urdf").robot, values=values)
+    made = actuators_mjcf(odd)
+    arm = mujoco.MjModel.from_xml_string(made.text)
+    assert arm.joint("elbow").damping == pytest.approx(0.1) and arm.nu == 2
+    assert any("falls with speed" in one for one in made.unsupported)
+    lacks = actuators_python(odd, "isaaclab").unsupported
+    assert lacks == ("the speed over which dry friction falls (shoulder 1.00, elbow 1.00)",)
+    assert f"damping={0.2 + 1e-6!r}" in actuators_python(odd, "mjlab").text
+
+
+@pytest.mark.parametrize(
+    ("ending", "advice"), [("xml", "_isaaclab.py"), ("urdf", "_isaaclab.py"), ("py", "")]
+)
+def test_configurations_are_python_files(
+    found: ActuatorIdentification, folder: Path, tmp_path: Path, ending: str, advice: str
+) -> None:
+    file = str(tmp_path / f"arm.{ending}")
+    done = CliRunner().invoke(
+        app, ["export", str(folder / "model"), "--to", "isaaclab", "-o", file]
+    )
+    assert (done.exit_code == 0) == (advice == "") and advice in " ".join(done.output.split())
+
+
+def test_delays_of_single_joints_have_intervals(found: ActuatorIdentification) -> None:
+    model = found.model
+    place = model.free.index(Free("delay", -1))
+    one = replace(model, free=(*model.free[:place], Free("delay", 0), *model.free[place + 1 :]))
+    delays = {p.joint: p for p in one.parameters if p.name == "delay"}
+    assert delays["shoulder"].interval is not None and set(delays) == {"shoulder", "elbow"}
 
 
 def test_names_of_joints_stay_text_in_configurations(found: ActuatorIdentification) -> None:

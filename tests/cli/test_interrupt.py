@@ -6,6 +6,7 @@ import sys
 import time
 from pathlib import Path
 from shutil import copy
+from types import SimpleNamespace
 
 import pytest
 from typer.testing import CliRunner
@@ -161,6 +162,17 @@ def test_the_reduced_model_stays_when_the_next_motion_is_stopped(
 
 
 @pytest.mark.slow
+def test_what_no_one_can_catch_is_shown_as_elsewhere(monkeypatch: pytest.MonkeyPatch) -> None:
+    shown = list[object]()
+    monkeypatch.setattr(sys, "unraisablehook", shown.append)
+    monkeypatch.setattr(signal, "signal", lambda *_: None)
+    monkeypatch.setattr(interrupt, "_state", interrupt._State())
+    interrupt.install()
+    for kind in (ValueError, interrupt.Interrupted):
+        sys.unraisablehook(SimpleNamespace(exc_type=kind))  # type: ignore[arg-type]
+    assert [one.exc_type for one in shown] == [ValueError]  # type: ignore[attr-defined]
+
+
 def test_ctrl_c_from_outside_while_it_works(work: Path) -> None:
     process = subprocess.Popen(
         [sys.executable, "-m", "steelyard", "simulate", SMALL, "--period", "200"],

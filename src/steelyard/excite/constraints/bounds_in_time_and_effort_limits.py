@@ -15,8 +15,9 @@ are continuous and a proof need not know when a joint turns back; `effort_bounds
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -200,6 +201,10 @@ class EffortLimit(Constraint):
         how = "interval arithmetic bounds the rate of change of efforts over every time interval"
         worse = "; friction has its worse sign" if any(x[rubs].any() for x in self.cases) else ""
         set_fields(self, how=how + worse, activation_distance=TORQUE_ROOM * self.scale)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """What pickle keeps: compiled code is of one process."""
+        return {own.name: getattr(self, own.name) for own in fields(self)}
 
     @cached_property
     def bounds(self) -> EffortBounds:
