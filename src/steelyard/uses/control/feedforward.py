@@ -271,10 +271,11 @@ def feedforward(
         torque = torque * identified.effort_scales.values
         identified = replace(identified, effort_scales=None)
     far = far_beyond_limits(robot, samples.q)
-    if far:
-        warnings = (f"{far}: do not command these torques; positions are in rad, convert degrees",)
-    else:
-        warnings = tuple(beyond_limits(robot.coordinates, samples, torque, measured))
+    warnings = (
+        (f"{far}: do not command these torques; positions are in rad, convert degrees",)
+        if far
+        else tuple(beyond_limits(robot.coordinates, samples, torque, measured))
+    )
     notes = remarks_on_torques(identified)
     return FeedforwardTorques(robot.coordinates, samples, torque, notes, warnings)
 
