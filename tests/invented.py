@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from steelyard.robot.file.model_reading_and_loaded_robot import dh_mechanism
 from steelyard.robot.file.robot_file import load_robot
 from steelyard.robot.file.sections import DHRow
 from steelyard.robot.inertia_and_placement import Inertia
+from steelyard.robot.models.denavit_hartenberg import dh_mechanism
 from steelyard.robot.models.xml_and_urdf import read_urdf
 from steelyard.robot.robot import Body, Coordinate, Robot
 from steelyard.robot.robot_from_mechanism import reduced

@@ -16,8 +16,8 @@ from steelyard.model.equations.frame_and_point_kinematics import (
     frame_of,
     last_frame,
 )
-from steelyard.robot.file.model_reading_and_loaded_robot import dh_mechanism
 from steelyard.robot.file.sections import DHRow
+from steelyard.robot.models.denavit_hartenberg import dh_mechanism
 from steelyard.robot.robot_from_mechanism import reduced
 from tooled import Arm, arm, invented_arm
 

@@ -70,14 +70,17 @@ def test_a_hull_without_volume_is_thickened() -> None:
     [
         lambda: Ball(0.0),
         lambda: Box((1.0, -1.0, 1.0)),
-        lambda: Box((1.0, 1.0)),  # type: ignore[arg-type]
+        lambda: Box((1.0,)),
+        lambda: Box((1.0, 1.0)),
         lambda: Cylinder(np.inf, 1.0),
         lambda: Ellipsoid((1.0, 1.0)),  # type: ignore[arg-type]
         lambda: Hull(np.empty((0, 3))),
         lambda: Hull([[np.nan, 0, 0]]),
+        lambda: Hull([[1e12, 0, 0]]),
+        lambda: Hull(1e160 * CORNERS),
         lambda: HalfSpace().farthest(np.array([[0.0, 0.0, -1.0]])),
     ],
 )
 def test_what_is_no_solid_is_refused(wrong: object) -> None:
-    with pytest.raises(ValueError):
+    with pytest.raises(ValueError), np.errstate(over="ignore"):
         wrong()  # type: ignore[operator]

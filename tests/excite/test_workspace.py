@@ -127,6 +127,7 @@ def test_distance_from_a_box() -> None:
     ("make", "wrong", "fix"),
     [
         (lambda r, m: tool_box(r, m, (0, 0, 1), (1, 1, 1)), "empty along z: from 1 to 1", "below"),
+        (lambda r, m: tool_box(r, m, [None] * 3, [None] * 3), "open on all sides", "at least one"),
         (lambda r, m: tool_box(r, Marker("tipp"), [0] * 3, [1] * 3), "frame 'tipp'", "'tip'"),
         (lambda r, m: planes(r, m, [[0, 0, 0]], [1]), "no direction", "normal"),
         (
@@ -134,6 +135,7 @@ def test_distance_from_a_box() -> None:
             "box 2 is empty",
             "corner",
         ),
+        (lambda r, m: keep_out(r, m, np.zeros((0, 3)), np.zeros((0, 3))), "no boxes", "corner"),
     ],
 )
 def test_what_makes_no_sense_is_refused(make, wrong: str, fix: str) -> None:

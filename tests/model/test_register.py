@@ -81,6 +81,10 @@ class Formless(ActsOnAxes, StatefulTerm):
     dissipation: ClassVar[Any] = "each"
 
 
+class Aside(StatefulTerm):
+    dissipation: ClassVar[Any] = "none"
+
+
 @pytest.mark.parametrize(
     ("law", "words"),
     [
@@ -93,6 +97,7 @@ class Formless(ActsOnAxes, StatefulTerm):
         (Stepless, "lacks 'aside'"),
         (dataclass(Placeless), "does not act along coordinates"),
         (dataclass(frozen=True)(Formless), "no `Presliding`"),
+        (dataclass(frozen=True)(Aside), "no `Presliding`: the virtual robot cannot step it"),
     ],
 )
 def test_a_law_that_contradicts_itself_is_refused(law: type[Term], words: str) -> None:

@@ -3,9 +3,9 @@ import pytest
 from pydantic import ValidationError
 
 from oracles import body_positions, pinocchio_torque
-from steelyard.robot.file.model_reading_and_loaded_robot import DHConvention, dh_mechanism
 from steelyard.robot.file.sections import DHRow, DHSection
 from steelyard.robot.inertia_and_placement import turn
+from steelyard.robot.models.denavit_hartenberg import DHConvention, dh_mechanism
 from steelyard.robot.robot import Robot
 from steelyard.robot.robot_from_mechanism import reduced
 

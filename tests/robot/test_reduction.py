@@ -216,11 +216,17 @@ MECHANISM = chain("revolute", "fixed", "revolute", "revolute", j4={"mimic": Mimi
     ("options", "wrong", "fix"),
     [
         ({"joints": ["J1x"]}, "'J1x' is to be identified, but the model has no", "mean 'j1'"),
+        ({"joints": ["j2"]}, "'j2' cannot be identified: it is fixed", "j1, j3"),
+        ({"joints": ["j4"]}, "'j4' cannot be identified: it follows joint 'j3'", "j1, j3"),
+        ({"joints": ["j1", "j1"]}, "listed twice", "once"),
+        ({"joints": ["j1"], "locked": {"j1": 0.0}}, "also locked", "once"),
         ({"joints": ["j1"], "base": "l1"}, "not between base and tip", "once"),
+        ({"locked": {"j4": 0.0}}, "'j4' cannot be locked: it follows joint 'j3'", "j1, j3"),
         ({"locked": {"j9": 0.0}}, "'j9' is to be locked, but the model has no", "mean"),
-        ({"limits": {"j9": Limits()}}, "'j9' is to be given limits", "mean"),
         ({"locked": {"j1": 0.0, "j3": 0.0}}, "no joint is left to identify", "unlocked"),
+        ({"limits": {"j9": Limits()}}, "'j9' is to be given limits", "mean"),
         ({"base": "l9"}, "the base link 'l9' does not exist", "mean 'l"),
+        ({"tip": "x"}, "the tip link 'x' does not exist", "l0, l1"),
         ({"base": "l2", "tip": "l1"}, "'l1' is not beyond the base link 'l2'", "another base"),
     ],
 )  # fmt: skip

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from scipy.interpolate import make_smoothing_spline
 
+from steelyard.base.errors import LogError
 from steelyard.runs.smoothing.spline_and_finite_windows import (
     SmoothingSpline,
     cross_validated,
@@ -49,3 +50,8 @@ def test_the_cutoff_can_choose() -> None:
         found = SmoothingSpline(choose="cutoff").designed(cutoff, rate)(wave[None], None)
         gain = 1.0 / (1.0 + (frequency / cutoff) ** 4)
         np.testing.assert_allclose(found[0, 0, 500:-500], gain * wave[500:-500], atol=0.02)
+
+
+def test_too_little_is_reported() -> None:
+    with pytest.raises(LogError, match="5 samples cannot be fitted by a spline"):
+        smoothing_spline(np.zeros(5), 1.0)

@@ -111,7 +111,7 @@ class Criterion:
     chosen: tuple[int, ...] | None = None
 
     def value(self, gram: Array) -> float:
-        """The value itself."""
+        """The value itself, from `smooth` at an infinite sharpness: the norm without softening."""
         return math.exp(self.smooth(gram, math.inf)[0])
 
 

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from steelyard.base.arrays import frozen
-from steelyard.base.errors import ModelError, refuse_unknown
+from steelyard.base.errors import ModelError, advice, listing, refuse_unknown
 from steelyard.robot.floating_ball_and_coupled_joints import refuse_coupled, without_free_joints
 from steelyard.robot.inertia_and_placement import LEAST_INERTIA, Inertia, Placement
 from steelyard.robot.loop_closures import Closing, closed_robot, passive_joints
@@ -208,11 +208,6 @@ def reduced(
     mechanism, locked, left_out = without_free_joints(mechanism, base, joints, locked or {})
     limits, closing = dict(limits or {}), closing or Closing()
     base = mechanism.root if base is None else base
-    movable = [joint.name for joint in mechanism.movable]
-    for use, names in (("identified", joints or ()), ("locked", locked), ("given limits", limits)):
-        for name in names:
-            wrong = f"joint '{name}' is to be {use}, but the model has no such joint"
-            refuse_unknown(name, movable, wrong, mechanism.where, "joints that move on their own")
     free = _moving(mechanism, None, locked, base, tips)
     passive = passive_joints(mechanism, free, joints, closing)
     if both := [name for name in joints or () if name in passive]:
@@ -224,6 +219,8 @@ def reduced(
     active = [n for n in free if n not in passive] if joints is None else joints
     moving = _moving(mechanism, [*active, *passive], locked, base, tips)
     refuse_coupled(mechanism, moving)
+    _check_joints(mechanism, [*locked], "locked")
+    _check_joints(mechanism, [*limits], "given limits")
     assumed = {
         j.name: float(np.clip(0.0, j.limits.lower, j.limits.upper))
         for j in mechanism.movable
@@ -270,16 +267,37 @@ def _refuse_overflow(mechanism: Mechanism, bodies: Sequence[Body], frames: Seque
 
 def _check_links(mechanism: Mechanism, base: str, tips: Sequence[str]) -> None:
     links = [link.name for link in mechanism.links]
-    wrong = f"the base link '{base}' does not exist"
-    refuse_unknown(base, links, wrong, mechanism.where, "links")
     below = {base, *(j.child for j in mechanism.from_link(base))}
-    for name in tips:
+    for role, name in [("base", base)] + [("tip", t) for t in tips]:
+        wrong = f"the {role} link '{name}' does not exist"
+        refuse_unknown(name, links, wrong, mechanism.where, "links")
         if name not in below:
             raise ModelError(
                 f"the tip link '{name}' is not beyond the base link '{base}'",
                 where=mechanism.where,
                 fix="choose a tip beyond the base, or another base",
             )
+
+
+def _check_joints(mechanism: Mechanism, names: Sequence[str], use: str) -> None:
+    """Each name is a joint that moves on its own."""
+    known = {j.name: j for j in mechanism.joints}
+    for name in names:
+        joint = known.get(name)
+        if joint is not None and joint.movable and joint.mimic is None:
+            continue
+        if joint is None:
+            wrong = f"joint '{name}' is to be {use}, but the model has no such joint"
+        elif joint.mimic is not None:
+            wrong = f"joint '{name}' cannot be {use}: it follows joint '{joint.mimic.master}'"
+        else:
+            wrong = f"joint '{name}' cannot be {use}: it is fixed in the model"
+        movable, what = [j.name for j in mechanism.movable], "joints that move on their own"
+        raise ModelError(
+            wrong,
+            where=joint.where if joint else mechanism.where,
+            fix=listing(movable, what) if joint else advice(name, movable, what),
+        )
 
 
 def _moving(
@@ -297,10 +315,13 @@ def _moving(
     free = [j.name for j in inside if j.movable and j.mimic is None]
     if joints is None:
         joints = [name for name in free if name not in locked]
+    _check_joints(mechanism, joints, "identified")
     for name in joints:
-        if name not in free:
+        wrong = "also locked" if name in locked else ""
+        wrong = wrong or ("listed twice" if joints.count(name) > 1 else "")
+        if wrong or name not in free:
             raise ModelError(
-                f"joint '{name}' is to be identified but is not between base and tip",
+                f"joint '{name}' is to be identified but {wrong or 'is not between base and tip'}",
                 where=mechanism.where,
                 fix="list every joint once, between base and tip, either as identified or locked",
             )

@@ -165,7 +165,8 @@ def prepare(
         mean = mean_of_periods(recording, processing.repetitions)
         return prepare_mean(mean, recording.name, processing)
     loaded = recording.in_memory()
-    found = survey(loaded, processing) if before is None else before.survey
+    known = None if before is None else before.survey
+    found = survey(loaded, processing) if known is None else known
     loaded, recording = (replace(one, left_out=found.left_out) for one in (loaded, recording))
     if found.band.frequency == 0.0 and not at_rest:
         raise no_joint_moves(recording)

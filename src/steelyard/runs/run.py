@@ -106,8 +106,8 @@ class Run:
         judged: Where the joints move by the log alone, whatever rest speed is set: errors count
             these samples.
         quality: What was found in the log.
-        survey: What the first look at the log found, but for its excerpt.
         importance: Weights of efforts over time, of a mean over repetitions.
+        survey: What the first look at the log found, but for its excerpt.
         kept: Motion and efforts, for the next pass.
 
     Example:
@@ -124,8 +124,8 @@ class Run:
     span: tuple[float, float]
     judged: Moves
     quality: Quality
-    survey: Survey
     importance: Importance | None = None
+    survey: Survey | None = None
     kept: KeptSamples = field(default_factory=KeptSamples)
 
     def __repr__(self) -> str:

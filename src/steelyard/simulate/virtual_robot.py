@@ -102,7 +102,16 @@ class MujocoPlant:
         self._used = LawsInUse(self._laws, self._x, self._v, data.qacc)
 
     def push(self, frame: Frame, wrench: Array, in_base: bool) -> Array:
-        """Let a wrench act at a frame's origin until the next call; see `mujoco_model.push`."""
+        """Let a wrench act at a frame's origin until the next call.
+
+        Args:
+            frame: A frame of a moving body, see `moved_frame`.
+            wrench: Force and torque, shape `(6,)` [N, Nm].
+            in_base: Whether it is along the axes of the base, not of the frame.
+
+        Returns:
+            The wrench along the axes of the frame, shape `(6,)`.
+        """
         compiled = self._compiled[self.loaded]
         return push(compiled, self._data, self._robot, frame, wrench, in_base)
 

@@ -107,8 +107,7 @@ def excerpt_of(
 ) -> Excerpt | None:
     """The excerpt of a recording; `None` if it holds no motion that can be read.
 
-    Behind the low-pass of a reference [Hz], or one from the data if that is `None`; decimated and,
-    if there are many samples, spread out.
+    Behind the low-pass of a reference [Hz], or one from the data if that is `None`.
     """
     signals = replace(recording.signals, velocity=None, velocity_scale=None)
     try:
@@ -125,24 +124,7 @@ def excerpt_of(
     except LogError:
         return None
     cutoff = min(cutoff, 0.2 * rate)
-    parts = list(_filtered(bare, segments, rate, cutoff))
-    if not parts:
-        return None
-    step = max(1, int(rate / (OVERSAMPLING * cutoff)))
-    total = sum(len(p[0][::step]) for p in parts)
-    chosen: list[tuple[Array, Array]] = []
-    for t, x in parts:
-        t, x = t[::step], x[:, ::step]
-        keep = len(t) if total <= EXCERPT_SAMPLES else max(8, int(EXCERPT_SAMPLES * len(t) / total))
-        count = 1 if keep == len(t) else max(1, min(EXCERPT_STRETCHES, keep // 64))
-        for start in np.linspace(0, len(t) - keep // count, count).astype(int):
-            at = slice(start, start + keep // count)
-            chosen.append((t[at], x[:, at]))
-    t = np.concatenate([part for part, _ in chosen])
-    x = np.concatenate([part for _, part in chosen], axis=1)
-    stretch = np.repeat(np.arange(len(chosen)), [len(part) for part, _ in chosen])
-    z, dz, ddz, e = x.reshape(4, bare.channels.joints, -1)
-    return Excerpt(t, stretch, z, dz, ddz, e, rate / step, cutoff, rate, origin)
+    return _collected(bare, segments, rate, cutoff, origin)
 
 
 def _segments(
@@ -170,6 +152,34 @@ def _segments(
         return [], 0.0, clock.origin
     rate = nice_rate(float(steps.mean()))
     return [(float(t[0]), uniform(t, x.T, rate)) for t, x in joined], rate, clock.origin
+
+
+def _collected(
+    recording: Recording,
+    segments: list[tuple[float, Array]],
+    rate: float,
+    cutoff: float,
+    origin: float,
+) -> Excerpt | None:
+    """All segments filtered, decimated and, if there are many samples, spread out."""
+    parts = list(_filtered(recording, segments, rate, cutoff))
+    if not parts:
+        return None
+    step = max(1, int(rate / (OVERSAMPLING * cutoff)))
+    total = sum(len(p[0][::step]) for p in parts)
+    chosen: list[tuple[Array, Array]] = []
+    for t, x in parts:
+        t, x = t[::step], x[:, ::step]
+        keep = len(t) if total <= EXCERPT_SAMPLES else max(8, int(EXCERPT_SAMPLES * len(t) / total))
+        count = 1 if keep == len(t) else max(1, min(EXCERPT_STRETCHES, keep // 64))
+        for start in np.linspace(0, len(t) - keep // count, count).astype(int):
+            at = slice(start, start + keep // count)
+            chosen.append((t[at], x[:, at]))
+    t = np.concatenate([part for part, _ in chosen])
+    x = np.concatenate([part for _, part in chosen], axis=1)
+    stretch = np.repeat(np.arange(len(chosen)), [len(part) for part, _ in chosen])
+    z, dz, ddz, e = x.reshape(4, recording.channels.joints, -1)
+    return Excerpt(t, stretch, z, dz, ddz, e, rate / step, cutoff, rate, origin)
 
 
 def _filtered(

@@ -221,7 +221,9 @@ def _picture(case: Case, agreed: VelocityAgreement, bad: NDArray[np.bool_]) -> P
     lag = np.where(agreed.reliable_joints, np.abs(agreed.lag), -1.0)
     joint = int(np.argmax(bad if bad.any() else lag))
     v, t = agreed.derivative[joint], agreed.t
-    length = min(len(t), max(2, int(VELOCITY_PICTURE_TIME / max(t[1] - t[0], 1e-9))))
+    length = len(t)
+    if length > 1:
+        length = min(length, max(2, int(VELOCITY_PICTURE_TIME / max(t[1] - t[0], 1e-9))))
     energy = np.concatenate(([0.0], np.cumsum(np.square(v))))
     start = int(np.argmax(energy[length:] - energy[: len(energy) - length]))
     at = slice(start, start + length)

@@ -48,8 +48,10 @@ class Solid:
 
     def __post_init__(self) -> None:
         """Keep the radius, if all sizes, which are the fields, are those of a solid."""
-        sizes = np.hstack(list(vars(self).values()))
-        if not all(0.0 < size < np.inf for size in sizes):
+        given = list(vars(self).values())
+        sizes = np.hstack(given)
+        right = all(np.shape(one) in ((), (3,)) for one in given)  # one number, or three edges
+        if not right or not all(0.0 < size < np.inf for size in sizes):
             kind = {"Ball": "sphere"}.get(type(self).__name__, type(self).__name__.lower())
             shown = ", ".join(f"{size:g}" for size in sizes)
             raise ValueError(f"a {kind} of {shown} m is not a solid")
@@ -136,6 +138,8 @@ class Hull(Solid):
         vertices = frozen(_corners(frozen(points, (None, 3))))
         centre = frozen(_ball(vertices))
         radius = float(np.linalg.norm(vertices - centre, axis=1).max())
+        if not np.isfinite(radius):
+            raise ValueError(f"a hull of radius {radius:g} m is not a solid")
         set_fields(self, vertices=vertices, centre=centre, radius=radius)
 
     def farthest(self, directions: Array) -> Array:
@@ -165,13 +169,19 @@ def _corners(points: Array) -> Array:
     """The points that span their hull; a flat set is thickened by `FLAT_HULL_THICKNESS`."""
     from scipy.spatial import ConvexHull, QhullError
 
+    if len(points) < 1 or not np.isfinite(points).all():
+        raise ValueError("the points of a hull are none, or not finite")
     try:
         return np.asarray(points[ConvexHull(points).vertices])
     except QhullError:
         signs: Sequence[float] = (-FLAT_HULL_THICKNESS, FLAT_HULL_THICKNESS)
         cube = np.array([(x, y, z) for x in signs for y in signs for z in signs])
         thick = (points[:, None] + cube).reshape(-1, 3)
-        return np.asarray(thick[ConvexHull(thick).vertices])
+        try:
+            return np.asarray(thick[ConvexHull(thick).vertices])
+        except QhullError as error:
+            wrong = f"no hull can be put around the points: {str(error).splitlines()[0]}"
+            raise ValueError(wrong) from None
 
 
 def _ball(points: Array, rounds: int = 200) -> Array:

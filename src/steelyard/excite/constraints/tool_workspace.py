@@ -185,6 +185,12 @@ def tool_box(
             sides.append((normal, low, f"{axis} of {marker.title} above {low:g} m"))
         if high is not None:
             sides.append((-normal, -high, f"{axis} of {marker.title} below {high:g} m"))
+    if not sides:
+        raise ModelError(
+            "the box is open on all sides",
+            where=name,
+            fix="give at least one bound, or leave the box out",
+        )
     normals, levels, labels = zip(*sides, strict=True)
     points = points_of(robot, marker)
     return HalfSpaces(name, labels, points, np.array(normals), np.array(levels) + marker.radius)
@@ -256,9 +262,11 @@ def checked_boxes(lower: ArrayLike, upper: ArrayLike, name: str) -> tuple[Array,
     """Corners of boxes, shape `(b, 3)` each [m]."""
     low = frozen(lower, (None, 3))
     high = frozen(upper, low.shape)
-    if not np.all(low < high):
+    if not len(low) or not np.all(low < high):
         raise ModelError(
-            f"box {int(np.argmin((low < high).all(axis=1))) + 1} is empty",
+            f"box {int(np.argmin((low < high).all(axis=1))) + 1} is empty"
+            if len(low)
+            else "there are no boxes",
             where=name,
             fix="give every box a lower corner below its upper one in x, y and z",
         )

@@ -228,7 +228,7 @@ class ProcessMotion:
 
     Places visited, the first again at the end, `(K + 1, 3)` [m], times of arrival `(K + 1,)` [s]
     and postures there, `(K + 1, n)`; the tool's greatest distance from its straight lines [m],
-    proven for all times.
+    proven for all times; the `moves`, each with its time and limit.
     """
 
     trajectory: PiecewiseMotion

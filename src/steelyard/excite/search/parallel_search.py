@@ -126,12 +126,19 @@ def search_in_parallel(
     if not found:
         raise refused[0] if refused else _no_motion_error(killed)
     whole = sum(f.whole for f in found)
-    # improvements: values below all before, down to that of the best motion
+    steps = _improvements(course, found[0].criterion_value)
+    return SearchResult(tuple(found[:KEPT_MOTIONS]), whole, steps, stopped, len(killed))
+
+
+def _improvements(
+    course: Sequence[tuple[float, float]], least: float
+) -> tuple[tuple[float, float], ...]:
+    """Times at which a value was below all before, down to that of the best motion."""
     steps = list[tuple[float, float]]()
     for passed, value in course:
-        if value >= found[0].criterion_value and (not steps or value < steps[-1][1]):
+        if value >= least and (not steps or value < steps[-1][1]):
             steps.append((passed, value))
-    return SearchResult(tuple(found[:KEPT_MOTIONS]), whole, tuple(steps), stopped, len(killed))
+    return tuple(steps)
 
 
 def _no_motion_error(exit_codes: Sequence[int]) -> DataError:

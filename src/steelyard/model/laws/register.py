@@ -28,6 +28,8 @@ def complete(law: type[Term]) -> type[Term]:
     flaws += [f"'{name}' of `bounds` is no field" for name in law.bounds if name not in names]
     if issubclass(law, StatefulTerm):
         state_only_fields = getattr(law, "state_only_fields", None)
+        if not issubclass(law, Presliding):
+            flaws.append("has memory, but is no `Presliding`: the virtual robot cannot step it")
         flaws += ["lacks 'aside'"] if state_only_fields is None else []
         flaws += [
             f"'{name}' of `state_only_fields` is no field"
@@ -43,8 +45,6 @@ def complete(law: type[Term]) -> type[Term]:
             flaws.append("dissipates, but is no friction")
         if not issubclass(law, ActsOnAxes):
             flaws.append("is friction, but does not act along coordinates (`ActsOnAxes`)")
-        elif issubclass(law, StatefulTerm) and not issubclass(law, Presliding):
-            flaws.append("is friction with memory, but no `Presliding`")
     if flaws:
         raise TypeError(f"law {law.__name__}: {'; '.join(flaws)}")
     return law

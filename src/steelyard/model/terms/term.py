@@ -251,7 +251,7 @@ class Term(ABC):
         """What invented parameters are measured by, shape `(parameters,)`.
 
         `at_torque` has the value at which each parameter alone loads a joint with its typical
-        torque.
+        torque, `inertia` the typical inertia that a coordinate moves [kg m²; kg].
         """
         return at_torque
 

@@ -283,14 +283,13 @@ def drafted(
     """
     robot, springs = proposal.loaded.robot, proposal.loaded.springs
     free, moving = assignment.free, assignment.moving
+    springs = {c.name: springs[c.name] for c in moving if c.name in springs}
     guess = None if assignment.guess is None else tables.with_effort(assignment.guess, known.effort)
     gears = known.gears or (gears_of(proposal, moving, guess) if guess else None)
     text = tables.robot_file_text(
         **_robot_table(proposal, moving, output_path),
         **tables.gears_table(gears, moving),
-        **tables.model_table(
-            {c.name: springs[c.name] for c in moving if c.name in springs}, guess, known
-        ),
+        **tables.model_table(springs, guess, known),
         **tables.signals_table(guess, moving, known)
         if guess
         else tables.columns_table(assignment.columns, assignment.problem, moving),

@@ -36,6 +36,7 @@ from steelyard.runs.smoothing.smoothing_methods_and_zero_phase_filters import (
     repeated_smoother,
 )
 
+LEAST_SPLINE_SAMPLES = 6  # least number of samples
 CORNERS = (-3.5, 0.4)
 """Decades of the corner $\\omega_c$ per sample among which cross-validation chooses."""
 CORNER_GRID = 14  # corners that are tried before the best is refined
@@ -44,9 +45,15 @@ CORNER_GRID = 14  # corners that are tried before the best is refined
 def smoothing_spline(values: Array, rate: float, weight: float | None = None) -> Array:
     r"""The smoothing spline of one channel `(N,)` and two derivatives, `(3, N)`; bent at no end.
 
-    There are six samples or more, at a rate [Hz]. The weight $\lambda$ [s³] is by default that of
+    The samples are at a rate [Hz]. The weight $\lambda$ [s³] is by default that of
     generalised cross-validation.
     """
+    if len(values) < LEAST_SPLINE_SAMPLES:
+        raise LogError(
+            f"{len(values)} samples cannot be fitted by a spline",
+            where="smoothing spline",
+            fix=f"give {LEAST_SPLINE_SAMPLES} samples or more",
+        )
     chosen = cross_validated(values) if weight is None else weight * rate**3
     curvature, change = _solved(values, chosen)
     value = values - change
