@@ -47,12 +47,10 @@ from steelyard.runs.processing_choices import Processing
 from steelyard.runs.recording import LogInMemory, Recording
 from steelyard.runs.run import Run
 from steelyard.runs.smoothing.spline_and_finite_windows import SavitzkyGolay
-from steelyard.simulate.drives_sensors_and_loads import CONTROL_RATE
 from steelyard.simulate.ground_truth import Truth, random_truth
 from steelyard.simulate.mujoco_model import build
 from steelyard.simulate.typical_torques_and_masses import typical_torque
 from steelyard.simulate.virtual_robot import VirtualRobot
-from steelyard.uses.control.joint_controllers import PD, ControlLoop, ControlTask
 
 NOISES = (1e-5, 1e-4, 5e-4)
 FILTERS: tuple[float | None, ...] = (10.0, 50.0, None)
@@ -71,23 +69,6 @@ class Score:
     parameters: float = np.nan
     seconds: float = np.nan
     reason: str = ""
-
-
-@dataclass(frozen=True)
-class Felt(PD):
-    """Joint PD control that feels positions with errors, shape `(ticks, n)` [rad]."""
-
-    felt: Array | float = 0.0
-
-    def start(self, task: ControlTask) -> ControlLoop:
-        """A loop at its first tick; errors come with the ticks that the log has."""
-        loop, felt = super().start(task), np.atleast_2d(self.felt)
-        before = len(task.motion) - len(felt)
-
-        def torque(k: int, q: Array, dq: Array) -> Array:
-            return loop(k, q + felt[k - before] if k >= before else q, dq)
-
-        return torque
 
 
 class Bench:
@@ -116,10 +97,8 @@ class Bench:
         """A log at 1 kHz; the controller feels the positions that it shows."""
         rng = np.random.default_rng([seed, round(noise * 1e6)])
         motion = random_fourier(self.robot, seed=seed, period=PERIOD)
-        ticks = round((motion.duration + 2.0 * self.rig.rest) * CONTROL_RATE) + 1
-        felt = noise * rng.standard_normal((ticks, self.robot.n))
-        self.rig.control = Felt(felt=felt)
-        run = self.rig.follow(motion)
+        felt = noise * rng.standard_normal((self.rig.ticks(motion), self.robot.n))
+        run = self.rig.follow(motion, felt)
         tau = run.tau + self.noise * rng.standard_normal(run.tau.shape)
         names = [f"{kind}{j}" for kind in "qe" for j in range(self.robot.n)]
         ones = np.ones(self.robot.n)

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -54,13 +56,19 @@ def test_same_seed_same_motion(robot: Robot) -> None:
     assert np.abs(one - other).max() > 0.01
 
 
-def test_start_in_the_middle_and_period(robot: Robot) -> None:
-    motion = random_fourier(robot, seed=0, period=4.0, periods=3)
+def test_start_off_centre_and_period(robot: Robot) -> None:
+    start = [-1.5, 0.5, 0.0, 0.3, 1.0, 0.3]
+    motion = random_fourier(robot, seed=0, start=start, period=4.0, periods=3)
     dense = motion.sample(np.linspace(0.0, 12.0, 5001))
     limits = motion_limits(robot)
     assert motion.duration == 12.0
-    np.testing.assert_array_equal(motion.start, 0.5 * (limits.lower + limits.upper))
+    np.testing.assert_array_equal(motion.start, start)
     assert np.all(dense.q > limits.lower) and np.all(dense.q < limits.upper)
+
+
+def test_start_outside_is_refused(robot: Robot) -> None:
+    with pytest.raises(ValueError, match="start posture is outside"):
+        random_fourier(robot, seed=0, start=[-1.95, 0, 0, 0.2, 1.0, 0.3])
 
 
 def test_unstated_limits_are_noted(robot: Robot) -> None:
@@ -76,9 +84,9 @@ def test_unstated_limits_are_noted(robot: Robot) -> None:
 
 
 def test_limits_of_acceleration_are_kept(robot: Robot) -> None:
-    motion = random_fourier(robot, seed=1, period=2.0)
-    ddq = motion.sample(np.linspace(0, 2, 4001)).ddq
-    assert np.all(np.abs(ddq).max(axis=0) <= 0.9 * motion_limits(robot).acceleration)
+    limits = replace(motion_limits(robot), acceleration=np.full(6, 2.0))
+    motion = random_fourier(robot, seed=1, limits=limits)
+    assert np.abs(motion.sample(np.linspace(0, 10, 4001)).ddq).max() <= 1.8
 
 
 def test_crossed_limits_are_refused() -> None:

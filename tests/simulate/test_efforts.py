@@ -9,6 +9,7 @@ import pytest
 from scipy.interpolate import CubicSpline
 
 from steelyard.base.arrays import Parameters
+from steelyard.base.errors import ModelError
 from steelyard.base.motion import Motion
 from steelyard.excite.trajectories.fourier import FourierMotion, random_fourier
 from steelyard.logs.formats import open_log
@@ -93,6 +94,19 @@ def test_gravity_is_compensated_by_the_true_bodies(run: TrueRun, truth: Truth) -
 def test_other_kinds_are_the_joints_torque(run: TrueRun) -> None:
     for kind in ("joint_torque", "motor_torque", "motor_current"):
         np.testing.assert_array_equal(run.effort(kind), run.tau)
+
+
+def test_motor_torques_do_the_same_work(run: TrueRun, geared: Robot) -> None:
+    sensors = Sensors(rate=1000.0, effort="motor_torque")
+    columns = sensors.read(run, geared, np.random.default_rng(0))
+    motors = np.column_stack([columns["motor_tau1_Nm"], columns["motor_tau2_Nm"]])
+    power = np.sum(motors * (run.dq @ GEARS.T), axis=1)
+    np.testing.assert_allclose(power, np.sum(run.tau * run.dq, axis=1), atol=1e-9)
+
+
+def test_motor_torques_need_gears(run: TrueRun, leg: Robot) -> None:
+    with pytest.raises(ModelError, match="the robot has no transmission"):
+        Sensors(effort="motor_torque").read(run, leg, np.random.default_rng(0))
 
 
 def signals(robot: Robot, effort: dict[str, object], **fields: object) -> Signals:

@@ -45,6 +45,15 @@ def test_velocity_columns_can_be_absent(tree: Robot) -> None:
     assert len(names) == 9 and not any(name.startswith("dq") for name in names)
 
 
+def test_gains_make_currents(arm: Robot) -> None:
+    gains = np.array([12.0, 12.0, 10.0, 11.0, -11.0, 11.0])
+    noise = 0.1
+    plain = read(Sensors(torque_noise=noise), arm)
+    columns = read(Sensors(gains=gains, torque_noise=noise), arm)
+    assert "current6_A" in columns and "tau1_Nm" not in columns
+    np.testing.assert_allclose(stacked(columns, "current") * gains, stacked(plain, "tau"))
+
+
 def test_rate_takes_every_nth_tick(arm: Robot) -> None:
     columns, true = read(Sensors(rate=125.0), arm), run(6)
     np.testing.assert_array_equal(columns["time_s"], true.t[::8])

@@ -40,17 +40,25 @@ SHARED: Mapping[str, Mapping[str, Any]] = {
 
 UNIT_METAVARS = {"seconds": "SECONDS", "kg": "KG", "Hz": "HZ"}
 METAVARS = {
-    "LOG...": "calibrate loaded logs unloaded validate",
-    "NAME...": "drop keep",
-    "NAME": "frame method payload_frame sensor wrench_frame",
-    "COLUMN...": "measured",
-    "START:STOP...": "sensor_rest",
-    "MOTION": "motion",
-    "NUMBER": "rate",
-    "FILE": "truth",
+    "calibrate": "LOG...",
+    "drop": "NAME...",
+    "frame": "NAME",
+    "keep": "NAME...",
+    "loaded": "LOG...",
+    "logs": "LOG...",
+    "measured": "COLUMN...",
+    "method": "NAME",
+    "motion": "MOTION",
+    "payload_frame": "NAME",
+    "rate": "NUMBER",
+    "sensor": "NAME",
+    "sensor_rest": "START:STOP...",
+    "truth": "FILE",
+    "unloaded": "LOG...",
+    "validate": "LOG...",
+    "wrench_frame": "NAME",
 }
 """What stands for a value in the help text of parameters with these names."""
-METAVAR_OF = {name: metavar for metavar, names in METAVARS.items() for name in names.split()}
 
 SHORT = {"output": ("-o",), "verbose": ("-v",)}  # short names of options
 
@@ -242,7 +250,7 @@ def _parameter(
         "name": _option(name),
         "help": text,
         "min": least,
-        "metavar": METAVAR_OF.get(parameter.name) or UNIT_METAVARS.get(unit[1] if unit else ""),
+        "metavar": METAVARS.get(parameter.name) or UNIT_METAVARS.get(unit[1] if unit else ""),
         "type": kind,
         **(SHARED.get(name, {}) if changes is None else changes),
     }

@@ -200,7 +200,7 @@ def payload(
     """
     from steelyard.estimate.identified_model import load_model
     from steelyard.report.terminal import terminal
-    from steelyard.uses.payload import payload as text
+    from steelyard.uses.payload import payload as payload_results
     from steelyard.uses.payload.pick_up_and_put_down import events_dict
 
     given, folder = call.keywords, shared.optional_folder(output)
@@ -215,16 +215,18 @@ def payload(
     frame, gain = given["frame"], given["gain_uncertainty"]
     with shared.progress_bar() as progress:
         if when:
-            events = text.events_of_logs(identified, given["logs"], frame, gain, progress)
-            result, show = events_dict(events), partial(text.event_lines, events)
+            events = payload_results.events_of_logs(
+                identified, given["logs"], frame, gain, progress
+            )
+            result, show = events_dict(events), partial(payload_results.event_lines, events)
         else:
             found = call(model=identified, progress=progress)
-            result, show = found.to_dict(), partial(text.payload_lines, found)
+            result, show = found.to_dict(), partial(payload_results.payload_lines, found)
     if folder is not None:
         with whole_folder(folder) as part:
             write_json(part / "payload.json", result)
             if when:
-                page = text.render_payload_events(events, identified.robot.name)
+                page = payload_results.render_payload_events(events, identified.robot.name)
                 (part / "report.html").write_text(page, encoding="utf-8")
             interrupt.too_late()
     if as_json:

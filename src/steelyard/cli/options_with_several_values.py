@@ -4,9 +4,20 @@ import re
 from itertools import pairwise
 
 MANY_VALUED_OPTIONS = (
-    "--validate --format --loaded --unloaded --columns --beside --calibrate --estimators --on "
-    "--keep --measured --sensor-rest --drop"
-).split()
+    "--validate",
+    "--format",
+    "--loaded",
+    "--unloaded",
+    "--columns",
+    "--beside",
+    "--calibrate",
+    "--estimators",
+    "--on",
+    "--keep",
+    "--measured",
+    "--sensor-rest",
+    "--drop",
+)
 """Options that take all that follows up to the next option."""
 
 

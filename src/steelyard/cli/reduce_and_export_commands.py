@@ -133,6 +133,7 @@ def _refuse_missing(robot: str | None, asking: dict[str, bool]) -> None:
 
 
 def _refuse_same(folder: Path, motion_folder: Path) -> None:
+    """Refuse to write a motion to where the model, or a folder around it, is written before."""
     if motion_folder.resolve() in (folder.resolve(), *folder.resolve().parents):
         wrong = f"the motion's folder is that of the reduced model ({folder}), or contains it"
         fix = "name another folder, outside of which the model is written"

@@ -151,6 +151,7 @@ def _least_squares(kind: type[OrdinaryLeastSquares | WeightedLeastSquares]) -> M
 
 
 def _without_known(estimator: Estimator[Information], context: Context) -> Estimator[Information]:
+    """The estimator without the columns whose values prior constraints give."""
     fixed, _ = fixed_values(context.regressor.base, context.knowledge)
     return WithKnownValues(estimator, fixed) if fixed else estimator
 

@@ -221,6 +221,7 @@ def identify(
 
 
 def _refuse_uncommanded(signals: Signals, unseen: Sequence[named_logs.LogArgument]) -> None:
+    """Scores from commanded motion need its columns, and logs to be predicted."""
     signals.of_commanded()
     if not unseen:
         wrong = "there is no log to be predicted from its commanded motion"

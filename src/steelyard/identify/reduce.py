@@ -290,6 +290,7 @@ def _one_motion(smaller: IdentifiedModel, runs: Sequence[Run]) -> tuple[str, ...
 
 
 def _refuse_unreducible(identified: IdentifiedModel) -> None:
+    """Refuse a model with parameters of single runs, or with some that were not estimated."""
     if own := identified.model.per_run_names:
         wrong = f"every run has a '{own[0]}' of its own, which cannot be removed"
         fix = "identify without per_run = true, and reduce that model"
@@ -318,6 +319,7 @@ def matching(patterns: Iterable[str], names: Sequence[str], option: str) -> tupl
 
 
 def _refuse_contradiction(keep: Sequence[str], drop: Sequence[str], names: Sequence[str]) -> None:
+    """Refuse parameters that are to stay and to go, and to keep them all."""
     if both := sorted(set(keep) & set(drop)):
         wrong = f"'{both[0]}' is to be kept and to be removed"
         fix = "name it once"

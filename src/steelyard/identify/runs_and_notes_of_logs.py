@@ -118,7 +118,8 @@ def left_out(run: Run) -> tuple[str, ...]:
     times = [f"{start:.2f} to {stop:.2f} s" for start, stop in quality.unexamined]
     more = f" and {len(times) - LISTED_TIMES} more times" if len(times) > LISTED_TIMES else ""
     words = [quality.dropped_rows] if quality.dropped else []
-    words += [f"not examined: {', '.join(times[:LISTED_TIMES])}{more}"] * bool(times)
+    if times:
+        words.append(f"not examined: {', '.join(times[:LISTED_TIMES])}{more}")
     return (f"{run.name}: {'; '.join(words)}",) if words else ()
 
 

@@ -165,7 +165,10 @@ def _judged(scores: Sequence[RunScore], motion: str, *, unseen: bool) -> Verdict
     again = ", ".join(dict.fromkeys(run.repeats for run in scores if run.repeats))
     repeated = f"It repeats the motion of the fitted run {again}: no validation on other motions"
     sentences = ["; ".join(filter(None, (basis_words(scores), limit_words(errors))))]
-    sentences += [repeated] * bool(again) + [AT_REST] * any(run.errors.at_rest for run in scores)
+    if again:
+        sentences.append(repeated)
+    if any(run.errors.at_rest for run in scores):
+        sentences.append(AT_REST)
     detail, others = (" ".join(f"{sentence}." for sentence in sentences)), other_errors(scores)
     plain = Verdict("", detail, "none", (), errors, logged, others, unseen=unseen)
     worst = plain.percent_of_used
@@ -276,7 +279,7 @@ def gear_side_steps(findings: Sequence[Finding], robot: str) -> list[Step]:
     """The edit for sensors on the link side, where a finding proposes it."""
     edit = f'if sensors are on the link side: kind = "link_torque" in {robot}, no rotor_inertia'
     proposed = any(found.check == GEAR_SIDE and found.fix is not None for found in findings)
-    return [("", f"{edit} in terms")] * proposed
+    return [("", f"{edit} in terms")] if proposed else []
 
 
 def identify_command(robot: str, logs: Sequence[str]) -> str:

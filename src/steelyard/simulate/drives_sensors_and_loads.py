@@ -300,8 +300,11 @@ class Sensors:
     wrench_noise: Array | float = 0.0
     commanded: bool = False  # whether the log has the desired motion and commanded torques
     velocity: bool = True  # whether the log has velocity columns
-    # torque per ampere [Nm/A; N/A] where a robot file leaves that to be identified
+    # torque per ampere [Nm/A; N/A]; given, the log has motor currents and no torques, unless a
+    # robot file says what it has
     gains: Array | None = None
+    # kind of effort that is logged; motor torques go through the robot's transmission
+    effort: EffortKind = "joint_torque"
 
     def __post_init__(self) -> None:
         if not 0.0 < self.rate <= CONTROL_RATE:
@@ -320,10 +323,11 @@ class Sensors:
                 raise ValueError("a gain is zero")
 
     def measure(
-        self, run: TrueRun, rng: np.random.Generator, kind: EffortKind = "joint_torque"
+        self, run: TrueRun, rng: np.random.Generator, kind: EffortKind | None = None
     ) -> Reading:
-        """What the sensors say, of a kind of effort."""
-        t, q, dq, effort = map(self._sampled, (run.t, run.q, run.dq, run.effort(kind)))
+        """What the sensors say, of the kind of effort that is theirs if `None`."""
+        effort = run.effort(self.effort if kind is None else kind)
+        t, q, dq, effort = map(self._sampled, (run.t, run.q, run.dq, effort))
         noise_t, noise_q, noise_dq, noise_tau = (
             rng.standard_normal(values.shape) for values in (t, q, dq, effort)
         )
@@ -358,9 +362,23 @@ class Sensors:
             columns[f"q{j + 1}_{joint.unit}"] = reading.q[:, j]
         for j, joint in enumerate(robot.coordinates if self.velocity else ()):
             columns[f"dq{j + 1}_{joint.unit}_s"] = reading.dq[:, j]
-        for j, joint in enumerate(robot.coordinates):
-            columns[f"tau{j + 1}_{joint.effort_unit}"] = reading.effort[:, j]
-        return columns | reading.further(robot)
+        return columns | self._efforts(reading.effort, robot) | reading.further(robot)
+
+    def _efforts(self, effort: Array, robot: Robot) -> dict[str, Array]:
+        if self.gains is not None:
+            effort = effort / self.gains
+            return {f"current{j + 1}_A": column for j, column in enumerate(effort.T)}
+        if self.effort != "motor_torque":
+            names = [f"tau{j + 1}_{c.effort_unit}" for j, c in enumerate(robot.coordinates)]
+            return dict(zip(names, effort.T, strict=True))
+        if robot.transmission is None:
+            raise ModelError(
+                "motor torques are to be logged, but the robot has no transmission",
+                where=f"robot '{robot.name}'",
+                fix="give the robot a transmission, or log joint torques",
+            )
+        motors = np.linalg.solve(robot.transmission.matrix.T, effort.T)
+        return {f"motor_tau{j + 1}_Nm": column for j, column in enumerate(motors)}
 
 
 def _stepped(q: Array, resolution: Array | float) -> Array:

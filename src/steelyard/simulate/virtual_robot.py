@@ -213,6 +213,14 @@ class VirtualRobot:
         self._progress = progress
         self._recorded: list[TrueRun] | None = None
 
+    def place(self, q: ArrayLike) -> None:
+        """Put the robot at rest at posture `q`, shape `(n,)`."""
+        self._plant.place(q)
+
+    def step(self, tau: Array, duration: float) -> tuple[Array, Array]:
+        """Hold joint torques `tau`, shape `(n,)`, for `duration` [s]; the new `q` and `dq`."""
+        return self._plant.step(tau, duration)
+
     def send(self, trajectory: Trajectory) -> None:
         """Follow `trajectory`; it is put into the log that is being recorded, if any."""
         if self._recorded:
@@ -252,9 +260,18 @@ class VirtualRobot:
         columns = as_declared(reading, self.signals, velocity=sensors.velocity, gains=sensors.gains)
         write_table(log, columns | reading.further(self.robot))
 
-    def follow(self, trajectory: Trajectory) -> TrueRun:
-        """Follow `trajectory`; what happened at every tick, without sensors."""
-        ticks = round((trajectory.duration + 2.0 * self.rest) * CONTROL_RATE) + 1
+    def ticks(self, trajectory: Trajectory) -> int:
+        """Ticks of the controller along a trajectory, rests included."""
+        return round((trajectory.duration + 2.0 * self.rest) * CONTROL_RATE) + 1
+
+    def follow(self, trajectory: Trajectory, felt: ArrayLike = 0.0) -> TrueRun:
+        """Follow `trajectory`; what happened at every tick, without sensors.
+
+        Args:
+            trajectory: The motion.
+            felt: Errors of the positions that the controller feels, shape `(ticks, n)` [rad; m].
+        """
+        ticks = self.ticks(trajectory)
         t = frozen(np.arange(ticks) * _TICK)
         goal = self.wanted(trajectory, t)
         self._check_loops(t, goal.q)
@@ -267,7 +284,8 @@ class VirtualRobot:
                 fix="attach it earlier, or make the motion longer",
             )
         self._plant.loaded = bool(loaded[0])
-        self._plant.place(goal.q[0])
+        self.place(goal.q[0])
+        felt = np.broadcast_to(felt, goal.q.shape)
         pushed = None if self.wrench is None else self.wrench.at(t)
         settling = round(_SETTLING * CONTROL_RATE)
         loop = self.control.start(self._task(goal, settling))
@@ -281,7 +299,8 @@ class VirtualRobot:
         for k in range(ticks):
             if k % _TICKS_PER_EVENT == 0:
                 report_progress(self._progress, "simulation", t[k], float(t[-1]))
-            held[k] = tau = drives.actuate(loop(settling + k, *drives.sense(q[k], dq[k])))
+            seen, speed = drives.sense(q[k] + felt[k], dq[k])
+            held[k] = tau = drives.actuate(loop(settling + k, seen, speed))
             command[k] = drives.command
             friction[k] = self._plant.motor_friction()
             if pushed is not None and self._frame is not None and self.wrench is not None:

@@ -235,11 +235,11 @@ class Geometry:
     notes: tuple[str, ...] = ()
 
 
-_UPRIGHT = frozen(np.eye(3))
-
-
 def obstacle(
-    name: str, solid: Solid, position: ArrayLike = (0.0, 0.0, 0.0), rotation: ArrayLike = _UPRIGHT
+    name: str,
+    solid: Solid,
+    position: ArrayLike = (0.0, 0.0, 0.0),
+    rotation: ArrayLike | None = None,
 ) -> Shape:
     """A thing that stands still in the cell, placed in the robot's base frame."""
     return placed(Frame(name, -1, np.eye(3), np.zeros(3)), name, solid, position, rotation, "world")
@@ -274,11 +274,11 @@ def placed(
     name: str,
     solid: Solid,
     position: ArrayLike = (0.0, 0.0, 0.0),
-    rotation: ArrayLike = _UPRIGHT,
+    rotation: ArrayLike | None = None,
     origin: Origin = "link",
 ) -> Shape:
     """A solid that is placed in a frame, as a shape on the frame's body."""
-    turned = frozen(rotation, (3, 3))
+    turned = np.eye(3) if rotation is None else frozen(rotation, (3, 3))
     if not np.allclose(turned @ turned.T, np.eye(3), atol=1e-6):
         raise ValueError(f"the rotation of '{name}' is not a rotation")
     at = frame.position + frame.rotation @ frozen(position, (3,))

@@ -272,8 +272,8 @@ class EffortLimit(Constraint):
         return values, values - away * (1.0 + 1e-9)
 
 
-def torque_limit(cases: Mapping[str, ValuedModel], limits: ArrayLike) -> EffortLimit:
-    """Joint efforts within limits, `(n,)` [Nm; N], infinite for any.
+def torque_limit(cases: Mapping[str, ValuedModel], limits: ArrayLike | None = None) -> EffortLimit:
+    """Joint efforts within limits, `(n,)` [Nm; N], infinite for any; the robot's if `None`.
 
     Cases are the same model with values, such as without and with a payload, by name. It is one of
     a tree, of terms without internal states.
@@ -282,23 +282,26 @@ def torque_limit(cases: Mapping[str, ValuedModel], limits: ArrayLike) -> EffortL
         ModelError: No joint has a limit.
     """
     robot = next(iter(cases.values())).model.robot
+    own = [joint.limits.effort for joint in robot.coordinates]
     titles = [
         f"{'torque' if unit == 'Nm' else 'force'} of '{joint}'"
         for joint, unit in zip(robot.joint_names, robot.effort_units, strict=True)
     ]
-    return _limit(cases, limits, titles, robot.effort_units, power=False)
+    given = own if limits is None else limits
+    return _limit(cases, given, titles, robot.effort_units, power=False)
 
 
 def power_limit(
-    cases: Mapping[str, ValuedModel], limits: Sequence[float] | Array, total: float = np.inf
+    cases: Mapping[str, ValuedModel], limits: ArrayLike | None = None, total: float = np.inf
 ) -> EffortLimit:
     """Mechanical powers within limits, `(n,)` and in total [W], whether joints drive or brake.
 
-    Infinite for any. Cases and errors are those of `torque_limit`.
+    Infinite for any, `None` for any of all joints. Cases and errors are those of `torque_limit`.
     """
-    names = next(iter(cases.values())).model.robot.joint_names
-    titles = [*(f"power of '{joint}'" for joint in names), "power of all joints"]
-    return _limit(cases, [*limits, total], titles, ["W"] * len(titles), power=True)
+    robot = next(iter(cases.values())).model.robot
+    own = np.full(robot.n, np.inf) if limits is None else frozen(limits, (None,))
+    titles = [*(f"power of '{joint}'" for joint in robot.joint_names), "power of all joints"]
+    return _limit(cases, [*own, total], titles, ["W"] * len(titles), power=True)
 
 
 def payload_numbers(robot: Robot, frame: str, payload: Inertia) -> dict[str, float]:

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from steelyard.base.arrays import Array, frozen
-from steelyard.excite.constraints.constraint_and_limits import motion_limits
+from steelyard.excite.constraints.constraint_and_limits import MotionLimits, motion_limits
 from steelyard.excite.trajectories.exact_trajectories import (
     SMOOTH,
     ChainedMotion,
@@ -277,25 +277,33 @@ def random_fourier(
     harmonics: int = 5,
     periods: int = 1,
     limits_fraction: float = 0.9,
+    limits: MotionLimits | None = None,
+    start: ArrayLike | None = None,
 ) -> FourierMotion:
     """A random series per joint, as large as one of its limits allows; same seed, same motion.
 
-    It begins and ends in the middle of the position ranges, and uses a share of these, of the
-    speeds and of the accelerations.
+    It uses a share of the speeds, accelerations and position ranges; of the robot's limits, and
+    about the middle of the ranges, if limits and posture `(n,)` at both ends are not given.
     """
-    limits = motion_limits(robot)
-    middle, half = 0.5 * (limits.lower + limits.upper), 0.5 * (limits.upper - limits.lower)
+    limits = motion_limits(robot) if limits is None else limits
+    start = 0.5 * (limits.lower + limits.upper) if start is None else frozen(start, (robot.n,))
     free = np.random.default_rng(seed).standard_normal((robot.n, 2 * harmonics - 2))
     t = np.linspace(0.0, period, _POINTS_PER_WAVE * harmonics + 1)
     series = rest_basis(harmonics) @ free.T
     q, dq, ddq = (fourier_shapes(t, period, harmonics, order) @ series for order in range(3))
+    centre, half = 0.5 * (limits.lower + limits.upper), 0.5 * (limits.upper - limits.lower)
+    room_up = centre + limits_fraction * half - start
+    room_down = start - centre + limits_fraction * half
+    if np.any(room_up <= 0.0) or np.any(room_down <= 0.0):
+        raise ValueError("the start posture is outside the allowed share of the position ranges")
     needed = np.max(
         [
-            np.abs(q).max(axis=0) / (limits_fraction * half),
+            q.max(axis=0) / room_up,
+            -q.min(axis=0) / room_down,
             np.abs(dq).max(axis=0) / (limits_fraction * limits.velocity),
             np.abs(ddq).max(axis=0) / (limits_fraction * limits.acceleration),
         ],
         axis=0,
     )
     scale = 1.0 / (needed * (1.0 + _GRID_MARGIN))
-    return FourierMotion.from_free(middle, scale[:, None] * free, period, periods)
+    return FourierMotion.from_free(start, scale[:, None] * free, period, periods)

@@ -35,8 +35,10 @@ class FrictionSection(TableSection, name="friction", title="Friction", in_termin
 
     def tables(self, content: Any) -> list[PlainTable]:
         """One table each, if there is anything in it."""
-        mixes = [] if content.friction is None else [_mixes(content.friction)]
-        return mixes + [_fields(content.findings)] * bool(content.findings)
+        tables = [] if content.friction is None else [_mixes(content.friction)]
+        if content.findings:
+            tables.append(_fields(content.findings))
+        return tables
 
     def printed(self, content: Any) -> Iterable[RenderableType]:
         """The laws that were chosen, and how much of the error they take away."""

@@ -57,8 +57,8 @@ def pooled_samples(content: ReportContent, first: str) -> tuple[TorqueParts, str
 
     `None` if no run has samples.
     """
-    runs = {first: (), "validation": content.scores, "fitted": content.fitted}
-    for kind, scores in runs.items():
+    runs = (("validation", content.scores), ("fitted", content.fitted))
+    for kind, scores in runs if first == "validation" else runs[::-1]:
         if known := [score.parts for score in scores if score.parts is not None]:
             return TorqueParts.joined(known), count(len(known), f"{kind} run")
     return None

@@ -31,10 +31,16 @@ EFFORT_UNITS = {"mA": ("A", 1e-3), **{unit: (unit, 1.0) for unit in ("A", "Nm", 
 WITHOUT_TORQUE = {"A": "motor current", "%": "percent of an unknown effort"}
 """Base units that are no torque or force, and what columns in them hold."""
 
-NOT_OF_SAMPLES = set(
-    "effort_kind effort_units gains unknown_gains unknown_offsets commanded_position "
-    "commanded_velocity commanded_velocity_scale".split()
-)
+NOT_OF_SAMPLES = {
+    "effort_kind",
+    "effort_units",
+    "gains",
+    "unknown_gains",
+    "unknown_offsets",
+    "commanded_position",
+    "commanded_velocity",
+    "commanded_velocity_scale",
+}
 """Fields of `Signals` that say nothing of how samples are read, but what they mean."""
 
 ROW = "row number"

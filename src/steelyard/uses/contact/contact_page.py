@@ -166,7 +166,8 @@ class Contacts(Result):
 
     def report(self) -> str:
         """The report as one self-contained HTML page."""
-        words, tables = f"{self.headline}. {self.claim}", [events_table(self)] * bool(self.events)
+        words = f"{self.headline}. {self.claim}"
+        tables = [events_table(self)] if self.events else []
         sections = (
             figures("contacts", "Contacts", words=words, tables=tables),
             notes("notes", "Limits of this result", self.warnings),

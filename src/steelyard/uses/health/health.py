@@ -121,7 +121,8 @@ class Health(Result):
             words = "; ".join(f"{change.quantity} {change.text}" for change in drifts)
             if mine:
                 found.append(Group([_figure(one) for one in mine], joint, words or "no drift"))
-        words, tables = f"{self.headline}. {self.claim}", [drifts_table(self)] * bool(self.named)
+        words = f"{self.headline}. {self.claim}"
+        tables = [drifts_table(self)] if self.named else []
         sections = (
             figures("drift", "Drift", words=words, tables=tables),
             notes("limits", "Limits of this result", self.limits),

@@ -281,6 +281,7 @@ def _explained(windows: PayloadWindows, places: list[int]) -> list[float]:
 
 
 def _neighbours(windows: PayloadWindows, places: list[int], k: int) -> tuple[int, int]:
+    """Windows at which the payloads beside a change begin and end."""
     ends = [0, *places, len(windows.starts)]
     return ends[k], ends[k + 2]
 

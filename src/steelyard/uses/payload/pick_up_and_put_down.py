@@ -1,7 +1,7 @@
 """What a robot picks up and puts down along a run, when, and how heavy it is."""
 
 from collections.abc import Sequence
-from dataclasses import astuple, dataclass
+from dataclasses import dataclass
 from itertools import compress, count, pairwise
 from math import hypot
 from typing import Any, Literal
@@ -141,8 +141,16 @@ def find_payload_events(
             break
         changes = list(compress(changes, differ))
     events = tuple(
-        PayloadEvent("picked up" if mass > 0.0 else "put down", t, lo, hi, abs(mass), half, ratio)
-        for (t, lo, hi, ratio), (mass, half) in zip(map(astuple, changes), masses, strict=True)
+        PayloadEvent(
+            "picked up" if mass > 0.0 else "put down",
+            change.time,
+            change.earliest,
+            change.latest,
+            abs(mass),
+            half,
+            change.ratio,
+        )
+        for change, (mass, half) in zip(changes, masses, strict=True)
     )
     each = zip(stretches, payloads, strict=True)
     carried = tuple(Carried(at.start, at.stop, one) for at, one in each if one is not None)

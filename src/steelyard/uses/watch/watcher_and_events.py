@@ -294,7 +294,9 @@ class Watcher:
             return
         kinds = self.samples.dropped.items()
         reasons = ", ".join(f"{count} with {verdict.reason}" for verdict, count in kinds)
-        why = [f"{left_out} of {samples + left_out} rows are left out ({reasons})"] * bool(left_out)
+        why = []
+        if left_out:
+            why.append(f"{left_out} of {samples + left_out} rows are left out ({reasons})")
         if samples:
             why.append(f"{samples} {'comes' if samples == 1 else 'come'} alone or after a pause")
         raise LogError(

@@ -154,19 +154,24 @@ class ExternalWrench(Result):
     def components(self) -> tuple[ComponentSummary, ...]:
         """Figures of the six components."""
         found = self.estimate
-        at, components = np.argmax(np.abs(found.wrench), axis=0), np.arange(6)
-        columns = (
-            np.sqrt(np.mean(np.square(found.wrench), axis=0)),
-            found.wrench[at, components],
-            found.half_width[at, components],
-            found.t[at],
-            np.median(found.half_width, axis=0),
-            np.mean(np.abs(found.wrench) > found.half_width, axis=0),
-            np.mean(found.data_share, axis=0),
-            found.assumed_zero,
+        highest = np.argmax(np.abs(found.wrench), axis=0).tolist()
+        return tuple(
+            ComponentSummary(
+                component=component,
+                unit=unit,
+                rms=float(np.sqrt(np.mean(np.square(found.wrench[:, k])))),
+                peak=float(found.wrench[at, k]),
+                peak_half_width=float(found.half_width[at, k]),
+                peak_time_s=float(found.t[at]),
+                median_half_width=float(np.median(found.half_width[:, k])),
+                nonzero_share=float(np.mean(np.abs(found.wrench[:, k]) > found.half_width[:, k])),
+                data_share=float(np.mean(found.data_share[:, k])),
+                assumed_zero=bool(found.assumed_zero[k]),
+            )
+            for k, (component, unit, at) in enumerate(
+                zip(COMPONENTS, sensors.UNITS, highest, strict=True)
+            )
         )
-        rows = zip(COMPONENTS, sensors.UNITS, *(column.tolist() for column in columns), strict=True)
-        return tuple(ComponentSummary(*row) for row in rows)
 
     @property
     def warnings(self) -> tuple[str, ...]:
