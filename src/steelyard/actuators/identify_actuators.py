@@ -16,7 +16,7 @@ from steelyard.actuators.actuators_page import (
 from steelyard.actuators.choice import ALWAYS, ASKED, USUAL, Search, chosen
 from steelyard.actuators.closed_loop_step import ArmStep
 from steelyard.actuators.fit import Fitted, fit
-from steelyard.actuators.open_loop import OpenLoop, open_loop
+from steelyard.actuators.open_loop import open_loops
 from steelyard.actuators.read_targets import TargetLog, read_targets
 from steelyard.actuators.rollout import STEP
 from steelyard.actuators.starts import Quiet, gravity_joints, starts, zero_prior
@@ -135,14 +135,14 @@ def identify_actuators(
     origin = provenance(file, known, (), unknown, (), (*file.notes, *notes))
     origin = replace(origin, runs=tuple(log.name for log in job.logs))
     model = _model(job, final, open_signs, origin)
-    every = [open_loop(step, model.values, log, cores, model.step) for log in read]
+    every = open_loops(step, model.values, read, cores, model.step)
     moved = np.concatenate([one.q for one in every])
     model = replace(model, beyond_limits=tuple(model.outside_limits(moved)))
     more = tuple(note for log in read for note in log.notes)
     return ActuatorIdentification(
         model,
-        tuple(every[len(known) :]),
-        tuple(every[: len(known)]),
+        every[len(known) :],
+        every[: len(known)],
         rungs,
         (*file.notes, *notes, *more),
     )
@@ -383,17 +383,17 @@ def validate_actuators(
         'servo_other'
     """
     known = load_actuators(model)
-    files, found = log_files(paths_of(logs, least=1)), list[OpenLoop]()
-    notes = list[str]()
+    files, read = log_files(paths_of(logs, least=1)), list[TargetLog]()
     for k, log in enumerate(files):
-        report_progress(progress, "simulating logs", k, len(files))
-        read = read_targets(log, known.signals, known.robot)
-        notes += read.notes
-        cores = threads or os.cpu_count() or 1
-        found.append(open_loop(known.arm, known.values, read, cores, known.step))
+        report_progress(progress, "reading logs", k, len(files))
+        read.append(read_targets(log, known.signals, known.robot))
+    report_progress(progress, "simulating logs", 0, 1)
+    cores = threads or os.cpu_count() or 1
+    found = open_loops(known.arm, known.values, read, cores, known.step)
     again = tuple(
         one.log
         for one, log in zip(found, files, strict=True)
         if fitted_before(known.provenance, log)
     )
-    return ActuatorValidation(known, tuple(found), again, tuple(notes))
+    notes = tuple(note for one in read for note in one.notes)
+    return ActuatorValidation(known, found, again, notes)

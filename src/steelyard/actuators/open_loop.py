@@ -77,12 +77,28 @@ class OpenLoop:
         }
 
 
-def open_loop(
-    step: ArmStep, values: ActuatorValues, log: TargetLog, threads: int, h: float = STEP
+def open_loops(
+    step: ArmStep, values: ActuatorValues, logs: Sequence[TargetLog], threads: int, h: float = STEP
+) -> tuple[OpenLoop, ...]:
+    """Logs predicted from their first rows on, each of their runs by itself, all side by side."""
+    windows = [windows_of(log.runs, None) for log in logs]
+    rolled = iter(rollouts(step, values, [w for some in windows for w in some], (), h, threads))
+    return tuple(
+        _open_loop(step, values, log, [next(rolled).q for _ in some], threads, h)
+        for log, some in zip(logs, windows, strict=True)
+    )
+
+
+def _open_loop(
+    step: ArmStep,
+    values: ActuatorValues,
+    log: TargetLog,
+    runs: Sequence[Array],
+    threads: int,
+    h: float,
 ) -> OpenLoop:
-    """A log predicted from its first row on, each of its runs by itself."""
-    windows = windows_of(log.runs, None)
-    predicted = np.concatenate([r.q for r in rollouts(step, values, windows, (), h, threads)])
+    """The errors of one log, from the positions that are predicted of its runs."""
+    predicted = np.concatenate(runs)
     if not np.isfinite(predicted).all():
         raise LogError(
             "the simulation from targets diverges",
