@@ -48,7 +48,7 @@ LEAST_WINDOWS = 8
 STILL = 0.03  # range of a joint that does not move [rad; m]
 LOADED = 0.3
 """Size of a joint's gravity along the logs, over its dry friction, that gives it a scale."""
-LAST_ROUNDS = 8  # of the fit with the finest steps
+COARSE_ROUNDS, LAST_ROUNDS = 6, 8  # of the fits to all windows, with coarse and with fine steps
 FINER = 4  # times shorter are the steps of the last fit, and of all that it predicts
 AS_GOOD = 1.1
 """Misfit over the least up to which signs fit as well: masses of model files are off by more."""
@@ -332,7 +332,7 @@ def _final(search: Search, fitted: Fitted, parts: Sequence[str], job: _Job) -> F
     def report(round_: int, value: float) -> None:
         report_progress(job.progress, "identifying the actuators", round_, 15)
 
-    coarse = fit(task, start, report=report)
+    coarse = fit(task, start, COARSE_ROUNDS, report)
     fine = replace(task, h=STEP, finer=FINER)
     return fit(fine, coarse.values, LAST_ROUNDS, report)
 
