@@ -7,7 +7,6 @@ along. Both have all data in memory and everything compiled.
 """
 
 import time
-from dataclasses import replace
 
 import mujoco
 import numpy as np
@@ -65,9 +64,9 @@ def main() -> list[Claim]:
     empty = np.zeros((0, 0))
     arm = ActuatorModel(
         *(loaded.robot, loaded.targets, values, (), empty, np.zeros(0), np.ones(6), ()),
-        *(PEER_STEP, origin),
+        *(PEER_STEP, (), (), (), origin),
     )
-    rigid = mujoco.MjModel.from_xml_string(actuators_mjcf(replace(arm)).text)
+    rigid = mujoco.MjModel.from_xml_string(actuators_mjcf(arm).text)
     rigid.opt.timestep = PEER_STEP
     full = mujoco.mjtState.mjSTATE_FULLPHYSICS
     states, controls = [], []

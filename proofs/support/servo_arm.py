@@ -153,13 +153,14 @@ def log(
     resolution: float = 2.0 * np.pi / 4096.0,
     noise: float = 1e-3,
     jitter: float = 0.0,
+    step: float = 1e-4,
 ) -> Mapping[str, np.ndarray]:
     """Columns of a log by an encoder with steps and noise [rad], on a clock with jitter [s]."""
     t, target = targets(seconds, seed, rate, servos.n)
     rng = np.random.default_rng(seed + 1000)
     t = t + np.clip(jitter * rng.standard_normal(len(t)), -0.4 / rate, 0.4 / rate)
     t = np.round(t - t[0], 4)
-    q = moved(servos, t, target)
+    q = moved(servos, t, target, step)
     q = np.round((q + noise * rng.standard_normal(q.shape)) / resolution) * resolution
     columns = {"time": t}
     columns |= {f"target{j + 1}": target[:, j] for j in range(servos.n)}

@@ -154,6 +154,10 @@ def unknown_words(model: ActuatorModel) -> tuple[str, ...]:
     return (f"not identifiable from these logs (wide intervals, marked ?): {listed}",)
 
 
+INTERVALS = (
+    "intervals cover the scatter of these logs if the law is complete, not what it lacks: fits to "
+    "two halves of a real arm's motions differed by far more, so compare fits to other logs"
+)
 CLAIM = (
     "Positions are predicted from the targets alone, from the first row on: root mean squares. "
     "Drift: the error some time after a start from a measured state, over many such starts."

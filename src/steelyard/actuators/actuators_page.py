@@ -12,6 +12,7 @@ from rich.text import Text
 from steelyard.actuators.actuator_model import ActuatorModel, ActuatorParameter
 from steelyard.actuators.actuator_words_and_tables import (
     CLAIM,
+    INTERVALS,
     ActuatorVerdict,
     assumed_words,
     brief_table,
@@ -99,6 +100,7 @@ class ActuatorIdentification(ActuatorResult):
             *missed_words(self.model, every),
             *open_words(self.model),
             scale_words(self.model),
+            INTERVALS,
             *assumed_words(self.model),
             *unknown_words(self.model),
         )
