@@ -189,6 +189,27 @@ def test_configurations_are_python_files(
     assert (done.exit_code == 0) == (advice == "") and advice in " ".join(done.output.split())
 
 
+def test_parts_that_are_stated_are_in_the_law(folder: Path) -> None:
+    text = (folder / "servos.toml").read_text() + (
+        'position_sign = [1, 1]\nposition_offset = [0.0, 0.0]\n[actuator]\nlaw = "position_pd"\n'
+        'delay = [0.012, "identify"]\nstribeck = 0.02\nstribeck_speed = [0.3, "identify"]\n'
+        "back_emf = [0.1, 0.05]\n"
+    )
+    (folder / "parts.toml").write_text(text)
+    result = steelyard.identify_actuators(folder / "parts.toml", folder / "servo_fit.csv")
+    values = {(p.name, p.joint): p for p in result.parameters}
+    assert values["delay", "shoulder"].value == 0.012
+    assert values["delay", "elbow"].value == pytest.approx(0.012, abs=1e-3)
+    assert values["delay", "elbow"].interval is not None
+    assert values["stribeck", "elbow"].value == 0.02
+    assert values["stribeck_speed", "shoulder"].value == 0.3
+    assert values["stribeck_speed", "elbow"].interval is not None
+    # back-EMF and damping are one below the torque limit: their sum is what motion shows
+    assert values["back_emf", "shoulder"].value == 0.1
+    assert values["damping", "shoulder"].value == pytest.approx(TRUE.damping[0] - 0.1, rel=0.1)
+    assert "delay  12.0 ms of shoulder, stated" in str(result)
+
+
 def test_delays_of_single_joints_have_intervals(found: ActuatorIdentification) -> None:
     model = found.model
     place = model.free.index(Free("delay", -1))

@@ -121,8 +121,8 @@ class ActuatorModel:
         found = []
         for kind in KINDS:
             common = kind.name == "delay" and np.ptp(self.values["delay"]) == 0.0
-            common = common and ("delay", 0) not in place
-            joints = [(-1, "all")] if common else list(enumerate(self.joints))
+            by_joint = any(("delay", j) in place for j in range(self.robot.n))
+            joints = [(-1, "all")] if common and not by_joint else list(enumerate(self.joints))
             for j, joint in joints:
                 value = float(self.values[kind.name][j])
                 at = place.get((kind.name, j))

@@ -214,16 +214,16 @@ def _shown(found: Fitted, part: str) -> bool:
     Delays of the joints have to differ.
     What only continues a fit that has not ended lowers the error too.
     """
-    free = found.task.free
+    name = "delay" if part == "delays" else part
+    known = [
+        (one.at(found.values), std)
+        for one, std in zip(found.task.free, found.std, strict=True)
+        if one.name == name
+    ]
     if part == "delays":
-        late, std = zip(
-            *((one.at(found.values), s) for one, s in zip(free, found.std, strict=True)
-              if one.name == "delay"),
-            strict=True,
-        )  # fmt: skip
-        first, last = int(np.argmin(late)), int(np.argmax(late))
-        return bool(late[last] - late[first] > DIFFERENT * np.hypot(std[first], std[last]))
-    return bool(min(s for one, s in zip(free, found.std, strict=True) if one.name == part) < WIDE)
+        (least, a), (most, b) = min(known), max(known)
+        return bool(most - least > DIFFERENT * np.hypot(a, b))
+    return bool(min(std for _, std in known) < WIDE)
 
 
 def _limited(
