@@ -291,10 +291,11 @@ RATIOS = (
 
 def ratios_table(model: ActuatorModel) -> PlainTable:
     """What positions alone determine: parameters over the stiffness."""
-    rows = []
+    rows, searched = [], {one.name for one in model.free}
+    shown = [(name, heading) for name, heading in RATIOS if name in searched]
     for j, joint in enumerate(model.joints):
         cells = []
-        for name, _ in RATIOS:
+        for name, _ in shown:
             found = model.ratio(name, j)
             if found is None:
                 cells.append(NONE)
@@ -304,7 +305,7 @@ def ratios_table(model: ActuatorModel) -> PlainTable:
             cells.append(f"{milli(value)} [{milli(low)}, {milli(high)}]")
         rows.append(Row((joint, *cells)))
     words = "These need no masses; 95 % intervals in brackets."
-    return PlainTable("", words, ("joint", *(heading for _, heading in RATIOS)), rows)
+    return PlainTable("", words, ("joint", *(heading for _, heading in shown)), rows)
 
 
 def law_lines(model: ActuatorModel, law: Sequence[Rung]) -> list[str]:
