@@ -28,13 +28,13 @@ from steelyard.model.model import Model
 from steelyard.robot.file.signals import TargetSignals
 from steelyard.robot.robot import Robot, robot_from_dict, robot_to_dict
 
-SCHEMA_VERSION = 2
+SCHEMA_VERSION = 3
 
 BEYOND_LIMITS = 0.2  # how far motion may leave the limits of a model file [rad; m]
 LONGEST_DELAY = 2.0  # [s]
 LEAST_STEP, MOST_STEP = 1e-4, 0.05  # of rollouts [s]
 
-OF_JOINTS = ("still", "open_signs", "beyond_limits")  # fields that are names of joints
+OF_JOINTS = ("assumed", "still", "open_signs", "beyond_limits")  # fields that are names of joints
 POSITIVE = ("stiffness", "armature", "torque_limit", "stribeck_speed")
 IDENTIFIED = 0.75
 """Share of the prior's variance that the data take away from what counts as identified."""
@@ -47,7 +47,8 @@ class ActuatorParameter:
     `status` is `identified`, `not identifiable` (the interval is wide, or mostly the prior's),
     `assumed` (like the other joints: the stiffness where gravity hardly loads the joint, all of a
     joint that does not move),
-    `stated` or `not in the law`; the interval is `None` of the last three.
+    `stated` or `not in the law`; the interval is `None` of the last two, and of what is assumed of
+    a joint that does not move.
     """
 
     name: str
@@ -73,9 +74,12 @@ class ActuatorModel:
         free: What was searched.
         covariance: Of the search, `(p, p)`: logarithms where these were searched.
         known: Share of the prior's variance that the data took away, `(p,)`.
+        wider: Factor of all intervals, so that fits to two halves of the motions agree; 1 if they
+            do without one.
         scale: Scale of the residuals of each joint [rad; m].
         stated: Names of the parameters that the user stated.
         step: Length of the steps of rollouts [s].
+        assumed: Joints that gravity hardly loads: their stiffness is that of the others.
         still: Joints that do not move in the fitted logs: nothing of them is identified.
         open_signs: Joints whose sign against the model file the fitted logs do not decide.
         beyond_limits: Joints that the motion of logs takes far beyond their limits.
@@ -93,9 +97,11 @@ class ActuatorModel:
     free: tuple[Free, ...]
     covariance: Array
     known: Array
+    wider: float
     scale: Array
     stated: tuple[str, ...]
     step: float
+    assumed: tuple[str, ...]
     still: tuple[str, ...]
     open_signs: tuple[str, ...]
     beyond_limits: tuple[str, ...]
@@ -137,6 +143,8 @@ class ActuatorModel:
                 wide = kind.positive and self.covariance[at, at] > WIDE**2
                 sure = self.known[at] > IDENTIFIED and not wide
                 status = "identified" if sure else "not identifiable"
+                if kind.name == "stiffness" and self.joints[j] in self.assumed:
+                    status = "assumed"
                 found.append(ActuatorParameter(kind.name, joint, unit, value, interval, status))
         return tuple(found)
 
@@ -191,6 +199,7 @@ class ActuatorModel:
             "free": [[one.name, one.joint] for one in self.free],
             "covariance": self.covariance.tolist(),
             "known": self.known.tolist(),
+            "wider": self.wider,
             "scale": self.scale.tolist(),
             "stated": list(self.stated),
             "step_s": self.step,
@@ -229,11 +238,11 @@ class ActuatorModel:
             raise ValueError("it holds more parameters, or a longer delay, than an arm can have")
         if (np.diag(np.asarray(data["covariance"], dtype=float).reshape(p, p)) < 0.0).any():
             raise ValueError("'covariance' has a negative variance")
-        for name in ("covariance", "known", "scale"):
+        for name in ("covariance", "known", "wider", "scale"):
             if not np.isfinite(np.asarray(data[name], dtype=float)).all():
                 raise ValueError(f"'{name}' holds a value that is not finite")
         lists = {name: tuple(origin.get(name, ())) for name in ("runs", "notes", "doubts")}
-        still, open_signs, beyond_limits = (tuple(map(str, data[x])) for x in OF_JOINTS)
+        of_joints = (tuple(map(str, data[x])) for x in OF_JOINTS)
         return cls(
             robot,
             TargetSignals.from_dict(data["signals"]),
@@ -241,12 +250,11 @@ class ActuatorModel:
             free,
             frozen(data["covariance"], (p, p)),
             frozen(data["known"], (p,)),
+            float(data["wider"]),
             frozen(data["scale"], (n,)),
             tuple(map(str, data["stated"])),
             step,
-            still,
-            open_signs,
-            beyond_limits,
+            *of_joints,
             Provenance(**{**origin, "inputs": dict(origin["inputs"]), **lists}),
         )
 

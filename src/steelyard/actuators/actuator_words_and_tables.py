@@ -91,14 +91,28 @@ def missed_words(model: ActuatorModel, logs: Sequence[OpenLoop]) -> tuple[str, .
     )
 
 
+def interval_words(model: ActuatorModel) -> str:
+    """What the intervals rest on."""
+    if model.wider == 1.0:
+        return (
+            "fits to two halves of the motions agree within the intervals; they are for masses as "
+            "given, and for motions like these"
+        )
+    return (
+        f"fits to two halves of the motions differ {model.wider:.2g} times as much as "
+        "each one's scatter tells, so the law lacks something: intervals are wider by that factor, "
+        "for 95 % of the values to agree; they are for motions like these"
+    )
+
+
 def assumed_words(model: ActuatorModel) -> tuple[str, ...]:
     """Joints without a scale of their own."""
-    some = [p.joint for p in model.parameters if (p.name, p.status) == ("stiffness", "assumed")]
-    if not some:
+    if not model.assumed:
         return ()
     return (
-        f"gravity hardly loads {', '.join(some)}: the stiffness is assumed to be the median of the "
-        "others', and gives the other values of these joints their scale; state it if it is known",
+        f"gravity hardly loads {', '.join(model.assumed)}: the stiffness is assumed to be the median "
+        "of the others', and gives the other values of these joints their scale (intervals allow for as "
+        "much as the others differ); state it if it is known",
     )
 
 
@@ -154,10 +168,6 @@ def unknown_words(model: ActuatorModel) -> tuple[str, ...]:
     return (f"not identifiable from these logs (wide intervals, marked ?): {listed}",)
 
 
-INTERVALS = (
-    "intervals cover the scatter of these logs if the law is complete, not what it lacks: fits to "
-    "two halves of a real arm's motions differed by far more, so compare fits to other logs"
-)
 CLAIM = (
     "Positions are predicted from the targets alone, from the first row on: root mean squares. "
     "Drift: the error some time after a start from a measured state, over many such starts."
@@ -250,7 +260,7 @@ def _value(one: ActuatorParameter) -> str:
         told = one.status in ("stated", "assumed")
         return f"{significant(one.value)} ({one.status})" if told else NONE
     low, high = one.interval
-    mark = " ?" if one.status == "not identifiable" else ""
+    mark = {"not identifiable": " ?", "assumed": " (assumed)"}.get(one.status, "")
     return f"{significant(one.value)} [{significant(low, 2)}, {significant(high, 2)}]{mark}"
 
 
@@ -271,9 +281,9 @@ def brief_table(model: ActuatorModel) -> PlainTable:
 
 
 def _brief(one: ActuatorParameter) -> str:
+    if one.status == "assumed":
+        return f"{significant(one.value)} assumed"
     if one.interval is None:
-        if one.status == "assumed":
-            return f"{significant(one.value)} assumed"
         return significant(one.value) if one.status == "stated" else NONE
     if one.status == "not identifiable":
         return f"{significant(one.value, 2)} ?"

@@ -12,12 +12,12 @@ from rich.text import Text
 from steelyard.actuators.actuator_model import ActuatorModel, ActuatorParameter
 from steelyard.actuators.actuator_words_and_tables import (
     CLAIM,
-    INTERVALS,
     ActuatorVerdict,
     assumed_words,
     brief_table,
     errors_table,
     fitted_table,
+    interval_words,
     law_lines,
     law_table,
     limit_words,
@@ -100,7 +100,7 @@ class ActuatorIdentification(ActuatorResult):
             *missed_words(self.model, every),
             *open_words(self.model),
             scale_words(self.model),
-            INTERVALS,
+            interval_words(self.model),
             *assumed_words(self.model),
             *unknown_words(self.model),
         )

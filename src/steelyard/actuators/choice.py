@@ -30,6 +30,7 @@ NEEDED = {"delays": "delay", "back_emf": "torque_limit"}
 WIDE = 0.35  # standard deviation of a logarithm, above which a value is not known
 LEAST_GAIN = 0.02  # share of the left-out error that a part which is added has to take away
 LEAST_LOSS = 0.005  # share that it has to grow by without a part that is kept
+MANY_LOGS = 8  # from which on whole ones are left out
 LEFT_OUT = 4  # every one of so many blocks of windows is left out
 DIFFERENT = 3.0  # standard deviations by which delays of joints differ that have one each
 SHORT = 5  # rounds of a fit that begins at another one
@@ -84,9 +85,9 @@ class Search:
 
 
 def split(windows: Sequence[Window]) -> tuple[list[Window], list[Window]]:
-    """Windows that are fitted, and those left out: stretches of several windows of every log."""
-    block = 3
+    """Windows that are fitted, and those left out: whole logs, or stretches of each of a few."""
     names = list(dict.fromkeys(w.run.name for w in windows))
+    block = len(windows) if len(names) >= MANY_LOGS else 3
     fitted, left = list[Window](), list[Window]()
     for number, name in enumerate(names):
         mine = [w for w in windows if w.run.name == name]

@@ -6,26 +6,33 @@ something count little [Lange1989],
 
 $$ \sum_j N \log s_j + \tfrac{\nu + 1}{2} \sum_k \log\bigl(1 + r_{jk}^2 / (\nu s_j^2)\bigr), $$
 
-and a prior of each parameter with precision $P$. Residuals follow each other, so that blocks of two
-seconds are what is taken as independent. With the curvature $H$ of the likelihood and the gradients
-$g_b$ of $B$ blocks, $S = \tfrac{B}{B - p} \sum_b g_b g_b^T$, the likelihood is divided by how much
-larger $S$ is than $H$, $\varphi$, that it does not outweigh the prior, and the covariance is
-[White1982]
+and a prior of each parameter with precision $P$. Residuals follow each other: the likelihood is
+divided by how much larger gradients of blocks of two seconds are than if they were independent,
+$\varphi$, that it does not outweigh the prior.
 
-$$ (H / \varphi + P)^{-1} (S / \varphi^2 + P) (H / \varphi + P)^{-1}. $$
+What a law lacks shows differently in each motion, so that motions are what repeats. With curvature
+$H_b$ and gradient $g_b$ of each of $B$ logs, or of parts of long ones, and
+$A = H / \varphi + P$, the values would move by $d_b = (A - H_b / \varphi)^{-1} g_b / \varphi$
+without one. The covariance is that of the jackknife [Efron1981; MacKinnon2023],
+
+$$ \tfrac{B - 1}{B} \sum_b (d_b - \bar d) (d_b - \bar d)^T + A^{-1} P A^{-1}, $$
+
+the first part widened as Student's distribution asks of as many motions as tell the parameter.
 """
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import compress
 from types import MappingProxyType
 
 import numpy as np
+from scipy.stats import t as student
 
 from steelyard.actuators.actuator_parameters import ActuatorValues, Free, moved
 from steelyard.actuators.closed_loop_step import ArmStep
 from steelyard.actuators.rollout import STEP, Rolled, rollouts
 from steelyard.actuators.target_runs import Window
-from steelyard.base.arrays import Array, frozen
+from steelyard.base.arrays import Z95, Array, frozen
 
 FREEDOM = 4.0  # of Student's distribution
 LEAST_SCALE = 1e-4  # of residuals [rad]: no encoder is better
@@ -33,6 +40,11 @@ CONVERGED = 0.3  # nats of the objective, below which a step is the last one
 ROUNDS = 15
 TRIES = 6
 BLOCK = 2.0  # seconds of residuals that are taken as independent of others
+PARTS = 8  # of equal length, into which all motion is cut for intervals; shorter logs stay whole
+LEAST_FREEDOM = 1.0  # of Student's distribution, where one motion tells all
+LARGEST_SLOPE = 100.0
+"""Derivative of a position times the standard deviation of the prior [rad; m], above which a
+rollout depends on chance: friction that falls faster with speed than damping grows."""
 SETTLING = 0.2  # seconds of a window that do not count: its first velocity is uncertain
 
 
@@ -102,16 +114,13 @@ class Fitted:
     scale: Array
     covariance: Array
     """Of the search, `(p, p)`: logarithms where these are searched."""
+    chance: float
+    """Share of the windows that did not count: their rollouts depend on chance."""
 
     @property
     def std(self) -> Array:
         """Standard deviations, of logarithms where these are searched `(p,)`."""
         return np.sqrt(np.diag(self.covariance))
-
-    @property
-    def known(self) -> Array:
-        """Share of the prior's variance that the data took away, `(p,)`: 0 for what is unknown."""
-        return np.clip(1.0 - np.diag(self.covariance) * self.task.precision, 0.0, 1.0)
 
 
 def residuals(task: Task, rolled: Sequence[Rolled]) -> list[Array]:
@@ -155,13 +164,15 @@ def fit(
     report: Callable[[int, float], None] = lambda round_, value: None,
 ) -> Fitted:
     """The most probable values near a start."""
-    values, damping = start, 1e-2
+    whole, values, damping = task, start, 1e-2
     scale = None
     for round_ in range(rounds):
-        rolled = task.rolled(values, slopes=True)
+        task, rolled = _told(whole, whole.rolled(values, slopes=True))
         found = residuals(task, rolled)
         scale = scales(found, scale)
-        information, gradients = _quadratic(task, rolled, found, scale)
+        told = [_quadratic(*one, scale) for one in zip(task.windows, rolled, found, strict=True)]
+        information = np.sum([curvature for curvature, _ in told], axis=0)
+        gradients = np.concatenate([blocks for _, blocks in told])
         repeated = _repeated(information, gradients)
         now = objective(task, values, found, scale, repeated)
         report(round_, now)
@@ -177,8 +188,9 @@ def fit(
                 better = trial
                 break
             damping *= 8.0
-        covariance = _covariance(task, information, gradients, repeated)
-        last = Fitted(task, values, frozen(scale), frozen(covariance))
+        covariance = _covariance(task, told, repeated)
+        chance = 1.0 - len(task.windows) / len(whole.windows)
+        last = Fitted(whole, values, frozen(scale), frozen(covariance), chance)
         if better is None:
             break
         values, damping = better, max(damping / 8.0, 1e-8)
@@ -188,23 +200,26 @@ def fit(
     return last
 
 
-def _quadratic(
-    task: Task, rolled: Sequence[Rolled], found: Sequence[Array], scale: Array
-) -> tuple[Array, Array]:
+def _told(task: Task, rolled: Sequence[Rolled]) -> tuple[Task, list[Rolled]]:
+    """Windows whose rollouts do not depend on chance; all of them if all do."""
+    most = LARGEST_SLOPE / task.spread
+    clear = [bool((np.abs(one.slopes) < most).all()) for one in rolled]
+    if not any(clear):
+        return task, [replace(one, slopes=np.zeros_like(one.slopes)) for one in rolled]
+    windows = tuple(compress(task.windows, clear))
+    return replace(task, windows=windows), list(compress(rolled, clear))
+
+
+def _quadratic(window: Window, rolled: Rolled, r: Array, scale: Array) -> tuple[Array, Array]:
     """Curvature of the likelihood `(p, p)`, and downward gradients of blocks `(B, p)`."""
-    p = len(task.free)
-    curvature, gradients = np.zeros((p, p)), []
-    for window, one, r in zip(task.windows, rolled, found, strict=True):
-        counts = window.t - window.t[0] >= SETTLING
-        slopes = one.slopes[counts]
-        weight = (FREEDOM + 1.0) / (FREEDOM + (r / scale) ** 2) / scale**2
-        flat = slopes.reshape(-1, p)
-        heavy = flat * weight.reshape(-1, 1)
-        curvature += flat.T @ heavy
-        rows = (heavy * r.reshape(-1, 1)).reshape(*r.shape, p).sum(axis=1)
-        block = ((window.t[counts] - window.t[counts][0]) / BLOCK).astype(int)
-        gradients.append(np.add.reduceat(rows, np.flatnonzero(np.diff(block, prepend=-1)), axis=0))
-    return curvature, np.concatenate(gradients)
+    counts = window.t - window.t[0] >= SETTLING
+    slopes = rolled.slopes[counts]
+    weight = (FREEDOM + 1.0) / (FREEDOM + (r / scale) ** 2) / scale**2
+    flat = slopes.reshape(-1, slopes.shape[-1])
+    heavy = flat * weight.reshape(-1, 1)
+    rows = (heavy * r.reshape(-1, 1)).reshape(slopes.shape).sum(axis=1)
+    block = ((window.t[counts] - window.t[counts][0]) / BLOCK).astype(int)
+    return flat.T @ heavy, np.add.reduceat(rows, np.flatnonzero(np.diff(block, prepend=-1)), axis=0)
 
 
 def _repeated(information: Array, gradients: Array) -> float:
@@ -214,11 +229,37 @@ def _repeated(information: Array, gradients: Array) -> float:
     return max(1.0, float(np.median((gradients**2).sum(axis=0)[seen] / told[seen])))
 
 
-def _covariance(task: Task, information: Array, gradients: Array, repeated: float) -> Array:
-    """Of the parameters, by the scatter of the blocks' gradients."""
-    count, p = gradients.shape
-    centred = gradients - gradients.mean(axis=0)
-    spread = centred.T @ centred * count / max(count - p, 1)
-    prior = np.diag(task.precision)
-    inverse = np.linalg.inv(information / repeated + prior)
-    return np.asarray(inverse @ (spread / repeated**2 + prior) @ inverse)
+def _covariance(task: Task, told: Sequence[tuple[Array, Array]], repeated: float) -> Array:
+    """Of the parameters, by what they would be without one motion or another."""
+    prior, place = np.diag(task.precision), motions(task.windows)
+    count, p = int(place.max()) + 1, len(prior)
+    information, gradients = np.zeros((count, p, p)), np.zeros((count, p))
+    for k, (curvature, blocks) in zip(place, told, strict=True):
+        information[k] += curvature / repeated
+        gradients[k] += blocks.sum(axis=0) / repeated
+    curvature = information.sum(axis=0) + prior
+    inverse = np.linalg.inv(curvature)
+    moves = np.stack(
+        [np.linalg.solve(curvature - own, g) for own, g in zip(information, gradients, strict=True)]
+    )
+    moves -= moves.mean(axis=0)
+    share = np.einsum("ij,bjk,ki->bi", inverse, information, inverse)
+    telling = share.sum(axis=0) ** 2 / np.maximum((share**2).sum(axis=0), 1e-300)
+    wider = student.ppf(0.975, np.maximum(telling - 1.0, LEAST_FREEDOM)) / Z95
+    moves *= wider * np.sqrt((count - 1.0) / count)
+    return np.asarray(moves.T @ moves + inverse @ prior @ inverse)
+
+
+def motions(windows: Sequence[Window]) -> Array:
+    """Which motion each window is of, `(W,)`: its log, or one of the parts of a long one."""
+    length = np.array([w.t[-1] - w.t[0] for w in windows])
+    names = np.array([w.run.name for w in windows])
+    found, count = np.empty(len(windows), dtype=int), 0
+    for name in dict.fromkeys(names.tolist()):
+        mine = names == name
+        parts = max(1, round(PARTS * length[mine].sum() / length.sum()))
+        ends = np.cumsum(length[mine])
+        middle = (ends - 0.5 * length[mine]) / ends[-1]
+        found[mine] = count + np.minimum((middle * parts).astype(int), parts - 1)
+        count += parts
+    return np.unique(found, return_inverse=True)[1]

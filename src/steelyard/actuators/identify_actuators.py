@@ -1,27 +1,29 @@
 """From a robot file with position targets and logs to identified actuators and their errors."""
 
 import os
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from steelyard.actuators.actuator_model import ActuatorModel, arm_step, load_actuators
-from steelyard.actuators.actuator_parameters import IN_STEP, KINDS, UNLIMITED, ActuatorValues
+from steelyard.actuators.actuator_parameters import IN_STEP, KINDS, ActuatorValues
 from steelyard.actuators.actuators_page import (
     ActuatorIdentification,
     ActuatorValidation,
 )
+from steelyard.actuators.assumed_scales import like_the_others, with_assumed_scales
 from steelyard.actuators.choice import ALWAYS, ASKED, USUAL, Search, chosen
 from steelyard.actuators.closed_loop_step import ArmStep
 from steelyard.actuators.fit import Fitted, fit
+from steelyard.actuators.halves import halves_apart, widened
 from steelyard.actuators.open_loop import open_loops
 from steelyard.actuators.read_targets import TargetLog, read_targets
 from steelyard.actuators.rollout import STEP
 from steelyard.actuators.starts import Quiet, gravity_joints, starts, zero_prior
 from steelyard.actuators.target_runs import TargetRun, Window, windows_of
-from steelyard.base.arrays import Array, frozen
+from steelyard.base.arrays import Array
 from steelyard.base.checked_arguments import checked
 from steelyard.base.errors import ModelError
 from steelyard.base.progress import Progress, report_progress, silent
@@ -130,11 +132,17 @@ def identify_actuators(
         file.actuator.law == "auto",
         lambda what: report_progress(progress, "choosing the law", next(count), ASKED, what),
     )
-    final = _final(replace(search, windows=tuple(windows)), fitted, parts, job)
+    search = replace(search, windows=tuple(windows))
+    final = _final(search, fitted, parts, job)
+    report_progress(progress, "fitting two halves of the motions", 0, 1)
+    first = _first(start, fitted.values, parts, _stated(file))
+    first = like_the_others(first, _with_scale(search, parts, job))
+    wider = halves_apart(replace(search, h=FIRST_STEP), first, parts, final)
+    final = widened(final, wider)
     notes = _notes_of_zeros(job, final.values, open_signs, seen)
     origin = provenance(file, known, (), unknown, (), (*file.notes, *notes))
     origin = replace(origin, runs=tuple(log.name for log in job.logs))
-    model = _model(job, final, open_signs, origin)
+    model = _model(job, final, _with_scale(search, parts, job), wider, open_signs, origin)
     every = open_loops(step, model.values, read, cores, model.step)
     moved = np.concatenate([one.q for one in every])
     model = replace(model, beyond_limits=tuple(model.outside_limits(moved)))
@@ -293,20 +301,6 @@ def weighed(job: _Job, values: ActuatorValues) -> list[int]:
     return found or list(range(job.signals.n))
 
 
-def like_the_others(values: ActuatorValues, loaded: Sequence[int]) -> ActuatorValues:
-    """Joints without a scale of their own have the stiffness of those that gravity loads."""
-    if not loaded:
-        return values
-    usual = float(np.median(values["stiffness"][list(loaded)]))
-    factor = np.ones(values.n)
-    rest = [j for j in range(values.n) if j not in loaded]
-    factor[rest] = usual / values["stiffness"][rest]
-    scaled = ("stiffness", "damping", "back_emf", "coulomb", "stribeck", "armature")
-    found = {name: values[name] * factor for name in scaled}
-    limit = np.minimum(values["torque_limit"] * factor, UNLIMITED)
-    return values.changed(torque_limit=limit, **found)
-
-
 def _misfit(found: Fitted) -> float:
     """Geometric mean over the joints of the residuals' scale."""
     return float(np.exp(np.log(found.scale).mean()))
@@ -325,8 +319,7 @@ def _some(windows: Sequence[Window], seconds: float) -> list[Window]:
 
 def _final(search: Search, fitted: Fitted, parts: Sequence[str], job: _Job) -> Fitted:
     """The fit to all windows, from that to some of them."""
-    loaded = search.joints.get("stiffness", ()) if "stiffness" in parts else ()
-    start = like_the_others(fitted.values, loaded if "stiffness" not in _stated(job.file) else ())
+    start = like_the_others(fitted.values, _with_scale(search, parts, job))
     task = search.task(search.windows, parts)
 
     def report(round_: int, value: float) -> None:
@@ -337,20 +330,46 @@ def _final(search: Search, fitted: Fitted, parts: Sequence[str], job: _Job) -> F
     return fit(fine, coarse.values, LAST_ROUNDS, report)
 
 
+def _first(
+    start: ActuatorValues,
+    fitted: ActuatorValues,
+    parts: Sequence[str],
+    stated: Collection[str],
+) -> ActuatorValues:
+    """Where the usual law began; what it lacks as it was found."""
+    usual = [k.name for k in KINDS if k.part in (*ALWAYS, *USUAL) and k.part in parts]
+    return fitted.changed(**{name: start[name] for name in usual if name not in stated})
+
+
+def _with_scale(search: Search, parts: Sequence[str], job: _Job) -> Sequence[int]:
+    """Joints whose stiffness is searched, if it is stated of none."""
+    stated = "stiffness" in _stated(job.file) or "stiffness" not in parts
+    return () if stated else search.joints.get("stiffness", range(job.step.n))
+
+
 def _model(
-    job: _Job, found: Fitted, open_signs: Sequence[int], origin: Provenance
+    job: _Job,
+    found: Fitted,
+    scaled: Sequence[int],
+    wider: float,
+    open_signs: Sequence[int],
+    origin: Provenance,
 ) -> ActuatorModel:
     moving, names = moving_joints(job), job.file.robot.joint_names
+    assumed = [j for j in moving if scaled and j not in scaled]
+    free, covariance, known = with_assumed_scales(found, assumed, scaled)
     return ActuatorModel(
         job.file.robot,
         job.signals,
         found.values,
-        found.task.free,
-        frozen(found.covariance),
-        frozen(found.known),
+        free,
+        covariance,
+        known,
+        wider,
         found.scale,
         tuple(_stated(job.file)),
         found.task.h / found.task.finer,
+        tuple(names[j] for j in assumed),
         tuple(name for j, name in enumerate(names) if j not in moving),
         tuple(names[j] for j in open_signs),
         (),
