@@ -110,9 +110,9 @@ def assumed_words(model: ActuatorModel) -> tuple[str, ...]:
     if not model.assumed:
         return ()
     return (
-        f"gravity hardly loads {', '.join(model.assumed)}: the stiffness is assumed to be the median "
-        "of the others', and gives the other values of these joints their scale (intervals allow for as "
-        "much as the others differ); state it if it is known",
+        f"gravity hardly loads {', '.join(model.assumed)}: the stiffness is assumed to be the "
+        "median of the others', and gives the other values of these joints their scale (intervals "
+        "allow for as much as the others differ); state it if it is known",
     )
 
 
