@@ -93,16 +93,13 @@ def missed_words(model: ActuatorModel, logs: Sequence[OpenLoop]) -> tuple[str, .
 
 def interval_words(model: ActuatorModel) -> str:
     """What the intervals rest on."""
-    if model.wider == 1.0:
-        return (
-            "fits to two halves of the motions agree within the intervals; they are for masses as "
-            "given, and for motions like these"
+    found = "95 % of the values of fits to two halves of the motions agree within the intervals"
+    if model.wider > 1.0:
+        found = (
+            f"intervals are {model.wider:.2g} times as wide as the scatter of motions tells, for "
+            "95 % of the values of fits to two halves of them to agree"
         )
-    return (
-        f"fits to two halves of the motions differ {model.wider:.2g} times as much as "
-        "each one's scatter tells, so the law lacks something: intervals are wider by that factor, "
-        "for 95 % of the values to agree; they are for motions like these"
-    )
+    return f"{found}; they do not cover masses that are wrong, or what the law lacks in all motions"
 
 
 def assumed_words(model: ActuatorModel) -> tuple[str, ...]:

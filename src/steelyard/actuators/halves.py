@@ -12,9 +12,10 @@ import numpy as np
 from steelyard.actuators.actuator_parameters import ActuatorValues
 from steelyard.actuators.choice import Search
 from steelyard.actuators.fit import Fitted, fit, motions
-from steelyard.base.arrays import Z95, frozen
+from steelyard.base.arrays import Z95
 
-ROUNDS = 10
+COARSE, FINE = (0.02, 8), (0.005, 4)
+"""Steps of rollouts [s] and rounds of the fits, one after the other."""
 SHARE = 0.95  # of the values that have to agree
 
 
@@ -28,14 +29,9 @@ def halves_apart(
     """
     half, values = motions(search.windows) % 2, []
     for number in (0, 1):
-        windows = [w for w, k in zip(search.windows, half, strict=True) if k == number]
-        fitted = fit(search.task(windows, parts), start, ROUNDS)
-        values.append(np.array([one.at(fitted.values) for one in fitted.task.free]))
+        windows, at = [w for w, k in zip(search.windows, half, strict=True) if k == number], start
+        for h, rounds in (COARSE, FINE):
+            at = fit(replace(search, h=h).task(windows, parts), at, rounds).values
+        values.append(np.array([one.at(at) for one in found.task.free]))
     off = np.abs(values[0] - values[1]) / (2.0 * found.std)
     return max(1.0, float(np.quantile(off, SHARE)) / Z95)
-
-
-def widened(found: Fitted, factor: float) -> Fitted:
-    """The same with intervals wider by a factor, but none wider than the prior's."""
-    less = np.minimum(1.0, found.task.spread / (factor * found.std)) * factor
-    return replace(found, covariance=frozen(found.covariance * np.outer(less, less)))

@@ -17,7 +17,7 @@ from steelyard.actuators.assumed_scales import like_the_others, with_assumed_sca
 from steelyard.actuators.choice import ALWAYS, ASKED, USUAL, Search, chosen
 from steelyard.actuators.closed_loop_step import ArmStep
 from steelyard.actuators.fit import Fitted, fit
-from steelyard.actuators.halves import halves_apart, widened
+from steelyard.actuators.halves import halves_apart
 from steelyard.actuators.open_loop import open_loops
 from steelyard.actuators.read_targets import TargetLog, read_targets
 from steelyard.actuators.rollout import STEP
@@ -137,8 +137,8 @@ def identify_actuators(
     report_progress(progress, "fitting two halves of the motions", 0, 1)
     first = _first(start, fitted.values, parts, _stated(file))
     first = like_the_others(first, _with_scale(search, parts, job))
-    wider = halves_apart(replace(search, h=FIRST_STEP), first, parts, final)
-    final = widened(final, wider)
+    wider = halves_apart(search, first, parts, final)
+    final = replace(final, covariance=wider**2 * final.covariance)
     notes = _notes_of_zeros(job, final.values, open_signs, seen)
     origin = provenance(file, known, (), unknown, (), (*file.notes, *notes))
     origin = replace(origin, runs=tuple(log.name for log in job.logs))
