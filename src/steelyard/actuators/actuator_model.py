@@ -242,7 +242,7 @@ class ActuatorModel:
             if not np.isfinite(np.asarray(data[name], dtype=float)).all():
                 raise ValueError(f"'{name}' holds a value that is not finite")
         lists = {name: tuple(origin.get(name, ())) for name in ("runs", "notes", "doubts")}
-        of_joints = (tuple(map(str, data[x])) for x in OF_JOINTS)
+        assumed, still, open_signs, beyond_limits = (tuple(map(str, data[x])) for x in OF_JOINTS)
         return cls(
             robot,
             TargetSignals.from_dict(data["signals"]),
@@ -254,7 +254,10 @@ class ActuatorModel:
             frozen(data["scale"], (n,)),
             tuple(map(str, data["stated"])),
             step,
-            *of_joints,
+            assumed,
+            still,
+            open_signs,
+            beyond_limits,
             Provenance(**{**origin, "inputs": dict(origin["inputs"]), **lists}),
         )
 

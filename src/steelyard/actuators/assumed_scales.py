@@ -46,7 +46,7 @@ def spread_of_stiffness(values: ActuatorValues, loaded: Sequence[int]) -> float:
         return most
     spread = float(np.std(np.log(values["stiffness"][list(loaded)]), ddof=1))
     wider = float(student.ppf(0.975, count - 1)) / Z95
-    return min(most, spread * np.sqrt(1.0 + 1.0 / count) * wider)
+    return min(most, spread * float(np.sqrt(1.0 + 1.0 / count)) * wider)
 
 
 def with_assumed_scales(

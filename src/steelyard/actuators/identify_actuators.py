@@ -139,7 +139,7 @@ def identify_actuators(
     first = like_the_others(first, _with_scale(search, parts, job))
     wider = halves_apart(search, first, parts, final)
     final = replace(final, covariance=wider**2 * final.covariance)
-    notes = _notes_of_zeros(job, final.values, open_signs, seen)
+    notes = (*_notes_of_zeros(job, final.values, open_signs, seen), *_notes_of_chance(final))
     origin = provenance(file, known, (), unknown, (), (*file.notes, *notes))
     origin = replace(origin, runs=tuple(log.name for log in job.logs))
     model = _model(job, final, _with_scale(search, parts, job), wider, open_signs, origin)
@@ -265,6 +265,16 @@ def _notes_of_zeros(
                 f"{values['zero'][j]:.3f} {job.file.robot.coordinates[j].unit}"
             )
     return tuple(notes)
+
+
+def _notes_of_chance(found: Fitted) -> tuple[str, ...]:
+    """How much motion did not count."""
+    if not found.chance:
+        return ()
+    return (
+        f"{found.chance:.1%} of the motion did not count in the fit: with the values that were "
+        "found it is stick-slip, and depends on chance",
+    )
 
 
 def _search(

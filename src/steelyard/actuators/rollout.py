@@ -28,10 +28,12 @@ class Rolled:
     """A window rolled out: positions at its rows `(N, n)` as the log counts them, and slopes.
 
     `slopes` are the derivatives by what is searched, `(N, n, p)`; empty if none were wanted.
+    `finer` is what shorter steps than those of the slopes add to the positions `(N, n)`, or 0.
     """
 
     q: Array
     slopes: Array
+    finer: Array | float = 0.0
 
 
 def rollouts(
