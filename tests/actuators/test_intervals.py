@@ -6,7 +6,8 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 import pytest
-from proofs.support.servo_arm import ROBOT_FILE, URDF, Servos, log, targets
+from proofs.actuators.motor_bench import drawn
+from proofs.support.servo_arm import BENCH_FILE, BENCH_URDF, ROBOT_FILE, URDF, Servos, log, targets
 
 import steelyard
 from steelyard.actuators.actuator_model import arm_step
@@ -101,3 +102,15 @@ def test_the_scale_of_a_joint_without_one_is_as_uncertain_as_the_others_differ(p
     ratio = covariance[own, own] + covariance[scale, scale] - 2.0 * covariance[own, scale]
     assert ratio == pytest.approx(1e-4)
     assert covariance[at["damping", 0], at["damping", 0]] == pytest.approx(1e-4)
+
+
+def test_a_part_is_tried_again_beside_one_that_was_added(tmp_path: Path) -> None:
+    servo = drawn(np.random.default_rng(7003), stribeck=True, load=True)
+    (tmp_path / "bench.urdf").write_text(BENCH_URDF)
+    (tmp_path / "bench.toml").write_text(BENCH_FILE)
+    pl.DataFrame(log(servo, 60.0, 3, 100.0)).write_parquet(tmp_path / "log.parquet")
+    found = steelyard.identify_actuators(tmp_path / "bench.toml", tmp_path / "log.parquet")
+    tried = [(one.tried, one.kept) for one in found.law]
+    order = [("+ stribeck", False), ("+ load_friction", True), ("+ stribeck", True)]
+    assert [one for one in tried if one in order] == order
+    assert "Stribeck" not in str(found).partition("not needed")[2].partition("\n")[0]

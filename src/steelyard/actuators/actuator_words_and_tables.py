@@ -322,9 +322,10 @@ def law_lines(model: ActuatorModel, law: Sequence[Rung]) -> list[str]:
     ]
     lines = [f"law    position controller with {', '.join(_words(p) for p in parts)}"]
     lines += [_delay_line(p) for p in model.parameters if p.name == "delay"]
-    tried = [_words(r.tried[2:]) for r in law if r.tried.startswith("+") and not r.kept]
-    if tried:
-        lines.append(f"tried on left-out motion, and not needed: {', '.join(tried)}")
+    added = dict.fromkeys(r.tried[2:] for r in law if r.tried.startswith("+"))
+    vain = [_words(part) for part in added if part not in law_parts(law)]
+    if vain:
+        lines.append(f"tried on left-out motion, and not needed: {', '.join(vain)}")
     return lines
 
 

@@ -24,7 +24,6 @@ USUAL = ("coulomb", "delay")
 POSSIBLE = ("delays", "stribeck", "load_friction", "torque_limit", "back_emf", "dead_band")
 REPLACED = {"delays": "delay", "back_emf": "damping"}
 """Parts that others take the place of."""
-ASKED = 1 + len(USUAL) + len(POSSIBLE)  # laws that are tried, at most
 NEEDED = {"delays": "delay", "back_emf": "torque_limit"}
 """Parts without which others are not tried."""
 WIDE = 0.35  # standard deviation of a logarithm, above which a value is not known
@@ -160,14 +159,14 @@ def chosen(
     start: ActuatorValues,
     stated: Mapping[str, Array],
     automatic: bool,
-    progress: Callable[[str], None] = lambda what: None,
+    progress: Callable[[str, int, int], None] = lambda what, done, all_: None,
 ) -> tuple[Fitted, tuple[Rung, ...], tuple[str, ...], Search]:
     """The law that predicts left-out motion best, and its fit without that motion.
 
     Then what was tried, the parts of the law, and the search with the joints that have them.
 
     A part that the user states is in the law in any case; no other one is tried unless the choice
-    is `automatic`.
+    is `automatic`. Parts that were not needed are tried again beside one that was added.
     """
     fitted, left = split(search.windows)
     begin = with_stated(start, stated, fitted)
@@ -176,16 +175,19 @@ def chosen(
         given |= {"delays"}
     parts = tuple(p for p in (*ALWAYS, *USUAL, *POSSIBLE) if p in given or p not in POSSIBLE)
     parts = tuple(p for p in parts if p != "delay" or "delays" not in given)
-    progress("the usual law")
+    todo = list(_questions(given)) if automatic else []
+    vain: list[tuple[str, bool]] = []
+    progress("the usual law", 0, 1 + len(todo))
     search = replace(search, centre=search.centre.changed(**first_values(begin, fitted)))
     now = fit(search.task(fitted, parts), begin)
     error = left_out_error(search, now.values, left)
     rungs = [Rung(parts, "the usual law", error, True)]
-    for part, adds in _questions(given) if automatic else ():
+    while todo:
+        part, adds = todo.pop(0)
         if adds and NEEDED.get(part, parts[0]) not in parts:
             continue
         sign = "+" if adds else "-"
-        progress(f"{sign} {part}")
+        progress(f"{sign} {part}", len(rungs), 1 + len(rungs) + len(todo))
         gone = REPLACED.get(part, "") if adds else part
         others = (*(p for p in parts if p != gone), *((part,) if adds else ()))
         of, first = search, without(now.values, part)
@@ -196,6 +198,7 @@ def chosen(
             of = replace(search, joints={**search.joints, part: joints})
             if not joints:
                 rungs.append(Rung(others, f"{sign} {part}", error, False))
+                vain.append((part, adds))
                 continue
         other = fit(of.task(fitted, others), first, SHORT)
         new = left_out_error(search, other.values, left)
@@ -206,6 +209,10 @@ def chosen(
         rungs.append(Rung(others, f"{sign} {part}", new, better))
         if better:
             now, error, parts, search = other, new, others, of
+        if adds and better:
+            todo, vain = [*todo, *vain], []
+        elif adds:
+            vain.append((part, adds))
     return now, tuple(rungs), parts, search
 
 

@@ -43,8 +43,8 @@ ROUNDS = 15
 TRIES = 6
 BLOCK = 2.0  # seconds of residuals that are taken as independent of others
 PARTS = 8  # of equal length, into which all motion is cut for intervals; shorter logs stay whole
-STEP_ERROR = 0.1
-"""Error of steps a quarter as long, over what these change: 1/15 in second order, 1/3 in first."""
+STEP_ERROR = 1.0 / 3.0
+"""Error of steps a quarter as long, over what these change: 1/3 in first order, 1/15 in second."""
 LEAST_FREEDOM = 1.0  # of Student's distribution, where one motion tells all
 LARGEST_SLOPE = 100.0
 """Derivative of a position times the standard deviation of the prior [rad; m], above which a

@@ -14,7 +14,7 @@ from steelyard.actuators.actuators_page import (
     ActuatorValidation,
 )
 from steelyard.actuators.assumed_scales import like_the_others, with_assumed_scales
-from steelyard.actuators.choice import ALWAYS, ASKED, USUAL, Search, chosen
+from steelyard.actuators.choice import ALWAYS, USUAL, Search, chosen
 from steelyard.actuators.closed_loop_step import ArmStep
 from steelyard.actuators.fit import Fitted, fit
 from steelyard.actuators.halves import halves_apart
@@ -124,13 +124,12 @@ def identify_actuators(
     refuse_few(windows, known)
     begun, start, open_signs, seen = _started(job, windows)
     search = _search(job, _some(windows, CHOICE_SECONDS), start, seen, 2.0 * STEP)
-    count = iter(range(100))
     fitted, rungs, parts, search = chosen(
         replace(search, centre=begun),
         start,
         _stated(file),
         file.actuator.law == "auto",
-        lambda what: report_progress(progress, "choosing the law", next(count), ASKED, what),
+        lambda what, done, of: report_progress(progress, "choosing the law", done, of, what),
     )
     search = replace(search, windows=tuple(windows))
     final = _final(search, fitted, parts, job)
