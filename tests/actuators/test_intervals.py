@@ -3,6 +3,7 @@
 from dataclasses import replace
 from pathlib import Path
 
+import mujoco
 import numpy as np
 import polars as pl
 import pytest
@@ -12,11 +13,17 @@ from proofs.support.servo_arm import BENCH_FILE, BENCH_URDF, ROBOT_FILE, URDF, S
 import steelyard
 from steelyard.actuators.actuator_model import arm_step
 from steelyard.actuators.actuator_parameters import ActuatorValues, free_parameters
-from steelyard.actuators.assumed_scales import spread_of_stiffness, with_assumed_scales
-from steelyard.actuators.fit import Fitted, Task, motions, predictable
-from steelyard.actuators.halves import halves
+from steelyard.actuators.assumed_scales import (
+    like_the_others,
+    spread_of_stiffness,
+    with_assumed_scales,
+)
+from steelyard.actuators.choice import Search, split
+from steelyard.actuators.fit import Fitted, Task, fit, motions, predictable, usual_stiffness
+from steelyard.actuators.halves import halves, halves_apart, widened
 from steelyard.actuators.rollout import rollouts
 from steelyard.actuators.target_runs import TargetRun, windows_of
+from steelyard.export.model_files.actuators_mjcf import actuators_mjcf
 from steelyard.robot.file.robot_file import load_robot
 
 
@@ -67,10 +74,31 @@ def test_rollouts_that_depend_on_chance_do_not_count(place: Path) -> None:
         some = [replace(one, slopes=np.full_like(one.slopes, wild)) for one in rolled[:3]]
         clear, left = predictable(task, [*some, *rolled[3:]])
         assert clear.windows == task.windows[3:] and len(left) == len(rolled) - 3
-    none, still = predictable(
-        task, [replace(x, slopes=np.full_like(x.slopes, np.inf)) for x in rolled]
-    )
-    assert none.windows == task.windows and not any(x.slopes.any() for x in still)
+    wild_ones = [replace(x, slopes=np.full_like(x.slopes, np.inf)) for x in rolled]
+    assert predictable(task, wild_ones)[1] == []
+
+
+def test_of_motion_that_all_depends_on_chance_nothing_is_known(
+    place: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    values = ActuatorValues.of((1.0, 1.0), **vars(Servos()))
+    task = task_of(place, values, ("stiffness", "damping"))
+    assert fit(task, values, 1).chance == 0.0
+    monkeypatch.setattr("steelyard.actuators.fit.LARGEST_SLOPE", 0.0)
+    found = fit(task, values, 1)
+    assert found.chance == 1.0
+    np.testing.assert_allclose(found.std, task.spread)
+
+
+def test_one_motion_or_one_window_claims_no_more_than_it_shows(place: Path) -> None:
+    values = ActuatorValues.of((1.0, 1.0), **vars(Servos()))
+    task = task_of(place, values, ("stiffness", "damping"))
+    whole = fit(task, values, 1)
+    (one,) = (fit(replace(task, windows=task.windows[:1]), values, 1),)
+    assert (one.std >= task.spread).all() and (whole.std < 0.1 * task.spread).all()
+    # windows of one motion, which is too short to be cut
+    monkey = replace(task, windows=task.windows[:3])
+    assert (fit(monkey, values, 1).std > whole.std).all()
 
 
 def test_logs_that_contradict_each_other_widen_the_intervals(place: Path) -> None:
@@ -87,21 +115,72 @@ def test_logs_that_contradict_each_other_widen_the_intervals(place: Path) -> Non
     assert "intervals" in str(found)
 
 
-def test_the_scale_of_a_joint_without_one_is_as_uncertain_as_the_others_differ(place: Path) -> None:
+def test_a_joint_that_moves_in_one_half_alone_does_not_widen_the_intervals(place: Path) -> None:
+    t, target = targets(90.0, seed=4)
+    step = arm_step(load_robot(place / "servos.toml").robot)
+    values = ActuatorValues.of((1.0, 1.0), **vars(Servos()))
+    noise, runs = np.random.default_rng(1), []
+    for k in (0, 1):
+        own = target.copy()
+        own[:, 1 - k] = own[0, 1 - k]
+        run = TargetRun(f"log{k}", t, own, np.tile(own[0], (len(t), 1)))
+        (moved,) = rollouts(step, values, windows_of([run], None))
+        runs.append(replace(run, q=moved.q + noise.normal(0.0, 2e-4, moved.q.shape)))
+    parts = ("stiffness", "damping", "coulomb", "armature")
+    search = Search(step, tuple(windows_of(runs, 4.0)), {}, {}, values, 0.005, 2)
+    assert halves_apart(search, values, parts) < 3.0
+
+
+def test_widened_intervals_are_those_that_motions_tell(place: Path) -> None:
+    values = ActuatorValues.of((1.0, 1.0), **vars(Servos()))
+    found = fit(task_of(place, values, ("stiffness", "damping")), values, 1)
+    wide = widened(found, 3.0)
+    np.testing.assert_allclose(wide.covariance - found.covariance, 8.0 * found.scatter)
+    most = widened(found, 1e6)
+    assert (most.std <= 3.0 * found.task.spread * (1.0 + 1e-9)).all()
+    assert most.std.max() == pytest.approx(3.0 * found.task.spread.max())
+
+
+def test_the_scale_of_a_joint_without_one_is_as_uncertain_as_the_others(place: Path) -> None:
     values = ActuatorValues.of((1.0, 1.0), stiffness=(10.0, 20.0), damping=0.3)
-    task = task_of(place, values, ("damping",))
-    found = Fitted(task, values, np.ones(2), 1e-4 * np.eye(2), 0.0)
-    assert spread_of_stiffness(values, [0]) == spread_of_stiffness(values, [0, 1]) == 1.0
-    near = values.changed(stiffness=(10.0, 10.2))
-    assert spread_of_stiffness(near, [0, 1]) == pytest.approx(0.111, abs=0.002)
-    free, covariance, _ = with_assumed_scales(replace(found, values=near), [1], [0, 1])
+    task = task_of(place, values, ("stiffness", "damping"))
+    task = replace(task, free=task.free[:1] + task.free[2:], spread=np.ones(3))
+    assert spread_of_stiffness([10.0], [0.0]) == 1.0
+    assert spread_of_stiffness([10.0, 10.2], [0.0, 0.0]) == pytest.approx(0.111, abs=0.002)
+    assert spread_of_stiffness([10.0, 10.0], [0.04, 0.04]) == pytest.approx(0.2)
+    covariance = 1e-4 * np.eye(3)
+    found = Fitted(task, values, np.ones(2), covariance, covariance, 0.0)
+    free, wide, _ = with_assumed_scales(found, [1], [0], ("revolute", "revolute"))
     at = {(one.name, one.joint): k for k, one in enumerate(free)}
     own, scale = at["damping", 1], at["stiffness", 1]
-    spread = spread_of_stiffness(near, [0, 1]) ** 2
-    assert covariance[own, own] == pytest.approx(1e-4 + spread)
-    ratio = covariance[own, own] + covariance[scale, scale] - 2.0 * covariance[own, scale]
-    assert ratio == pytest.approx(1e-4)
-    assert covariance[at["damping", 0], at["damping", 0]] == pytest.approx(1e-4)
+    assert wide[own, own] == pytest.approx(1e-4 + 1.0)
+    assert wide[own, own] + wide[scale, scale] - 2.0 * wide[own, scale] == pytest.approx(1e-4)
+    assert wide[at["damping", 0], at["damping", 0]] == pytest.approx(1e-4)
+
+
+def test_only_joints_of_the_same_kind_are_alike_and_what_is_stated_stays() -> None:
+    values = ActuatorValues.of(
+        (1.0, 1.0, 1.0), stiffness=(10.0, 5.0, 5000.0), damping=0.5, coulomb=0.1
+    )
+    kinds = ("revolute", "revolute", "prismatic")
+    alike = like_the_others(values, [0], kinds, ("coulomb",))
+    assert alike["stiffness"].tolist() == [10.0, 10.0, 5000.0]
+    assert alike["damping"].tolist() == [0.5, 1.0, 0.5]
+    assert alike["coulomb"].tolist() == [0.1, 0.1, 0.1]
+    np.testing.assert_allclose(usual_stiffness(values, kinds), [7.5, 7.5, 5000.0])
+
+
+@pytest.mark.parametrize(
+    ("lengths", "whole"),
+    [([20.0] * 8, True), ([20.0] * 7 + [300.0], False), ([20.0] * 7, False)],
+    ids=["eight alike", "a long one", "seven"],
+)
+def test_about_a_quarter_of_the_motion_is_left_out(lengths: list[float], whole: bool) -> None:
+    windows = windows_of([run_of(f"log{k}", x) for k, x in enumerate(lengths)], 4.0)
+    fitted, left = split(windows)
+    assert 0.15 < len(left) / len(windows) < 0.35
+    shared = {w.run.name for w in fitted} & {w.run.name for w in left}
+    assert (not shared) is whole
 
 
 def test_a_part_is_tried_again_beside_one_that_was_added(tmp_path: Path) -> None:
@@ -113,4 +192,10 @@ def test_a_part_is_tried_again_beside_one_that_was_added(tmp_path: Path) -> None
     tried = [(one.tried, one.kept) for one in found.law]
     order = [("+ stribeck", False), ("+ load_friction", True), ("+ stribeck", True)]
     assert [one for one in tried if one in order] == order
+    # friction that falls with speed is in MJCF that at standstill
+    arm = mujoco.MjModel.from_xml_string(actuators_mjcf(found.model).text)
+    values = found.model.values
+    standstill = float(values["coulomb"][0] + values["stribeck"][0])
+    assert arm.dof_frictionloss[0] == pytest.approx(standstill, rel=1e-6)
+    assert standstill > 1.2 * values["coulomb"][0]
     assert "Stribeck" not in str(found).partition("not needed")[2].partition("\n")[0]

@@ -36,6 +36,8 @@ LEAST_STEP, MOST_STEP = 1e-4, 0.05  # of rollouts [s]
 
 OF_JOINTS = ("assumed", "still", "open_signs", "beyond_limits")  # fields that are names of joints
 POSITIVE = ("stiffness", "armature", "torque_limit", "stribeck_speed")
+MOST_VARIANCE = 1e4  # of a value's logarithm
+MOST_WIDER = 1e4  # factor of intervals
 IDENTIFIED = 0.75
 """Share of the prior's variance that the data take away from what counts as identified."""
 
@@ -236,13 +238,19 @@ class ActuatorModel:
             raise ValueError("the delay of all joints is not one value")
         if p > len(KINDS) * n or given["delay"].max(initial=0.0) > LONGEST_DELAY:
             raise ValueError("it holds more parameters, or a longer delay, than an arm can have")
-        if (np.diag(np.asarray(data["covariance"], dtype=float).reshape(p, p)) < 0.0).any():
-            raise ValueError("'covariance' has a negative variance")
-        for name in ("covariance", "known", "wider", "scale"):
+        variance = np.diag(np.asarray(data["covariance"], dtype=float).reshape(p, p))
+        if (variance < 0.0).any() or (variance > MOST_VARIANCE).any():
+            raise ValueError("'covariance' has a variance that no value has")
+        for name in ("covariance", "known", "scale"):
             if not np.isfinite(np.asarray(data[name], dtype=float)).all():
                 raise ValueError(f"'{name}' holds a value that is not finite")
         lists = {name: tuple(origin.get(name, ())) for name in ("runs", "notes", "doubts")}
-        assumed, still, open_signs, beyond_limits = (tuple(map(str, data[x])) for x in OF_JOINTS)
+        for name in OF_JOINTS:
+            if not isinstance(data[name], list) or not set(data[name]) <= set(robot.joint_names):
+                raise ValueError(f"'{name}' is no list of joints")
+        if not 1.0 <= (wider := data["wider"]) <= MOST_WIDER or isinstance(wider, bool):
+            raise ValueError("'wider' is no factor of intervals")
+        assumed, still, open_signs, beyond_limits = (tuple(data[x]) for x in OF_JOINTS)
         return cls(
             robot,
             TargetSignals.from_dict(data["signals"]),
@@ -250,7 +258,7 @@ class ActuatorModel:
             free,
             frozen(data["covariance"], (p, p)),
             frozen(data["known"], (p,)),
-            float(data["wider"]),
+            float(wider),
             frozen(data["scale"], (n,)),
             tuple(map(str, data["stated"])),
             step,

@@ -93,13 +93,18 @@ def missed_words(model: ActuatorModel, logs: Sequence[OpenLoop]) -> tuple[str, .
 
 def interval_words(model: ActuatorModel) -> str:
     """What the intervals rest on."""
-    found = "95 % of the values of fits to two halves of the motions agree within the intervals"
+    found = (
+        "fits to two halves of the motions agree within the 95 % intervals, where both know a value"
+    )
     if model.wider > 1.0:
         found = (
-            f"intervals are {model.wider:.2g} times as wide as the scatter of motions tells, for "
-            "95 % of the values of fits to two halves of them to agree"
+            f"the 95 % intervals contain a factor of {model.wider:.2g}, without which fits to two "
+            "halves of the motions would not agree: the law lacks something"
         )
-    return f"{found}; they do not cover masses that are wrong, or what the law lacks in all motions"
+    return (
+        f"{found}. They do not cover masses that are wrong, what the law lacks in all motions, or "
+        "that other logs may ask for another law"
+    )
 
 
 def assumed_words(model: ActuatorModel) -> tuple[str, ...]:
@@ -109,7 +114,7 @@ def assumed_words(model: ActuatorModel) -> tuple[str, ...]:
     return (
         f"gravity hardly loads {', '.join(model.assumed)}: the stiffness is assumed to be the "
         "median of the others', and gives the other values of these joints their scale (intervals "
-        "allow for as much as the others differ); state it if it is known",
+        "allow for how uncertain that is); state it if it is known",
     )
 
 
@@ -274,7 +279,8 @@ def brief_table(model: ActuatorModel) -> PlainTable:
         mine = {p.name: p for p in model.parameters if p.joint == joint}
         rows.append(Row((joint, *(_brief(mine[k.name]) for k in used))))
     headings = (f"{k.name.replace('_', ' ')} {k.unit}".removesuffix(" 1") for k in used)
-    return PlainTable("", "", ("joint", *headings), rows)
+    words = "±: half of the 95 % interval; ?: wider than a third, the logs do not show the value."
+    return PlainTable("", words, ("joint", *headings), rows)
 
 
 def _brief(one: ActuatorParameter) -> str:
@@ -289,7 +295,7 @@ def _brief(one: ActuatorParameter) -> str:
 
 
 RATIOS = (
-    ("coulomb", "dry friction over stiffness [mrad]"),
+    ("coulomb", "Coulomb friction over stiffness [mrad]"),
     ("damping", "damping over stiffness [ms]"),
     ("back_emf", "back-EMF over stiffness [ms]"),
     ("armature", "armature over stiffness [10⁻³ s²]"),
@@ -311,7 +317,7 @@ def ratios_table(model: ActuatorModel) -> PlainTable:
             low, high = value * np.exp(-Z95 * std), value * np.exp(Z95 * std)
             cells.append(f"{milli(value)} [{milli(low)}, {milli(high)}]")
         rows.append(Row((joint, *cells)))
-    words = "These need no masses; 95 % intervals in brackets."
+    words = "These need no masses; 95 % intervals in brackets, for the law that was chosen."
     return PlainTable("", words, ("joint", *(heading for _, heading in shown)), rows)
 
 
@@ -363,13 +369,15 @@ def law_parts(law: Sequence[Rung]) -> tuple[str, ...]:
 
 def law_table(law: Sequence[Rung]) -> PlainTable:
     """Laws that were tried."""
-    rows = []
+    rows, seen = [], set[str]()
     for r in law:
         sign, part = r.tried[:1], _words(r.tried[2:])
         name = f"with {part}" if sign == "+" else f"without {part}" if sign == "-" else r.tried
-        rows.append(Row((name, milli(r.error), "taken" if r.kept else "not taken")))
+        again = ", again" if r.tried in seen else ""
+        seen.add(r.tried)
+        rows.append(Row((name + again, milli(r.error), "taken" if r.kept else "not taken")))
     words = (
-        "Each is fitted without a quarter of the motion, and judged by the residuals of that "
+        "Each is fitted without about a quarter of the motion, and judged by the residuals of that "
         "quarter: geometric mean of their usual and their root mean square size. A part is "
         f"added if it takes away {LEAST_GAIN:.0%} of it, and left out if the error grows by less "
         f"than {LEAST_LOSS:.1%} without it."

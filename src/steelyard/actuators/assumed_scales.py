@@ -4,7 +4,7 @@ Positions determine what is over the stiffness; the stiffness itself is that of 
 alike, and as uncertain as those differ from each other.
 """
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 import numpy as np
 from scipy.stats import t as student
@@ -22,45 +22,60 @@ SCALED = ("stiffness", "damping", "back_emf", "coulomb", "stribeck", "armature",
 """Parameters that change with the unit of torque."""
 
 
-def like_the_others(values: ActuatorValues, loaded: Sequence[int]) -> ActuatorValues:
-    """Joints without a scale of their own have the stiffness of those that gravity loads."""
-    if not loaded:
-        return values
-    usual = float(np.median(values["stiffness"][list(loaded)]))
-    factor = np.ones(values.n)
-    rest = [j for j in range(values.n) if j not in loaded]
-    factor[rest] = usual / values["stiffness"][rest]
-    found = {name: values[name] * factor for name in SCALED}
-    limit = np.minimum(found.pop("torque_limit"), UNLIMITED)
-    return values.changed(torque_limit=limit, **found)
+def like_the_others(
+    values: ActuatorValues, loaded: Sequence[int], kinds: Sequence[str], stated: Collection[str]
+) -> ActuatorValues:
+    """Joints without a scale of their own have the stiffness of those that gravity loads.
 
-
-def spread_of_stiffness(values: ActuatorValues, loaded: Sequence[int]) -> float:
-    """Standard deviation of the logarithm of the stiffness of one more actuator of the kind.
-
-    By that of the joints `loaded`, widened as Student's distribution asks of so few; at most what
-    is assumed of an actuator before any log.
+    What is `stated` stays as it is.
     """
-    most, count = BY_NAME["stiffness"].spread, len(loaded)
-    if count < 2:
+    factor = np.ones(values.n)
+    for j in range(values.n):
+        if j not in loaded and (like := _like(j, loaded, kinds)):
+            factor[j] = float(np.median(values["stiffness"][like])) / values["stiffness"][j]
+    found = {name: values[name] * factor for name in SCALED if name not in stated}
+    if "torque_limit" in found:
+        none = values["torque_limit"] >= UNLIMITED
+        found["torque_limit"] = np.where(none, UNLIMITED, found["torque_limit"])
+    return values.changed(**found)
+
+
+def _like(j: int, loaded: Sequence[int], kinds: Sequence[str]) -> list[int]:
+    """Joints with a scale that are revolute, or prismatic, as this one is."""
+    return [k for k in loaded if kinds[k] == kinds[j]]
+
+
+def spread_of_stiffness(stiffness: Sequence[float], variance: Sequence[float]) -> float:
+    """Standard deviation of the logarithm of the stiffness of one more actuator of a kind.
+
+    By the scatter of some, widened as Student's distribution asks of so few, and the mean variance
+    of their logarithms; at most what is assumed of an actuator before any log.
+    """
+    most, number = BY_NAME["stiffness"].spread, len(stiffness)
+    if number < 2:
         return most
-    spread = float(np.std(np.log(values["stiffness"][list(loaded)]), ddof=1))
-    wider = float(student.ppf(0.975, count - 1)) / Z95
-    return min(most, spread * float(np.sqrt(1.0 + 1.0 / count)) * wider)
+    scatter = float(np.var(np.log(stiffness), ddof=1)) * (1.0 + 1.0 / number)
+    wider = float(student.ppf(0.975, number - 1)) / Z95
+    return min(most, float(np.sqrt(wider**2 * scatter + np.mean(variance))))
 
 
 def with_assumed_scales(
-    found: Fitted, assumed: Sequence[int], loaded: Sequence[int]
+    found: Fitted, assumed: Sequence[int], loaded: Sequence[int], kinds: Sequence[str]
 ) -> tuple[tuple[Free, ...], Array, Array]:
     """What was searched with the stiffness of joints `assumed`, covariance, and share known.
 
     The uncertainty of a joint's scale is in all that scales with it; ratios do not have it.
     """
     free = (*found.task.free, *(Free("stiffness", j) for j in assumed))
-    p, spread = len(found.task.free), spread_of_stiffness(found.values, loaded)
+    p, place = len(found.task.free), {(one.name, one.joint): k for k, one in enumerate(free)}
     covariance = np.zeros((len(free), len(free)))
     covariance[:p, :p] = found.covariance
     for j in assumed:
+        like = [k for k in _like(j, loaded, kinds) if ("stiffness", k) in place]
+        at = [place["stiffness", k] for k in like]
+        spread = spread_of_stiffness(
+            found.values["stiffness"][like].tolist(), found.covariance[at, at].tolist()
+        )
         along = np.array([float(one.joint == j and one.name in SCALED) for one in free])
         covariance += spread**2 * np.outer(along, along)
     prior = np.array([one.kind.spread for one in free])

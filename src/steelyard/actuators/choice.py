@@ -85,9 +85,21 @@ class Search:
 
 def split(windows: Sequence[Window]) -> tuple[list[Window], list[Window]]:
     """Windows that are fitted, and those left out: whole logs, or stretches of each of a few."""
-    names = list(dict.fromkeys(w.run.name for w in windows))
-    block = len(windows) if len(names) >= MANY_LOGS else 3
-    fitted, left = list[Window](), list[Window]()
+    seconds: dict[str, float] = {}
+    for w in windows:
+        seconds[w.run.name] = seconds.get(w.run.name, 0.0) + float(w.t[-1] - w.t[0])
+    names, fitted, left = list(seconds), list[Window](), list[Window]()
+    if len(names) >= MANY_LOGS and max(seconds.values()) < 0.5 * sum(seconds.values()):
+        ahead, whole = 0.0, set[str]()
+        for name in names:
+            ahead += seconds[name] / LEFT_OUT
+            if ahead >= 0.5 * seconds[name]:
+                ahead -= seconds[name]
+                whole.add(name)
+        for w in windows:
+            (left if w.run.name in whole else fitted).append(w)
+        return fitted, left
+    block = 3
     for number, name in enumerate(names):
         mine = [w for w in windows if w.run.name == name]
         for k, window in enumerate(mine):
@@ -185,6 +197,7 @@ def chosen(
     while todo:
         part, adds = todo.pop(0)
         if adds and NEEDED.get(part, parts[0]) not in parts:
+            vain.append((part, adds))
             continue
         sign = "+" if adds else "-"
         progress(f"{sign} {part}", len(rungs), 1 + len(rungs) + len(todo))

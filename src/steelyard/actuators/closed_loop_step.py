@@ -51,6 +51,11 @@ class ArmStep:
         """Number of joints."""
         return self.model.robot.n
 
+    @property
+    def kinds(self) -> tuple[str, ...]:
+        """`revolute` or `prismatic`, by joint."""
+        return tuple(joint.kind for joint in self.model.robot.coordinates)
+
     @cached_property
     def code(self) -> Code:
         """From `VARIED`, `(n, N)` each, and the shared `h` to the next positions and velocities."""

@@ -83,7 +83,7 @@ class Task:
 
         That of the zeros is about the model file's own, if limits allow it, see `zero_prior`.
         """
-        usual = centre.changed(stiffness=np.median(centre["stiffness"]))
+        usual = centre.changed(stiffness=usual_stiffness(centre, step.kinds))
         prior = [
             zeros[one.joint]
             if one.name == "zero" and one.joint in zeros
@@ -118,6 +118,8 @@ class Fitted:
     scale: Array
     covariance: Array
     """Of the search, `(p, p)`: logarithms where these are searched."""
+    scatter: Array
+    """The part of it that motions tell: without that of the prior and of the steps."""
     chance: float
     """Share of the windows that did not count: their rollouts depend on chance."""
 
@@ -125,6 +127,12 @@ class Fitted:
     def std(self) -> Array:
         """Standard deviations, of logarithms where these are searched `(p,)`."""
         return np.sqrt(np.diag(self.covariance))
+
+
+def usual_stiffness(values: ActuatorValues, kinds: Sequence[str]) -> Array:
+    """Median of the joints of the same kind, revolute or prismatic, `(n,)`."""
+    own = np.array(kinds)
+    return np.array([np.median(values["stiffness"][own == kind]) for kind in kinds])
 
 
 def residuals(task: Task, rolled: Sequence[Rolled]) -> list[Array]:
@@ -171,7 +179,12 @@ def fit(
     whole, values, damping = task, start, 1e-2
     scale = None
     for round_ in range(rounds):
-        task, rolled = predictable(whole, whole.rolled(values, slopes=True))
+        every = whole.rolled(values, slopes=True)
+        task, rolled = predictable(whole, every)
+        if not rolled:
+            unknown = frozen(np.diag(whole.spread**2))
+            scale = scales(residuals(whole, every), scale)
+            return Fitted(whole, values, frozen(scale), unknown, unknown, 1.0)
         found = residuals(task, rolled)
         scale = scales(found, scale)
         told = [_quadratic(*one, scale) for one in zip(task.windows, rolled, found, strict=True)]
@@ -192,9 +205,9 @@ def fit(
                 better = trial
                 break
             damping *= 8.0
-        covariance = _covariance(task, told, repeated)
+        covariance, scatter = _covariance(task, told, repeated)
         chance = 1.0 - len(task.windows) / len(whole.windows)
-        last = Fitted(whole, values, frozen(scale), frozen(covariance), chance)
+        last = Fitted(whole, values, frozen(scale), frozen(covariance), frozen(scatter), chance)
         if better is None:
             break
         values, damping = better, max(damping / 8.0, 1e-8)
@@ -205,11 +218,9 @@ def fit(
 
 
 def predictable(task: Task, rolled: Sequence[Rolled]) -> tuple[Task, list[Rolled]]:
-    """Windows whose rollouts do not depend on chance; all of them if all do."""
+    """Windows whose rollouts do not depend on chance: their derivatives are bounded."""
     most = LARGEST_SLOPE / task.spread
     clear = [bool((np.abs(one.slopes) < most).all()) for one in rolled]
-    if not any(clear):
-        return task, [replace(one, slopes=np.zeros_like(one.slopes)) for one in rolled]
     windows = tuple(compress(task.windows, clear))
     return replace(task, windows=windows), list(compress(rolled, clear))
 
@@ -240,9 +251,16 @@ def _repeated(information: Array, gradients: Array) -> float:
     return max(1.0, float(np.median((gradients**2).sum(axis=0)[seen] / told[seen])))
 
 
-def _covariance(task: Task, told: Sequence[tuple[Array, Array, Array]], repeated: float) -> Array:
-    """Of the parameters, by what they would be without one motion or another."""
+def _covariance(
+    task: Task, told: Sequence[tuple[Array, Array, Array]], repeated: float
+) -> tuple[Array, Array]:
+    """Of the parameters, by what they would be without one motion or another; and this part of it.
+
+    Where one motion is left its windows are what repeats, and one window tells nothing of it.
+    """
     prior, place = np.diag(task.precision), motions(task.windows)
+    if not place.max():
+        place = np.arange(len(place))
     count, p = int(place.max()) + 1, len(prior)
     information, gradients = np.zeros((count, p, p)), np.zeros((count, p))
     for k, (curvature, blocks, _) in zip(place, told, strict=True):
@@ -259,7 +277,8 @@ def _covariance(task: Task, told: Sequence[tuple[Array, Array, Array]], repeated
     wider = student.ppf(0.975, np.maximum(telling - 1.0, LEAST_FREEDOM)) / Z95
     moves *= wider * np.sqrt((count - 1.0) / count)
     step = STEP_ERROR / repeated * (inverse @ np.sum([finer for _, _, finer in told], axis=0))
-    return np.asarray(moves.T @ moves + inverse @ prior @ inverse + np.outer(step, step))
+    scatter = moves.T @ moves if count > 1 else np.diag(task.spread**2)
+    return scatter + inverse @ prior @ inverse + np.outer(step, step), scatter
 
 
 def motions(windows: Sequence[Window]) -> NDArray[np.int_]:

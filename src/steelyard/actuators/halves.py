@@ -1,11 +1,11 @@
 """Whether intervals hold: a law is fitted to two halves of the motions, each by itself.
 
 What a law lacks moves its values in all motions, and no scatter within one fit tells how far. Two
-fits to other motions, which begin where the search did, tell it.
+fits to other motions tell it; they begin with the values with which signs were found.
 """
 
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -15,30 +15,53 @@ from steelyard.actuators.actuator_parameters import ActuatorValues
 from steelyard.actuators.choice import Search
 from steelyard.actuators.fit import Fitted, fit, motions
 from steelyard.actuators.target_runs import Window
-from steelyard.base.arrays import Z95
+from steelyard.base.arrays import Z95, frozen
 
 COARSE, FINE = (0.02, 8), (0.005, 4)
 """Steps of rollouts [s] and rounds of the fits, one after the other."""
 SHARE = 0.95  # of the values that have to agree
+TOLD = 0.5  # of the standard deviation of the prior, below which a half knows a value
+MOST_SPREADS = 3.0  # standard deviations of the prior: whatever an actuator can be
 LEAST_HALF = 0.25  # of all motion, else logs are cut
 
 
 def halves_apart(
-    search: Search, start: ActuatorValues, parts: Sequence[str], found: Fitted
+    search: Search,
+    start: ActuatorValues,
+    parts: Sequence[str],
+    progress: Callable[[int], None] = lambda half: None,
 ) -> float:
-    """By which factor intervals of `found` have to be wider for values of two halves to agree.
+    """By which factor intervals have to be wider for the values of two halves to agree.
 
-    Half the difference of their values has the standard deviation of those of `found`, if its
-    intervals hold.
+    Values that are not known in both halves, such as those of a joint that moves in one of them,
+    are not compared.
     """
-    half, values = halves(search.windows), []
+    half, both = halves(search.windows), list[Fitted]()
     for number in (0, 1):
+        progress(number)
         windows, at = [w for w, k in zip(search.windows, half, strict=True) if k == number], start
         for h, rounds in (COARSE, FINE):
-            at = fit(replace(search, h=h).task(windows, parts), at, rounds).values
-        values.append(np.array([one.at(at) for one in found.task.free]))
-    off = np.abs(values[0] - values[1]) / (2.0 * found.std)
-    return max(1.0, float(np.quantile(off, SHARE)) / Z95)
+            fitted = fit(replace(search, h=h).task(windows, parts), at, rounds)
+            at = fitted.values
+        both.append(fitted)
+    told = np.array([one.std < TOLD * one.task.spread for one in both]).all(axis=0)
+    if not told.any():
+        return 1.0
+    one, two = (np.array([x.at(half.values) for x in half.task.free]) for half in both)
+    off = (np.abs(one - two) / np.hypot(both[0].std, both[1].std))[told]
+    return max(1.0, float(np.quantile(off, SHARE, method="higher")) / Z95)
+
+
+def widened(found: Fitted, factor: float) -> Fitted:
+    """The same with this factor on the standard deviations that motions tell.
+
+    None is more than `MOST_SPREADS` of the prior's: motions that do not show a value do not tell
+    how far off it is either.
+    """
+    covariance = found.covariance + (factor**2 - 1.0) * found.scatter
+    std = np.sqrt(np.diag(covariance))
+    less = np.minimum(1.0, MOST_SPREADS * found.task.spread / std)
+    return replace(found, covariance=frozen(covariance * np.outer(less, less)))
 
 
 def halves(windows: Sequence[Window]) -> NDArray[np.int_]:

@@ -17,7 +17,7 @@ from steelyard.actuators.assumed_scales import like_the_others, with_assumed_sca
 from steelyard.actuators.choice import ALWAYS, USUAL, Search, chosen
 from steelyard.actuators.closed_loop_step import ArmStep
 from steelyard.actuators.fit import Fitted, fit
-from steelyard.actuators.halves import halves_apart
+from steelyard.actuators.halves import halves_apart, widened
 from steelyard.actuators.open_loop import open_loops
 from steelyard.actuators.read_targets import TargetLog, read_targets
 from steelyard.actuators.rollout import STEP
@@ -133,11 +133,15 @@ def identify_actuators(
     )
     search = replace(search, windows=tuple(windows))
     final = _final(search, fitted, parts, job)
-    report_progress(progress, "fitting two halves of the motions", 0, 1)
     first = _first(start, fitted.values, parts, _stated(file))
-    first = like_the_others(first, _with_scale(search, parts, job))
-    wider = halves_apart(search, first, parts, final)
-    final = replace(final, covariance=wider**2 * final.covariance)
+    first = _alike(first, search, parts, job)
+    wider = halves_apart(
+        search,
+        first,
+        parts,
+        lambda half: report_progress(progress, "fitting two halves of the motions", half, 2),
+    )
+    final = widened(final, wider)
     notes = (*_notes_of_zeros(job, final.values, open_signs, seen), *_notes_of_chance(final))
     origin = provenance(file, known, (), unknown, (), (*file.notes, *notes))
     origin = replace(origin, runs=tuple(log.name for log in job.logs))
@@ -271,8 +275,8 @@ def _notes_of_chance(found: Fitted) -> tuple[str, ...]:
     if not found.chance:
         return ()
     return (
-        f"{found.chance:.1%} of the motion did not count in the fit: with the values that were "
-        "found it is stick-slip, and depends on chance",
+        f"{found.chance:.1%} of the motion did not count in the fit: simulated with the values "
+        "that were found, it depends on chance, as in stick-slip",
     )
 
 
@@ -283,7 +287,7 @@ def _search(
     q = np.concatenate([run.q for run in job.runs])
     robot = job.file.robot
     zeros = {j: zero_prior(robot, q, start.signs, j) for j in seen if job.signals.zeros[j] is None}
-    moving, loaded = moving_joints(job), weighed(job, start)
+    moving, loaded = moving_joints(job), sorted({*weighed(job, start), *_stated_torques(job)})
     joints: dict[str, list[int]] = {kind.name: moving for kind in KINDS}
     joints |= {"stiffness": [j for j in loaded if j in moving] or moving}
     joints |= {"zero": [j for j in zeros if j in moving]}
@@ -328,7 +332,7 @@ def _some(windows: Sequence[Window], seconds: float) -> list[Window]:
 
 def _final(search: Search, fitted: Fitted, parts: Sequence[str], job: _Job) -> Fitted:
     """The fit to all windows, from that to some of them."""
-    start = like_the_others(fitted.values, _with_scale(search, parts, job))
+    start = _alike(fitted.values, search, parts, job)
     task = search.task(search.windows, parts)
 
     def report(round_: int, value: float) -> None:
@@ -350,6 +354,23 @@ def _first(
     return fitted.changed(**{name: start[name] for name in usual if name not in stated})
 
 
+def _alike(
+    values: ActuatorValues, search: Search, parts: Sequence[str], job: _Job
+) -> ActuatorValues:
+    """Joints without a scale of their own are like the others."""
+    scaled = _with_scale(search, parts, job)
+    return like_the_others(values, scaled, job.step.kinds, _stated(job.file)) if scaled else values
+
+
+def _stated_torques(job: _Job) -> list[int]:
+    """Joints of which the user states a torque that acts in all motion: it gives them a scale."""
+    stated, found = _stated(job.file), set[int]()
+    for name in ("damping", "coulomb", "armature"):
+        if name in stated:
+            found |= set(np.flatnonzero(stated[name] > 0.0).tolist())
+    return sorted(found)
+
+
 def _with_scale(search: Search, parts: Sequence[str], job: _Job) -> Sequence[int]:
     """Joints whose stiffness is searched, if it is stated of none."""
     stated = "stiffness" in _stated(job.file) or "stiffness" not in parts
@@ -366,7 +387,7 @@ def _model(
 ) -> ActuatorModel:
     moving, names = moving_joints(job), job.file.robot.joint_names
     assumed = [j for j in moving if scaled and j not in scaled]
-    free, covariance, known = with_assumed_scales(found, assumed, scaled)
+    free, covariance, known = with_assumed_scales(found, assumed, scaled, job.step.kinds)
     return ActuatorModel(
         job.file.robot,
         job.signals,

@@ -11,6 +11,7 @@ from steelyard.actuators.actuator_model import ActuatorModel
 from steelyard.actuators.actuator_parameters import UNLIMITED
 from steelyard.export.model_files.actuators_mjcf import (
     ActuatorFile,
+    at_standstill,
     origin_lines,
     range_lines,
     refuse_beyond_limits,
@@ -92,7 +93,7 @@ def _mjlab(model: ActuatorModel) -> Iterator[str]:
             stiffness=v["stiffness"],
             damping=v["damping"] + v["back_emf"],
             armature=v["armature"],
-            frictionloss=v["coulomb"],
+            frictionloss=float(at_standstill(model.values)[j]),
             effort_limit=v["torque_limit"],
         )
         yield f"            delay_min_lag=round({v['delay']!r} / step),"
