@@ -94,7 +94,7 @@ def missed_words(model: ActuatorModel, logs: Sequence[OpenLoop]) -> tuple[str, .
 def interval_words(model: ActuatorModel) -> str:
     """What the intervals rest on."""
     found = (
-        "fits to two halves of the motions agree within the 95 % intervals, where both know a value"
+        "fits to two halves of the motions agree within the 95 % intervals, where both show a value"
     )
     if model.wider > 1.0:
         found = (

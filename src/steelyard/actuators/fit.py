@@ -120,6 +120,8 @@ class Fitted:
     """Of the search, `(p, p)`: logarithms where these are searched."""
     scatter: Array
     """The part of it that motions tell: without that of the prior and of the steps."""
+    least_std: Array
+    """Standard deviations if residuals were noise alone, `(p,)`."""
     chance: float
     """Share of the windows that did not count: their rollouts depend on chance."""
 
@@ -184,7 +186,7 @@ def fit(
         if not rolled:
             unknown = frozen(np.diag(whole.spread**2))
             scale = scales(residuals(whole, every), scale)
-            return Fitted(whole, values, frozen(scale), unknown, unknown, 1.0)
+            return Fitted(whole, values, frozen(scale), unknown, unknown, whole.spread, 1.0)
         found = residuals(task, rolled)
         scale = scales(found, scale)
         told = [_quadratic(*one, scale) for one in zip(task.windows, rolled, found, strict=True)]
@@ -207,7 +209,9 @@ def fit(
             damping *= 8.0
         covariance, scatter = _covariance(task, told, repeated)
         chance = 1.0 - len(task.windows) / len(whole.windows)
-        last = Fitted(whole, values, frozen(scale), frozen(covariance), frozen(scatter), chance)
+        least = np.sqrt(np.diag(np.linalg.inv(curvature)))
+        known = (frozen(covariance), frozen(scatter), frozen(least))
+        last = Fitted(whole, values, frozen(scale), *known, chance)
         if better is None:
             break
         values, damping = better, max(damping / 8.0, 1e-8)

@@ -20,7 +20,7 @@ from steelyard.base.arrays import Z95, frozen
 COARSE, FINE = (0.02, 8), (0.005, 4)
 """Steps of rollouts [s] and rounds of the fits, one after the other."""
 SHARE = 0.95  # of the values that have to agree
-TOLD = 0.5  # of the standard deviation of the prior, below which a half knows a value
+LESS = 3.0  # times the least standard deviation of all motion: what a half knows enough of
 MOST_SPREADS = 3.0  # standard deviations of the prior: whatever an actuator can be
 LEAST_HALF = 0.25  # of all motion, else logs are cut
 
@@ -29,12 +29,14 @@ def halves_apart(
     search: Search,
     start: ActuatorValues,
     parts: Sequence[str],
+    found: Fitted,
     progress: Callable[[int], None] = lambda half: None,
 ) -> float:
-    """By which factor intervals have to be wider for the values of two halves to agree.
+    """By which factor intervals of `found` have to be wider for the values of two halves to agree.
 
-    Values that are not known in both halves, such as those of a joint that moves in one of them,
-    are not compared.
+    With shares $f_1, f_2$ of the windows, the difference of two values has $1 / f_1 + 1 / f_2$
+    times the variance of those of `found`, if its intervals hold. Values of which one half has far
+    less information, such as those of a joint that moves in the other one, are not compared.
     """
     half, both = halves(search.windows), list[Fitted]()
     for number in (0, 1):
@@ -44,11 +46,12 @@ def halves_apart(
             fitted = fit(replace(search, h=h).task(windows, parts), at, rounds)
             at = fitted.values
         both.append(fitted)
-    told = np.array([one.std < TOLD * one.task.spread for one in both]).all(axis=0)
+    told = np.array([one.least_std < LESS * found.least_std for one in both]).all(axis=0)
     if not told.any():
         return 1.0
-    one, two = (np.array([x.at(half.values) for x in half.task.free]) for half in both)
-    off = (np.abs(one - two) / np.hypot(both[0].std, both[1].std))[told]
+    one, two = (np.array([x.at(fitted.values) for x in fitted.task.free]) for fitted in both)
+    shares = [len(fitted.task.windows) / len(search.windows) for fitted in both]
+    off = (np.abs(one - two) / (found.std * np.sqrt(sum(1.0 / share for share in shares))))[told]
     return max(1.0, float(np.quantile(off, SHARE, method="higher")) / Z95)
 
 

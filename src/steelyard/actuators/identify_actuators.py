@@ -139,6 +139,7 @@ def identify_actuators(
         search,
         first,
         parts,
+        final,
         lambda half: report_progress(progress, "fitting two halves of the motions", half, 2),
     )
     final = widened(final, wider)
