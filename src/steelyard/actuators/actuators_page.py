@@ -134,6 +134,7 @@ class ActuatorIdentification(ActuatorResult):
         _print(console, self, self.validation or self.fitted)
         table = parameters_table(self.model) if verbose else brief_table(self.model)
         console.print(narrow_table(table))
+        console.print(Text(table.words), soft_wrap=True)
         for words in law_lines(self.model, self.law):
             console.print(Text(words), soft_wrap=True)
         more = (*(note for note in self.notes if note not in self.warnings),)

@@ -78,8 +78,9 @@ def validate(
             above it the exit code is 1.
 
     Exit code 0: done, and the error is not too large. 1: the verdict is poor (the headline's error
-    is above 30 %, or something is wrong with these logs), or with --max-error: that error is above
-    it, or no log has unseen motion. 2: not done.
+    is above 30 %, of actuators 80 % of the error of "position = target", or something is wrong
+    with these logs), or with --max-error: that error is above it, or no log has unseen motion. 2:
+    not done.
 
     Example: steelyard validate steelyard-ur10e other_motion.csv
     """
