@@ -20,7 +20,9 @@ from steelyard.base.arrays import Z95, frozen
 COARSE, FINE = (0.02, 8), (0.005, 4)
 """Steps of rollouts [s] and rounds of the fits, one after the other."""
 SHARE = 0.95  # of the values that have to agree
-LESS = 3.0  # times the least standard deviation of all motion: what a half knows enough of
+LESS = (
+    10.0  # times the least standard deviation of all motion: a half that knows less does not count
+)
 MOST_SPREADS = 3.0  # standard deviations of the prior: whatever an actuator can be
 LEAST_HALF = 0.25  # of all motion, else logs are cut
 
