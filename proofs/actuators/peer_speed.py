@@ -63,8 +63,8 @@ def main() -> list[Claim]:
     origin = Provenance("proof", {}, (), ())
     empty = np.zeros((0, 0))
     arm = ActuatorModel(
-        *(loaded.robot, loaded.targets, values, (), empty, np.zeros(0), np.ones(6), ()),
-        *(PEER_STEP, (), (), (), origin),
+        *(loaded.robot, loaded.targets, values, (), empty, np.zeros(0), 1.0, np.ones(6), ()),
+        *(PEER_STEP, (), (), (), (), origin),
     )
     rigid = mujoco.MjModel.from_xml_string(actuators_mjcf(arm).text)
     rigid.opt.timestep = PEER_STEP

@@ -2,6 +2,7 @@
 
 import re
 from collections import Counter
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -14,6 +15,7 @@ from steelyard.check.case_from_files_and_precheck import case_of, subject_of
 from steelyard.check.cases_and_checks import Case
 from steelyard.check.finding import Finding, Severity
 from steelyard.check.signals.motion_units import unit_reading
+from steelyard.robot.file.robot_file import load_robot
 from steelyard.robot.file.toml_edits import edited
 from steelyard.runs.runs_of_named_logs import log_files
 
@@ -57,7 +59,7 @@ def example_case(robot: str, log: str, *removed: tuple[str, ...]) -> Case:
     subject = subject_of(str(EXAMPLES / f"{robot}.toml"), file[0])
     if removed:
         text = edited(subject.text, [Removed(*path) for path in removed])
-        subject = subject.changed(text, subject.path)
+        subject = replace(subject, text=text, loaded=load_robot(subject.path, text))
     return case_of(subject, file, None, silent)[0]
 
 

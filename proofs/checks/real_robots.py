@@ -11,7 +11,7 @@ import sys
 import tempfile
 from collections import Counter
 from collections.abc import Callable, Container, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -24,6 +24,7 @@ from proofs.support.claims import Claim, data_folder, main_of
 from steelyard.check.case_from_files_and_precheck import Subject, subject_of
 from steelyard.check.check import CheckResult, check
 from steelyard.check.finding import Finding, Severity
+from steelyard.robot.file.robot_file import load_robot
 from steelyard.robot.file.toml_edits import Edit, edited
 from steelyard.runs.runs_of_named_logs import log_files
 
@@ -88,7 +89,9 @@ def given(robot: str) -> Given:
     subject = subject_of(str(data_folder() / model), log_files([path])[0])
     if robot in OTHERS:
         edits = [*edits, Edit(("robot", "urdf"), str(data_folder() / model))]
-    return Given(subject.changed(edited(subject.text, edits), subject.path), path, window)
+    text = edited(subject.text, edits)
+    loaded = load_robot(subject.path, text)
+    return Given(replace(subject, text=text, loaded=loaded), path, window)
 
 
 @dataclass(frozen=True, eq=False)
