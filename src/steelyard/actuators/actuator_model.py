@@ -37,7 +37,6 @@ LEAST_STEP, MOST_STEP = 1e-4, 0.05  # of rollouts [s]
 OF_JOINTS = ("assumed", "still", "open_signs", "beyond_limits")  # fields that are names of joints
 POSITIVE = ("stiffness", "armature", "torque_limit", "stribeck_speed")
 MOST_VARIANCE = 1e4  # of a value's logarithm
-MOST_WIDER = 1e4  # factor of intervals
 IDENTIFIED = 0.75
 """Share of the prior's variance that the data take away from what counts as identified."""
 
@@ -77,7 +76,7 @@ class ActuatorModel:
         covariance: Of the search, `(p, p)`: logarithms where these were searched.
         known: Share of the prior's variance that the data took away, `(p,)`.
         wider: Factor of all intervals, so that fits to two halves of the motions agree; 1 if they
-            do without one.
+            do without one, `None` if they share no value that both show.
         scale: Scale of the residuals of each joint [rad; m].
         stated: Names of the parameters that the user stated.
         step: Length of the steps of rollouts [s].
@@ -99,7 +98,7 @@ class ActuatorModel:
     free: tuple[Free, ...]
     covariance: Array
     known: Array
-    wider: float
+    wider: float | None
     scale: Array
     stated: tuple[str, ...]
     step: float
@@ -248,7 +247,8 @@ class ActuatorModel:
         for name in OF_JOINTS:
             if not isinstance(data[name], list) or not set(data[name]) <= set(robot.joint_names):
                 raise ValueError(f"'{name}' is no list of joints")
-        if not 1.0 <= (wider := data["wider"]) <= MOST_WIDER or isinstance(wider, bool):
+        wider = data["wider"]
+        if isinstance(wider, bool) or not (wider is None or 1.0 <= wider < np.inf):
             raise ValueError("'wider' is no factor of intervals")
         assumed, still, open_signs, beyond_limits = (tuple(data[x]) for x in OF_JOINTS)
         return cls(
@@ -258,7 +258,7 @@ class ActuatorModel:
             free,
             frozen(data["covariance"], (p, p)),
             frozen(data["known"], (p,)),
-            float(wider),
+            None if wider is None else float(wider),
             frozen(data["scale"], (n,)),
             tuple(map(str, data["stated"])),
             step,

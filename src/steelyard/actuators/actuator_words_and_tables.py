@@ -93,13 +93,17 @@ def missed_words(model: ActuatorModel, logs: Sequence[OpenLoop]) -> tuple[str, .
 
 def interval_words(model: ActuatorModel) -> str:
     """What the intervals rest on."""
-    found = (
-        "fits to two halves of the motions agree within the 95 % intervals, where both show a value"
-    )
-    if model.wider > 1.0:
+    if model.wider is None:
+        found = "no value shows in both halves of the motions, so that nothing tests the intervals"
+    elif model.wider == 1.0:
         found = (
-            f"the 95 % intervals contain a factor of {model.wider:.2g}, without which fits to two "
-            "halves of the motions would not agree: the law lacks something"
+            "95 % or more of the values that both halves of the motions show agree within the 95 % "
+            "intervals, each half fitted by itself"
+        )
+    else:
+        found = (
+            f"the 95 % intervals contain a factor of {model.wider:.2g}, for 95 % of the values "
+            "that both halves of the motions show to agree, each half fitted by itself"
         )
     return (
         f"{found}. They do not cover masses that are wrong, what the law lacks in all motions, or "
@@ -279,7 +283,10 @@ def brief_table(model: ActuatorModel) -> PlainTable:
         mine = {p.name: p for p in model.parameters if p.joint == joint}
         rows.append(Row((joint, *(_brief(mine[k.name]) for k in used))))
     headings = (f"{k.name.replace('_', ' ')} {k.unit}".removesuffix(" 1") for k in used)
-    words = "±: half of the 95 % interval; ?: wider than a third, the logs do not show the value."
+    words = (
+        "±: half of the 95 % interval; ?: a standard deviation above about a third, or mostly what "
+        "is assumed before any log."
+    )
     return PlainTable("", words, ("joint", *headings), rows)
 
 

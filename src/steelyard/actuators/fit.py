@@ -207,10 +207,8 @@ def fit(
                 better = trial
                 break
             damping *= 8.0
-        covariance, scatter = _covariance(task, told, repeated)
+        known = _covariance(task, told, repeated)
         chance = 1.0 - len(task.windows) / len(whole.windows)
-        least = np.sqrt(np.diag(np.linalg.inv(curvature)))
-        known = (frozen(covariance), frozen(scatter), frozen(least))
         last = Fitted(whole, values, frozen(scale), *known, chance)
         if better is None:
             break
@@ -257,14 +255,12 @@ def _repeated(information: Array, gradients: Array) -> float:
 
 def _covariance(
     task: Task, told: Sequence[tuple[Array, Array, Array]], repeated: float
-) -> tuple[Array, Array]:
-    """Of the parameters, by what they would be without one motion or another; and this part of it.
+) -> tuple[Array, Array, Array]:
+    """Of the parameters, by what they would be without one motion or another.
 
-    Where one motion is left its windows are what repeats, and one window tells nothing of it.
+    Then this part of it, which one window alone does not tell, and the least standard deviations.
     """
     prior, place = np.diag(task.precision), motions(task.windows)
-    if not place.max():
-        place = np.arange(len(place))
     count, p = int(place.max()) + 1, len(prior)
     information, gradients = np.zeros((count, p, p)), np.zeros((count, p))
     for k, (curvature, blocks, _) in zip(place, told, strict=True):
@@ -282,7 +278,8 @@ def _covariance(
     moves *= wider * np.sqrt((count - 1.0) / count)
     step = STEP_ERROR / repeated * (inverse @ np.sum([finer for _, _, finer in told], axis=0))
     scatter = moves.T @ moves if count > 1 else np.diag(task.spread**2)
-    return scatter + inverse @ prior @ inverse + np.outer(step, step), scatter
+    covariance = scatter + inverse @ prior @ inverse + np.outer(step, step)
+    return frozen(covariance), frozen(scatter), frozen(np.sqrt(np.diag(inverse)))
 
 
 def motions(windows: Sequence[Window]) -> NDArray[np.int_]:

@@ -20,9 +20,8 @@ from steelyard.base.arrays import Z95, frozen
 COARSE, FINE = (0.02, 8), (0.005, 4)
 """Steps of rollouts [s] and rounds of the fits, one after the other."""
 SHARE = 0.95  # of the values that have to agree
-LESS = (
-    10.0  # times the least standard deviation of all motion: a half that knows less does not count
-)
+LESS = 10.0
+"""Times the least standard deviation of all motion, above which a half does not show a value."""
 MOST_SPREADS = 3.0  # standard deviations of the prior: whatever an actuator can be
 LEAST_HALF = 0.25  # of all motion, else logs are cut
 
@@ -33,12 +32,13 @@ def halves_apart(
     parts: Sequence[str],
     found: Fitted,
     progress: Callable[[int], None] = lambda half: None,
-) -> float:
+) -> float | None:
     """By which factor intervals of `found` have to be wider for the values of two halves to agree.
 
     With shares $f_1, f_2$ of the windows, the difference of two values has $1 / f_1 + 1 / f_2$
     times the variance of those of `found`, if its intervals hold. Values of which one half has far
-    less information, such as those of a joint that moves in the other one, are not compared.
+    less information, such as those of a joint that moves in the other one, are not compared; `None`
+    if no value is.
     """
     half, both = halves(search.windows), list[Fitted]()
     for number in (0, 1):
@@ -50,7 +50,7 @@ def halves_apart(
         both.append(fitted)
     told = np.array([one.least_std < LESS * found.least_std for one in both]).all(axis=0)
     if not told.any():
-        return 1.0
+        return None
     one, two = (np.array([x.at(fitted.values) for x in fitted.task.free]) for fitted in both)
     shares = [len(fitted.task.windows) / len(search.windows) for fitted in both]
     off = (np.abs(one - two) / (found.std * np.sqrt(sum(1.0 / share for share in shares))))[told]

@@ -142,7 +142,7 @@ def identify_actuators(
         final,
         lambda half: report_progress(progress, "fitting two halves of the motions", half, 2),
     )
-    final = widened(final, wider)
+    final = widened(final, wider or 1.0)
     notes = (*_notes_of_zeros(job, final.values, open_signs, seen), *_notes_of_chance(final))
     origin = provenance(file, known, (), unknown, (), (*file.notes, *notes))
     origin = replace(origin, runs=tuple(log.name for log in job.logs))
@@ -382,7 +382,7 @@ def _model(
     job: _Job,
     found: Fitted,
     scaled: Sequence[int],
-    wider: float,
+    wider: float | None,
     open_signs: Sequence[int],
     origin: Provenance,
 ) -> ActuatorModel:
