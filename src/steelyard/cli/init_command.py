@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
+from steelyard.base.errors import ModelError
 from steelyard.base.files import refuse_existing, whole_file
 from steelyard.cli import interrupt
 from steelyard.cli import shared_by_commands as shared
@@ -50,6 +51,7 @@ def init(
     side: Literal["motor", "joint"] | None = None,
     coupling: list[str] | None = None,
     zeros: str | None = None,
+    calibration: Path | None = None,
     no_input: bool = False,
     fixed_base: str | None = None,
     as_json: bool = False,
@@ -75,6 +77,8 @@ def init(
             joint_6,joint_5,32. Repeatable.
         zeros: Joint positions where the log, or the motor, says zero, in rad (m), or with deg:
             0,-90deg,90deg.
+        calibration: LeRobot's calibration of the arm, a JSON file, if positions are normalised:
+            -100 to 100, the gripper's 0 to 100.
         no_input: Ask nothing, even at a terminal.
 
     Example: steelyard init panda.urdf run1.csv -o panda.toml
@@ -96,11 +100,13 @@ def init(
     if not logs:
         of_logs: dict[str, object] = {"--rate": rate, "--gains": gains, "--ratios": ratios}
         of_logs |= {"--side": side, "--coupling": coupling, "--zeros": zeros}
+        of_logs |= {"--calibration": calibration}
         fix = "give the log after the model file, or leave it out"
         shared.refuse_options(of_logs, "is given without a log", fix)
     asking = not (no_input or as_json) and sys.stdin.isatty() and sys.stdout.isatty()
     stated = Stated(ratios, coupling or (), gains, zeros, side)
-    assignment, known = examined(proposal, log_files(logs or []), rate, stated, asking)
+    found = log_files(logs or [])
+    assignment, known = examined(proposal, found, rate, stated, asking, calibration)
     draft = drafted(proposal, assignment, target, known)
     with whole_file(target) as part:
         part.write_text(draft.text, encoding="utf-8")
@@ -136,6 +142,7 @@ def examined(
     rate: float | None,
     stated: "Stated",
     asking: bool,
+    calibration: Path | None = None,
 ) -> "tuple[Assignment, Known]":
     """Joints with their columns, and what else logs and answers contain."""
     from steelyard.check.decision.drive_gains_and_what_init_learns import (
@@ -145,11 +152,22 @@ def examined(
     from steelyard.cli import drive_questions as questions
     from steelyard.robot.init.draft_robot_file import assigned, gears_of
     from steelyard.robot.init.draft_tables import Known, with_effort
+    from steelyard.robot.init.lerobot_calibration import read_calibration
     from steelyard.runs.runs_of_named_logs import sample_of
 
     columns, sample = sample_of(logs[0].path) if logs else (None, None)
-    assignment = assigned(proposal, columns, sample, rate, stated.ratios is not None, stated.side)
+    spans = None if calibration is None else read_calibration(calibration)
+    geared = stated.ratios is not None
+    assignment = assigned(proposal, columns, sample, rate, geared, stated.side, spans)
     guess, moving = assignment.guess, assignment.moving
+    if spans is not None and assignment.targets is None:
+        raise ModelError(
+            "a calibration is for logs of targets and positions without efforts"
+            + (f": {assignment.problem}" if assignment.problem else ""),
+            where="--calibration",
+            fix="leave the option out, and state position_unit, rad (m) per logged unit, in the "
+            "robot file",
+        )
     if guess is None:
         return assignment, Known(gravity=questions.mounting_of(_ask) if asking else None)
     refuse_other_columns(logs, guess, moving)

@@ -10,7 +10,7 @@ changes of what the robot file says. The cheapest one is believed.
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
-from math import isfinite, log, log10, pi
+from math import isclose, isfinite, log, log10, pi
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,7 +29,7 @@ from steelyard.check.signals.velocity_scale_and_lag import (
 from steelyard.robot.file.signals import POSITION_UNITS, ROW, VELOCITY_UNITS
 from steelyard.robot.init.column_names import Column
 from steelyard.robot.init.guess_efforts_and_gears import beyond_range
-from steelyard.robot.robot import Coordinate
+from steelyard.robot.robot import Coordinate, JointKind
 from steelyard.runs.first_pass_over_recording import FASTEST_SHARE
 
 SHORTEST_STEP, LONGEST_STEP = 1e-4, 0.25
@@ -58,7 +58,7 @@ SAME_SCALE = 1.15  # factor within which two scales are the same
 class JointReading:
     """Units of one joint."""
 
-    position_unit: str  # of the positions
+    position_unit: str  # of the positions; of a stated number, that number
     position_scale: float  # radians (metres) that a declared one really is
     velocity_unit: str  # of the velocities; empty if none are logged
     velocity_scale: float  # the same of velocities
@@ -196,8 +196,11 @@ def logged_velocities(case: Case, checked: CheckedLog) -> tuple[tuple[str, ...],
 
 def unit_value(
     units: Sequence[str], case: Case, known: Mapping[str, Mapping[str, float]]
-) -> str | list[str]:
+) -> str | list[str] | list[str | float]:
     """Units of the joints as the robot file says them: one for all that can have it, or a list."""
+    names = {name for of_kind in known.values() for name in of_kind}
+    if not names.issuperset(units):
+        return [unit if unit in names else float(unit) for unit in units]
     kinds = [c.kind for c in case.loaded.robot.coordinates]
     usual = {kind: next(iter(of_kind)) for kind, of_kind in known.items()}
     for one in dict.fromkeys(units):
@@ -286,7 +289,8 @@ def _facts(
         own = signals.velocity_scale
     facts = []
     for joint, c in enumerate(case.loaded.robot.coordinates):
-        of_position, of_velocity = POSITION_UNITS[c.kind], VELOCITY_UNITS[c.kind]
+        of_position = _position_units(float(signals.position_scale[joint]), c.kind)
+        of_velocity = VELOCITY_UNITS[c.kind]
         rates = _relative(float(own[joint]), of_velocity)
         named, rate_named = Column(signals.position[joint]), Column(rated[joint])
         facts.append(
@@ -304,6 +308,13 @@ def _facts(
             )
         )
     return tuple(facts)
+
+
+def _position_units(scale: float, kind: JointKind) -> Mapping[str, float]:
+    """Units that positions may be in; a number that is stated is the only one."""
+    named = POSITION_UNITS[kind]
+    known = any(isclose(abs(scale), size) for size in named.values())
+    return named if known else {repr(abs(scale)): abs(scale)}
 
 
 def _relative(scale: float, units: Mapping[str, float]) -> dict[str, float]:

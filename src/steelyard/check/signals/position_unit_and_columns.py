@@ -90,6 +90,7 @@ def _misplaced_correlations(
     return np.nan_to_num(own), np.abs(np.nan_to_num(of_own))
 
 
+NAMED_UNITS = {unit for units in POSITION_UNITS.values() for unit in units}
 OUTSIDE_RANGE = 1.1
 """Distance from the middle of a joint's range over half of it, above which positions are
 doubtful."""
@@ -239,7 +240,8 @@ def _reasons(case: Case, log: CheckedLog, units: UnitReading, joint: int, off: A
 
 def _facts(case: Case, log: CheckedLog, declared: set[str]) -> str:
     signals, gears = log.recording.signals, case.loaded.robot.transmission
-    units = " and ".join(sorted(declared))
+    named = [one if one in NAMED_UNITS else f"units of {float(one):.4g}" for one in declared]
+    units = " and ".join(sorted(named))
     if wrapped := log.recording.wrapped:
         units += f" ({', '.join(wrapped)} wrap after a turn: unwrapped)"
     if signals.position_map is None or gears is None:

@@ -18,7 +18,7 @@ EffortKind = Literal[
     "motor_current", "motor_torque", "joint_torque", "link_torque", "gravity_compensated_torque"
 ]
 Side = Literal["joint", "motor"]
-PositionUnit = Literal["rad", "deg", "m", "mm"]
+PositionUnit = Literal["rad", "deg", "m", "mm"] | Positive
 VelocityUnit = Literal["rad/s", "deg/s", "rpm", "m/s", "mm/s"]
 EffortUnit = Literal["A", "mA", "Nm", "N", "%"]
 Sign = Literal[1, -1]
@@ -219,8 +219,8 @@ class SignalsSection(Section):
         rate: Sampling rate of a log with evenly spaced rows, instead of `time` [Hz].
         coordinates: Whether positions and velocities are those of joints or of motors.
         position: Columns of positions, or one name with `{}` or `{joint}`.
-        position_unit: Unit, one for all columns or one each; rad or m by the joint's type if left
-            out.
+        position_unit: Unit, or rad (m) per logged unit, such as those of an encoder; one for all
+            columns or one each; rad or m by the joint's type if left out.
         position_sign: -1 for columns that count in the opposite direction.
         position_offset: Joint positions at logged zero [rad; m]; `identify` estimates them.
         velocity: Columns of velocities; positions are differentiated if left out.

@@ -225,18 +225,18 @@ class _Declared:
     def scales(self, quantity: str) -> Array:
         """SI per logged unit, without signs.
 
-        One unit for all means those joints that it can measure. A motor that turns may drive a
-        prismatic joint.
+        A unit is a name or a number. One name for all means those joints that it can measure. A
+        motor that turns may drive a prismatic joint.
         """
         given, key = getattr(self.section, f"{quantity}_unit"), f"{quantity}_unit"
         units = signals.POSITION_UNITS if quantity == "position" else signals.VELOCITY_UNITS
         if self.section.coordinates == "motor":
             units = dict.fromkeys(units, {u: x for some in units.values() for u, x in some.items()})
-        wanted: Sequence[str | None] = self.each(given, "units", key)
-        if not isinstance(given, tuple) and any(given in units[c.kind] for c in self.joints):
+        wanted: Sequence[str | float | None] = self.each(given, "units", key)
+        if isinstance(given, str) and any(given in units[c.kind] for c in self.joints):
             wanted = [given if given in units[c.kind] else None for c in self.joints]
         for coordinate, unit in zip(self.joints, wanted, strict=True):
-            if unit is not None and unit not in (fitting := units[coordinate.kind]):
+            if isinstance(unit, str) and unit not in (fitting := units[coordinate.kind]):
                 raise ModelError(
                     f"unit '{unit}' does not fit joint '{coordinate.name}', which is "
                     f"{coordinate.kind}",
@@ -244,7 +244,8 @@ class _Declared:
                     fix=f"use one of {', '.join(fitting)}",
                 )
         pairs = zip(self.joints, wanted, strict=True)
-        return np.array([1.0 if unit is None else units[c.kind][unit] for c, unit in pairs])
+        sizes = (units[c.kind][unit] if isinstance(unit, str) else unit for c, unit in pairs)
+        return np.array([1.0 if size is None else size for size in sizes])
 
     def signs(self, quantity: str) -> Any:
         """1, or -1 where a column counts the other way."""

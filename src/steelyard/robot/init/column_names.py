@@ -88,8 +88,8 @@ class Column:
         if found := _OF_MESSAGES.fullmatch(self.name):
             named: Quantity = found["quantity"] or "time"  # type: ignore[assignment]
             return named
-        if (of := _OF_DATASETS.fullmatch(self.name)) and of["quantity"] == "state":
-            return Column(of["joint"]).quantity or "position"
+        if self.of_state:
+            return Column(self.name.split("state", 1)[1]).quantity or "position"
         first = len(self.words) - len(words_of(re.split(r"[./]", self.name)[-1]))
         for number, word in enumerate(self.words):
             for quantity, names in _QUANTITIES.items():
@@ -120,6 +120,12 @@ class Column:
     def of_target(self) -> bool:
         """Whether the name says that it is a set-point of the controller."""
         return bool(_TARGETS & set(self.words))
+
+    @property
+    def of_state(self) -> bool:
+        """Whether it is of the state in a dataset of LeRobot."""
+        found = _OF_DATASETS.fullmatch(self.name)
+        return found is not None and found["quantity"] == "state"
 
     @property
     def stem(self) -> tuple[str, ...]:

@@ -22,6 +22,7 @@ from steelyard.robot.init.column_names import Column, by_name, finite, like_fing
 from steelyard.robot.init.guess_columns import Guess, Sample, guess_columns
 from steelyard.robot.init.guess_efforts_and_gears import Gears
 from steelyard.robot.init.guess_targets import TargetGuess, guess_targets
+from steelyard.robot.init.lerobot_calibration import Calibration
 from steelyard.robot.loop_closures import between
 from steelyard.robot.mechanism import Listed, Mechanism
 from steelyard.robot.models.xacro import split_reference
@@ -219,7 +220,8 @@ class Draft:
     def reasons(self) -> tuple[str, ...]:
         """Why columns are taken for what they seem to be, one sentence each."""
         found = self.guess or self.targets
-        return () if found is None else found.reasons
+        doubt = self.targets.doubt if self.targets else ""
+        return () if found is None else (*found.reasons, *([doubt] if doubt else []))
 
 
 def assigned(
@@ -229,11 +231,13 @@ def assigned(
     rate: float | None = None,
     geared: bool = False,
     side: Side | None = None,
+    calibration: Calibration | None = None,
 ) -> Assignment:
     """Joints to identify, and the columns of a log, whose units some values tell.
 
     A `rate` [Hz] stands for a column of time; `geared` says that gear ratios are given,
-    `side` that of the signals. It is a `LogError` if only the time is missing, and no rate given.
+    `side` that of the signals; a `calibration` is of targets and positions. It is a `LogError` if
+    only the time is missing, and no rate given.
     """
     robot = proposal.loaded.robot
     hands = _hands(robot) - _logged(robot, columns or (), sample or {})
@@ -251,7 +255,8 @@ def assigned(
                 error = LogError(error.wrong, where=error.where, fix=GIVE_RATE)
             if error.fix == GIVE_RATE:
                 raise error from None
-        found_targets = guess_targets(free, robot.coordinates, columns, sample or {}, rate)
+        arguments = (free, robot.coordinates, columns, sample or {}, rate, calibration)
+        found_targets = guess_targets(*arguments)
         if found_targets is not None:
             moving = tuple(c for c in robot.coordinates if c.name in found_targets.joints)
             return Assignment(tuple(columns), moving, moving, None, "", found_targets)

@@ -306,8 +306,8 @@ def guess_positions(
                 f"positions are whole numbers far beyond the joints' limits, such as counts of "
                 f"encoders, which have no unit: {listed(columns)}",
                 every,
-                "convert them to rad or m in the log: counts per turn (data sheet) and, if they "
-                f"are the motors', gear ratios; then {IN_FILE}",
+                "state position_unit, rad (m) per count: 2 pi over the counts per turn (data "
+                f"sheet), and if they are the motors', the gear ratios; {IN_FILE}",
             )
         degrees = ["deg" if unit == "rad" else unit for unit in units]
         within = (

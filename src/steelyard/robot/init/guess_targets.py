@@ -9,8 +9,13 @@ from numpy.typing import ArrayLike
 
 from steelyard.base.errors import LogError
 from steelyard.robot.init.column_names import Column, by_name, by_number, finite, listed
-from steelyard.robot.init.guess_clock_positions_and_velocities import clock_of, guess_positions
+from steelyard.robot.init.guess_clock_positions_and_velocities import (
+    MotionGuess,
+    clock_of,
+    guess_positions,
+)
 from steelyard.robot.init.guess_efforts_and_gears import changes
+from steelyard.robot.init.lerobot_calibration import WHICH, Calibration
 from steelyard.robot.robot import Coordinate
 
 NO_MOTION = {"effort", "velocity", "acceleration", "time"}
@@ -21,12 +26,13 @@ NO_MOTION = {"effort", "velocity", "acceleration", "time"}
 class TargetGuess:
     """What a log's columns of targets and positions seem to be.
 
-    `section` is `[signals]` as the robot file would say it.
+    `section` is `[signals]` as the robot file would say it; `doubt` what the user has to decide.
     """
 
     section: Mapping[str, Any]
     joints: tuple[str, ...]
     reasons: tuple[str, ...]
+    doubt: str = ""
 
 
 def guess_targets(
@@ -35,10 +41,12 @@ def guess_targets(
     columns: Sequence[str],
     sample: Mapping[str, ArrayLike],
     rate: float | None,
+    calibration: Calibration | None = None,
 ) -> TargetGuess | None:
     """Columns of targets beside those of positions; `None` if the log has efforts, or no targets.
 
     Numbers count `every` joint of the robot where the log has a column for each, hands included.
+    A calibration gives the units.
     """
     named = [Column(name) for name in columns]
     values = {name: finite(np.asarray(x)) for name, x in sample.items()}
@@ -50,7 +58,7 @@ def guess_targets(
     for joints in (every, coordinates):
         found = [_one_each(joints, some) for some in (positions, targets)]
         if all(found):
-            return _guess(joints, found[0], found[1], columns, sample, rate)
+            return _guess(joints, found[0], found[1], columns, sample, rate, calibration)
     return None
 
 
@@ -61,14 +69,22 @@ def _guess(
     columns: Sequence[str],
     sample: Mapping[str, ArrayLike],
     rate: float | None,
+    calibration: Calibration | None,
 ) -> TargetGuess | None:
     values = {name: finite(np.asarray(x)) for name, x in sample.items()}
     times = [c for c in map(Column, columns) if c.quantity == "time"]
     try:
         clock, time_reason = clock_of(times, position[0], columns, values, rate)
-        where = guess_positions(position, joints, values, columns, False, "joint")
     except LogError:
         return None
+    if calibration is not None:
+        where = MotionGuess(*calibration.units(joints, position, values))
+    else:
+        try:
+            where = guess_positions(position, joints, values, columns, False, "joint")
+        except LogError:
+            return None
+    unstated = where.unit == "deg" and all(c.of_state and not c.unit_words for c in position)
     section = {
         **clock,
         "position": [c.name for c in position],
@@ -81,7 +97,8 @@ def _guess(
         f"targets are {listed(target)}, in the unit and with the signs of the positions",
         "no efforts are logged: actuators are identified from targets and positions",
     )
-    return TargetGuess(section, tuple(c.name for c in joints), (*reasons, *where.contradictions))
+    why, doubt = (*reasons, *where.contradictions), WHICH if unstated else ""
+    return TargetGuess(section, tuple(c.name for c in joints), why, doubt)
 
 
 def _without_target(column: Column) -> Column:
