@@ -24,7 +24,7 @@ PROCESS = """
 import importlib, json, sys
 from dataclasses import asdict
 claims = importlib.import_module("proofs." + sys.argv[1].replace("/", ".")).main()
-json.dump([asdict(claim) for claim in claims], open(sys.argv[2], "w"))
+json.dump([asdict(claim) for claim in claims], open(sys.argv[2], "w"), default=bool)
 """
 
 
