@@ -3,6 +3,7 @@
 from steelyard import terms as terms
 from steelyard.actuators.actuator_model import ActuatorModel as ActuatorModel
 from steelyard.actuators.actuator_model import load_actuators as load_actuators
+from steelyard.actuators.check_targets import check_targets as check_targets
 from steelyard.actuators.identify_actuators import identify_actuators as identify_actuators
 from steelyard.actuators.identify_actuators import validate_actuators as validate_actuators
 from steelyard.base.errors import SteelyardError as SteelyardError

@@ -64,6 +64,20 @@ class ActuatorParameter:
         return {**vars(self), "interval": None if self.interval is None else [*self.interval]}
 
 
+def outside_limits(robot: Robot, values: ActuatorValues, q: Array) -> dict[str, str]:
+    """Joints that positions of a log `(N, n)` take far beyond their limits, and where to."""
+    found = {}
+    moved = values.signs * q + values["zero"]
+    for j, joint in enumerate(robot.coordinates):
+        low, high = float(moved[:, j].min()), float(moved[:, j].max())
+        if low < joint.limits.lower - BEYOND_LIMITS or high > joint.limits.upper + BEYOND_LIMITS:
+            found[joint.name] = (
+                f"{low:.2f} to {high:.2f} {joint.unit}, and its limits are "
+                f"{joint.limits.lower:.3g} to {joint.limits.upper:.3g}"
+            )
+    return found
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class ActuatorModel:
     """A robot whose joints follow position targets, and the law of its actuators.
@@ -158,19 +172,7 @@ class ActuatorModel:
 
     def outside_limits(self, q: Array) -> dict[str, str]:
         """Joints that positions of a log `(N, n)` take far beyond their limits, and where to."""
-        found = {}
-        moved = self.values.signs * q + self.values["zero"]
-        for j, joint in enumerate(self.robot.coordinates):
-            low, high = float(moved[:, j].min()), float(moved[:, j].max())
-            if (
-                low < joint.limits.lower - BEYOND_LIMITS
-                or high > joint.limits.upper + BEYOND_LIMITS
-            ):
-                found[joint.name] = (
-                    f"{low:.2f} to {high:.2f} {joint.unit}, and its limits are "
-                    f"{joint.limits.lower:.3g} to {joint.limits.upper:.3g}"
-                )
-        return found
+        return outside_limits(self.robot, self.values, q)
 
     def ratio(self, name: str, joint: int) -> tuple[float, float] | None:
         """A parameter over the stiffness of its joint, and the standard deviation of its logarithm.

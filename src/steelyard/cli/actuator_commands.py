@@ -28,7 +28,7 @@ def follows_targets(robot: str) -> bool:
     """Whether a robot file names position targets, and no efforts."""
     from steelyard.robot.file.robot_file import load_robot
 
-    return load_robot(robot).targets is not None
+    return Path(robot).suffix.lower() == ".toml" and load_robot(robot).targets is not None
 
 
 def actuators_identified(
@@ -60,6 +60,37 @@ def actuators_identified(
         paths = file_lines(folder, model="model.json", report="report.html")
         typer.echo("\n".join(["", *step_lines(steps), paths]))
     raise typer.Exit(int(found.verdict.level == "poor"))
+
+
+def targets_checked(
+    given: Mapping[str, Any], folder: Path | None, verbose: bool, as_json: bool
+) -> None:
+    """Check logs of targets with the arguments of `check`, and print what was found."""
+    from steelyard.actuators.check_targets import check_targets
+    from steelyard.identify.verdict_and_next_steps import identify_command, step_lines
+    from steelyard.report.terminal import terminal
+
+    refuse_options(
+        {
+            "--model": given.get("model"),
+            "--fix": given.get("fix") is not None,
+            "--quick": given.get("quick"),
+        },
+        "needs efforts, and the robot file names targets only",
+        "leave it out: `identify` finds signs and zeros itself, and uses them as found here",
+    )
+    known = ("robot", "logs", "fixed_base")
+    call = partial(check_targets, **{name: given[name] for name in known})
+    found = computed(call, folder)
+    severity = found.last.severity
+    if as_json:
+        print_json({**found.to_dict(), "output": folder and str(folder)})
+    else:
+        found.show(terminal(), verbose)
+        steps = [] if severity else [(identify_command(given["robot"], given["logs"]), "")]
+        paths = [file_lines(folder, page="check.html", JSON="check.json")] if folder else []
+        typer.echo("\n".join(["", *paths, *step_lines(tuple(steps), 12)]))
+    raise typer.Exit(int(severity))
 
 
 def actuators_validated(

@@ -74,11 +74,14 @@ def check(
 
     Example: steelyard check ur10e.toml run1.csv run2.csv --fix
     """
+    from steelyard.cli.actuator_commands import follows_targets, targets_checked
     from steelyard.identify.repeated_motion_and_validation_split import ProposedCut, propose_cut
     from steelyard.report.terminal import terminal
     from steelyard.robot.file.robot_file import load_robot
 
     folder = shared.optional_folder(output)
+    if follows_targets(call.keywords["robot"]):
+        return targets_checked(call.keywords, folder, verbose, as_json)
     with shared.progress_bar() as progress, ExitStack() as parts:
         found = call(progress=progress)
         if found.fixed is not None and found.fixed.changes:

@@ -1,0 +1,105 @@
+"""What a check says of logs of targets before actuators are identified."""
+
+from pathlib import Path
+
+import polars as pl
+import pytest
+from proofs.support.servo_arm import ROBOT_FILE, Servos, made
+from typer.testing import CliRunner
+
+import steelyard
+from steelyard.check.finding import Finding, Severity
+from steelyard.cli.app import app
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    place = tmp_path_factory.mktemp("servos")
+    made(place, Servos())
+    return place
+
+
+def found(robot: Path, log: Path | str) -> dict[str, Finding]:
+    result = steelyard.check_targets(robot, log)
+    return {one.check: one for one in result.last.findings}
+
+
+def changed(folder: Path, place: Path, table: pl.DataFrame, more: str = "") -> dict[str, Finding]:
+    """Findings for another log of the same arm, with more lines in the robot file."""
+    table.write_csv(place / "log.csv")
+    (place / "servos.urdf").write_text((folder / "servos.urdf").read_text())
+    (place / "servos.toml").write_text(ROBOT_FILE + more)
+    return found(place / "servos.toml", place / "log.csv")
+
+
+def test_a_good_log_shows_zeros_and_gives_all_joints_a_scale(folder: Path) -> None:
+    findings = found(folder / "servos.toml", folder / "servo_fit.csv")
+    assert list(findings) == ["targets", "motion", "signs", "joint zeros", "limits", "scale"]
+    assert not any(one.severity for one in findings.values())
+    assert findings["scale"].answered and findings["scale"].says == "the masses of the model file"
+    zeros = [float(x) for x in findings["joint zeros"].says.split() if x.lstrip("-")[0].isdigit()]
+    assert zeros == pytest.approx([0.0, 0.0], abs=0.05)
+
+
+def test_a_reversed_joint_is_named(folder: Path, tmp_path: Path) -> None:
+    table = pl.read_csv(folder / "servo_fit.csv").with_columns(-pl.col("q2"), -pl.col("target2"))
+    findings = changed(folder, tmp_path, table, "position_offset = [0.0, 0.0]\n")
+    assert findings["signs"].says == "positions of elbow count against the model file's"
+    open_ = changed(folder, tmp_path, table)["signs"]  # another zero does as well
+    assert not open_.answered and "do not decide the sign" in open_.says
+    stated = changed(folder, tmp_path, table, "position_sign = [1, -1]\n")
+    assert stated["signs"].says == "as stated"
+
+
+def test_exchanged_targets_are_wrong_and_nothing_else_is_asked(
+    folder: Path, tmp_path: Path
+) -> None:
+    table = pl.read_csv(folder / "servo_fit.csv")
+    table = table.rename({"target1": "target2", "target2": "target1"})
+    findings = changed(folder, tmp_path, table)
+    assert list(findings) == ["targets"]
+    assert findings["targets"].severity is Severity.WRONG
+    assert "follow the targets 'target2'" in findings["targets"].says
+
+
+def test_a_joint_that_rests_and_a_short_log_are_named(folder: Path, tmp_path: Path) -> None:
+    table = pl.read_csv(folder / "servo_fit.csv")
+    still = table.with_columns(q2=pl.lit(0.2), target2=pl.lit(0.2))
+    motion = changed(folder, tmp_path, still)["motion"]
+    assert (motion.severity, motion.joints) == (Severity.DOUBTFUL, ("elbow",))
+    short = changed(folder, tmp_path, table.head(500))
+    assert list(short) == ["targets", "motion"]
+    assert short["motion"].severity is Severity.WRONG
+
+
+def test_zeros_beyond_the_limits_are_doubtful(folder: Path, tmp_path: Path) -> None:
+    table = pl.read_csv(folder / "servo_fit.csv")
+    findings = changed(folder, tmp_path, table, "position_offset = [0.0, 2.5]\n")
+    assert findings["limits"].severity is Severity.DOUBTFUL
+    assert "elbow is at" in findings["limits"].says
+
+
+def test_a_stated_stiffness_is_the_scale_and_links_without_mass_are_none(
+    folder: Path, tmp_path: Path
+) -> None:
+    table = pl.read_csv(folder / "servo_fit.csv")
+    findings = changed(folder, tmp_path, table, "[actuator]\nstiffness = [12.0, 8.0]\n")
+    assert findings["scale"].says == "the stiffness that the robot file states"
+    level = ROBOT_FILE.replace("[robot]", "[robot]\ngravity = [0.0, 0.0, 0.0]")
+    (tmp_path / "servos.toml").write_text(level)
+    scale = found(tmp_path / "servos.toml", tmp_path / "log.csv")["scale"]
+    assert scale.severity is Severity.DOUBTFUL and "no joint is loaded by gravity" in scale.says
+
+
+def test_the_command_prints_json_writes_a_page_and_refuses_what_needs_efforts(
+    folder: Path, tmp_path: Path
+) -> None:
+    robot, log = str(folder / "servos.toml"), str(folder / "servo_fit.csv")
+    done = CliRunner().invoke(app, ["check", robot, log, "-o", str(tmp_path / "page")])
+    assert done.exit_code == 0 and "steelyard identify" in done.output
+    assert "Where are the model file" in (tmp_path / "page" / "check.html").read_text("utf-8")
+    told = CliRunner().invoke(app, ["check", robot, log, "--json"])
+    assert '"signs"' in told.output and told.exit_code == 0
+    for option in (["--fix", "new.toml"], ["--quick"]):
+        refused = CliRunner().invoke(app, ["check", robot, log, *option])
+        assert refused.exit_code == 2 and "needs efforts" in refused.output
