@@ -16,6 +16,8 @@ from proofs.support.servo_arm import ROBOT_FILE, URDF, Servos, log, made, target
 from typer.testing import CliRunner
 
 import steelyard
+from browser import Tab
+from report.pages import wrong_on_screen
 from steelyard.actuators.actuator_model import ActuatorModel
 from steelyard.actuators.actuator_parameters import Free
 from steelyard.actuators.actuators_page import ActuatorIdentification
@@ -26,6 +28,7 @@ from steelyard.cli.app import app
 from steelyard.export.model_files.actuators_mjcf import actuators_mjcf
 from steelyard.export.model_files.actuators_python import actuators_python
 from steelyard.robot.file.robot_file import load_robot
+from steelyard.robot.robot import sticks
 
 TRUE = Servos()
 
@@ -535,3 +538,36 @@ def test_what_the_model_misses_is_named(
     scored = steelyard.validate_actuators(found.model, file)
     assert scored.verdict.level != "good"
     assert any("a servo that is off: shoulder in limp" in words for words in scored.warnings)
+
+
+@pytest.mark.slow
+def test_the_replay_of_the_report_moves_and_fits_the_window(
+    folder: Path, found: ActuatorIdentification, browser: Tab
+) -> None:
+    browser.show(1400)
+    browser.open(folder / "model" / "report.html")
+    assert wrong_on_screen(browser, ((420, True), (1400, False))) == []
+    points = "JSON.stringify(document.querySelector('.space').data.map((one) => one.z.slice(3, 5)))"
+    play = "document.querySelector('.replay button').click()"
+    first = json.loads(browser.run(points))
+    browser.run(
+        "{const slider = document.querySelector('.replay input'); slider.value = 20;"
+        "slider.dispatchEvent(new Event('input'))}"
+    )
+    later = json.loads(browser.run(points))
+    assert later != first
+    arm, one = found.model, found.validation[0]
+    row = int(np.searchsorted(one.t - one.t[0], 20.0))
+    moved = arm.values.signs * one.q[row] + arm.values["zero"]
+    np.testing.assert_allclose(later[0], sticks(arm.robot, moved)[3:5, 2], atol=2e-3)
+    assert "20.0 s" in browser.run("document.querySelector('.replay output').textContent")
+    browser.run(play)
+    assert browser.run("document.querySelector('.replay button').textContent") == "Pause"
+    assert browser.run(
+        "new Promise((done) => { const slider = document.querySelector('.replay input');"
+        "const look = () => (slider.value > 20 ? done(true) : requestAnimationFrame(look));"
+        "look() })"
+    )
+    browser.run(play)
+    assert browser.run("document.querySelector('.replay button').textContent") == "Play"
+    assert not browser.console

@@ -70,7 +70,8 @@ def open_words(model: ActuatorModel) -> tuple[str, ...]:
         found.append(
             "signs of the log against the model file are not decided by the fitted logs: assumed "
             f"are {some}. Errors of joints are the same with others; the posture of the arm, its "
-            "tool and torques are not: look at a log in the model's joints, and state position_sign"
+            "tool and torques are not: compare the replay in the report with your arm, and state "
+            "position_sign"
         )
     return tuple(found)
 

@@ -1,11 +1,12 @@
 """What was found of actuators: their page, their text for the terminal and their JSON values."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any, ClassVar
 
+import numpy as np
 from rich.console import Console
 from rich.text import Text
 
@@ -32,11 +33,21 @@ from steelyard.actuators.actuator_words_and_tables import (
 )
 from steelyard.actuators.choice import Rung
 from steelyard.actuators.open_loop import OpenLoop
-from steelyard.report.page import figures, inspected_page, notes
-from steelyard.report.page_figures import Figure, Group, Key, drawn, line
+from steelyard.report.page import Shown, figures, inspected_page, notes
+from steelyard.report.page_figures import (
+    Figure,
+    Frames,
+    Group,
+    Key,
+    drawn,
+    in_space,
+    line,
+    space_layout,
+)
 from steelyard.report.result import Result, print_verdict
 from steelyard.report.tables import narrow_table
 from steelyard.report.words import count
+from steelyard.robot.robot import sticks
 
 POINTS = 1500  # of a line of a figure
 
@@ -162,6 +173,7 @@ class ActuatorIdentification(ActuatorResult):
                     words=" ".join(f"{one}." for one in law_lines(self.model, self.law)),
                     tables=[law_table(self.law)],
                 ),
+                replay_section(self.model, shown[0]),
                 *_motion_sections(self.model, shown),
                 figures("logs", "Fitted logs", tables=[fitted_table(self.fitted)]),
                 notes("notes", "Notes", self.notes, folded=True),
@@ -229,6 +241,7 @@ class ActuatorValidation(ActuatorResult):
             self.model.robot.name,
             (
                 *_error_sections(self, self.fresh or self.validation, self.validation, self.fitted),
+                replay_section(self.model, (self.fresh or self.validation)[0]),
                 *_motion_sections(self.model, self.validation),
                 notes("notes", "Notes", self.notes, folded=True),
             ),
@@ -268,6 +281,45 @@ def _error_sections(
 
 
 SHOWN_LOGS = 6  # whose motion the page shows
+REPLAYED, REPLAY_RATE = 60.0, 10.0  # seconds of the replay, and its frames a second
+
+
+def replay_section(model: ActuatorModel, one: OpenLoop) -> Shown:
+    """The measured and the predicted arm in space, in the model's joints."""
+    t = np.arange(one.t[0], min(one.t[-1], one.t[0] + REPLAYED), 1.0 / REPLAY_RATE)
+    values, arms = model.values, []
+    for q in (one.q, one.predicted):
+        rows = np.stack([np.interp(t, one.t, x) for x in q.T], axis=1)
+        arms.append(sticks(model.robot, values.signs * rows + values["zero"]))
+    ends = np.concatenate(arms).reshape(-1, 3)
+    spans = zip(("xaxis", "yaxis", "zaxis"), np.nanmin(ends, 0), np.nanmax(ends, 0), strict=True)
+    fixed: dict[str, Any] = {a: {"range": [low - 0.02, high + 0.02]} for a, low, high in spans}
+    fixed["camera"] = {"eye": {"x": 1.6, "y": -1.7, "z": 0.8}}
+    named = (("measured", "--measured", 9), ("predicted from targets", "--predicted", 4))
+    traces = [
+        in_space(
+            name,
+            arm[0],
+            mode="lines+markers",
+            line={"color": colour, "width": width},
+            marker={"color": colour, "size": 3},
+            hoverinfo="skip",
+        )
+        for arm, (name, colour, width) in zip(arms, named, strict=True)
+    ]
+    label = f"Measured and predicted arm in space along {one.log}"
+    figure = Figure(one.log, label, "", "", traces, space_layout(**fixed))
+    note = (
+        "Lines from joint to joint, in the frame of the base, with the signs and zeros of this "
+        "model: if the arm stands otherwise than yours did, these are wrong. Drag to turn it."
+    )
+    return figures(
+        "replay",
+        "Replay",
+        legend=[Key(colour, name) for name, colour, _ in named],
+        groups=[Group([replace(figure, frames=Frames(t - t[0], arms))], columns="one")],
+        note=note,
+    )
 
 
 def _motion_sections(model: ActuatorModel, shown: Sequence[OpenLoop]) -> Iterator[Any]:

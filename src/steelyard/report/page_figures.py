@@ -14,6 +14,14 @@ Traced = dict[str, Any]  # one trace of a figure, as JSON values
 
 
 @dataclass(frozen=True)
+class Frames:
+    """How the first traces of a figure in space move: times `(F,)` [s], points `(F, P, 3)` each."""
+
+    t: Array
+    points: Sequence[Array]
+
+
+@dataclass(frozen=True)
 class Figure:
     """One figure."""
 
@@ -25,13 +33,17 @@ class Figure:
     layout: Mapping[str, Any] = field(default_factory=dict)  # more of Plotly's layout
     caption: str = ""  # words beside the title
     height: int | None = None  # [px]; that of the style sheet if `None`
+    frames: Frames | None = None  # a replay of traces in space
 
     @property
     def json(self) -> str:
         """The figure as safe JSON."""
-        return script_json(
-            {"x": self.x, "y": self.y, "traces": self.traces, "layout": dict(self.layout)}
-        )
+        moving = {}
+        if self.frames is not None:
+            along = [packed(points.ravel()) for points in self.frames.points]
+            moving = {"frames": {"t": packed(self.frames.t), "points": along}}
+        shown = {"x": self.x, "y": self.y, "traces": self.traces, "layout": dict(self.layout)}
+        return script_json(shown | moving)
 
 
 @dataclass(frozen=True)
@@ -74,6 +86,17 @@ def in_space(name: str, points: Array, **more: Any) -> Traced:
     """Points `(N, 3)` in space, joined by lines unless the trace's `type` or `mode` is another."""
     x, y, z = (packed(axis) for axis in points.T)
     return traced("line", name, x, y, **{"type": "scatter3d", "z": z, **more})
+
+
+def space_layout(**scene: Any) -> dict[str, Any]:
+    """Layout of a figure in space, all scales alike; `scene` has more of Plotly's scene."""
+    colours = {"gridcolor": "--line", "zerolinecolor": "--zero"}
+    axes = {f"{axis}axis": {"title": {"text": f"{axis} [m]"}, **colours} for axis in "xyz"}
+    for axis in axes.keys() & scene.keys():
+        axes[axis] |= scene.pop(axis)
+    camera = {"eye": {"x": 1.3, "y": -1.4, "z": 0.7}, "center": {"x": 0.0, "y": 0.0, "z": -0.12}}
+    found = {**axes, "aspectmode": "data", "camera": camera, **scene}
+    return {"scene": found, "showlegend": False, "margin": {"l": 0, "r": 0, "t": 0, "b": 0}}
 
 
 def points(name: str, x: Array, y: Array, colour: str, size: float = 3.5) -> Traced:

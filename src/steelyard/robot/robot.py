@@ -250,11 +250,15 @@ def frame_origins(robot: Robot, frames: Sequence[Frame], joints: Array) -> Array
 
 
 def sticks(robot: Robot, joints: Array) -> Array:
-    """The robot as one broken line, from each joint to the next."""
-    at = frame_origins(robot, body_frames(robot), joints[None])[0]
-    gap = np.full(3, np.nan)
-    pairs = [(body.parent + 1, k + 1) for k, body in enumerate(robot.bodies)]
-    return np.array([row for a, b in pairs for row in (at[a], at[b], gap)])
+    """The robot as one broken line from each joint to the next, with a gap of NaN behind each.
+
+    Shape `(N, 3 bodies, 3)` [m] at positions `(N, n_joints)`; without `N` at one posture.
+    """
+    at = frame_origins(robot, body_frames(robot), np.atleast_2d(joints))
+    found = np.full((len(at), 3 * len(robot.bodies), 3), np.nan)
+    found[:, 0::3] = at[:, [body.parent + 1 for body in robot.bodies]]
+    found[:, 1::3] = at[:, 1:]
+    return found if joints.ndim > 1 else np.asarray(found[0])
 
 
 def body_frames(robot: Robot) -> list[Frame]:

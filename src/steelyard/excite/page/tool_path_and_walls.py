@@ -13,7 +13,7 @@ from steelyard.excite.constraints.tool_workspace import Marker
 from steelyard.excite.page.design_text import DesignContent
 from steelyard.model.equations.passive_joints import passive_positions
 from steelyard.report.page import Numbers, Section, packed, rounded, script_json
-from steelyard.report.page_figures import in_space, line
+from steelyard.report.page_figures import in_space, line, space_layout
 from steelyard.report.words import significant
 from steelyard.robot.file.excitation_sections import BoxSpans, WorkspaceSection
 from steelyard.robot.robot import Robot, body_frames, frame_origins, sticks
@@ -210,17 +210,7 @@ def _space(t: Array, path: Array, arm: Array, faces: Sequence[Face]) -> dict[str
             hovertemplate=f"{name}<extra></extra>",
         )
         walls.append(wall)
-    axes = {
-        f"{axis}axis": {
-            "title": {"text": f"{axis} [m]"},
-            **{"gridcolor": "--line", "zerolinecolor": "--zero"},
-        }
-        for axis in SPACE_AXES
-    }
-    camera = {"eye": {"x": 1.3, "y": -1.4, "z": 0.7}, "center": {"x": 0.0, "y": 0.0, "z": -0.12}}
-    scene = {**axes, "aspectmode": "data", "camera": camera}
-    layout = {"scene": scene, "showlegend": False, "margin": {"l": 0, "r": 0, "t": 0, "b": 0}}
-    return {"x": "", "y": "", "traces": [way, body, *walls], "layout": layout}
+    return {"x": "", "y": "", "traces": [way, body, *walls], "layout": space_layout()}
 
 
 def _view(

@@ -196,9 +196,61 @@ function drawPlots() {
   drawAll();
 }
 
+// Numbers of an array as `packed` wrote them, in single precision.
+function unpacked(array) {
+  return new Float32Array(Uint8Array.from(atob(array.bdata), (one) => one.charCodeAt(0)).buffer);
+}
+
+// The controls of a replay below a picture in space. Returns what draws it at the time that is set.
+function replayed(picture, frames) {
+  const controls = picture.nextElementSibling.nextElementSibling;
+  const [button, slider, time] = controls.children;
+  const t = unpacked(frames.t), all = frames.points.map(unpacked);
+  let before = null;
+
+  // Between two frames points are on straight lines.
+  function show() {
+    const now = Number(slider.value);
+    let k = 0;
+    while (k < t.length - 2 && t[k + 1] <= now) k += 1;
+    const share = t.length > 1 ? (now - t[k]) / (t[k + 1] - t[k]) : 0;
+    const along = (axis) => all.map((points) => {
+      const size = points.length / t.length, found = [];
+      for (let p = k * size + axis; p < (k + 1) * size; p += 3) {
+        const next = t.length > 1 ? points[p + size] : points[p];
+        found.push((1 - share) * points[p] + share * next);
+      }
+      return found;
+    });
+    time.textContent = `${now.toFixed(1)} s`;
+    Plotly.restyle(picture, { x: along(0), y: along(1), z: along(2) }, all.map((_, k) => k));
+  }
+
+  function step(stamp) {
+    if (before === null) return;
+    const last = Number(slider.max), now = Number(slider.value) + (stamp - before) / 1000;
+    slider.value = now > last ? 0 : now;
+    before = stamp;
+    show();
+    requestAnimationFrame(step);
+  }
+
+  function play(on) {
+    button.textContent = on ? "Pause" : "Play";
+    before = on ? performance.now() : null;
+    if (on) requestAnimationFrame(step);
+  }
+
+  button.addEventListener("click", () => play(before === null));
+  slider.addEventListener("input", () => { play(false); show(); });
+  controls.hidden = false;
+  return show;
+}
+
 // Pictures of sections; one in a closed part of the page is drawn when that is opened.
 function drawPictures() {
   const colours = ["--blue", "--vermillion", "--green", "--purple", "--amber", "--arm"];
+  const replays = new Map();
 
   function trace(one, k) {
     const tint = colours[k % colours.length];
@@ -230,6 +282,9 @@ function drawPictures() {
     picture.dataset.drawn = "yes";
     const figure = JSON.parse(picture.nextElementSibling.textContent);
     Plotly.react(picture, themed(figure.traces.map(trace)), themed(layout(figure)), CONFIG);
+    if (!figure.frames) return;
+    if (!replays.has(picture)) replays.set(picture, replayed(picture, figure.frames));
+    replays.get(picture)();
   }
 
   const drawAll = () => document.querySelectorAll(".picture").forEach(draw);
