@@ -13,7 +13,9 @@ from pathlib import Path
 from unittest.mock import patch
 
 import numpy as np
+import polars as pl
 import pytest
+from proofs.support.servo_arm import ROBOT_FILE, URDF
 from typer.testing import CliRunner, Result
 
 from cli.mistakes import PLAIN
@@ -344,3 +346,13 @@ def test_ctrl_c_twice_leaves_nothing(tmp_path: Path) -> None:
     assert (process.returncode, errors) == (130, "stopped: nothing was written\n")
     assert sorted(p.name for p in tmp_path.iterdir()) == ["arm.toml", "arm.urdf"]
     assert gone(names)
+
+
+def test_of_targets_the_accuracy_is_said_to_be_another_ones(tmp_path: Path) -> None:
+    (tmp_path / "servos.urdf").write_text(URDF)
+    (tmp_path / "servos.toml").write_text(ROBOT_FILE)
+    arguments = [str(tmp_path / "servos.toml"), "--motion", "sweeps", "--rate", "50", "--json"]
+    done = CliRunner().invoke(app, ["excite", *arguments, "-o", str(tmp_path / "out")])
+    assert "names position targets" in json.loads(done.stdout)["notes"][-1]
+    times = pl.read_csv(tmp_path / "out" / "trajectory.csv")["time_s"]
+    assert times.diff()[1] == pytest.approx(0.02)

@@ -49,6 +49,10 @@ _SAMPLES_PER_STEP = 64
 _RATE_FACTOR = 1.15
 _MOST_ADVISED_RATE = 2000.0
 _SPLINE_ERROR = 1e-6
+OF_TARGETS = (
+    "the robot file names position targets: what is proven holds for the targets, and the arm lags "
+    "behind them; accuracies are those of a robot whose torques are logged"
+)
 
 
 def error_between(trajectory: ExactTrajectory, between: str, rate: float) -> Array:
@@ -244,7 +248,10 @@ class DesignTask:
         gaps = gaps_of_files(designed, found.written_formats, self.rate)
         certificate = designed.certificate
         certificate = replace(certificate, notes=(*certificate.notes, *gaps))
-        designed = replace(designed, certificate=certificate, notes=(*designed.notes, *gaps))
+        notes = (*designed.notes, *gaps)
+        if self.tables[0].targets is not None:
+            notes += (OF_TARGETS,)
+        designed = replace(designed, certificate=certificate, notes=notes)
         return replace(found, designed=designed)
 
 
