@@ -1,6 +1,6 @@
 """What `identify`, `validate` and `export` do where joints follow position targets."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -128,35 +128,37 @@ def actuators_validated(
 
 def actuators_exported(model: str, form: str, output: Path | None, as_json: bool) -> None:
     """Write identified actuators for a simulator, and print what the file lacks."""
-    from steelyard.actuators.actuator_model import load_actuators
+    from steelyard.actuators.actuator_model import ActuatorModel, load_actuators
     from steelyard.base.errors import OutputError
     from steelyard.base.files import refuse_existing, whole_file
-    from steelyard.export.model_files.actuators_mjcf import actuators_mjcf
+    from steelyard.export.model_files.actuators_mjcf import ActuatorFile, actuators_mjcf
     from steelyard.export.model_files.actuators_python import actuators_python
+    from steelyard.export.model_files.actuators_usd import actuators_usd
 
-    if form not in ("mjcf", "isaaclab", "mjlab"):
+    writers: dict[str, tuple[str, str, Callable[[ActuatorModel], ActuatorFile]]] = {
+        "mjcf": ("MJCF", ".xml", actuators_mjcf),
+        "usd": ("USD", ".usda", actuators_usd),
+        "isaaclab": ("Isaac Lab", "_isaaclab.py", partial(actuators_python, framework="isaaclab")),
+        "mjlab": ("mjlab", "_mjlab.py", partial(actuators_python, framework="mjlab")),
+    }
+    if form not in writers:
         raise OutputError(
             f"a model of actuators is not written as {form}",
             where="--to",
-            fix="give --to mjcf, isaaclab or mjlab: position actuators with delay, armature and "
-            "dry friction",
+            fix=f"give --to {', '.join(writers)}: position actuators with delay, armature and dry "
+            "friction",
         )
+    name, ending, write = writers[form]
     known = load_actuators(model)
-    ending = ".xml" if form == "mjcf" else f"_{form}.py"
     path = output or Path(f"{known.robot.name}{ending}".replace("/", "_")).absolute()
     refuse_existing(path)
-    made = (
-        actuators_mjcf(known)
-        if form == "mjcf"
-        else actuators_python(known, "isaaclab" if form == "isaaclab" else "mjlab")
-    )
+    made = write(known)
     with whole_file(path) as part:
         part.write_text(made.text, encoding="utf-8", newline="")
         interrupt.too_late()
     if as_json:
         print_json({"file": str(path), "format": form, "unsupported": list(made.unsupported)})
         return
-    name = {"mjcf": "MJCF", "isaaclab": "Isaac Lab"}.get(form, form)
     say(f"{path}: {len(known.joints)} position actuators; its head says how to convert targets")
     for sentence in made.unsupported:
         say(f"{name} cannot represent: {sentence}")

@@ -140,7 +140,7 @@ def _refuse_same(folder: Path, motion_folder: Path) -> None:
         raise OutputError(wrong, where=f"--next {motion_folder}", fix=fix)
 
 
-Kind = Literal["urdf", "mjcf", "c", "python", "fmu", "ros2", "simulink", "isaaclab", "mjlab"]
+Kind = Literal["urdf", "mjcf", "c", "python", "fmu", "ros2", "simulink", "usd", "isaaclab", "mjlab"]
 FORMATS: dict[Kind, tuple[str, str]] = {
     "urdf": ("URDF", ".urdf"),
     "mjcf": ("MJCF", ".xml"),
@@ -149,6 +149,7 @@ FORMATS: dict[Kind, tuple[str, str]] = {
     "fmu": ("an FMU", ".fmu"),
     "ros2": ("a ROS 2 package", "-ros2"),
     "simulink": ("Simulink", "-simulink"),
+    "usd": ("USD", ".usda"),
     "isaaclab": ("a configuration of Isaac Lab", "_isaaclab.py"),
     "mjlab": ("a configuration of mjlab", "_mjlab.py"),
 }
@@ -190,8 +191,8 @@ def export(
 
     Code is C, Python, an FMU, a ROS 2 package or an S-function for Simulink.
 
-    Identified actuators are written as MJCF with position actuators, or as configurations of Isaac
-    Lab (isaaclab) or mjlab.
+    Identified actuators are written as MJCF with position actuators, as USD with Newton's schemas,
+    or as configurations of Isaac Lab (isaaclab) or mjlab.
 
     Of URDF and MJCF, terminal and file header list what the format cannot represent, and what
     comes from the prior instead of the data.
@@ -210,7 +211,7 @@ def export(
         shared.refuse_options(options, "does not apply to a model of actuators", "leave it out")
         return actuators_exported(model, form, output, as_json)
     identified = load_model(model)
-    if form == "isaaclab" or form == "mjlab":
+    if form == "usd" or form == "isaaclab" or form == "mjlab":
         raise OutputError(
             f"{FORMATS[form][0]} is of actuators, and this model is identified from efforts",
             where="--to",
@@ -249,7 +250,7 @@ def _format(to: Kind | None, output: Path | None) -> Kind:
             "no format is named",
             where="--to" if output is None else str(output),
             fix=f"give --to {', '.join(FORMATS)}, or end the name of --output in .urdf, .xml, "
-            ".py or .fmu",
+            ".py, .fmu or .usda",
         )
     means = "python" if form in ("isaaclab", "mjlab") else form  # they are Python too
     if of_ending not in (None, means) and (ending != ".xml" or means == "python"):
