@@ -373,8 +373,9 @@ def test_commands_do_the_same(
     toml, logs = str(folder / "servos.toml"), str(folder / "servo_fit.csv")
     refused = run(app, ["identify", toml, logs, "--bootstrap", "30"])
     assert refused.exit_code == 2 and "needs efforts" in refused.output
-    refused = run(app, ["check", toml, logs])
-    assert refused.exit_code == 2 and "identify the actuators" in refused.output
+    with pytest.raises(ModelError) as caught:
+        steelyard.check(toml, logs)
+    assert "check_targets, identify_actuators" in caught.value.fix
     refused = run(app, ["health", model, logs])
     assert refused.exit_code == 2 and "without efforts" in refused.output
 

@@ -166,6 +166,59 @@ def largest_torque(
     return np.asarray(values["stiffness"] * np.quantile(np.abs(error), share, axis=0) + 1e-6)
 
 
+@dataclass(eq=False)
+class _Choice:
+    """The law so far: its fit to `fitted` windows, and its error on those that are left out."""
+
+    search: Search
+    fitted: Sequence[Window]
+    left: Sequence[Window]
+    parts: tuple[str, ...]
+    now: Fitted
+    error: float
+    rungs: list[Rung]
+
+    @classmethod
+    def begun(
+        cls, search: Search, start: ActuatorValues, stated: Mapping[str, Array], given: set[str]
+    ) -> "_Choice":
+        """The usual law, with what the user states."""
+        fitted, left = split(search.windows)
+        begin = with_stated(start, stated, fitted)
+        parts = tuple(p for p in (*ALWAYS, *USUAL, *POSSIBLE) if p in given or p not in POSSIBLE)
+        parts = tuple(p for p in parts if p != "delay" or "delays" not in given)
+        search = replace(search, centre=search.centre.changed(**first_values(begin, fitted)))
+        now = fit(search.task(fitted, parts), begin)
+        error = left_out_error(search, now.values, left)
+        rungs = [Rung(parts, "the usual law", error, True)]
+        return cls(search, fitted, left, parts, now, error, rungs)
+
+    def improves(self, part: str, adds: bool) -> bool:
+        """Whether the law is better with a part, or as good without it; then it is the law."""
+        gone = REPLACED.get(part, "") if adds else part
+        parts = (*(p for p in self.parts if p != gone), *((part,) if adds else ()))
+        name = f"{'+' if adds else '-'} {part}"
+        search, first = self.search, without(self.now.values, part)
+        if adds:
+            first = with_part(self.now.values, part, self.fitted)
+        if part == "torque_limit":
+            first, joints = _limited(search, self.now.values, self.fitted)
+            search = replace(search, joints={**search.joints, part: joints})
+            if not joints:
+                self.rungs.append(Rung(parts, name, self.error, False))
+                return False
+        other = fit(search.task(self.fitted, parts), first, SHORT)
+        error = left_out_error(search, other.values, self.left)
+        if adds:
+            better = error < self.error * (1.0 - LEAST_GAIN) and _shown(other, part)
+        else:
+            better = error <= self.error * (1.0 + LEAST_LOSS)
+        self.rungs.append(Rung(parts, name, error, better))
+        if better:
+            self.search, self.parts, self.now, self.error = search, parts, other, error
+        return better
+
+
 def chosen(
     search: Search,
     start: ActuatorValues,
@@ -180,53 +233,24 @@ def chosen(
     A part that the user states is in the law in any case; no other one is tried unless the choice
     is `automatic`. Parts that were not needed are tried again beside one that was added.
     """
-    fitted, left = split(search.windows)
-    begin = with_stated(start, stated, fitted)
     given = {BY_NAME[name].part for name in stated}
     if len(set(stated.get("delay", [0.0]))) > 1 or np.isnan(stated.get("delay", 0.0)).any():
         given |= {"delays"}
-    parts = tuple(p for p in (*ALWAYS, *USUAL, *POSSIBLE) if p in given or p not in POSSIBLE)
-    parts = tuple(p for p in parts if p != "delay" or "delays" not in given)
     todo = list(_questions(given)) if automatic else []
     vain: list[tuple[str, bool]] = []
     progress("the usual law", 0, 1 + len(todo))
-    search = replace(search, centre=search.centre.changed(**first_values(begin, fitted)))
-    now = fit(search.task(fitted, parts), begin)
-    error = left_out_error(search, now.values, left)
-    rungs = [Rung(parts, "the usual law", error, True)]
+    law = _Choice.begun(search, start, stated, given)
     while todo:
         part, adds = todo.pop(0)
-        if adds and NEEDED.get(part, parts[0]) not in parts:
-            vain.append((part, adds))
-            continue
-        sign = "+" if adds else "-"
-        progress(f"{sign} {part}", len(rungs), 1 + len(rungs) + len(todo))
-        gone = REPLACED.get(part, "") if adds else part
-        others = (*(p for p in parts if p != gone), *((part,) if adds else ()))
-        of, first = search, without(now.values, part)
-        if adds:
-            first = with_part(now.values, part, fitted)
-        if part == "torque_limit":
-            first, joints = _limited(search, now.values, fitted)
-            of = replace(search, joints={**search.joints, part: joints})
-            if not joints:
-                rungs.append(Rung(others, f"{sign} {part}", error, False))
-                vain.append((part, adds))
-                continue
-        other = fit(of.task(fitted, others), first, SHORT)
-        new = left_out_error(search, other.values, left)
-        if adds:
-            better = new < error * (1.0 - LEAST_GAIN) and _shown(other, part)
-        else:
-            better = new <= error * (1.0 + LEAST_LOSS)
-        rungs.append(Rung(others, f"{sign} {part}", new, better))
-        if better:
-            now, error, parts, search = other, new, others, of
+        tried = len(law.rungs)
+        progress(f"{'+' if adds else '-'} {part}", tried, 1 + tried + len(todo))
+        possible = not adds or NEEDED.get(part, law.parts[0]) in law.parts
+        better = possible and law.improves(part, adds)
         if adds and better:
             todo, vain = [*todo, *vain], []
         elif adds:
             vain.append((part, adds))
-    return now, tuple(rungs), parts, search
+    return law.now, tuple(law.rungs), law.parts, law.search
 
 
 def _shown(found: Fitted, part: str) -> bool:

@@ -114,7 +114,7 @@ def identify_actuators(
         lambda half: report_progress(progress, "fitting two halves of the motions", half, 2),
     )
     final = widened(final, wider or 1.0)
-    notes = (*notes_of_zeros(job, final.values, open_signs, seen), *_notes_of_chance(final))
+    notes = (*notes_of_zeros(job, final, open_signs, seen), *_notes_of_chance(final))
     origin = provenance(file, known, (), unknown, (), (*file.notes, *notes))
     origin = replace(origin, runs=tuple(log.name for log in job.logs))
     model = _model(job, final, _with_scale(search, parts, job), wider, open_signs, origin)

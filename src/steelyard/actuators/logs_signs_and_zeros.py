@@ -12,7 +12,7 @@ from steelyard.actuators.fit import Fitted, fit
 from steelyard.actuators.read_targets import TargetLog, read_targets
 from steelyard.actuators.starts import Quiet, gravity_joints, starts, zero_prior
 from steelyard.actuators.target_runs import TargetRun, Window
-from steelyard.base.arrays import Array
+from steelyard.base.arrays import Z95, Array
 from steelyard.base.errors import ModelError
 from steelyard.base.progress import Progress, report_progress
 from steelyard.model.model import ValuedModel
@@ -152,17 +152,20 @@ def started(
 
 
 def notes_of_zeros(
-    job: Job, values: ActuatorValues, open_signs: Sequence[int], seen: Sequence[int]
+    job: Job, found: Fitted, open_signs: Sequence[int], seen: Sequence[int]
 ) -> tuple[str, ...]:
-    """What was found of the log's signs and zeros."""
+    """What was found of the log's signs and zeros, with 95 % intervals."""
     names, s, notes = job.file.robot.joint_names, job.signals, list[str]()
+    stds = {one.joint: std for one, std in zip(found.task.free, found.std, strict=True)
+            if one.name == "zero"}  # fmt: skip
     for j in seen:
-        if s.signs[j] is None and values.signs[j] < 0.0 and j not in open_signs:
+        if s.signs[j] is None and found.values.signs[j] < 0.0 and j not in open_signs:
             notes.append(f"positions of {names[j]} count against the model file's")
         if s.zeros[j] is None:
+            within = f" ± {Z95 * stds[j]:.3f}" if j in stds else ""
             notes.append(
                 f"where the log of {names[j]} says zero, the model file's joint is at "
-                f"{values['zero'][j]:.3f} {job.file.robot.coordinates[j].unit}"
+                f"{found.values['zero'][j]:.3f}{within} {job.file.robot.coordinates[j].unit}"
             )
     return tuple(notes)
 

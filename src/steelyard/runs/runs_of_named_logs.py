@@ -160,8 +160,9 @@ def signals_of(loaded: LoadedRobot, log: LogArgument) -> tuple[Signals, tuple[st
         raise ModelError(
             "the robot file names position targets, but no efforts",
             where=loaded.where("signals", "target"),
-            fix="from these, `steelyard identify` and `steelyard validate` do what is possible: "
-            "they identify the actuators; for all else log efforts, and add [signals.effort]",
+            fix="from these, `steelyard check`, `identify` and `validate` do what is possible (in "
+            "Python check_targets, identify_actuators, validate_actuators); for all else log "
+            "efforts, and add [signals.effort]",
         )
     columns, sample = sample_of(log.path)
     return guess_signals(loaded.robot, columns, sample)
