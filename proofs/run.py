@@ -24,7 +24,8 @@ PROCESS = """
 import importlib, json, sys
 from dataclasses import asdict
 claims = importlib.import_module("proofs." + sys.argv[1].replace("/", ".")).main()
-json.dump([asdict(claim) for claim in claims], open(sys.argv[2], "w"), default=bool)
+found = [{**asdict(claim), "holds": bool(claim.holds)} for claim in claims]
+json.dump(found, open(sys.argv[2], "w"))
 """
 
 

@@ -2,12 +2,14 @@
 
 from pathlib import Path
 
+import numpy as np
 import polars as pl
 import pytest
 from proofs.support.servo_arm import ROBOT_FILE, Servos, made
 from typer.testing import CliRunner
 
 import steelyard
+from steelyard.base.errors import LogError
 from steelyard.check.finding import Finding, Severity
 from steelyard.cli.app import app
 
@@ -36,7 +38,8 @@ def test_a_good_log_shows_zeros_and_gives_all_joints_a_scale(folder: Path) -> No
     findings = found(folder / "servos.toml", folder / "servo_fit.csv")
     assert list(findings) == ["targets", "motion", "signs", "joint zeros", "limits", "scale"]
     assert not any(one.severity for one in findings.values())
-    assert findings["scale"].answered and findings["scale"].says == "the masses of the model file"
+    scale = findings["scale"]
+    assert scale.answered and scale.says == "the masses of the model file (shoulder, elbow)"
     zeros = [float(x) for x in findings["joint zeros"].says.split() if x.lstrip("-")[0].isdigit()]
     assert zeros == pytest.approx([0.0, 0.0], abs=0.05)
 
@@ -46,9 +49,9 @@ def test_a_reversed_joint_is_named(folder: Path, tmp_path: Path) -> None:
     findings = changed(folder, tmp_path, table, "position_offset = [0.0, 0.0]\n")
     assert findings["signs"].says == "positions of elbow count against the model file's"
     open_ = changed(folder, tmp_path, table)["signs"]  # another zero does as well
-    assert not open_.answered and "do not decide the sign" in open_.says
+    assert not open_.answered and "not decided for" in open_.says
     stated = changed(folder, tmp_path, table, "position_sign = [1, -1]\n")
-    assert stated["signs"].says == "as stated"
+    assert stated["signs"].says == "signs are stated"
 
 
 def test_exchanged_targets_are_wrong_and_nothing_else_is_asked(
@@ -79,16 +82,65 @@ def test_zeros_beyond_the_limits_are_doubtful(folder: Path, tmp_path: Path) -> N
     assert "elbow is at" in findings["limits"].says
 
 
-def test_a_stated_stiffness_is_the_scale_and_links_without_mass_are_none(
-    folder: Path, tmp_path: Path
+@pytest.mark.parametrize(
+    ("actuator", "says"),
+    [
+        ("stiffness = [12.0, 8.0]", "the stiffness that the robot file states (shoulder, elbow)"),
+        (
+            'stiffness = [12.0, "identify"]',
+            "the stiffness that the robot file states (shoulder); the masses of the model file "
+            "(elbow)",
+        ),
+        ('stiffness = ["identify", "identify"]', "the masses of the model file (shoulder, elbow)"),
+        ("armature = 0.004", "a torque that the robot file states (shoulder, elbow)"),
+    ],
+)
+def test_the_source_of_the_scale_is_named(
+    folder: Path, tmp_path: Path, actuator: str, says: str
 ) -> None:
     table = pl.read_csv(folder / "servo_fit.csv")
-    findings = changed(folder, tmp_path, table, "[actuator]\nstiffness = [12.0, 8.0]\n")
-    assert findings["scale"].says == "the stiffness that the robot file states"
+    scale = changed(folder, tmp_path, table, f"[actuator]\n{actuator}\n")["scale"]
+    assert scale.answered and scale.says == says
+
+
+def test_links_that_hardly_load_any_joint_give_no_scale(folder: Path, tmp_path: Path) -> None:
+    table = pl.read_csv(folder / "servo_fit.csv")
+    changed(folder, tmp_path, table)
+    text = (tmp_path / "servos.urdf").read_text()
+    light = text.replace('mass value="0.25"', 'mass value="2e-4"')
+    light = light.replace('mass value="0.2"', 'mass value="2e-4"')
+    (tmp_path / "servos.urdf").write_text(light)
+    scale = found(tmp_path / "servos.toml", tmp_path / "log.csv")["scale"]
+    assert scale.severity is Severity.DOUBTFUL and "hardly loads any joint" in scale.says
     level = ROBOT_FILE.replace("[robot]", "[robot]\ngravity = [0.0, 0.0, 0.0]")
     (tmp_path / "servos.toml").write_text(level)
-    scale = found(tmp_path / "servos.toml", tmp_path / "log.csv")["scale"]
-    assert scale.severity is Severity.DOUBTFUL and "no joint is loaded by gravity" in scale.says
+    without = found(tmp_path / "servos.toml", tmp_path / "log.csv")
+    assert without["scale"].severity is Severity.DOUBTFUL
+    for name in ("signs", "joint zeros"):
+        assert not without[name].answered and "shoulder, elbow" in without[name].says
+    (tmp_path / "servos.toml").write_text(level + "[actuator]\narmature = 0.02\n")
+    assert not found(tmp_path / "servos.toml", tmp_path / "log.csv")["scale"].severity
+
+
+def test_positions_that_are_not_of_the_targets_are_doubtful(folder: Path, tmp_path: Path) -> None:
+    table = pl.read_csv(folder / "servo_fit.csv")
+    walk = 0.01 * np.random.default_rng(0).standard_normal(len(table)).cumsum()
+    findings = changed(folder, tmp_path, table.with_columns(q2=pl.Series(0.1 * walk)))
+    assert findings["targets"].severity is Severity.DOUBTFUL
+    assert "positions of elbow do not follow the targets" in findings["targets"].says
+
+
+def test_logs_are_named_as_they_were_given_and_none_twice(folder: Path, tmp_path: Path) -> None:
+    for place in ("a", "b"):
+        (tmp_path / place).mkdir()
+    text = (folder / "servo_fit.csv").read_text().splitlines()
+    (tmp_path / "a" / "log.csv").write_text("\n".join(text[:1500]))
+    (tmp_path / "b" / "log.csv").write_text("\n".join([text[0], *text[1500:]]))
+    logs = [tmp_path / place / "log.csv" for place in ("a", "b")]
+    result = steelyard.check_targets(folder / "servos.toml", logs)
+    assert [f.log for f in result.last.findings][:2] == [str(log) for log in logs]
+    with pytest.raises(LogError, match="twice"):
+        steelyard.check_targets(folder / "servos.toml", [logs[0], logs[0]])
 
 
 def test_the_command_prints_json_writes_a_page_and_refuses_what_needs_efforts(

@@ -2,6 +2,7 @@
 
 import ast
 import json
+import re
 import sys
 import types
 from dataclasses import replace
@@ -20,7 +21,7 @@ from browser import Tab
 from report.pages import wrong_on_screen
 from steelyard.actuators.actuator_model import ActuatorModel
 from steelyard.actuators.actuator_parameters import Free
-from steelyard.actuators.actuators_page import ActuatorIdentification
+from steelyard.actuators.actuators_page import ActuatorIdentification, replay_section
 from steelyard.actuators.rollout import rollouts
 from steelyard.actuators.target_runs import TargetRun, windows_of
 from steelyard.base.errors import LogError, ModelError
@@ -28,7 +29,7 @@ from steelyard.cli.app import app
 from steelyard.export.model_files.actuators_mjcf import actuators_mjcf
 from steelyard.export.model_files.actuators_python import actuators_python
 from steelyard.robot.file.robot_file import load_robot
-from steelyard.robot.robot import sticks
+from steelyard.robot.robot import sticks, tips
 
 TRUE = Servos()
 
@@ -572,3 +573,17 @@ def test_the_replay_of_the_report_moves_and_fits_the_window(
     browser.run(play)
     assert browser.run("document.querySelector('.replay button').textContent") == "Play"
     assert not browser.console
+
+
+def test_the_replay_ends_at_a_gap_and_shows_what_the_last_joint_moves(
+    found: ActuatorIdentification,
+) -> None:
+    (one,) = found.validation
+    half = len(one.t) // 2
+    later = np.concatenate([one.t[:half], one.t[half:] + 10.0])
+    page = str(replay_section(found.model, replace(one, t=later)).body)
+    length = float(re.search(r'max="([0-9.]+)"', page)[1])  # type: ignore[index]
+    assert length == pytest.approx(one.t[half - 1] - one.t[0], abs=0.15)
+    q = np.array([[0.3, 0.0], [0.3, 1.0]])
+    ends = tips(found.model.robot, q)
+    assert ends.shape == (2, 3, 3) and np.abs(ends[0, 1] - ends[1, 1]).max() > 0.05

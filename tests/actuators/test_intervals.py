@@ -209,7 +209,7 @@ def test_only_joints_of_the_same_kind_are_alike_and_what_is_stated_stays() -> No
         (1.0, 1.0, 1.0), stiffness=(10.0, 5.0, 5000.0), damping=0.5, coulomb=0.1
     )
     kinds = ("revolute", "revolute", "prismatic")
-    alike = like_the_others(values, [0], kinds, ("coulomb",))
+    alike = like_the_others(values, [0], kinds, {"coulomb": values["coulomb"]})
     assert alike["stiffness"].tolist() == [10.0, 10.0, 5000.0]
     assert alike["damping"].tolist() == [0.5, 1.0, 0.5]
     assert alike["coulomb"].tolist() == [0.1, 0.1, 0.1]

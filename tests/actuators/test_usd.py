@@ -140,5 +140,32 @@ def test_the_command_writes_it_and_a_link_without_mass_is_refused(
     )
     (tmp_path / "arm.urdf").write_text(bare)
     light = replace(model, robot=load_robot(tmp_path / "arm.urdf").robot)
-    with pytest.raises(ModelError, match="has no mass, which USD takes for unknown"):
+    with pytest.raises(ModelError, match="has no mass or no inertia, which USD takes"):
         actuators_usd(light)
+
+
+def test_names_that_meet_and_joints_that_slide(model: ActuatorModel, tmp_path: Path) -> None:
+    text = URDF.replace('"elbow" type="revolute"', '"elbow" type="prismatic"')
+    text = text.replace('name="upper"', 'name="actuator_shoulder"')
+    text = text.replace('link="upper"', 'link="actuator_shoulder"')
+    (tmp_path / "slide.urdf").write_text(text)
+    robot = load_robot(tmp_path / "slide.urdf").robot
+    stage = opened(replace(model, robot=robot), tmp_path)
+    root = stage.GetDefaultPrim()
+    assert root.GetChild("actuator_shoulder").IsA(UsdGeom.Xform)
+    assert root.GetChild("actuator_shoulder_2").GetTypeName() == "NewtonActuator"
+    slide = UsdPhysics.PrismaticJoint(root.GetChild("elbow"))
+    assert slide.GetLowerLimitAttr().Get() == pytest.approx(-1.8)
+    damping = slide.GetPrim().GetAttribute("newton:damping").Get()
+    assert damping == pytest.approx(model.values["back_emf"][1])
+    axis = Rotation.from_quat(
+        [*slide.GetLocalRot0Attr().Get().GetImaginary(), slide.GetLocalRot0Attr().Get().GetReal()]
+    ).apply([1.0, 0.0, 0.0])
+    np.testing.assert_allclose(axis, [0.0, 1.0, 0.0], atol=1e-6)
+
+
+def test_binary_endings_are_refused(small_arm: Path, tmp_path: Path) -> None:
+    file = tmp_path / "arm.usdc"
+    arguments = ["export", str(small_arm / "servo-model"), "--to", "usd", "-o", str(file)]
+    done = CliRunner().invoke(app, arguments)
+    assert done.exit_code == 2 and "written as text" in done.output and not file.exists()

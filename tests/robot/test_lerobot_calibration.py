@@ -65,10 +65,42 @@ def test_normalised_positions_get_their_units_from_the_calibration(tmp_path: Pat
     dataset(tmp_path, 80.0, 60.0)
     code, text = told(tmp_path, "--calibration", str(calibration(tmp_path)))
     assert code == 0 and "normalised units, by the ranges in my_arm.json" in text
+    assert "their range allows degrees too" in text
     targets = load_robot(tmp_path / "servos.toml").targets
     assert targets is not None
     wanted = [(3253 - 862) / 200 * STEP, (3288 - 2032) / 100 * STEP]
     np.testing.assert_allclose(targets.scale, wanted)
+
+
+def test_a_range_that_degrees_do_not_have_is_normalised_without_a_doubt(tmp_path: Path) -> None:
+    dataset(tmp_path, 95.0, 60.0)
+    short = calibration(tmp_path, shoulder=(1000, 2000))  # 88 deg in all
+    code, text = told(tmp_path, "--calibration", str(short))
+    assert code == 0 and "allows degrees" not in text
+
+
+def test_targets_beyond_a_hundred_are_degrees_too(tmp_path: Path) -> None:
+    root = dataset(tmp_path, 80.0, 60.0)
+    file = root / "data" / "file.parquet"
+    table = pl.read_parquet(file)
+    far = table["action"].to_numpy().copy()
+    far[:, 0] *= 1.5
+    action = pl.Series("action", far.tolist(), dtype=table["action"].dtype)
+    table.with_columns(action).write_parquet(file)
+    assert told(tmp_path, "--calibration", str(calibration(tmp_path)))[0] == 0
+    targets = load_robot(tmp_path / "servos.toml").targets
+    assert targets is not None and targets.scale[0] == pytest.approx(pi / 180.0)
+
+
+def test_units_in_names_are_not_overridden(tmp_path: Path) -> None:
+    (tmp_path / "servos.urdf").write_text(URDF)
+    t = np.arange(200) / 30.0
+    names = [f"{joint}_{what}_rad" for what in ("q", "target") for joint in RANGES]
+    table = pl.DataFrame({"time": t} | {name: np.sin(t) for name in names})
+    table.write_csv(tmp_path / "run.csv")
+    arguments = [str(tmp_path / "servos.urdf"), str(tmp_path / "run.csv"), "--calibration"]
+    done = CliRunner().invoke(app, ["init", *arguments, str(calibration(tmp_path))])
+    assert done.exit_code == 2 and "state their unit" in done.output
 
 
 def test_degrees_beyond_a_hundred_keep_the_grippers_unit(tmp_path: Path) -> None:
@@ -82,14 +114,14 @@ def test_degrees_beyond_a_hundred_keep_the_grippers_unit(tmp_path: Path) -> None
 def test_without_a_calibration_the_unit_is_a_doubt_of_the_file(tmp_path: Path) -> None:
     dataset(tmp_path, 80.0, 60.0)
     code, text = told(tmp_path)
-    assert code == 0 and "degrees or normalised values" in text
-    assert "# CHECK: LeRobot logs degrees or norm" in (tmp_path / "servos.toml").read_text()
+    assert code == 0 and "in degrees or normalised" in text
+    assert "# CHECK: LeRobot logs a gripper in 0 to 100" in (tmp_path / "servos.toml").read_text()
 
 
 @pytest.mark.parametrize(
     ("gripper", "ranges", "wrong"),
     [
-        (140.0, {}, "'gripper' are 0 to 140, not 0 to 100"),
+        (140.0, {}, "'gripper' are 0 to 140"),
         (60.0, {"gripper": (3288, 2032)}, "no calibration of LeRobot: range_min and range_max"),
         (60.0, {"gripper": (0, 9000)}, "not two steps of one turn"),
         (60.0, {"gripper": ("a", None)}, "not two steps of one turn"),
@@ -120,7 +152,7 @@ def test_a_calibration_needs_targets(tmp_path: Path) -> None:
     (tmp_path / "plain.csv").write_text("t,x\n" + "\n".join(f"{k},1" for k in range(60)))
     arguments = [str(tmp_path / "servos.urdf"), str(tmp_path / "plain.csv"), "--calibration"]
     done = CliRunner().invoke(app, ["init", *arguments, str(calibration(tmp_path))])
-    assert done.exit_code == 2 and "a calibration is for logs of targets" in done.output
+    assert done.exit_code == 2 and "--calibration" in done.output
 
 
 def test_units_that_are_numbers_are_believed(tmp_path: Path) -> None:

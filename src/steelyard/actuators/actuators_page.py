@@ -40,6 +40,7 @@ from steelyard.report.page_figures import (
     Group,
     Key,
     drawn,
+    gaps,
     in_space,
     line,
     space_layout,
@@ -47,7 +48,7 @@ from steelyard.report.page_figures import (
 from steelyard.report.result import Result, print_verdict
 from steelyard.report.tables import narrow_table
 from steelyard.report.words import count
-from steelyard.robot.robot import sticks
+from steelyard.robot.robot import sticks, tips
 
 POINTS = 1500  # of a line of a figure
 
@@ -286,11 +287,14 @@ REPLAYED, REPLAY_RATE = 60.0, 10.0  # seconds of the replay, and its frames a se
 
 def replay_section(model: ActuatorModel, one: OpenLoop) -> Shown:
     """The measured and the predicted arm in space, in the model's joints."""
-    t = np.arange(one.t[0], min(one.t[-1], one.t[0] + REPLAYED), 1.0 / REPLAY_RATE)
+    run = slice(0, next(iter(gaps(one.t)), len(one.t) - 1) + 1)  # the first, up to a gap
+    given = one.t[run]
+    t = np.arange(given[0], min(given[-1], given[0] + REPLAYED), 1.0 / REPLAY_RATE)
     values, arms = model.values, []
-    for q in (one.q, one.predicted):
-        rows = np.stack([np.interp(t, one.t, x) for x in q.T], axis=1)
-        arms.append(sticks(model.robot, values.signs * rows + values["zero"]))
+    for q in (one.q[run], one.predicted[run]):
+        rows = np.stack([np.interp(t, given, x) for x in q.T], axis=1)
+        moved = values.signs * rows + values["zero"]
+        arms.append(np.concatenate([sticks(model.robot, moved), tips(model.robot, moved)], axis=1))
     ends = np.concatenate(arms).reshape(-1, 3)
     spans = zip(("xaxis", "yaxis", "zaxis"), np.nanmin(ends, 0), np.nanmax(ends, 0), strict=True)
     fixed: dict[str, Any] = {a: {"range": [low - 0.02, high + 0.02]} for a, low, high in spans}
@@ -310,8 +314,10 @@ def replay_section(model: ActuatorModel, one: OpenLoop) -> Shown:
     label = f"Measured and predicted arm in space along {one.log}"
     figure = Figure(one.log, label, "", "", traces, space_layout(**fixed))
     note = (
-        "Lines from joint to joint, in the frame of the base, with the signs and zeros of this "
-        "model: if the arm stands otherwise than yours did, these are wrong. Drag to turn it."
+        "Lines from joint to joint, and to the centres of mass of the last links, in the frame of "
+        "the base, with the signs and zeros of this model: if the arm stands otherwise than yours "
+        "did, these are wrong. A link that turns about its own line is not seen to. Drag to turn "
+        "the picture."
     )
     return figures(
         "replay",

@@ -4,7 +4,7 @@ Positions determine what is over the stiffness; the stiffness itself is that of 
 alike, and as uncertain as those differ from each other.
 """
 
-from collections.abc import Collection, Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from scipy.stats import t as student
@@ -23,21 +23,24 @@ SCALED = ("stiffness", "damping", "back_emf", "coulomb", "stribeck", "armature",
 
 
 def like_the_others(
-    values: ActuatorValues, loaded: Sequence[int], kinds: Sequence[str], stated: Collection[str]
+    values: ActuatorValues,
+    loaded: Sequence[int],
+    kinds: Sequence[str],
+    stated: Mapping[str, Array],
 ) -> ActuatorValues:
-    """Joints without a scale of their own have the stiffness of those that gravity loads.
+    """Joints without a scale of their own have the stiffness of those that have one.
 
-    What is `stated` stays as it is.
+    What is `stated` stays as it is, `(n,)` each, NaN where nothing is.
     """
     factor = np.ones(values.n)
     for j in range(values.n):
         if j not in loaded and (like := _like(j, loaded, kinds)):
             factor[j] = float(np.median(values["stiffness"][like])) / values["stiffness"][j]
-    found = {name: values[name] * factor for name in SCALED if name not in stated}
-    if "torque_limit" in found:
-        none = values["torque_limit"] >= UNLIMITED
-        found["torque_limit"] = np.where(none, UNLIMITED, found["torque_limit"])
-    return values.changed(**found)
+    free = {name: np.isnan(stated.get(name, np.nan)) for name in SCALED}
+    free["torque_limit"] = free["torque_limit"] & (values["torque_limit"] < UNLIMITED)
+    return values.changed(
+        **{name: values[name] * np.where(free[name], factor, 1.0) for name in SCALED}
+    )
 
 
 def _like(j: int, loaded: Sequence[int], kinds: Sequence[str]) -> list[int]:
@@ -71,11 +74,10 @@ def with_assumed_scales(
     covariance = np.zeros((len(free), len(free)))
     covariance[:p, :p] = found.covariance
     for j in assumed:
-        like = [k for k in _like(j, loaded, kinds) if ("stiffness", k) in place]
-        at = [place["stiffness", k] for k in like]
-        spread = spread_of_stiffness(
-            found.values["stiffness"][like].tolist(), found.covariance[at, at].tolist()
-        )
+        like = _like(j, loaded, kinds)
+        at = [place.get(("stiffness", k), -1) for k in like]
+        variance = [0.0 if k < 0 else float(found.covariance[k, k]) for k in at]
+        spread = spread_of_stiffness(found.values["stiffness"][like].tolist(), variance)
         along = np.array([float(one.joint == j and one.name in SCALED) for one in free])
         covariance += spread**2 * np.outer(along, along)
     prior = np.array([one.kind.spread for one in free])

@@ -2,6 +2,7 @@
 
 import os
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,12 +14,13 @@ from steelyard.actuators.logs_signs_and_zeros import (
     Job,
     moving_joints,
     refuse_few,
-    scaled_by_gravity,
     signals_of_targets,
     started,
-    stated_values,
+    stated_stiffness,
+    stated_torques,
+    weighed,
 )
-from steelyard.actuators.read_targets import TargetLog, read_targets
+from steelyard.actuators.read_targets import TargetLog, read_targets, unfollowed
 from steelyard.actuators.target_runs import windows_of
 from steelyard.base.checked_arguments import checked
 from steelyard.base.errors import LogError, ModelError
@@ -28,7 +30,12 @@ from steelyard.check.check import CheckResult
 from steelyard.check.finding import Finding, Fix
 from steelyard.check.findings_text_and_page import CheckContent
 from steelyard.robot.file.robot_file import load_robot
-from steelyard.runs.runs_of_named_logs import LogArgument, log_files, paths_of
+from steelyard.runs.runs_of_named_logs import (
+    LogArgument,
+    log_files,
+    paths_of,
+    refuse_overlaps,
+)
 
 QUESTIONS = {
     "targets": "Are targets and positions on one clock, in one order, unit and sign?",
@@ -45,7 +52,6 @@ def check_targets(
     robot: str | Path,
     logs: str | Path | Iterable[str | Path],
     *,
-    fixed_base: str | None = None,
     threads: int | None = None,
     progress: Progress = silent,
 ) -> CheckResult:
@@ -54,30 +60,29 @@ def check_targets(
     Args:
         robot: Robot file (TOML) with `target` under `[signals]`, and no efforts.
         logs: The logs; `run.csv@5:20` is a window in seconds.
-        fixed_base: Link to fix to the world, for a model file; `None` for its root.
         threads: Native threads; as many as the machine has cores if `None`.
         progress: Receives events of progress; an exception from it stops the work.
 
     Raises:
-        SteelyardError: The robot file cannot be used.
+        SteelyardError: The robot file cannot be used, or a log is given twice.
 
     Example:
         >>> found = check_targets("servo.toml", "servo_fit.csv")
         >>> found.last.severity.name
         'OK'
     """
-    file = load_robot(robot, base=fixed_base)
+    file = load_robot(robot)
     signals, files = signals_of_targets(file), log_files(paths_of(logs, least=1))
+    refuse_overlaps(files, ())
     read, findings = list[TargetLog](), list[Finding]()
     for k, log in enumerate(files):
         report_progress(progress, "reading logs", k, len(files))
         try:
             read.append(read_targets(log, signals, file.robot))
+            found = _read_well(read[-1], file.robot.joint_names)
         except LogError as error:
-            says = f"{error.wrong} ({error.where})"
-            findings.append(Finding.wrong(says, log=log.text, fix=Fix(error.fix)).by("targets"))
-        else:
-            findings.append(_read_well(read[-1]).by("targets"))
+            found = Finding.wrong(f"{error.wrong} ({error.where})", fix=Fix(error.fix))
+        findings.append(replace(found, log=log.text).by("targets"))
     if len(read) == len(files):
         cores = threads or os.cpu_count() or 1
         job = Job(file, signals, arm_step(file.robot), tuple(read), cores, progress)
@@ -94,10 +99,15 @@ def check_targets(
     return CheckResult(content, None)
 
 
-def _read_well(log: TargetLog) -> Finding:
+def _read_well(log: TargetLog, joints: Sequence[str]) -> Finding:
+    """What a log that could be read holds, and joints whose positions are not of their targets."""
     rate = 1.0 / float(np.median(np.concatenate([np.diff(run.t) for run in log.runs])))
-    says = f"{log.seconds:.0f} s at {rate:.3g} Hz, joints follow their targets"
-    return Finding.ok("; ".join((says, *log.notes)), log=log.name)
+    others = unfollowed(log, joints)
+    says = [f"{log.seconds:.0f} s at {rate:.3g} Hz", *log.notes]
+    if others:
+        says.insert(0, f"positions of {', '.join(others)} do not follow the targets")
+    fix = Fix("compare the columns of position and target; a servo that is off does not follow")
+    return Finding.doubtful_if(bool(others), "; ".join(says), "", fix, others)
 
 
 def _of_motion(job: Job, files: Sequence[LogArgument]) -> Iterator[Finding]:
@@ -113,11 +123,11 @@ def _of_motion(job: Job, files: Sequence[LogArgument]) -> Iterator[Finding]:
         return
     yield Finding.doubtful_if(
         bool(still),
-        f"{', '.join(still)} hardly moves: nothing of it is identified"
+        f"no motion of {', '.join(still)}: nothing of it is identified"
         if still
         else f"all joints move, {seconds:.0f} s in all",
         "",
-        Fix("add a log in which it moves, slowly in both directions and fast"),
+        Fix("add logs with slow motion in both directions, and fast motion, of every joint"),
         still,
     ).by("motion")
     _, values, open_signs, seen = started(job, windows)
@@ -126,12 +136,13 @@ def _of_motion(job: Job, files: Sequence[LogArgument]) -> Iterator[Finding]:
     listed = "; ".join(f"{joint} is at {where}" for joint, where in outside.items())
     yield Finding.doubtful_if(
         bool(outside),
-        listed or "within them, with these signs and zeros",
+        listed or "the motion is within them, with these signs and zeros",
         "",
         Fix("state position_sign and position_offset in the robot file, or correct the limits"),
         [*outside],
+        answered=bool(outside) or not open_signs,
     ).by("limits")
-    yield _scale(job, values, moving, seen)
+    yield _scale(job, values, moving).by("scale")
 
 
 def _of_gravity(
@@ -142,39 +153,52 @@ def _of_gravity(
     free = [j for j, sign in enumerate(signals.signs) if sign is None]
     unseen = [names[j] for j in free if j not in seen]
     turned = [names[j] for j in free if values.signs[j] < 0.0 and j not in open_signs]
-    says = [f"positions of {', '.join(turned)} count against the model file's"] * bool(turned)
-    if unseen:
-        says.append(f"gravity does not show that of {', '.join(unseen)}: taken as the model file's")
+    says = []
     if open_signs:
-        doubt = f"the logs do not decide the sign of {', '.join(names[j] for j in open_signs)}"
-        fix = Fix("state position_sign in the robot file: errors of the joints are the same, but "
-                  "not the posture of the arm")  # fmt: skip
-        yield Finding.ok("; ".join((doubt, *says)), fix=fix, answered=False).by("signs")
-    else:
-        said = "; ".join(says) or ("as stated" if not free else "they count as the model file's")
-        yield Finding.ok(said).by("signs")
-    found = [j for j in seen if signals.zeros[j] is None]
+        says.append(f"not decided for {', '.join(names[j] for j in open_signs)}")
+    if turned:
+        says.append(f"positions of {', '.join(turned)} count against the model file's")
+    if unseen:
+        says.append(f"gravity does not show the sign of {', '.join(unseen)}: taken as the model's")
+    fix = Fix("state position_sign in the robot file: errors of the joints are the same, but not "
+              "the posture of the arm") if open_signs or unseen else None  # fmt: skip
+    usual = "they do" if free else "signs are stated"
+    says = says or [usual]
+    yield Finding.ok("; ".join(says), fix=fix, answered=fix is None).by("signs")
     units = [c.unit for c in job.file.robot.coordinates]
-    zeros = ", ".join(f"{names[j]} {values['zero'][j]:.3f} {units[j]}" for j in found)
-    by = "by slow motion and a first fit" + " with the likeliest signs" * bool(open_signs)
-    about = f"{by}: {zeros}" if found else "as stated, or not shown by gravity"
-    yield Finding.ok(about, answered=not open_signs or not found).by("joint zeros")
+    unknown = [j for j, zero in enumerate(signals.zeros) if zero is None]
+    found = [f"{names[j]} {values['zero'][j]:.3f} {units[j]}" for j in unknown if j in seen]
+    hidden = [names[j] for j in unknown if j not in seen]
+    says = [f"by slow motion and a first fit: {', '.join(found)}"] if found else []
+    if hidden:
+        says.append(f"gravity does not show the zero of {', '.join(hidden)}: taken as the model's")
+    yield Finding.ok(
+        "; ".join(says) or "zeros are stated", answered=not (hidden or (open_signs and found))
+    ).by("joint zeros")
 
 
-def _scale(job: Job, values: ActuatorValues, moving: Sequence[int], seen: Sequence[int]) -> Finding:
-    """Whose torques the weight of the links gives a scale."""
+def _scale(job: Job, values: ActuatorValues, moving: Sequence[int]) -> Finding:
+    """What gives the torques of each joint a scale."""
     names = job.file.robot.joint_names
-    if "stiffness" in stated_values(job.file):
-        return Finding.ok("the stiffness that the robot file states").by("scale")
-    if not seen:
+    sources = {
+        "the stiffness that the robot file states": stated_stiffness(job),
+        "a torque that the robot file states": stated_torques(job),
+        "the masses of the model file": weighed(job, values),
+    }
+    left, says = list(moving), list[str]()
+    for source, joints in sources.items():
+        mine = [j for j in left if j in joints]
+        left = [j for j in left if j not in joints]
+        if mine:
+            says.append(f"{source} ({', '.join(names[j] for j in mine)})")
+    if not says:
         return Finding.doubtful(
-            "no joint is loaded by gravity in the model file: torques have no scale",
+            "gravity hardly loads any joint, beside its friction: torques have no scale",
             fix=Fix("state stiffness in the robot file, or give the links their masses"),
-        ).by("scale")
-    loaded = scaled_by_gravity(job, values)
-    without = [names[j] for j in moving if j not in loaded]
-    says = "the masses of the model file"
-    if without:
-        says += f"; gravity hardly loads {', '.join(without)}: stiffness assumed like the others'"
-    fix = Fix("state their stiffness in the robot file, if it is known") if without else None
-    return Finding.ok(says, fix=fix, answered=not without).by("scale")
+        )
+    if not left:
+        return Finding.ok("; ".join(says))
+    without = ", ".join(names[j] for j in left)
+    says.append(f"gravity hardly loads {without}: stiffness assumed like the others'")
+    fix = Fix("state their stiffness in the robot file, if it is known")
+    return Finding.ok("; ".join(says), fix=fix, answered=False)

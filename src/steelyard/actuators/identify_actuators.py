@@ -28,6 +28,7 @@ from steelyard.actuators.logs_signs_and_zeros import (
     signals_of_targets,
     some_windows,
     started,
+    stated_stiffness,
     stated_values,
 )
 from steelyard.actuators.open_loop import open_loops
@@ -178,9 +179,11 @@ def _alike(
 
 
 def _with_scale(search: Search, parts: Sequence[str], job: Job) -> Sequence[int]:
-    """Joints whose stiffness is searched, if it is stated of none."""
-    stated = "stiffness" in stated_values(job.file) or "stiffness" not in parts
-    return () if stated else search.joints.get("stiffness", range(job.step.n))
+    """Joints whose stiffness is searched or stated; none if it is stated of all."""
+    stated = stated_stiffness(job)
+    if len(stated) == job.step.n or "stiffness" not in parts:
+        return ()
+    return sorted({*search.joints.get("stiffness", range(job.step.n)), *stated})
 
 
 def _model(

@@ -113,7 +113,9 @@ def stated_values(file: LoadedRobot) -> dict[str, Array]:
                 where=file.where("actuator", name),
                 fix="give one value for all joints, or one each",
             )
-        found[name] = np.array([np.nan if x == "identify" else float(x) for x in listed])
+        values = np.array([np.nan if x == "identify" else float(x) for x in listed])
+        if name not in (*ALWAYS, "coulomb") or np.isfinite(values).any():
+            found[name] = values
     return found
 
 
@@ -177,12 +179,12 @@ def search_of(
     q = np.concatenate([run.q for run in job.runs])
     robot = job.file.robot
     zeros = {j: zero_prior(robot, q, start.signs, j) for j in seen if job.signals.zeros[j] is None}
-    moving, loaded = moving_joints(job), scaled_by_gravity(job, start)
+    moving = moving_joints(job)
     joints: dict[str, list[int]] = {kind.name: moving for kind in KINDS}
-    joints |= {"stiffness": [j for j in loaded if j in moving] or moving}
+    joints |= {"stiffness": [j for j in moving if j in with_scale(job, start)] or moving}
     joints |= {"zero": [j for j in zeros if j in moving]}
     for name, some in _open_joints(job).items():
-        joints[name] = [j for j in some if j in moving]
+        joints[name] = [j for j in joints[name] if j in some]
     return Search(job.step, tuple(windows), joints, zeros, start, h, job.threads)
 
 
@@ -192,21 +194,23 @@ def moving_joints(job: Job) -> list[int]:
     return np.flatnonzero(spread > STILL).tolist()
 
 
-def scaled_by_gravity(job: Job, values: ActuatorValues) -> list[int]:
-    """Joints whose torques have a scale: by the weight of links, or by a torque that is stated."""
-    return sorted({*weighed(job, values), *stated_torques(job)})
+def with_scale(job: Job, values: ActuatorValues) -> list[int]:
+    """Joints whose torques have a scale: by the weight of links, or by what is stated of them."""
+    return sorted({*weighed(job, values), *stated_torques(job), *stated_stiffness(job)})
 
 
 def weighed(job: Job, values: ActuatorValues) -> list[int]:
-    """Joints whose gravity, along the logs, is large enough to give their torques a scale.
-
-    All of them if there is none.
-    """
+    """Joints whose gravity, along the logs, is large enough to give their torques a scale."""
     q = np.concatenate([run.q for run in job.runs])
     q = values.signs * q[:: max(1, len(q) // 1000)] + values["zero"]
     size = np.sqrt(np.mean(np.asarray(job.nominal.gravity(q)) ** 2, axis=0))
-    found = np.flatnonzero(size > LOADED * values["coulomb"]).tolist()
-    return found or list(range(job.signals.n))
+    return np.flatnonzero(size > LOADED * values["coulomb"]).tolist()
+
+
+def stated_stiffness(job: Job) -> list[int]:
+    """Joints whose stiffness the user states."""
+    given = stated_values(job.file).get("stiffness", np.zeros(0))
+    return np.flatnonzero(np.isfinite(given)).tolist()
 
 
 def _misfit(found: Fitted) -> float:

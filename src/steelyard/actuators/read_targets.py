@@ -141,22 +141,35 @@ def _pieces(name: str, t: Array, target: Array, q: Array) -> tuple[tuple[TargetR
     return runs, len(t) - sum(map(len, kept))
 
 
+def unfollowed(log: TargetLog, joints: Sequence[str]) -> list[str]:
+    """Joints whose targets move, and whose positions do something else."""
+    moving, like, _ = _followed(log)
+    return [joints[j] for j in moving if like[j, j] < FOLLOWS]
+
+
+def _followed(log: TargetLog) -> tuple[list[int], Array, Array]:
+    """Joints whose targets move; correlations of positions with targets `(n, n)`, and slopes."""
+    q = np.concatenate([run.q for run in log.runs])
+    target = np.concatenate([run.target for run in log.runs])
+    moving = [j for j in range(q.shape[1]) if target[:, j].std() > MOVES]
+    own, theirs = (x - x.mean(axis=0) for x in (q, target))
+    power = np.linalg.norm(theirs, axis=0)
+    together = own.T @ theirs
+    like = together / np.maximum(np.linalg.norm(own, axis=0)[:, None] * power, 1e-12)
+    return moving, like, np.diag(together) / np.maximum(power**2, 1e-12)
+
+
 def refuse_other_targets(
     log: TargetLog, joints: Sequence[str], columns: Sequence[str], where: str
 ) -> None:
     """A `LogError` where targets are in another order or unit than the positions."""
-    q = np.concatenate([run.q for run in log.runs])
-    target = np.concatenate([run.target for run in log.runs])
-    moving = [j for j in range(q.shape[1]) if target[:, j].std() > MOVES]
+    moving, like, slopes = _followed(log)
     if not moving:
         raise LogError(
             "no joint's target moves",
             where=where,
             fix="give a log in which joints move, and whose target columns are commands",
         )
-    own, theirs = (x - x.mean(axis=0) for x in (q, target))
-    size = np.linalg.norm(own, axis=0)[:, None] * np.linalg.norm(theirs, axis=0)
-    like = (own.T @ theirs) / np.maximum(size, 1e-12)
     for j in moving:
         best = int(np.argmax(np.abs(like[j])))
         if like[j, j] < FOLLOWS and best != j and abs(like[j, best]) > OTHER:
@@ -166,10 +179,9 @@ def refuse_other_targets(
                 where=where,
                 fix="correct the order of target, or of position, under [signals]",
             )
-        slope = float(own[:, j] @ theirs[:, j] / (theirs[:, j] @ theirs[:, j]))
-        if like[j, j] > OTHER and not SLOPES[0] < slope < SLOPES[1]:
+        if like[j, j] > OTHER and not SLOPES[0] < slopes[j] < SLOPES[1]:
             raise LogError(
-                f"positions of '{joints[j]}' move {slope:.3g} times as far as their targets",
+                f"positions of '{joints[j]}' move {slopes[j]:.3g} times as far as their targets",
                 where=where,
                 fix="targets have the unit of positions: convert the columns of one of them",
             )

@@ -69,6 +69,7 @@ def targets_checked(
     from steelyard.actuators.check_targets import check_targets
     from steelyard.identify.verdict_and_next_steps import identify_command, step_lines
     from steelyard.report.terminal import terminal
+    from steelyard.robot.file.robot_file import load_robot
 
     refuse_options(
         {
@@ -77,10 +78,10 @@ def targets_checked(
             "--quick": given.get("quick"),
         },
         "needs efforts, and the robot file names targets only",
-        "leave it out: `identify` finds signs and zeros itself, and uses them as found here",
+        "leave it out",
     )
-    known = ("robot", "logs", "fixed_base")
-    call = partial(check_targets, **{name: given[name] for name in known})
+    load_robot(given["robot"], base=given.get("fixed_base"))
+    call = partial(check_targets, robot=given["robot"], logs=given["logs"])
     found = computed(call, folder)
     severity = found.last.severity
     if as_json:

@@ -77,8 +77,8 @@ def init(
             joint_6,joint_5,32. Repeatable.
         zeros: Joint positions where the log, or the motor, says zero, in rad (m), or with deg:
             0,-90deg,90deg.
-        calibration: LeRobot's calibration of the arm, a JSON file, if positions are normalised:
-            -100 to 100, the gripper's 0 to 100.
+        calibration: LeRobot's calibration of the arm, a JSON file, for its datasets: positions
+            are normalised to -100 to 100 or in degrees, a gripper's always 0 to 100.
         no_input: Ask nothing, even at a terminal.
 
     Example: steelyard init panda.urdf run1.csv -o panda.toml
@@ -162,11 +162,10 @@ def examined(
     guess, moving = assignment.guess, assignment.moving
     if spans is not None and assignment.targets is None:
         raise ModelError(
-            "a calibration is for logs of targets and positions without efforts"
-            + (f": {assignment.problem}" if assignment.problem else ""),
+            assignment.problem or "a calibration is for logs of targets without efforts",
             where="--calibration",
-            fix="leave the option out, and state position_unit, rad (m) per logged unit, in the "
-            "robot file",
+            fix="leave the option out, and complete the robot file: position_unit is rad (m) per "
+            "logged unit",
         )
     if guess is None:
         return assignment, Known(gravity=questions.mounting_of(_ask) if asking else None)
@@ -267,8 +266,10 @@ def next_steps(draft: "Draft", named: Sequence[str], parts: "ProposedCut") -> li
         *fitted, last = named[2:]
         logs = " ".join(path_word(log) for log in fitted or [last])
         more = f" --validate {path_word(last)}" if fitted else ""
-        command = f"steelyard identify {target} {logs}{more}"
-        return step_lines(((command, "review the lines marked CHECK, then:"),), 6)
+        every = " ".join(path_word(log) for log in named[2:])
+        check = (f"steelyard check {target} {every}", "review the lines marked CHECK, then:")
+        identify = (f"steelyard identify {target} {logs}{more}", "if nothing is wrong, identify:")
+        return step_lines((check, identify), 6)
     given = " ".join(path_word(log) for log in named[2:]) or "LOG..."
     review = "review the lines marked CHECK, then:"
     if len(named) > 3:

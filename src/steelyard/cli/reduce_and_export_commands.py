@@ -213,7 +213,7 @@ def export(
     identified = load_model(model)
     if form == "usd" or form == "isaaclab" or form == "mjlab":
         raise OutputError(
-            f"{FORMATS[form][0]} is of actuators, and this model is identified from efforts",
+            f"{form} is for models of actuators, and this one is identified from efforts",
             where="--to",
             fix="give --to mjcf or urdf; or identify from logs of targets without efforts",
         )
@@ -251,6 +251,12 @@ def _format(to: Kind | None, output: Path | None) -> Kind:
             where="--to" if output is None else str(output),
             fix=f"give --to {', '.join(FORMATS)}, or end the name of --output in .urdf, .xml, "
             ".py, .fmu or .usda",
+        )
+    if form == "usd" and ending not in ("", ".usda", ".usd"):
+        raise OutputError(
+            f"USD is written as text, and the name ends in '{ending}'",
+            where=str(output),
+            fix="end it in .usda",
         )
     means = "python" if form in ("isaaclab", "mjlab") else form  # they are Python too
     if of_ending not in (None, means) and (ending != ".xml" or means == "python"):

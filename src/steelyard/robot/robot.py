@@ -261,6 +261,24 @@ def sticks(robot: Robot, joints: Array) -> Array:
     return found if joints.ndim > 1 else np.asarray(found[0])
 
 
+def tips(robot: Robot, joints: Array) -> Array:
+    """Lines from the last joints to the centres of mass of the bodies that they carry.
+
+    With gaps, `(N, 3 last bodies, 3)` [m], at positions `(N, n_joints)`.
+    """
+    last = sorted(set(range(len(robot.bodies))) - {body.parent for body in robot.bodies})
+    centre = [
+        Frame(body.name, k, np.eye(3), body.inertia.com)
+        for k, body in enumerate(robot.bodies)
+        if k in last and not body.massless
+    ]
+    at = frame_origins(robot, [*body_frames(robot), *centre], joints)
+    found = np.full((len(at), 3 * len(centre), 3), np.nan)
+    found[:, 0::3] = at[:, [frame.body + 1 for frame in centre]]
+    found[:, 1::3] = at[:, len(robot.bodies) + 1 :]
+    return found
+
+
 def body_frames(robot: Robot) -> list[Frame]:
     """Of the base and of all bodies."""
     names = ["base", *(body.name for body in robot.bodies)]

@@ -196,11 +196,12 @@ def logged_velocities(case: Case, checked: CheckedLog) -> tuple[tuple[str, ...],
 
 def unit_value(
     units: Sequence[str], case: Case, known: Mapping[str, Mapping[str, float]]
-) -> str | list[str] | list[str | float]:
+) -> str | float | list[str] | list[str | float]:
     """Units of the joints as the robot file says them: one for all that can have it, or a list."""
     names = {name for of_kind in known.values() for name in of_kind}
     if not names.issuperset(units):
-        return [unit if unit in names else float(unit) for unit in units]
+        said = [unit if unit in names else float(unit) for unit in units]
+        return said[0] if len(set(units)) == 1 else said
     kinds = [c.kind for c in case.loaded.robot.coordinates]
     usual = {kind: next(iter(of_kind)) for kind, of_kind in known.items()}
     for one in dict.fromkeys(units):

@@ -104,10 +104,15 @@ def at_standstill(values: ActuatorValues) -> Array:
     return np.asarray(values["coulomb"] + values["stribeck"])
 
 
-def unsupported(model: ActuatorModel, names: Sequence[str]) -> tuple[str, ...]:
-    """Parameters of the model that a format lacks, in words with their sizes."""
+def unsupported(
+    model: ActuatorModel, names: Sequence[str], friction: str = "frictionloss"
+) -> tuple[str, ...]:
+    """Parameters of the model that a format lacks, in words with their sizes.
+
+    `friction` is what the format calls dry friction.
+    """
     what = {
-        "stribeck": "dry friction that falls with speed: frictionloss is that at standstill, in "
+        "stribeck": f"dry friction that falls with speed: {friction} is that at standstill, in "
         "motion it is less by up to",
         "load_friction": "dry friction that grows with the motor's torque",
         "dead_band": "the controller's dead band",

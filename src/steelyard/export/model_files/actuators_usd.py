@@ -44,21 +44,28 @@ def actuators_usd(model: ActuatorModel) -> ActuatorFile:
             joint follows one of the other kind.
     """
     refuse_beyond_limits(model)
-    robot, lacks = model.robot, unsupported(model, ("stribeck", "load_friction", "dead_band"))
+    robot, lacks = (
+        model.robot,
+        unsupported(model, ("stribeck", "load_friction", "dead_band"), "newton:friction"),
+    )
     for body in robot.bodies:
-        if body.inertia.mass <= 0.0:
+        if body.inertia.mass <= 0.0 or np.linalg.eigvalsh(body.inertia.inertia_com)[0] <= 0.0:
             raise ModelError(
-                f"link '{body.name}' has no mass, which USD takes for unknown",
+                f"link '{body.name}' has no mass or no inertia, which USD takes for unknown",
                 where=f"model of '{robot.name}'",
-                fix="export to MJCF; or give the link a mass in the model file",
+                fix="export to MJCF; or give the link a mass and an inertia in the model file",
             )
-    prims = _prims(["scene", *(b.name for b in robot.bodies), *(b.joint for b in robot.bodies)])
-    bodies, joints = prims[1 : 1 + len(robot.bodies)], prims[1 + len(robot.bodies) :]
+    count = len(robot.bodies)
+    names = [*(b.name for b in robot.bodies), *(b.joint for b in robot.bodies)]
+    prims = _prims(["scene", *names, *(f"actuator_{joint}" for joint in model.joints)])
+    bodies, joints = prims[1 : 1 + count], prims[1 + count : 1 + 2 * count]
+    motors = prims[1 + 2 * count :]
     root = _prims([robot.name])[0]
     head = [
         *origin_lines(model),
         *target_lines(model, "target of the actuator", "joint position"),
-        f"Delays are counted in steps of 1/{RATE} s.",
+        f"Delays are counted in steps of 1/{RATE} s. The damping is that of the joint's own speed:",
+        "send no target velocities. Speed limits of the model file are not written.",
         *range_lines(model),
         "USD cannot represent these parts of the identified actuators:",
         *(f"  - {sentence}" for sentence in lacks or ("nothing",)),
@@ -76,7 +83,7 @@ def actuators_usd(model: ActuatorModel) -> ActuatorFile:
             rate=RATE,
             bodies=list(_bodies(robot, bodies)),
             joints=list(_joints(model, bodies, joints)),
-            motors=list(_motors(model, joints)),
+            motors=list(_motors(model, joints, motors)),
             quoted=_quoted,
             triple=_triple,
         )
@@ -130,7 +137,7 @@ def _bodies(robot: Robot, prims: Sequence[str]) -> Iterator[dict[str, Any]]:
             "orientation": _quaternion(rotations[k + 1][0]),
             "mass": repr(float(body.inertia.mass)),
             "com": body.inertia.com,
-            "inertia": np.maximum(inertia, 0.0),
+            "inertia": inertia,
             "axes": _quaternion(axes),
         }
 
@@ -181,7 +188,9 @@ def _leader(robot: Robot, body: Body, joints: Sequence[str], leader: int) -> str
     return joints[leader]
 
 
-def _motors(model: ActuatorModel, joints: Sequence[str]) -> Iterator[dict[str, Any]]:
+def _motors(
+    model: ActuatorModel, joints: Sequence[str], prims: Sequence[str]
+) -> Iterator[dict[str, Any]]:
     values, carriers = model.values, carriers_of(model.robot)
     for j in range(model.robot.n):
         given = {"newton:kp": values["stiffness"][j], "newton:kd": values["damping"][j]}
@@ -192,10 +201,9 @@ def _motors(model: ActuatorModel, joints: Sequence[str]) -> Iterator[dict[str, A
         if (limit := float(values["torque_limit"][j])) < UNLIMITED:
             schemas.append("NewtonMaxEffortClampingAPI")
             given["newton:maxEffort"] = limit
-        joint = joints[carriers[j]]
         yield {
-            "prim": f"actuator_{joint}",
-            "joint": joint,
+            "prim": prims[j],
+            "joint": joints[carriers[j]],
             "schemas": ", ".join(map(_quoted, schemas)),
             "numbers": {name: repr(float(x)) for name, x in given.items()},
             "delay": delay,

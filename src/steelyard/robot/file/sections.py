@@ -18,7 +18,9 @@ EffortKind = Literal[
     "motor_current", "motor_torque", "joint_torque", "link_torque", "gravity_compensated_torque"
 ]
 Side = Literal["joint", "motor"]
-PositionUnit = Literal["rad", "deg", "m", "mm"] | Positive
+PositionUnit = (
+    Literal["rad", "deg", "m", "mm"] | Annotated[float, Field(ge=1e-9, le=1e3)]  # rad (m) per unit
+)
 VelocityUnit = Literal["rad/s", "deg/s", "rpm", "m/s", "mm/s"]
 EffortUnit = Literal["A", "mA", "Nm", "N", "%"]
 Sign = Literal[1, -1]

@@ -77,14 +77,20 @@ def _guess(
         clock, time_reason = clock_of(times, position[0], columns, values, rate)
     except LogError:
         return None
+    doubt = ""
     if calibration is not None:
-        where = MotionGuess(*calibration.units(joints, position, values))
+        pairs = zip(position, target, strict=True)
+        both = [np.concatenate([values[c.name] for c in pair]) for pair in pairs]
+        told = calibration.units(joints, position, both)
+        where, doubt = MotionGuess(told.units, told.reason), told.doubt
     else:
         try:
             where = guess_positions(position, joints, values, columns, False, "joint")
         except LogError:
             return None
-    unstated = where.unit == "deg" and all(c.of_state and not c.unit_words for c in position)
+        units = where.unit if isinstance(where.unit, tuple | list) else [where.unit]
+        if "deg" in units and all(c.of_state and not c.unit_words for c in position):
+            doubt = WHICH
     section = {
         **clock,
         "position": [c.name for c in position],
@@ -97,7 +103,7 @@ def _guess(
         f"targets are {listed(target)}, in the unit and with the signs of the positions",
         "no efforts are logged: actuators are identified from targets and positions",
     )
-    why, doubt = (*reasons, *where.contradictions), WHICH if unstated else ""
+    why = (*reasons, *where.contradictions)
     return TargetGuess(section, tuple(c.name for c in joints), why, doubt)
 
 

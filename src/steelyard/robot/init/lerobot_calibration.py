@@ -1,5 +1,6 @@
 """Units of positions that LeRobot has normalised, by its calibration of the arm."""
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import pi
@@ -11,15 +12,28 @@ import numpy as np
 from steelyard.base.arrays import Array
 from steelyard.base.errors import LogError, ModelError
 from steelyard.base.files import read_json
-from steelyard.robot.init.column_names import Column, by_name, like_finger
+from steelyard.robot.init.column_names import Column, by_name, like_finger, listed
 from steelyard.robot.robot import Coordinate
 
 STEPS = 4096  # of the encoders, per turn: Feetech STS and Dynamixel X servos
-SLACK = 0.5  # beyond -100 to 100, or 0 to 100
+NORMALISED = 100.5  # the farthest that normalised positions go, with rounding
 WHICH = (
-    "LeRobot logs degrees or normalised values (-100 to 100, the gripper 0 to 100), and names do "
-    "not tell which: if normalised, give init --calibration FILE, the arm's calibration"
+    "LeRobot logs a gripper in 0 to 100, and other joints in degrees or normalised (-100 to 100), "
+    "which names do not tell: give init --calibration FILE, the arm's calibration"
 )
+TAKEN = (
+    "positions are taken as normalised, -100 to 100; their range allows degrees too: if they are, "
+    'write "deg" for all but the gripper'
+)
+
+
+@dataclass(frozen=True)
+class Units:
+    """Units of positions as a robot file says them, why, and what the user has to decide."""
+
+    units: list[str | float]
+    reason: str
+    doubt: str = ""
 
 
 @dataclass(frozen=True)
@@ -33,15 +47,21 @@ class Calibration:
         self,
         joints: Sequence[Coordinate],
         columns: Sequence[Column],
-        values: Mapping[str, Array],
-    ) -> tuple[list[str | float], str]:
-        """Unit of every joint's positions, as a robot file says it, and why.
+        values: Sequence[Array],
+    ) -> Units:
+        """Units of joints by columns of their positions, and values of positions and targets.
 
         Raises:
             ModelError: The calibration is of other motors.
-            LogError: Positions of a gripper are not normalised.
+            LogError: Names of columns state a unit, or positions of a gripper are not normalised.
         """
-        motors = by_name(joints, [Column(name) for name in self.spans])
+        if stated := [column.name for column in columns if column.unit_words]:
+            raise LogError(
+                f"names of columns state their unit: {listed([Column(x) for x in stated])}",
+                where="--calibration",
+                fix="leave the option out",
+            )
+        motors = self._motors(joints, columns)
         other = [c.name for c in joints if c.name not in motors or c.kind != "revolute"]
         if other:
             raise ModelError(
@@ -50,25 +70,39 @@ class Calibration:
                 fix="give the calibration of this arm; or state position_unit, rad (m) per logged "
                 "unit, in the robot file",
             )
-        turn, found = 2.0 * pi / STEPS, list[str | float]()
-        fingers = [like_finger(c.name) or like_finger(motors[c.name].name) for c in joints]
-        reach = [values.get(column.name, np.zeros(0)) for column in columns]
-        far = [float(np.abs(x).max(initial=0.0)) for x in reach]
-        degrees = any(x > 100.0 + SLACK for x, one in zip(far, fingers, strict=True) if not one)
-        for joint, x, finger in zip(joints, reach, fingers, strict=True):
-            span = self.spans[motors[joint.name].name]
-            if finger and not -SLACK <= x.min(initial=0.0) <= x.max(initial=0.0) <= 100.0 + SLACK:
+        turn, units, degrees, normalised = 2.0 * pi / STEPS, list[str | float](), False, False
+        fingers = [like_finger(c.name) or like_finger(motors[c.name]) for c in joints]
+        for joint, x, finger in zip(joints, values, fingers, strict=True):
+            span = self.spans[motors[joint.name]]
+            units.append(turn * span / 100.0 if finger else turn * span / 200.0)
+            far = float(np.abs(x).max(initial=0.0))
+            if finger and not NORMALISED - 101.0 <= x.min(initial=0.0) <= far <= NORMALISED:
                 raise LogError(
                     f"positions of '{joint.name}' are {x.min():.4g} to {x.max():.4g}, not 0 to 100",
                     where="--calibration",
                     fix="leave the option out: the log is not normalised",
                 )
-            found.append(turn * span / 100.0 if finger else turn * span / 200.0)
+            degrees |= not finger and far > NORMALISED
+            normalised |= not finger and far > 180.0 * span / STEPS + 1.0
         ends = f"the ranges in {self.path.name}, of encoders with {STEPS} steps a turn"
-        if not degrees:
-            return found, f"in LeRobot's normalised units, by {ends}"
-        mixed = [unit if one else "deg" for unit, one in zip(found, fingers, strict=True)]
-        return mixed, f"in deg, as they go beyond 100; the gripper's 0 to 100, by {ends}"
+        if degrees:
+            mixed = [unit if one else "deg" for unit, one in zip(units, fingers, strict=True)]
+            return Units(mixed, f"in deg, as they go beyond 100; the gripper's 0 to 100, by {ends}")
+        doubt = "" if normalised else TAKEN
+        return Units(units, f"in LeRobot's normalised units, by {ends}", doubt)
+
+    def _motors(self, joints: Sequence[Coordinate], columns: Sequence[Column]) -> dict[str, str]:
+        """Motors by joint: those that the columns are called by, else the joints."""
+        named = {
+            joint.name: motor
+            for joint, column in zip(joints, columns, strict=True)
+            for motor in self.spans
+            if re.search(rf"(?<![A-Za-z0-9_]){re.escape(motor)}(?![A-Za-z0-9_])", column.name)
+        }
+        if len(named) == len(joints) == len(set(named.values())):
+            return named
+        found = by_name(joints, [Column(name) for name in self.spans])
+        return {joint: column.name for joint, column in found.items()}
 
 
 def read_calibration(path: Path) -> Calibration:
