@@ -11,6 +11,7 @@ from proofs.support.claims import Claim, main_of
 from proofs.support.designs import PROBLEMS, Judge, Run, designed, panda, ur10
 
 SEEDS = range(5)
+TIMED = True
 
 
 def runs(problem: Path, seconds: float, *options: str) -> list[Run]:

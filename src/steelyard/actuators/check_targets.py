@@ -131,7 +131,8 @@ def _of_motion(job: Job, files: Sequence[LogArgument]) -> Iterator[Finding]:
         still,
     ).by("motion")
     _, values, open_signs, seen = started(job, windows)
-    yield from _of_gravity(job, values, open_signs, seen)
+    yield _signs(job, values, open_signs, seen).by("signs")
+    yield _zeros(job, values, open_signs, seen).by("joint zeros")
     outside = outside_limits(job.file.robot, values, np.concatenate([run.q for run in job.runs]))
     listed = "; ".join(f"{joint} is at {where}" for joint, where in outside.items())
     yield Finding.doubtful_if(
@@ -145,12 +146,12 @@ def _of_motion(job: Job, files: Sequence[LogArgument]) -> Iterator[Finding]:
     yield _scale(job, values, moving).by("scale")
 
 
-def _of_gravity(
+def _signs(
     job: Job, values: ActuatorValues, open_signs: Sequence[int], seen: Sequence[int]
-) -> Iterator[Finding]:
-    """Signs and zeros, as far as the weight of the links shows them."""
-    names, signals = job.file.robot.joint_names, job.signals
-    free = [j for j, sign in enumerate(signals.signs) if sign is None]
+) -> Finding:
+    """Which joints count against the model file's, and which the weight of links does not show."""
+    names = job.file.robot.joint_names
+    free = [j for j, sign in enumerate(job.signals.signs) if sign is None]
     unseen = [names[j] for j in free if j not in seen]
     turned = [names[j] for j in free if values.signs[j] < 0.0 and j not in open_signs]
     says = []
@@ -160,21 +161,27 @@ def _of_gravity(
         says.append(f"positions of {', '.join(turned)} count against the model file's")
     if unseen:
         says.append(f"gravity does not show the sign of {', '.join(unseen)}: taken as the model's")
-    fix = Fix("state position_sign in the robot file: errors of the joints are the same, but not "
-              "the posture of the arm") if open_signs or unseen else None  # fmt: skip
-    usual = "they do" if free else "signs are stated"
-    says = says or [usual]
-    yield Finding.ok("; ".join(says), fix=fix, answered=fix is None).by("signs")
-    units = [c.unit for c in job.file.robot.coordinates]
-    unknown = [j for j, zero in enumerate(signals.zeros) if zero is None]
-    found = [f"{names[j]} {values['zero'][j]:.3f} {units[j]}" for j in unknown if j in seen]
-    hidden = [names[j] for j in unknown if j not in seen]
+    if not open_signs and not unseen:
+        return Finding.ok("; ".join(says) or ("they do" if free else "signs are stated"))
+    fix = "state position_sign in the robot file: errors of the joints are the same, but not the "
+    return Finding.ok("; ".join(says), fix=Fix(fix + "posture of the arm"), answered=False)
+
+
+def _zeros(
+    job: Job, values: ActuatorValues, open_signs: Sequence[int], seen: Sequence[int]
+) -> Finding:
+    """Where joints are when the log says zero, as far as the weight of links shows it."""
+    joints = job.file.robot.coordinates
+    unknown = [j for j, zero in enumerate(job.signals.zeros) if zero is None]
+    found = [
+        f"{joints[j].name} {values['zero'][j]:.3f} {joints[j].unit}" for j in unknown if j in seen
+    ]
+    hidden = [joints[j].name for j in unknown if j not in seen]
     says = [f"by slow motion and a first fit: {', '.join(found)}"] if found else []
     if hidden:
         says.append(f"gravity does not show the zero of {', '.join(hidden)}: taken as the model's")
-    yield Finding.ok(
-        "; ".join(says) or "zeros are stated", answered=not (hidden or (open_signs and found))
-    ).by("joint zeros")
+    sure = not hidden and not (open_signs and found)
+    return Finding.ok("; ".join(says) or "zeros are stated", answered=sure)
 
 
 def _scale(job: Job, values: ActuatorValues, moving: Sequence[int]) -> Finding:
