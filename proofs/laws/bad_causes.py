@@ -192,7 +192,8 @@ def of_dropped(place: Workshop) -> list[Claim]:
         capture_output=True,
         text=True,
     )
-    notes = json.loads(done.stdout)["notes"] if done.returncode == 0 else [done.stderr[-200:]]
+    # a poor verdict has an exit code of its own
+    notes = json.loads(done.stdout)["notes"] if done.stdout else [done.stderr[-200:]]
     found_note = next((note for note in notes if "does not close" in note), notes[0])
     dropped = "samples left out" in found_note
     scored = subprocess.run(
