@@ -155,3 +155,12 @@ def test_the_command_prints_json_writes_a_page_and_refuses_what_needs_efforts(
     for option in (["--fix", "new.toml"], ["--quick"]):
         refused = CliRunner().invoke(app, ["check", robot, log, *option])
         assert refused.exit_code == 2 and "needs efforts" in refused.output
+
+
+@pytest.mark.parametrize("command", ["check", "identify"])
+def test_a_bare_model_file_and_targets_ask_for_a_robot_file(folder: Path, command: str) -> None:
+    arguments = [str(folder / "servos.urdf"), str(folder / "servo_fit.csv")]
+    done = CliRunner().invoke(app, [command, *arguments])
+    assert done.exit_code == 2
+    assert "position targets (target1, target2) and no efforts" in done.output
+    assert "steelyard init MODEL LOG" in " ".join(done.output.split())

@@ -80,6 +80,8 @@ def subject_of(robot: str, log: LogArgument, base: str | None = None) -> Subject
     target = Path(f"{proposal.loaded.stem}.toml")
     columns, sample = sample_of(log.path)
     assignment = assigned(proposal, columns, sample)
+    if assignment.targets is not None:
+        signals_of(proposal.loaded, log)
     if assignment.guess is not None:
         refuse_motors(assignment.guess, columns)
     text = drafted(proposal, assignment, target).text

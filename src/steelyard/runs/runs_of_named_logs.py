@@ -20,7 +20,9 @@ from steelyard.logs.log_and_errors import Cut, parse_log_argument
 from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
 from steelyard.robot.file.robot_file import load_robot
 from steelyard.robot.file.signals import ROW, Signals
+from steelyard.robot.init.column_names import listed
 from steelyard.robot.init.guess_columns import guess_signals
+from steelyard.robot.init.guess_targets import targets_without_efforts
 from steelyard.runs.prepare import prepare
 from steelyard.runs.processing_choices import Processing, requested_processing
 from steelyard.runs.recording import Recording
@@ -165,7 +167,18 @@ def signals_of(loaded: LoadedRobot, log: LogArgument) -> tuple[Signals, tuple[st
             "efforts, and add [signals.effort]",
         )
     columns, sample = sample_of(log.path)
-    return guess_signals(loaded.robot, columns, sample)
+    try:
+        return guess_signals(loaded.robot, columns, sample)
+    except LogError as error:
+        targets = targets_without_efforts(columns, sample)[1]
+        if not targets:
+            raise
+        raise LogError(
+            f"the log has position targets ({listed(targets)}) and no efforts",
+            where=log.text,
+            fix="actuators are identified from these: `steelyard init MODEL LOG` writes the robot "
+            "file that `check` and `identify` need for it",
+        ) from error
 
 
 def processing_of_robot(loaded: LoadedRobot) -> Processing:

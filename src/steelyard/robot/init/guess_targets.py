@@ -48,18 +48,24 @@ def guess_targets(
     Numbers count `every` joint of the robot where the log has a column for each, hands included.
     A calibration gives the units.
     """
-    named = [Column(name) for name in columns]
-    values = {name: finite(np.asarray(x)) for name, x in sample.items()}
-    efforts = [c for c in named if c.quantity == "effort" and changes(c.name, values)]
-    positions = [c for c in named if c.quantity == "position"]
-    targets = [c for c in named if c.of_target and _without_target(c).quantity not in NO_MOTION]
-    if efforts or not targets or not positions:
-        return None
+    positions, targets = targets_without_efforts(columns, sample)
     for joints in (every, coordinates):
         found = [_one_each(joints, some) for some in (positions, targets)]
         if all(found):
             return _guess(joints, found[0], found[1], columns, sample, rate, calibration)
     return None
+
+
+def targets_without_efforts(
+    columns: Sequence[str], sample: Mapping[str, ArrayLike]
+) -> tuple[list[Column], list[Column]]:
+    """Columns of positions and of targets in a log that has both and no efforts, else none."""
+    named = [Column(name) for name in columns]
+    values = {name: finite(np.asarray(x)) for name, x in sample.items()}
+    efforts = [c for c in named if c.quantity == "effort" and changes(c.name, values)]
+    positions = [c for c in named if c.quantity == "position"]
+    targets = [c for c in named if c.of_target and _without_target(c).quantity not in NO_MOTION]
+    return (positions, targets) if positions and targets and not efforts else ([], [])
 
 
 def _guess(
