@@ -27,6 +27,7 @@ ABSENT = {
     "truth": "demo",
     "bootstrap": "--bootstrap",
     "repeated": "--each",
+    "evolution": "a genetic estimator",
 }
 """Sections that this identification does not have, and where they come from."""
 
