@@ -51,7 +51,7 @@ def test_a_reversed_joint_is_named(folder: Path, tmp_path: Path) -> None:
     open_ = changed(folder, tmp_path, table)["signs"]  # another zero does as well
     assert not open_.answered and "not decided for" in open_.says
     stated = changed(folder, tmp_path, table, "position_sign = [1, -1]\n")
-    assert stated["signs"].says == "signs are stated"
+    assert stated["signs"].says == "signs are stated, and not checked"
 
 
 def test_exchanged_targets_are_wrong_and_nothing_else_is_asked(
@@ -164,3 +164,13 @@ def test_a_bare_model_file_and_targets_ask_for_a_robot_file(folder: Path, comman
     assert done.exit_code == 2
     assert "position targets (target1, target2) and no efforts" in done.output
     assert "steelyard init MODEL LOG" in " ".join(done.output.split())
+
+
+def test_exchanged_lists_of_positions_and_targets_are_doubtful(
+    folder: Path, tmp_path: Path
+) -> None:
+    table = pl.read_csv(folder / "servo_fit.csv")
+    names = {"q1": "target1", "target1": "q1", "q2": "target2", "target2": "q2"}
+    targets = changed(folder, tmp_path, table.rename(names))["targets"]
+    assert targets.severity is Severity.DOUBTFUL
+    assert "positions of shoulder, elbow come before their targets" in targets.says

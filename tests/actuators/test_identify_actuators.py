@@ -7,6 +7,7 @@ import sys
 import types
 from dataclasses import replace
 from pathlib import Path
+from shutil import copyfile
 from typing import Any
 
 import mujoco
@@ -587,3 +588,20 @@ def test_the_replay_ends_at_a_gap_and_shows_what_the_last_joint_moves(
     q = np.array([[0.3, 0.0], [0.3, 1.0]])
     ends = tips(found.model.robot, q)
     assert ends.shape == (2, 3, 3) and np.abs(ends[0, 1] - ends[1, 1]).max() > 0.05
+
+
+def test_a_moved_log_is_known_by_what_was_fitted_of_it(folder: Path, tmp_path: Path) -> None:
+    log = folder / "servo_fit.csv"
+    model = steelyard.identify_actuators(folder / "servos.toml", f"{log}@0:40").model
+    copyfile(log, tmp_path / "moved.csv")
+    scored = steelyard.validate_actuators(
+        model, [tmp_path / "moved.csv@0:35", tmp_path / "moved.csv@41:60"]
+    )
+    assert scored.fitted == ("moved@:35",)
+
+
+def test_heads_of_exports_have_the_unit_of_the_log(found: ActuatorIdentification) -> None:
+    signals = replace(found.model.signals, scale=np.array([0.02, 1.0]))
+    text = actuators_mjcf(replace(found.model, signals=signals)).text
+    assert re.search(r"shoulder: ctrl = \+1 \* \(0.02 \* target", text)
+    assert re.search(r"elbow: ctrl = \+1 \* \(target", text)

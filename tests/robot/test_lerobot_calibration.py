@@ -122,9 +122,9 @@ def test_without_a_calibration_the_unit_is_a_doubt_of_the_file(tmp_path: Path) -
     ("gripper", "ranges", "wrong"),
     [
         (140.0, {}, "'gripper' are 0 to 140"),
-        (60.0, {"gripper": (3288, 2032)}, "no calibration of LeRobot: range_min and range_max"),
-        (60.0, {"gripper": (0, 9000)}, "not two steps of one turn"),
-        (60.0, {"gripper": ("a", None)}, "not two steps of one turn"),
+        (60.0, {"gripper": (3288, 2032)}, "no calibration of LeRobot: 'gripper' has no range_min"),
+        (60.0, {"gripper": (0, 9000)}, "steps of one turn"),
+        (60.0, {"gripper": ("a", None)}, "steps of one turn"),
     ],
 )
 def test_other_files_and_logs_are_refused(

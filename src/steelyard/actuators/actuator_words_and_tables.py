@@ -145,6 +145,9 @@ def verdict_of(model: ActuatorModel, found: Sequence[OpenLoop], where: str) -> A
     )
     if share is not None:
         line += f'; {share:.0%} of the error of "position = target"'
+        if most > WORST_GOOD:
+            j = int(np.argmax(np.where(moves, rms / np.maximum(target, 1e-12), -1.0)))
+            line += f", {most:.0%} for {model.joints[j]}"
     return ActuatorVerdict(level, line, share, True)
 
 
@@ -387,7 +390,8 @@ def law_table(law: Sequence[Rung]) -> PlainTable:
     words = (
         "Each is fitted without about a quarter of the motion, and judged by the residuals of that "
         "quarter: geometric mean of their usual and their root mean square size. A part is "
-        f"added if it takes away {LEAST_GAIN:.0%} of it, and left out if the error grows by less "
-        f"than {LEAST_LOSS:.1%} without it."
+        f"added if it takes away {LEAST_GAIN:.0%} of it and the fit shows its size (an interval of "
+        f"half to twice of it, or less), and left out if the error grows by less than "
+        f"{LEAST_LOSS:.1%} without it. Each row differs from the law that was taken last above it."
     )
     return PlainTable("", words, ("law", "left-out error [mrad]", ""), rows, (0, 2))

@@ -20,7 +20,12 @@ from steelyard.actuators.logs_signs_and_zeros import (
     stated_torques,
     weighed,
 )
-from steelyard.actuators.read_targets import TargetLog, read_targets, unfollowed
+from steelyard.actuators.read_targets import (
+    TargetLog,
+    ahead_of_targets,
+    read_targets,
+    unfollowed,
+)
 from steelyard.actuators.target_runs import windows_of
 from steelyard.base.checked_arguments import checked
 from steelyard.base.errors import LogError, ModelError
@@ -106,6 +111,9 @@ def _read_well(log: TargetLog, joints: Sequence[str]) -> Finding:
     says = [f"{log.seconds:.0f} s at {rate:.3g} Hz", *log.notes]
     if others:
         says.insert(0, f"positions of {', '.join(others)} do not follow the targets")
+    elif ahead := ahead_of_targets(log, joints):
+        says.insert(0, f"positions of {', '.join(ahead)} come before their targets")
+        others = ahead
     fix = Fix("compare the columns of position and target; a servo that is off does not follow")
     return Finding.doubtful_if(bool(others), "; ".join(says), "", fix, others)
 
@@ -139,7 +147,10 @@ def _of_motion(job: Job, files: Sequence[LogArgument]) -> Iterator[Finding]:
         bool(outside),
         listed or "the motion is within them, with these signs and zeros",
         "",
-        Fix("state position_sign and position_offset in the robot file, or correct the limits"),
+        Fix(
+            "compare position_unit, position_sign and position_offset in the robot file with the "
+            "log, and the limits with the arm"
+        ),
         [*outside],
         answered=bool(outside) or not open_signs,
     ).by("limits")
@@ -161,8 +172,10 @@ def _signs(
         says.append(f"positions of {', '.join(turned)} count against the model file's")
     if unseen:
         says.append(f"gravity does not show the sign of {', '.join(unseen)}: taken as the model's")
+    if not free:
+        return Finding.ok("signs are stated, and not checked", answered=False)
     if not open_signs and not unseen:
-        return Finding.ok("; ".join(says) or ("they do" if free else "signs are stated"))
+        return Finding.ok("; ".join(says) or "they do")
     fix = "state position_sign in the robot file: errors of the joints are the same, but not the "
     return Finding.ok("; ".join(says), fix=Fix(fix + "posture of the arm"), answered=False)
 
@@ -180,8 +193,8 @@ def _zeros(
     says = [f"by slow motion and a first fit: {', '.join(found)}"] if found else []
     if hidden:
         says.append(f"gravity does not show the zero of {', '.join(hidden)}: taken as the model's")
-    sure = not hidden and not (open_signs and found)
-    return Finding.ok("; ".join(says) or "zeros are stated", answered=sure)
+    sure = not hidden and not open_signs and bool(found)
+    return Finding.ok("; ".join(says) or "zeros are stated, and not checked", answered=sure)
 
 
 def _scale(job: Job, values: ActuatorValues, moving: Sequence[int]) -> Finding:
@@ -201,7 +214,10 @@ def _scale(job: Job, values: ActuatorValues, moving: Sequence[int]) -> Finding:
     if not says:
         return Finding.doubtful(
             "gravity hardly loads any joint, beside its friction: torques have no scale",
-            fix=Fix("state stiffness in the robot file, or give the links their masses"),
+            fix=Fix(
+                "compare position_sign, position_offset and the masses of the model file with the "
+                "arm; or state stiffness in the robot file"
+            ),
         )
     if not left:
         return Finding.ok("; ".join(says))

@@ -26,6 +26,7 @@ LONGEST_STEP = 0.25  # of the clock [s]: below 4 Hz nothing of an actuator is se
 MOVES = 0.02  # standard deviation from which on a joint's targets tell anything [rad; m]
 FOLLOWS, OTHER = 0.5, 0.9
 """Correlation of a joint with its target, and with another one's, that tell another order."""
+LAG = 0.1  # by which positions are compared with earlier and later targets [s]
 SLOPES = (0.5, 2.0)
 """Of positions over targets: outside, their units differ."""
 
@@ -145,6 +146,19 @@ def unfollowed(log: TargetLog, joints: Sequence[str]) -> list[str]:
     """Joints whose targets move, and whose positions do something else."""
     moving, like, _ = _followed(log)
     return [joints[j] for j in moving if like[j, j] < FOLLOWS]
+
+
+def ahead_of_targets(log: TargetLog, joints: Sequence[str]) -> list[str]:
+    """Joints whose positions come before their targets, where most of those that move do."""
+    late, early = np.zeros((2, len(joints)))
+    for run in log.runs:
+        k = max(1, round(LAG / float(np.median(np.diff(run.t)))))
+        q, u = (x - x.mean(axis=0) for x in (run.q, run.target))
+        late += (q[k:] * u[:-k]).sum(axis=0)
+        early += (q[:-k] * u[k:]).sum(axis=0)
+    moving = _followed(log)[0]
+    ahead = [joints[j] for j in moving if early[j] > late[j]]
+    return ahead if 2 * len(ahead) > len(moving) else []
 
 
 def _followed(log: TargetLog) -> tuple[list[int], Array, Array]:

@@ -155,7 +155,9 @@ FORMATS: dict[Kind, tuple[str, str]] = {
 }
 """What is written, in words, and the usual ending of its name."""
 
-ENDINGS = {".mjcf": "mjcf"} | {end: kind for kind, (_, end) in FORMATS.items() if end[0] == "."}
+ENDINGS = {".mjcf": "mjcf", ".usd": "usd"} | {
+    end: kind for kind, (_, end) in FORMATS.items() if end[0] == "."
+}
 FEW_DATA_SHARE = 0.5  # share of a link's mass from the data below which the terminal names the link
 
 
@@ -252,11 +254,11 @@ def _format(to: Kind | None, output: Path | None) -> Kind:
             fix=f"give --to {', '.join(FORMATS)}, or end the name of --output in .urdf, .xml, "
             ".py, .fmu or .usda",
         )
-    if form == "usd" and ending not in ("", ".usda", ".usd"):
+    if form == "usd" and output is not None and ending not in (".usda", ".usd"):
         raise OutputError(
             f"USD is written as text, and the name ends in '{ending}'",
             where=str(output),
-            fix="end it in .usda",
+            fix="end it in .usda or .usd",
         )
     means = "python" if form in ("isaaclab", "mjlab") else form  # they are Python too
     if of_ending not in (None, means) and (ending != ".xml" or means == "python"):

@@ -50,8 +50,10 @@ _RATE_FACTOR = 1.15
 _MOST_ADVISED_RATE = 2000.0
 _SPLINE_ERROR = 1e-6
 OF_TARGETS = (
-    "the robot file names position targets: what is proven holds for the targets, and the arm lags "
-    "behind them; accuracies are those of a robot whose torques are logged"
+    "the robot file names position targets: the motion is in the joints of the model file "
+    "[rad; m], not in the unit, signs and zeros of the log; what is proven holds for the targets, "
+    "if these are right, and the arm lags behind them; accuracies are those of a robot whose "
+    "torques are logged"
 )
 
 

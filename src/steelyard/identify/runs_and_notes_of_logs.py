@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import replace
 from importlib.metadata import version
+from pathlib import Path
 
 from steelyard.base.progress import Progress
 from steelyard.estimate.identified_model import IdentifiedModel, Provenance
@@ -19,11 +20,15 @@ from steelyard.runs.spectrum_and_period import Repetitions
 
 def fitted_before(origin: Provenance, log: LogArgument) -> bool:
     """Whether a model was identified from samples of this log, whatever it is called now."""
-    inputs = {h for role, h in origin.inputs.items() if role.startswith("identification ")}
-    if sha256(log.path) not in inputs:
+    own, role = sha256(log.path), "identification "
+    files = [
+        k.removeprefix(role) for k, h in origin.inputs.items() if h == own and k.startswith(role)
+    ]
+    if not files:
         return False
     names = [run.rpartition("/")[2] for run in origin.runs]
-    cuts = [name.removeprefix(log.path.stem) for name in names if name.startswith(log.path.stem)]
+    stems = {Path(file).stem for file in files}
+    cuts = [name.removeprefix(x) for x in stems for name in names if name.startswith(x)]
     return not cuts or any(overlap(log, LogArgument(f"{log.path}{cut}", log.path)) for cut in cuts)
 
 

@@ -163,13 +163,14 @@ def origin_lines(model: ActuatorModel) -> list[str]:
 def target_lines(model: ActuatorModel, target: str = "ctrl", position: str = "qpos") -> list[str]:
     """How targets and positions of the log become those of the model's joints, by their names."""
     values = model.values
+    units = ["" if scale == 1.0 else f"{scale:.9g} * " for scale in model.signals.scale]
     return [
-        "Targets and positions of the log, in rad or m, in the joints of this file; a target is",
-        "held from row to row:",
+        "Targets and positions as the log has them, in the joints of this file [rad; m]; a target",
+        "is held from row to row:",
         *(
-            f"  {joint}: {target} = {values.signs[j]:+g} * (target {values['offset'][j]:+.6g}) "
-            f"{values['zero'][j]:+.6g}, {position} = {values.signs[j]:+g} * logged "
-            f"{values['zero'][j]:+.6g}"
+            f"  {joint}: {target} = {values.signs[j]:+g} * ({units[j]}target "
+            f"{values['offset'][j]:+.6g}) {values['zero'][j]:+.6g}, {position} = "
+            f"{values.signs[j]:+g} * {units[j]}logged {values['zero'][j]:+.6g}"
             for j, joint in enumerate(model.joints)
         ),
     ]

@@ -64,8 +64,11 @@ def actuators_usd(model: ActuatorModel) -> ActuatorFile:
     head = [
         *origin_lines(model),
         *target_lines(model, "target of the actuator", "joint position"),
-        f"Delays are counted in steps of 1/{RATE} s. The damping is that of the joint's own speed:",
-        "send no target velocities. Speed limits of the model file are not written.",
+        f"Delays are counted in steps of 1/{RATE} s."
+        if np.any(model.values["delay"] > 0.0)
+        else "No delay was identified.",
+        "The damping is that of the joint's own speed: send no target velocities. Shapes, frames",
+        "and speed limits of the model file are not written; the base is the world.",
         *range_lines(model),
         "USD cannot represent these parts of the identified actuators:",
         *(f"  - {sentence}" for sentence in lacks or ("nothing",)),

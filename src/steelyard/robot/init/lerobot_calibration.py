@@ -1,7 +1,7 @@
 """Units of positions that LeRobot has normalised, by its calibration of the arm."""
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from math import pi
 from pathlib import Path
@@ -16,6 +16,7 @@ from steelyard.robot.init.column_names import Column, by_name, like_finger, list
 from steelyard.robot.robot import Coordinate
 
 STEPS = 4096  # of the encoders, per turn: Feetech STS and Dynamixel X servos
+RANGE = ("range_min", "range_max")
 NORMALISED = 100.5  # the farthest that normalised positions go, with rounding
 WHICH = (
     "LeRobot logs a gripper in 0 to 100, and other joints in degrees or normalised (-100 to 100), "
@@ -62,14 +63,20 @@ class Calibration:
                 fix="leave the option out",
             )
         motors = self._motors(joints, columns)
-        other = [c.name for c in joints if c.name not in motors or c.kind != "revolute"]
-        if other:
-            raise ModelError(
-                f"the calibration has no motor of {', '.join(other)}, or it is no revolute joint",
-                where=f"{self.path}: {', '.join(self.spans)}",
-                fix="give the calibration of this arm; or state position_unit, rad (m) per logged "
-                "unit, in the robot file",
-            )
+        for wrong, names in (
+            ("the calibration has no motor of", [c.name for c in joints if c.name not in motors]),
+            (
+                "a calibration is of joints that turn, not of",
+                [c.name for c in joints if c.kind != "revolute"],
+            ),
+        ):
+            if names:
+                raise ModelError(
+                    f"{wrong} {', '.join(names)}",
+                    where=f"{self.path}: {', '.join(self.spans)}",
+                    fix="give the calibration of this arm; or state position_unit, rad (m) per "
+                    "logged unit, in the robot file",
+                )
         turn, units, degrees, normalised = 2.0 * pi / STEPS, list[str | float](), False, False
         fingers = [like_finger(c.name) or like_finger(motors[c.name]) for c in joints]
         for joint, x, finger in zip(joints, values, fingers, strict=True):
@@ -113,17 +120,24 @@ def read_calibration(path: Path) -> Calibration:
     """
     return read_json(
         path,
-        lambda data: Calibration(path, {str(name): _span(name, one) for name, one in data.items()}),
+        lambda data: Calibration(path, {str(name): _span(name, one) for name, one in _of(data)}),
         what="the calibration",
         damaged="this is no calibration of LeRobot",
         fix="give the file that lerobot-calibrate wrote, ID.json in its folder calibration",
     )
 
 
+def _of(data: Any) -> Iterable[tuple[str, Any]]:
+    """Motors with what is said of them."""
+    if not isinstance(data, dict) or not data:
+        raise ValueError("it has no motors")
+    return data.items()
+
+
 def _span(name: str, motor: Any) -> int:
-    low, high = motor["range_min"], motor["range_max"]
+    low, high = (motor.get(k) if isinstance(motor, dict) else None for k in RANGE)
     if not (type(low) is type(high) is int and 0 <= low < high < STEPS):
         raise ValueError(
-            f"range_min and range_max of '{name}' are not two steps of one turn, 0 to {STEPS - 1}"
+            f"'{name}' has no {' and '.join(RANGE)} that are steps of one turn, 0 to {STEPS - 1}"
         )
     return high - low

@@ -29,6 +29,9 @@ _LARGE = re.compile(r"(?<![\d.])[1-9]\d{5}|[\d.][eE]\+?[1-9]|\d[KMGTPE]\b")
 """Numbers of six digits and more."""
 _GRIDS = ("hfield", "texture")  # elements of rows and columns, whose numbers multiply
 _LARGE_SIDE = re.compile(r"(?<![\d.])[1-9]\d{4}")  # numbers of five digits and more
+_ABSURD = {tag: re.compile(r"(?<![\d.])\d{8,}(?![\d.])") for tag in _REPEATING}
+_ABSURD["size"] = re.compile(r"^ *\d{10,} *$")
+"""Counts that no model has, by element."""
 MOST_SECONDS = 60  # time that a model with large counts may take to compile
 MOST_CPU_SECONDS = 12  # the same of the processor, where the system can limit it
 MOST_MEMORY = 4 << 30  # bytes of memory that it may take, where the system can limit it
@@ -72,6 +75,14 @@ class Compiled:
 def compiled(path: Path) -> Compiled:
     """MuJoCo's model; what is absent is replaced, all other bodies' inertias are the same."""
     elements = _elements(path, (), set())
+    for element in elements:
+        for name, text in element.attributes.items():
+            if name != "memory" and element.tag in _ABSURD and _ABSURD[element.tag].search(text):
+                raise ModelError(
+                    f"{name} of <{element.tag}> is {text[:30]}",
+                    where=str(path),
+                    fix="make the counts and sizes in the MJCF smaller",
+                )
     values = ((e.tag, text) for e in elements for text in e.attributes.values())
     # a number may be a count that fills the memory
     if any(
