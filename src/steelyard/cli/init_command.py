@@ -78,8 +78,8 @@ def init(
         zeros: Joint positions where the log, or the motor, says zero, in rad (m), or with deg:
             0,-90deg,90deg.
         calibration: LeRobot's calibration of the arm, for its datasets: positions are normalised
-            to -100 to 100 or in degrees, a gripper's always 0 to 100. It is ID.json below
-            ~/.cache/huggingface/lerobot/calibration.
+            to -100 to 100 or in degrees, a gripper's always 0 to 100. It is ID.json in LeRobot's
+            cache, folder calibration.
         no_input: Ask nothing, even at a terminal.
 
     Example: steelyard init panda.urdf run1.csv -o panda.toml
