@@ -286,8 +286,9 @@ REPLAYED, REPLAY_RATE = 60.0, 10.0  # seconds of the replay, and its frames a se
 
 
 def replay_section(model: ActuatorModel, one: OpenLoop) -> Shown:
-    """The measured and the predicted arm in space, in the model's joints."""
-    run = slice(0, next(iter(gaps(one.t)), len(one.t) - 1) + 1)  # the first, up to a gap
+    """The measured and the predicted arm in space, in the model's joints: the longest run."""
+    edges = [0, *(gaps(one.t) + 1).tolist(), len(one.t)]
+    run = max(map(slice, edges[:-1], edges[1:]), key=lambda rows: rows.stop - rows.start)
     given = one.t[run]
     t = np.arange(given[0], min(given[-1], given[0] + REPLAYED), 1.0 / REPLAY_RATE)
     values, arms = model.values, []
