@@ -137,9 +137,9 @@ PlotsFolder = Annotated[
 XACRO_ARGUMENTS_HELP = "Arguments of a xacro file follow it: arm.urdf.xacro name:=left."
 MODEL_HELP = "model.json, or the folder that contains it."
 LOG_HELP = (
-    "Logs: CSV, Parquet (a file, or a folder of parts), MCAP, ROS 1 and 2 bags, NumPy, MATLAB, "
-    "HDF5. Cut by time: run.parquet@0.6:9.5 (seconds from its start), "
-    "or by rows: run.parquet#921:4442."
+    "Logs: CSV, Parquet (a file, or a folder of parts), LeRobot datasets (their folders), MCAP, "
+    "ROS 1 and 2 bags, NumPy, MATLAB, HDF5. Cut by time: run.parquet@0.6:9.5 (seconds from "
+    "its start), or by rows: run.parquet#921:4442."
 )
 
 
