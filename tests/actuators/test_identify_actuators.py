@@ -273,6 +273,28 @@ def test_what_is_stated_is_kept(folder: Path) -> None:
     assert result.verdict.level == "none" and "no log validates" in result.verdict.line
 
 
+def test_masses_are_identified_where_the_stiffness_is_known(folder: Path, tmp_path: Path) -> None:
+    (tmp_path / "servos.urdf").write_text(URDF.replace('mass value="0.2"', 'mass value="0.16"'))
+    (tmp_path / "servos.toml").write_text(
+        ROBOT_FILE + "position_sign = [1, 1]\nposition_offset = [0.0, 0.0]\n[actuator]\n"
+        'law = "position_pd"\nstiffness = [12.0, 8.0]\nmass_factor = ["identify", "identify"]\n'
+    )
+    result = steelyard.identify_actuators(tmp_path / "servos.toml", folder / "servo_fit.csv")
+    lower = next(p for p in result.parameters if (p.name, p.joint) == ("mass_factor", "elbow"))
+    assert lower.interval is not None and lower.status == "identified"
+    assert lower.interval[0] < 1.25 < lower.interval[1]
+    assert lower.value == pytest.approx(1.25, rel=0.03)
+    again = ActuatorModel.from_dict(json.loads(result.model.text()))
+    arm = mujoco.MjModel.from_xml_string(actuators_mjcf(again).text)
+    assert arm.body_mass[-1] == pytest.approx(0.2, rel=0.03)
+    assert "factors on the masses of links" in str(result)
+    comments = actuators_python(again, "isaaclab").text
+    assert "masses of the links behind the joints, over those of the model file" in comments
+    older = json.loads(result.model.text())
+    del older["values"]["mass_factor"]
+    assert (ActuatorModel.from_dict(older).values["mass_factor"] == 1.0).all()
+
+
 @pytest.mark.parametrize(
     ("change", "wrong"),
     [

@@ -1,5 +1,6 @@
 """Rollouts under position controllers against MuJoCo, their derivatives against differences."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +20,7 @@ from steelyard.actuators.closed_loop_step import ArmStep
 from steelyard.actuators.rollout import rollouts
 from steelyard.actuators.target_runs import TargetRun, windows_of
 from steelyard.robot.file.robot_file import load_robot
+from steelyard.robot.inertia_and_placement import Inertia
 
 
 @pytest.fixture(scope="module")
@@ -74,12 +76,29 @@ def test_signs_and_zeros_of_the_log_do_not_change_the_motion(arm: ArmStep) -> No
     np.testing.assert_allclose(turned.q * signs + zero, plain.q, atol=1e-9)
 
 
+def test_factors_on_masses_are_those_of_heavier_links(arm: ArmStep) -> None:
+    t, target = targets(4.0, seed=3)
+    values, factors = values_of(Servos()), np.array([1.3, 0.8])
+    bodies = tuple(
+        replace(body, inertia=Inertia.from_ten(body.inertia.ten * factor))
+        for body, factor in zip(arm.model.robot.bodies, factors, strict=True)
+    )
+    other = arm_step(replace(arm.model.robot, bodies=bodies))
+    windows = windows_of([TargetRun("log", t, target, target)], None)
+    (heavier,) = rollouts(other, values, windows)
+    (scaled,) = rollouts(arm, values.changed(mass_factor=factors), windows)
+    (plain,) = rollouts(arm, values, windows)
+    np.testing.assert_allclose(scaled.q, heavier.q, atol=1e-9)
+    assert np.abs(scaled.q - plain.q).max() > 1e-3
+
+
 def test_slopes_are_those_of_differences(arm: ArmStep) -> None:
     t, target = targets(3.0, seed=5)
     values = values_of(Servos(torque_limit=(0.7, 0.3))).changed(
         load_friction=0.1, dead_band=0.004, offset=0.002, zero=(0.1, -0.2)
     )
-    values = values.changed(back_emf=(0.05, 0.03), stribeck=(0.06, 0.03), stribeck_speed=0.4)
+    values = values.changed(back_emf=(0.05, 0.03), stribeck=(0.06, 0.03), mass_factor=(1.1, 0.9))
+    values = values.changed(stribeck_speed=0.4)
     windows = windows_of([TargetRun("log", t, target, target + 0.01)], None)
     free = free_parameters([*(kind.name for kind in KINDS), "delays"], {}, 2)
     assert len(free) == 2 * len(KINDS) + 1

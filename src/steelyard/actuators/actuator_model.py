@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -26,6 +26,7 @@ from steelyard.estimate.identified_model import Provenance
 from steelyard.model.laws.laws_without_friction import RigidBody
 from steelyard.model.model import Model
 from steelyard.robot.file.signals import TargetSignals
+from steelyard.robot.inertia_and_placement import Inertia
 from steelyard.robot.robot import Robot, robot_from_dict, robot_to_dict
 
 SCHEMA_VERSION = 3
@@ -35,7 +36,8 @@ LONGEST_DELAY = 2.0  # [s]
 LEAST_STEP, MOST_STEP = 1e-4, 0.05  # of rollouts [s]
 
 OF_JOINTS = ("assumed", "still", "open_signs", "beyond_limits")  # fields that are names of joints
-POSITIVE = ("stiffness", "armature", "torque_limit", "stribeck_speed")
+POSITIVE = ("stiffness", "armature", "torque_limit", "stribeck_speed", "mass_factor")
+LATER = ("mass_factor",)  # parameters that models of earlier versions do not name
 MOST_VARIANCE = 1e4  # of a value's logarithm
 IDENTIFIED = 0.75
 """Share of the prior's variance that the data take away from what counts as identified."""
@@ -83,7 +85,7 @@ class ActuatorModel:
     """A robot whose joints follow position targets, and the law of its actuators.
 
     Attributes:
-        robot: The robot; its bodies are those of the model file, and give all values their scale.
+        robot: The robot with the bodies of the model file, see `identified_robot`.
         signals: Columns of its logs.
         values: All parameters of the law, and signs of the log.
         free: What was searched.
@@ -134,6 +136,21 @@ class ActuatorModel:
     def arm(self) -> ArmStep:
         """The step of rollouts."""
         return arm_step(self.robot)
+
+    @property
+    def masses_searched(self) -> bool:
+        """Whether masses of links were searched too."""
+        return any(one.name == "mass_factor" for one in self.free)
+
+    @cached_property
+    def identified_robot(self) -> Robot:
+        """The robot with the masses that give all values their scale."""
+        bodies = (
+            replace(body, inertia=Inertia.from_ten(body.inertia.ten * factor))
+            for body in self.robot.bodies
+            for factor in self.values["mass_factor"][[body.coordinate]]
+        )
+        return replace(self.robot, bodies=tuple(bodies))
 
     @cached_property
     def parameters(self) -> tuple[ActuatorParameter, ...]:
@@ -216,7 +233,8 @@ class ActuatorModel:
         robot, origin = robot_from_dict(data["robot"]), data["provenance"]
         n, p = robot.n, len(data["free"])
         signs = frozen(data["signs"], (n,))
-        given = {kind.name: frozen(data["values"][kind.name], (n,)) for kind in KINDS}
+        lacking = {kind.name: [kind.default] * n for kind in KINDS if kind.name in LATER}
+        given = {k.name: frozen({**lacking, **data["values"]}[k.name], (n,)) for k in KINDS}
         if not (abs(signs) == 1.0).all():
             raise ValueError("a sign is not 1 or -1")
         for kind in KINDS:

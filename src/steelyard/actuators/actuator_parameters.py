@@ -9,7 +9,8 @@ $$ \tau = \operatorname{clip}\bigl(k_p\, d_b(u(t - T) + c - q) - k_d\, \dot q,\
 where $d_b$ is a dead band of half-width $b$, $T$ the delay, $c$ what the controller's zero
 differs from the encoder's, and $k_e$ the back-EMF of a motor whose voltage is limited: its largest
 torque falls with speed. The rotor's inertia $a$ and dry friction of size
-$f + f_s e^{-(\dot q / v_s)^2} + \mu |\tau|$ act beside it.
+$f + f_s e^{-(\dot q / v_s)^2} + \mu |\tau|$ act beside it. Bodies are those of the model file, the
+one behind each joint times a factor on its mass.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -62,12 +63,13 @@ KINDS = (
     Kind("dead_band", "rad", True, 1.5, 0.0),
     Kind("offset", "rad", False, 0.003, 0.0),
     Kind("zero", "rad", False, 0.5, 0.0),
+    Kind("mass_factor", "1", True, 0.2, 1.0),
     Kind("delay", "s", False, 0.05, 0.0),
 )
 BY_NAME = {kind.name: kind for kind in KINDS}
 IN_STEP = (
     *("stiffness", "damping", "back_emf", "coulomb", "stribeck", "stribeck_speed"),
-    *("load_friction", "armature", "torque_limit", "dead_band"),
+    *("load_friction", "armature", "torque_limit", "dead_band", "mass_factor"),
 )
 """Parameters that are inputs of the step."""
 

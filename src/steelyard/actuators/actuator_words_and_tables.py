@@ -106,9 +106,10 @@ def interval_words(model: ActuatorModel) -> str:
             f"the 95 % intervals contain a factor of {model.wider:.2g}, for 95 % of the values "
             "that both halves of the motions show to agree, each half fitted by itself"
         )
+    masses = "centres and inertias" if model.masses_searched else "masses"
     return (
-        f"{found}. They do not cover masses that are wrong, what the law lacks in all motions, or "
-        "that other logs may ask for another law"
+        f"{found}. They do not cover {masses} of links that are wrong, what the law lacks in all "
+        "motions, or that other logs may ask for another law"
     )
 
 
@@ -160,9 +161,10 @@ def scale_words(model: ActuatorModel) -> str:
     """Where stiffness and friction have their scale from."""
     if "stiffness" in model.stated:
         return "torques have the scale of the stiffness that is stated"
+    together = "together " * model.masses_searched
     return (
         "torques, stiffness and inertia have the scale of the masses in the model file: if these "
-        "are off by 10 %, so are all; ratios and the error above are not"
+        f"{together}are off by 10 %, so are all; ratios and the error above are not"
     )
 
 
@@ -370,6 +372,7 @@ def _words(part: str) -> str:
         "delays": "a delay of each joint",
         "torque_limit": "a torque limit",
         "dead_band": "a dead band",
+        "mass_factor": "factors on the masses of links",
     }.get(part, part.replace("_", " "))
 
 

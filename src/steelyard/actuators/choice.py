@@ -22,6 +22,8 @@ from steelyard.base.arrays import Array
 ALWAYS = ("stiffness", "damping", "armature", "offset", "zero")
 USUAL = ("coulomb", "delay")
 POSSIBLE = ("delays", "stribeck", "load_friction", "torque_limit", "back_emf", "dead_band")
+ASKED = ("mass_factor",)
+"""Parts that are searched if the user says so."""
 REPLACED = {"delays": "delay", "back_emf": "damping"}
 """Parts that others take the place of."""
 NEEDED = {"delays": "delay", "back_emf": "torque_limit"}
@@ -185,7 +187,8 @@ class _Choice:
         """The usual law, with what the user states."""
         fitted, left = split(search.windows)
         begin = with_stated(start, stated, fitted)
-        parts = tuple(p for p in (*ALWAYS, *USUAL, *POSSIBLE) if p in given or p not in POSSIBLE)
+        every = (*ALWAYS, *USUAL, *POSSIBLE, *ASKED)
+        parts = tuple(p for p in every if p in given or p in (*ALWAYS, *USUAL))
         parts = tuple(p for p in parts if p != "delay" or "delays" not in given)
         search = replace(search, centre=search.centre.changed(**first_values(begin, fitted)))
         now = fit(search.task(fitted, parts), begin)

@@ -93,8 +93,10 @@ class ArmStep:
         from steelyard.symbolic.symbols_and_tracing import affine
 
         *given, (h,) = rest
-        kp, kd, emf, coulomb, stribeck, stribeck_speed, load, armature, limit, band = given
-        values, joints, k = [float(x) for x in self.values], range(self.n), 2.0 / 3.0 * h
+        kp, kd, emf, coulomb, stribeck, stribeck_speed, load, armature, limit, band, factor = given
+        joints, k = range(self.n), 2.0 / 3.0 * h
+        moves = [body.coordinate for body in self.model.robot.bodies]
+        values = [float(x) * factor[moves[i // 10]] for i, x in enumerate(self.values)]
         soon = [q[j] + h * v[j] for j in joints]
         fast = [2.0 * v[j] - v0[j] for j in joints]
         mass, bias = affine(

@@ -48,7 +48,7 @@ def actuators_mjcf(model: ActuatorModel) -> ActuatorFile:
         ModelError: The fitted motion is outside the limits of the joints, which MuJoCo enforces.
     """
     refuse_beyond_limits(model)
-    robot, values = model.robot, model.values
+    robot, values = model.identified_robot, model.values
     effects: list[dict[AxisPartKind, float]] = [
         {"rotor": float(a), "dry": float(f)} if f > 0.0 else {"rotor": float(a)}
         for a, f in zip(values["armature"], at_standstill(values), strict=True)
@@ -116,13 +116,15 @@ def unsupported(
         "motion it is less by up to",
         "load_friction": "dry friction that grows with the motor's torque",
         "dead_band": "the controller's dead band",
+        "mass_factor": "masses of the links behind the joints, over those of the model file",
         "back_emf": "a torque limit that falls with speed",
         "stribeck_speed": "the speed over which dry friction falls",
     }
     found = []
     for name in names:
         sizes = model.values[name]
-        if np.any(model.values[BY_NAME[name].part] > 0.0):
+        kind = BY_NAME[BY_NAME[name].part]
+        if np.any(model.values[kind.name] != kind.default):
             listed = ", ".join(
                 f"{joint} {significant(x)}" for joint, x in zip(model.joints, sizes, strict=True)
             )
@@ -156,7 +158,8 @@ def origin_lines(model: ActuatorModel) -> list[str]:
         f"Runs: {', '.join(origin.runs) or 'unknown'}.",
         "Inputs, SHA-256:",
         *(f"  {role}: {value}" for role, value in origin.inputs.items()),
-        "Masses and inertias are those of the model file; they give all values their scale.",
+        "Masses and inertias are those of the model file, times the factors below where they are "
+        "listed; they give all values their scale.",
     ]
 
 

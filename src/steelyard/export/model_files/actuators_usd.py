@@ -45,7 +45,7 @@ def actuators_usd(model: ActuatorModel) -> ActuatorFile:
     """
     refuse_beyond_limits(model)
     robot, lacks = (
-        model.robot,
+        model.identified_robot,
         unsupported(model, ("stribeck", "load_friction", "dead_band"), "newton:friction"),
     )
     for body in robot.bodies:

@@ -304,6 +304,9 @@ class ActuatorSection(Section):
     dead_band: Actuated | Many[Actuated] | None = key(
         None, "Error up to which the controller does nothing [rad; m]."
     )
+    mass_factor: Actuated | Many[Actuated] | None = key(
+        None, "Mass of the link that a joint moves, over that of the model file."
+    )
 
 
 class RepetitionsTable(Section):
