@@ -6,6 +6,7 @@ from steelyard.actuators.actuator_model import load_actuators as load_actuators
 from steelyard.actuators.check_targets import check_targets as check_targets
 from steelyard.actuators.identify_actuators import identify_actuators as identify_actuators
 from steelyard.actuators.identify_actuators import validate_actuators as validate_actuators
+from steelyard.actuators.ranges_of_units import ranges_of_units as ranges_of_units
 from steelyard.base.errors import SteelyardError as SteelyardError
 from steelyard.base.motion import Motion as Motion
 from steelyard.base.motion import Trajectory as Trajectory

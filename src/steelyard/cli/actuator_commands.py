@@ -1,6 +1,6 @@
 """What `identify`, `validate` and `export` do where joints follow position targets."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -127,16 +127,19 @@ def actuators_validated(
     raise typer.Exit(int(above or verdict.level == "poor"))
 
 
-def actuators_exported(model: str, form: str, output: Path | None, as_json: bool) -> None:
+def actuators_exported(
+    model: str, form: str, output: Path | None, units: Sequence[str], as_json: bool
+) -> None:
     """Write identified actuators for a simulator, and print what the file lacks."""
     from steelyard.actuators.actuator_model import ActuatorModel, load_actuators
+    from steelyard.actuators.ranges_of_units import ranges_of_units, words_of_ranges
     from steelyard.base.errors import OutputError
     from steelyard.base.files import refuse_existing, whole_file
     from steelyard.export.model_files.actuators_mjcf import ActuatorFile, actuators_mjcf
     from steelyard.export.model_files.actuators_python import actuators_python
     from steelyard.export.model_files.actuators_usd import actuators_usd
 
-    writers: dict[str, tuple[str, str, Callable[[ActuatorModel], ActuatorFile]]] = {
+    writers: dict[str, tuple[str, str, Callable[[ActuatorModel, Sequence[str]], ActuatorFile]]] = {
         "mjcf": ("MJCF", ".xml", actuators_mjcf),
         "usd": ("USD", ".usda", actuators_usd),
         "isaaclab": ("Isaac Lab", "_isaaclab.py", partial(actuators_python, framework="isaaclab")),
@@ -153,13 +156,19 @@ def actuators_exported(model: str, form: str, output: Path | None, as_json: bool
     known = load_actuators(model)
     path = output or Path(f"{known.robot.name}{ending}".replace("/", "_")).absolute()
     refuse_existing(path)
-    made = write(known)
+    models = [known, *(load_actuators(unit) for unit in units)]
+    ranges = ranges_of_units(models) if units else ()
+    made = write(known, words_of_ranges(ranges, models) if units else ())
     with whole_file(path) as part:
         part.write_text(made.text, encoding="utf-8", newline="")
         interrupt.too_late()
     if as_json:
-        print_json({"file": str(path), "format": form, "unsupported": list(made.unsupported)})
+        found = {"file": str(path), "format": form, "unsupported": list(made.unsupported)}
+        print_json({**found, "ranges": [vars(one) for one in ranges]} if units else found)
         return
     say(f"{path}: {len(known.joints)} position actuators; its head says how to convert targets")
+    if units:
+        differ = sum(one.differ for one in ranges)
+        say(f"{len(ranges)} values with ranges over {len(models)} robots, which differ in {differ}")
     for sentence in made.unsupported:
         say(f"{name} cannot represent: {sentence}")

@@ -165,6 +165,7 @@ FEW_DATA_SHARE = 0.5  # share of a link's mass from the data below which the ter
     original={"name": "--model", "metavar": "URDF"},
     functions={"name": "--function", "metavar": "NAME"},
     frames={"name": "--frame", "metavar": "NAME"},
+    units={"name": "--unit", "metavar": "MODEL"},
 )
 def export(
     model: str,
@@ -174,6 +175,7 @@ def export(
     precision: Literal["double", "float"] | None = None,
     functions: list[str] | None = None,
     frames: list[str] | None = None,
+    units: list[str] | None = None,
     as_json: bool = False,
 ) -> None:
     """Write an identified model as URDF or MJCF, or as code for controllers.
@@ -190,6 +192,8 @@ def export(
             forward_dynamics, observer (external efforts and contact).
         frames: Frame whose pose and Jacobian are in the C or Python code; repeat for several; if
             unset, those at the robot's ends.
+        units: Model of the actuators of another robot of the kind; repeat for several: the file
+            says in which range 95 % of such robots have each value.
 
     Code is C, Python, an FMU, a ROS 2 package or an S-function for Simulink.
 
@@ -211,7 +215,10 @@ def export(
         options: dict[str, object] = {"--model": original, "--precision": precision}
         options |= {"--function": functions, "--frame": frames}
         shared.refuse_options(options, "does not apply to a model of actuators", "leave it out")
-        return actuators_exported(model, form, output, as_json)
+        return actuators_exported(model, form, output, units or (), as_json)
+    shared.refuse_options(
+        {"--unit": units}, "is for models of actuators, and this one has none", "leave it out"
+    )
     identified = load_model(model)
     if form == "usd" or form == "isaaclab" or form == "mjlab":
         raise OutputError(

@@ -41,8 +41,10 @@ class ActuatorFile:
     unsupported: tuple[str, ...]
 
 
-def actuators_mjcf(model: ActuatorModel) -> ActuatorFile:
+def actuators_mjcf(model: ActuatorModel, units: Sequence[str] = ()) -> ActuatorFile:
     """An MJCF of the arm, whose `ctrl` are targets in the model's joints [rad; m].
+
+    `units` are lines about other robots of the kind, for the head.
 
     Raises:
         ModelError: The fitted motion is outside the limits of the joints, which MuJoCo enforces.
@@ -70,7 +72,7 @@ def actuators_mjcf(model: ActuatorModel) -> ActuatorFile:
         motors.remove(motor)
     for j, coordinate in enumerate(robot.coordinates):
         motors.append(_actuator(model, j, coordinate.name))
-    return ActuatorFile(document(root, _head(model, lacks)), lacks)
+    return ActuatorFile(document(root, _head(model, lacks, units)), lacks)
 
 
 def _actuator(model: ActuatorModel, j: int, name: str) -> ET.Element:
@@ -132,7 +134,7 @@ def unsupported(
     return tuple(found)
 
 
-def _head(model: ActuatorModel, lacks: tuple[str, ...]) -> str:
+def _head(model: ActuatorModel, lacks: tuple[str, ...], units: Sequence[str]) -> str:
     """Where the numbers come from, how targets of the log become `ctrl`, and ranges."""
     values = model.values
     lines = [
@@ -143,6 +145,7 @@ def _head(model: ActuatorModel, lacks: tuple[str, ...]) -> str:
         *target_lines(model),
         *(DELAYED if np.any(values["delay"] >= TIMESTEP) else ("No delay was identified.",)),
         *range_lines(model),
+        *units,
         "MJCF cannot represent these parts of the identified actuators:",
         *(f"  - {sentence}" for sentence in lacks or ("nothing",)),
     ]

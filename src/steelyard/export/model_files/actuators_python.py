@@ -4,7 +4,7 @@ Names of their fields are those of `isaaclab.actuators` and `mjlab.actuator`; fr
 is in Nm from Isaac Sim 5.0 on.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Literal
 
 from steelyard.actuators.actuator_model import ActuatorModel
@@ -44,8 +44,12 @@ def actuators(step):
 }
 
 
-def actuators_python(model: ActuatorModel, framework: Framework) -> ActuatorFile:
+def actuators_python(
+    model: ActuatorModel, units: Sequence[str] = (), *, framework: Framework
+) -> ActuatorFile:
     """A module whose function `actuators(step)` gives one configuration for each joint.
+
+    `units` are lines about other robots of the kind, for the comments.
 
     Raises:
         ModelError: The fitted motion is outside the limits of the joints.
@@ -56,6 +60,7 @@ def actuators_python(model: ActuatorModel, framework: Framework) -> ActuatorFile
         *origin_lines(model),
         *target_lines(model, "target of the actuator", "joint position"),
         *range_lines(model),
+        *units,
         "This configuration cannot represent:",
         *(f"  - {sentence}" for sentence in lacks or ("nothing",)),
     ]

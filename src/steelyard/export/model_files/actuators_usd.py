@@ -36,8 +36,8 @@ RATE = 1000  # steps of the scene a second, in which delays are counted
 X = np.array([1.0, 0.0, 0.0])
 
 
-def actuators_usd(model: ActuatorModel) -> ActuatorFile:
-    """The arm as the text of a `.usda` file.
+def actuators_usd(model: ActuatorModel, units: Sequence[str] = ()) -> ActuatorFile:
+    """The arm as the text of a `.usda` file; `units` are lines about other robots, for its head.
 
     Raises:
         ModelError: The fitted motion is outside the limits of the joints, a body has no mass, or a
@@ -70,6 +70,7 @@ def actuators_usd(model: ActuatorModel) -> ActuatorFile:
         "The damping is that of the joint's own speed: send no target velocities. Shapes, frames",
         "and speed limits of the model file are not written; the base is the world.",
         *range_lines(model),
+        *units,
         "USD cannot represent these parts of the identified actuators:",
         *(f"  - {sentence}" for sentence in lacks or ("nothing",)),
     ]
