@@ -10,7 +10,7 @@ from steelyard.base.arrays import Array
 from steelyard.check.decision.ranked_readings import ranking
 from steelyard.check.decision.search_with_unknown_bodies import LIKELY, Explanation, Search
 from steelyard.check.decision.undecided_questions import undecided
-from steelyard.check.decision.verdict_of_log import SHOWN_EXPLANATIONS, one_of_several
+from steelyard.check.decision.verdict_of_log import SHOWN_EXPLANATIONS, _contested, one_of_several
 from steelyard.check.finding import Severity
 from steelyard.check.hypotheses.readings_and_likelihood import Hypothesis, Reading
 
@@ -26,10 +26,11 @@ def search(arm: Arm) -> Search:
     return found.search
 
 
-def add(search: Search, reading: Reading, rise: float, says: str = "") -> None:
-    """An explanation as one change, so much likelier than the declared reading."""
-    change = Hypothesis("", says, reading, 0.0, ())
-    evidence = replace(search.declared.evidence, log=search.declared.evidence.log + rise)
+def add(search: Search, reading: Reading, rise: float, says: str = "", cost: float = 0.0) -> None:
+    """An explanation as one change, so much likelier than the declared reading but for its cost."""
+    change = Hypothesis("", says, reading, cost, ())
+    log = search.declared.evidence.log + rise
+    evidence = replace(search.declared.evidence, log=log, misfits=np.full(3, 0.05))
     search.found[reading.key] = Explanation(reading, (change,), evidence)
 
 
@@ -58,6 +59,32 @@ def test_both_are_named_and_nothing_is_written(search: Search) -> None:
     second = f", or effort of '{names[2]}' has the opposite sign"
     assert one.says.startswith(f"either {first} '{names[0]}'") and one.says.endswith(second)
     assert one.odds == pytest.approx(200.0)
+
+
+def test_the_mirror_of_all_joints_contests_nothing(search: Search) -> None:
+    every, declared = signs(0, 1, 2), search.declared
+    add(search, turned(search, signs(), every), 200.0, cost=3.0)
+    bad = replace(declared.evidence, misfits=np.full(3, 0.8))
+    search.found[declared.reading.key] = replace(declared, evidence=bad)
+    add(search, turned(search, every, signs()).changed(delay=0.05), 200.0 - 2.0 * LIKELY)
+    assert not _contested(search, "effort sign")
+    add(search, turned(search, every, signs(0)), 200.0 - 2.0 * LIKELY)
+    assert _contested(search, "effort sign")
+
+
+def test_the_declared_signs_count_against_those_of_all_joints(search: Search) -> None:
+    add(search, turned(search, signs(), signs(0, 1, 2)), 12.0)
+    assert search.without("effort sign") == pytest.approx(12.0)
+
+
+def test_mirrors_are_named_once(search: Search) -> None:
+    every = signs(0, 1, 2)
+    add(search, turned(search, signs(), every), 200.0)
+    add(search, turned(search, every, signs()), 199.0)
+    add(search, turned(search, signs(), signs(0)), 198.0)
+    ((one, _),) = one_of_several(search, ())
+    assert one.says.count("all efforts have the opposite sign") == 1
+    assert "cannot distinguish" not in one.says and one.says.count(", or ") == 2
 
 
 def test_more_than_a_few_are_counted_only(search: Search) -> None:

@@ -196,7 +196,7 @@ class Search:
         others = [
             x
             for x in self.found.values()
-            if not any(alike(cause, y, best.reading) for y in (x.reading, mirror(x.reading)))
+            if not says_the_same(cause, x.reading, best.reading)
             and (x.reading.delay - declared.delay) * np.sign(late) <= half
         ]
         most = max(x.log for x in self.found.values() if x not in others)
@@ -366,6 +366,14 @@ def mirror(reading: Reading) -> Reading:
     """All positions and all efforts of the other sign: mirrored bodies have the same effect."""
     return reading.changed(
         position_scale=-reading.position_scale, effort_scale=-reading.effort_scale
+    )
+
+
+def says_the_same(cause: str, a: Reading, b: Reading) -> bool:
+    """Whether two readings say the same of a cause, or one and the mirror of the other do."""
+    other = mirror(a)
+    return alike(cause, a, b) or all(
+        alike(x, other, b) for x in (cause, "position sign", "effort sign")
     )
 
 

@@ -38,6 +38,7 @@ from steelyard.check.decision.search_with_unknown_bodies import (
     alike,
     least_mass,
     mirror,
+    says_the_same,
     undone,
 )
 from steelyard.check.finding import Severity
@@ -244,14 +245,13 @@ def _as_good(one: Explanation, best: Explanation) -> bool:
 def _contested(search: Search, cause: str) -> bool:
     """Whether an explanation that is as good says something else of a cause.
 
-    Nearer ones count in the odds, and the mirror of all joints is named with the other.
+    Nearer ones count in the odds, and mirrors of all joints are named with the others.
     """
     best = search.best
-    other = mirror(best.reading).key
     return any(
-        _as_good(one, best) and not alike(cause, one.reading, best.reading)
+        _as_good(one, best) and not says_the_same(cause, one.reading, best.reading)
         for one in search.found.values()
-        if one.log <= best.log - LIKELY and one.reading.key != other
+        if one.log <= best.log - LIKELY
     )
 
 
@@ -314,13 +314,19 @@ def one_of_several(search: Search, winners: Sequence[Judged]) -> Iterator[Judged
         return
     search.compare([(own, tuple(c for c in best.changes if c.cause not in (*ORDER_AND_SIGNS, "")))])
     said: dict[str, Hypothesis] = {}
-    as_declared = -np.inf
+    with_mirrors, as_declared = list[Reading](), -np.inf
     for one in search.ordered():
         others = [x for x in ORDER_AND_SIGNS if not alike(x, one.reading, own)]
         near = _as_good(one, best)
         parts = [part for x in others if near and (part := _part(search, x, one)) is not None]
         if parts:
-            said.setdefault(" and ".join(part.says for part in parts), parts[0])
+            words = " and ".join(part.says for part in parts)
+            if BOTH_MIRRORS_FIT in words:
+                flipped = mirror(one.reading)
+                if any(all(alike(x, flipped, y) for x in ORDER_AND_SIGNS) for y in with_mirrors):
+                    continue
+                with_mirrors.append(one.reading)
+            said.setdefault(words.replace(BOTH_MIRRORS_FIT, ""), parts[0])
         elif near or not others:
             as_declared = max(as_declared, one.log)
     odds = best.log - as_declared
