@@ -1,4 +1,4 @@
-"""Arms of two joints, or of one, under position servos that MuJoCo simulates; files and logs."""
+"""Arms of one to three joints under position servos that MuJoCo simulates; files and logs."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -23,9 +23,9 @@ URDF = """<robot name="servos">
 </robot>
 """
 MJCF = """<mujoco><option timestep="{step}" integrator="implicitfast" gravity="0 0 -9.81"/>
-<worldbody><body><joint name="shoulder" axis="0 1 0" {first}/>
+<worldbody><body><joint name="shoulder" axis="0 1 0" {joints[0]}/>
 <inertial pos="0.06 0 0.01" mass="0.25" diaginertia="1e-4 4e-4 4e-4"/>
-<body pos="0.12 0 0"><joint name="elbow" axis="0 1 0" {second}/>
+<body pos="0.12 0 0"><joint name="elbow" axis="0 1 0" {joints[1]}/>
 <inertial pos="0.08 0.005 0" mass="0.2" diaginertia="1e-4 3e-4 3e-4"/></body></body></worldbody>
 <actuator>{motors}</actuator></mujoco>"""
 BENCH_URDF = """<robot name="bench">
@@ -37,9 +37,32 @@ BENCH_URDF = """<robot name="bench">
 </robot>
 """
 BENCH_MJCF = """<mujoco><option timestep="{step}" integrator="implicitfast" gravity="0 0 -9.81"/>
-<worldbody><body><joint name="motor" axis="0 1 0" {first}/>
+<worldbody><body><joint name="motor" axis="0 1 0" {joints[0]}/>
 <inertial pos="0.15 0 0" mass="0.5" diaginertia="1e-4 5e-4 5e-4"/></body></worldbody>
 <actuator>{motors}</actuator></mujoco>"""
+WAIST_URDF = URDF.replace(
+    '<link name="base"/>',
+    """<link name="base"/>
+  <link name="turret"><inertial><origin xyz="0.01 0 0.04"/><mass value="0.3"/>
+    <inertia ixx="4e-4" iyy="4e-4" izz="3e-4" ixy="0" ixz="0" iyz="0"/></inertial></link>
+  <joint name="waist" type="revolute"><parent link="base"/><child link="turret"/>
+    <axis xyz="0 0 1"/><limit lower="-1.8" upper="1.8" velocity="6" effort="10"/></joint>""",
+).replace(
+    '<parent link="base"/><child link="upper"/>',
+    '<parent link="turret"/><child link="upper"/><origin xyz="0 0 0.08"/>',
+)
+WAIST_MJCF = """<mujoco><option timestep="{step}" integrator="implicitfast" gravity="0 0 -9.81"/>
+<worldbody><body><joint name="waist" axis="0 0 1" {joints[0]}/>
+<inertial pos="0.01 0 0.04" mass="0.3" diaginertia="4e-4 4e-4 3e-4"/>
+<body pos="0 0 0.08"><joint name="shoulder" axis="0 1 0" {joints[1]}/>
+<inertial pos="0.06 0 0.01" mass="0.25" diaginertia="1e-4 4e-4 4e-4"/>
+<body pos="0.12 0 0"><joint name="elbow" axis="0 1 0" {joints[2]}/>
+<inertial pos="0.08 0.005 0" mass="0.2" diaginertia="1e-4 3e-4 3e-4"/>
+</body></body></body></worldbody>
+<actuator>{motors}</actuator></mujoco>"""
+ARMS = {1: BENCH_MJCF, 2: MJCF, 3: WAIST_MJCF}
+JOINTS = {1: ("motor",), 2: ("shoulder", "elbow"), 3: ("waist", "shoulder", "elbow")}
+URDFS = {1: BENCH_URDF, 2: URDF, 3: WAIST_URDF}
 STIFF = 'solreffriction="0.0005 1" solimpfriction="0.999 0.9999 0.001 0.5 2"'
 
 ROBOT_FILE = """[robot]
@@ -69,7 +92,7 @@ class Servos:
 
     @property
     def n(self) -> int:
-        """Number of joints: two of the arm, one of the bench."""
+        """Number of joints: one of the bench, two of the arm, three with a waist."""
         return len(self.stiffness)
 
     def model(self, step: float = 0.001) -> mujoco.MjModel:
@@ -81,15 +104,14 @@ class Servos:
         motors = "".join(
             f'<position joint="{name}" kp="{kp}" kv="{kd}" forcerange="-{limit} {limit}"/>'
             for name, kp, kd, limit in zip(
-                ("shoulder", "elbow") if self.n == 2 else ("motor",),
+                JOINTS[self.n],
                 self.stiffness,
                 self.damping,
                 self.torque_limit,
                 strict=True,
             )
         )
-        text = MJCF if self.n == 2 else BENCH_MJCF
-        text = text.format(step=step, first=joints[0], second=joints[-1], motors=motors)
+        text = ARMS[self.n].format(step=step, joints=joints, motors=motors)
         return mujoco.MjModel.from_xml_string(text)
 
     def friction(self, v: np.ndarray, torque: np.ndarray) -> np.ndarray:
