@@ -17,6 +17,7 @@ from steelyard.actuators.actuator_model import ActuatorModel, arm_step
 from steelyard.actuators.actuator_parameters import ActuatorValues, free_parameters
 from steelyard.actuators.actuator_words_and_tables import interval_words
 from steelyard.actuators.assumed_scales import (
+    LEAST_SPREAD,
     like_the_others,
     spread_of_stiffness,
     with_assumed_scales,
@@ -151,30 +152,19 @@ def test_where_nothing_is_compared_no_agreement_is_claimed(
     [(None, "nothing tests"), (1.0, "agree within"), (2.5, "a factor of 2.5")],
 )
 def test_words_say_what_the_intervals_rest_on(wider: float | None, words: str) -> None:
-    model = cast(ActuatorModel, SimpleNamespace(wider=wider))
+    model = cast(ActuatorModel, SimpleNamespace(wider=wider, masses_searched=False))
     assert words in interval_words(model)
 
 
 def test_a_stated_torque_gives_its_joint_a_scale_and_stays(place: Path) -> None:
-    upright = URDF.replace('<axis xyz="0 1 0"/><limit', '<axis xyz="0 0 1"/><limit', 1)
-    (place / "servos.urdf").write_text(upright)
-    step = arm_step(load_robot(place / "servos.toml").robot)
-    t, target = targets(60.0, seed=4)
-    true = ActuatorValues.of((1.0, 1.0), **vars(Servos()))
-    run = TargetRun("log", t, target, np.tile(target[0], (len(t), 1)))
-    (moved,) = rollouts(step, true, windows_of([run], None))
-    q = moved.q + np.random.default_rng(1).normal(0.0, 2e-4, moved.q.shape)
-    columns = {
-        f"{name}{j + 1}": x[:, j] for name, x in (("q", q), ("target", target)) for j in (0, 1)
-    }
-    pl.DataFrame({"time": t, **columns}).write_parquet(place / "log.parquet")
-    plain = steelyard.identify_actuators(place / "servos.toml", place / "log.parquet").model
-    assert plain.assumed == ("shoulder",)
-    known = '[actuator]\nlaw = "position_pd"\ncoulomb = [0.12, "identify"]\n'
+    roll = URDF.replace('<origin xyz="0.12 0 0"/><axis xyz="0 1 0"/>',
+                        '<origin xyz="0.12 0 0"/><axis xyz="1 0 0"/>')  # fmt: skip
+    identified(place, roll, ActuatorValues.of((1.0, 1.0), **vars(Servos(stiffness=(12.0, 20.0)))))
+    known = '[actuator]\nlaw = "position_pd"\ncoulomb = ["identify", 0.06]\n'
     (place / "known.toml").write_text(ROBOT_FILE + known)
     found = steelyard.identify_actuators(place / "known.toml", place / "log.parquet").model
-    assert found.assumed == () and found.values["coulomb"][0] == 0.12
-    assert found.values["stiffness"][0] == pytest.approx(12.0, rel=0.05)
+    assert found.assumed == () and found.values["coulomb"][1] == 0.06
+    assert found.values["stiffness"][1] == pytest.approx(20.0, rel=0.05)
 
 
 def test_widened_intervals_are_those_that_motions_tell(place: Path) -> None:
@@ -194,8 +184,10 @@ def test_the_scale_of_a_joint_without_one_is_as_uncertain_as_the_others(place: P
     assert spread_of_stiffness([10.0], [0.0]) == 1.0
     assert spread_of_stiffness([10.0, 10.2], [0.0, 0.0]) == pytest.approx(0.111, abs=0.002)
     assert spread_of_stiffness([10.0, 10.0], [0.04, 0.04]) == pytest.approx(0.2)
+    assert spread_of_stiffness([10.0, 15.0], [0.1, 0.1]) == pytest.approx(np.sqrt(0.1))
+    assert spread_of_stiffness([10.0, 10.0], [0.0, 0.0]) == LEAST_SPREAD
     covariance = 1e-4 * np.eye(3)
-    found = Fitted(task, values, np.ones(2), covariance, covariance, np.ones(3), 0.0)
+    found = Fitted(task, values, np.ones(2), covariance, covariance, np.ones(3), 1.0, 0.0)
     free, wide, _ = with_assumed_scales(found, [1], [0], ("revolute", "revolute"))
     at = {(one.name, one.joint): k for k, one in enumerate(free)}
     own, scale = at["damping", 1], at["stiffness", 1]
@@ -214,6 +206,49 @@ def test_only_joints_of_the_same_kind_are_alike_and_what_is_stated_stays() -> No
     assert alike["damping"].tolist() == [0.5, 1.0, 0.5]
     assert alike["coulomb"].tolist() == [0.1, 0.1, 0.1]
     np.testing.assert_allclose(usual_stiffness(values, kinds), [7.5, 7.5, 5000.0])
+
+
+def identified(place: Path, urdf: str, true: ActuatorValues) -> ActuatorModel:
+    """From a log of motion of these values themselves, without any choice of the law."""
+    (place / "servos.urdf").write_text(urdf)
+    (place / "servos.toml").write_text(ROBOT_FILE + '[actuator]\nlaw = "position_pd"\n')
+    step = arm_step(load_robot(place / "servos.toml").robot)
+    t, target = targets(60.0, seed=4)
+    run = TargetRun("log", t, target, np.tile(target[0], (len(t), 1)))
+    (moved,) = rollouts(step, true, windows_of([run], None))
+    q = moved.q + np.random.default_rng(1).normal(0.0, 2e-4, moved.q.shape)
+    columns = {
+        f"{name}{j + 1}": x[:, j] for name, x in (("q", q), ("target", target)) for j in (0, 1)
+    }
+    pl.DataFrame({"time": t, **columns}).write_parquet(place / "log.parquet")
+    return steelyard.identify_actuators(place / "servos.toml", place / "log.parquet").model
+
+
+def test_the_inertia_of_links_shows_a_stiffness_that_gravity_does_not(place: Path) -> None:
+    upright = URDF.replace('<axis xyz="0 1 0"/><limit', '<axis xyz="0 0 1"/><limit', 1)
+    true = ActuatorValues.of((1.0, 1.0), **vars(Servos(stiffness=(20.0, 8.0))))
+    model = identified(place, upright, true)
+    assert model.assumed == ()
+    (one,) = (p for p in model.parameters if (p.name, p.joint) == ("stiffness", "shoulder"))
+    assert one.status == "identified" and one.interval is not None
+    assert one.interval[0] < 20.0 < one.interval[1] < 30.0
+
+
+def test_a_stiffness_that_nothing_shows_is_like_the_others(place: Path) -> None:
+    roll = URDF.replace('<origin xyz="0.08 0.005 0"/><mass value="0.2"/>',
+                        '<origin xyz="0.08 0 0"/><mass value="0.2"/>')  # fmt: skip
+    roll = roll.replace('<origin xyz="0.12 0 0"/><axis xyz="0 1 0"/>',
+                        '<origin xyz="0.12 0 0"/><axis xyz="1 0 0"/>')  # fmt: skip
+    true = ActuatorValues.of((1.0, 1.0), **vars(Servos(stiffness=(12.0, 20.0))))
+    model = identified(place, roll, true)
+    assert model.assumed == ("elbow",)
+    values = {(p.name, p.joint): p for p in model.parameters}
+    one, friction = values["stiffness", "elbow"], values["coulomb", "elbow"]
+    assert one.status == "assumed" and one.value == pytest.approx(12.0, rel=0.1)
+    assert one.interval is not None and one.interval[0] < 20.0 < one.interval[1]
+    assert friction.status == "not identifiable"
+    ratio = model.ratio("coulomb", 1)
+    assert ratio is not None and ratio[0] == pytest.approx(0.06 / 20.0, rel=0.1) and ratio[1] < 0.1
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ import numpy as np
 
 from steelyard.actuators.actuator_model import ActuatorModel, ActuatorParameter
 from steelyard.actuators.actuator_parameters import KINDS
-from steelyard.actuators.choice import LEAST_GAIN, LEAST_LOSS, Rung
+from steelyard.actuators.choice import NEEDED_NATS, Rung
 from steelyard.actuators.open_loop import AFTER, OpenLoop, tool_body
 from steelyard.base.arrays import Z95, Array
 from steelyard.report.tables import PlainTable, Row
@@ -118,9 +118,11 @@ def assumed_words(model: ActuatorModel) -> tuple[str, ...]:
     if not model.assumed:
         return ()
     return (
-        f"gravity hardly loads {', '.join(model.assumed)}: the stiffness is assumed to be the "
-        "median of the others', and gives the other values of these joints their scale (intervals "
-        "allow for how uncertain that is); state it if it is known",
+        "neither gravity nor the inertia of links shows the stiffness of "
+        f"{', '.join(model.assumed)}: it is assumed to be about the median of the others', and "
+        "gives the other values of these joints their scale (intervals allow for how uncertain "
+        "that is); "
+        "state it if it is known",
     )
 
 
@@ -389,12 +391,13 @@ def law_table(law: Sequence[Rung]) -> PlainTable:
         name = f"with {part}" if sign == "+" else f"without {part}" if sign == "-" else r.tried
         again = ", again" if r.tried in seen else ""
         seen.add(r.tried)
-        rows.append(Row((name + again, milli(r.error), "taken" if r.kept else "not taken")))
+        gain = f"{r.gain:+.3g}" if sign in ("+", "-") else NONE
+        rows.append(Row((name + again, milli(r.error), gain, "taken" if r.kept else "not taken")))
     words = (
         "Each is fitted without about a quarter of the motion, and judged by the residuals of that "
-        "quarter: geometric mean of their usual and their root mean square size. A part is "
-        f"added if it takes away {LEAST_GAIN:.0%} of it and the fit shows its size (an interval of "
-        f"half to twice of it, or less), and left out if the error grows by less than "
-        f"{LEAST_LOSS:.1%} without it. Each row differs from the law that was taken last above it."
+        "quarter: geometric mean of their usual and their root mean square size. The gain is the "
+        "log-likelihood of that quarter with the part less that without it, allowing for residuals "
+        f"that follow each other. A part is in the law if it gains more than {NEEDED_NATS:g}. "
+        "Each row differs from the law that was taken last above it."
     )
-    return PlainTable("", words, ("law", "left-out error [mrad]", ""), rows, (0, 2))
+    return PlainTable("", words, ("law", "left-out error [mrad]", "gain [nats]", ""), rows, (0, 3))

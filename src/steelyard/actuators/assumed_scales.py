@@ -1,4 +1,4 @@
-"""Joints that gravity hardly loads: their torques have the scale of the other joints' stiffness.
+"""Joints whose stiffness nothing shows: their torques have the scale of the others' stiffness.
 
 Positions determine what is over the stiffness; the stiffness itself is that of actuators which are
 alike, and as uncertain as those differ from each other.
@@ -20,6 +20,7 @@ from steelyard.base.arrays import Z95, Array, frozen
 
 SCALED = ("stiffness", "damping", "back_emf", "coulomb", "stribeck", "armature", "torque_limit")
 """Parameters that change with the unit of torque."""
+LEAST_SPREAD = 0.1  # of logarithms of the stiffness of actuators of a type
 
 
 def like_the_others(
@@ -51,15 +52,16 @@ def _like(j: int, loaded: Sequence[int], kinds: Sequence[str]) -> list[int]:
 def spread_of_stiffness(stiffness: Sequence[float], variance: Sequence[float]) -> float:
     """Standard deviation of the logarithm of the stiffness of one more actuator of a kind.
 
-    By the scatter of some, widened as Student's distribution asks of so few, and the mean variance
-    of their logarithms; at most what is assumed of an actuator before any log.
+    By the scatter of some beyond the mean variance of their logarithms, widened as Student's
+    distribution asks of so few, and this variance; at most what is assumed before any log.
     """
     most, number = BY_NAME["stiffness"].spread, len(stiffness)
     if number < 2:
         return most
-    scatter = float(np.var(np.log(stiffness), ddof=1)) * (1.0 + 1.0 / number)
+    known = float(np.mean(variance))
+    scatter = max(0.0, float(np.var(np.log(stiffness), ddof=1)) - known) * (1.0 + 1.0 / number)
     wider = float(student.ppf(0.975, number - 1)) / Z95
-    return min(most, float(np.sqrt(wider**2 * scatter + np.mean(variance))))
+    return float(np.clip(np.sqrt(wider**2 * scatter + known), LEAST_SPREAD, most))
 
 
 def with_assumed_scales(

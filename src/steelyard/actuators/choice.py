@@ -14,7 +14,7 @@ from steelyard.actuators.actuator_parameters import (
     free_parameters,
 )
 from steelyard.actuators.closed_loop_step import ArmStep
-from steelyard.actuators.fit import Fitted, Task, fit, residuals, scales
+from steelyard.actuators.fit import FREEDOM, Fitted, Task, fit, residuals, scales
 from steelyard.actuators.rollout import rollouts
 from steelyard.actuators.target_runs import Window
 from steelyard.base.arrays import Array
@@ -24,18 +24,20 @@ USUAL = ("coulomb", "delay")
 POSSIBLE = ("delays", "stribeck", "load_friction", "torque_limit", "back_emf", "dead_band")
 ASKED = ("mass_factor",)
 """Parts that are searched if the user says so."""
-REPLACED = {"delays": "delay", "back_emf": "damping"}
+REPLACED = {"delays": "delay"}
 """Parts that others take the place of."""
 NEEDED = {"delays": "delay", "back_emf": "torque_limit"}
 """Parts without which others are not tried."""
 WIDE = 0.35  # standard deviation of a logarithm, above which a value is not known
-LEAST_GAIN = 0.02  # share of the left-out error that a part which is added has to take away
-LEAST_LOSS = 0.005  # share that it has to grow by without a part that is kept
+NEEDED_NATS = 5.0
+"""Log-likelihood of left-out motion that a part of the law has to gain."""
+LEAST_LOSS = 0.005  # share of the error by which a torque limit has to lower it
 MANY_LOGS = 8  # from which on whole ones are left out
 LEFT_OUT = 4  # every one of so many blocks of windows is left out
-DIFFERENT = 3.0  # standard deviations by which delays of joints differ that have one each
 SHORT = 5  # rounds of a fit that begins at another one
 LIMITS = 7  # torque limits that are tried, from the largest torque of a spring to its median
+SHARED_DAMPING, FAST = 0.1, 0.9
+"""Share of the damping that acts beside the torque limit at first; of all rows that are slower."""
 REACH = 0.8  # of the largest torque: where a limit is tried first
 
 
@@ -47,17 +49,19 @@ class Rung:
         parts: Parameters that are searched.
         tried: The part in question, with a sign: `+ dead_band`, `- delay`.
         error: Size of left-out residuals, see `left_out_error` [rad; m].
+        gain: Log-likelihood of left-out motion that the part gains [nats].
         kept: Whether the law goes on with it.
     """
 
     parts: tuple[str, ...]
     tried: str
     error: float
+    gain: float
     kept: bool
 
     def to_dict(self) -> dict[str, Any]:
         """As JSON values."""
-        return {"tried": self.tried, "error": self.error, "kept": self.kept}
+        return {k: x for k, x in vars(self).items() if k != "parts"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,8 +72,8 @@ class Search:
     windows: tuple[Window, ...]
     joints: Mapping[str, Sequence[int]]
     """Joints at which a parameter is searched, where that is not all of them."""
-    zeros: Mapping[int, tuple[float, float]]
-    """Prior of the zeros that are searched, see `zero_prior`."""
+    known: Mapping[tuple[str, int], tuple[float, float]]
+    """Means and spreads of the prior of some parameters, by name and joint."""
     centre: ActuatorValues
     """About which the prior of all other parameters is: where the search began."""
     h: float
@@ -82,7 +86,7 @@ class Search:
     def task(self, windows: Sequence[Window], parts: Sequence[str]) -> Task:
         """To fit these parts."""
         free = self.free(parts)
-        return Task.of(self.step, windows, free, self.centre, self.zeros, self.h, self.threads)
+        return Task.of(self.step, windows, free, self.centre, self.known, self.h, self.threads)
 
 
 def split(windows: Sequence[Window]) -> tuple[list[Window], list[Window]]:
@@ -112,16 +116,24 @@ def split(windows: Sequence[Window]) -> tuple[list[Window], list[Window]]:
     return fitted, left
 
 
-def left_out_error(search: Search, values: ActuatorValues, left: Sequence[Window]) -> float:
+def left_out(search: Search, values: ActuatorValues, left: Sequence[Window]) -> Array:
+    """Residuals of motion, `(N, n)`."""
+    rolled = rollouts(search.step, values, left, (), search.h, search.threads)
+    return np.concatenate(residuals(search.task(left, ()), rolled))
+
+
+def size(found: Array) -> float:
     """Geometric mean of scale and root mean square of residuals, and over the joints.
 
     The scale shows what is usual, the root mean square what is rare, such as a torque limit.
     """
-    rolled = rollouts(search.step, values, left, (), search.h, search.threads)
-    task = search.task(left, ())
-    found = residuals(task, rolled)
-    rms = np.sqrt(np.mean(np.concatenate(found) ** 2, axis=0))
-    return float(np.exp(0.5 * np.log(scales(found) * np.maximum(rms, 1e-9)).mean()))
+    rms = np.sqrt(np.mean(found**2, axis=0))
+    return float(np.exp(0.5 * np.log(scales([found]) * np.maximum(rms, 1e-9)).mean()))
+
+
+def likelihood(found: Array, scale: Array) -> float:
+    """Logarithm of Student's likelihood of residuals, but for constants."""
+    return float(-0.5 * (FREEDOM + 1.0) * np.log1p((found / scale) ** 2 / FREEDOM).sum())
 
 
 def first_values(values: ActuatorValues, windows: Sequence[Window]) -> dict[str, Any]:
@@ -131,7 +143,7 @@ def first_values(values: ActuatorValues, windows: Sequence[Window]) -> dict[str,
         "stribeck_speed": 0.1,
         "load_friction": 0.05,
         "torque_limit": REACH * largest_torque(windows, values),
-        "back_emf": values["damping"],
+        "back_emf": SHARED_DAMPING * values["damping"],
         "dead_band": 0.2 * values["coulomb"] / values["stiffness"] + 1e-4,
     }
 
@@ -145,7 +157,28 @@ def with_part(values: ActuatorValues, part: str, windows: Sequence[Window]) -> A
 
 def without(values: ActuatorValues, part: str) -> ActuatorValues:
     """Values of a law that lacks a part."""
+    if part == "delays":
+        return values.changed(delay=np.median(values["delay"]))
     return values.changed(**{kind.name: kind.default for kind in KINDS if kind.part == part})
+
+
+def _shared_damping(
+    values: ActuatorValues, joints: Sequence[int], windows: Sequence[Window]
+) -> ActuatorValues:
+    """Values in which some of the damping of these joints acts beside their torque limit.
+
+    At high speed as much torque is left as before.
+    """
+    share = np.zeros(values.n)
+    share[list(joints)] = SHARED_DAMPING
+    speeds = [np.diff(w.q, axis=0) / np.diff(w.t)[:, None] for w in windows]
+    beside = share * values["damping"]
+    more = beside * np.quantile(np.abs(np.concatenate(speeds)), FAST, axis=0)
+    return values.changed(
+        damping=values["damping"] - beside,
+        back_emf=beside,
+        torque_limit=values["torque_limit"] + more,
+    )
 
 
 def with_stated(
@@ -170,14 +203,14 @@ def largest_torque(
 
 @dataclass(eq=False)
 class _Choice:
-    """The law so far: its fit to `fitted` windows, and its error on those that are left out."""
+    """The law so far: its fit to `fitted` windows, and what it leaves of those left out."""
 
     search: Search
     fitted: Sequence[Window]
     left: Sequence[Window]
     parts: tuple[str, ...]
     now: Fitted
-    error: float
+    residuals: Array
     rungs: list[Rung]
 
     @classmethod
@@ -192,12 +225,16 @@ class _Choice:
         parts = tuple(p for p in parts if p != "delay" or "delays" not in given)
         search = replace(search, centre=search.centre.changed(**first_values(begin, fitted)))
         now = fit(search.task(fitted, parts), begin)
-        error = left_out_error(search, now.values, left)
-        rungs = [Rung(parts, "the usual law", error, True)]
-        return cls(search, fitted, left, parts, now, error, rungs)
+        rest = left_out(search, now.values, left)
+        rungs = [Rung(parts, "the usual law", size(rest), 0.0, True)]
+        return cls(search, fitted, left, parts, now, rest, rungs)
 
     def improves(self, part: str, adds: bool) -> bool:
-        """Whether the law is better with a part, or as good without it; then it is the law."""
+        """Whether the law is better with a part, or as good without it; then it is the law.
+
+        A part is needed if left-out motion is likelier with it: by more than chance and its own
+        correlation in time explain.
+        """
         gone = REPLACED.get(part, "") if adds else part
         parts = (*(p for p in self.parts if p != gone), *((part,) if adds else ()))
         name = f"{'+' if adds else '-'} {part}"
@@ -208,18 +245,36 @@ class _Choice:
             first, joints = _limited(search, self.now.values, self.fitted)
             search = replace(search, joints={**search.joints, part: joints})
             if not joints:
-                self.rungs.append(Rung(parts, name, self.error, False))
+                self.rungs.append(Rung(parts, name, size(self.residuals), 0.0, False))
                 return False
+        if part == "back_emf":  # below its limit a joint has one damping
+            joints = [j for j in search.joints[part] if j in search.joints["torque_limit"]]
+            search = replace(search, joints={**search.joints, part: joints})
+            first = _shared_damping(self.now.values, joints, self.fitted)
         other = fit(search.task(self.fitted, parts), first, SHORT)
-        error = left_out_error(search, other.values, self.left)
-        if adds:
-            better = error < self.error * (1.0 - LEAST_GAIN) and _shown(other, part)
-        else:
-            better = error <= self.error * (1.0 + LEAST_LOSS)
-        self.rungs.append(Rung(parts, name, error, better))
-        if better:
-            self.search, self.parts, self.now, self.error = search, parts, other, error
-        return better
+        rest = left_out(search, other.values, self.left)
+        gain = self._gain(other, rest) if adds else -self._gain(other, rest)
+        if adds and gain > NEEDED_NATS:
+            # what only goes on with a fit that has not ended is no gain of the part
+            self._go_on(without(other.values, part))
+            gain = self._gain(other, rest)
+        needed = gain > NEEDED_NATS
+        self.rungs.append(Rung(parts, name, size(rest), gain, needed is adds))
+        if needed is adds:
+            self.search, self.parts, self.now, self.residuals = search, parts, other, rest
+        return needed is adds
+
+    def _gain(self, other: Fitted, rest: Array) -> float:
+        """Log-likelihood of left-out motion by another law over that by this one."""
+        more = likelihood(rest, self.now.scale) - likelihood(self.residuals, self.now.scale)
+        return more / max(self.now.repeated, other.repeated)
+
+    def _go_on(self, values: ActuatorValues) -> None:
+        """Fit this law further, from values that another one found, if that helps."""
+        again = fit(self.search.task(self.fitted, self.parts), values, SHORT)
+        rest = left_out(self.search, again.values, self.left)
+        if self._gain(again, rest) > 0.0:
+            self.now, self.residuals = again, rest
 
 
 def chosen(
@@ -256,29 +311,11 @@ def chosen(
     return law.now, tuple(law.rungs), law.parts, law.search
 
 
-def _shown(found: Fitted, part: str) -> bool:
-    """Whether the data show a part at some joint: its interval ends at half and at twice, or less.
-
-    Delays of the joints have to differ.
-    What only continues a fit that has not ended lowers the error too.
-    """
-    name = "delay" if part == "delays" else part
-    known = [
-        (one.at(found.values), std)
-        for one, std in zip(found.task.free, found.std, strict=True)
-        if one.name == name
-    ]
-    if part == "delays":
-        (least, a), (most, b) = min(known), max(known)
-        return bool(most - least > DIFFERENT * np.hypot(a, b))
-    return bool(min(std for _, std in known) < WIDE)
-
-
 def _limited(
     search: Search, values: ActuatorValues, windows: Sequence[Window]
 ) -> tuple[ActuatorValues, list[int]]:
     """Values with torque limits where one lowers the error of fitted motion, and these joints."""
-    best = left_out_error(search, values, windows)
+    best = size(left_out(search, values, windows))
     largest, usual = (largest_torque(windows, values, share) for share in (0.995, 0.5))
     joints = []
     for j in search.joints.get("torque_limit", range(search.step.n)):
@@ -286,7 +323,7 @@ def _limited(
             limits = values["torque_limit"].copy()
             limits[j] = limit
             tried = values.changed(torque_limit=limits)
-            error = left_out_error(search, tried, windows)
+            error = size(left_out(search, tried, windows))
             if error < best * (1.0 - LEAST_LOSS):
                 values, best = tried, error
                 joints += [j] * (j not in joints)

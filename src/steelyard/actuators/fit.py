@@ -6,14 +6,12 @@ something count little [Lange1989],
 
 $$ \sum_j N \log s_j + \tfrac{\nu + 1}{2} \sum_k \log\bigl(1 + r_{jk}^2 / (\nu s_j^2)\bigr), $$
 
-and a prior of each parameter with precision $P$. Residuals follow each other: the likelihood is
-divided by how much larger gradients of blocks of two seconds are than if they were independent,
-$\varphi$, that it does not outweigh the prior.
-
-What a law lacks shows differently in each motion, so that motions are what repeats. With curvature
-$H_b$ and gradient $g_b$ of each of $B$ logs, or of parts of long ones, and
+and a prior of each parameter with precision $P$. What a law lacks shows differently in each motion,
+so that motions are what repeats: with curvature $H_b$ and gradient $g_b$ of each of $B$ logs, or of
+parts of long ones, the likelihood is divided by how much larger these gradients are than if
+residuals were independent, $\varphi$, that it does not outweigh the prior. With
 $A = H / \varphi + P$, the values would move by $d_b = (A - H_b / \varphi)^{-1} g_b / \varphi$
-without one. The covariance is that of the jackknife [Efron1981; Cameron2015],
+without one motion. The covariance is that of the jackknife [Efron1981; Cameron2015],
 
 $$ \tfrac{B - 1}{B} \sum_b (d_b - \bar d) (d_b - \bar d)^T + A^{-1} P A^{-1}, $$
 
@@ -41,7 +39,6 @@ LEAST_SCALE = 1e-4  # of residuals [rad]: no encoder is better
 CONVERGED = 0.3  # nats of the objective, below which a step is the last one
 ROUNDS = 15
 TRIES = 6
-BLOCK = 2.0  # seconds of residuals that are taken as independent of others
 PARTS = 8  # of equal length, into which all motion is cut for intervals; shorter logs stay whole
 STEP_ERROR = 1.0 / 3.0
 """Error of steps a quarter as long, over what these change: 1/3 in first order, 1/15 in second."""
@@ -75,21 +72,16 @@ class Task:
         windows: Sequence[Window],
         free: Sequence[Free],
         centre: ActuatorValues,
-        zeros: Mapping[int, tuple[float, float]] = MappingProxyType({}),
+        known: Mapping[tuple[str, int], tuple[float, float]] = MappingProxyType({}),
         h: float = STEP,
         threads: int = 2,
     ) -> "Task":
         """With a prior about `centre`, in which joints have actuators that are alike.
 
-        That of the zeros is about the model file's own, if limits allow it, see `zero_prior`.
+        `known` has another mean and spread of some, by name and joint.
         """
         usual = centre.changed(stiffness=usual_stiffness(centre, step.kinds))
-        prior = [
-            zeros[one.joint]
-            if one.name == "zero" and one.joint in zeros
-            else (one.at(usual), one.kind.spread)
-            for one in free
-        ]
+        prior = [known.get((one.name, one.joint), (one.at(usual), one.kind.spread)) for one in free]
         mean, spread = np.array(prior).reshape(-1, 2).T
         return cls(step, tuple(windows), tuple(free), frozen(mean), frozen(spread), h, threads)
 
@@ -122,6 +114,8 @@ class Fitted:
     """The part of it that motions tell: without that of the prior and of the steps."""
     least_std: Array
     """Standard deviations if residuals were noise alone, `(p,)`."""
+    repeated: float
+    """How many residuals tell what one would, were they independent."""
     chance: float
     """Share of the windows that did not count: their rollouts depend on chance."""
 
@@ -186,13 +180,13 @@ def fit(
         if not rolled:
             unknown = frozen(np.diag(whole.spread**2))
             scale = scales(residuals(whole, every), scale)
-            return Fitted(whole, values, frozen(scale), unknown, unknown, whole.spread, 1.0)
+            return Fitted(whole, values, frozen(scale), unknown, unknown, whole.spread, 1.0, 1.0)
         found = residuals(task, rolled)
         scale = scales(found, scale)
         told = [_quadratic(*one, scale) for one in zip(task.windows, rolled, found, strict=True)]
         information = np.sum([curvature for curvature, _, _ in told], axis=0)
-        gradients = np.concatenate([blocks for _, blocks, _ in told])
-        repeated = _repeated(information, gradients)
+        gradients = np.array([gradient for _, gradient, _ in told])
+        repeated = _repeated(information, gradients, motions(task.windows))
         now = objective(task, values, found, scale, repeated)
         report(round_, now)
         off = np.array([one.at(values) for one in task.free]) - task.prior
@@ -209,7 +203,7 @@ def fit(
             damping *= 8.0
         known = _covariance(task, told, repeated)
         chance = 1.0 - len(task.windows) / len(whole.windows)
-        last = Fitted(whole, values, frozen(scale), *known, chance)
+        last = Fitted(whole, values, frozen(scale), *known, repeated, chance)
         if better is None:
             break
         values, damping = better, max(damping / 8.0, 1e-8)
@@ -230,27 +224,26 @@ def predictable(task: Task, rolled: Sequence[Rolled]) -> tuple[Task, list[Rolled
 def _quadratic(
     window: Window, rolled: Rolled, r: Array, scale: Array
 ) -> tuple[Array, Array, Array]:
-    """Curvature of the likelihood `(p, p)`, downward gradients of blocks `(B, p)`.
-
-    Then what finer steps add to the gradient `(p,)`.
-    """
+    """Curvature of the likelihood `(p, p)`, its gradient, and what finer steps add to it `(p,)`."""
     counts = window.t - window.t[0] >= SETTLING
     slopes = rolled.slopes[counts]
     weight = (FREEDOM + 1.0) / (FREEDOM + (r / scale) ** 2) / scale**2
     flat = slopes.reshape(-1, slopes.shape[-1])
     heavy = flat * weight.reshape(-1, 1)
-    rows = (heavy * r.reshape(-1, 1)).reshape(slopes.shape).sum(axis=1)
-    block = ((window.t[counts] - window.t[counts][0]) / BLOCK).astype(int)
-    blocks = np.add.reduceat(rows, np.flatnonzero(np.diff(block, prepend=-1)), axis=0)
     finer = np.broadcast_to(rolled.finer, rolled.q.shape)[counts].reshape(-1)
-    return flat.T @ heavy, blocks, finer @ heavy
+    return flat.T @ heavy, r.reshape(-1) @ heavy, finer @ heavy
 
 
-def _repeated(information: Array, gradients: Array) -> float:
-    """How much larger the blocks' gradients are than if residuals were independent."""
-    told = np.diag(information)
+def _repeated(information: Array, gradients: Array, place: NDArray[np.int_]) -> float:
+    """How much larger the motions' gradients are than if residuals were independent."""
+    count, told = int(place.max()) + 1, np.diag(information)
+    if count == 1:
+        return 1.0
+    own = np.zeros((count, len(told)))
+    np.add.at(own, place, gradients)
+    scatter = count * own.var(axis=0, ddof=1)
     seen = told > 1e-9 * told.max()
-    return max(1.0, float(np.median((gradients**2).sum(axis=0)[seen] / told[seen])))
+    return max(1.0, float(np.median(scatter[seen] / told[seen])))
 
 
 def _covariance(
@@ -263,9 +256,9 @@ def _covariance(
     prior, place = np.diag(task.precision), motions(task.windows)
     count, p = int(place.max()) + 1, len(prior)
     information, gradients = np.zeros((count, p, p)), np.zeros((count, p))
-    for k, (curvature, blocks, _) in zip(place, told, strict=True):
+    for k, (curvature, gradient, _) in zip(place, told, strict=True):
         information[k] += curvature / repeated
-        gradients[k] += blocks.sum(axis=0) / repeated
+        gradients[k] += gradient / repeated
     curvature = information.sum(axis=0) + prior
     inverse = np.linalg.inv(curvature)
     moves = np.stack(

@@ -22,6 +22,7 @@ COARSE, FINE = (0.02, 8), (0.005, 4)
 SHARE = 0.95  # of the values that have to agree
 LESS = 10.0
 """Times the least standard deviation of all motion, above which a half does not show a value."""
+ASSUMED = 0.5  # of the prior's standard deviation, from which on a value is mostly the prior's
 MOST_SPREADS = 3.0  # standard deviations of the prior: whatever an actuator can be
 LEAST_HALF = 0.25  # of all motion, else logs are cut
 
@@ -37,8 +38,8 @@ def halves_apart(
 
     With shares $f_1, f_2$ of the windows, the difference of two values has $1 / f_1 + 1 / f_2$
     times the variance of those of `found`, if its intervals hold. Values of which one half has far
-    less information, such as those of a joint that moves in the other one, are not compared; `None`
-    if no value is.
+    less information, such as those of a joint that moves in the other one, and values that are
+    mostly what is assumed, are not compared; `None` if no value is.
     """
     half, both = halves(search.windows), list[Fitted]()
     for number in (0, 1):
@@ -49,6 +50,7 @@ def halves_apart(
             at = fitted.values
         both.append(fitted)
     told = np.array([one.least_std < LESS * found.least_std for one in both]).all(axis=0)
+    told &= found.least_std < ASSUMED * found.task.spread
     if not told.any():
         return None
     one, two = (np.array([x.at(fitted.values) for x in fitted.task.free]) for fitted in both)

@@ -14,7 +14,7 @@ from steelyard.actuators.actuators_page import (
     ActuatorValidation,
 )
 from steelyard.actuators.assumed_scales import like_the_others, with_assumed_scales
-from steelyard.actuators.choice import ALWAYS, USUAL, Search, chosen
+from steelyard.actuators.choice import ALWAYS, USUAL, WIDE, Search, chosen
 from steelyard.actuators.fit import Fitted, fit
 from steelyard.actuators.halves import halves_apart, widened
 from steelyard.actuators.logs_signs_and_zeros import (
@@ -30,6 +30,7 @@ from steelyard.actuators.logs_signs_and_zeros import (
     started,
     stated_stiffness,
     stated_values,
+    with_scale,
 )
 from steelyard.actuators.open_loop import open_loops
 from steelyard.actuators.read_targets import TargetLog, read_targets
@@ -103,7 +104,7 @@ def identify_actuators(
         file.actuator.law == "auto",
         lambda what, done, of: report_progress(progress, "choosing the law", done, of, what),
     )
-    search = replace(search, windows=tuple(windows))
+    search = _shown(replace(search, windows=tuple(windows)), fitted, job)
     final = _final(search, fitted, parts, job)
     first = _first(start, fitted.values, parts, stated_values(file))
     first = _alike(first, search, parts, job)
@@ -166,6 +167,19 @@ def _first(
     return fitted.changed(**{name: start[name] for name in usual if name not in stated})
 
 
+def _shown(search: Search, fitted: Fitted, job: Job) -> Search:
+    """Without the stiffness of joints that neither gravity nor the inertia of links shows."""
+    clear = with_scale(job, fitted.values)
+    clear += [
+        one.joint
+        for one, std in zip(fitted.task.free, fitted.std, strict=True)
+        if one.name == "stiffness" and std < WIDE
+    ]
+    searched = search.joints["stiffness"]
+    some = [j for j in searched if j in clear] or searched
+    return replace(search, joints={**search.joints, "stiffness": some})
+
+
 def _alike(
     values: ActuatorValues, search: Search, parts: Sequence[str], job: Job
 ) -> ActuatorValues:
@@ -183,7 +197,7 @@ def _with_scale(search: Search, parts: Sequence[str], job: Job) -> Sequence[int]
     stated = stated_stiffness(job)
     if len(stated) == job.step.n or "stiffness" not in parts:
         return ()
-    return sorted({*search.joints.get("stiffness", range(job.step.n)), *stated})
+    return sorted({*search.joints["stiffness"], *stated})
 
 
 def _model(

@@ -178,14 +178,14 @@ def search_of(
     """What is searched: at joints that move, zeros only where gravity shows them."""
     q = np.concatenate([run.q for run in job.runs])
     robot = job.file.robot
-    zeros = {j: zero_prior(robot, q, start.signs, j) for j in seen if job.signals.zeros[j] is None}
+    zeros = [j for j in seen if job.signals.zeros[j] is None]
+    known = {("zero", j): zero_prior(robot, q, start.signs, j) for j in zeros}
     moving = moving_joints(job)
     joints: dict[str, list[int]] = {kind.name: moving for kind in KINDS}
-    joints |= {"stiffness": [j for j in moving if j in with_scale(job, start)] or moving}
     joints |= {"zero": [j for j in zeros if j in moving]}
     for name, some in _open_joints(job).items():
         joints[name] = [j for j in joints[name] if j in some]
-    return Search(job.step, tuple(windows), joints, zeros, start, h, job.threads)
+    return Search(job.step, tuple(windows), joints, known, start, h, job.threads)
 
 
 def moving_joints(job: Job) -> list[int]:

@@ -77,7 +77,8 @@ def ranges_of_units(models: Sequence[str | Path | ActuatorModel]) -> tuple[UnitR
 def words_of_ranges(ranges: Sequence[UnitRange], models: Sequence[ActuatorModel]) -> list[str]:
     """The ranges, a line each, and what they rest on."""
     laws = [{one.name for one in model.free} | set(model.stated) for model in models]
-    several = sorted(set.union(*laws) - set.intersection(*laws) - set(OF_A_LOG))
+    named = {name for law in laws for name in law if name not in OF_A_LOG}
+    several = sorted(name for name in named if not all(name in law for law in laws))
     found = [
         f"Over {len(models)} robots: middle and the range that holds 95 % of robots of this kind,",
         "if they scatter as the values of these do:",

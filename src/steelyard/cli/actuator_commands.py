@@ -131,7 +131,7 @@ def actuators_exported(
     model: str, form: str, output: Path | None, units: Sequence[str], as_json: bool
 ) -> None:
     """Write identified actuators for a simulator, and print what the file lacks."""
-    from steelyard.actuators.actuator_model import ActuatorModel, load_actuators
+    from steelyard.actuators.actuator_model import load_actuators
     from steelyard.actuators.ranges_of_units import ranges_of_units, words_of_ranges
     from steelyard.base.errors import OutputError
     from steelyard.base.files import refuse_existing, whole_file
@@ -139,7 +139,7 @@ def actuators_exported(
     from steelyard.export.model_files.actuators_python import actuators_python
     from steelyard.export.model_files.actuators_usd import actuators_usd
 
-    writers: dict[str, tuple[str, str, Callable[[ActuatorModel, Sequence[str]], ActuatorFile]]] = {
+    writers: dict[str, tuple[str, str, Callable[..., ActuatorFile]]] = {
         "mjcf": ("MJCF", ".xml", actuators_mjcf),
         "usd": ("USD", ".usda", actuators_usd),
         "isaaclab": ("Isaac Lab", "_isaaclab.py", partial(actuators_python, framework="isaaclab")),
@@ -158,7 +158,7 @@ def actuators_exported(
     refuse_existing(path)
     models = [known, *(load_actuators(unit) for unit in units)]
     ranges = ranges_of_units(models) if units else ()
-    made = write(known, words_of_ranges(ranges, models) if units else ())
+    made = write(known, units=words_of_ranges(ranges, models) if units else ())
     with whole_file(path) as part:
         part.write_text(made.text, encoding="utf-8", newline="")
         interrupt.too_late()

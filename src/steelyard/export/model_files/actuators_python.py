@@ -45,7 +45,7 @@ def actuators(step):
 
 
 def actuators_python(
-    model: ActuatorModel, units: Sequence[str] = (), *, framework: Framework
+    model: ActuatorModel, framework: Framework, units: Sequence[str] = ()
 ) -> ActuatorFile:
     """A module whose function `actuators(step)` gives one configuration for each joint.
 
