@@ -14,7 +14,16 @@ import mujoco
 import numpy as np
 import polars as pl
 import pytest
-from proofs.support.servo_arm import ROBOT_FILE, URDF, Servos, log, made, targets
+from proofs.support.servo_arm import (
+    BENCH_FILE,
+    BENCH_URDF,
+    ROBOT_FILE,
+    URDF,
+    Servos,
+    log,
+    made,
+    targets,
+)
 from typer.testing import CliRunner
 
 import steelyard
@@ -538,6 +547,29 @@ def test_a_torque_limit_that_is_reached_is_found(tmp_path: Path) -> None:
     assert limits["shoulder"].value == pytest.approx(0.8, rel=0.1)
     assert limits["elbow"].value == pytest.approx(0.4, rel=0.15)
     assert result.validation[0].rms.max() < 0.02
+
+
+def test_back_emf_is_told_from_the_damping_of_the_controller(tmp_path: Path) -> None:
+    one = Servos(
+        (9.0,), (0.38,), (0.11,), (0.005,), (1.05,), 0.007, (0.1,), (0.0,), (1.0,), (0.0,)
+    )
+    (tmp_path / "bench.urdf").write_text(BENCH_URDF)
+    (tmp_path / "bench.toml").write_text(BENCH_FILE)
+    for k, name in enumerate(("fit", "other")):
+        pl.DataFrame(log(one, 60.0, k, 100.0)).write_csv(tmp_path / f"{name}.csv")
+    result = steelyard.identify_actuators(
+        tmp_path / "bench.toml", tmp_path / "fit.csv", tmp_path / "other.csv"
+    )
+    tried = {rung.tried: rung for rung in result.law}
+    assert tried["+ back_emf"].kept and tried["+ back_emf"].gain > 5.0
+    assert not tried["+ load_friction"].kept and tried["+ load_friction"].gain < 5.0
+    values = {p.name: p for p in result.parameters}
+    for name in ("damping", "back_emf", "torque_limit"):
+        interval = values[name].interval
+        assert interval is not None and interval[0] < getattr(one, name)[0] < interval[1]
+    assert values["back_emf"].value == pytest.approx(0.1, rel=0.2)
+    assert result.validation[0].rms[0] < 1.5e-3
+    assert "back-EMF" in str(result)
 
 
 def test_motion_beyond_the_limits_of_the_joints_is_never_good(folder: Path, tmp_path: Path) -> None:

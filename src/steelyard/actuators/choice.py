@@ -9,6 +9,7 @@ import numpy as np
 from steelyard.actuators.actuator_parameters import (
     BY_NAME,
     KINDS,
+    UNLIMITED,
     ActuatorValues,
     Free,
     free_parameters,
@@ -26,7 +27,7 @@ ASKED = ("mass_factor",)
 """Parts that are searched if the user says so."""
 REPLACED = {"delays": "delay"}
 """Parts that others take the place of."""
-NEEDED = {"delays": "delay", "back_emf": "torque_limit"}
+NEEDED = {"delays": "delay"}
 """Parts without which others are not tried."""
 WIDE = 0.35  # standard deviation of a logarithm, above which a value is not known
 NEEDED_NATS = 5.0
@@ -35,10 +36,11 @@ LEAST_LOSS = 0.005  # share of the error by which a torque limit has to lower it
 MANY_LOGS = 8  # from which on whole ones are left out
 LEFT_OUT = 4  # every one of so many blocks of windows is left out
 SHORT = 5  # rounds of a fit that begins at another one
-LIMITS = 7  # torque limits that are tried, from the largest torque of a spring to its median
+HOPELESS = 2.0  # times the least error, from which on lower limits are not tried
+LIMITS = 12  # torque limits that are tried, from the largest torque of a spring to its median
 SHARED_DAMPING, FAST = 0.1, 0.9
 """Share of the damping that acts beside the torque limit at first; of all rows that are slower."""
-REACH = 0.8  # of the largest torque: where a limit is tried first
+REACH, LARGEST = 0.8, 0.995  # of the largest torque: where a limit is tried first; of all rows
 
 
 @dataclass(frozen=True)
@@ -142,7 +144,7 @@ def first_values(values: ActuatorValues, windows: Sequence[Window]) -> dict[str,
         "stribeck": 0.3 * values["coulomb"] + 1e-3,
         "stribeck_speed": 0.1,
         "load_friction": 0.05,
-        "torque_limit": REACH * largest_torque(windows, values),
+        "torque_limit": REACH * torque_of_rows(windows, values, (LARGEST,))[0],
         "back_emf": SHARED_DAMPING * values["damping"],
         "dead_band": 0.2 * values["coulomb"] / values["stiffness"] + 1e-4,
     }
@@ -162,25 +164,6 @@ def without(values: ActuatorValues, part: str) -> ActuatorValues:
     return values.changed(**{kind.name: kind.default for kind in KINDS if kind.part == part})
 
 
-def _shared_damping(
-    values: ActuatorValues, joints: Sequence[int], windows: Sequence[Window]
-) -> ActuatorValues:
-    """Values in which some of the damping of these joints acts beside their torque limit.
-
-    At high speed as much torque is left as before.
-    """
-    share = np.zeros(values.n)
-    share[list(joints)] = SHARED_DAMPING
-    speeds = [np.diff(w.q, axis=0) / np.diff(w.t)[:, None] for w in windows]
-    beside = share * values["damping"]
-    more = beside * np.quantile(np.abs(np.concatenate(speeds)), FAST, axis=0)
-    return values.changed(
-        damping=values["damping"] - beside,
-        back_emf=beside,
-        torque_limit=values["torque_limit"] + more,
-    )
-
-
 def with_stated(
     values: ActuatorValues, stated: Mapping[str, Array], windows: Sequence[Window]
 ) -> ActuatorValues:
@@ -193,12 +176,14 @@ def with_stated(
     )
 
 
-def largest_torque(
-    windows: Sequence[Window], values: ActuatorValues, share: float = 0.995
-) -> Array:
-    """Of the springs of the controllers along the logs, in this share of all rows, `(n,)`."""
+def torque_of_rows(
+    windows: Sequence[Window], values: ActuatorValues, shares: Sequence[float]
+) -> list[Array]:
+    """Torque of the controllers along the logs, in these shares of all rows, `(n,)` each."""
     error = np.concatenate([w.run.target[w.start : w.stop] - w.q for w in windows])
-    return np.asarray(values["stiffness"] * np.quantile(np.abs(error), share, axis=0) + 1e-6)
+    speed = np.concatenate([np.gradient(w.q, w.t, axis=0) for w in windows])
+    wanted = np.abs(values["stiffness"] * error - values["damping"] * speed)
+    return [np.quantile(wanted, share, axis=0) + 1e-6 for share in shares]
 
 
 @dataclass(eq=False)
@@ -241,16 +226,18 @@ class _Choice:
         search, first = self.search, without(self.now.values, part)
         if adds:
             first = with_part(self.now.values, part, self.fitted)
-        if part == "torque_limit":
-            first, joints = _limited(search, self.now.values, self.fitted)
+        if part in ("torque_limit", "back_emf"):
+            limited = "torque_limit" in self.parts
+            find = _with_back_emf if limited else _limited
+            share = SHARED_DAMPING if part == "back_emf" else 0.0
+            first, joints = find(search, self.now.values, self.fitted, share)
             search = replace(search, joints={**search.joints, part: joints})
             if not joints:
                 self.rungs.append(Rung(parts, name, size(self.residuals), 0.0, False))
                 return False
-        if part == "back_emf":  # below its limit a joint has one damping
-            joints = [j for j in search.joints[part] if j in search.joints["torque_limit"]]
-            search = replace(search, joints={**search.joints, part: joints})
-            first = _shared_damping(self.now.values, joints, self.fitted)
+            if not limited and part == "back_emf":  # torque falls with speed from the start
+                parts = (*parts, "torque_limit")
+                search = replace(search, joints={**search.joints, "torque_limit": joints})
         other = fit(search.task(self.fitted, parts), first, SHORT)
         rest = left_out(search, other.values, self.left)
         gain = self._gain(other, rest) if adds else -self._gain(other, rest)
@@ -302,6 +289,8 @@ def chosen(
         part, adds = todo.pop(0)
         tried = len(law.rungs)
         progress(f"{'+' if adds else '-'} {part}", tried, 1 + tried + len(todo))
+        if adds and part in law.parts:
+            continue
         possible = not adds or NEEDED.get(part, law.parts[0]) in law.parts
         better = possible and law.improves(part, adds)
         if adds and better:
@@ -312,26 +301,53 @@ def chosen(
 
 
 def _limited(
-    search: Search, values: ActuatorValues, windows: Sequence[Window]
+    search: Search, values: ActuatorValues, windows: Sequence[Window], share: float
 ) -> tuple[ActuatorValues, list[int]]:
-    """Values with torque limits where one lowers the error of fitted motion, and these joints."""
+    """Values with torque limits where one lowers the error of fitted motion, and these joints.
+
+    At these a `share` of the damping acts beside the limit.
+    """
     best = size(left_out(search, values, windows))
-    largest, usual = (largest_torque(windows, values, share) for share in (0.995, 0.5))
+    largest, usual = torque_of_rows(windows, values, (LARGEST, 0.5))
     joints = []
     for j in search.joints.get("torque_limit", range(search.step.n)):
         for limit in np.geomspace(0.9 * largest[j], usual[j], LIMITS):
-            limits = values["torque_limit"].copy()
-            limits[j] = limit
-            tried = values.changed(torque_limit=limits)
+            limits, beside = values["torque_limit"].copy(), np.zeros(values.n)
+            limits[j], beside[j] = limit, share * values["damping"][j] * (j not in joints)
+            damping, emf = values["damping"] - beside, values["back_emf"] + beside
+            tried = values.changed(torque_limit=limits, damping=damping, back_emf=emf)
             error = size(left_out(search, tried, windows))
+            if error > HOPELESS * best:
+                break
             if error < best * (1.0 - LEAST_LOSS):
                 values, best = tried, error
                 joints += [j] * (j not in joints)
     return values, joints
 
 
+def _with_back_emf(
+    search: Search, values: ActuatorValues, windows: Sequence[Window], share: float
+) -> tuple[ActuatorValues, list[int]]:
+    """Values in which some damping acts beside torque limits, and the joints that have limits.
+
+    Below its limit a joint has one damping. At high speed as much torque is left as before.
+    """
+    limits = values["torque_limit"]
+    joints = [j for j in search.joints.get("back_emf", range(values.n)) if limits[j] < UNLIMITED]
+    speeds = [np.diff(w.q, axis=0) / np.diff(w.t)[:, None] for w in windows]
+    fast = np.quantile(np.abs(np.concatenate(speeds)), FAST, axis=0)
+    beside, limits = np.zeros(values.n), limits.copy()
+    beside[joints] = share * values["damping"][joints]
+    searched = list(search.joints.get("torque_limit", joints))
+    limits[searched] += (beside * fast)[searched]
+    more = {"back_emf": beside, "torque_limit": limits}
+    return values.changed(damping=values["damping"] - beside, **more), joints
+
+
 def _questions(given: Collection[str]) -> Iterator[tuple[str, bool]]:
-    """Parts that may be left out, then those that may be added; not those that are given."""
+    """Parts that may be added or left out, one after another; not those that are given."""
+    free = [p for p in POSSIBLE if p not in given and REPLACED.get(p, "") not in given]
+    # saturation first: where a controller is at its limit, all else looks different
+    yield from ((part, True) for part in free if part in ("torque_limit", "back_emf"))
     yield from ((part, False) for part in USUAL if part not in given)
-    free = (p for p in POSSIBLE if p not in given and REPLACED.get(p, "") not in given)
-    yield from ((part, True) for part in free)
+    yield from ((part, True) for part in free if part not in ("torque_limit", "back_emf"))
