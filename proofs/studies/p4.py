@@ -1,4 +1,4 @@
-"""Every bound of the study of seven joints, with 20 seeds."""
+"""Every bound of the study of seven joints, with some seeds."""
 
 from proofs.support.claims import Claim, main_of
 from proofs.support.studies import claims_of

@@ -1,4 +1,4 @@
-"""Every bound of the study of the five-bar arm, with 20 seeds."""
+"""Every bound of the study of the five-bar arm, with some seeds."""
 
 from proofs.support.claims import Claim, main_of
 from proofs.support.studies import claims_of
