@@ -7,7 +7,6 @@ from typing import Any
 from proofs.support.claims import Claim
 from studies.support.study import Study, whole_page
 
-
 SEEDS = 4
 """Of the 20 of a study's page (`python studies/NAME.py -o DIR`), for the time of all proofs."""
 

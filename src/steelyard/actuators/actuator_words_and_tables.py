@@ -1,13 +1,13 @@
 """Words and tables about actuators: how far off motion is, what the law has, and its values."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from steelyard.actuators.actuator_model import ActuatorModel, ActuatorParameter
-from steelyard.actuators.actuator_parameters import KINDS
+from steelyard.actuators.actuator_parameters import KINDS, Kind
 from steelyard.actuators.choice import NEEDED_NATS, Rung
 from steelyard.actuators.open_loop import AFTER, OpenLoop, tool_body
 from steelyard.base.arrays import Z95, Array
@@ -170,18 +170,6 @@ def scale_words(model: ActuatorModel) -> str:
     )
 
 
-def unknown_words(model: ActuatorModel) -> tuple[str, ...]:
-    """Parameters that the logs do not show, by name."""
-    by: dict[str, list[str]] = {}
-    for one in model.parameters:
-        if one.status == "not identifiable" and one.name not in ("offset", "zero"):
-            by.setdefault(one.name, []).append(one.joint)
-    if not by:
-        return ()
-    listed = "; ".join(f"{name} of {', '.join(joints)}" for name, joints in by.items())
-    return (f"not identifiable from these logs (wide intervals, marked ?): {listed}",)
-
-
 CLAIM = (
     "Positions are predicted from the targets alone, from the first row on: root mean squares. "
     "Drift: the error some time after a start from a measured state, over many such starts."
@@ -252,21 +240,44 @@ def fitted_table(fitted: Sequence[OpenLoop]) -> PlainTable:
     return PlainTable("", "", ("log", "length [s]"), rows)
 
 
-def parameters_table(model: ActuatorModel) -> PlainTable:
+TABLES = (
+    ("stiffness", "damping", "back_emf", "armature", "torque_limit", "dead_band"),
+    ("coulomb", "stribeck", "stribeck_speed", "load_friction"),
+    ("offset", "zero", "delay", "mass_factor"),
+)
+"""Parameters of one table each: controller and motor, dry friction, the log and the links."""
+
+
+def parameters_tables(model: ActuatorModel) -> list[PlainTable]:
     """A row per joint, a column per parameter of the law, with 95 % intervals."""
     used = [k for k in KINDS if any(p.name == k.name and p.interval for p in model.parameters)]
     used += [k for k in KINDS if k not in used and k.name in model.stated]
     shared = {p.name for p in model.parameters if p.joint == "all"}
     own = [k for k in used if k.name not in shared]
-    rows = []
-    for joint in model.joints:
-        mine = {p.name: p for p in model.parameters if p.joint == joint}
-        rows.append(Row((joint, *(_value(mine[k.name]) for k in own))))
-    headings = ("joint", *(f"{k.name.replace('_', ' ')} [{k.unit}]" for k in own))
     common = [p for p in model.parameters if p.joint == "all" and p.interval]
     words = "".join(f" The {p.name} of all joints is {_value(p)} {p.unit}." for p in common)
     told = f"95 % intervals in brackets; ? where the logs do not show the value.{words}"
-    return PlainTable("", told, headings, rows)
+    return [
+        _by_joint(model, some, _value, "{} [{}]", told if names is TABLES[0] else "")
+        for names in TABLES
+        if (some := [k for k in own if k.name in names])
+    ]
+
+
+def _by_joint(
+    model: ActuatorModel,
+    kinds: Sequence[Kind],
+    cell: Callable[[ActuatorParameter], str],
+    heading: str,
+    words: str,
+) -> PlainTable:
+    """A column for each of these parameters."""
+    rows = []
+    for joint in model.joints:
+        mine = {p.name: p for p in model.parameters if p.joint == joint}
+        rows.append(Row((joint, *(cell(mine[k.name]) for k in kinds))))
+    names = (heading.format(k.name.replace("_", " "), k.unit).removesuffix(" 1") for k in kinds)
+    return PlainTable("", words, ("joint", *names), rows)
 
 
 def _value(one: ActuatorParameter) -> str:
@@ -278,7 +289,13 @@ def _value(one: ActuatorParameter) -> str:
     return f"{significant(one.value)} [{significant(low, 2)}, {significant(high, 2)}]{mark}"
 
 
-def brief_table(model: ActuatorModel) -> PlainTable:
+BRIEF = (
+    "±: half of the 95 % interval; ?: a standard deviation above about a third, or mostly what is "
+    "assumed before any log."
+)
+
+
+def brief_tables(model: ActuatorModel) -> list[PlainTable]:
     """The parameters of the law in few columns, for the terminal: `?` for wide intervals."""
     used = [
         k
@@ -286,16 +303,11 @@ def brief_table(model: ActuatorModel) -> PlainTable:
         if k.positive
         and any(p.name == k.name and p.status != "not in the law" for p in model.parameters)
     ]
-    rows = []
-    for joint in model.joints:
-        mine = {p.name: p for p in model.parameters if p.joint == joint}
-        rows.append(Row((joint, *(_brief(mine[k.name]) for k in used))))
-    headings = (f"{k.name.replace('_', ' ')} {k.unit}".removesuffix(" 1") for k in used)
-    words = (
-        "±: half of the 95 % interval; ?: a standard deviation above about a third, or mostly what "
-        "is assumed before any log."
-    )
-    return PlainTable("", words, ("joint", *headings), rows)
+    return [
+        _by_joint(model, some, _brief, "{} {}", "")
+        for names in TABLES
+        if (some := [k for k in used if k.name in names])
+    ]
 
 
 def _brief(one: ActuatorParameter) -> str:

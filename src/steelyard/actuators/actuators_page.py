@@ -12,10 +12,11 @@ from rich.text import Text
 
 from steelyard.actuators.actuator_model import ActuatorModel, ActuatorParameter
 from steelyard.actuators.actuator_words_and_tables import (
+    BRIEF,
     CLAIM,
     ActuatorVerdict,
     assumed_words,
-    brief_table,
+    brief_tables,
     errors_table,
     fitted_table,
     interval_words,
@@ -25,10 +26,9 @@ from steelyard.actuators.actuator_words_and_tables import (
     logs_table,
     missed_words,
     open_words,
-    parameters_table,
+    parameters_tables,
     ratios_table,
     scale_words,
-    unknown_words,
     verdict_of,
 )
 from steelyard.actuators.choice import Rung
@@ -105,16 +105,21 @@ class ActuatorIdentification(ActuatorResult):
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """Where the scale comes from, and what logs do not show."""
+        """What qualifies the headline: what cannot be right, is not described, or is open."""
         every = (*self.fitted, *self.validation)
         return (
             *limit_words(self.model, every),
             *missed_words(self.model, every),
             *open_words(self.model),
+        )
+
+    @property
+    def basis(self) -> tuple[str, ...]:
+        """What the values rest on: scale, and intervals."""
+        return (
             scale_words(self.model),
             interval_words(self.model),
             *assumed_words(self.model),
-            *unknown_words(self.model),
         )
 
     @cached_property
@@ -132,7 +137,7 @@ class ActuatorIdentification(ActuatorResult):
             "law": [rung.to_dict() for rung in self.law],
             "validation": [_log_dict(one, joints, fitted=False) for one in self.validation],
             "fitted": [_log_dict(one, joints, fitted=True) for one in self.fitted],
-            "warnings": list(self.warnings),
+            "warnings": [*self.warnings, *self.basis],
             "notes": list(self.notes),
         }
 
@@ -144,11 +149,14 @@ class ActuatorIdentification(ActuatorResult):
     def show(self, console: Console, verbose: bool = False) -> None:
         """Print the headline, errors and parameters."""
         _print(console, self, self.validation or self.fitted)
-        table = parameters_table(self.model) if verbose else brief_table(self.model)
-        console.print(narrow_table(table))
-        console.print(Text(table.words), soft_wrap=True)
+        tables = parameters_tables(self.model) if verbose else brief_tables(self.model)
+        for table in tables:
+            console.print(narrow_table(table))
+        console.print(Text(tables[0].words if verbose else BRIEF))
+        for words in self.basis:
+            console.print(Text(f"- {words}"))
         for words in law_lines(self.model, self.law):
-            console.print(Text(words), soft_wrap=True)
+            console.print(Text(words))
         more = (*(note for note in self.notes if note not in self.warnings),)
         for note in more if verbose else more[:4]:
             console.print(Text(f"note {note}"), soft_wrap=True)
@@ -166,7 +174,8 @@ class ActuatorIdentification(ActuatorResult):
             self.model.robot.name,
             (
                 *_error_sections(self, shown, shown),
-                figures("parameters", "Parameters", tables=[parameters_table(self.model)]),
+                figures("parameters", "Parameters", tables=parameters_tables(self.model)),
+                notes("basis", "What the parameters rest on", self.basis),
                 figures("ratios", "Ratios to the stiffness", tables=[ratios_table(self.model)]),
                 figures(
                     "law",
