@@ -51,7 +51,24 @@ def test_a_reversed_joint_is_named(folder: Path, tmp_path: Path) -> None:
     open_ = changed(folder, tmp_path, table)["signs"]  # another zero does as well
     assert not open_.answered and "not decided for" in open_.says
     stated = changed(folder, tmp_path, table, "position_sign = [1, -1]\n")
-    assert stated["signs"].says == "signs are stated, and not checked"
+    assert stated["signs"].says == "as stated: with others motion does not fit better"
+
+
+def test_stated_signs_and_zeros_that_motion_contradicts_are_doubtful(
+    folder: Path, tmp_path: Path
+) -> None:
+    table = pl.read_csv(folder / "servo_fit.csv")
+    both = "position_sign = [1, {}]\nposition_offset = [0.0, {}]\n"
+    right = changed(folder, tmp_path, table, both.format(1, 0.0))
+    assert not any(right[name].severity for name in ("signs", "joint zeros"))
+    assert right["signs"].answered and right["joint zeros"].answered
+    turned = changed(folder, tmp_path, table, both.format(-1, 0.0))["signs"]
+    assert turned.severity is Severity.DOUBTFUL and turned.joints == ("elbow",)
+    assert "the other sign of elbow" in turned.says
+    moved = changed(folder, tmp_path, table, both.format(1, 0.5))["joint zeros"]
+    assert moved.severity is Severity.DOUBTFUL and moved.joints == ("elbow",)
+    place = float(moved.says.split("elbow at ")[1].split()[0])
+    assert place == pytest.approx(0.0, abs=0.05)
 
 
 def test_exchanged_targets_are_wrong_and_nothing_else_is_asked(

@@ -550,9 +550,7 @@ def test_a_torque_limit_that_is_reached_is_found(tmp_path: Path) -> None:
 
 
 def test_back_emf_is_told_from_the_damping_of_the_controller(tmp_path: Path) -> None:
-    one = Servos(
-        (9.0,), (0.38,), (0.11,), (0.005,), (1.05,), 0.007, (0.1,), (0.0,), (1.0,), (0.0,)
-    )
+    one = Servos((9.0,), (0.38,), (0.11,), (0.005,), (1.05,), 0.007, (0.1,), (0.0,), (1.0,), (0.0,))
     (tmp_path / "bench.urdf").write_text(BENCH_URDF)
     (tmp_path / "bench.toml").write_text(BENCH_FILE)
     for k, name in enumerate(("fit", "other")):

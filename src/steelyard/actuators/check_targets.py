@@ -10,9 +10,11 @@ import numpy as np
 from steelyard.actuators.actuator_model import arm_step, outside_limits
 from steelyard.actuators.actuator_parameters import ActuatorValues
 from steelyard.actuators.logs_signs_and_zeros import (
+    AS_GOOD,
     WINDOW,
     Job,
     moving_joints,
+    otherwise,
     refuse_few,
     signals_of_targets,
     started,
@@ -42,6 +44,7 @@ from steelyard.runs.runs_of_named_logs import (
     refuse_overlaps,
 )
 
+FAR = 0.1  # from a stated zero to one that fits better, from which on it is told [rad; m]
 QUESTIONS = {
     "targets": "Are targets and positions on one clock, in one order, unit and sign?",
     "motion": "Do all joints move, and long enough?",
@@ -139,8 +142,11 @@ def _of_motion(job: Job, files: Sequence[LogArgument]) -> Iterator[Finding]:
         still,
     ).by("motion")
     _, values, open_signs, seen = started(job, windows)
-    yield _signs(job, values, open_signs, seen).by("signs")
-    yield _zeros(job, values, open_signs, seen).by("joint zeros")
+    better, other = otherwise(job, windows, values) or (1.0, values)
+    contradicted = _contradicted(job, values, other, seen) if better > AS_GOOD else ((), ())
+    by_motion = f"motion fits {better:.2g} times better with"
+    yield _signs(job, values, open_signs, seen, contradicted[0], by_motion).by("signs")
+    yield _zeros(job, other, open_signs, seen, contradicted[1], by_motion).by("joint zeros")
     outside = outside_limits(job.file.robot, values, np.concatenate([run.q for run in job.runs]))
     listed = "; ".join(f"{joint} is at {where}" for joint, where in outside.items())
     yield Finding.doubtful_if(
@@ -157,11 +163,32 @@ def _of_motion(job: Job, files: Sequence[LogArgument]) -> Iterator[Finding]:
     yield _scale(job, values, moving).by("scale")
 
 
+def _contradicted(
+    job: Job, values: ActuatorValues, other: ActuatorValues, seen: Sequence[int]
+) -> tuple[list[int], list[int]]:
+    """Joints whose stated sign, and whose stated zero, is another one in values that fit better."""
+    s = job.signals
+    turned = [j for j in seen if s.signs[j] is not None and other.signs[j] != values.signs[j]]
+    far = np.abs(other["zero"] - values["zero"]) > FAR
+    moved = [j for j in seen if s.zeros[j] is not None and far[j] and j not in turned]
+    return turned, moved
+
+
 def _signs(
-    job: Job, values: ActuatorValues, open_signs: Sequence[int], seen: Sequence[int]
+    job: Job,
+    values: ActuatorValues,
+    open_signs: Sequence[int],
+    seen: Sequence[int],
+    contradicted: Sequence[int],
+    by_motion: str,
 ) -> Finding:
     """Which joints count against the model file's, and which the weight of links does not show."""
     names = job.file.robot.joint_names
+    if contradicted:
+        joints = [names[j] for j in contradicted]
+        fix = Fix("compare position_sign in the robot file with the arm: leave it out to find it")
+        told = f"{by_motion} the other sign of {', '.join(joints)} than the stated one"
+        return Finding.doubtful_if(True, told, "", fix, joints)
     free = [j for j, sign in enumerate(job.signals.signs) if sign is None]
     unseen = [names[j] for j in free if j not in seen]
     turned = [names[j] for j in free if values.signs[j] < 0.0 and j not in open_signs]
@@ -173,7 +200,7 @@ def _signs(
     if unseen:
         says.append(f"gravity does not show the sign of {', '.join(unseen)}: taken as the model's")
     if not free:
-        return Finding.ok("signs are stated, and not checked", answered=False)
+        return _as_stated(names, seen)
     if not open_signs and not unseen:
         return Finding.ok("; ".join(says) or "they do")
     fix = "state position_sign in the robot file: errors of the joints are the same, but not the "
@@ -181,10 +208,22 @@ def _signs(
 
 
 def _zeros(
-    job: Job, values: ActuatorValues, open_signs: Sequence[int], seen: Sequence[int]
+    job: Job,
+    values: ActuatorValues,
+    open_signs: Sequence[int],
+    seen: Sequence[int],
+    contradicted: Sequence[int],
+    by_motion: str,
 ) -> Finding:
     """Where joints are when the log says zero, as far as the weight of links shows it."""
     joints = job.file.robot.coordinates
+    if contradicted:
+        places = [
+            f"{joints[j].name} at {values['zero'][j]:.2f} {joints[j].unit}" for j in contradicted
+        ]
+        fix = Fix("compare position_offset in the robot file with the arm: leave it out to find it")
+        told = f"{by_motion} {', '.join(places)} where the log says zero, not as stated"
+        return Finding.doubtful_if(True, told, "", fix, [joints[j].name for j in contradicted])
     unknown = [j for j, zero in enumerate(job.signals.zeros) if zero is None]
     found = [
         f"{joints[j].name} {values['zero'][j]:.3f} {joints[j].unit}" for j in unknown if j in seen
@@ -194,7 +233,17 @@ def _zeros(
     if hidden:
         says.append(f"gravity does not show the zero of {', '.join(hidden)}: taken as the model's")
     sure = not hidden and not open_signs and bool(found)
-    return Finding.ok("; ".join(says) or "zeros are stated, and not checked", answered=sure)
+    if not unknown:
+        return _as_stated([joint.name for joint in joints], seen)
+    return Finding.ok("; ".join(says), answered=sure)
+
+
+def _as_stated(names: Sequence[str], seen: Sequence[int]) -> Finding:
+    """What all joints state, as far as gravity shows it."""
+    hidden = [name for j, name in enumerate(names) if j not in seen]
+    says = ["with others motion does not fit better"] if seen else []
+    says += [f"gravity does not show {', '.join(hidden)}"] if hidden else []
+    return Finding.ok(f"as stated: {'; '.join(says)}", answered=not hidden)
 
 
 def _scale(job: Job, values: ActuatorValues, moving: Sequence[int]) -> Finding:

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from steelyard.actuators.actuator_parameters import IN_STEP, KINDS, ActuatorValues
-from steelyard.actuators.choice import ALWAYS, USUAL, Search
+from steelyard.actuators.choice import ALWAYS, USUAL, Search, left_out, size
 from steelyard.actuators.closed_loop_step import ArmStep
 from steelyard.actuators.fit import Fitted, fit
 from steelyard.actuators.read_targets import TargetLog, read_targets
@@ -151,6 +151,25 @@ def started(
     signs = np.array([one.values.signs for one in alike.values()])
     open_signs = [j for j in seen if s.signs[j] is None and np.ptp(signs[:, j]) > 0.0]
     return begun[best].values, alike[best].values, open_signs, seen
+
+
+def otherwise(
+    job: Job, windows: Sequence[Window], values: ActuatorValues
+) -> tuple[float, ActuatorValues] | None:
+    """What motion asks for where signs or zeros are stated, and how many times better it fits.
+
+    `None` where none is stated.
+    """
+    n = job.step.n
+    free = replace(job.signals, signs=(None,) * n, zeros=(None,) * n)
+    if (free.signs, free.zeros) == (job.signals.signs, job.signals.zeros):
+        return None
+    _, found, _, seen = started(replace(job, signals=free), windows)
+    some = some_windows(windows, FIRST_SECONDS)
+    stated, other = (
+        size(left_out(search_of(job, some, x, seen, FIRST_STEP), x, some)) for x in (values, found)
+    )
+    return stated / other, found
 
 
 def notes_of_zeros(
