@@ -186,9 +186,9 @@ def _signs(
     names = job.file.robot.joint_names
     if contradicted:
         joints = [names[j] for j in contradicted]
-        fix = Fix("compare position_sign in the robot file with the arm: leave it out to find it")
         told = f"{by_motion} the other sign of {', '.join(joints)} than the stated one"
-        return Finding.doubtful_if(True, told, "", fix, joints)
+        remedy = Fix("compare position_sign in the robot file with the arm, or leave it out")
+        return Finding.doubtful_if(True, told, "", remedy, joints)
     free = [j for j, sign in enumerate(job.signals.signs) if sign is None]
     unseen = [names[j] for j in free if j not in seen]
     turned = [names[j] for j in free if values.signs[j] < 0.0 and j not in open_signs]
@@ -221,7 +221,7 @@ def _zeros(
         places = [
             f"{joints[j].name} at {values['zero'][j]:.2f} {joints[j].unit}" for j in contradicted
         ]
-        fix = Fix("compare position_offset in the robot file with the arm: leave it out to find it")
+        fix = Fix("compare position_offset in the robot file with the arm, or leave it out")
         told = f"{by_motion} {', '.join(places)} where the log says zero, not as stated"
         return Finding.doubtful_if(True, told, "", fix, [joints[j].name for j in contradicted])
     unknown = [j for j, zero in enumerate(job.signals.zeros) if zero is None]
