@@ -37,10 +37,10 @@ MANY_LOGS = 8  # from which on whole ones are left out
 LEFT_OUT = 4  # every one of so many blocks of windows is left out
 SHORT = 5  # rounds of a fit that begins at another one
 HOPELESS = 2.0  # times the least error, from which on lower limits are not tried
-LIMITS = 12  # torque limits that are tried, from the largest torque of a spring to its median
+LIMITS = 14  # torque limits that are tried, from the largest torque of a spring to its median
 SHARED_DAMPING, FAST = 0.1, 0.9
 """Share of the damping that acts beside the torque limit at first; of all rows that are slower."""
-REACH, LARGEST = 0.8, 0.995  # of the largest torque: where a limit is tried first; of all rows
+REACH, LARGEST = 0.8, 0.9995  # of the largest torque: where a limit is tried first; of all rows
 
 
 @dataclass(frozen=True)
@@ -227,15 +227,15 @@ class _Choice:
         if adds:
             first = with_part(self.now.values, part, self.fitted)
         if part in ("torque_limit", "back_emf"):
-            limited = "torque_limit" in self.parts
-            find = _with_back_emf if limited else _limited
+            known = "torque_limit" in self.parts
+            find = _with_back_emf if known else limited
             share = SHARED_DAMPING if part == "back_emf" else 0.0
             first, joints = find(search, self.now.values, self.fitted, share)
             search = replace(search, joints={**search.joints, part: joints})
             if not joints:
                 self.rungs.append(Rung(parts, name, size(self.residuals), 0.0, False))
                 return False
-            if not limited and part == "back_emf":  # torque falls with speed from the start
+            if not known and part == "back_emf":  # torque falls with speed from the start
                 parts = (*parts, "torque_limit")
                 search = replace(search, joints={**search.joints, "torque_limit": joints})
         other = fit(search.task(self.fitted, parts), first, SHORT)
@@ -300,29 +300,41 @@ def chosen(
     return law.now, tuple(law.rungs), law.parts, law.search
 
 
-def _limited(
-    search: Search, values: ActuatorValues, windows: Sequence[Window], share: float
+def limited(
+    search: Search, values: ActuatorValues, windows: Sequence[Window], share: float = 0.0
 ) -> tuple[ActuatorValues, list[int]]:
     """Values with torque limits where one lowers the error of fitted motion, and these joints.
 
     At these a `share` of the damping acts beside the limit.
     """
-    best = size(left_out(search, values, windows))
+    best, joints = size(left_out(search, values, windows)), list[int]()
     largest, usual = torque_of_rows(windows, values, (LARGEST, 0.5))
-    joints = []
     for j in search.joints.get("torque_limit", range(search.step.n)):
-        for limit in np.geomspace(0.9 * largest[j], usual[j], LIMITS):
-            limits, beside = values["torque_limit"].copy(), np.zeros(values.n)
-            limits[j], beside[j] = limit, share * values["damping"][j] * (j not in joints)
-            damping, emf = values["damping"] - beside, values["back_emf"] + beside
-            tried = values.changed(torque_limit=limits, damping=damping, back_emf=emf)
+        grid = np.geomspace(largest[j], usual[j], LIMITS).tolist()
+        between = float(np.sqrt(grid[0] / grid[1]))
+        while grid:
+            limit = grid.pop(0)
+            tried = _with_limit(values, j, limit, share * (j not in joints))
             error = size(left_out(search, tried, windows))
             if error > HOPELESS * best:
-                break
+                grid = []
             if error < best * (1.0 - LEAST_LOSS):
                 values, best = tried, error
                 joints += [j] * (j not in joints)
+        if j in joints:  # between those that were tried
+            for limit in (values["torque_limit"][j] * between**side for side in (1.0, -1.0)):
+                tried = _with_limit(values, j, limit, 0.0)
+                error = size(left_out(search, tried, windows))
+                values, best = (tried, error) if error < best else (values, best)
     return values, joints
+
+
+def _with_limit(values: ActuatorValues, j: int, limit: float, share: float) -> ActuatorValues:
+    """Values with the torque limit of a joint, beside which a share of its damping acts."""
+    limits, beside = values["torque_limit"].copy(), np.zeros(values.n)
+    limits[j], beside[j] = limit, share * values["damping"][j]
+    damping, emf = values["damping"] - beside, values["back_emf"] + beside
+    return values.changed(torque_limit=limits, damping=damping, back_emf=emf)
 
 
 def _with_back_emf(

@@ -14,7 +14,7 @@ from steelyard.actuators.actuators_page import (
     ActuatorValidation,
 )
 from steelyard.actuators.assumed_scales import like_the_others, with_assumed_scales
-from steelyard.actuators.choice import ALWAYS, USUAL, WIDE, Search, chosen
+from steelyard.actuators.choice import ALWAYS, USUAL, WIDE, Search, chosen, limited
 from steelyard.actuators.fit import Fitted, fit
 from steelyard.actuators.halves import halves_apart, widened
 from steelyard.actuators.logs_signs_and_zeros import (
@@ -105,6 +105,7 @@ def identify_actuators(
         lambda what, done, of: report_progress(progress, "choosing the law", done, of, what),
     )
     search = _shown(replace(search, windows=tuple(windows)), fitted, job)
+    fitted, search = _limits_of_all(search, fitted, parts, job)
     final = _final(search, fitted, parts, job)
     first = _first(start, fitted.values, parts, stated_values(file))
     first = _alike(first, search, parts, job)
@@ -165,6 +166,20 @@ def _first(
     """Where the usual law began; what it lacks as it was found."""
     usual = [k.name for k in KINDS if k.part in (*ALWAYS, *USUAL) and k.part in parts]
     return fitted.changed(**{name: start[name] for name in usual if name not in stated})
+
+
+def _limits_of_all(
+    search: Search, fitted: Fitted, parts: Sequence[str], job: Job
+) -> tuple[Fitted, Search]:
+    """With torque limits of further joints, that motion reaches on which no law was tried."""
+    if "torque_limit" not in parts or "torque_limit" in stated_values(job.file):
+        return fitted, search
+    known = search.joints["torque_limit"]
+    rest = {"torque_limit": [j for j in moving_joints(job) if j not in known]}
+    there = replace(search, h=STEP, joints={**search.joints, **rest})
+    values, more = limited(there, fitted.values, search.windows)
+    joints = {**search.joints, "torque_limit": sorted([*known, *more])}
+    return replace(fitted, values=values), replace(search, joints=joints)
 
 
 def _shown(search: Search, fitted: Fitted, job: Job) -> Search:
