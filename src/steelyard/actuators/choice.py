@@ -37,7 +37,7 @@ MANY_LOGS = 8  # from which on whole ones are left out
 LEFT_OUT = 4  # every one of so many blocks of windows is left out
 SHORT = 5  # rounds of a fit that begins at another one
 HOPELESS = 2.0  # times the least error, from which on lower limits are not tried
-LIMITS = 14  # torque limits that are tried, from the largest torque of a spring to its median
+LIMITS = 14  # torque limits that are tried, from the largest torque of a controller to its median
 SHARED_DAMPING, FAST = 0.1, 0.9
 """Share of the damping that acts beside the torque limit at first; of all rows that are slower."""
 REACH, LARGEST = 0.8, 0.9995  # of the largest torque: where a limit is tried first; of all rows
@@ -50,7 +50,7 @@ class Rung:
     Attributes:
         parts: Parameters that are searched.
         tried: The part in question, with a sign: `+ dead_band`, `- delay`.
-        error: Size of left-out residuals, see `left_out_error` [rad; m].
+        error: Size of left-out residuals, see `size` [rad; m].
         gain: Log-likelihood of left-out motion that the part gains [nats].
         kept: Whether the law goes on with it.
     """
@@ -217,50 +217,62 @@ class _Choice:
     def improves(self, part: str, adds: bool) -> bool:
         """Whether the law is better with a part, or as good without it; then it is the law.
 
-        A part is needed if left-out motion is likelier with it: by more than chance and its own
-        correlation in time explain.
+        A part is needed if left-out motion is likelier with it.
         """
-        gone = REPLACED.get(part, "") if adds else part
-        parts = (*(p for p in self.parts if p != gone), *((part,) if adds else ()))
         name = f"{'+' if adds else '-'} {part}"
-        search, first = self.search, without(self.now.values, part)
-        if adds:
-            first = with_part(self.now.values, part, self.fitted)
-        if part in ("torque_limit", "back_emf"):
-            known = "torque_limit" in self.parts
-            find = _with_back_emf if known else limited
-            share = SHARED_DAMPING if part == "back_emf" else 0.0
-            first, joints = find(search, self.now.values, self.fitted, share)
-            search = replace(search, joints={**search.joints, part: joints})
-            if not joints:
-                self.rungs.append(Rung(parts, name, size(self.residuals), 0.0, False))
-                return False
-            if not known and part == "back_emf":  # torque falls with speed from the start
-                parts = (*parts, "torque_limit")
-                search = replace(search, joints={**search.joints, "torque_limit": joints})
+        search, parts, first = self._with(part) if adds else self._without(part)
+        if not search.joints.get(part, [-1]):
+            self.rungs.append(Rung(parts, name, size(self.residuals), 0.0, False))
+            return False
         other = fit(search.task(self.fitted, parts), first, SHORT)
         rest = left_out(search, other.values, self.left)
-        gain = self._gain(other, rest) if adds else -self._gain(other, rest)
+        gain = self._gain(rest, other) if adds else -self._gain(rest, self.now)
         if adds and gain > NEEDED_NATS:
-            # what only goes on with a fit that has not ended is no gain of the part
-            self._go_on(without(other.values, part))
-            gain = self._gain(other, rest)
+            self._go_on(other.values, parts)
+            gain = self._gain(rest, other)
         needed = gain > NEEDED_NATS
         self.rungs.append(Rung(parts, name, size(rest), gain, needed is adds))
         if needed is adds:
             self.search, self.parts, self.now, self.residuals = search, parts, other, rest
         return needed is adds
 
-    def _gain(self, other: Fitted, rest: Array) -> float:
-        """Log-likelihood of left-out motion by another law over that by this one."""
-        more = likelihood(rest, self.now.scale) - likelihood(self.residuals, self.now.scale)
-        return more / max(self.now.repeated, other.repeated)
+    def _without(self, part: str) -> tuple[Search, tuple[str, ...], ActuatorValues]:
+        parts = tuple(p for p in self.parts if p != part)
+        return self.search, parts, without(self.now.values, part)
 
-    def _go_on(self, values: ActuatorValues) -> None:
-        """Fit this law further, from values that another one found, if that helps."""
+    def _with(self, part: str) -> tuple[Search, tuple[str, ...], ActuatorValues]:
+        """Where a part is searched, what else the law has then, and where a fit begins."""
+        parts = (*(p for p in self.parts if p != REPLACED.get(part, "")), part)
+        if part not in ("torque_limit", "back_emf"):
+            return self.search, parts, with_part(self.now.values, part, self.fitted)
+        known = "torque_limit" in self.parts
+        find = _with_back_emf if known else limited
+        share = SHARED_DAMPING if part == "back_emf" else 0.0
+        first, joints = find(self.search, self.now.values, self.fitted, share)
+        own = {part: joints} if known else {part: joints, "torque_limit": joints}
+        if not known and part == "back_emf":  # a limit that falls with speed from the start
+            parts = (*parts, "torque_limit")
+        return replace(self.search, joints={**self.search.joints, **own}), parts, first
+
+    def _gain(self, rest: Array, richer: Fitted) -> float:
+        """Log-likelihood of left-out motion by a law that leaves `rest` over that by this one.
+
+        Scale and correlation of residuals are those of the `richer` law: what the other one lacks
+        is no noise.
+        """
+        more = likelihood(rest, richer.scale) - likelihood(self.residuals, richer.scale)
+        return more / richer.repeated
+
+    def _go_on(self, values: ActuatorValues, parts: Collection[str]) -> None:
+        """Fit this law further, from values of one with more parts, if that helps.
+
+        What only goes on with a fit that has not ended is no gain of these.
+        """
+        for part in parts:
+            values = without(values, part) if part not in self.parts else values
         again = fit(self.search.task(self.fitted, self.parts), values, SHORT)
         rest = left_out(self.search, again.values, self.left)
-        if self._gain(again, rest) > 0.0:
+        if self._gain(rest, again) > 0.0:
             self.now, self.residuals = again, rest
 
 
