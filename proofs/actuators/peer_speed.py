@@ -64,7 +64,7 @@ def main() -> list[Claim]:
     empty = np.zeros((0, 0))
     arm = ActuatorModel(
         *(loaded.robot, loaded.targets, values, (), empty, np.zeros(0), 1.0, np.ones(6), ()),
-        *(PEER_STEP, (), (), (), (), origin),
+        *(PEER_STEP, (), (), (), (), np.zeros((6, 2)), origin),
     )
     rigid = mujoco.MjModel.from_xml_string(actuators_mjcf(arm).text)
     rigid.opt.timestep = PEER_STEP

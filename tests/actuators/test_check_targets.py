@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 import pytest
-from proofs.support.servo_arm import ROBOT_FILE, Servos, made
+from proofs.support.servo_arm import ROBOT_FILE, URDF, Servos, made
 from typer.testing import CliRunner
 
 import steelyard
@@ -69,6 +69,33 @@ def test_stated_signs_and_zeros_that_motion_contradicts_are_doubtful(
     assert moved.severity is Severity.DOUBTFUL and moved.joints == ("elbow",)
     place = float(moved.says.split("elbow at ")[1].split()[0])
     assert place == pytest.approx(0.0, abs=0.05)
+
+
+def test_a_stated_zero_that_is_a_little_off_is_doubtful_too(folder: Path, tmp_path: Path) -> None:
+    table = pl.read_csv(folder / "servo_fit.csv")
+    more = "position_sign = [1, 1]\nposition_offset = [0.0, 0.09]\n"
+    found = changed(folder, tmp_path, table, more)["joint zeros"]
+    assert found.severity is Severity.DOUBTFUL and found.joints == ("elbow",)
+
+
+def test_zeros_that_are_not_stated_are_those_of_the_stated_signs(
+    folder: Path, tmp_path: Path
+) -> None:
+    table = pl.read_csv(folder / "servo_fit.csv").with_columns(-pl.col("q2"), -pl.col("target2"))
+    zeros = changed(folder, tmp_path, table, "position_sign = [1, -1]\n")["joint zeros"]
+    found = [float(x) for x in zeros.says.split() if x.lstrip("-")[0].isdigit()]
+    assert found == pytest.approx([0.0, 0.0], abs=0.05)
+
+
+def test_motion_a_little_beyond_the_limits_is_told(folder: Path, tmp_path: Path) -> None:
+    table = pl.read_csv(folder / "servo_fit.csv")
+    (tmp_path / "servos.urdf").write_text(
+        URDF.replace('lower="-1.8" upper="1.8"', 'lower="-1.1" upper="1.1"')
+    )
+    (tmp_path / "servos.toml").write_text(ROBOT_FILE)
+    table.write_csv(tmp_path / "log.csv")
+    limits = found(tmp_path / "servos.toml", tmp_path / "log.csv")["limits"]
+    assert not limits.severity and "shoulder is at -1.2" in limits.says
 
 
 def test_exchanged_targets_are_wrong_and_nothing_else_is_asked(

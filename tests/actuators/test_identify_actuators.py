@@ -282,11 +282,47 @@ def test_what_is_stated_is_kept(folder: Path) -> None:
     assert result.verdict.level == "none" and "no log validates" in result.verdict.line
 
 
+def test_a_joint_that_rests_keeps_no_limit_and_back_emf_needs_one(
+    folder: Path, tmp_path: Path
+) -> None:
+    (tmp_path / "servos.urdf").write_text(URDF)
+    more = '[actuator]\nlaw = "position_pd"\ntorque_limit = "identify"\nmass_factor = "identify"\n'
+    (tmp_path / "servos.toml").write_text(ROBOT_FILE + more)
+    table = pl.read_csv(folder / "servo_fit.csv")
+    still = table.with_columns(q2=pl.lit(0.2), target2=pl.lit(0.2))
+    still.write_csv(tmp_path / "log.csv")
+    model = steelyard.identify_actuators(tmp_path / "servos.toml", tmp_path / "log.csv").model
+    values = {(p.name, p.joint): p for p in model.parameters}
+    for name in ("torque_limit", "mass_factor"):
+        assert values[name, "elbow"].status == "not in the law"
+    assert model.values["torque_limit"][1] > 1e6
+    factor = values["mass_factor", "shoulder"].interval
+    assert factor is not None and factor[0] < 1.0 < factor[1]
+    (tmp_path / "servos.toml").write_text(ROBOT_FILE + '[actuator]\nback_emf = "identify"\n')
+    with pytest.raises(ModelError, match="back-EMF and damping are one"):
+        steelyard.identify_actuators(tmp_path / "servos.toml", tmp_path / "log.csv")
+
+
+def test_exports_have_limits_that_contain_the_motion(folder: Path, tmp_path: Path) -> None:
+    (tmp_path / "servos.urdf").write_text(
+        URDF.replace('lower="-1.8" upper="1.8"', 'lower="-1.1" upper="1.1"')
+    )
+    more = 'position_sign = [1, 1]\nposition_offset = [0.0, 0.0]\n[actuator]\nlaw = "position_pd"\n'
+    (tmp_path / "servos.toml").write_text(ROBOT_FILE + more)
+    found = steelyard.identify_actuators(tmp_path / "servos.toml", folder / "servo_fit.csv")
+    assert any("shoulder moves over" in note and "exports" in note for note in found.notes)
+    q = pl.read_csv(folder / "servo_fit.csv").select("q1", "q2").to_numpy()
+    arm = mujoco.MjModel.from_xml_string(actuators_mjcf(found.model).text)
+    assert (arm.jnt_range[:, 0] <= q.min(axis=0)).all() and (
+        arm.jnt_range[:, 1] >= q.max(axis=0)
+    ).all()
+
+
 def test_masses_are_identified_where_the_stiffness_is_known(folder: Path, tmp_path: Path) -> None:
     (tmp_path / "servos.urdf").write_text(URDF.replace('mass value="0.2"', 'mass value="0.16"'))
     (tmp_path / "servos.toml").write_text(
         ROBOT_FILE + "position_sign = [1, 1]\nposition_offset = [0.0, 0.0]\n[actuator]\n"
-        'law = "position_pd"\nstiffness = [12.0, 8.0]\nmass_factor = ["identify", "identify"]\n'
+        'law = "position_pd"\nstiffness = [12.0, 8.0]\nmass_factor = "identify"\n'
     )
     result = steelyard.identify_actuators(tmp_path / "servos.toml", folder / "servo_fit.csv")
     lower = next(p for p in result.parameters if (p.name, p.joint) == ("mass_factor", "elbow"))
@@ -592,7 +628,7 @@ def test_what_the_model_misses_is_named(
     file = rewritten(folder, tmp_path / "limp.csv", "servo_other", q1=q)
     scored = steelyard.validate_actuators(found.model, file)
     assert scored.verdict.level != "good"
-    assert any("a servo that is off: shoulder in limp" in words for words in scored.warnings)
+    assert any("masses are off: shoulder in limp" in words for words in scored.warnings)
 
 
 @pytest.mark.slow

@@ -36,7 +36,7 @@ def model(folder: Path, number: int, **given: object) -> ActuatorModel:
     origin = Provenance("1", {"robot a": "0", "identification log": str(number)}, ("log",), ())
     return ActuatorModel(
         robot, signals, values, free, STD**2 * np.eye(len(free)), np.ones(len(free)), 1.0,
-        np.full(2, 1e-3), (), 0.005, (), (), (), (), origin,
+        np.full(2, 1e-3), (), 0.005, (), (), (), (), np.zeros((2, 2)), origin,
     )  # fmt: skip
 
 
@@ -50,7 +50,7 @@ def test_ranges_hold_the_share_of_robots_that_they_state(units: int, between: fl
         new = between * rng.standard_normal() + STD * rng.standard_normal()
         held.append(abs(new - middle) <= half)
         differ.append(apart)
-    assert 0.93 < np.mean(held) < 0.97
+    assert 0.93 < np.mean(held) <= (0.97 if between and units > 2 else 1.0)
     assert (abs(np.mean(differ) - 0.05) < 0.015) == (between == 0.0)
 
 
@@ -61,7 +61,7 @@ def test_robots_that_differ_are_told_from_those_that_do_not(tmp_path: Path) -> N
     first, second = seen["stiffness", "shoulder"], seen["stiffness", "elbow"]
     assert first.differ and not second.differ and first.units == 4
     assert first.low < 8.0 and first.high > 13.0 and first.middle == pytest.approx(10.34, abs=0.01)
-    assert second.high == pytest.approx(second.low)
+    assert second.high / second.low < 1.6
     assert ("zero", "shoulder") not in seen and ("delay", "all") in seen
     ratio = seen["damping / stiffness", "shoulder"]
     assert ratio.differ and ratio.unit == "Nm s/rad per Nm/rad"
@@ -97,4 +97,4 @@ def test_the_command_writes_ranges_into_the_head(tmp_path: Path) -> None:
         assert "Over 3 robots" in text and "stiffness of elbow: 8.96 [" in text
         assert "Laws of these robots differ (load_friction)" in text
     done = CliRunner().invoke(app, [*given, "mjcf", "-o", str(tmp_path / "said.xml")])
-    assert "ranges over 3 robots, which differ in " in done.stdout
+    assert "ranges over 3 robots, which differ in stiffness" in done.stdout

@@ -48,8 +48,8 @@ class ActuatorParameter:
     """One parameter of one joint, or of all: its value and 95 % interval, and where it is from.
 
     `status` is `identified`, `not identifiable` (the interval is wide, or mostly the prior's),
-    `assumed` (like the other joints: the stiffness where gravity hardly loads the joint, all of a
-    joint that does not move),
+    `assumed` (like the other joints: the stiffness where neither gravity nor inertia shows it, all
+    of a joint that does not move),
     `stated` or `not in the law`; the interval is `None` of the last two, and of what is assumed of
     a joint that does not move.
     """
@@ -66,13 +66,19 @@ class ActuatorParameter:
         return {**vars(self), "interval": None if self.interval is None else [*self.interval]}
 
 
-def outside_limits(robot: Robot, values: ActuatorValues, q: Array) -> dict[str, str]:
-    """Joints that positions of a log `(N, n)` take far beyond their limits, and where to."""
-    found = {}
+def reach_of(values: ActuatorValues, q: Array) -> Array:
+    """Least and greatest positions of the model's joints in a log `(N, n)`, `(n, 2)`."""
     moved = values.signs * q + values["zero"]
-    for j, joint in enumerate(robot.coordinates):
-        low, high = float(moved[:, j].min()), float(moved[:, j].max())
-        if low < joint.limits.lower - BEYOND_LIMITS or high > joint.limits.upper + BEYOND_LIMITS:
+    return np.stack([moved.min(axis=0), moved.max(axis=0)], axis=1)
+
+
+def outside_limits(
+    robot: Robot, values: ActuatorValues, q: Array, least: float = BEYOND_LIMITS
+) -> dict[str, str]:
+    """Joints that positions of a log `(N, n)` take so far beyond their limits, and where to."""
+    found = {}
+    for joint, (low, high) in zip(robot.coordinates, reach_of(values, q).tolist(), strict=True):
+        if low < joint.limits.lower - least or high > joint.limits.upper + least:
             found[joint.name] = (
                 f"{low:.2f} to {high:.2f} {joint.unit}, and its limits are "
                 f"{joint.limits.lower:.3g} to {joint.limits.upper:.3g}"
@@ -96,10 +102,11 @@ class ActuatorModel:
         scale: Scale of the residuals of each joint [rad; m].
         stated: Names of the parameters that the user stated.
         step: Length of the steps of rollouts [s].
-        assumed: Joints that gravity hardly loads: their stiffness is that of the others.
+        assumed: Joints whose stiffness nothing shows: it is like the others'.
         still: Joints that do not move in the fitted logs: nothing of them is identified.
         open_signs: Joints whose sign against the model file the fitted logs do not decide.
         beyond_limits: Joints that the motion of logs takes far beyond their limits.
+        reach: Least and greatest positions of the motion, `(n, 2)`, in the model's joints.
         provenance: Inputs and settings.
 
     Example:
@@ -122,6 +129,7 @@ class ActuatorModel:
     still: tuple[str, ...]
     open_signs: tuple[str, ...]
     beyond_limits: tuple[str, ...]
+    reach: Array
     provenance: Provenance
 
     def __repr__(self) -> str:
@@ -144,13 +152,22 @@ class ActuatorModel:
 
     @cached_property
     def identified_robot(self) -> Robot:
-        """The robot with the masses that give all values their scale."""
+        """The robot with the masses that give all values their scale.
+
+        Limits of its joints contain the motion of the logs.
+        """
+        joints = (
+            replace(joint, limits=replace(limits, lower=min(limits.lower, low),
+                                          upper=max(limits.upper, high)))
+            for joint, (low, high) in zip(self.robot.coordinates, self.reach.tolist(), strict=True)
+            for limits in [joint.limits]
+        )  # fmt: skip
         bodies = (
             replace(body, inertia=Inertia.from_ten(body.inertia.ten * factor))
             for body in self.robot.bodies
             for factor in self.values["mass_factor"][[body.coordinate]]
         )
-        return replace(self.robot, bodies=tuple(bodies))
+        return replace(self.robot, bodies=tuple(bodies), coordinates=tuple(joints))
 
     @cached_property
     def parameters(self) -> tuple[ActuatorParameter, ...]:
@@ -166,7 +183,9 @@ class ActuatorModel:
                 at = place.get((kind.name, j))
                 unit = _unit(kind.unit, self.robot, j)
                 if at is None:
-                    status = "stated" if kind.name in self.stated else "not in the law"
+                    told = kind.name in self.stated
+                    told &= not (joint in self.still and value == kind.default)
+                    status = "stated" if told else "not in the law"
                     if status != "stated" and value != kind.default and kind.name != "zero":
                         status = "assumed"
                     found.append(ActuatorParameter(kind.name, joint, unit, value, None, status))
@@ -224,6 +243,7 @@ class ActuatorModel:
             "stated": list(self.stated),
             "step_s": self.step,
             **{name: list(getattr(self, name)) for name in OF_JOINTS},
+            "reach": self.reach.tolist(),
             "provenance": json_values(self.provenance),
         }
 
@@ -253,6 +273,10 @@ class ActuatorModel:
             raise ValueError(
                 f"there is no parameter '{strange[0].name}' of joint {strange[0].joint}"
             )
+        if len(set(free)) < p or any(one.joint < 0 and one.name != "delay" for one in free):
+            raise ValueError("'free' holds a parameter twice, or one of no joint")
+        if not set(map(str, data["stated"])) <= set(BY_NAME):
+            raise ValueError("'stated' holds a name that no parameter has")
         if Free("delay", -1) in free and np.ptp(given["delay"]) > 0.0:
             raise ValueError("the delay of all joints is not one value")
         if p > len(KINDS) * n or given["delay"].max(initial=0.0) > LONGEST_DELAY:
@@ -260,7 +284,7 @@ class ActuatorModel:
         variance = np.diag(np.asarray(data["covariance"], dtype=float).reshape(p, p))
         if (variance < 0.0).any() or (variance > MOST_VARIANCE).any():
             raise ValueError("'covariance' has a variance that no value has")
-        for name in ("covariance", "known", "scale"):
+        for name in ("covariance", "known", "scale", *(["reach"] * ("reach" in data))):
             if not np.isfinite(np.asarray(data[name], dtype=float)).all():
                 raise ValueError(f"'{name}' holds a value that is not finite")
         lists = {name: tuple(origin.get(name, ())) for name in ("runs", "notes", "doubts")}
@@ -286,6 +310,7 @@ class ActuatorModel:
             still,
             open_signs,
             beyond_limits,
+            frozen(data.get("reach", [[np.inf, -np.inf]] * n), (n, 2)),
             Provenance(**{**origin, "inputs": dict(origin["inputs"]), **lists}),
         )
 

@@ -52,10 +52,17 @@ def limit_words(model: ActuatorModel, logs: Sequence[OpenLoop]) -> tuple[str, ..
     """Joints whose motion leaves the limits of the model file: their sign or zero is wrong."""
     q = np.concatenate([one.q for one in logs])
     return tuple(
-        f"sign or zero cannot be right: with them {joint} moves over {words}; state position_sign "
-        "and position_offset"
+        f"sign or zero cannot be right: with them {joint} moves over {words}; {remedy_of(model)}"
         for joint, words in model.outside_limits(q).items()
     )
+
+
+def remedy_of(model: ActuatorModel) -> str:
+    """What to do about motion beyond the limits of joints."""
+    s = model.signals
+    if all(x is None for x in (*s.signs, *s.zeros)):
+        return "state position_sign and position_offset"
+    return "compare the stated position_sign and position_offset with the arm, as `check` does"
 
 
 def open_words(model: ActuatorModel) -> tuple[str, ...]:
@@ -87,8 +94,8 @@ def missed_words(model: ActuatorModel, logs: Sequence[OpenLoop]) -> tuple[str, .
         return ()
     listed = "; ".join(f"{joint} in {first_names(names, 3)}" for joint, names in by.items())
     return (
-        "stretches that the model does not describe, such as contact, a stop, a torque limit, or a "
-        f"servo that is off: {listed}",
+        "stretches that the model does not describe, such as contact, a stop, a servo that is off, "
+        f"or links whose masses are off: {listed}",
     )
 
 
@@ -97,14 +104,11 @@ def interval_words(model: ActuatorModel) -> str:
     if model.wider is None:
         found = "no value shows in both halves of the motions, so that nothing tests the intervals"
     elif model.wider == 1.0:
-        found = (
-            "95 % or more of the values that both halves of the motions show agree within the 95 % "
-            "intervals, each half fitted by itself"
-        )
+        found = "fits to two halves of the motions agree within the 95 % intervals"
     else:
         found = (
-            f"the 95 % intervals contain a factor of {model.wider:.2g}, for 95 % of the values "
-            "that both halves of the motions show to agree, each half fitted by itself"
+            f"the 95 % intervals are widened by a factor of {model.wider:.2g}, so that fits to two "
+            "halves of the motions agree"
         )
     masses = "centres and inertias" if model.masses_searched else "masses"
     return (
@@ -163,10 +167,14 @@ def scale_words(model: ActuatorModel) -> str:
     """Where stiffness and friction have their scale from."""
     if "stiffness" in model.stated:
         return "torques have the scale of the stiffness that is stated"
-    together = "together " * model.masses_searched
+    alone = (
+        ""
+        if model.masses_searched
+        else '. Single links that are off raise the error: [actuator] mass_factor = "identify"'
+    )
     return (
-        "torques, stiffness and inertia have the scale of the masses in the model file: if these "
-        f"{together}are off by 10 %, so are all; ratios and the error above are not"
+        "torques, stiffness and inertia have the scale of the masses in the model file: if all "
+        f"these are off by 10 %, so are they; ratios and the error above are not{alone}"
     )
 
 
@@ -286,7 +294,7 @@ def _value(one: ActuatorParameter) -> str:
         return f"{significant(one.value)} ({one.status})" if told else NONE
     low, high = one.interval
     mark = {"not identifiable": " ?", "assumed": " (assumed)"}.get(one.status, "")
-    return f"{significant(one.value)} [{significant(low, 2)}, {significant(high, 2)}]{mark}"
+    return f"{significant(one.value)} [{significant(low)}, {significant(high)}]{mark}"
 
 
 BRIEF = (
@@ -395,21 +403,24 @@ def law_parts(law: Sequence[Rung]) -> tuple[str, ...]:
     return next(r.parts for r in reversed(law) if r.kept)
 
 
+USUAL_LAW = "the usual law: controller, rotor inertia, dry friction, one delay"
+
+
 def law_table(law: Sequence[Rung]) -> PlainTable:
     """Laws that were tried."""
     rows, seen = [], set[str]()
     for r in law:
         sign, part = r.tried[:1], _words(r.tried[2:])
-        name = f"with {part}" if sign == "+" else f"without {part}" if sign == "-" else r.tried
+        name = f"with {part}" if sign == "+" else f"without {part}" if sign == "-" else USUAL_LAW
         again = ", again" if r.tried in seen else ""
         seen.add(r.tried)
-        gain = f"{r.gain:+.3g}" if sign in ("+", "-") else NONE
+        gain = f"{r.gain if sign == '+' else -r.gain:+.3g}" if sign in ("+", "-") else NONE
         rows.append(Row((name + again, milli(r.error), gain, "taken" if r.kept else "not taken")))
     words = (
         "Each is fitted without about a quarter of the motion, and judged by the residuals of that "
         "quarter: geometric mean of their usual and their root mean square size. The gain is the "
-        "log-likelihood of that quarter with the part less that without it, allowing for residuals "
-        f"that follow each other. A part is in the law if it gains more than {NEEDED_NATS:g}. "
-        "Each row differs from the law that was taken last above it."
+        "log-likelihood of that quarter over that of the law that was taken last above, allowing "
+        "for residuals that follow each other; a window counts for a bounded share. A part is "
+        f"added if it gains more than {NEEDED_NATS:g}, and left out if that loses less."
     )
     return PlainTable("", words, ("law", "left-out error [mrad]", "gain [nats]", ""), rows, (0, 3))

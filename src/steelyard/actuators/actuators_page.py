@@ -165,6 +165,7 @@ class ActuatorIdentification(ActuatorResult):
         if verbose:
             console.print(narrow_table(ratios_table(self.model)))
             console.print(narrow_table(law_table(self.law)))
+            console.print(Text(law_table(self.law).words))
 
     def report(self) -> str:
         """The report as one self-contained HTML page."""

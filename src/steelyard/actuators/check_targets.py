@@ -117,7 +117,10 @@ def _read_well(log: TargetLog, joints: Sequence[str]) -> Finding:
     elif ahead := ahead_of_targets(log, joints):
         says.insert(0, f"positions of {', '.join(ahead)} come before their targets")
         others = ahead
-    fix = Fix("compare the columns of position and target; a servo that is off does not follow")
+    fix = Fix(
+        "compare the columns of position and target; a servo that is off, or at its torque limit, "
+        "does not follow"
+    )
     return Finding.doubtful_if(bool(others), "; ".join(says), "", fix, others)
 
 
@@ -143,12 +146,15 @@ def _of_motion(job: Job, files: Sequence[LogArgument]) -> Iterator[Finding]:
     ).by("motion")
     _, values, open_signs, seen = started(job, windows)
     better, other = otherwise(job, windows, values) or (1.0, values)
-    contradicted = _contradicted(job, values, other, seen) if better > AS_GOOD else ((), ())
+    contradicted = _contradicted(job, values, other, seen, better)
     by_motion = f"motion fits {better:.2g} times better with"
     yield _signs(job, values, open_signs, seen, contradicted[0], by_motion).by("signs")
-    yield _zeros(job, other, open_signs, seen, contradicted[1], by_motion).by("joint zeros")
-    outside = outside_limits(job.file.robot, values, np.concatenate([run.q for run in job.runs]))
-    listed = "; ".join(f"{joint} is at {where}" for joint, where in outside.items())
+    zeros = other if contradicted[1] else values
+    yield _zeros(job, zeros, open_signs, seen, contradicted[1], by_motion).by("joint zeros")
+    q = np.concatenate([run.q for run in job.runs])
+    outside = outside_limits(job.file.robot, values, q)
+    past = outside_limits(job.file.robot, values, q, 0.0)
+    listed = "; ".join(f"{joint} is at {where}" for joint, where in past.items())
     yield Finding.doubtful_if(
         bool(outside),
         listed or "the motion is within them, with these signs and zeros",
@@ -164,13 +170,25 @@ def _of_motion(job: Job, files: Sequence[LogArgument]) -> Iterator[Finding]:
 
 
 def _contradicted(
-    job: Job, values: ActuatorValues, other: ActuatorValues, seen: Sequence[int]
+    job: Job,
+    values: ActuatorValues,
+    other: ActuatorValues,
+    seen: Sequence[int],
+    better: float,
 ) -> tuple[list[int], list[int]]:
-    """Joints whose stated sign, and whose stated zero, is another one in values that fit better."""
+    """Joints whose stated sign, and whose stated zero, is another one in values that fit better.
+
+    Of zeros those that are far off, or the one that is farthest.
+    """
     s = job.signals
+    if better <= AS_GOOD:
+        return [], []
     turned = [j for j in seen if s.signs[j] is not None and other.signs[j] != values.signs[j]]
-    far = np.abs(other["zero"] - values["zero"]) > FAR
-    moved = [j for j in seen if s.zeros[j] is not None and far[j] and j not in turned]
+    off = np.abs(other["zero"] - values["zero"])
+    stated = [j for j in seen if s.zeros[j] is not None and j not in turned]
+    moved = [j for j in stated if off[j] > FAR]
+    if not turned and not moved:
+        moved = [max(stated, key=lambda j: off[j])] if stated else []
     return turned, moved
 
 
@@ -243,7 +261,7 @@ def _as_stated(names: Sequence[str], seen: Sequence[int]) -> Finding:
     hidden = [name for j, name in enumerate(names) if j not in seen]
     says = ["with others motion does not fit better"] if seen else []
     says += [f"gravity does not show {', '.join(hidden)}"] if hidden else []
-    return Finding.ok(f"as stated: {'; '.join(says)}", answered=not hidden)
+    return Finding.ok(f"as stated: {'; '.join(says)}")
 
 
 def _scale(job: Job, values: ActuatorValues, moving: Sequence[int]) -> Finding:
@@ -271,6 +289,9 @@ def _scale(job: Job, values: ActuatorValues, moving: Sequence[int]) -> Finding:
     if not left:
         return Finding.ok("; ".join(says))
     without = ", ".join(names[j] for j in left)
-    says.append(f"gravity hardly loads {without}: stiffness assumed like the others'")
+    says.append(
+        f"gravity hardly loads {without}: stiffness assumed like the others', unless `identify` "
+        "finds it from the inertia of links"
+    )
     fix = Fix("state their stiffness in the robot file, if it is known")
     return Finding.ok("; ".join(says), fix=fix, answered=False)

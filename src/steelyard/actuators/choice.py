@@ -30,8 +30,10 @@ REPLACED = {"delays": "delay"}
 NEEDED = {"delays": "delay"}
 """Parts without which others are not tried."""
 WIDE = 0.35  # standard deviation of a logarithm, above which a value is not known
-NEEDED_NATS = 5.0
+NEEDED_NATS = 8.0
 """Log-likelihood of left-out motion that a part of the law has to gain."""
+MOST_NATS = 20.0  # that one window gains or loses
+APART = 1e-3  # between delays of joints that have one each [s]: steps of rollouts move them by less
 LEAST_LOSS = 0.005  # share of the error by which a torque limit has to lower it
 MANY_LOGS = 8  # from which on whole ones are left out
 LEFT_OUT = 4  # every one of so many blocks of windows is left out
@@ -107,9 +109,9 @@ def split(windows: Sequence[Window]) -> tuple[list[Window], list[Window]]:
         for w in windows:
             (left if w.run.name in whole else fitted).append(w)
         return fitted, left
-    block = 3
     for number, name in enumerate(names):
         mine = [w for w in windows if w.run.name == name]
+        block = 3 if len(mine) >= 6 * LEFT_OUT else 1
         for k, window in enumerate(mine):
             out = (k // block + number) % LEFT_OUT == LEFT_OUT - 1
             (left if out else fitted).append(window)
@@ -118,24 +120,27 @@ def split(windows: Sequence[Window]) -> tuple[list[Window], list[Window]]:
     return fitted, left
 
 
-def left_out(search: Search, values: ActuatorValues, left: Sequence[Window]) -> Array:
-    """Residuals of motion, `(N, n)`."""
+def left_out(search: Search, values: ActuatorValues, left: Sequence[Window]) -> list[Array]:
+    """Residuals of windows, `(N, n)` each."""
     rolled = rollouts(search.step, values, left, (), search.h, search.threads)
-    return np.concatenate(residuals(search.task(left, ()), rolled))
+    return residuals(search.task(left, ()), rolled)
 
 
-def size(found: Array) -> float:
+def size(windows: Sequence[Array]) -> float:
     """Geometric mean of scale and root mean square of residuals, and over the joints.
 
     The scale shows what is usual, the root mean square what is rare, such as a torque limit.
     """
+    found = np.concatenate(list(windows))
     rms = np.sqrt(np.mean(found**2, axis=0))
     return float(np.exp(0.5 * np.log(scales([found]) * np.maximum(rms, 1e-9)).mean()))
 
 
-def likelihood(found: Array, scale: Array) -> float:
-    """Logarithm of Student's likelihood of residuals, but for constants."""
-    return float(-0.5 * (FREEDOM + 1.0) * np.log1p((found / scale) ** 2 / FREEDOM).sum())
+def likelihood(windows: Sequence[Array], scale: Array) -> Array:
+    """Logarithm of Student's likelihood of the residuals of each window, but for constants."""
+    return np.array(
+        [-0.5 * (FREEDOM + 1.0) * np.log1p((r / scale) ** 2 / FREEDOM).sum() for r in windows]
+    )
 
 
 def first_values(values: ActuatorValues, windows: Sequence[Window]) -> dict[str, Any]:
@@ -150,11 +155,25 @@ def first_values(values: ActuatorValues, windows: Sequence[Window]) -> dict[str,
     }
 
 
-def with_part(values: ActuatorValues, part: str, windows: Sequence[Window]) -> ActuatorValues:
+def with_part(
+    search: Search, values: ActuatorValues, part: str, windows: Sequence[Window]
+) -> ActuatorValues:
     """Values with first ones of a part that they lack, without the part that it replaces."""
-    first = first_values(values, windows)
-    first = {name: x for name, x in first.items() if BY_NAME[name].part == part}
-    return without(values.changed(**first), REPLACED.get(part, "")) if first else values
+    names = [kind.name for kind in KINDS if kind.part == part]
+    begun = _begun(search, values, names, windows)
+    return without(begun, REPLACED[part]) if part in REPLACED and names else begun
+
+
+def _begun(
+    search: Search, values: ActuatorValues, names: Collection[str], windows: Sequence[Window]
+) -> ActuatorValues:
+    """Values with first ones of these parameters, at joints at which they are searched."""
+    n, new = values.n, dict[str, Array]()
+    for name, first in first_values(values, windows).items():
+        if name in names:
+            searched = np.isin(np.arange(n), list(search.joints.get(name, range(n))))
+            new[name] = np.where(searched, first, values[name])
+    return values.changed(**new)
 
 
 def without(values: ActuatorValues, part: str) -> ActuatorValues:
@@ -165,12 +184,15 @@ def without(values: ActuatorValues, part: str) -> ActuatorValues:
 
 
 def with_stated(
-    values: ActuatorValues, stated: Mapping[str, Array], windows: Sequence[Window]
+    search: Search,
+    values: ActuatorValues,
+    stated: Mapping[str, Array],
+    windows: Sequence[Window],
 ) -> ActuatorValues:
     """Values as they are stated; NaN are those that are to be identified, and begin somewhere."""
     parts = {BY_NAME[name].part for name in stated}
-    first = first_values(values, windows)
-    values = values.changed(**{k: x for k, x in first.items() if BY_NAME[k].part in parts})
+    names = [kind.name for kind in KINDS if kind.part in parts]
+    values = _begun(search, values, names, windows)
     return values.changed(
         **{name: np.where(np.isnan(x), values[name], x) for name, x in stated.items()}
     )
@@ -195,7 +217,7 @@ class _Choice:
     left: Sequence[Window]
     parts: tuple[str, ...]
     now: Fitted
-    residuals: Array
+    residuals: list[Array]
     rungs: list[Rung]
 
     @classmethod
@@ -204,7 +226,7 @@ class _Choice:
     ) -> "_Choice":
         """The usual law, with what the user states."""
         fitted, left = split(search.windows)
-        begin = with_stated(start, stated, fitted)
+        begin = with_stated(search, start, stated, fitted)
         every = (*ALWAYS, *USUAL, *POSSIBLE, *ASKED)
         parts = tuple(p for p in every if p in given or p in (*ALWAYS, *USUAL))
         parts = tuple(p for p in parts if p != "delay" or "delays" not in given)
@@ -230,7 +252,9 @@ class _Choice:
         if adds and gain > NEEDED_NATS:
             self._go_on(other.values, parts)
             gain = self._gain(rest, other)
-        needed = gain > NEEDED_NATS
+        if part == "delays" and np.ptp(other.values["delay"]) < APART:
+            gain = min(gain, 0.0)
+        needed = gain > NEEDED_NATS if adds else not gain <= NEEDED_NATS
         self.rungs.append(Rung(parts, name, size(rest), gain, needed is adds))
         if needed is adds:
             self.search, self.parts, self.now, self.residuals = search, parts, other, rest
@@ -244,7 +268,7 @@ class _Choice:
         """Where a part is searched, what else the law has then, and where a fit begins."""
         parts = (*(p for p in self.parts if p != REPLACED.get(part, "")), part)
         if part not in ("torque_limit", "back_emf"):
-            return self.search, parts, with_part(self.now.values, part, self.fitted)
+            return self.search, parts, with_part(self.search, self.now.values, part, self.fitted)
         known = "torque_limit" in self.parts
         find = _with_back_emf if known else limited
         share = SHARED_DAMPING if part == "back_emf" else 0.0
@@ -254,14 +278,14 @@ class _Choice:
             parts = (*parts, "torque_limit")
         return replace(self.search, joints={**self.search.joints, **own}), parts, first
 
-    def _gain(self, rest: Array, richer: Fitted) -> float:
+    def _gain(self, rest: Sequence[Array], richer: Fitted) -> float:
         """Log-likelihood of left-out motion by a law that leaves `rest` over that by this one.
 
         Scale and correlation of residuals are those of the `richer` law: what the other one lacks
-        is no noise.
+        is no noise. No window counts for more than `MOST_NATS`: one may depend on chance.
         """
         more = likelihood(rest, richer.scale) - likelihood(self.residuals, richer.scale)
-        return more / richer.repeated
+        return float(np.clip(more / richer.repeated, -MOST_NATS, MOST_NATS).sum())
 
     def _go_on(self, values: ActuatorValues, parts: Collection[str]) -> None:
         """Fit this law further, from values of one with more parts, if that helps.

@@ -7,7 +7,13 @@ from pathlib import Path
 
 import numpy as np
 
-from steelyard.actuators.actuator_model import ActuatorModel, arm_step, load_actuators
+from steelyard.actuators.actuator_model import (
+    ActuatorModel,
+    arm_step,
+    load_actuators,
+    outside_limits,
+    reach_of,
+)
 from steelyard.actuators.actuator_parameters import KINDS, ActuatorValues
 from steelyard.actuators.actuators_page import (
     ActuatorIdentification,
@@ -36,6 +42,7 @@ from steelyard.actuators.open_loop import open_loops
 from steelyard.actuators.read_targets import TargetLog, read_targets
 from steelyard.actuators.rollout import STEP
 from steelyard.actuators.target_runs import windows_of
+from steelyard.base.arrays import frozen
 from steelyard.base.checked_arguments import checked
 from steelyard.base.progress import Progress, report_progress, silent
 from steelyard.estimate.identified_model import Provenance
@@ -50,6 +57,7 @@ from steelyard.runs.runs_of_named_logs import (
 
 CHOICE_SECONDS = 200.0  # of motion on which parts of the law are tried [s]
 COARSE_ROUNDS, LAST_ROUNDS = 6, 8  # of the fits to all windows, with coarse and with fine steps
+BEYOND_AT_ALL = 0.01  # how far motion leaves the limits of the model file when a note says so
 FINER = 4  # times shorter are the steps of the last fit, and of all that it predicts
 
 
@@ -123,7 +131,17 @@ def identify_actuators(
     model = _model(job, final, _with_scale(search, parts, job), wider, open_signs, origin)
     every = open_loops(step, model.values, read, cores, model.step)
     moved = np.concatenate([one.q for one in every])
-    model = replace(model, beyond_limits=tuple(model.outside_limits(moved)))
+    model = replace(
+        model,
+        beyond_limits=tuple(model.outside_limits(moved)),
+        reach=frozen(reach_of(model.values, moved)),
+    )
+    past = outside_limits(file.robot, model.values, moved, BEYOND_AT_ALL)
+    notes += tuple(
+        f"{joint} moves over {words}: exports have limits that contain it"
+        for joint, words in past.items()
+        if joint not in model.beyond_limits
+    )
     more = tuple(note for log in read for note in log.notes)
     return ActuatorIdentification(
         model,
@@ -165,7 +183,12 @@ def _first(
 ) -> ActuatorValues:
     """Where the usual law began; what it lacks as it was found."""
     usual = [k.name for k in KINDS if k.part in (*ALWAYS, *USUAL) and k.part in parts]
-    return fitted.changed(**{name: start[name] for name in usual if name not in stated})
+    first = fitted.changed(**{name: start[name] for name in usual if name not in stated})
+    if "damping" in stated:
+        return first
+    # some of it acts beside the torque limit
+    left = np.maximum(first["damping"] - fitted["back_emf"], 0.1 * first["damping"])
+    return first.changed(damping=left)
 
 
 def _limits_of_all(
@@ -235,12 +258,13 @@ def _model(
         known,
         wider,
         found.scale,
-        tuple(stated_values(job.file)),
+        tuple(name for name, x in stated_values(job.file).items() if np.isfinite(x).any()),
         found.task.h / found.task.finer,
         tuple(names[j] for j in assumed),
         tuple(name for j, name in enumerate(names) if j not in moving),
         tuple(names[j] for j in open_signs),
         (),
+        frozen(np.zeros((job.step.n, 2))),
         origin,
     )
 

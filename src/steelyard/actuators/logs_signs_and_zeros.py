@@ -116,6 +116,13 @@ def stated_values(file: LoadedRobot) -> dict[str, Array]:
         values = np.array([np.nan if x == "identify" else float(x) for x in listed])
         if name not in (*ALWAYS, "coulomb") or np.isfinite(values).any():
             found[name] = values
+    if np.isnan(found.get("back_emf", 0.0)).any() and "torque_limit" not in found:
+        raise ModelError(
+            "below a torque limit back-EMF and damping are one",
+            where=file.where("actuator", "back_emf"),
+            fix='add torque_limit = "identify", or a number; or leave back_emf out: law = "auto" '
+            "tries both",
+        )
     return found
 
 

@@ -5,9 +5,9 @@ one more robot's log would show is, in 95 % of the cases, within
 
 $$ \bar y \pm t_{k-1}\, s \sqrt{1 + 1/k}. $$
 
-The scatter contains errors of the values, so that the range of the values themselves is smaller,
-if anything. Robots differ where values scatter more than their own intervals explain (chi-squared,
-95 %). Positive values are taken by their logarithms.
+The scatter contains errors of the values, and is no smaller than these say, so that the range of
+the values themselves is smaller, if anything. Robots differ where values scatter more than their
+own intervals explain (chi-squared, 95 %). Positive values are taken by their logarithms.
 """
 
 from collections.abc import Iterator, Sequence
@@ -20,12 +20,14 @@ from scipy.stats import t as student
 
 from steelyard.actuators.actuator_model import ActuatorModel, load_actuators
 from steelyard.actuators.actuator_parameters import BY_NAME
+from steelyard.actuators.choice import WIDE
 from steelyard.base.arrays import Array
 from steelyard.base.errors import ModelError
 from steelyard.report.words import significant
 
 OF_A_LOG = ("zero", "offset")
 """Parameters that are of one robot's encoder and log, and say nothing of another one."""
+FEW = 4  # robots, below which ranges say little
 OVER_STIFFNESS = ("damping", "back_emf", "coulomb", "stribeck", "armature")
 """Parameters whose ratios to the stiffness need no masses."""
 
@@ -76,10 +78,7 @@ def ranges_of_units(models: Sequence[str | Path | ActuatorModel]) -> tuple[UnitR
 
 def words_of_ranges(ranges: Sequence[UnitRange], models: Sequence[ActuatorModel]) -> list[str]:
     """The ranges, a line each, and what they rest on."""
-    laws = [{one.name for one in model.free} | set(model.stated) for model in models]
-    named = {name for law in laws for name in law if name not in OF_A_LOG}
-    several = sorted(name for name in named if not all(name in law for law in laws))
-    found = [
+    return [
         f"Over {len(models)} robots: middle and the range that holds 95 % of robots of this kind,",
         "if they scatter as the values of these do:",
         *(
@@ -89,12 +88,29 @@ def words_of_ranges(ranges: Sequence[UnitRange], models: Sequence[ActuatorModel]
             * one.differ
             for one in ranges
         ),
+        *qualified(models),
     ]
+
+
+def qualified(models: Sequence[ActuatorModel]) -> list[str]:
+    """What keeps values of these models from being compared, a sentence each."""
+    laws = [
+        {(p.name, p.joint) for p in one.parameters if p.interval or p.status == "stated"}
+        for one in models
+    ]
+    named = {x for law in laws for x in law if x[0] not in OF_A_LOG}
+    several = sorted({x[0] for x in named if not all(x in law for law in laws)})
+    bodies = [np.array([b.inertia.ten for b in one.robot.bodies]) for one in models]
+    found = []
     if several:
         found.append(
             f"Laws of these robots differ ({', '.join(several)}), and values of one law are not "
             "those of another: state the same parts of [actuator] for all to compare them."
         )
+    if any(x.shape != bodies[0].shape or not np.allclose(x, bodies[0]) for x in bodies):
+        found.append("Their model files have other masses, which give torques their scale.")
+    if len(models) < FEW:
+        found.append(f"Below {FEW} robots ranges are wide: little is known of one more.")
     return found
 
 
@@ -149,7 +165,11 @@ def _ranges(models: Sequence[ActuatorModel]) -> Iterator[UnitRange]:
     for joint in models[0].joints:
         for name in OVER_STIFFNESS:
             j = models[0].joints.index(joint)
-            ratios = [found for model in models if (found := model.ratio(name, j))]
+            ratios = [
+                found
+                for model in models
+                if (found := model.ratio(name, j)) and found[0] > 0.0 and found[1] < WIDE
+            ]
             if len(ratios) > 1:
                 unit = f"{BY_NAME[name].unit} per {BY_NAME['stiffness'].unit}"
                 yield _range(f"{name} / stiffness", joint, unit, ratios, True)
@@ -173,13 +193,16 @@ def _range(
     low, high = middle - half, middle + half
     if positive:
         middle, low, high = (float(np.exp(x)) for x in (middle, low, high))
+    if name == "delay":
+        low = max(low, 0.0)
     return UnitRange(name, joint, unit, middle, low, high, differ, len(y))
 
 
 def range_of(y: Array, std: Array) -> tuple[float, float, bool]:
     """Middle and half range of values `(k,)`, and whether they differ beyond their `std`."""
     k = len(y)
-    half = student.ppf(0.975, k - 1) * y.std(ddof=1) * np.sqrt(1.0 + 1.0 / k)
+    spread = max(float(y.std(ddof=1)), float(np.sqrt(np.mean(std**2))))
+    half = student.ppf(0.975, k - 1) * spread * np.sqrt(1.0 + 1.0 / k)
     weight = np.maximum(std, 1e-9) ** -2.0
     apart = weight @ (y - weight @ y / weight.sum()) ** 2
     return float(y.mean()), float(half), bool(apart > chi2.ppf(0.95, k - 1))

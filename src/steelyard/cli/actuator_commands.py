@@ -56,7 +56,7 @@ def actuators_identified(
         steps = (
             (f"steelyard validate {name} OTHER_LOG", "error on another motion"),
             (f"steelyard export {name} --to mjcf", "the arm with its actuators for MuJoCo"),
-        )
+        )[: 1 if found.model.beyond_limits else 2]
         paths = file_lines(folder, model="model.json", report="report.html")
         typer.echo("\n".join(["", *step_lines(steps), paths]))
     raise typer.Exit(int(found.verdict.level == "poor"))
@@ -132,7 +132,7 @@ def actuators_exported(
 ) -> None:
     """Write identified actuators for a simulator, and print what the file lacks."""
     from steelyard.actuators.actuator_model import load_actuators
-    from steelyard.actuators.ranges_of_units import ranges_of_units, words_of_ranges
+    from steelyard.actuators.ranges_of_units import qualified, ranges_of_units, words_of_ranges
     from steelyard.base.errors import OutputError
     from steelyard.base.files import refuse_existing, whole_file
     from steelyard.export.model_files.actuators_mjcf import ActuatorFile, actuators_mjcf
@@ -163,12 +163,20 @@ def actuators_exported(
         part.write_text(made.text, encoding="utf-8", newline="")
         interrupt.too_late()
     if as_json:
-        found = {"file": str(path), "format": form, "unsupported": list(made.unsupported)}
-        print_json({**found, "ranges": [vars(one) for one in ranges]} if units else found)
+        found: dict[str, Any] = {
+            "file": str(path),
+            "format": form,
+            "unsupported": list(made.unsupported),
+        }
+        if units:
+            found |= {"ranges": [vars(one) for one in ranges], "notes": qualified(models)}
+        print_json(found)
         return
     say(f"{path}: {len(known.joints)} position actuators; its head says how to convert targets")
     if units:
-        differ = sum(one.differ for one in ranges)
+        differ = ", ".join(dict.fromkeys(one.name for one in ranges if one.differ)) or "nothing"
         say(f"{len(ranges)} values with ranges over {len(models)} robots, which differ in {differ}")
+        for sentence in qualified(models):
+            say(sentence)
     for sentence in made.unsupported:
         say(f"{name} cannot represent: {sentence}")

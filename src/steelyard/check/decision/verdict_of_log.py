@@ -320,13 +320,19 @@ def one_of_several(search: Search, winners: Sequence[Judged]) -> Iterator[Judged
         near = _as_good(one, best)
         parts = [part for x in others if near and (part := _part(search, x, one)) is not None]
         if parts:
-            words = " and ".join(part.says for part in parts)
+            every = [part.says for part in parts]
+            words = " and ".join(every)
             if BOTH_MIRRORS_FIT in words:
+                pair = "({})" if len(every) > 1 else "{}"
+                every = [
+                    pair.format(x.replace(BOTH_MIRRORS_FIT, "")) if BOTH_MIRRORS_FIT in x else x
+                    for x in every
+                ]
                 flipped = mirror(one.reading)
                 if any(all(alike(x, flipped, y) for x in ORDER_AND_SIGNS) for y in with_mirrors):
                     continue
                 with_mirrors.append(one.reading)
-            said.setdefault(words.replace(BOTH_MIRRORS_FIT, ""), parts[0])
+            said.setdefault(" and ".join(every), parts[0])
         elif near or not others:
             as_declared = max(as_declared, one.log)
     odds = best.log - as_declared

@@ -94,7 +94,8 @@ def refuse_beyond_limits(model: ActuatorModel) -> None:
             f"sign or zero of {', '.join(model.beyond_limits)} cannot be right: motion of the logs "
             "is far beyond the limits of the model file",
             where=f"model of '{model.robot.name}'",
-            fix="state position_sign and position_offset in the robot file, and identify again",
+            fix="leave position_sign and position_offset out of the robot file, or correct them "
+            "(`check` says which), and identify again",
         )
 
 

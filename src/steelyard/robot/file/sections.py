@@ -304,8 +304,8 @@ class ActuatorSection(Section):
     dead_band: Actuated | Many[Actuated] | None = key(
         None, "Error up to which the controller does nothing [rad; m]."
     )
-    mass_factor: Actuated | Many[Actuated] | None = key(
-        None, "Mass of the link that a joint moves, over that of the model file."
+    mass_factor: Literal["identify"] | None = key(
+        None, "Masses of the links behind the joints, over those of the model file."
     )
 
 
