@@ -41,5 +41,5 @@ def made(place: Path) -> None:
     known = "position_sign = [1, 1]\nposition_offset = [0.0, 0.0]\n"
     known += '[actuator]\nlaw = "position_pd"\n'
     servos.rename(place / "servo.toml").write_text(servo_arm.ROBOT_FILE + known)
-    actuators = steelyard.identify_actuators(place / "servo.toml", place / "servo_fit.csv")
-    actuators.save(place / "servo-model")
+    for log, name in (("servo_fit.csv", "servo-model"), ("servo_other.csv", "other-servo-model")):
+        steelyard.identify_actuators(place / "servo.toml", place / log).save(place / name)

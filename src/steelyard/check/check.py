@@ -297,7 +297,8 @@ def check(
         logs: The logs; `run.csv@5:20` is a window in seconds.
         model: Reference model, identified from runs without payload, contact or wrong signals.
         fix: Path of a corrected robot file; if empty, beside the given one. It is checked
-            again, and written by `CheckResult.fixed.save()`. `None` for none.
+            again, and written by `CheckResult.fixed.save()`. `None` for none. Not for logs of
+            targets.
         quick: Only the checks that `identify` makes before the fit.
         fixed_base: Link to fix to the world, for a model file; `None` for its root.
         progress: Receives events of progress; an exception from it stops the work.
