@@ -149,7 +149,7 @@ def test_where_nothing_is_compared_no_agreement_is_claimed(
 
 @pytest.mark.parametrize(
     ("wider", "words"),
-    [(None, "nothing tests"), (1.0, "agree within"), (2.5, "a factor of 2.5")],
+    [(None, "nothing tests"), (1.0, "agree in 95 %"), (2.5, "a factor of 2.5")],
 )
 def test_words_say_what_the_intervals_rest_on(wider: float | None, words: str) -> None:
     model = cast(ActuatorModel, SimpleNamespace(wider=wider, masses_searched=False))

@@ -98,3 +98,9 @@ def test_the_command_writes_ranges_into_the_head(tmp_path: Path) -> None:
         assert "Laws of these robots differ (load_friction)" in text
     done = CliRunner().invoke(app, [*given, "mjcf", "-o", str(tmp_path / "said.xml")])
     assert "ranges over 3 robots, which differ in stiffness" in done.stdout
+
+
+def test_other_robots_are_refused_beside_a_model_of_efforts(small_arm: Path) -> None:
+    given = [str(small_arm / "arm-model"), "--unit", str(small_arm / "servo-model"), "--to", "urdf"]
+    done = CliRunner().invoke(app, ["export", *given])
+    assert done.exit_code == 2 and "is for models of actuators" in done.output

@@ -31,13 +31,14 @@ FINGER = """<link name="1 'odd' link"><inertial><origin xyz="0.01 0.02 0.03"/><m
 
 @pytest.fixture
 def model(small_arm: Path, tmp_path: Path) -> ActuatorModel:
-    """With a finger that follows the elbow, a delay and a torque limit."""
+    """With a finger that follows the elbow, a delay, a torque limit, and motion beyond limits."""
     known = steelyard.load_actuators(small_arm / "servo-model")
     (tmp_path / "arm.urdf").write_text(URDF.replace("</robot>", FINGER))
     values = known.values.changed(
         back_emf=(0.2, 0.1), stribeck=0.02, torque_limit=(1e9, 3.0), delay=(0.0, 0.012)
     )
-    return replace(known, robot=load_robot(tmp_path / "arm.urdf").robot, values=values)
+    robot, reach = load_robot(tmp_path / "arm.urdf").robot, np.array([[-1.9, 0.0], [-1.0, 1.95]])
+    return replace(known, robot=robot, values=values, reach=reach)
 
 
 def opened(model: ActuatorModel, folder: Path) -> Any:
@@ -66,7 +67,8 @@ def test_every_value_is_read_again_by_its_schema(model: ActuatorModel, tmp_path:
             (own, "newton:armature", v["armature"][j]),
             (own, "newton:friction", v["coulomb"][j] + v["stribeck"][j]),
             (own, "newton:damping", np.deg2rad(v["back_emf"][j])),
-            (own, "physics:lowerLimit", np.rad2deg(model.robot.coordinates[j].limits.lower)),
+            (own, "physics:lowerLimit", np.rad2deg((-1.9, -1.8)[j])),
+            (own, "physics:upperLimit", np.rad2deg((1.8, 1.95)[j])),
         ):
             assert prim.GetAttribute(name).Get() == pytest.approx(value, rel=1e-6), name
     first, second = (root.GetChild(f"actuator_{joint}") for joint in model.joints)

@@ -104,11 +104,13 @@ def interval_words(model: ActuatorModel) -> str:
     if model.wider is None:
         found = "no value shows in both halves of the motions, so that nothing tests the intervals"
     elif model.wider == 1.0:
-        found = "fits to two halves of the motions agree within the 95 % intervals"
+        found = (
+            "fits to two halves of the motions agree in 95 % of their values within the intervals"
+        )
     else:
         found = (
             f"the 95 % intervals are widened by a factor of {model.wider:.2g}, so that fits to two "
-            "halves of the motions agree"
+            "halves of the motions agree in 95 % of their values"
         )
     masses = "centres and inertias" if model.masses_searched else "masses"
     return (

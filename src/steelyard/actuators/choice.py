@@ -23,6 +23,7 @@ from steelyard.base.arrays import Array
 ALWAYS = ("stiffness", "damping", "armature", "offset", "zero")
 USUAL = ("coulomb", "delay")
 POSSIBLE = ("delays", "stribeck", "load_friction", "torque_limit", "back_emf", "dead_band")
+SATURATION = ("torque_limit", "back_emf")
 ASKED = ("mass_factor",)
 """Parts that are searched if the user says so."""
 REPLACED = {"delays": "delay"}
@@ -267,7 +268,7 @@ class _Choice:
     def _with(self, part: str) -> tuple[Search, tuple[str, ...], ActuatorValues]:
         """Where a part is searched, what else the law has then, and where a fit begins."""
         parts = (*(p for p in self.parts if p != REPLACED.get(part, "")), part)
-        if part not in ("torque_limit", "back_emf"):
+        if part not in SATURATION:
             return self.search, parts, with_part(self.search, self.now.values, part, self.fitted)
         known = "torque_limit" in self.parts
         find = _with_back_emf if known else limited
@@ -396,6 +397,6 @@ def _questions(given: Collection[str]) -> Iterator[tuple[str, bool]]:
     """Parts that may be added or left out, one after another; not those that are given."""
     free = [p for p in POSSIBLE if p not in given and REPLACED.get(p, "") not in given]
     # saturation first: where a controller is at its limit, all else looks different
-    yield from ((part, True) for part in free if part in ("torque_limit", "back_emf"))
+    yield from ((part, True) for part in free if part in SATURATION)
     yield from ((part, False) for part in USUAL if part not in given)
-    yield from ((part, True) for part in free if part not in ("torque_limit", "back_emf"))
+    yield from ((part, True) for part in free if part not in SATURATION)

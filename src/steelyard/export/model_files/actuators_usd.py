@@ -149,7 +149,7 @@ def _bodies(robot: Robot, prims: Sequence[str]) -> Iterator[dict[str, Any]]:
 def _joints(
     model: ActuatorModel, bodies: Sequence[str], joints: Sequence[str]
 ) -> Iterator[dict[str, Any]]:
-    robot, values = model.robot, model.values
+    robot, values = model.identified_robot, model.values
     carriers = carriers_of(robot)
     friction = at_standstill(values)
     for k, body in enumerate(robot.bodies):
