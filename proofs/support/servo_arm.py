@@ -1,6 +1,6 @@
 """Arms of one to three joints under position servos that MuJoCo simulates; files and logs."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -112,6 +112,8 @@ class Servos:
             )
         )
         text = ARMS[self.n].format(step=step, joints=joints, motors=motors)
+        torques = "".join(f'<jointactuatorfrc joint="{name}"/>' for name in JOINTS[self.n])
+        text = text.replace("</mujoco>", f"<sensor>{torques}</sensor></mujoco>")
         return mujoco.MjModel.from_xml_string(text)
 
     def friction(self, v: np.ndarray, torque: np.ndarray) -> np.ndarray:
@@ -146,6 +148,21 @@ def moved(
     servos: Servos, t: np.ndarray, target: np.ndarray, step: float = 1e-4, start: object = None
 ) -> np.ndarray:
     """Positions at the rows, `(N, n)`, with each target held until the next row."""
+    return simulated(servos, t, target, step, start)[0]
+
+
+def simulated(
+    servos: Servos,
+    t: np.ndarray,
+    target: np.ndarray,
+    step: float = 1e-4,
+    start: object = None,
+    supply: Callable[[float], float] | None = None,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Positions and torques of the motors at the rows, `(N, n)` each.
+
+    Stiffness and torque limits are proportional to the `supply` at a time, if there is one.
+    """
     model = servos.model(step)
     data = mujoco.MjData(model)
     data.qpos[:] = target[0] if start is None else start
@@ -154,17 +171,24 @@ def moved(
     mujoco.mj_getState(model, data, state[0], mujoco.mjtState.mjSTATE_FULLPHYSICS)
     times = np.arange(round((t[-1] + 1e-9) / step) + 1) * step
     rows = np.clip(np.searchsorted(t, times - servos.delay + 1e-9, side="right") - 1, 0, None)
-    if any(servos.stribeck) or any(servos.load_friction):
-        q = [first]
-        for row in rows:
+    at = np.searchsorted(times, t - 0.5 * step)
+    if any(servos.stribeck) or any(servos.load_friction) or supply:
+        q, torque = [first], []
+        for row, now in zip(rows, times, strict=True):
             model.dof_frictionloss[:] = servos.friction(data.qvel, data.actuator_force)
+            if supply:
+                fed = supply(now)
+                model.actuator_gainprm[:, 0] = fed * np.array(servos.stiffness)
+                model.actuator_biasprm[:, 1] = -model.actuator_gainprm[:, 0]
+                model.actuator_forcerange.T[:] = fed * np.outer((-1, 1), servos.torque_limit)
             data.ctrl[:] = target[row]
             mujoco.mj_step(model, data)
             q.append(data.qpos.copy())
-        return np.asarray(np.array(q)[np.searchsorted(times, t - 0.5 * step)])
-    states, _ = rollout.rollout(model, data, state, target[rows][None])
+            torque.append(data.sensordata.copy())
+        return np.array(q)[at], np.array(torque)[at]
+    states, sensed = rollout.rollout(model, data, state, target[rows][None])
     q = np.vstack([first, states[0, :, 1 : 1 + servos.n]])
-    return np.asarray(q[np.searchsorted(times, t - 0.5 * step)])
+    return np.asarray(q[at]), np.asarray(sensed[0][at])
 
 
 def log(
@@ -176,16 +200,22 @@ def log(
     noise: float = 1e-3,
     jitter: float = 0.0,
     step: float = 1e-4,
+    supply: Callable[[float], float] | None = None,
 ) -> Mapping[str, np.ndarray]:
-    """Columns of a log by an encoder with steps and noise [rad], on a clock with jitter [s]."""
+    """Columns of a log by an encoder with steps and noise [rad], on a clock with jitter [s].
+
+    Torques of the motors and the supply are columns too.
+    """
     t, target = targets(seconds, seed, rate, servos.n)
     rng = np.random.default_rng(seed + 1000)
     t = t + np.clip(jitter * rng.standard_normal(len(t)), -0.4 / rate, 0.4 / rate)
     t = np.round(t - t[0], 4)
-    q = moved(servos, t, target, step)
+    q, torque = simulated(servos, t, target, step, supply=supply)
     q = np.round((q + noise * rng.standard_normal(q.shape)) / resolution) * resolution
     columns = {"time": t}
     columns |= {f"target{j + 1}": target[:, j] for j in range(servos.n)}
+    columns |= {f"tau{j + 1}": torque[:, j] for j in range(servos.n)}
+    columns |= {"supply": np.array([supply(x) for x in t]) if supply else np.ones(len(t))}
     return columns | {f"q{j + 1}": q[:, j] for j in range(servos.n)}
 
 

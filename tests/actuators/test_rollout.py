@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from proofs.support.servo_arm import URDF, Servos, moved, targets
+from proofs.support.servo_arm import URDF, Servos, moved, simulated, targets
 
 from steelyard.actuators.actuator_model import arm_step
 from steelyard.actuators.actuator_parameters import (
@@ -64,6 +64,24 @@ def test_a_rollout_is_that_of_mujoco(arm: ArmStep, servos: Servos) -> None:
     assert np.abs(ours - theirs).max() < 1e-3
 
 
+def sagging(t: float) -> float:
+    """A battery under load, over its nominal voltage."""
+    return float(0.85 + 0.1 * np.cos(3.0 * t))
+
+
+def test_stiffness_and_limits_follow_the_supply_as_in_mujoco(arm: ArmStep) -> None:
+    servos = Servos(torque_limit=(0.9, 0.3))
+    t, target = targets(6.0, seed=3)
+    start = target[0] + 0.02
+    fed = np.array([sagging(x) for x in t])
+    run = TargetRun("log", t, target, np.tile(start, (len(t), 1)), fed)
+    (ours,) = rollouts(arm, values_of(servos), windows_of([run], None), (), 2e-4)
+    theirs, _ = simulated(servos, t, target, 2e-4, start, sagging)
+    plain = moved(servos, t, target, 2e-4, start)
+    assert np.abs(ours.q - theirs).max() < 3e-3
+    assert np.abs(plain - theirs).max() > 0.03
+
+
 def test_signs_and_zeros_of_the_log_do_not_change_the_motion(arm: ArmStep) -> None:
     t, target = targets(4.0, seed=3)
     values = values_of(Servos())
@@ -99,7 +117,8 @@ def test_slopes_are_those_of_differences(arm: ArmStep) -> None:
     )
     values = values.changed(back_emf=(0.05, 0.03), stribeck=(0.06, 0.03), mass_factor=(1.1, 0.9))
     values = values.changed(stribeck_speed=0.4)
-    windows = windows_of([TargetRun("log", t, target, target + 0.01)], None)
+    fed = np.array([sagging(x) for x in t])
+    windows = windows_of([TargetRun("log", t, target, target + 0.01, fed)], None)
     free = free_parameters([*(kind.name for kind in KINDS), "delays"], {}, 2)
     assert len(free) == 2 * len(KINDS) + 1
     (found,) = rollouts(arm, values, windows, free, 0.005)

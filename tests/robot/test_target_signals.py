@@ -11,6 +11,9 @@ from steelyard.robot.file.robot_file import load_robot
 EFFORT = 'effort = {columns = "tau{}", kind = "joint_torque", unit = "Nm"}\n'
 
 
+ACTUATOR = '[actuator]\nlaw = "auto"\n'
+
+
 def loaded(folder: Path, text: str) -> object:
     (folder / "servos.urdf").write_text(URDF)
     return load_robot(folder / "servos.toml", text)
@@ -32,6 +35,20 @@ def test_beside_efforts_targets_are_the_commanded_motion(tmp_path: Path) -> None
     assert robot.signals.commanded_position == ("target1", "target2")
 
 
+def test_where_actuators_are_described_efforts_are_beside_targets(tmp_path: Path) -> None:
+    (tmp_path / "servos.urdf").write_text(URDF)
+    some = EFFORT.replace('"joint_torque", unit = "Nm"', '"motor_current", unit = "mA"')
+    known = some.replace("}\n", ", gain = [1.5, -2.0]}\n")
+    supply = 'supply_voltage = "supply"\nnominal_voltage = 12.0\n'
+    robot = load_robot(tmp_path / "servos.toml", ROBOT_FILE + supply + some + ACTUATOR)
+    assert robot.signals is None and robot.targets is not None
+    assert robot.targets.columns[-3:] == ("tau1", "tau2", "supply")
+    assert robot.targets.effort_gain == (None, None) and robot.targets.nominal == 12.0
+    assert robot.targets.effort_scale == (1e-3, 1e-3) and not robot.targets.effort_at_joint
+    robot = load_robot(tmp_path / "servos.toml", ROBOT_FILE + known + ACTUATOR)
+    assert robot.targets is not None and robot.targets.effort_gain == (1.5, -2.0)
+
+
 @pytest.mark.parametrize(
     ("more", "wrong"),
     [
@@ -39,10 +56,17 @@ def test_beside_efforts_targets_are_the_commanded_motion(tmp_path: Path) -> None
         (EFFORT + 'commanded_position = "cmd{}"\n', "both given"),
         ('velocity = "dq{}"\n', "velocity is given beside target"),
         ('coordinates = "motor"\n', "targets are those of motors"),
-        (EFFORT + '[actuator]\nlaw = "auto"\n', "no position targets without efforts"),
-        ("[processing]\nmotion_cutoff = 5.0\n", r"\[processing\] is for logs with efforts"),
-        ('[model]\nterms = ["rigid_body"]\n', r"\[model\] is for logs with efforts"),
-        ('[[knowledge]]\nkind = "total_mass"\nupper = 3.0\n', "is for logs with efforts"),
+        ("[processing]\nmotion_cutoff = 5.0\n", r"\[processing\] is for identification from"),
+        ('[model]\nterms = ["rigid_body"]\n', r"\[model\] is for identification from efforts"),
+        ('[[knowledge]]\nkind = "total_mass"\nupper = 3.0\n', "is for identification from"),
+        (EFFORT + 'velocity = "dq{}"\n' + ACTUATOR, "remove velocity"),
+        (EFFORT.replace("joint_t", "gravity_compensated_t") + ACTUATOR, "gravity compensated"),
+        (EFFORT.replace("unit", "delay = 0.01, unit") + ACTUATOR, "have a delay"),
+        (EFFORT.replace("tau{}", "q{}") + ACTUATOR, "used twice"),
+        (EFFORT + 'supply_voltage = "supply"\n', "no actuators are identified"),
+        ('supply_voltage = "supply"\n', "supply_voltage is given alone"),
+        ("nominal_voltage = 12.0\n", "nominal_voltage is given alone"),
+        ('supply_voltage = "q1"\nnominal_voltage = 12.0\n', "used twice"),
         ("[actuator]\nstiffness = 0.0\n", "stiffness"),
         ("[actuator]\ndelay = -1.0\n", "delay"),
         ("position_sign = [1]\n", "1 signs"),

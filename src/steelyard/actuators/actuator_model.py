@@ -66,6 +66,38 @@ class ActuatorParameter:
         return {**vars(self), "interval": None if self.interval is None else [*self.interval]}
 
 
+@dataclass(frozen=True)
+class EffortGain:
+    """Torque of a joint per logged effort.
+
+    `status` is `stated` (torques have their scale from it), `identified` (its interval contains
+    that of the torques' scale), `contradicted` (efforts have the other sign) or `not shown`.
+    """
+
+    joint: str
+    unit: str
+    value: float | None
+    interval: tuple[float, float] | None
+    status: str
+
+    def to_dict(self) -> dict[str, Any]:
+        """As JSON values."""
+        return {**vars(self), "interval": None if self.interval is None else [*self.interval]}
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> "EffortGain":
+        """What `to_dict` wrote; `KeyError`, `ValueError` or `TypeError` if damaged."""
+        value, interval = data["value"], data["interval"]
+        numbers = [float(x) for x in (*([] if value is None else [value]), *(interval or ()))]
+        texts = [data[name] for name in ("joint", "unit", "status")]
+        whole = interval is None or len(interval) == 2
+        if not (np.isfinite(numbers).all() and whole and all(isinstance(x, str) for x in texts)):
+            raise ValueError("a gain of efforts cannot be used")
+        value = None if value is None else float(value)
+        pair = None if interval is None else (float(interval[0]), float(interval[1]))
+        return cls(texts[0], texts[1], value, pair, texts[2])
+
+
 def reach_of(values: ActuatorValues, q: Array) -> Array:
     """Least and greatest positions of the model's joints in a log `(N, n)`, `(n, 2)`."""
     moved = values.signs * q + values["zero"]
@@ -107,6 +139,7 @@ class ActuatorModel:
         open_signs: Joints whose sign against the model file the fitted logs do not decide.
         beyond_limits: Joints that the motion of logs takes far beyond their limits.
         reach: Least and greatest positions of the motion, `(n, 2)`, in the model's joints.
+        efforts: Torque per effort that is logged beside targets, by joint; empty without them.
         provenance: Inputs and settings.
 
     Example:
@@ -130,6 +163,7 @@ class ActuatorModel:
     open_signs: tuple[str, ...]
     beyond_limits: tuple[str, ...]
     reach: Array
+    efforts: tuple[EffortGain, ...]
     provenance: Provenance
 
     def __repr__(self) -> str:
@@ -144,6 +178,17 @@ class ActuatorModel:
     def arm(self) -> ArmStep:
         """The step of rollouts."""
         return arm_step(self.robot)
+
+    @property
+    def measured(self) -> tuple[str, ...]:
+        """Joints whose torques have the scale of logged efforts."""
+        j, gains = enumerate(self.joints), self.efforts
+        searched = {one.joint for one in self.free if one.name == "stiffness"}
+        return tuple(
+            name
+            for (k, name), gain in zip(j, gains, strict=False)
+            if gain.status == "stated" and k in searched
+        )
 
     @property
     def masses_searched(self) -> bool:
@@ -244,6 +289,7 @@ class ActuatorModel:
             "step_s": self.step,
             **{name: list(getattr(self, name)) for name in OF_JOINTS},
             "reach": self.reach.tolist(),
+            "efforts": [one.to_dict() for one in self.efforts],
             "provenance": json_values(self.provenance),
         }
 
@@ -311,6 +357,7 @@ class ActuatorModel:
             open_signs,
             beyond_limits,
             frozen(data.get("reach", [[np.inf, -np.inf]] * n), (n, 2)),
+            tuple(EffortGain.from_dict(one) for one in data.get("efforts", ())),
             Provenance(**{**origin, "inputs": dict(origin["inputs"]), **lists}),
         )
 

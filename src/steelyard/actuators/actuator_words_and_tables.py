@@ -167,6 +167,11 @@ def _size(model: ActuatorModel, error: float, joint: int = 0) -> str:
 
 def scale_words(model: ActuatorModel) -> str:
     """Where stiffness and friction have their scale from."""
+    if model.measured:
+        return (
+            f"torques of {', '.join(model.measured)} have the scale of the logged efforts, with "
+            "the gains that are stated; masses of links are identified beside them"
+        )
     if "stiffness" in model.stated:
         return "torques have the scale of the stiffness that is stated"
     alone = (
@@ -297,6 +302,22 @@ def _value(one: ActuatorParameter) -> str:
     low, high = one.interval
     mark = {"not identifiable": " ?", "assumed": " (assumed)"}.get(one.status, "")
     return f"{significant(one.value)} [{significant(low)}, {significant(high)}]{mark}"
+
+
+def efforts_table(model: ActuatorModel) -> PlainTable:
+    """Torque per logged effort, by joint."""
+    rows = []
+    for one in model.efforts:
+        value = NONE if one.value is None else significant(one.value)
+        if one.interval:
+            low, high = (significant(x) for x in one.interval)
+            value = f"{value} [{low}, {high}]"
+        rows.append(Row((one.joint, value, one.unit, one.status)))
+    words = (
+        "Torque of the joint per logged effort, 95 % intervals in brackets. A gain that is stated "
+        "gives torques their scale; one that is identified has that of the other values."
+    )
+    return PlainTable("Logged efforts", words, ("joint", "gain", "unit", ""), rows, (0, 2, 3))
 
 
 BRIEF = (

@@ -17,6 +17,7 @@ from steelyard.actuators.actuator_words_and_tables import (
     ActuatorVerdict,
     assumed_words,
     brief_tables,
+    efforts_table,
     errors_table,
     fitted_table,
     interval_words,
@@ -46,7 +47,7 @@ from steelyard.report.page_figures import (
     space_layout,
 )
 from steelyard.report.result import Result, print_verdict
-from steelyard.report.tables import narrow_table
+from steelyard.report.tables import PlainTable, narrow_table
 from steelyard.report.words import count
 from steelyard.robot.robot import sticks, tips
 
@@ -133,6 +134,7 @@ class ActuatorIdentification(ActuatorResult):
         return {
             "verdict": self.verdict.to_dict(),
             "parameters": [one.to_dict() for one in self.parameters],
+            "efforts": [one.to_dict() for one in self.model.efforts],
             "signs": dict(zip(joints, self.model.values.signs.tolist(), strict=True)),
             "law": [rung.to_dict() for rung in self.law],
             "validation": [_log_dict(one, joints, fitted=False) for one in self.validation],
@@ -153,6 +155,8 @@ class ActuatorIdentification(ActuatorResult):
         for table in tables:
             console.print(narrow_table(table))
         console.print(Text(tables[0].words if verbose else BRIEF))
+        if self.model.efforts:
+            console.print(narrow_table(efforts_table(self.model)))
         for words in self.basis:
             console.print(Text(f"- {words}"))
         for words in law_lines(self.model, self.law):
@@ -167,6 +171,12 @@ class ActuatorIdentification(ActuatorResult):
             console.print(narrow_table(law_table(self.law)))
             console.print(Text(law_table(self.law).words))
 
+    @property
+    def _tables(self) -> list[PlainTable]:
+        """Parameters, and gains of efforts that are logged."""
+        efforts = [efforts_table(self.model)] if self.model.efforts else []
+        return parameters_tables(self.model) + efforts
+
     def report(self) -> str:
         """The report as one self-contained HTML page."""
         shown = self.validation or self.fitted
@@ -175,7 +185,7 @@ class ActuatorIdentification(ActuatorResult):
             self.model.robot.name,
             (
                 *_error_sections(self, shown, shown),
-                figures("parameters", "Parameters", tables=parameters_tables(self.model)),
+                figures("parameters", "Parameters", tables=self._tables),
                 notes("basis", "What the parameters rest on", self.basis),
                 figures("ratios", "Ratios to the stiffness", tables=[ratios_table(self.model)]),
                 figures(

@@ -5,6 +5,7 @@ alike, and as uncertain as those differ from each other.
 """
 
 from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 
 import numpy as np
 from scipy.stats import t as student
@@ -37,6 +38,13 @@ def like_the_others(
     for j in range(values.n):
         if j not in loaded and (like := _like(j, loaded, kinds)):
             factor[j] = float(np.median(values["stiffness"][like])) / values["stiffness"][j]
+    return scaled(values, factor, stated)
+
+
+def scaled(
+    values: ActuatorValues, factor: Array, stated: Mapping[str, Array] = MappingProxyType({})
+) -> ActuatorValues:
+    """Values with torques in another unit, by joint; what is `stated` stays as it is."""
     free = {name: np.isnan(stated.get(name, np.nan)) for name in SCALED}
     free["torque_limit"] = free["torque_limit"] & (values["torque_limit"] < UNLIMITED)
     return values.changed(
@@ -83,6 +91,7 @@ def with_assumed_scales(
         along = np.array([float(one.joint == j and one.name in SCALED) for one in free])
         covariance += spread**2 * np.outer(along, along)
     prior = np.array([one.kind.spread for one in free])
-    prior[:p] = found.task.spread
+    others = [one.name != "stiffness" for one in found.task.free]  # that efforts do not show
+    prior[:p] = np.where(others, found.task.spread, prior[:p])
     known = np.clip(1.0 - np.diag(covariance) / prior**2, 0.0, 1.0)
     return free, frozen(covariance), frozen(known)

@@ -9,6 +9,7 @@ import numpy as np
 
 from steelyard.actuators.actuator_model import arm_step, outside_limits
 from steelyard.actuators.actuator_parameters import ActuatorValues
+from steelyard.actuators.logged_efforts import factors, scales
 from steelyard.actuators.logs_signs_and_zeros import (
     AS_GOOD,
     WINDOW,
@@ -28,7 +29,7 @@ from steelyard.actuators.read_targets import (
     read_targets,
     unfollowed,
 )
-from steelyard.actuators.target_runs import windows_of
+from steelyard.actuators.target_runs import Window, windows_of
 from steelyard.base.checked_arguments import checked
 from steelyard.base.errors import LogError, ModelError
 from steelyard.base.progress import Progress, report_progress, silent
@@ -166,7 +167,7 @@ def _of_motion(job: Job, files: Sequence[LogArgument]) -> Iterator[Finding]:
         [*outside],
         answered=bool(outside) or not open_signs,
     ).by("limits")
-    yield _scale(job, values, moving).by("scale")
+    yield _scale(job, windows, values, moving).by("scale")
 
 
 def _contradicted(
@@ -264,11 +265,15 @@ def _as_stated(names: Sequence[str], seen: Sequence[int]) -> Finding:
     return Finding.ok(f"as stated: {'; '.join(says)}")
 
 
-def _scale(job: Job, values: ActuatorValues, moving: Sequence[int]) -> Finding:
+def _scale(
+    job: Job, windows: Sequence[Window], values: ActuatorValues, moving: Sequence[int]
+) -> Finding:
     """What gives the torques of each joint a scale."""
     names = job.file.robot.joint_names
+    measured = scales(factors(job.step, windows, values, job.signals, job.threads), job.signals)
     sources = {
         "the stiffness that the robot file states": stated_stiffness(job),
+        "the logged efforts": sorted(measured),
         "a torque that the robot file states": stated_torques(job),
         "the masses of the model file": weighed(job, values),
     }

@@ -1,7 +1,7 @@
 """From a robot file with position targets and logs to identified actuators and their errors."""
 
 import os
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -19,10 +19,16 @@ from steelyard.actuators.actuators_page import (
     ActuatorIdentification,
     ActuatorValidation,
 )
-from steelyard.actuators.assumed_scales import like_the_others, with_assumed_scales
+from steelyard.actuators.assumed_scales import like_the_others, scaled, with_assumed_scales
 from steelyard.actuators.choice import ALWAYS, USUAL, WIDE, Search, chosen, limited
 from steelyard.actuators.fit import Fitted, fit
 from steelyard.actuators.halves import halves_apart, widened
+from steelyard.actuators.logged_efforts import (
+    effort_gains,
+    factors,
+    notes_of_efforts,
+    scales,
+)
 from steelyard.actuators.logs_signs_and_zeros import (
     WINDOW,
     Job,
@@ -114,8 +120,13 @@ def identify_actuators(
     )
     search = _shown(replace(search, windows=tuple(windows)), fitted, job)
     fitted, search = _limits_of_all(search, fitted, parts, job)
-    final = _final(search, fitted, parts, job)
     first = _first(start, fitted.values, parts, stated_values(file))
+    measured = scales(factors(step, windows, fitted.values, signals, cores), signals)
+    if measured := {j: x for j, x in measured.items() if j not in stated_stiffness(job)}:
+        search, parts = _measured(search, fitted.values, parts, measured)
+        first, values = (_rescaled(x, measured, job) for x in (first, fitted.values))
+        fitted = replace(fitted, values=values)
+    final = _final(search, fitted, parts, job)
     first = _alike(first, search, parts, job)
     wider = halves_apart(
         search,
@@ -129,6 +140,8 @@ def identify_actuators(
     origin = provenance(file, known, (), unknown, (), (*file.notes, *notes))
     origin = replace(origin, runs=tuple(log.name for log in job.logs))
     model = _model(job, final, _with_scale(search, parts, job), wider, open_signs, origin)
+    efforts = effort_gains(model, factors(step, windows, final.values, signals, cores))
+    model, notes = replace(model, efforts=efforts), (*notes, *notes_of_efforts(efforts))
     every = open_loops(step, model.values, read, cores, model.step)
     moved = np.concatenate([one.q for one in every])
     model = replace(
@@ -205,6 +218,32 @@ def _limits_of_all(
     return replace(fitted, values=values), replace(search, joints=joints)
 
 
+def _measured(
+    search: Search,
+    values: ActuatorValues,
+    parts: Sequence[str],
+    found: Mapping[int, tuple[float, float]],
+) -> tuple[Search, tuple[str, ...]]:
+    """With the stiffness that logged efforts show as prior, and masses of links searched."""
+    known = {
+        ("stiffness", j): (float(np.log(values["stiffness"][j] * factor)), std)
+        for j, (factor, std) in found.items()
+    }
+    joints = {**search.joints, "stiffness": sorted({*search.joints["stiffness"], *found})}
+    more = ("mass_factor",) if "mass_factor" not in parts else ()
+    return replace(search, known={**search.known, **known}, joints=joints), (*parts, *more)
+
+
+def _rescaled(
+    values: ActuatorValues, found: Mapping[int, tuple[float, float]], job: Job
+) -> ActuatorValues:
+    """Values in the scale that logged efforts give the torques of joints."""
+    factor = np.ones(values.n)
+    for j, (by, _) in found.items():
+        factor[j] = by
+    return scaled(values, factor, stated_values(job.file))
+
+
 def _shown(search: Search, fitted: Fitted, job: Job) -> Search:
     """Without the stiffness of joints that neither gravity nor the inertia of links shows."""
     clear = with_scale(job, fitted.values)
@@ -265,6 +304,7 @@ def _model(
         tuple(names[j] for j in open_signs),
         (),
         frozen(np.zeros((job.step.n, 2))),
+        (),
         origin,
     )
 

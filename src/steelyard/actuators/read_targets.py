@@ -27,6 +27,7 @@ MOVES = 0.02  # standard deviation from which on a joint's targets tell anything
 FOLLOWS, OTHER = 0.5, 0.9
 """Correlation of a joint with its target, and with another one's, that tell another order."""
 LAG = 0.1  # by which positions are compared with earlier and later targets [s]
+SUPPLIES = (0.3, 2.0)  # of the nominal voltage, that actuators are fed with
 SLOPES = (0.5, 2.0)
 """Of positions over targets: outside, their units differ."""
 
@@ -60,9 +61,9 @@ def read_targets(argument: LogArgument, signals: TargetSignals, robot: Robot) ->
     require_columns(path, log.columns, signals.columns)
     parts = list(log.parts(signals.columns, cut.rows))
     table = np.concatenate(parts) if parts else np.zeros((0, len(signals.columns)))
-    n = signals.n
     with np.errstate(invalid="ignore"):
         given = np.isfinite(table) & (np.abs(table * _sizes(signals)) < ABSURD)
+    n = signals.n
     for column, some in zip(signals.columns, given.T, strict=True):
         if len(table) and not some.any():
             raise LogError(
@@ -70,9 +71,14 @@ def read_targets(argument: LogArgument, signals: TargetSignals, robot: Robot) ->
                 where=argument.text,
                 fix="name the columns of targets and positions under [signals]",
             )
-    whole = given.all(axis=1)
+    whole = given[:, : 2 * n + 1].all(axis=1)
     t = table[whole, 0] * signals.time_scale
     q, target = (table[whole, k : k + n] * signals.scale for k in (1, 1 + n))
+    effort = np.full(q.shape, np.nan)
+    measured = np.where(given, table, np.nan)[whole, 1 + 2 * n :]
+    if signals.effort:
+        effort = measured[:, :n] * signals.effort_scale
+    supply = measured[:, -1] / signals.nominal if signals.supply else np.ones(len(t))
     rising = np.ones(len(t), dtype=np.bool_)
     rising[1:] = t[1:] > np.maximum.accumulate(t)[:-1]
     if rising.mean() < MOST_OUT_OF_TIME:
@@ -83,15 +89,17 @@ def read_targets(argument: LogArgument, signals: TargetSignals, robot: Robot) ->
             fix="correct the clock: a single time that is far ahead has the same effect; or sort "
             "the rows",
         )
-    t, q, target = t[rising], q[rising], target[rising]
+    t, q, target, effort, supply = (x[rising] for x in (t, q, target, effort, supply))
     if len(t):
         seconds = t - t[0]
         inside = (seconds >= cut.seconds[0]) & (seconds < cut.seconds[1])
-        t, q, target = seconds[inside], q[inside], target[inside]
+        some = (seconds, q, target, effort, supply)
+        t, q, target, effort, supply = (x[inside] for x in some)
     notes = []
     if dropped := int((~whole).sum() + (~rising).sum()):
         notes.append(f"{name}: {dropped} rows left out: without a number, or out of time")
-    runs, short = _pieces(name, t, *_unwrapped(q, target, robot))
+    supply = _supplied(t, supply, argument.text, signals)
+    runs, short = _pieces(name, t, *_unwrapped(q, target, robot), supply, effort)
     if short:
         notes.append(f"{name}: {short} rows left out, between gaps of the clock")
     if not runs:
@@ -114,7 +122,24 @@ def read_targets(argument: LogArgument, signals: TargetSignals, robot: Robot) ->
 
 def _sizes(signals: TargetSignals) -> Array:
     """Rad, m or nothing of the time per logged unit, by column."""
-    return np.concatenate([[0.0], signals.scale, signals.scale])
+    rest = len(signals.columns) - 2 * signals.n - 1
+    return np.concatenate([[0.0], signals.scale, signals.scale, np.zeros(rest)])
+
+
+def _supplied(t: Array, supply: Array, where: str, signals: TargetSignals) -> Array:
+    """The supply over the nominal one at all rows; a `LogError` if it can be none."""
+    known = np.isfinite(supply)
+    if not known.any():
+        return np.ones(len(t))
+    low, high = (float(x) for x in (supply[known].min(), supply[known].max()))
+    if low < SUPPLIES[0] or high > SUPPLIES[1]:
+        raise LogError(
+            f"the supply is {low:.3g} to {high:.3g} times the nominal voltage",
+            where=f"{where}, column '{signals.supply}'",
+            fix="give nominal_voltage in the unit of the column; leave supply_voltage out if the "
+            "column holds something else",
+        )
+    return np.interp(t, t[known], supply[known])
 
 
 def _unwrapped(q: Array, target: Array, robot: Robot) -> tuple[Array, Array]:
@@ -130,7 +155,9 @@ def _unwrapped(q: Array, target: Array, robot: Robot) -> tuple[Array, Array]:
     return target, q
 
 
-def _pieces(name: str, t: Array, target: Array, q: Array) -> tuple[tuple[TargetRun, ...], int]:
+def _pieces(
+    name: str, t: Array, target: Array, q: Array, supply: Array, effort: Array
+) -> tuple[tuple[TargetRun, ...], int]:
     """Runs between gaps of the clock, and how many rows are in none."""
     if len(t) < LEAST_ROWS:
         return (), len(t)
@@ -138,7 +165,8 @@ def _pieces(name: str, t: Array, target: Array, q: Array) -> tuple[tuple[TargetR
     ends = np.flatnonzero(steps > GAP * np.median(steps)) + 1
     pieces: list[NDArray[np.intp]] = np.split(np.arange(len(t)), ends)
     kept = [r for r in pieces if len(r) >= LEAST_ROWS and t[r[-1]] - t[r[0]] >= LEAST_SECONDS]
-    runs = tuple(TargetRun(name, frozen(t[r]), frozen(target[r]), frozen(q[r])) for r in kept)
+    runs = tuple(TargetRun(name, *(frozen(x[r]) for x in (t, target, q, supply, effort)))
+                 for r in kept)  # fmt: skip
     return runs, len(t) - sum(map(len, kept))
 
 

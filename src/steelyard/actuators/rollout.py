@@ -25,13 +25,14 @@ KEPT_BYTES = 200e6  # of derivatives that a batch keeps
 
 @dataclass(frozen=True, eq=False)
 class Rolled:
-    """A window rolled out: positions at its rows `(N, n)` as the log counts them, and slopes.
+    """A window rolled out: positions and velocities at its rows `(N, n)`, as the log counts them.
 
     `slopes` are the derivatives by what is searched, `(N, n, p)`; empty if none were wanted.
     `finer` is what shorter steps than those of the slopes add to the positions `(N, n)`, or 0.
     """
 
     q: Array
+    v: Array
     slopes: Array
     finer: Array | float = 0.0
 
@@ -92,6 +93,8 @@ class _Batch:
         self.n, self.values, self.windows, self.free, self.h = n, values, windows, free, h
         self.steps = max(1, *(int(np.ceil((w.t[-1] - w.t[0]) / h - 1e-6)) for w in windows))
         self.targets, self.lateness = self._targets()
+        middle = (np.arange(self.steps) + 0.5) * h
+        self.supply = np.stack([w.run.supplied(w.t[0] + middle) for w in windows], axis=1)
 
     def _targets(self) -> tuple[Array, Array]:
         """Targets of the model's joints, and their slopes by the delay, `(steps, n, windows)`."""
@@ -118,11 +121,12 @@ class _Batch:
         length = np.array([self.h])
         arguments = [padded, *addresses, length.ctypes.data, 0, out.ctypes.data, padded]
         q, v, q0, v0, u = state[:5]
-        kept = np.empty((count, self.steps + 1, n))
+        kept, speeds = np.empty((2, count, self.steps + 1, n))
         slopes = np.empty((count, self.steps + 1, n, p))
+        fed = _Fed.of(state[len(STATE) + 1 :], rates) if (self.supply != 1.0).any() else None
         late = [d for d, one in enumerate(self.free) if one.name == "delay"]
         for k in range(self.steps + 1):
-            kept[:, k] = q[:, :count].T
+            kept[:, k], speeds[:, k] = q[:, :count].T, v[:, :count].T
             for slot, along in enumerate(rates):
                 by = along["q"][:, :wide].reshape(n, groups, count).transpose(2, 0, 1)
                 some = slopes[:, k, :, slot::DIRECTIONS]
@@ -130,6 +134,8 @@ class _Batch:
             if k == self.steps:
                 break
             u[:, :wide].reshape(n, -1, count)[:] = self.targets[k][:, None]
+            if fed is not None:
+                fed.at(np.tile(self.supply[k], groups))
             for d in late:
                 j = self.free[d].joint
                 joints = slice(None) if j < 0 else slice(j, j + 1)
@@ -143,7 +149,7 @@ class _Batch:
                     out[first : first + n],
                     out[first + n : first + 2 * n],
                 )
-        return [self._rows(k, kept[k], slopes[k]) for k in range(count)]
+        return [self._rows(k, kept[k], speeds[k], slopes[k]) for k in range(count)]
 
     def _lanes(self, d: int) -> slice:
         """Lanes of direction `d`, in the slot that it has in each of them."""
@@ -177,15 +183,38 @@ class _Batch:
                     along[name][j, lanes] = 1.0
         return rates
 
-    def _rows(self, k: int, kept: Array, slopes: Array) -> Rolled:
+    def _rows(self, k: int, kept: Array, speeds: Array, slopes: Array) -> Rolled:
         """Of window `k` from the steps to its rows, between two steps on a line."""
         window, s = self.windows[k], self.values.signs
         place = np.clip((window.t - window.t[0]) / self.h, 0.0, self.steps)
         at = np.minimum(place.astype(int), self.steps - 1)
         share = (place - at)[:, None]
-        q = kept[at] * (1.0 - share) + kept[at + 1] * share
+        q, v = (x[at] * (1.0 - share) + x[at + 1] * share for x in (kept, speeds))
         by: Any = slopes[at] * (1.0 - share[..., None]) + slopes[at + 1] * share[..., None]
         for d, one in enumerate(self.free):
             if one.name == "zero":
                 by[:, one.joint, d] -= 1.0
-        return Rolled(s * (q - self.values["zero"]), s[:, None] * by)
+        return Rolled(s * (q - self.values["zero"]), s * v, s[:, None] * by)
+
+
+FED = ("stiffness", "torque_limit")
+"""Parameters that are proportional to the voltage that actuators are fed with."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Fed:
+    """Inputs that follow the supply, each with what it is at the nominal one."""
+
+    inputs: Sequence[tuple[Array, Array]]
+
+    @classmethod
+    def of(cls, values: Sequence[Array], rates: Sequence[dict[str, Array]]) -> "_Fed":
+        """Of values of `IN_STEP`, and what lanes vary."""
+        own = dict(zip(IN_STEP, values, strict=True))
+        every = [of[name] for of in (own, *rates) for name in FED]
+        return cls([(array, array.copy()) for array in every])
+
+    def at(self, supply: Array) -> None:
+        """Set them for this supply of each lane."""
+        for array, nominal in self.inputs:
+            array[:, : len(supply)] = nominal[:, : len(supply)] * supply

@@ -61,7 +61,8 @@ def _smoothed(run: TargetRun) -> tuple[Array, Array, Array, Array]:
     width = min(max(5, 2 * round(SMOOTHED / dt / 2.0) + 1), 2 * ((len(t) - 1) // 2) - 1)
     dq, ddq = (savgol_filter(q, width, 3, deriv=order, delta=dt, axis=0) for order in (1, 2))
     inner = slice(width, len(t) - width)
-    return q[inner], (u - q)[inner], dq[inner], ddq[inner]
+    error = (u - q) * run.supplied(t)[:, None]
+    return q[inner], error[inner], dq[inner], ddq[inner]
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,7 +1,7 @@
 """Logs of targets and positions in memory, cut into windows; targets are held between rows."""
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -17,12 +17,20 @@ class TargetRun:
         t: Times `(N,)`, rising [s].
         target: Targets `(N, n)`, each held until the next row.
         q: Positions `(N, n)`.
+        supply: Voltage that actuators are fed with, over the nominal one, `(N,)`; or empty: 1.
+        effort: Logged efforts in their base units `(N, n)`, NaN where there are none; or empty.
     """
 
     name: str
     t: Array
     target: Array
     q: Array
+    supply: Array = field(default_factory=lambda: frozen(np.zeros(0)))
+    effort: Array = field(default_factory=lambda: frozen(np.zeros((0, 0))))
+
+    def supplied(self, t: Array) -> Array:
+        """The supply at times `(K,)`."""
+        return np.interp(t, self.t, self.supply) if len(self.supply) else np.ones(len(t))
 
     @property
     def seconds(self) -> float:

@@ -204,17 +204,20 @@ def _from_toml(path: Path, text: str, sha256: str) -> LoadedRobot:
         robot = robot.changed(transmission=gears)
     signals = None
     targets = None
-    if file.signals is not None and file.signals.target and not file.signals.has_efforts:
+    described = bool(file.actuator.model_fields_set)
+    alone = file.signals is not None and (described or not file.signals.has_efforts)
+    if file.signals is not None and file.signals.target and alone:
         _refuse_of_efforts(file, locate)
-        targets = build_target_signals(file.signals, robot.coordinates, locate)
+        targets = build_target_signals(
+            file.signals, robot.coordinates, locate, robot.transmission
+        )
     elif file.signals is not None:
         signals = build_signals(file.signals, robot.coordinates, locate, robot.transmission)
-    if targets is None and file.actuator.model_fields_set:
+    if targets is None and described:
         raise ModelError(
-            "actuators are described, but no position targets without efforts",
+            "actuators are described, but no position targets",
             where=locate("actuator"),
-            fix="add target = ... under [signals] and leave out [signals.effort]; or remove "
-            "[actuator]",
+            fix="add target = ... under [signals]; or remove [actuator]",
         )
     limited = {n for n, limits in file.robot.limits.items() if limits.effort is not None}
     ignored = reduction.ignored_statements(mechanism, robot, _answers(file), limited)
@@ -255,20 +258,20 @@ def _from_toml(path: Path, text: str, sha256: str) -> LoadedRobot:
 
 
 def _refuse_of_efforts(file: RobotFile, locate: Locate) -> None:
-    """What only efforts make sense of is refused beside targets alone, not ignored."""
+    """What only efforts make sense of is refused where actuators are identified, not ignored."""
     for name in ("model", "processing", "estimation", "prior", "validation"):
         section = getattr(file, name)
         if section is not None and section.model_fields_set:
             raise ModelError(
-                f"[{name}] is for logs with efforts, and only position targets are named",
+                f"[{name}] is for identification from efforts, not of actuators",
                 where=locate(name),
-                fix=f"remove [{name}], or add [signals.effort]",
+                fix=f"remove [{name}]; or add [signals.effort], and remove [actuator]",
             )
     if file.knowledge:
         raise ModelError(
-            "[[knowledge]] is for logs with efforts, and only position targets are named",
+            "[[knowledge]] is for identification from efforts, not of actuators",
             where=locate("knowledge"),
-            fix="remove it, or add [signals.effort]",
+            fix="remove it; or add [signals.effort], and remove [actuator]",
         )
 
 

@@ -235,6 +235,8 @@ class SignalsSection(Section):
             differentiated if left out.
         target: Columns of the targets of position-controlled joints, in the unit and with the signs
             of `position`; without efforts, actuators are identified from them.
+        supply_voltage: Column of the voltage that the actuators are fed with.
+        nominal_voltage: The voltage that identified values are for, in the unit of that column.
         effort: Columns of efforts.
     """
 
@@ -253,6 +255,8 @@ class SignalsSection(Section):
     commanded_position: Name | Names | None = None
     commanded_velocity: Name | Names | None = None
     target: Name | Names | None = None
+    supply_voltage: Name | None = None
+    nominal_voltage: Positive | None = None
     effort: EffortSection = NO_EFFORTS
 
     @property

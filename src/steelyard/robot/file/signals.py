@@ -172,6 +172,11 @@ class TargetSignals:
 
     `scale` is in rad or m per logged unit, without signs. `signs` and `zeros` are those stated:
     positions of the model are `sign * scale * logged + zero`; `None` where they are not stated.
+
+    `effort` are columns of efforts beside them, none or one a joint, of drives or of sensors
+    `at_joint`; `effort_scale` is in base units `effort_units` per logged unit, `effort_gain` in Nm
+    (N) per base unit, `None` where that is to be identified. `supply` is the column of the voltage
+    that actuators are fed with, `nominal` the one that values are for; empty and 1 without it.
     """
 
     time: str
@@ -181,11 +186,19 @@ class TargetSignals:
     scale: Array
     signs: tuple[float | None, ...]
     zeros: tuple[float | None, ...]
+    effort: tuple[str, ...] = ()
+    effort_units: tuple[str, ...] = ()
+    effort_scale: tuple[float, ...] = ()
+    effort_gain: tuple[float | None, ...] = ()
+    effort_at_joint: bool = False
+    supply: str = ""
+    nominal: float = 1.0
 
     @property
     def columns(self) -> tuple[str, ...]:
         """All columns that are read."""
-        return (self.time, *self.position, *self.target)
+        last = (self.supply,) if self.supply else ()
+        return (self.time, *self.position, *self.target, *self.effort, *last)
 
     @property
     def n(self) -> int:
@@ -195,18 +208,25 @@ class TargetSignals:
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> TargetSignals:
         """The signals of `json_values`; `KeyError`, `ValueError` or `TypeError` if damaged."""
-        values = {field.name: data[field.name] for field in fields(cls)}
-        values["scale"] = frozen(values["scale"], (len(data["position"]),))
+        n, given = len(data["position"]), bool(data.get("effort"))
+        earlier = {"supply": "", "nominal": 1.0, **data}  # files of earlier versions lack these
+        every = [field.name for field in fields(cls)]
+        values = {x: earlier[x] for x in every if given or not x.startswith("effort")}
+        values["scale"] = frozen(values["scale"], (n,))
         lists = {name: tuple(x) for name, x in values.items() if isinstance(x, list)}
-        if any(len(x) != len(data["position"]) for x in lists.values()):
+        if any(len(x) != n for x in lists.values()):
             raise ValueError("the signals' lists differ in length")
-        names = (values["time"], *lists["position"], *lists["target"])
+        named = (values["time"], values["supply"])
+        names = (*named, *lists["position"], *lists["target"], *lists.get("effort", ()))
         if not all(isinstance(name, str) for name in names):
             raise ValueError("a column's name is no text")
         if not 0.0 < float(values["time_scale"]) < 1e6 or (values["scale"] <= 0.0).any():
             raise ValueError("a unit of the signals cannot be used")
         if not all(sign in (None, 1, -1) for sign in lists["signs"]):
             raise ValueError("a sign is not 1 or -1")
+        sizes = (*lists.get("effort_scale", ()), *lists.get("effort_gain", ()), values["nominal"])
+        if not all(x is None or (np.isfinite(x) and x) for x in sizes):
+            raise ValueError("a gain of efforts, or a voltage, cannot be used")
         return cls(**{**values, **lists})
 
 

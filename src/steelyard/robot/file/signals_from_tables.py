@@ -33,6 +33,14 @@ def build_signals(
             fix="add [signals.effort] columns = ..., kind = ..., unit = ...; or target = ..., if "
             "joints follow targets and their efforts are not logged",
         )
+    for key in ("supply_voltage", "nominal_voltage"):
+        if getattr(section, key) is not None:
+            raise ModelError(
+                f"{key} is given, and no actuators are identified",
+                where=locate("signals", key),
+                fix=f"remove {key}; or add target = ... and [actuator], for actuators that follow "
+                "position targets",
+            )
     declared = _Declared(section, coordinates, locate)
     declared.check_sides(gears)
     columns = declared.motion_columns()
@@ -94,20 +102,33 @@ def build_signals(
 
 
 def build_target_signals(
-    section: SignalsSection, coordinates: Sequence[Coordinate], locate: Locate
+    section: SignalsSection,
+    coordinates: Sequence[Coordinate],
+    locate: Locate,
+    gears: Transmission | None = None,
 ) -> signals.TargetSignals:
-    """The signals that a robot file declares for joints whose efforts are not logged."""
+    """The signals that a robot file declares for joints whose actuators are identified."""
     for key in ("velocity", "commanded_position", "commanded_velocity"):
         if getattr(section, key) is not None:
             raise ModelError(
-                f"{key} is given beside target, but no efforts",
+                f"{key} is given beside target"
+                + (", with [actuator]" if section.has_efforts else ", but no efforts"),
                 where=locate("signals", key),
-                fix=f"remove {key}: actuators are identified from positions and targets; or add "
-                "[signals.effort], if efforts are logged",
+                fix=f"remove {key}: actuators are identified from positions and targets; or "
+                + ("remove [actuator]" if section.has_efforts else "add [signals.effort]")
+                + ", to identify from efforts",
             )
+    if (section.supply_voltage is None) != (section.nominal_voltage is None):
+        given = "supply_voltage" if section.nominal_voltage is None else "nominal_voltage"
+        raise ModelError(
+            f"{given} is given alone",
+            where=locate("signals", given),
+            fix='give both: supply_voltage = "COLUMN", and nominal_voltage = the voltage that '
+            "identified values are for, in the unit of that column",
+        )
     if section.coordinates == "motor":
         raise ModelError(
-            "targets are those of motors, and no efforts are given",
+            "targets are those of motors",
             where=locate("signals", "coordinates"),
             fix='actuators are identified at the joints: coordinates = "joint"',
         )
@@ -115,12 +136,56 @@ def build_target_signals(
     time, time_scale = declared.clock()
     position, target = (declared.columns(getattr(section, k), k) for k in ("position", "target"))
     named = [("time", (time,)), ("position", position), ("target", target)]
-    declared.check_distinct([((key,), columns) for key, columns in named])
+    named_keys = [((key,), columns) for key, columns in named]
+    declared.check_distinct(named_keys)
     scale = frozen(declared.scales("position"))
     zeros = declared.each(section.position_offset, "offsets", "position_offset")
     known = tuple(None if zero == "identify" else zero for zero in zeros)
     signs = declared.each(section.position_sign, "signs", "position_sign")
-    return signals.TargetSignals(time, time_scale, position, target, scale, signs, known)
+    found = signals.TargetSignals(time, time_scale, position, target, scale, signs, known)
+    if section.supply_voltage is not None and section.nominal_voltage is not None:
+        declared.check_distinct([*named_keys, (("supply_voltage",), (section.supply_voltage,))])
+        found = replace(found, supply=section.supply_voltage, nominal=section.nominal_voltage)
+    return _with_efforts(found, declared, gears) if section.has_efforts else found
+
+
+def _with_efforts(
+    found: signals.TargetSignals, declared: _Declared, gears: Transmission | None
+) -> signals.TargetSignals:
+    """With the columns of efforts that are logged beside targets."""
+    given, where = declared.section.effort, declared.locate("signals", "effort")
+    refused = {
+        "are gravity compensated": given.kind == "gravity_compensated_torque",
+        "have a delay": given.delay != 0.0,
+        "are missing at joints": bool(given.unactuated),
+        "are those of coupled motors": gears is not None and gears.coupled,
+    }
+    for words in (words for words, yes in refused.items() if yes):
+        raise ModelError(
+            f"efforts beside targets {words}, and actuators are described",
+            where=where,
+            fix="remove [signals.effort]: actuators are identified without them; or remove "
+            "[actuator], to identify from efforts",
+        )
+    columns = declared.effort_columns(())
+    units, scale = declared.effort_units()
+    gains, unknown = np.ones(found.n), (True,) * found.n
+    if given.gain is not None or not set(units) & set(signals.WITHOUT_TORQUE):
+        gains, unknown = declared.gains(columns, units)
+    if gears is not None and given.side == "motor":
+        gains = gains * np.diag(gears.matrix)
+    declared.check_distinct(
+        [(("position",), found.position), (("target",), found.target),
+         (("effort", "columns"), columns)]
+    )  # fmt: skip
+    return replace(
+        found,
+        effort=columns,
+        effort_units=units,
+        effort_scale=tuple(scale.tolist()),
+        effort_gain=tuple(None if no else float(g) for g, no in zip(gains, unknown, strict=True)),
+        effort_at_joint=given.kind not in signals.MOTOR_KINDS,
+    )
 
 
 _MEASURED, _COMMANDED = ("position", "velocity"), ("commanded_position", "commanded_velocity")
