@@ -89,6 +89,7 @@ class Servos:
     stribeck: tuple[float, ...] = (0.0, 0.0)
     stribeck_speed: tuple[float, ...] = (1.0, 1.0)
     load_friction: tuple[float, ...] = (0.0, 0.0)
+    integral: tuple[float, ...] = (0.0, 0.0)
 
     @property
     def n(self) -> int:
@@ -161,7 +162,8 @@ def simulated(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Positions and torques of the motors at the rows, `(N, n)` each.
 
-    Stiffness and torque limits are proportional to the `supply` at a time, if there is one.
+    Stiffness and torque limits are proportional to the `supply` at a time, if there is one. With
+    integral gains, without torque limits, the arm begins at rest.
     """
     model = servos.model(step)
     data = mujoco.MjData(model)
@@ -172,8 +174,12 @@ def simulated(
     times = np.arange(round((t[-1] + 1e-9) / step) + 1) * step
     rows = np.clip(np.searchsorted(t, times - servos.delay + 1e-9, side="right") - 1, 0, None)
     at = np.searchsorted(times, t - 0.5 * step)
-    if any(servos.stribeck) or any(servos.load_friction) or supply:
+    ki = np.array(servos.integral)
+    if any(servos.stribeck) or any(servos.load_friction) or supply or ki.any():
         q, torque = [first], []
+        mujoco.mj_forward(model, data)
+        held = data.qfrc_bias - np.array(servos.stiffness) * (target[0] - first)
+        held = np.where(ki > 0.0, held, 0.0)
         for row, now in zip(rows, times, strict=True):
             model.dof_frictionloss[:] = servos.friction(data.qvel, data.actuator_force)
             if supply:
@@ -182,9 +188,10 @@ def simulated(
                 model.actuator_biasprm[:, 1] = -model.actuator_gainprm[:, 0]
                 model.actuator_forcerange.T[:] = fed * np.outer((-1, 1), servos.torque_limit)
             data.ctrl[:] = target[row]
+            data.qfrc_applied[:] = held = held + step * ki * (target[row] - data.qpos)
             mujoco.mj_step(model, data)
             q.append(data.qpos.copy())
-            torque.append(data.sensordata.copy())
+            torque.append(data.sensordata + held)
         return np.array(q)[at], np.array(torque)[at]
     states, sensed = rollout.rollout(model, data, state, target[rows][None])
     q = np.vstack([first, states[0, :, 1 : 1 + servos.n]])

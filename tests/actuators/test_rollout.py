@@ -44,8 +44,12 @@ def values_of(servos: Servos) -> ActuatorValues:
         Servos(torque_limit=(0.9, 0.3), back_emf=(0.3, 0.2)),
         Servos(stribeck=(0.1, 0.05), stribeck_speed=(0.3, 0.2)),
         Servos(load_friction=(0.2, 0.1)),
+        Servos(integral=(20.0, 15.0)),
     ],
-    ids=["no friction", "friction", "torque limit", "light", "back-EMF", "Stribeck", "load"],
+    ids=[
+        *("no friction", "friction", "torque limit", "light", "back-EMF", "Stribeck", "load"),
+        "integral",
+    ],
 )
 def test_a_rollout_is_that_of_mujoco(arm: ArmStep, servos: Servos) -> None:
     t, target = targets(6.0, seed=3)
@@ -110,15 +114,17 @@ def test_factors_on_masses_are_those_of_heavier_links(arm: ArmStep) -> None:
     assert np.abs(scaled.q - plain.q).max() > 1e-3
 
 
-def test_slopes_are_those_of_differences(arm: ArmStep) -> None:
+@pytest.mark.parametrize("start", [0, 1])
+def test_slopes_are_those_of_differences(arm: ArmStep, start: int) -> None:
     t, target = targets(3.0, seed=5)
     values = values_of(Servos(torque_limit=(0.7, 0.3))).changed(
         load_friction=0.1, dead_band=0.004, offset=0.002, zero=(0.1, -0.2)
     )
     values = values.changed(back_emf=(0.05, 0.03), stribeck=(0.06, 0.03), mass_factor=(1.1, 0.9))
-    values = values.changed(stribeck_speed=0.4)
+    values = values.changed(stribeck_speed=0.4, integral=(6.0, 3.0))
     fed = np.array([sagging(x) for x in t])
-    windows = windows_of([TargetRun("log", t, target, target + 0.01, fed)], None)
+    run = TargetRun("log", t, target, target + 0.01, fed)
+    windows = windows_of([run], 1.0 if start else None)[start : start + 1]
     free = free_parameters([*(kind.name for kind in KINDS), "delays"], {}, 2)
     assert len(free) == 2 * len(KINDS) + 1
     (found,) = rollouts(arm, values, windows, free, 0.005)

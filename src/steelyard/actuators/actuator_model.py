@@ -37,7 +37,7 @@ LEAST_STEP, MOST_STEP = 1e-4, 0.05  # of rollouts [s]
 
 OF_JOINTS = ("assumed", "still", "open_signs", "beyond_limits")  # fields that are names of joints
 POSITIVE = ("stiffness", "armature", "torque_limit", "stribeck_speed", "mass_factor")
-LATER = ("mass_factor",)  # parameters that models of earlier versions do not name
+LATER = ("mass_factor", "integral")  # parameters that models of earlier versions do not name
 MOST_VARIANCE = 1e4  # of a value's logarithm
 IDENTIFIED = 0.75
 """Share of the prior's variance that the data take away from what counts as identified."""

@@ -3,14 +3,14 @@ r"""What an actuator law contains: its parameters by joint, their units, and how
 The law is a position controller, `position_pd`: with the target $u$ and the position $q$ of a
 joint, both in the joint's coordinate,
 
-$$ \tau = \operatorname{clip}\bigl(k_p\, d_b(u(t - T) + c - q) - k_d\, \dot q,\
-   \pm \tau_{max}\bigr) - k_e\, \dot q, $$
+$$ \tau = \operatorname{clip}\bigl(k_p\, e + k_i \textstyle\int e - k_d\, \dot q,\ \pm
+   \tau_{max}\bigr) - k_e\, \dot q, \qquad e = d_b(u(t - T) + c - q), $$
 
-where $d_b$ is a dead band of half-width $b$, $T$ the delay, $c$ what the controller's zero
-differs from the encoder's, and $k_e$ the back-EMF of a motor whose voltage is limited: its largest
-torque falls with speed. The rotor's inertia $a$ and dry friction of size
-$f + f_s e^{-(\dot q / v_s)^2} + \mu |\tau|$ act beside it. Bodies are those of the model file, the
-one behind each joint times a factor on its mass.
+where the integral is held at the torque limit, $d_b$ is a dead band of half-width $b$, $T$ the
+delay, $c$ what the controller's zero differs from the encoder's, and $k_e$ the back-EMF of a motor
+whose voltage is limited: its largest torque falls with speed. The rotor's inertia $a$ and dry
+friction of size $f + f_s e^{-(\dot q / v_s)^2} + \mu |\tau|$ act beside it. Bodies are those of the
+model file, the one behind each joint times a factor on its mass.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -52,6 +52,7 @@ UNLIMITED = 1e9  # torque that no actuator has [Nm]
 
 KINDS = (
     Kind("stiffness", "Nm/rad", True, 1.0, 1.0),
+    Kind("integral", "Nm/(rad s)", True, 1.5, 0.0),
     Kind("damping", "Nm s/rad", True, 2.0, 1e-6),
     Kind("back_emf", "Nm s/rad", True, 2.0, 0.0),
     Kind("coulomb", "Nm", True, 2.0, 0.0),
@@ -68,7 +69,7 @@ KINDS = (
 )
 BY_NAME = {kind.name: kind for kind in KINDS}
 IN_STEP = (
-    *("stiffness", "damping", "back_emf", "coulomb", "stribeck", "stribeck_speed"),
+    *("stiffness", "integral", "damping", "back_emf", "coulomb", "stribeck", "stribeck_speed"),
     *("load_friction", "armature", "torque_limit", "dead_band", "mass_factor"),
 )
 """Parameters that are inputs of the step."""

@@ -256,7 +256,7 @@ def fitted_table(fitted: Sequence[OpenLoop]) -> PlainTable:
 
 
 TABLES = (
-    ("stiffness", "damping", "back_emf", "armature", "torque_limit", "dead_band"),
+    ("stiffness", "integral", "damping", "back_emf", "armature", "torque_limit", "dead_band"),
     ("coulomb", "stribeck", "stribeck_speed", "load_friction"),
     ("offset", "zero", "delay", "mass_factor"),
 )
@@ -417,6 +417,7 @@ def _words(part: str) -> str:
         "delays": "a delay of each joint",
         "torque_limit": "a torque limit",
         "dead_band": "a dead band",
+        "integral": "an integral gain",
         "mass_factor": "factors on the masses of links",
     }.get(part, part.replace("_", " "))
 

@@ -19,7 +19,16 @@ from steelyard.actuators.actuator_parameters import (
 from steelyard.actuators.fit import Fitted
 from steelyard.base.arrays import Z95, Array, frozen
 
-SCALED = ("stiffness", "damping", "back_emf", "coulomb", "stribeck", "armature", "torque_limit")
+SCALED = (
+    "stiffness",
+    "integral",
+    "damping",
+    "back_emf",
+    "coulomb",
+    "stribeck",
+    "armature",
+    "torque_limit",
+)
 """Parameters that change with the unit of torque."""
 LEAST_SPREAD = 0.1  # of logarithms of the stiffness of actuators of a type
 

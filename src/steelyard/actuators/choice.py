@@ -22,8 +22,12 @@ from steelyard.base.arrays import Array
 
 ALWAYS = ("stiffness", "damping", "armature", "offset", "zero")
 USUAL = ("coulomb", "delay")
-POSSIBLE = ("delays", "stribeck", "load_friction", "torque_limit", "back_emf", "dead_band")
+POSSIBLE = (
+    *("integral", "delays", "stribeck", "load_friction", "torque_limit", "back_emf", "dead_band"),
+)
 SATURATION = ("torque_limit", "back_emf")
+FIRST = ("integral", *SATURATION)
+"""Parts without which all else looks different: they are tried first."""
 ASKED = ("mass_factor",)
 """Parts that are searched if the user says so."""
 REPLACED = {"delays": "delay"}
@@ -41,6 +45,7 @@ LEFT_OUT = 4  # every one of so many blocks of windows is left out
 SHORT = 5  # rounds of a fit that begins at another one
 HOPELESS = 2.0  # times the least error, from which on lower limits are not tried
 LIMITS = 14  # torque limits that are tried, from the largest torque of a controller to its median
+FIRST_RATE = 1.0  # of an integral gain, over the stiffness [1/s]
 SHARED_DAMPING, FAST = 0.1, 0.9
 """Share of the damping that acts beside the torque limit at first; of all rows that are slower."""
 REACH, LARGEST = 0.8, 0.9995  # of the largest torque: where a limit is tried first; of all rows
@@ -151,6 +156,7 @@ def first_values(values: ActuatorValues, windows: Sequence[Window]) -> dict[str,
         "stribeck_speed": 0.1,
         "load_friction": 0.05,
         "torque_limit": REACH * torque_of_rows(windows, values, (LARGEST,))[0],
+        "integral": FIRST_RATE * values["stiffness"],
         "back_emf": SHARED_DAMPING * values["damping"],
         "dead_band": 0.2 * values["coulomb"] / values["stiffness"] + 1e-4,
     }
@@ -396,7 +402,6 @@ def _with_back_emf(
 def _questions(given: Collection[str]) -> Iterator[tuple[str, bool]]:
     """Parts that may be added or left out, one after another; not those that are given."""
     free = [p for p in POSSIBLE if p not in given and REPLACED.get(p, "") not in given]
-    # saturation first: where a controller is at its limit, all else looks different
-    yield from ((part, True) for part in free if part in SATURATION)
+    yield from ((part, True) for part in free if part in FIRST)
     yield from ((part, False) for part in USUAL if part not in given)
-    yield from ((part, True) for part in free if part not in SATURATION)
+    yield from ((part, True) for part in free if part not in FIRST)

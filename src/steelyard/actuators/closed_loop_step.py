@@ -12,7 +12,9 @@ $$ A\,v^+_0 = (M + a)\,\tfrac{1}{3} (4 v - v_-) + k\,(k_p (u - \tilde q) - b), \
 
 $$ A = M + \operatorname{diag}(a + k\, (k_d + k_e) + k^2 k_p), \qquad q^+ = \tilde q + k\, v^+, $$
 
-where a controller at its torque limit has neither spring nor damper $k_d$ in $A$. Dry friction is
+where a controller at its torque limit has neither spring nor damper $k_d$ in $A$. The torque of
+its integral gain adds to the spring's, grows by the error in the middle of the step, and is held at
+the torque limit. Dry friction is
 an impulse $\lambda_j$ within $\pm k f_j$, with $f_j$ at the predicted state, that stops joint $j$
 if it can, $v^+ = v^+_0 - A^{-1} \lambda$, by a few sweeps of projected Gauss-Seidel over the joints
 [Stewart1996], so that a joint sticks exactly, at any step. Every operation has a derivative but at
@@ -35,7 +37,8 @@ from steelyard.symbolic.program_and_softening import InputArray
 
 DIRECTIONS = 3  # that one lane of the derivative carries along: the step itself is then shared
 SWEEPS = 3  # over all joints, for friction
-STATE = ("q", "v", "q_before", "v_before")
+STATE = ("q", "v", "integral_torque", "q_before", "v_before")
+CARRIED = 3  # of these, that a step gives anew
 VARIED = (*STATE, "target", *IN_STEP)  # inputs that a direction has a component along
 
 
@@ -58,7 +61,7 @@ class ArmStep:
 
     @cached_property
     def code(self) -> Code:
-        """From `VARIED`, `(n, N)` each, and the shared `h` to the next positions and velocities."""
+        """From `VARIED`, `(n, N)` each, and the shared `h` to what the next step begins with."""
         inputs = [*(InputArray(name, self.n) for name in VARIED), InputArray("h", 1, shared=True)]
         return compiled_equations([*self._key, "step"], self._next, inputs)
 
@@ -88,12 +91,13 @@ class ArmStep:
         described = [self.model.program_key, self.values.tolist()]
         return ["arm under position controllers", list(VARIED), *described, SWEEPS]
 
-    def _next(self, q: Any, v: Any, q0: Any, v0: Any, u: Any, *rest: Any) -> list[Any]:
+    def _next(self, q: Any, v: Any, w: Any, q0: Any, v0: Any, u: Any, *rest: Any) -> list[Any]:
         """The equations of this file, over symbols."""
         from steelyard.symbolic.symbols_and_tracing import affine
 
         *given, (h,) = rest
-        kp, kd, emf, coulomb, stribeck, stribeck_speed, load, armature, limit, band, factor = given
+        kp, ki, kd, emf, coulomb, stribeck, stribeck_speed, load, *other = given
+        armature, limit, band, factor = other
         joints, k = range(self.n), 2.0 / 3.0 * h
         moves = [body.coordinate for body in self.model.robot.bodies]
         values = [float(x) * factor[moves[i // 10]] for i, x in enumerate(self.values)]
@@ -104,14 +108,18 @@ class ArmStep:
         )
         known = [(4.0 * q[j] - q0[j]) / 3.0 for j in joints]
         speed = [(4.0 * v[j] - v0[j]) / 3.0 for j in joints]
-        matrix, impulse, bound = [list(row) for row in mass], [], []
+        matrix, impulse, bound, grown = [list(row) for row in mass], [], [], []
         for j in joints:
             behind = kp[j] * np.minimum(np.maximum(u[j] - soon[j], -band[j]), band[j])
-            wanted = kp[j] * (u[j] - soon[j]) - behind - kd[j] * fast[j]
+            wanted = kp[j] * (u[j] - soon[j]) - behind - kd[j] * fast[j] + w[j]
+            middle = u[j] - 0.5 * (q[j] + soon[j])
+            middle = middle - np.minimum(np.maximum(middle, -band[j]), band[j])
+            grows = h * ki[j] * middle * np.less_equal(abs(wanted), limit[j])
+            wanted, held = wanted + grows, w[j] + grows
             acts = np.less_equal(abs(wanted), limit[j])
             engaged = acts * np.less_equal(band[j], abs(u[j] - soon[j]))
             clipped = np.minimum(np.maximum(wanted, -limit[j]), limit[j])
-            spring = engaged * (kp[j] * (u[j] - known[j]) - behind)
+            spring = engaged * (kp[j] * (u[j] - known[j]) - behind) + acts * held
             damper = acts * kd[j] + emf[j]
             matrix[j][j] = mass[j][j] + armature[j] + k * (damper + k * engaged * kp[j])
             momentum = armature[j] * speed[j]
@@ -119,11 +127,12 @@ class ArmStep:
                 momentum = momentum + mass[j][i] * speed[i]
             impulse.append(momentum + k * (spring + (1.0 - acts) * clipped - bias[j]))
             slow = np.exp(-((fast[j] / stribeck_speed[j]) ** 2))
+            grown.append(held)
             bound.append(k * (coulomb[j] + stribeck[j] * slow + load[j] * abs(clipped)))
         columns = [[1.0 if j == i else 0.0 for j in joints] for i in joints]
         (free, *inverse), _ = solved_by_factors(matrix, [impulse, *columns])
         speeds = _stopped(free, inverse, bound)
-        return [*(known[j] + k * speeds[j] for j in joints), *speeds]
+        return [*(known[j] + k * speeds[j] for j in joints), *speeds, *grown]
 
 
 def _stopped(

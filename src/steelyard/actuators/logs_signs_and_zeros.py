@@ -116,6 +116,12 @@ def stated_values(file: LoadedRobot) -> dict[str, Array]:
         values = np.array([np.nan if x == "identify" else float(x) for x in listed])
         if name not in (*ALWAYS, "coulomb") or np.isfinite(values).any():
             found[name] = values
+    if file.targets is not None and file.targets.supply and "integral" in found:
+        raise ModelError(
+            "an integral gain beside a supply voltage that changes is not modelled",
+            where=file.where("actuator", "integral"),
+            fix="remove integral, or supply_voltage and nominal_voltage",
+        )
     if np.isnan(found.get("back_emf", 0.0)).any() and "torque_limit" not in found:
         raise ModelError(
             "below a torque limit back-EMF and damping are one",

@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 
 from steelyard.actuators.actuator_parameters import IN_STEP, ActuatorValues, Free
-from steelyard.actuators.closed_loop_step import DIRECTIONS, STATE, VARIED, ArmStep
+from steelyard.actuators.closed_loop_step import CARRIED, DIRECTIONS, STATE, VARIED, ArmStep
+from steelyard.actuators.integral_state import integral_slopes, integral_torques
 from steelyard.actuators.target_runs import Window
 from steelyard.base.arrays import Array
 from steelyard.symbolic.native.compiled_programs import Code
@@ -52,7 +53,7 @@ def rollouts(
     code = step.tangent if free else step.code
 
     def one(batch: Sequence[int]) -> list[Rolled]:
-        return _Batch(step.n, values, [windows[k] for k in batch], free, h).run(code)
+        return _Batch(step, values, [windows[k] for k in batch], free, h).run(code)
 
     found: dict[int, Rolled] = {}
     with ThreadPoolExecutor(threads) as pool:
@@ -84,13 +85,14 @@ class _Batch:
 
     def __init__(
         self,
-        n: int,
+        step: ArmStep,
         values: ActuatorValues,
         windows: Sequence[Window],
         free: Sequence[Free],
         h: float,
     ) -> None:
-        self.n, self.values, self.windows, self.free, self.h = n, values, windows, free, h
+        self.step, self.n = step, step.n
+        self.values, self.windows, self.free, self.h = values, windows, free, h
         self.steps = max(1, *(int(np.ceil((w.t[-1] - w.t[0]) / h - 1e-6)) for w in windows))
         self.targets, self.lateness = self._targets()
         middle = (np.arange(self.steps) + 0.5) * h
@@ -120,7 +122,7 @@ class _Batch:
         addresses = [x for a in arrays for x in (a.ctypes.data, padded)]
         length = np.array([self.h])
         arguments = [padded, *addresses, length.ctypes.data, 0, out.ctypes.data, padded]
-        q, v, q0, v0, u = state[:5]
+        q, v, _, q0, v0, u = state[: len(STATE) + 1]
         kept, speeds = np.empty((2, count, self.steps + 1, n))
         slopes = np.empty((count, self.steps + 1, n, p))
         fed = _Fed.of(state[len(STATE) + 1 :], rates) if (self.supply != 1.0).any() else None
@@ -141,14 +143,15 @@ class _Batch:
                 joints = slice(None) if j < 0 else slice(j, j + 1)
                 rates[d % DIRECTIONS]["target"][joints, self._lanes(d)] = self.lateness[k, joints]
             code.raw(*arguments)
-            q0[:], v0[:], q[:], v[:] = q, v, out[:n], out[n : 2 * n]
-            for slot, along in enumerate(rates):
-                first = 2 * n * (slot + 1)
+            blocks = out.reshape(-1, n, padded)
+            q0[:], v0[:] = q, v
+            for old, new in zip(state, blocks[:CARRIED], strict=False):
+                old[:] = new
+            for slot, along in enumerate(rates, start=1):
                 along["q_before"][:], along["v_before"][:] = along["q"], along["v"]
-                along["q"][:], along["v"][:] = (
-                    out[first : first + n],
-                    out[first + n : first + 2 * n],
-                )
+                own = blocks[CARRIED * slot : CARRIED * (slot + 1)]
+                for name, new in zip(STATE, own, strict=False):
+                    along[name][:] = new
         return [self._rows(k, kept[k], speeds[k], slopes[k]) for k in range(count)]
 
     def _lanes(self, d: int) -> slice:
@@ -165,7 +168,10 @@ class _Batch:
             mine = slice(k, lanes, len(self.windows))
             arrays[0][:, mine] = (s * window.position + zero)[:, None]
             arrays[1][:, mine] = (s * window.velocity)[:, None]
-        arrays[2][:], arrays[3][:] = arrays[0] - self.h * arrays[1], arrays[1]
+            if self.values["integral"].any():
+                found = integral_torques(self.step, self.values, window.run, [window.start])
+                arrays[2][:, mine] = found[0][:, None]
+        arrays[3][:], arrays[4][:] = arrays[0] - self.h * arrays[1], arrays[1]
         ones = np.ones((1, padded))
         return [*arrays, *(self.values[name][:, None] * ones for name in IN_STEP)]
 
@@ -181,6 +187,11 @@ class _Batch:
             elif one.name == "zero":
                 for name in ("q", "q_before", "target"):
                     along[name][j, lanes] = 1.0
+        for k, window in enumerate(self.windows if self.values["integral"].any() else ()):
+            by = integral_slopes(self.step, self.values, window.run, [window.start], self.free)[0]
+            for d in range(len(self.free)):
+                lane = d // DIRECTIONS * len(self.windows) + k
+                rates[d % DIRECTIONS]["integral_torque"][:, lane] = by[:, d]
         return rates
 
     def _rows(self, k: int, kept: Array, speeds: Array, slopes: Array) -> Rolled:

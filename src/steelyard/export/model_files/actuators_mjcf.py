@@ -55,7 +55,7 @@ def actuators_mjcf(model: ActuatorModel, units: Sequence[str] = ()) -> ActuatorF
         {"rotor": float(a), "dry": float(f)} if f > 0.0 else {"rotor": float(a)}
         for a, f in zip(values["armature"], at_standstill(values), strict=True)
     ]
-    lacks = unsupported(model, ("stribeck", "load_friction", "dead_band"))
+    lacks = unsupported(model, ("integral", "stribeck", "load_friction", "dead_band"))
     inertias = tuple(body.inertia for body in robot.bodies)
     root = mjcf_of(Content(robot, inertias, tuple(effects), (), (), lacks))
     for option in root.iter("option"):
@@ -119,6 +119,7 @@ def unsupported(
         "motion it is less by up to",
         "load_friction": "dry friction that grows with the motor's torque",
         "dead_band": "the controller's dead band",
+        "integral": "the controller's integral gain",
         "mass_factor": "masses of the links behind the joints, over those of the model file",
         "back_emf": "a torque limit that falls with speed",
         "stribeck_speed": "the speed over which dry friction falls",

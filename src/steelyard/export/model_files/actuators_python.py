@@ -21,8 +21,8 @@ from steelyard.export.model_files.actuators_mjcf import (
 
 Framework = Literal["isaaclab", "mjlab"]
 LACKS = {
-    "isaaclab": ("stribeck_speed", "load_friction", "dead_band", "mass_factor"),
-    "mjlab": ("stribeck", "load_friction", "dead_band", "back_emf", "mass_factor"),
+    "isaaclab": ("integral", "stribeck_speed", "load_friction", "dead_band", "mass_factor"),
+    "mjlab": ("integral", "stribeck", "load_friction", "dead_band", "back_emf", "mass_factor"),
 }
 HEAD = {
     "isaaclab": """import re

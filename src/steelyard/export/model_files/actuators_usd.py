@@ -46,7 +46,9 @@ def actuators_usd(model: ActuatorModel, units: Sequence[str] = ()) -> ActuatorFi
     refuse_beyond_limits(model)
     robot, lacks = (
         model.identified_robot,
-        unsupported(model, ("stribeck", "load_friction", "dead_band"), "newton:friction"),
+        unsupported(
+            model, ("integral", "stribeck", "load_friction", "dead_band"), "newton:friction"
+        ),
     )
     for body in robot.bodies:
         if body.inertia.mass <= 0.0 or np.linalg.eigvalsh(body.inertia.inertia_com)[0] <= 0.0:

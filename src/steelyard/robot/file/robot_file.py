@@ -208,9 +208,7 @@ def _from_toml(path: Path, text: str, sha256: str) -> LoadedRobot:
     alone = file.signals is not None and (described or not file.signals.has_efforts)
     if file.signals is not None and file.signals.target and alone:
         _refuse_of_efforts(file, locate)
-        targets = build_target_signals(
-            file.signals, robot.coordinates, locate, robot.transmission
-        )
+        targets = build_target_signals(file.signals, robot.coordinates, locate, robot.transmission)
     elif file.signals is not None:
         signals = build_signals(file.signals, robot.coordinates, locate, robot.transmission)
     if targets is None and described:

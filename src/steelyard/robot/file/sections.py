@@ -285,6 +285,7 @@ class ActuatorSection(Section):
     damping: Actuated | Many[Actuated] = key(
         "identify", "Derivative gain and viscous friction together [Nm s/rad; N s/m]."
     )
+    integral: Actuated | Many[Actuated] | None = key(None, "Integral gain [Nm/(rad s); N/(m s)].")
     back_emf: Actuated | Many[Actuated] | None = key(
         None, "Damping that acts beside the torque limit: back-EMF [Nm s/rad; N s/m]."
     )
