@@ -25,7 +25,8 @@ USUAL = ("coulomb", "delay")
 POSSIBLE = (
     *("integral", "delays", "stribeck", "load_friction", "torque_limit", "back_emf", "dead_band"),
 )
-SATURATION = ("torque_limit", "back_emf")
+LIMIT = "torque_limit"
+SATURATION = (LIMIT, "back_emf")
 FIRST = ("integral", *SATURATION)
 """Parts without which all else looks different: they are tried first."""
 ASKED = ("mass_factor",)
@@ -276,14 +277,17 @@ class _Choice:
         parts = (*(p for p in self.parts if p != REPLACED.get(part, "")), part)
         if part not in SATURATION:
             return self.search, parts, with_part(self.search, self.now.values, part, self.fitted)
-        known = "torque_limit" in self.parts
-        find = _with_back_emf if known else limited
+        search, now, fitted = self.search, self.now.values, self.fitted
+        known = LIMIT in self.parts
         share = SHARED_DAMPING if part == "back_emf" else 0.0
-        first, joints = find(self.search, self.now.values, self.fitted, share)
-        own = {part: joints} if known else {part: joints, "torque_limit": joints}
-        if not known and part == "back_emf":  # a limit that falls with speed from the start
-            parts = (*parts, "torque_limit")
-        return replace(self.search, joints={**self.search.joints, **own}), parts, first
+        starts = [_with_back_emf(search, now, fitted, share)] if known else []
+        if not known or any(r.tried == "+ torque_limit" and r.kept for r in self.rungs):
+            # limits that fall with speed from the start may lie elsewhere than those that do not
+            starts += [limited(search, without(now, "torque_limit"), fitted, share)]
+        first, joints = min(starts, key=lambda one: size(left_out(search, one[0], fitted)))
+        own = {part: joints} if len(starts) == 1 and known else {part: joints, LIMIT: joints}
+        parts = parts if known or part == LIMIT else (*parts, LIMIT)
+        return replace(search, joints={**search.joints, **own}), parts, first
 
     def _gain(self, rest: Sequence[Array], richer: Fitted) -> float:
         """Log-likelihood of left-out motion by a law that leaves `rest` over that by this one.

@@ -4,7 +4,7 @@ All windows, and all directions that a derivative is wanted along, are lanes of 
 the derivative of a rollout is carried through its steps (forward sensitivities), exactly.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any
@@ -14,8 +14,8 @@ import numpy as np
 from steelyard.actuators.actuator_parameters import IN_STEP, ActuatorValues, Free
 from steelyard.actuators.closed_loop_step import CARRIED, DIRECTIONS, STATE, VARIED, ArmStep
 from steelyard.actuators.integral_state import integral_slopes, integral_torques
-from steelyard.actuators.target_runs import Window
-from steelyard.base.arrays import Array
+from steelyard.actuators.target_runs import TargetRun, Window
+from steelyard.base.arrays import Array, by_key
 from steelyard.symbolic.native.compiled_programs import Code
 
 STEP = 0.005
@@ -168,9 +168,11 @@ class _Batch:
             mine = slice(k, lanes, len(self.windows))
             arrays[0][:, mine] = (s * window.position + zero)[:, None]
             arrays[1][:, mine] = (s * window.velocity)[:, None]
-            if self.values["integral"].any():
-                found = integral_torques(self.step, self.values, window.run, [window.start])
-                arrays[2][:, mine] = found[0][:, None]
+        for run, windows in self._with_integrals():
+            rows = [self.windows[k].start for k in windows]
+            found = integral_torques(self.step, self.values, run, rows)
+            for k, held in zip(windows, found, strict=True):
+                arrays[2][:, k : lanes : len(self.windows)] = held[:, None]
         arrays[3][:], arrays[4][:] = arrays[0] - self.h * arrays[1], arrays[1]
         ones = np.ones((1, padded))
         return [*arrays, *(self.values[name][:, None] * ones for name in IN_STEP)]
@@ -187,12 +189,19 @@ class _Batch:
             elif one.name == "zero":
                 for name in ("q", "q_before", "target"):
                     along[name][j, lanes] = 1.0
-        for k, window in enumerate(self.windows if self.values["integral"].any() else ()):
-            by = integral_slopes(self.step, self.values, window.run, [window.start], self.free)[0]
+        for run, windows in self._with_integrals():
+            rows = [self.windows[k].start for k in windows]
+            by = integral_slopes(self.step, self.values, run, rows, self.free)
             for d in range(len(self.free)):
-                lane = d // DIRECTIONS * len(self.windows) + k
-                rates[d % DIRECTIONS]["integral_torque"][:, lane] = by[:, d]
+                own = d // DIRECTIONS * len(self.windows) + np.array(windows)
+                rates[d % DIRECTIONS]["integral_torque"][:, own] = by[:, :, d].T
         return rates
+
+    def _with_integrals(self) -> Iterable[tuple[TargetRun, list[int]]]:
+        """Runs and the windows of each; none if no controller has an integral gain."""
+        if not self.values["integral"].any():
+            return ()
+        return by_key((window.run, k) for k, window in enumerate(self.windows)).items()
 
     def _rows(self, k: int, kept: Array, speeds: Array, slopes: Array) -> Rolled:
         """Of window `k` from the steps to its rows, between two steps on a line."""
