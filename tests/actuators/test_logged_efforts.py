@@ -110,6 +110,10 @@ def test_currents_get_gains_and_wrong_signs_are_named(tmp_path: Path, measured: 
     assert not found.model.measured and holds(found, "stiffness", 1, 0.03)
     assert "Nm/A" in str(found) and "scale of the masses" in found.basis[0]
     assert "Logged efforts" in found.report()
+    motion = {name: x for name, x in measured.items() if not name.startswith("tau")}
+    pl.DataFrame(motion).write_csv(tmp_path / "motion.csv")
+    scored = steelyard.validate_actuators(found.model, tmp_path / "motion.csv")
+    assert scored.validation[0].rms.max() < 1.5e-3
     assert found.to_dict()["efforts"][0]["status"] == "identified"
 
 

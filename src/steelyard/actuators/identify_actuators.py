@@ -337,7 +337,7 @@ def validate_actuators(
     files, read = log_files(paths_of(logs, least=1)), list[TargetLog]()
     for k, log in enumerate(files):
         report_progress(progress, "reading logs", k, len(files))
-        read.append(read_targets(log, known.signals, known.robot))
+        read.append(read_targets(log, replace(known.signals, effort=()), known.robot))
     report_progress(progress, "simulating logs", 0, 1)
     cores = threads or os.cpu_count() or 1
     found = open_loops(known.arm, known.values, read, cores, known.step)
