@@ -348,8 +348,12 @@ def _brief(one: ActuatorParameter) -> str:
         return significant(one.value) if one.status == "stated" else NONE
     if one.status == "not identifiable":
         return f"{significant(one.value, 2)} ?"
-    half = 0.5 * (one.interval[1] - one.interval[0]) / one.value
-    return f"{significant(one.value)} ±{100.0 * half:.0f}%"
+    half = 50.0 * (one.interval[1] - one.interval[0]) / one.value
+    return (
+        f"{significant(one.value)} ±{half:.0f}%"
+        if half >= 1.0
+        else f"{significant(one.value)} ±<1%"
+    )
 
 
 RATIOS = (

@@ -21,39 +21,58 @@ from steelyard.base.arrays import Array
 
 SIGHT = 1e-4  # over which a held target is averaged [s]
 DIFFERENCE = 1e-5  # of a parameter, for slopes
+SOME = 500  # rows of a log that show the mean weight of its links
+OF_THE_ERROR, OF_THE_WEIGHT = (
+    ("stiffness", "integral", "offset", "delay"),
+    ("zero", "mass_factor"),
+)
+"""Parameters that what integrals hold depends on."""
 
 
 def integral_torques(
     step: ArmStep, values: ActuatorValues, run: TargetRun, rows: Sequence[int]
 ) -> Array:
     """In the model's joints, at rows of a log from which rollouts begin, `(K, n)` [Nm; N]."""
-    q, s, ki = values.signs * run.q + values["zero"], values.signs, values["integral"]
-    u, _ = run.mean_target(run.t - SIGHT, SIGHT, values["delay"])
-    error = s * (u + values["offset"] - run.q)
-    steps = np.diff(run.t)[:, None] * 0.5 * (error[1:] + error[:-1])
-    grown = ki * np.concatenate([np.zeros((1, len(s))), np.cumsum(steps, axis=0)])
-    needed = _gravity(step, values, q) - values["stiffness"] * error
-    along = grown[list(rows)] + (needed - grown).mean(axis=0)
-    first = np.array(rows)[:, None] == 0
-    return np.asarray(np.where(ki > 0.0, np.where(first, needed[0], along), 0.0))
+    return _held(values, _weight(step, values, run), run, rows)
 
 
 def integral_slopes(
     step: ArmStep, values: ActuatorValues, run: TargetRun, rows: Sequence[int], free: Sequence[Free]
 ) -> Array:
     """Derivatives of `integral_torques` by what is searched, by differences, `(K, n, p)`."""
-    found = np.empty((len(rows), values.n, len(free)))
-    for k in range(len(free)):
-        by = DIFFERENCE * (np.arange(len(free)) == k)
-        ends = [integral_torques(step, moved(values, free, x), run, rows) for x in (by, -by)]
-        found[:, :, k] = (ends[0] - ends[1]) / (2.0 * DIFFERENCE)
+    found = np.zeros((len(rows), values.n, len(free)))
+    weight = _weight(step, values, run)
+    for k, one in enumerate(free):
+        if one.name in (*OF_THE_ERROR, *OF_THE_WEIGHT):
+            by = DIFFERENCE * (np.arange(len(free)) == k)
+            ends = []
+            for changed in (moved(values, free, by), moved(values, free, -by)):
+                new = _weight(step, changed, run) if one.name in OF_THE_WEIGHT else weight
+                ends.append(_held(changed, new, run, rows))
+            found[:, :, k] = (ends[0] - ends[1]) / (2.0 * DIFFERENCE)
     return found
 
 
-def _gravity(step: ArmStep, values: ActuatorValues, q: Array) -> Array:
-    """Torque of the links' weight, with factors on masses, `(N, n)`."""
+def _held(
+    values: ActuatorValues, weight: tuple[Array, Array], run: TargetRun, rows: Sequence[int]
+) -> Array:
+    """What integrals hold, with the torque of the links' weight at first and on average."""
+    s, kp, ki = values.signs, values["stiffness"], values["integral"]
+    u, _ = run.mean_target(run.t - SIGHT, SIGHT, values["delay"])
+    error = s * (u + values["offset"] - run.q)
+    steps = np.diff(run.t)[:, None] * 0.5 * (error[1:] + error[:-1])
+    grown = ki * np.concatenate([np.zeros((1, len(s))), np.cumsum(steps, axis=0)])
+    along = grown[list(rows)] + weight[1] - kp * error.mean(axis=0) - grown.mean(axis=0)
+    first = np.array(rows)[:, None] == 0
+    return np.asarray(np.where(ki > 0.0, np.where(first, weight[0] - kp * error[0], along), 0.0))
+
+
+def _weight(step: ArmStep, values: ActuatorValues, run: TargetRun) -> tuple[Array, Array]:
+    """Torque of the links' weight, with factors on masses: at the first row and on average."""
     coordinates = [body.coordinate for body in step.model.robot.bodies]
     links = step.values.reshape(-1, 10) * values["mass_factor"][coordinates][:, None]
-    still = np.zeros(q.T.shape)
-    none = np.empty((0, len(q)))
-    return step.model.torque_code([np.ascontiguousarray(q.T), still, still, none, links.ravel()]).T
+    q = values.signs * run.q[:: max(1, len(run.q) // SOME)] + values["zero"]
+    still, none = np.zeros(q.T.shape), np.empty((0, len(q)))
+    given = [np.ascontiguousarray(q.T), still, still, none, links.ravel()]
+    found = step.model.torque_code(given)
+    return found[:, 0], found.mean(axis=1)
