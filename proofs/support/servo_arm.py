@@ -89,7 +89,7 @@ class Servos:
     stribeck: tuple[float, ...] = (0.0, 0.0)
     stribeck_speed: tuple[float, ...] = (1.0, 1.0)
     load_friction: tuple[float, ...] = (0.0, 0.0)
-    integral: tuple[float, ...] = (0.0, 0.0)
+    integral: tuple[float, ...] | float = 0.0
 
     @property
     def n(self) -> int:
@@ -174,7 +174,7 @@ def simulated(
     times = np.arange(round((t[-1] + 1e-9) / step) + 1) * step
     rows = np.clip(np.searchsorted(t, times - servos.delay + 1e-9, side="right") - 1, 0, None)
     at = np.searchsorted(times, t - 0.5 * step)
-    ki = np.array(servos.integral)
+    ki = np.broadcast_to(servos.integral, servos.n)
     if any(servos.stribeck) or any(servos.load_friction) or supply or ki.any():
         q, torque = [first], []
         mujoco.mj_forward(model, data)

@@ -44,9 +44,10 @@ LEAST_LOSS = 0.005  # share of the error by which a torque limit has to lower it
 MANY_LOGS = 8  # from which on whole ones are left out
 LEFT_OUT = 4  # every one of so many blocks of windows is left out
 SHORT = 5  # rounds of a fit that begins at another one
-HOPELESS = 2.0  # times the least error, from which on lower limits are not tried
+HOPELESS = 2.0  # times the least error, from which on a part, or a lower limit, is not tried
 LIMITS = 14  # torque limits that are tried, from the largest torque of a controller to its median
-FIRST_RATE = 1.0  # of an integral gain, over the stiffness [1/s]
+SLOW_RATE, FIRST_RATE = 0.1, 1.0
+"""Of an integral gain over the stiffness [1/s]: below all that are of use, and where it begins."""
 SHARED_DAMPING, FAST = 0.1, 0.9
 """Share of the damping that acts beside the torque limit at first; of all rows that are slower."""
 REACH, LARGEST = 0.8, 0.9995  # of the largest torque: where a limit is tried first; of all rows
@@ -275,9 +276,12 @@ class _Choice:
     def _with(self, part: str) -> tuple[Search, tuple[str, ...], ActuatorValues]:
         """Where a part is searched, what else the law has then, and where a fit begins."""
         parts = (*(p for p in self.parts if p != REPLACED.get(part, "")), part)
-        if part not in SATURATION:
-            return self.search, parts, with_part(self.search, self.now.values, part, self.fitted)
         search, now, fitted = self.search, self.now.values, self.fitted
+        if part not in SATURATION:
+            off = part == "integral" and self._stays_off()
+            own: dict[str, list[int]] = {part: []} if off else {}
+            search = replace(search, joints={**search.joints, **own})
+            return search, parts, with_part(search, now, part, fitted)
         known = LIMIT in self.parts
         share = SHARED_DAMPING if part == "back_emf" else 0.0
         starts = [_with_back_emf(search, now, fitted, share)] if known else []
@@ -288,6 +292,13 @@ class _Choice:
         own = {part: joints} if len(starts) == 1 and known else {part: joints, LIMIT: joints}
         parts = parts if known or part == LIMIT else (*parts, LIMIT)
         return replace(search, joints={**search.joints, **own}), parts, first
+
+    def _stays_off(self) -> bool:
+        """Whether positions stay where even a slow integral would not leave them."""
+        now = self.now.values
+        slow = now.changed(integral=SLOW_RATE * now["stiffness"])
+        error, least = (size(left_out(self.search, x, self.fitted)) for x in (slow, now))
+        return error > HOPELESS * least
 
     def _gain(self, rest: Sequence[Array], richer: Fitted) -> float:
         """Log-likelihood of left-out motion by a law that leaves `rest` over that by this one.
@@ -323,7 +334,8 @@ def chosen(
     Then what was tried, the parts of the law, and the search with the joints that have them.
 
     A part that the user states is in the law in any case; no other one is tried unless the choice
-    is `automatic`. Parts that were not needed are tried again beside one that was added.
+    is `automatic`. Parts that were not needed are tried again beside one that was added, but those
+    that motion is clearly against.
     """
     given = {BY_NAME[name].part for name in stated}
     if len(set(stated.get("delay", [0.0]))) > 1 or np.isnan(stated.get("delay", 0.0)).any():
@@ -342,7 +354,7 @@ def chosen(
         better = possible and law.improves(part, adds)
         if adds and better:
             todo, vain = [*todo, *vain], []
-        elif adds:
+        elif adds and (not possible or law.rungs[-1].gain > -NEEDED_NATS):
             vain.append((part, adds))
     return law.now, tuple(law.rungs), law.parts, law.search
 
