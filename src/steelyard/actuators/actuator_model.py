@@ -1,13 +1,14 @@
 """Identified actuators: what `steelyard identify` writes where joints follow position targets."""
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
+from pydantic import ConfigDict, TypeAdapter
 
 from steelyard.actuators.actuator_parameters import (
     BY_NAME,
@@ -70,32 +71,35 @@ class ActuatorParameter:
 class EffortGain:
     """Torque of a joint per logged effort.
 
-    `status` is `stated` (torques have their scale from it), `identified` (its interval contains
-    that of the torques' scale), `contradicted` (efforts have the other sign) or `not shown`.
+    `status` is `stated`, `identified` (its interval contains that of the torques' scale),
+    `contradicted` (what is stated does not fit the log) or `not shown`; `reason` says why.
     """
 
     joint: str
     unit: str
     value: float | None
     interval: tuple[float, float] | None
-    status: str
+    status: Literal["stated", "identified", "contradicted", "not shown"]
+    reason: str = ""
 
     def to_dict(self) -> dict[str, Any]:
         """As JSON values."""
         return {**vars(self), "interval": None if self.interval is None else [*self.interval]}
 
-    @classmethod
-    def from_dict(cls, data: Mapping[str, Any]) -> "EffortGain":
-        """What `to_dict` wrote; `KeyError`, `ValueError` or `TypeError` if damaged."""
-        value, interval = data["value"], data["interval"]
-        numbers = [float(x) for x in (*([] if value is None else [value]), *(interval or ()))]
-        texts = [data[name] for name in ("joint", "unit", "status")]
-        whole = interval is None or len(interval) == 2
-        if not (np.isfinite(numbers).all() and whole and all(isinstance(x, str) for x in texts)):
+
+GAINS = TypeAdapter(tuple[EffortGain, ...], config=ConfigDict(allow_inf_nan=False))
+
+
+def gains_from(data: object, joints: Sequence[str]) -> tuple[EffortGain, ...]:
+    """Gains of efforts that `to_dict` wrote, of these joints; `ValueError` if damaged."""
+    found = GAINS.validate_python(data)
+    if found and [one.joint for one in found] != [*joints]:
+        raise ValueError("'efforts' are not those of the joints")
+    for one in found:
+        low, high = one.interval or (-np.inf, np.inf)
+        if one.value == 0.0 or not low <= (one.value or 0.0) <= high:
             raise ValueError("a gain of efforts cannot be used")
-        value = None if value is None else float(value)
-        pair = None if interval is None else (float(interval[0]), float(interval[1]))
-        return cls(texts[0], texts[1], value, pair, texts[2])
+    return found
 
 
 def reach_of(values: ActuatorValues, q: Array) -> Array:
@@ -182,13 +186,8 @@ class ActuatorModel:
     @property
     def measured(self) -> tuple[str, ...]:
         """Joints whose torques have the scale of logged efforts."""
-        j, gains = enumerate(self.joints), self.efforts
-        searched = {one.joint for one in self.free if one.name == "stiffness"}
-        return tuple(
-            name
-            for (k, name), gain in zip(j, gains, strict=False)
-            if gain.status == "stated" and k in searched
-        )
+        searched = {self.joints[one.joint] for one in self.free if one.name == "stiffness"}
+        return tuple(x.joint for x in self.efforts if x.status == "stated" and x.joint in searched)
 
     @property
     def masses_searched(self) -> bool:
@@ -357,7 +356,7 @@ class ActuatorModel:
             open_signs,
             beyond_limits,
             frozen(data.get("reach", [[np.inf, -np.inf]] * n), (n, 2)),
-            tuple(EffortGain.from_dict(one) for one in data.get("efforts", ())),
+            gains_from(data.get("efforts", ()), robot.joint_names),
             Provenance(**{**origin, "inputs": dict(origin["inputs"]), **lists}),
         )
 

@@ -9,6 +9,7 @@ import numpy as np
 from steelyard.actuators.actuator_model import ActuatorModel, ActuatorParameter
 from steelyard.actuators.actuator_parameters import KINDS, Kind
 from steelyard.actuators.choice import NEEDED_NATS, Rung
+from steelyard.actuators.logged_efforts import masses_differ
 from steelyard.actuators.open_loop import AFTER, OpenLoop, tool_body
 from steelyard.base.arrays import Z95, Array
 from steelyard.report.tables import PlainTable, Row
@@ -119,6 +120,19 @@ def interval_words(model: ActuatorModel) -> str:
     )
 
 
+def weight_words(model: ActuatorModel) -> tuple[str, ...]:
+    """Links that logged efforts ask for, and that are far from those of the model file."""
+    factors = dict(zip(model.joints, model.values["mass_factor"].tolist(), strict=True))
+    if not model.measured or not (far := {j: x for j, x in factors.items() if masses_differ(x)}):
+        return ()
+    listed = ", ".join(f"{joint} {x:.2g}" for joint, x in far.items())
+    return (
+        f"with the gains that are stated, logged efforts ask for links that are many times as "
+        f"heavy as those of the model file ({listed}): compare gain, unit and columns of efforts, "
+        "and the masses, with the arm",
+    )
+
+
 def assumed_words(model: ActuatorModel) -> tuple[str, ...]:
     """Joints without a scale of their own."""
     if not model.assumed:
@@ -171,6 +185,8 @@ def scale_words(model: ActuatorModel) -> str:
         return (
             f"torques of {', '.join(model.measured)} have the scale of the logged efforts, with "
             "the gains that are stated; masses of links are identified beside them"
+            + "; others have that of the stiffness that is stated"
+            * ("stiffness" in model.stated)
         )
     if "stiffness" in model.stated:
         return "torques have the scale of the stiffness that is stated"
@@ -314,8 +330,8 @@ def efforts_table(model: ActuatorModel) -> PlainTable:
             value = f"{value} [{low}, {high}]"
         rows.append(Row((one.joint, value, one.unit, one.status)))
     words = (
-        "Torque of the joint per logged effort, 95 % intervals in brackets. A gain that is stated "
-        "gives torques their scale; one that is identified has that of the other values."
+        "Torque of the joint per logged effort, 95 % intervals in brackets: a gain that is "
+        "identified has the scale of the other values."
     )
     return PlainTable("Logged efforts", words, ("joint", "gain", "unit", ""), rows, (0, 2, 3))
 

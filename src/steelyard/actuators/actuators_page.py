@@ -31,6 +31,7 @@ from steelyard.actuators.actuator_words_and_tables import (
     ratios_table,
     scale_words,
     verdict_of,
+    weight_words,
 )
 from steelyard.actuators.choice import Rung
 from steelyard.actuators.open_loop import OpenLoop
@@ -111,6 +112,7 @@ class ActuatorIdentification(ActuatorResult):
         return (
             *limit_words(self.model, every),
             *missed_words(self.model, every),
+            *weight_words(self.model),
             *open_words(self.model),
         )
 

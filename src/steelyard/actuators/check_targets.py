@@ -9,7 +9,7 @@ import numpy as np
 
 from steelyard.actuators.actuator_model import arm_step, outside_limits
 from steelyard.actuators.actuator_parameters import ActuatorValues
-from steelyard.actuators.logged_efforts import factors, scales
+from steelyard.actuators.logged_efforts import logged_efforts, masses_differ, scales
 from steelyard.actuators.logs_signs_and_zeros import (
     AS_GOOD,
     WINDOW,
@@ -64,10 +64,10 @@ def check_targets(
     threads: int | None = None,
     progress: Progress = silent,
 ) -> CheckResult:
-    """Check logs of position targets and positions, without efforts.
+    """Check logs of position targets and positions.
 
     Args:
-        robot: Robot file (TOML) with `target` under `[signals]`, and no efforts.
+        robot: Robot file (TOML) with `target` under `[signals]`, and no efforts or `[actuator]`.
         logs: The logs; `run.csv@5:20` is a window in seconds.
         threads: Native threads; as many as the machine has cores if `None`.
         progress: Receives events of progress; an exception from it stops the work.
@@ -270,12 +270,24 @@ def _scale(
 ) -> Finding:
     """What gives the torques of each joint a scale."""
     names = job.file.robot.joint_names
-    measured = scales(factors(job.step, windows, values, job.signals, job.threads), job.signals)
+    given = (job.step, windows, values, job.signals, moving, job.threads)
+    measured = scales(logged_efforts(*given), job.signals)
+    loaded = weighed(job, values)
+    if far := {
+        names[j]: by for j, (by, _) in measured.items() if masses_differ(by) and j in loaded
+    }:
+        told = ", ".join(f"{joint} {by:.2g}" for joint, by in far.items())
+        return Finding.doubtful(
+            f"logged efforts are many times what the masses of the model file need: {told}",
+            "",
+            tuple(far),
+            Fix("compare gain, unit and columns of efforts, and the masses, with the arm"),
+        )
     sources = {
         "the stiffness that the robot file states": stated_stiffness(job),
         "the logged efforts": sorted(measured),
         "a torque that the robot file states": stated_torques(job),
-        "the masses of the model file": weighed(job, values),
+        "the masses of the model file": loaded,
     }
     left, says = list(moving), list[str]()
     for source, joints in sources.items():

@@ -144,6 +144,13 @@ def size(windows: Sequence[Array]) -> float:
     return float(np.exp(0.5 * np.log(scales([found]) * np.maximum(rms, 1e-9)).mean()))
 
 
+def stays_off(search: Search, values: ActuatorValues, windows: Sequence[Window]) -> bool:
+    """Whether positions stay where even a slow integral would not leave them."""
+    slow = values.changed(integral=SLOW_RATE * values["stiffness"])
+    error, least = (size(left_out(search, x, windows)) for x in (slow, values))
+    return error > HOPELESS * least
+
+
 def likelihood(windows: Sequence[Array], scale: Array) -> Array:
     """Logarithm of Student's likelihood of the residuals of each window, but for constants."""
     return np.array(
@@ -278,7 +285,7 @@ class _Choice:
         parts = (*(p for p in self.parts if p != REPLACED.get(part, "")), part)
         search, now, fitted = self.search, self.now.values, self.fitted
         if part not in SATURATION:
-            off = part == "integral" and self._stays_off()
+            off = part == "integral" and stays_off(search, now, fitted)
             own: dict[str, list[int]] = {part: []} if off else {}
             search = replace(search, joints={**search.joints, **own})
             return search, parts, with_part(search, now, part, fitted)
@@ -287,18 +294,13 @@ class _Choice:
         starts = [_with_back_emf(search, now, fitted, share)] if known else []
         if not known or any(r.tried == "+ torque_limit" and r.kept for r in self.rungs):
             # limits that fall with speed from the start may lie elsewhere than those that do not
-            starts += [limited(search, without(now, "torque_limit"), fitted, share)]
+            every = {**search.joints, LIMIT: search.joints.get("back_emf", range(now.n))}
+            wide = replace(search, joints=every if known else search.joints)
+            starts += [limited(wide, without(now, LIMIT), fitted, share)]
         first, joints = min(starts, key=lambda one: size(left_out(search, one[0], fitted)))
         own = {part: joints} if len(starts) == 1 and known else {part: joints, LIMIT: joints}
         parts = parts if known or part == LIMIT else (*parts, LIMIT)
         return replace(search, joints={**search.joints, **own}), parts, first
-
-    def _stays_off(self) -> bool:
-        """Whether positions stay where even a slow integral would not leave them."""
-        now = self.now.values
-        slow = now.changed(integral=SLOW_RATE * now["stiffness"])
-        error, least = (size(left_out(self.search, x, self.fitted)) for x in (slow, now))
-        return error > HOPELESS * least
 
     def _gain(self, rest: Sequence[Array], richer: Fitted) -> float:
         """Log-likelihood of left-out motion by a law that leaves `rest` over that by this one.

@@ -98,7 +98,7 @@ class Task:
             return coarse
         found = rollouts(*given, (), h, self.threads)
         pairs = zip(found, coarse, strict=True) if slopes else ()
-        return [Rolled(a.q, a.v, b.slopes, a.q - b.q) for a, b in pairs] or found
+        return [Rolled(a.q, a.v, a.held, b.slopes, a.q - b.q) for a, b in pairs] or found
 
 
 @dataclass(frozen=True, eq=False)

@@ -20,12 +20,13 @@ from steelyard.actuators.actuators_page import (
     ActuatorValidation,
 )
 from steelyard.actuators.assumed_scales import like_the_others, scaled, with_assumed_scales
-from steelyard.actuators.choice import ALWAYS, USUAL, WIDE, Search, chosen, limited
+from steelyard.actuators.choice import ALWAYS, USUAL, WIDE, Search, chosen, limited, without
 from steelyard.actuators.fit import Fitted, fit
 from steelyard.actuators.halves import halves_apart, widened
 from steelyard.actuators.logged_efforts import (
+    Efforts,
     effort_gains,
-    factors,
+    logged_efforts,
     notes_of_efforts,
     scales,
 )
@@ -47,7 +48,7 @@ from steelyard.actuators.logs_signs_and_zeros import (
 from steelyard.actuators.open_loop import open_loops
 from steelyard.actuators.read_targets import TargetLog, read_targets
 from steelyard.actuators.rollout import STEP
-from steelyard.actuators.target_runs import windows_of
+from steelyard.actuators.target_runs import Window, windows_of
 from steelyard.base.arrays import frozen
 from steelyard.base.checked_arguments import checked
 from steelyard.base.progress import Progress, report_progress, silent
@@ -77,14 +78,14 @@ def identify_actuators(
     threads: int | None = None,
     progress: Progress = silent,
 ) -> ActuatorIdentification:
-    """Identify the actuators of an arm from position targets and positions, without efforts.
+    """Identify the actuators of an arm from position targets and positions.
 
     The whole arm is simulated under its position controllers, from targets alone, and the
     parameters are those for which positions come out as measured. The masses of the model file give
-    stiffness, damping, friction and rotor inertia their scale.
+    stiffness, damping, friction and rotor inertia their scale, or efforts that are logged beside.
 
     Args:
-        robot: Robot file (TOML) with `target` under `[signals]`, and no efforts.
+        robot: Robot file (TOML) with `target` under `[signals]`, and no efforts or `[actuator]`.
         logs: Logs to fit; `run.csv@5:20` is a window in seconds.
         validate: Logs of other motions, for validation.
         fixed_base: Link to fix to the world, for a model file; `None` for its root.
@@ -104,12 +105,13 @@ def identify_actuators(
     known, unknown = (log_files(paths_of(x, least)) for x, least in ((logs, 1), (validate, 0)))
     refuse_overlaps(known, unknown)
     step = arm_step(file.robot)
-    read = read_logs(file, signals, [*known, *unknown], progress)
+    read = read_logs(file, signals, known, unknown, progress)
     cores = threads or os.cpu_count() or 1
     job = Job(file, signals, step, read[: len(known)], cores, progress)
     windows = windows_of(job.runs, WINDOW)
     refuse_few(windows, known)
-    begun, start, open_signs, seen = started(job, windows)
+    begun, found, open_signs, seen = started(job, windows)
+    start = without(found, "integral")  # that the choice of the law tries first
     search = search_of(job, some_windows(windows, CHOICE_SECONDS), start, seen, 2.0 * STEP)
     fitted, rungs, parts, search = chosen(
         replace(search, centre=begun),
@@ -121,7 +123,7 @@ def identify_actuators(
     search = _shown(replace(search, windows=tuple(windows)), fitted, job)
     fitted, search = _limits_of_all(search, fitted, parts, job)
     first = _first(start, fitted.values, parts, stated_values(file))
-    measured = scales(factors(step, windows, fitted.values, signals, cores), signals)
+    measured = scales(_efforts(job, windows, fitted.values), signals)
     if measured := {j: x for j, x in measured.items() if j not in stated_stiffness(job)}:
         search, parts = _measured(search, fitted.values, parts, measured)
         first, values = (_rescaled(x, measured, job) for x in (first, fitted.values))
@@ -140,7 +142,7 @@ def identify_actuators(
     origin = provenance(file, known, (), unknown, (), (*file.notes, *notes))
     origin = replace(origin, runs=tuple(log.name for log in job.logs))
     model = _model(job, final, _with_scale(search, parts, job), wider, open_signs, origin)
-    efforts = effort_gains(model, factors(step, windows, final.values, signals, cores))
+    efforts = effort_gains(model, _efforts(job, windows, final.values))
     model, notes = replace(model, efforts=efforts), (*notes, *notes_of_efforts(efforts))
     every = open_loops(step, model.values, read, cores, model.step)
     moved = np.concatenate([one.q for one in every])
@@ -216,6 +218,12 @@ def _limits_of_all(
     values, more = limited(there, fitted.values, search.windows)
     joints = {**search.joints, "torque_limit": sorted([*known, *more])}
     return replace(fitted, values=values), replace(search, joints=joints)
+
+
+def _efforts(job: Job, windows: Sequence[Window], values: ActuatorValues) -> Efforts:
+    """What logs show of the efforts of joints that move."""
+    given = (job.step, windows, values, job.signals)
+    return logged_efforts(*given, moving_joints(job), job.threads)
 
 
 def _measured(

@@ -6,7 +6,8 @@ sign,
 
 $$ \bar w = \overline{g(q)} - k_p\, \overline{(u - q)}, $$
 
-which tells $w_0$. A rollout from the first row on, where a log is predicted from its targets alone,
+which tells $w_0$ (with errors behind the dead band; that a torque limit holds the integral is left
+out here). A rollout from the first row on, where a log is predicted from its targets alone,
 begins with the balance at that row.
 """
 
@@ -23,7 +24,7 @@ SIGHT = 1e-4  # over which a held target is averaged [s]
 DIFFERENCE = 1e-5  # of a parameter, for slopes
 SOME = 500  # rows of a log that show the mean weight of its links
 OF_THE_ERROR, OF_THE_WEIGHT = (
-    ("stiffness", "integral", "offset", "delay"),
+    ("stiffness", "integral", "offset", "delay", "dead_band"),
     ("zero", "mass_factor"),
 )
 """Parameters that what integrals hold depends on."""
@@ -60,6 +61,7 @@ def _held(
     s, kp, ki = values.signs, values["stiffness"], values["integral"]
     u, _ = run.mean_target(run.t - SIGHT, SIGHT, values["delay"])
     error = s * (u + values["offset"] - run.q)
+    error = error - np.clip(error, -values["dead_band"], values["dead_band"])
     steps = np.diff(run.t)[:, None] * 0.5 * (error[1:] + error[:-1])
     grown = ki * np.concatenate([np.zeros((1, len(s))), np.cumsum(steps, axis=0)])
     along = grown[list(rows)] + weight[1] - kp * error.mean(axis=0) - grown.mean(axis=0)

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from scipy.stats import t as student
 
 from steelyard.actuators.actuator_model import ActuatorModel, EffortGain
-from steelyard.actuators.actuator_parameters import ActuatorValues
+from steelyard.actuators.actuator_parameters import BY_NAME, ActuatorValues
 from steelyard.actuators.closed_loop_step import ArmStep
 from steelyard.actuators.fit import FREEDOM, LEAST_FREEDOM, SETTLING, motions
 from steelyard.actuators.rollout import STEP, Rolled, rollouts
@@ -31,47 +31,72 @@ from steelyard.robot.file.signals import TargetSignals
 SIGHT = 1e-4  # over which a held target is averaged [s]
 CREEP = 0.02  # speed above which dry friction has its sign [rad/s; m/s]
 SURE = 0.2  # quantile of the torque's size, below which its sign is not sure
+NEGATIVE = 0.05  # of the largest effort: smaller negative ones are noise of a size
 WIDEST = 0.35  # standard deviation of the logarithm, above which a factor is not known
+FOLLOWS, LIKE_ANOTHER = 0.7, 0.9
+"""Correlation with the torque of a joint that efforts have at least, and that which tells that
+they are another joint's, if it is above that with their own."""
+LEAST_SHARE = 1e-3  # of the torque's size, that other causes do not explain
 ROUNDS = 15  # of the weights of Student's distribution
+MOST_SPREADS = 2.5  # standard deviations of the prior of masses, that these are off
+OFF = 1.2  # factor between a gain and a stiffness that are both stated, above which one is wrong
 
 
 @dataclass(frozen=True)
 class Factor:
     """Logged effort of a joint per torque of the law, and how well it is known.
 
-    `value` is negative where efforts count against the joint; `std` is that of its logarithm.
-    `unsigned` are efforts that are sizes only.
+    `value` is negative where efforts count against the joint; `std` is that of its logarithm;
+    `follows` the correlation of the two, without what other causes explain. `unsigned` are efforts
+    that are sizes only.
     """
 
     value: float
     std: float
+    follows: float
     unsigned: bool
 
 
-def factors(
+@dataclass(frozen=True)
+class Efforts:
+    """Factors of joints whose efforts follow the torque of the law; else whose they follow."""
+
+    factors: Mapping[int, Factor]
+    others: Mapping[int, int]
+
+
+def logged_efforts(
     step: ArmStep,
     windows: Sequence[Window],
     values: ActuatorValues,
     signals: TargetSignals,
+    joints: Sequence[int],
     threads: int,
-) -> dict[int, Factor]:
-    """Of the joints whose efforts follow the torque of the law."""
+) -> Efforts:
+    """What the logs show of the efforts of these joints, which move."""
     if not signals.effort:
-        return {}
+        return Efforts({}, {})
     rolled = rollouts(step, values, windows, (), STEP, threads)
     rows = [_rows(*one, values) for one in zip(windows, rolled, strict=True)]
     torque, speed, acceleration, effort = (np.concatenate(x) for x in zip(*rows, strict=True))
     place = np.repeat(motions(windows), [len(row[0]) for row in rows])
-    found = {}
-    for j in range(values.n):
-        columns = [torque[:, j], np.ones(len(torque)), speed[:, j]]
+    columns = {}
+    for i in joints:
+        v = speed[:, i]
+        mine = [torque[:, i], np.ones(len(v)), v]
         if signals.effort_at_joint:
-            v = speed[:, j]
-            columns += [v / np.sqrt(v**2 + CREEP**2), acceleration[:, j]]
-        one = _factor(np.stack(columns, axis=1), effort[:, j], place)
-        if one is not None:
-            found[j] = one
-    return found
+            mine += [v / np.sqrt(v**2 + CREEP**2), acceleration[:, i]]
+        columns[i] = np.stack(mine, axis=1)
+    found, others = dict[int, Factor](), dict[int, int]()
+    for j in joints:
+        by = {i: _factor(columns[i], effort[:, j], place) for i in joints}
+        size = {i: one.follows for i, one in by.items() if one is not None}
+        best, own = max(size, key=size.__getitem__, default=j), by[j]
+        if best != j and size[best] > LIKE_ANOTHER:
+            others[j] = best
+        elif own is not None and own.follows > FOLLOWS and own.std < WIDEST:
+            found[j] = own
+    return Efforts(found, others)
 
 
 def _rows(
@@ -80,99 +105,124 @@ def _rows(
     """Torques of the law, speeds and accelerations of the joints, and logged efforts, `(N, n)`."""
     counts = window.t - window.t[0] >= SETTLING
     a = np.gradient(rolled.v, window.t, axis=0)[counts]
-    t, q, v = window.t[counts], rolled.q[counts], rolled.v[counts]
+    t, q, v, held = (x[counts] for x in (window.t, rolled.q, rolled.v, rolled.held))
     u, _ = window.run.mean_target(t - SIGHT, SIGHT, values["delay"])
     off = u + values["offset"] - q
     off = off - np.clip(off, -values["dead_band"], values["dead_band"])
-    limit = values["torque_limit"]
     fed = window.run.supplied(t)[:, None]
-    wanted = fed * values["stiffness"] * off - values["damping"] * v
-    torque = np.clip(wanted, -fed * limit, fed * limit)
+    wanted = fed * values["stiffness"] * off - values["damping"] * v + held
+    torque = np.clip(wanted, -fed * values["torque_limit"], fed * values["torque_limit"])
     s = values.signs
     effort = window.run.effort[window.start : window.stop][counts]
     return s * (torque - values["back_emf"] * v), s * v, s * a, effort
 
 
 def _factor(columns: Array, effort: Array, place: NDArray[np.int_]) -> Factor | None:
-    """The first coefficient of efforts by these columns; `None` if they do not tell it."""
-    torque = columns[:, 0]
+    """The coefficient of efforts by the torque, the first column; `None` if nothing tells it.
+
+    Efforts that are sizes, but for noise, have the sign of the torque, where that explains them
+    better.
+    """
     given = np.isfinite(effort)
-    if given.sum() < 10 * columns.shape[1] or np.ptp(effort[given]) == 0.0:
+    signed = _signed_factor(columns[given], effort[given], place[given], False)
+    largest = np.quantile(np.abs(effort[given]), 0.99) if given.any() else 0.0
+    if not largest or (effort[given] < -NEGATIVE * largest).mean() > 0.01:
+        return signed
+    torque = columns[:, 0]
+    given &= np.abs(torque) > np.quantile(np.abs(torque), SURE)
+    turned = (effort * np.sign(torque))[given]
+    size = _signed_factor(columns[given], turned, place[given], True)
+    better = size is not None and (signed is None or size.follows > signed.follows)
+    return size if better and np.ptp(np.sign(torque[given])) > 0.0 else signed
+
+
+def _signed_factor(x: Array, y: Array, place: NDArray[np.int_], unsigned: bool) -> Factor | None:
+    blocks = np.unique(place)
+    if len(y) < 10 * x.shape[1] or len(blocks) < 2 or np.ptp(y) == 0.0:
         return None
-    unsigned = bool(effort[given].min() >= 0.0 and (torque < 0.0).mean() > 0.5 * SURE)
-    if unsigned:  # sizes have the sign of the torque where that is sure
-        given &= np.abs(torque) > np.quantile(np.abs(torque), SURE)
-        effort = effort * np.sign(torque)
-    x, y, place = columns[given], effort[given], place[given]
     weight = np.ones(len(y))
     for _ in range(ROUNDS):
-        heavy = x * weight[:, None]
-        off = y - x @ np.linalg.lstsq(heavy.T @ x, heavy.T @ y, rcond=None)[0]
+        root = np.sqrt(weight)[:, None]
+        off = y - x @ np.linalg.lstsq(root * x, root[:, 0] * y, rcond=None)[0]
         scale = max(float(np.sqrt(np.mean(weight * off**2))), 1e-12)
         weight = (FREEDOM + 1.0) / (FREEDOM + (off / scale) ** 2)
-    blocks = np.unique(place)
-    if len(blocks) < 2:
+    # what other causes leave of the torque and of efforts, behind the weights
+    root = np.sqrt(weight)
+    basis = np.linalg.qr(root[:, None] * x[:, 1:])[0]
+    torque, rest = (root * z - basis @ (basis.T @ (root * z)) for z in (x[:, 0], y))
+    size = float(torque @ torque)
+    if size < LEAST_SHARE**2 * float(root**2 @ x[:, 0] ** 2):
         return None
-    heavy = x * weight[:, None]
-    curvature = np.stack([heavy[place == b].T @ x[place == b] for b in blocks])
-    right = np.stack([heavy[place == b].T @ y[place == b] for b in blocks])
-    whole, sides = curvature.sum(axis=0), right.sum(axis=0)
-    value = float(np.linalg.lstsq(whole, sides, rcond=None)[0][0])
-    without = [
-        np.linalg.lstsq(whole - a, sides - b, rcond=None)[0][0]
-        for a, b in zip(curvature, right, strict=True)
-    ]
-    told = curvature[:, 0, 0]
-    telling = float(told.sum() ** 2 / (told**2).sum())
+    curvature, right = (np.bincount(place, torque * z) for z in (torque, rest))
+    value = float(right.sum()) / size
+    follows = abs(float(torque @ rest)) / np.sqrt(size * max(float(rest @ rest), 1e-300))
+    told, sides = curvature[blocks], right[blocks]
+    without = (right.sum() - sides) / np.maximum(size - told, 1e-9 * size)
+    telling = size**2 / float(told @ told)
     wider = float(student.ppf(0.975, max(telling - 1.0, LEAST_FREEDOM))) / Z95
     std = wider * float(np.sqrt((len(blocks) - 1.0) * np.var(without))) / max(abs(value), 1e-300)
-    return Factor(value, std, unsigned) if std < WIDEST else None
+    return Factor(value, std, float(follows), unsigned)
 
 
-def scales(found: Mapping[int, Factor], signals: TargetSignals) -> dict[int, tuple[float, float]]:
+def masses_differ(by: float) -> bool:
+    """Whether torques so many times those of the law ask for links as no model file has them."""
+    return abs(float(np.log(by))) > MOST_SPREADS * BY_NAME["mass_factor"].spread
+
+
+def scales(found: Efforts, signals: TargetSignals) -> dict[int, tuple[float, float]]:
     """True torque over that of the law, and the standard deviation of its logarithm, by joint.
 
     Of the joints whose gains are known, and whose efforts count as these say.
     """
-    known = {j: signals.effort_gain[j] for j in found}
     return {
-        j: (abs(gain * found[j].value), found[j].std)
-        for j, gain in known.items()
-        if gain is not None and (gain * found[j].value > 0.0 or found[j].unsigned)
+        j: (abs(gain * one.value), one.std)
+        for j, one in found.factors.items()
+        if (gain := signals.effort_gain[j]) is not None and _agrees(gain, one)
     }
 
 
-def effort_gains(model: ActuatorModel, found: Mapping[int, Factor]) -> tuple[EffortGain, ...]:
+def _agrees(gain: float, one: Factor) -> bool:
+    """Whether efforts count as the gain says, as far as they have signs."""
+    return gain * one.value > 0.0 or one.unsigned
+
+
+def effort_gains(model: ActuatorModel, found: Efforts) -> tuple[EffortGain, ...]:
     """Torque of each joint per logged effort: as it is stated, or by the scale of the model."""
-    variance = {
-        one.joint: float(model.covariance[k, k])
-        for k, one in enumerate(model.free)
-        if one.name == "stiffness"
-    }
-    joints = range(len(model.signals.effort))
-    return tuple(_gain(model, j, found.get(j), variance.get(j, 0.0)) for j in joints)
+    return tuple(_gain(model, j, found) for j in range(len(model.signals.effort)))
 
 
-def _gain(model: ActuatorModel, j: int, one: Factor | None, variance: float) -> EffortGain:
-    """Of joint `j`, whose stiffness has this variance of its logarithm."""
-    stated, joint = model.signals.effort_gain[j], model.robot.coordinates[j]
-    unit = f"{joint.effort_unit}/{model.signals.effort_units[j]}"
+def _gain(model: ActuatorModel, j: int, found: Efforts) -> EffortGain:
+    stated, joint, one = model.signals.effort_gain[j], model.joints[j], found.factors.get(j)
+    coordinate = model.robot.coordinates[j]
+    unit = f"{coordinate.effort_unit}/{model.signals.effort_units[j]}"
     if one is None:
-        return EffortGain(joint.name, unit, stated, None, "not shown")
-    if stated is not None:
-        against = stated * one.value < 0.0 and not one.unsigned
-        return EffortGain(joint.name, unit, stated, None, "contradicted" if against else "stated")
-    value, half = 1.0 / one.value, Z95 * float(np.hypot(one.std, np.sqrt(variance)))
-    low, high = sorted((value * float(np.exp(-half)), value * float(np.exp(half))))
-    return EffortGain(joint.name, unit, value, (low, high), "identified")
+        other = found.others.get(j)
+        why = "do not follow the torque of its controller"
+        if other is not None:
+            why = f"follow the torque of {model.joints[other]}, not of its own controller"
+        return EffortGain(joint, unit, stated, None, "not shown", f"{why}: not used")
+    variance = sum(
+        float(model.covariance[k, k])
+        for k, free in enumerate(model.free)
+        if (free.name, free.joint) == ("stiffness", j)
+    )
+    half = Z95 * float(np.hypot(one.std, np.sqrt(variance)))
+    if stated is None:
+        low, high = sorted((np.exp(-half) / one.value, np.exp(half) / one.value))
+        words = "have no sign: that of the torque was taken" if one.unsigned else ""
+        interval = (float(low), float(high))
+        return EffortGain(joint, unit, 1.0 / one.value, interval, "identified", words)
+    ratio, why = abs(stated * one.value), ""
+    if not _agrees(stated, one):
+        why = "count against the joint, with the gain that is stated: not used"
+    elif joint not in model.measured and abs(np.log(ratio)) > max(np.log(OFF), half):
+        why = (
+            f"are {ratio:.2g} times the torque of the law, with the gain and the stiffness that "
+            "are stated: one of these is wrong, or the unit"
+        )
+    return EffortGain(joint, unit, stated, None, "contradicted" if why else "stated", why)
 
 
 def notes_of_efforts(gains: Sequence[EffortGain]) -> tuple[str, ...]:
-    """Joints whose efforts are not used."""
-    words = {
-        "contradicted": "count against the joint, with the gain that is stated: not used. Compare "
-        "its sign with the log",
-        "not shown": "do not follow the torque of the controller: not used",
-    }
-    return tuple(f"logged efforts of {one.joint} {words[one.status]}" for one in gains
-                 if one.status in words)  # fmt: skip
+    """What is to be known of logged efforts."""
+    return tuple(f"logged efforts of {one.joint} {one.reason}" for one in gains if one.reason)

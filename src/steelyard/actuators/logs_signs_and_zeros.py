@@ -6,7 +6,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from steelyard.actuators.actuator_parameters import IN_STEP, KINDS, ActuatorValues
-from steelyard.actuators.choice import ALWAYS, USUAL, Search, left_out, size
+from steelyard.actuators.choice import (
+    ALWAYS,
+    USUAL,
+    Search,
+    first_values,
+    left_out,
+    size,
+    stays_off,
+)
 from steelyard.actuators.closed_loop_step import ArmStep
 from steelyard.actuators.fit import Fitted, fit
 from steelyard.actuators.read_targets import TargetLog, read_targets
@@ -62,22 +70,27 @@ def signals_of_targets(file: LoadedRobot) -> TargetSignals:
         raise ModelError(
             "no columns of position targets are named"
             if file.signals is None
-            else "the robot file names efforts: actuators are identified from targets without them",
+            else "the robot file is for identification from efforts",
             where=file.reference,
             fix='`steelyard init MODEL LOG` writes a robot file; or set [signals] target = "..." '
-            "there, without [signals.effort]",
+            "there, and add [actuator], or remove [signals.effort]",
         )
     return file.targets
 
 
 def read_logs(
-    file: LoadedRobot, signals: TargetSignals, logs: Sequence[LogArgument], progress: Progress
+    file: LoadedRobot,
+    signals: TargetSignals,
+    fitted: Sequence[LogArgument],
+    others: Sequence[LogArgument],
+    progress: Progress,
 ) -> tuple[TargetLog, ...]:
-    """All logs, with distinct names."""
-    found = []
+    """All logs, with distinct names; of others than those that are fitted without efforts."""
+    found, logs = [], [*fitted, *others]
     for k, log in enumerate(logs):
         report_progress(progress, "reading logs", k, len(logs))
-        found.append(read_targets(log, signals, file.robot))
+        own = signals if k < len(fitted) else replace(signals, effort=())
+        found.append(read_targets(log, own, file.robot))
     names = distinct_names([(x.name, log.path) for x, log in zip(found, logs, strict=True)])
     return tuple(
         replace(log, name=name, runs=tuple(replace(run, name=name) for run in log.runs))
@@ -157,13 +170,25 @@ def started(
     for k, one in enumerate(begun[:TRIED]):
         report_progress(job.progress, "finding signs and zeros", k, min(TRIED, len(begun)))
         search = search_of(job, some, one.values, seen, FIRST_STEP)
-        tried[k] = fit(search.task(some, (*ALWAYS, *USUAL)), one.values, FIRST_ROUNDS)
+        tried[k] = _first_fit(search, one.values)
     least = min(map(_misfit, tried.values()))
     alike = {k: one for k, one in tried.items() if _misfit(one) < AS_GOOD * least}
     best = min(alike, key=lambda k: _changes(alike[k]))
     signs = np.array([one.values.signs for one in alike.values()])
     open_signs = [j for j in seen if s.signs[j] is None and np.ptp(signs[:, j]) > 0.0]
     return begun[best].values, alike[best].values, open_signs, seen
+
+
+def _first_fit(search: Search, values: ActuatorValues) -> Fitted:
+    """Of the usual law, with an integral gain where that describes motion better."""
+    parts = (*ALWAYS, *USUAL)
+    found = fit(search.task(search.windows, parts), values, FIRST_ROUNDS)
+    if not search.joints["integral"] or stays_off(search, found.values, search.windows):
+        return found
+    begun = first_values(found.values, search.windows)["integral"]
+    task = search.task(search.windows, (*parts, "integral"))
+    other = fit(task, found.values.changed(integral=begun), FIRST_ROUNDS)
+    return other if _misfit(other) * AS_GOOD < _misfit(found) else found
 
 
 def otherwise(
@@ -215,6 +240,7 @@ def search_of(
     moving = moving_joints(job)
     joints: dict[str, list[int]] = {kind.name: moving for kind in KINDS}
     joints |= {"zero": [j for j in zeros if j in moving]}
+    joints |= {"integral": []} if job.signals.supply else {}
     for name, some in _open_joints(job).items():
         joints[name] = [j for j in joints[name] if j in some]
     return Search(job.step, tuple(windows), joints, known, start, h, job.threads)

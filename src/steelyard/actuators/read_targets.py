@@ -28,6 +28,7 @@ FOLLOWS, OTHER = 0.5, 0.9
 """Correlation of a joint with its target, and with another one's, that tell another order."""
 LAG = 0.1  # by which positions are compared with earlier and later targets [s]
 SUPPLIES = (0.3, 2.0)  # of the nominal voltage, that actuators are fed with
+UNKNOWN_SUPPLY = 5.0  # stretch without a voltage that is told [s]
 SLOPES = (0.5, 2.0)
 """Of positions over targets: outside, their units differ."""
 
@@ -65,7 +66,7 @@ def read_targets(argument: LogArgument, signals: TargetSignals, robot: Robot) ->
         given = np.isfinite(table) & (np.abs(table * _sizes(signals)) < ABSURD)
     n = signals.n
     for column, some in zip(signals.columns, given.T, strict=True):
-        if len(table) and not some.any():
+        if len(table) and not some.any() and column not in signals.effort:
             raise LogError(
                 f"the column '{column}' has no number that can be used",
                 where=argument.text,
@@ -74,11 +75,9 @@ def read_targets(argument: LogArgument, signals: TargetSignals, robot: Robot) ->
     whole = given[:, : 2 * n + 1].all(axis=1)
     t = table[whole, 0] * signals.time_scale
     q, target = (table[whole, k : k + n] * signals.scale for k in (1, 1 + n))
-    effort = np.full(q.shape, np.nan)
-    measured = np.where(given, table, np.nan)[whole, 1 + 2 * n :]
-    if signals.effort:
-        effort = measured[:, :n] * signals.effort_scale
-    supply = measured[:, -1] / signals.nominal if signals.supply else np.ones(len(t))
+    rest = np.where(given, table, np.nan)[whole, 1 + 2 * n :]
+    effort = rest[:, :n] * signals.effort_scale if signals.effort else np.full(q.shape, np.nan)
+    supply = rest[:, -1] if signals.supply else np.ones(len(t))
     rising = np.ones(len(t), dtype=np.bool_)
     rising[1:] = t[1:] > np.maximum.accumulate(t)[:-1]
     if rising.mean() < MOST_OUT_OF_TIME:
@@ -90,15 +89,17 @@ def read_targets(argument: LogArgument, signals: TargetSignals, robot: Robot) ->
             "the rows",
         )
     t, q, target, effort, supply = (x[rising] for x in (t, q, target, effort, supply))
+    notes = list[str]()
+    if signals.supply:
+        supply, unknown = _supplied(t, supply, argument.text, signals)
+        notes += [f"{name}: {unknown}"] if unknown else []
     if len(t):
         seconds = t - t[0]
         inside = (seconds >= cut.seconds[0]) & (seconds < cut.seconds[1])
         some = (seconds, q, target, effort, supply)
         t, q, target, effort, supply = (x[inside] for x in some)
-    notes = []
     if dropped := int((~whole).sum() + (~rising).sum()):
         notes.append(f"{name}: {dropped} rows left out: without a number, or out of time")
-    supply = _supplied(t, supply, argument.text, signals)
     runs, short = _pieces(name, t, *_unwrapped(q, target, robot), supply, effort)
     if short:
         notes.append(f"{name}: {short} rows left out, between gaps of the clock")
@@ -126,12 +127,19 @@ def _sizes(signals: TargetSignals) -> Array:
     return np.concatenate([[0.0], signals.scale, signals.scale, np.zeros(rest)])
 
 
-def _supplied(t: Array, supply: Array, where: str, signals: TargetSignals) -> Array:
-    """The supply over the nominal one at all rows; a `LogError` if it can be none."""
-    known = np.isfinite(supply)
+def _supplied(t: Array, voltage: Array, where: str, signals: TargetSignals) -> tuple[Array, str]:
+    """The supply over the nominal one at all rows, and what is not known of it.
+
+    A `LogError` if it can be none. Rows without a voltage, or of 0 V, have that about them.
+    """
+    known = np.isfinite(voltage) & (voltage != 0.0)
     if not known.any():
-        return np.ones(len(t))
-    low, high = (float(x) for x in (supply[known].min(), supply[known].max()))
+        raise LogError(
+            f"the column '{signals.supply}' has no voltage in rows with targets and positions",
+            where=where,
+            fix="correct supply_voltage under [signals], or leave it out",
+        )
+    low, high = (float(x) / signals.nominal for x in np.quantile(voltage[known], (0.0, 1.0)))
     if low < SUPPLIES[0] or high > SUPPLIES[1]:
         raise LogError(
             f"the supply is {low:.3g} to {high:.3g} times the nominal voltage",
@@ -139,7 +147,11 @@ def _supplied(t: Array, supply: Array, where: str, signals: TargetSignals) -> Ar
             fix="give nominal_voltage in the unit of the column; leave supply_voltage out if the "
             "column holds something else",
         )
-    return np.interp(t, t[known], supply[known])
+    times = np.concatenate([t[:1], t[known], t[-1:]])
+    longest = float(np.diff(times).max())
+    unknown = f"no supply voltage for up to {longest:.3g} s: that before and after is used"
+    told = unknown if longest > UNKNOWN_SUPPLY else ""
+    return np.interp(t, t[known], voltage[known]) / signals.nominal, told
 
 
 def _unwrapped(q: Array, target: Array, robot: Robot) -> tuple[Array, Array]:

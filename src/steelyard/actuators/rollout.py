@@ -26,7 +26,9 @@ KEPT_BYTES = 200e6  # of derivatives that a batch keeps
 
 @dataclass(frozen=True, eq=False)
 class Rolled:
-    """A window rolled out: positions and velocities at its rows `(N, n)`, as the log counts them.
+    """A window rolled out: positions, velocities, and torques of integral gains at its rows.
+
+    All `(N, n)`, as the log counts them.
 
     `slopes` are the derivatives by what is searched, `(N, n, p)`; empty if none were wanted.
     `finer` is what shorter steps than those of the slopes add to the positions `(N, n)`, or 0.
@@ -34,6 +36,7 @@ class Rolled:
 
     q: Array
     v: Array
+    held: Array
     slopes: Array
     finer: Array | float = 0.0
 
@@ -123,12 +126,13 @@ class _Batch:
         length = np.array([self.h])
         arguments = [padded, *addresses, length.ctypes.data, 0, out.ctypes.data, padded]
         q, v, _, q0, v0, u = state[: len(STATE) + 1]
-        kept, speeds = np.empty((2, count, self.steps + 1, n))
+        kept = np.empty((CARRIED, count, self.steps + 1, n))
         slopes = np.empty((count, self.steps + 1, n, p))
         fed = _Fed.of(state[len(STATE) + 1 :], rates) if (self.supply != 1.0).any() else None
         late = [d for d, one in enumerate(self.free) if one.name == "delay"]
         for k in range(self.steps + 1):
-            kept[:, k], speeds[:, k] = q[:, :count].T, v[:, :count].T
+            for part, own in zip(kept, state, strict=False):
+                part[:, k] = own[:, :count].T
             for slot, along in enumerate(rates):
                 by = along["q"][:, :wide].reshape(n, groups, count).transpose(2, 0, 1)
                 some = slopes[:, k, :, slot::DIRECTIONS]
@@ -152,7 +156,7 @@ class _Batch:
                 own = blocks[CARRIED * slot : CARRIED * (slot + 1)]
                 for name, new in zip(STATE, own, strict=False):
                     along[name][:] = new
-        return [self._rows(k, kept[k], speeds[k], slopes[k]) for k in range(count)]
+        return [self._rows(k, kept[:, k], slopes[k]) for k in range(count)]
 
     def _lanes(self, d: int) -> slice:
         """Lanes of direction `d`, in the slot that it has in each of them."""
@@ -203,18 +207,18 @@ class _Batch:
             return ()
         return by_key((window.run, k) for k, window in enumerate(self.windows)).items()
 
-    def _rows(self, k: int, kept: Array, speeds: Array, slopes: Array) -> Rolled:
+    def _rows(self, k: int, kept: Array, slopes: Array) -> Rolled:
         """Of window `k` from the steps to its rows, between two steps on a line."""
         window, s = self.windows[k], self.values.signs
         place = np.clip((window.t - window.t[0]) / self.h, 0.0, self.steps)
         at = np.minimum(place.astype(int), self.steps - 1)
         share = (place - at)[:, None]
-        q, v = (x[at] * (1.0 - share) + x[at + 1] * share for x in (kept, speeds))
+        q, v, held = kept[:, at] * (1.0 - share) + kept[:, at + 1] * share
         by: Any = slopes[at] * (1.0 - share[..., None]) + slopes[at + 1] * share[..., None]
         for d, one in enumerate(self.free):
             if one.name == "zero":
                 by[:, one.joint, d] -= 1.0
-        return Rolled(s * (q - self.values["zero"]), s * v, s[:, None] * by)
+        return Rolled(s * (q - self.values["zero"]), s * v, s * held, s[:, None] * by)
 
 
 FED = ("stiffness", "torque_limit")

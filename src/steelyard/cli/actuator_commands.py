@@ -25,7 +25,7 @@ OF_EFFORTS = (
 
 
 def follows_targets(robot: str) -> bool:
-    """Whether a robot file names position targets, and no efforts."""
+    """Whether the actuators of a robot file are identified, from its position targets."""
     from steelyard.robot.file.robot_file import load_robot
 
     return Path(robot).suffix.lower() == ".toml" and load_robot(robot).targets is not None
@@ -42,8 +42,8 @@ def actuators_identified(
     options["--no-check"] = not given.get("check", True)
     refuse_options(
         options,
-        "needs efforts, and the robot file names targets only",
-        "leave it out, or log efforts and add [signals.effort]",
+        "is for identification from efforts, and the robot file is for actuators",
+        "leave it out, or log efforts, add [signals.effort] and remove [actuator]",
     )
     known = ("robot", "logs", "validate", "fixed_base", "threads")
     call = partial(identify_actuators, **{name: given[name] for name in known if name in given})
@@ -77,7 +77,7 @@ def targets_checked(
             "--fix": given.get("fix") is not None,
             "--quick": given.get("quick"),
         },
-        "needs efforts, and the robot file names targets only",
+        "is for identification from efforts, and the robot file is for actuators",
         "leave it out",
     )
     load_robot(given["robot"], base=given.get("fixed_base"))

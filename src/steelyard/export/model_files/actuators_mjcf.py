@@ -9,6 +9,7 @@ import numpy as np
 
 from steelyard.actuators.actuator_model import ActuatorModel, ActuatorParameter
 from steelyard.actuators.actuator_parameters import BY_NAME, UNLIMITED, ActuatorValues
+from steelyard.actuators.actuator_words_and_tables import scale_words
 from steelyard.base.arrays import Z95, Array
 from steelyard.base.errors import ModelError
 from steelyard.export.model_files.representable_content import Content
@@ -164,8 +165,18 @@ def origin_lines(model: ActuatorModel) -> list[str]:
         "Inputs, SHA-256:",
         *(f"  {role}: {value}" for role, value in origin.inputs.items()),
         "Masses and inertias are those of the model file, times the factors below where they are "
-        "listed; they give all values their scale.",
+        "listed.",
+        f"{scale_words(model)}.",
+        *supply_lines(model),
     ]
+
+
+def supply_lines(model: ActuatorModel) -> list[str]:
+    """The voltage that values are for."""
+    if not model.signals.supply:
+        return []
+    nominal = model.signals.nominal
+    return [f"Stiffness and torque limits are those at a supply of {nominal:g}, the nominal one."]
 
 
 def target_lines(model: ActuatorModel, target: str = "ctrl", position: str = "qpos") -> list[str]:

@@ -204,7 +204,7 @@ def _from_toml(path: Path, text: str, sha256: str) -> LoadedRobot:
         robot = robot.changed(transmission=gears)
     signals = None
     targets = None
-    described = bool(file.actuator.model_fields_set)
+    described = "actuator" in file.model_fields_set
     alone = file.signals is not None and (described or not file.signals.has_efforts)
     if file.signals is not None and file.signals.target and alone:
         _refuse_of_efforts(file, locate)

@@ -166,6 +166,9 @@ def signals_from_dict(data: Mapping[str, Any]) -> Signals:
     return Signals(**values)
 
 
+OF_EFFORTS = ("effort", "effort_units", "effort_scale", "effort_gain")
+
+
 @dataclass(frozen=True, eq=False)
 class TargetSignals:
     """Columns of targets and positions and how to read them, in the order of the coordinates.
@@ -217,17 +220,23 @@ class TargetSignals:
         if any(len(x) != n for x in lists.values()):
             raise ValueError("the signals' lists differ in length")
         named = (values["time"], values["supply"])
-        names = (*named, *lists["position"], *lists["target"], *lists.get("effort", ()))
+        names = [*named, *lists["position"], *lists["target"], *lists.get("effort", ())]
         if not all(isinstance(name, str) for name in names):
             raise ValueError("a column's name is no text")
         if not 0.0 < float(values["time_scale"]) < 1e6 or (values["scale"] <= 0.0).any():
             raise ValueError("a unit of the signals cannot be used")
         if not all(sign in (None, 1, -1) for sign in lists["signs"]):
             raise ValueError("a sign is not 1 or -1")
-        sizes = (*lists.get("effort_scale", ()), *lists.get("effort_gain", ()), values["nominal"])
-        if not all(x is None or (np.isfinite(x) and x) for x in sizes):
+        if given and not {*OF_EFFORTS} <= lists.keys():
+            raise ValueError("a column of efforts is no list")
+        gains = [x for x in lists.get("effort_gain", ()) if x is not None]
+        sizes = [float(x) for x in (*lists.get("effort_scale", ()), *gains, values["nominal"])]
+        texts = lists.get("effort_units", ())
+        if not (np.isfinite(sizes).all() and all(sizes) and sizes[-1] > 0.0):
             raise ValueError("a gain of efforts, or a voltage, cannot be used")
-        return cls(**{**values, **lists})
+        if not all(isinstance(x, str) for x in texts) or len(set(names)) < len(names):
+            raise ValueError("a unit is no text, or two signals have one column")
+        return cls(**{**values, **lists, "effort_at_joint": bool(values.get("effort_at_joint"))})
 
 
 def expanded(pattern: str, coordinates: Sequence[Coordinate]) -> tuple[str, ...]:

@@ -133,18 +133,21 @@ def build_target_signals(
             fix='actuators are identified at the joints: coordinates = "joint"',
         )
     declared = _Declared(section, coordinates, locate)
+    if section.has_efforts:
+        declared.check_sides(gears)
     time, time_scale = declared.clock()
     position, target = (declared.columns(getattr(section, k), k) for k in ("position", "target"))
     named = [("time", (time,)), ("position", position), ("target", target)]
-    named_keys = [((key,), columns) for key, columns in named]
-    declared.check_distinct(named_keys)
+    named += [("supply_voltage", (section.supply_voltage,))] if section.supply_voltage else []
+    keys = [((key,), columns) for key, columns in named]
+    efforts = declared.effort_columns(()) if section.has_efforts else ()
+    declared.check_distinct([*keys, (("effort", "columns"), efforts)])
     scale = frozen(declared.scales("position"))
     zeros = declared.each(section.position_offset, "offsets", "position_offset")
     known = tuple(None if zero == "identify" else zero for zero in zeros)
     signs = declared.each(section.position_sign, "signs", "position_sign")
     found = signals.TargetSignals(time, time_scale, position, target, scale, signs, known)
     if section.supply_voltage is not None and section.nominal_voltage is not None:
-        declared.check_distinct([*named_keys, (("supply_voltage",), (section.supply_voltage,))])
         found = replace(found, supply=section.supply_voltage, nominal=section.nominal_voltage)
     return _with_efforts(found, declared, gears) if section.has_efforts else found
 
@@ -174,10 +177,6 @@ def _with_efforts(
         gains, unknown = declared.gains(columns, units)
     if gears is not None and given.side == "motor":
         gains = gains * np.diag(gears.matrix)
-    declared.check_distinct(
-        [(("position",), found.position), (("target",), found.target),
-         (("effort", "columns"), columns)]
-    )  # fmt: skip
     return replace(
         found,
         effort=columns,
