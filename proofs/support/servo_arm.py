@@ -208,10 +208,11 @@ def log(
     jitter: float = 0.0,
     step: float = 1e-4,
     supply: Callable[[float], float] | None = None,
+    torques: bool = False,
 ) -> Mapping[str, np.ndarray]:
     """Columns of a log by an encoder with steps and noise [rad], on a clock with jitter [s].
 
-    Torques of the motors and the supply are columns too.
+    With torques of the motors where they are wanted, and the supply.
     """
     t, target = targets(seconds, seed, rate, servos.n)
     rng = np.random.default_rng(seed + 1000)
@@ -221,8 +222,8 @@ def log(
     q = np.round((q + noise * rng.standard_normal(q.shape)) / resolution) * resolution
     columns = {"time": t}
     columns |= {f"target{j + 1}": target[:, j] for j in range(servos.n)}
-    columns |= {f"tau{j + 1}": torque[:, j] for j in range(servos.n)}
-    columns |= {"supply": np.array([supply(x) for x in t]) if supply else np.ones(len(t))}
+    columns |= {f"tau{j + 1}": torque[:, j] for j in range(servos.n) if torques}
+    columns |= {"supply": np.array([supply(x) for x in t])} if supply else {}
     return columns | {f"q{j + 1}": q[:, j] for j in range(servos.n)}
 
 

@@ -198,7 +198,7 @@ def test_the_command_prints_json_writes_a_page_and_refuses_what_needs_efforts(
     assert '"signs"' in told.output and told.exit_code == 0
     for option in (["--fix", "new.toml"], ["--quick"]):
         refused = CliRunner().invoke(app, ["check", robot, log, *option])
-        assert refused.exit_code == 2 and "needs efforts" in refused.output
+        assert refused.exit_code == 2 and "is for identification from efforts" in refused.output
 
 
 @pytest.mark.parametrize("command", ["check", "identify"])

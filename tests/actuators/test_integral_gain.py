@@ -68,6 +68,8 @@ def test_beside_a_supply_it_is_refused(tmp_path: Path) -> None:
     (tmp_path / "servos.urdf").write_text(URDF)
     fed = 'supply_voltage = "supply"\nnominal_voltage = 1.0\n'
     (tmp_path / "servos.toml").write_text(ROBOT_FILE + fed + PD + "integral = 3.0\n")
-    pl.DataFrame(dict(log(Servos(), 36.0, 5, step=1e-3))).write_csv(tmp_path / "log.csv")
+    pl.DataFrame(dict(log(Servos(), 36.0, 5, step=1e-3, supply=lambda t: 1.0))).write_csv(
+        tmp_path / "log.csv"
+    )
     with pytest.raises(ModelError, match="integral gain beside a supply"):
         steelyard.identify_actuators(tmp_path / "servos.toml", tmp_path / "log.csv")

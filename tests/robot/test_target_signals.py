@@ -11,6 +11,10 @@ from steelyard.robot.file.robot_file import load_robot
 EFFORT = 'effort = {columns = "tau{}", kind = "joint_torque", unit = "Nm"}\n'
 
 
+MOTOR = EFFORT.replace("joint_torque", "motor_torque").replace("unit", 'side = "motor", unit')
+CURRENT = EFFORT.replace("joint_torque", "motor_current").replace('"Nm"', '"A"')
+SUPPLY = 'supply_voltage = "tau1"\nnominal_voltage = 12.0\n'
+ANCHOR = 'gain = [1.0, "identify"], unit'
 ACTUATOR = '[actuator]\nlaw = "auto"\n'
 
 
@@ -63,6 +67,11 @@ def test_where_actuators_are_described_efforts_are_beside_targets(tmp_path: Path
         (EFFORT.replace("joint_t", "gravity_compensated_t") + ACTUATOR, "gravity compensated"),
         (EFFORT.replace("unit", "delay = 0.01, unit") + ACTUATOR, "have a delay"),
         (EFFORT.replace("tau{}", "q{}") + ACTUATOR, "used twice"),
+        (EFFORT.replace('"tau{}"', '["time", "tau2"]') + ACTUATOR, "used twice"),
+        (MOTOR + ACTUATOR, "no transmission"),
+        (CURRENT.replace("unit", ANCHOR) + ACTUATOR, "stands for a scale"),
+        (SUPPLY + EFFORT + "[actuator]\n", "used twice"),
+        ("[processing]\nmotion_cutoff = 5.0\n[model]\nfriction = 'auto'\n", r"\[model\], \[proc"),
         (EFFORT + 'supply_voltage = "supply"\n', "no actuators are identified"),
         ('supply_voltage = "supply"\n', "supply_voltage is given alone"),
         ("nominal_voltage = 12.0\n", "nominal_voltage is given alone"),

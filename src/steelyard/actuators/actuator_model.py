@@ -73,6 +73,9 @@ class EffortGain:
 
     `status` is `stated`, `identified` (its interval contains that of the torques' scale),
     `contradicted` (what is stated does not fit the log) or `not shown`; `reason` says why.
+    `follows` is the correlation of efforts with the torque of the controller, without what other
+    causes explain; `by_masses` the gain with which torques have the scale of the masses in the
+    model file, where their weight shows it.
     """
 
     joint: str
@@ -81,6 +84,8 @@ class EffortGain:
     interval: tuple[float, float] | None
     status: Literal["stated", "identified", "contradicted", "not shown"]
     reason: str = ""
+    follows: float | None = None
+    by_masses: float | None = None
 
     def to_dict(self) -> dict[str, Any]:
         """As JSON values."""

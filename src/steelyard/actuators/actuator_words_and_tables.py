@@ -1,7 +1,7 @@
 """Words and tables about actuators: how far off motion is, what the law has, and its values."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -20,6 +20,7 @@ GOOD, FAIR = 0.35, 0.8
 WORST_GOOD, WORST_FAIR = 0.7, 1.2
 """The same of the worst joint."""
 RARE = 6.0  # error of a whole log over the usual residual, above which long stretches are missed
+LEAST_WIDER = 1.05  # factor of intervals, from which on it is told
 STILL = 1e-4  # error of "position = target" of a joint that does not move [rad; m]
 
 
@@ -104,7 +105,7 @@ def interval_words(model: ActuatorModel) -> str:
     """What the intervals rest on."""
     if model.wider is None:
         found = "no value shows in both halves of the motions, so that nothing tests the intervals"
-    elif model.wider == 1.0:
+    elif model.wider < LEAST_WIDER:
         found = (
             "fits to two halves of the motions agree in 95 % of their values within the intervals"
         )
@@ -126,10 +127,20 @@ def weight_words(model: ActuatorModel) -> tuple[str, ...]:
     if not model.measured or not (far := {j: x for j, x in factors.items() if masses_differ(x)}):
         return ()
     listed = ", ".join(f"{joint} {x:.2g}" for joint, x in far.items())
+    agree = ", ".join(
+        f"{one.joint} {significant(one.by_masses)}" for one in model.efforts if one.by_masses
+    )
     return (
-        f"with the gains that are stated, logged efforts ask for links that are many times as "
-        f"heavy as those of the model file ({listed}): compare gain, unit and columns of efforts, "
-        "and the masses, with the arm",
+        "with the gains that are stated, logged efforts ask for links that are so many times as "
+        f"heavy as those of the model file: {listed}; compare gain, unit and columns of efforts, "
+        f"and the masses, with the arm (gains that agree with the masses: {agree})",
+    )
+
+
+def effort_words(model: ActuatorModel) -> tuple[str, ...]:
+    """Logged efforts that do not fit what is stated, or show nothing, and what was assumed."""
+    return tuple(
+        f"logged efforts of {one.joint} {one.reason}" for one in model.efforts if one.reason
     )
 
 
@@ -181,6 +192,9 @@ def _size(model: ActuatorModel, error: float, joint: int = 0) -> str:
 
 def scale_words(model: ActuatorModel) -> str:
     """Where stiffness and friction have their scale from."""
+    if model.signals.supply:
+        supply = f"; stiffness and torque limits are those at a supply of {model.signals.nominal:g}"
+        return scale_words(replace(model, signals=replace(model.signals, supply=""))) + supply
     if model.measured:
         return (
             f"torques of {', '.join(model.measured)} have the scale of the logged efforts, with "
@@ -328,12 +342,17 @@ def efforts_table(model: ActuatorModel) -> PlainTable:
         if one.interval:
             low, high = (significant(x) for x in one.interval)
             value = f"{value} [{low}, {high}]"
-        rows.append(Row((one.joint, value, one.unit, one.status)))
+        other = NONE if one.by_masses is None else significant(one.by_masses)
+        follows = NONE if one.follows is None else f"{one.follows:.3f}"
+        rows.append(Row((one.joint, value, one.unit, one.status, other, follows)))
     words = (
         "Torque of the joint per logged effort, 95 % intervals in brackets: a gain that is "
-        "identified has the scale of the other values."
+        "identified has the scale of the other values. By masses: the gain with which torques have "
+        "the scale of the masses in the model file. Correlation: of efforts with the torque of the "
+        "controller, without what speed and friction explain."
     )
-    return PlainTable("Logged efforts", words, ("joint", "gain", "unit", ""), rows, (0, 2, 3))
+    names = ("joint", "gain", "unit", "", "by masses", "correlation")
+    return PlainTable("Logged efforts", words, names, rows, (0, 2, 3))
 
 
 BRIEF = (

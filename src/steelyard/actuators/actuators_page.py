@@ -17,6 +17,7 @@ from steelyard.actuators.actuator_words_and_tables import (
     ActuatorVerdict,
     assumed_words,
     brief_tables,
+    effort_words,
     efforts_table,
     errors_table,
     fitted_table,
@@ -113,6 +114,7 @@ class ActuatorIdentification(ActuatorResult):
             *limit_words(self.model, every),
             *missed_words(self.model, every),
             *weight_words(self.model),
+            *effort_words(self.model),
             *open_words(self.model),
         )
 

@@ -1,7 +1,7 @@
 """What logs of targets show before actuators are identified: clock, motion, signs, zeros, scale."""
 
 import os
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -9,7 +9,13 @@ import numpy as np
 
 from steelyard.actuators.actuator_model import arm_step, outside_limits
 from steelyard.actuators.actuator_parameters import ActuatorValues
-from steelyard.actuators.logged_efforts import logged_efforts, masses_differ, scales
+from steelyard.actuators.logged_efforts import (
+    Efforts,
+    agrees,
+    logged_efforts,
+    masses_differ,
+    scales,
+)
 from steelyard.actuators.logs_signs_and_zeros import (
     AS_GOOD,
     WINDOW,
@@ -29,7 +35,7 @@ from steelyard.actuators.read_targets import (
     read_targets,
     unfollowed,
 )
-from steelyard.actuators.target_runs import Window, windows_of
+from steelyard.actuators.target_runs import windows_of
 from steelyard.base.checked_arguments import checked
 from steelyard.base.errors import LogError, ModelError
 from steelyard.base.progress import Progress, report_progress, silent
@@ -37,6 +43,7 @@ from steelyard.check.all_checks import Diagnosis
 from steelyard.check.check import CheckResult
 from steelyard.check.finding import Finding, Fix
 from steelyard.check.findings_text_and_page import CheckContent
+from steelyard.report.words import significant
 from steelyard.robot.file.robot_file import load_robot
 from steelyard.runs.runs_of_named_logs import (
     LogArgument,
@@ -167,7 +174,11 @@ def _of_motion(job: Job, files: Sequence[LogArgument]) -> Iterator[Finding]:
         [*outside],
         answered=bool(outside) or not open_signs,
     ).by("limits")
-    yield _scale(job, windows, values, moving).by("scale")
+    given = (job.step, windows, values, job.signals, moving, job.threads)
+    efforts = logged_efforts(*given)
+    if job.signals.effort:
+        yield _efforts(job, efforts, moving, weighed(job, values)).by("efforts")
+    yield _scale(job, values, moving, scales(efforts, job.signals)).by("scale")
 
 
 def _contradicted(
@@ -265,24 +276,39 @@ def _as_stated(names: Sequence[str], seen: Sequence[int]) -> Finding:
     return Finding.ok(f"as stated: {'; '.join(says)}")
 
 
+def _efforts(job: Job, efforts: Efforts, moving: Sequence[int], loaded: Sequence[int]) -> Finding:
+    """Whether logged efforts follow the torques of the controllers, with the gains that are stated.
+
+    Where the weight of links shows these torques, gains agree with the masses, too.
+    """
+    names, says, joints = job.file.robot.joint_names, list[str](), list[str]()
+    for j in moving:
+        one, gain, why = efforts.factors.get(j), job.signals.effort_gain[j], ""
+        if j in efforts.others:
+            why = f"follow the torque of {names[efforts.others[j]]}"
+        elif one is None:
+            why = "do not follow the torque of the controller"
+        elif gain is not None and not agrees(gain, one):
+            why = "count against the joint, with the gain that is stated"
+        elif gain is not None and j in loaded and masses_differ(abs(gain * one.value)):
+            unit = f"{job.file.robot.coordinates[j].effort_unit}/{job.signals.effort_units[j]}"
+            by = f"about {significant(1.0 / one.value, 2)} {unit}"
+            why = f"have the stated gain {gain:g}, and the masses of the model file ask for {by}"
+        if why:
+            says.append(f"those of {names[j]} {why}")
+            joints.append(names[j])
+    fix = Fix("compare columns, unit and gain under [signals.effort], and the masses, with the arm")
+    good = ", ".join(f"{names[j]} {one.follows:.2f}" for j, one in efforts.factors.items())
+    told = "; ".join(says) or f"they follow the torques of the controllers (correlation: {good})"
+    return Finding.doubtful_if(bool(says), told, "", fix, joints)
+
+
 def _scale(
-    job: Job, windows: Sequence[Window], values: ActuatorValues, moving: Sequence[int]
+    job: Job, values: ActuatorValues, moving: Sequence[int], measured: Collection[int]
 ) -> Finding:
     """What gives the torques of each joint a scale."""
     names = job.file.robot.joint_names
-    given = (job.step, windows, values, job.signals, moving, job.threads)
-    measured = scales(logged_efforts(*given), job.signals)
     loaded = weighed(job, values)
-    if far := {
-        names[j]: by for j, (by, _) in measured.items() if masses_differ(by) and j in loaded
-    }:
-        told = ", ".join(f"{joint} {by:.2g}" for joint, by in far.items())
-        return Finding.doubtful(
-            f"logged efforts are many times what the masses of the model file need: {told}",
-            "",
-            tuple(far),
-            Fix("compare gain, unit and columns of efforts, and the masses, with the arm"),
-        )
     sources = {
         "the stiffness that the robot file states": stated_stiffness(job),
         "the logged efforts": sorted(measured),

@@ -14,20 +14,19 @@ from steelyard.actuators.actuator_model import (
     outside_limits,
     reach_of,
 )
-from steelyard.actuators.actuator_parameters import KINDS, ActuatorValues
+from steelyard.actuators.actuator_parameters import BY_NAME, KINDS, ActuatorValues
 from steelyard.actuators.actuators_page import (
     ActuatorIdentification,
     ActuatorValidation,
 )
 from steelyard.actuators.assumed_scales import like_the_others, scaled, with_assumed_scales
-from steelyard.actuators.choice import ALWAYS, USUAL, WIDE, Search, chosen, limited, without
+from steelyard.actuators.choice import ALWAYS, USUAL, WIDE, Search, chosen, limited
 from steelyard.actuators.fit import Fitted, fit
 from steelyard.actuators.halves import halves_apart, widened
 from steelyard.actuators.logged_efforts import (
     Efforts,
     effort_gains,
     logged_efforts,
-    notes_of_efforts,
     scales,
 )
 from steelyard.actuators.logs_signs_and_zeros import (
@@ -43,6 +42,7 @@ from steelyard.actuators.logs_signs_and_zeros import (
     started,
     stated_stiffness,
     stated_values,
+    weighed,
     with_scale,
 )
 from steelyard.actuators.open_loop import open_loops
@@ -110,8 +110,9 @@ def identify_actuators(
     job = Job(file, signals, step, read[: len(known)], cores, progress)
     windows = windows_of(job.runs, WINDOW)
     refuse_few(windows, known)
-    begun, found, open_signs, seen = started(job, windows)
-    start = without(found, "integral")  # that the choice of the law tries first
+    begun, start, open_signs, seen = started(job, windows)
+    if start["integral"].any():  # the choice of the law tries it first, from where all began
+        start = begun.changed(zero=start["zero"])
     search = search_of(job, some_windows(windows, CHOICE_SECONDS), start, seen, 2.0 * STEP)
     fitted, rungs, parts, search = chosen(
         replace(search, centre=begun),
@@ -123,8 +124,9 @@ def identify_actuators(
     search = _shown(replace(search, windows=tuple(windows)), fitted, job)
     fitted, search = _limits_of_all(search, fitted, parts, job)
     first = _first(start, fitted.values, parts, stated_values(file))
-    measured = scales(_efforts(job, windows, fitted.values), signals)
-    if measured := {j: x for j, x in measured.items() if j not in stated_stiffness(job)}:
+    efforts = _efforts(job, windows, fitted.values)
+    by_masses = _by_masses(job, efforts, fitted.values)
+    if measured := _measured_scales(job, efforts):
         search, parts = _measured(search, fitted.values, parts, measured)
         first, values = (_rescaled(x, measured, job) for x in (first, fitted.values))
         fitted = replace(fitted, values=values)
@@ -142,8 +144,8 @@ def identify_actuators(
     origin = provenance(file, known, (), unknown, (), (*file.notes, *notes))
     origin = replace(origin, runs=tuple(log.name for log in job.logs))
     model = _model(job, final, _with_scale(search, parts, job), wider, open_signs, origin)
-    efforts = effort_gains(model, _efforts(job, windows, final.values))
-    model, notes = replace(model, efforts=efforts), (*notes, *notes_of_efforts(efforts))
+    efforts = _efforts(job, windows, final.values)
+    model = replace(model, efforts=effort_gains(model, efforts, by_masses))
     every = open_loops(step, model.values, read, cores, model.step)
     moved = np.concatenate([one.q for one in every])
     model = replace(
@@ -226,6 +228,18 @@ def _efforts(job: Job, windows: Sequence[Window], values: ActuatorValues) -> Eff
     return logged_efforts(*given, moving_joints(job), job.threads)
 
 
+def _by_masses(job: Job, efforts: Efforts, values: ActuatorValues) -> dict[int, float]:
+    """Gains with which torques have the scale of the masses, at joints that their weight loads."""
+    loaded = weighed(job, values)
+    return {j: 1.0 / one.value for j, one in efforts.factors.items() if j in loaded}
+
+
+def _measured_scales(job: Job, efforts: Efforts) -> dict[int, tuple[float, float]]:
+    """Scales of torques by efforts, at joints whose stiffness is not stated."""
+    stated = stated_stiffness(job)
+    return {j: x for j, x in scales(efforts, job.signals).items() if j not in stated}
+
+
 def _measured(
     search: Search,
     values: ActuatorValues,
@@ -237,6 +251,11 @@ def _measured(
         ("stiffness", j): (float(np.log(values["stiffness"][j] * factor)), std)
         for j, (factor, std) in found.items()
     }
+    # masses have the scale of the efforts, too, and differ from each other by as much as before
+    scale = float(np.median([factor for factor, _ in found.values()]))
+    masses = search.joints["mass_factor"]
+    spread = BY_NAME["mass_factor"].spread
+    known |= {("mass_factor", j): (float(np.log(scale)), spread) for j in masses}
     joints = {**search.joints, "stiffness": sorted({*search.joints["stiffness"], *found})}
     more = ("mass_factor",) if "mass_factor" not in parts else ()
     return replace(search, known={**search.known, **known}, joints=joints), (*parts, *more)
@@ -245,11 +264,10 @@ def _measured(
 def _rescaled(
     values: ActuatorValues, found: Mapping[int, tuple[float, float]], job: Job
 ) -> ActuatorValues:
-    """Values in the scale that logged efforts give the torques of joints."""
-    factor = np.ones(values.n)
-    for j, (by, _) in found.items():
-        factor[j] = by
-    return scaled(values, factor, stated_values(job.file))
+    """Values in the scale that logged efforts give the torques of joints, and links' masses."""
+    usual = float(np.median([by for by, _ in found.values()]))
+    factor = np.array([found[j][0] if j in found else usual for j in range(values.n)])
+    return scaled(values, factor, stated_values(job.file)).changed(mass_factor=usual)
 
 
 def _shown(search: Search, fitted: Fitted, job: Job) -> Search:

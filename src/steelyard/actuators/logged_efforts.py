@@ -13,7 +13,7 @@ motions are left out one by one for the interval.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +28,7 @@ from steelyard.actuators.target_runs import Window
 from steelyard.base.arrays import Z95, Array
 from steelyard.robot.file.signals import TargetSignals
 
+FINE_STEP = STEP / 4  # of the rollouts [s]
 SIGHT = 1e-4  # over which a held target is averaged [s]
 CREEP = 0.02  # speed above which dry friction has its sign [rad/s; m/s]
 SURE = 0.2  # quantile of the torque's size, below which its sign is not sure
@@ -76,7 +77,7 @@ def logged_efforts(
     """What the logs show of the efforts of these joints, which move."""
     if not signals.effort:
         return Efforts({}, {})
-    rolled = rollouts(step, values, windows, (), STEP, threads)
+    rolled = rollouts(step, values, windows, (), FINE_STEP, threads)
     rows = [_rows(*one, values) for one in zip(windows, rolled, strict=True)]
     torque, speed, acceleration, effort = (np.concatenate(x) for x in zip(*rows, strict=True))
     place = np.repeat(motions(windows), [len(row[0]) for row in rows])
@@ -177,18 +178,30 @@ def scales(found: Efforts, signals: TargetSignals) -> dict[int, tuple[float, flo
     return {
         j: (abs(gain * one.value), one.std)
         for j, one in found.factors.items()
-        if (gain := signals.effort_gain[j]) is not None and _agrees(gain, one)
+        if (gain := signals.effort_gain[j]) is not None and agrees(gain, one)
     }
 
 
-def _agrees(gain: float, one: Factor) -> bool:
+def agrees(gain: float, one: Factor) -> bool:
     """Whether efforts count as the gain says, as far as they have signs."""
     return gain * one.value > 0.0 or one.unsigned
 
 
-def effort_gains(model: ActuatorModel, found: Efforts) -> tuple[EffortGain, ...]:
-    """Torque of each joint per logged effort: as it is stated, or by the scale of the model."""
-    return tuple(_gain(model, j, found) for j in range(len(model.signals.effort)))
+def effort_gains(
+    model: ActuatorModel, found: Efforts, by_masses: Mapping[int, float]
+) -> tuple[EffortGain, ...]:
+    """Torque of each joint per logged effort: as it is stated, or by the scale of the model.
+
+    `by_masses` are the gains with which torques have the scale of the model file's masses.
+    """
+    return tuple(
+        replace(
+            _gain(model, j, found),
+            follows=found.factors[j].follows if j in found.factors else None,
+            by_masses=by_masses.get(j),
+        )
+        for j in range(len(model.signals.effort))
+    )
 
 
 def _gain(model: ActuatorModel, j: int, found: Efforts) -> EffortGain:
@@ -213,16 +226,14 @@ def _gain(model: ActuatorModel, j: int, found: Efforts) -> EffortGain:
         interval = (float(low), float(high))
         return EffortGain(joint, unit, 1.0 / one.value, interval, "identified", words)
     ratio, why = abs(stated * one.value), ""
-    if not _agrees(stated, one):
-        why = "count against the joint, with the gain that is stated: not used"
+    if not agrees(stated, one):
+        why = (
+            "count against the joint, with the gain that is stated: not used; by the log it is "
+            f"{1.0 / one.value:.3g} {unit}"
+        )
     elif joint not in model.measured and abs(np.log(ratio)) > max(np.log(OFF), half):
         why = (
             f"are {ratio:.2g} times the torque of the law, with the gain and the stiffness that "
             "are stated: one of these is wrong, or the unit"
         )
     return EffortGain(joint, unit, stated, None, "contradicted" if why else "stated", why)
-
-
-def notes_of_efforts(gains: Sequence[EffortGain]) -> tuple[str, ...]:
-    """What is to be known of logged efforts."""
-    return tuple(f"logged efforts of {one.joint} {one.reason}" for one in gains if one.reason)

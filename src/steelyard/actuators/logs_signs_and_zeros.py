@@ -185,9 +185,9 @@ def _first_fit(search: Search, values: ActuatorValues) -> Fitted:
     found = fit(search.task(search.windows, parts), values, FIRST_ROUNDS)
     if not search.joints["integral"] or stays_off(search, found.values, search.windows):
         return found
-    begun = first_values(found.values, search.windows)["integral"]
-    task = search.task(search.windows, (*parts, "integral"))
-    other = fit(task, found.values.changed(integral=begun), FIRST_ROUNDS)
+    begun = found.values.changed(integral=first_values(found.values, search.windows)["integral"])
+    search = replace(search, centre=begun)
+    other = fit(search.task(search.windows, (*parts, "integral")), begun, FIRST_ROUNDS)
     return other if _misfit(other) * AS_GOOD < _misfit(found) else found
 
 

@@ -27,7 +27,7 @@ MOVES = 0.02  # standard deviation from which on a joint's targets tell anything
 FOLLOWS, OTHER = 0.5, 0.9
 """Correlation of a joint with its target, and with another one's, that tell another order."""
 LAG = 0.1  # by which positions are compared with earlier and later targets [s]
-SUPPLIES = (0.3, 2.0)  # of the nominal voltage, that actuators are fed with
+SUPPLIES = (0.6, 1.4)  # of the nominal voltage, that actuators are fed with
 UNKNOWN_SUPPLY = 5.0  # stretch without a voltage that is told [s]
 SLOPES = (0.5, 2.0)
 """Of positions over targets: outside, their units differ."""
@@ -59,6 +59,12 @@ def read_targets(argument: LogArgument, signals: TargetSignals, robot: Robot) ->
     name = path.stem + cut.text
     log = open_log(path)
     log = Numbered(log) if signals.time == ROW else log
+    if signals.supply and signals.supply not in log.columns:
+        raise LogError(
+            f"the log has no column '{signals.supply}' of the supply voltage",
+            where=argument.text,
+            fix="log it too; or identify without supply_voltage and nominal_voltage",
+        )
     require_columns(path, log.columns, signals.columns)
     parts = list(log.parts(signals.columns, cut.rows))
     table = np.concatenate(parts) if parts else np.zeros((0, len(signals.columns)))
@@ -91,8 +97,8 @@ def read_targets(argument: LogArgument, signals: TargetSignals, robot: Robot) ->
     t, q, target, effort, supply = (x[rising] for x in (t, q, target, effort, supply))
     notes = list[str]()
     if signals.supply:
-        supply, unknown = _supplied(t, supply, argument.text, signals)
-        notes += [f"{name}: {unknown}"] if unknown else []
+        supply, told = _supplied(t, supply, argument.text, signals)
+        notes.append(f"{name}: {told}")
     if len(t):
         seconds = t - t[0]
         inside = (seconds >= cut.seconds[0]) & (seconds < cut.seconds[1])
@@ -149,8 +155,9 @@ def _supplied(t: Array, voltage: Array, where: str, signals: TargetSignals) -> t
         )
     times = np.concatenate([t[:1], t[known], t[-1:]])
     longest = float(np.diff(times).max())
-    unknown = f"no supply voltage for up to {longest:.3g} s: that before and after is used"
-    told = unknown if longest > UNKNOWN_SUPPLY else ""
+    told = f"the supply is {low:.2f} to {high:.2f} of the nominal {signals.nominal:g}"
+    if longest > UNKNOWN_SUPPLY:
+        told += f", and not logged for up to {longest:.3g} s: that before and after is used"
     return np.interp(t, t[known], voltage[known]) / signals.nominal, told
 
 

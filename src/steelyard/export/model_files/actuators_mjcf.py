@@ -7,7 +7,7 @@ from math import ceil
 
 import numpy as np
 
-from steelyard.actuators.actuator_model import ActuatorModel, ActuatorParameter
+from steelyard.actuators.actuator_model import ActuatorModel, ActuatorParameter, EffortGain
 from steelyard.actuators.actuator_parameters import BY_NAME, UNLIMITED, ActuatorValues
 from steelyard.actuators.actuator_words_and_tables import scale_words
 from steelyard.base.arrays import Z95, Array
@@ -126,6 +126,8 @@ def unsupported(
         "stribeck_speed": "the speed over which dry friction falls",
     }
     found = []
+    if model.signals.supply:
+        found.append("stiffness and torque limits that follow the supply voltage")
     for name in names:
         sizes = model.values[name]
         kind = BY_NAME[BY_NAME[name].part]
@@ -167,16 +169,7 @@ def origin_lines(model: ActuatorModel) -> list[str]:
         "Masses and inertias are those of the model file, times the factors below where they are "
         "listed.",
         f"{scale_words(model)}.",
-        *supply_lines(model),
     ]
-
-
-def supply_lines(model: ActuatorModel) -> list[str]:
-    """The voltage that values are for."""
-    if not model.signals.supply:
-        return []
-    nominal = model.signals.nominal
-    return [f"Stiffness and torque limits are those at a supply of {nominal:g}, the nominal one."]
 
 
 def target_lines(model: ActuatorModel, target: str = "ctrl", position: str = "qpos") -> list[str]:
@@ -201,6 +194,7 @@ def range_lines(model: ActuatorModel) -> list[str]:
         "Parameters, with 95 % intervals. For domain randomisation draw one scale for all values",
         "of a joint, and the ratios to its stiffness: these are much sharper than the values.",
         *(_range(one) for one in model.parameters if one.status != "not in the law"),
+        *(_gain(one) for one in model.efforts if one.value is not None),
         "Ratios to the stiffness, with 95 % intervals:",
         *_ratios(model),
     ]
@@ -208,12 +202,20 @@ def range_lines(model: ActuatorModel) -> list[str]:
 
 def _range(one: ActuatorParameter) -> str:
     """A parameter with its interval, or where else it is from."""
-    value = f"  {one.name} of {one.joint}: {significant(one.value)} {one.unit}"
+    unit = f" {one.unit}" if one.unit != "1" else ""
+    value = f"  {one.name} of {one.joint}: {significant(one.value)}{unit}"
     if one.interval is None:
         return f"{value}, {one.status}"
     low, high = (significant(x) for x in one.interval)
     said = {"not identifiable": ", wide: the logs do not show it", "assumed": ", assumed"}
     return f"{value} [{low}, {high}]{said.get(one.status, '')}"
+
+
+def _gain(one: EffortGain) -> str:
+    """Torque per logged effort, by which simulated torques become efforts."""
+    low, high = (significant(x) for x in one.interval or (0.0, 0.0))
+    within = f" [{low}, {high}]" if one.interval else f", {one.status}"
+    return f"  torque per logged effort of {one.joint}: {significant(one.value)} {one.unit}{within}"
 
 
 def _ratios(model: ActuatorModel) -> list[str]:

@@ -83,7 +83,7 @@ class LoadedRobot:
         base: The link that is fixed to the world; `None` if it is the model's root.
         floats: Whether that link floats in the model: its being at rest is an assumption.
         couplings_stated: Whether the file states couplings of motors, or that there are none.
-        targets: Columns of position targets and positions, where logs have no efforts.
+        targets: Columns of position targets and positions, where actuators are identified.
         actuator: What is known of the actuators that follow them.
 
     Example:

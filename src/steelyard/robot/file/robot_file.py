@@ -257,19 +257,18 @@ def _from_toml(path: Path, text: str, sha256: str) -> LoadedRobot:
 
 def _refuse_of_efforts(file: RobotFile, locate: Locate) -> None:
     """What only efforts make sense of is refused where actuators are identified, not ignored."""
-    for name in ("model", "processing", "estimation", "prior", "validation"):
-        section = getattr(file, name)
-        if section is not None and section.model_fields_set:
-            raise ModelError(
-                f"[{name}] is for identification from efforts, not of actuators",
-                where=locate(name),
-                fix=f"remove [{name}]; or add [signals.effort], and remove [actuator]",
-            )
-    if file.knowledge:
+    names = ("model", "processing", "estimation", "prior", "validation")
+    given = [(name, getattr(file, name)) for name in names]
+    used = [name for name, x in given if x is not None and x.model_fields_set]
+    used += ["knowledge"] if file.knowledge else []
+    if used:
+        told = ", ".join(f"[{name}]" if name in names else f"[[{name}]]" for name in used)
+        other = "remove [actuator]" if file.signals and file.signals.has_efforts else ""
         raise ModelError(
-            "[[knowledge]] is for identification from efforts, not of actuators",
-            where=locate("knowledge"),
-            fix="remove it; or add [signals.effort], and remove [actuator]",
+            f"{told} {'is' if len(used) == 1 else 'are'} for identification from efforts, not of "
+            "actuators",
+            where=locate(used[0]),
+            fix=f"remove {told}; or {other or 'add [signals.effort]'}, to identify from efforts",
         )
 
 

@@ -234,7 +234,8 @@ class SignalsSection(Section):
         commanded_velocity: Columns of the commanded velocities, likewise; commanded positions are
             differentiated if left out.
         target: Columns of the targets of position-controlled joints, in the unit and with the signs
-            of `position`; without efforts, actuators are identified from them.
+            of `position`; without efforts, or with `[actuator]`, actuators are identified from
+            them.
         supply_voltage: Column of the voltage that the actuators are fed with.
         nominal_voltage: The voltage that identified values are for, in the unit of that column.
         effort: Columns of efforts.

@@ -175,6 +175,13 @@ def _with_efforts(
     gains, unknown = np.ones(found.n), (True,) * found.n
     if given.gain is not None or not set(units) & set(signals.WITHOUT_TORQUE):
         gains, unknown = declared.gains(columns, units)
+    known = [float(g) for g, no in zip(gains, unknown, strict=True) if not no]
+    if any(unknown) and 1.0 in known and set(units) & set(signals.WITHOUT_TORQUE):
+        raise ModelError(
+            'a gain of 1 beside "identify" stands for a scale that is not known',
+            where=declared.locate("signals", "effort", "gain"),
+            fix='write gain = "identify" for all joints; or the torque per unit that is known',
+        )
     if gears is not None and given.side == "motor":
         gains = gains * np.diag(gears.matrix)
     return replace(

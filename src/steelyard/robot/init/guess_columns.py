@@ -145,6 +145,12 @@ def guess_columns(
         )
     if velocity:
         reasons.append(rates.reason)
+    goals = [c for c in named if c.of_target and c.quantity in (None, "position")]
+    if len(goals) == len(counted):
+        reasons.append(
+            f"targets are logged too ({listed(goals)}): to identify the actuators that follow "
+            "them, add target = ... under [signals], and a section [actuator]"
+        )
     left = () if used else tuple(c.name for c in velocity)
     contradictions = where.contradictions + rates.contradictions
     if kind == "joint_torque":
