@@ -5,10 +5,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import numpy as np
-from pydantic import ConfigDict, TypeAdapter
 
 from steelyard.actuators.actuator_parameters import (
     BY_NAME,
@@ -67,6 +66,9 @@ class ActuatorParameter:
         return {**vars(self), "interval": None if self.interval is None else [*self.interval]}
 
 
+GainStatus = Literal["stated", "identified", "contradicted", "not shown"]
+
+
 @dataclass(frozen=True)
 class EffortGain:
     """Torque of a joint per logged effort.
@@ -82,7 +84,7 @@ class EffortGain:
     unit: str
     value: float | None
     interval: tuple[float, float] | None
-    status: Literal["stated", "identified", "contradicted", "not shown"]
+    status: GainStatus
     reason: str = ""
     follows: float | None = None
     by_masses: float | None = None
@@ -92,19 +94,28 @@ class EffortGain:
         return {**vars(self), "interval": None if self.interval is None else [*self.interval]}
 
 
-GAINS = TypeAdapter(tuple[EffortGain, ...], config=ConfigDict(allow_inf_nan=False))
+def gains_from(data: Sequence[Mapping[str, Any]], joints: Sequence[str]) -> tuple[EffortGain, ...]:
+    """Gains of efforts that `to_dict` wrote, of these joints.
 
-
-def gains_from(data: object, joints: Sequence[str]) -> tuple[EffortGain, ...]:
-    """Gains of efforts that `to_dict` wrote, of these joints; `ValueError` if damaged."""
-    found = GAINS.validate_python(data)
-    if found and [one.joint for one in found] != [*joints]:
+    `KeyError`, `ValueError` or `TypeError` if damaged.
+    """
+    if data and [one["joint"] for one in data] != [*joints]:
         raise ValueError("'efforts' are not those of the joints")
-    for one in found:
-        low, high = one.interval or (-np.inf, np.inf)
-        if one.value == 0.0 or not low <= (one.value or 0.0) <= high:
-            raise ValueError("a gain of efforts cannot be used")
-    return found
+    return tuple(_gain_from(one) for one in data)
+
+
+def _gain_from(data: Mapping[str, Any]) -> EffortGain:
+    numbers = {key: data[key] for key in ("value", "follows", "by_masses") if data[key] is not None}
+    low, high = data["interval"] or (-np.inf, np.inf)
+    sizes = [float(x) for x in numbers.values()]
+    if not np.isfinite(sizes).all() or not low <= numbers.get("value", low) <= high:
+        raise ValueError("a gain of efforts is not finite, or beside its interval")
+    if numbers.get("value") == 0.0 or data["status"] not in get_args(GainStatus):
+        raise ValueError("a gain of efforts is zero, or its status none that there is")
+    if not all(isinstance(data[key], str) for key in ("unit", "reason")):
+        raise ValueError("a unit or reason of efforts is no text")
+    interval = data["interval"] and (float(low), float(high))
+    return EffortGain(**{**data, "interval": interval})
 
 
 def reach_of(values: ActuatorValues, q: Array) -> Array:
