@@ -36,7 +36,7 @@ def model(folder: Path, number: int, **given: object) -> ActuatorModel:
     origin = Provenance("1", {"robot a": "0", "identification log": str(number)}, ("log",), ())
     return ActuatorModel(
         robot, signals, values, free, STD**2 * np.eye(len(free)), np.ones(len(free)), 1.0,
-        np.full(2, 1e-3), (), 0.005, (), (), (), (), np.zeros((2, 2)), (), origin,
+        np.full(2, 1e-3), (), 0.005, (), (), (), (), np.zeros((2, 2)), origin,
     )  # fmt: skip
 
 

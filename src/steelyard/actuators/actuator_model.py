@@ -159,8 +159,8 @@ class ActuatorModel:
         open_signs: Joints whose sign against the model file the fitted logs do not decide.
         beyond_limits: Joints that the motion of logs takes far beyond their limits.
         reach: Least and greatest positions of the motion, `(n, 2)`, in the model's joints.
-        efforts: Torque per effort that is logged beside targets, by joint; empty without them.
         provenance: Inputs and settings.
+        efforts: Torque per effort that is logged beside targets, by joint; empty without them.
 
     Example:
         >>> model = load_actuators("servo-model")
@@ -183,8 +183,8 @@ class ActuatorModel:
     open_signs: tuple[str, ...]
     beyond_limits: tuple[str, ...]
     reach: Array
-    efforts: tuple[EffortGain, ...]
     provenance: Provenance
+    efforts: tuple[EffortGain, ...] = ()
 
     def __repr__(self) -> str:
         return f"ActuatorModel({self.robot!r})"
@@ -372,8 +372,8 @@ class ActuatorModel:
             open_signs,
             beyond_limits,
             frozen(data.get("reach", [[np.inf, -np.inf]] * n), (n, 2)),
-            gains_from(data.get("efforts", ()), robot.joint_names),
             Provenance(**{**origin, "inputs": dict(origin["inputs"]), **lists}),
+            gains_from(data.get("efforts", ()), robot.joint_names),
         )
 
     def text(self) -> str:

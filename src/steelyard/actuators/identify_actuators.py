@@ -330,7 +330,6 @@ def _model(
         tuple(names[j] for j in open_signs),
         (),
         frozen(np.zeros((job.step.n, 2))),
-        (),
         origin,
     )
 
