@@ -24,7 +24,7 @@ import steelyard
 ARMS, PROCESSES = 20, 2
 COVERED = 0.90
 """Share of the 95 % intervals of so few arms that hold the truth, at least."""
-MOST_OFF = 0.02
+MOST_OFF = 0.01
 """Of the stiffness by torques, on average."""
 KNOWN = "position_sign = [1, 1]\nposition_offset = [0.0, 0.0]\n"
 NAMES = ("stiffness", "damping", "coulomb", "armature")

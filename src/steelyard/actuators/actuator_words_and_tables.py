@@ -1,7 +1,7 @@
 """Words and tables about actuators: how far off motion is, what the law has, and its values."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -191,28 +191,32 @@ def _size(model: ActuatorModel, error: float, joint: int = 0) -> str:
 
 
 def scale_words(model: ActuatorModel) -> str:
-    """Where stiffness and friction have their scale from."""
-    if model.signals.supply:
-        supply = f"; stiffness and torque limits are those at a supply of {model.signals.nominal:g}"
-        return scale_words(replace(model, signals=replace(model.signals, supply=""))) + supply
+    """Where stiffness and friction have their scale from, and what that means."""
+    words = scale_source(model)
+    if model.measured or "stiffness" in model.stated:
+        return words
+    words += ". If all masses are off by 10 %, so are they; ratios and the error above are not"
+    if not model.masses_searched:
+        words += '. Single links that are off raise the error: [actuator] mass_factor = "identify"'
+    return words
+
+
+def scale_source(model: ActuatorModel) -> str:
+    """Where torques have their scale from, and the voltage that values are for."""
+    words = "torques, stiffness and inertia have the scale of the masses in the model file"
     if model.measured:
-        return (
+        words = (
             f"torques of {', '.join(model.measured)} have the scale of the logged efforts, with "
             "the gains that are stated; masses of links are identified beside them"
-            + "; others have that of the stiffness that is stated"
-            * ("stiffness" in model.stated)
         )
-    if "stiffness" in model.stated:
-        return "torques have the scale of the stiffness that is stated"
-    alone = (
-        ""
-        if model.masses_searched
-        else '. Single links that are off raise the error: [actuator] mass_factor = "identify"'
-    )
-    return (
-        "torques, stiffness and inertia have the scale of the masses in the model file: if all "
-        f"these are off by 10 %, so are they; ratios and the error above are not{alone}"
-    )
+        if "stiffness" in model.stated:
+            words += "; others have that of the stiffness that is stated"
+    elif "stiffness" in model.stated:
+        words = "torques have the scale of the stiffness that is stated"
+    if model.signals.supply:
+        nominal = model.signals.nominal
+        words += f"; stiffness and torque limits are those at a supply of {nominal:g}"
+    return words
 
 
 CLAIM = (

@@ -124,13 +124,13 @@ def identify_actuators(
     search = _shown(replace(search, windows=tuple(windows)), fitted, job)
     fitted, search = _limits_of_all(search, fitted, parts, job)
     first = _first(start, fitted.values, parts, stated_values(file))
-    efforts = _efforts(job, windows, fitted.values)
-    by_masses = _by_masses(job, efforts, fitted.values)
-    if measured := _measured_scales(job, efforts):
-        search, parts = _measured(search, fitted.values, parts, measured)
-        first, values = (_rescaled(x, measured, job) for x in (first, fitted.values))
-        fitted = replace(fitted, values=values)
     final = _final(search, fitted, parts, job)
+    efforts = _efforts(job, windows, final.values)
+    by_masses = _by_masses(job, efforts, final.values)
+    if measured := _measured_scales(job, efforts):
+        search, parts = _measured(search, final.values, parts, measured)
+        first, values = (_rescaled(x, measured, job) for x in (first, final.values))
+        final = _final(search, replace(final, values=values), parts, job)
     first = _alike(first, search, parts, job)
     wider = halves_apart(
         search,

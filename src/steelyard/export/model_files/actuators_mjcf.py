@@ -9,7 +9,7 @@ import numpy as np
 
 from steelyard.actuators.actuator_model import ActuatorModel, ActuatorParameter, EffortGain
 from steelyard.actuators.actuator_parameters import BY_NAME, UNLIMITED, ActuatorValues
-from steelyard.actuators.actuator_words_and_tables import scale_words
+from steelyard.actuators.actuator_words_and_tables import scale_source
 from steelyard.base.arrays import Z95, Array
 from steelyard.base.errors import ModelError
 from steelyard.export.model_files.representable_content import Content
@@ -168,7 +168,7 @@ def origin_lines(model: ActuatorModel) -> list[str]:
         *(f"  {role}: {value}" for role, value in origin.inputs.items()),
         "Masses and inertias are those of the model file, times the factors below where they are "
         "listed.",
-        f"{scale_words(model)}.",
+        f"Scale: {scale_source(model)}.",
     ]
 
 
