@@ -366,3 +366,9 @@ def test_names_of_joints_behind_their_quantity() -> None:
     guess = guess_columns(robot, columns)
     assert guess.section.effort.columns == "eff_panda_joint{}"
     assert guess.section.position == "pos_panda_joint{}"
+
+
+@pytest.mark.parametrize(("stem", "told"), [("goal_position_#", True), ("target_qd_#", False)])
+def test_targets_of_positions_beside_efforts_are_told(stem: str, told: bool) -> None:
+    guess = guess_columns(TWO, ["t", *numbered("q#", "tau#", stem)])
+    assert any("targets are logged too" in reason for reason in guess.reasons) == told

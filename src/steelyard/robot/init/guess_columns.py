@@ -17,6 +17,7 @@ from steelyard.robot.init import column_names
 from steelyard.robot.init import guess_clock_positions_and_velocities as motion
 from steelyard.robot.init import guess_efforts_and_gears as efforts
 from steelyard.robot.init.column_names import Column, Quantity, by_name, by_number, give_up, listed
+from steelyard.robot.init.guess_targets import position_targets
 from steelyard.robot.robot import Coordinate, Robot
 
 Sample = Mapping[str, ArrayLike]
@@ -145,7 +146,7 @@ def guess_columns(
         )
     if velocity:
         reasons.append(rates.reason)
-    goals = [c for c in named if c.of_target and c.quantity in (None, "position")]
+    goals = position_targets(named)
     if len(goals) == len(counted):
         reasons.append(
             f"targets are logged too ({listed(goals)}): to identify the actuators that follow "

@@ -64,8 +64,13 @@ def targets_without_efforts(
     values = {name: finite(np.asarray(x)) for name, x in sample.items()}
     efforts = [c for c in named if c.quantity == "effort" and changes(c.name, values)]
     positions = [c for c in named if c.quantity == "position"]
-    targets = [c for c in named if c.of_target and _without_target(c).quantity not in NO_MOTION]
+    targets = position_targets(named)
     return (positions, targets) if positions and targets and not efforts else ([], [])
+
+
+def position_targets(named: Sequence[Column]) -> list[Column]:
+    """Columns of targets that positions are to follow."""
+    return [c for c in named if c.of_target and _without_target(c).quantity not in NO_MOTION]
 
 
 def _guess(
