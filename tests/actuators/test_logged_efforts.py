@@ -104,6 +104,7 @@ def test_a_stated_stiffness_wins_over_efforts(tmp_path: Path, measured: Columns)
     assert found.model.values["stiffness"].tolist() == [6.0, 4.0]
     assert not found.model.measured
     assert all(one.status == "contradicted" for one in found.model.efforts)
+    assert all(one.by_masses is None for one in found.model.efforts)  # the scale is stated
     assert any("times the torque of the law" in words for words in found.warnings)
 
 

@@ -41,6 +41,7 @@ from steelyard.actuators.logs_signs_and_zeros import (
     some_windows,
     started,
     stated_stiffness,
+    stated_torques,
     stated_values,
     weighed,
     with_scale,
@@ -229,8 +230,11 @@ def _efforts(job: Job, windows: Sequence[Window], values: ActuatorValues) -> Eff
 
 
 def _by_masses(job: Job, efforts: Efforts, values: ActuatorValues) -> dict[int, float]:
-    """Gains with which torques have the scale of the masses, at joints that their weight loads."""
-    loaded = weighed(job, values)
+    """Gains with which torques have the scale of the masses, at joints that their weight loads.
+
+    Not of those whose scale is stated.
+    """
+    loaded = {*weighed(job, values)} - {*stated_stiffness(job), *stated_torques(job)}
     return {j: 1.0 / one.value for j, one in efforts.factors.items() if j in loaded}
 
 

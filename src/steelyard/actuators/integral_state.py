@@ -20,7 +20,6 @@ from steelyard.actuators.closed_loop_step import ArmStep
 from steelyard.actuators.target_runs import TargetRun
 from steelyard.base.arrays import Array
 
-SIGHT = 1e-4  # over which a held target is averaged [s]
 DIFFERENCE = 1e-5  # of a parameter, for slopes
 SOME = 500  # rows of a log that show the mean weight of its links
 OF_THE_ERROR, OF_THE_WEIGHT = (
@@ -59,8 +58,7 @@ def _held(
 ) -> Array:
     """What integrals hold, with the torque of the links' weight at first and on average."""
     s, kp, ki = values.signs, values["stiffness"], values["integral"]
-    u, _ = run.mean_target(run.t - SIGHT, SIGHT, values["delay"])
-    error = s * (u + values["offset"] - run.q)
+    error = s * (run.target_at(run.t, values["delay"]) + values["offset"] - run.q)
     error = error - np.clip(error, -values["dead_band"], values["dead_band"])
     steps = np.diff(run.t)[:, None] * 0.5 * (error[1:] + error[:-1])
     grown = ki * np.concatenate([np.zeros((1, len(s))), np.cumsum(steps, axis=0)])

@@ -29,7 +29,6 @@ from steelyard.base.arrays import Z95, Array
 from steelyard.robot.file.signals import TargetSignals
 
 FINE_STEP = STEP / 4  # of the rollouts [s]
-SIGHT = 1e-4  # over which a held target is averaged [s]
 CREEP = 0.02  # speed above which dry friction has its sign [rad/s; m/s]
 SURE = 0.2  # quantile of the torque's size, below which its sign is not sure
 NEGATIVE = 0.05  # of the largest effort: smaller negative ones are noise of a size
@@ -110,7 +109,7 @@ def _rows(
     counts = window.t - window.t[0] >= SETTLING
     a = np.gradient(rolled.v, window.t, axis=0)[counts]
     t, q, v, held = (x[counts] for x in (window.t, rolled.q, rolled.v, rolled.held))
-    u, _ = window.run.mean_target(t - SIGHT, SIGHT, values["delay"])
+    u = window.run.target_at(t, values["delay"])
     off = u + values["offset"] - q
     off = off - np.clip(off, -values["dead_band"], values["dead_band"])
     fed = window.run.supplied(t)[:, None]
@@ -235,7 +234,7 @@ def _gain(model: ActuatorModel, j: int, found: Efforts) -> EffortGain:
             "count against the joint, with the gain that is stated: not used; by the log it is "
             f"{1.0 / one.value:.3g} {unit}"
         )
-    elif joint not in model.measured and abs(np.log(ratio)) > max(np.log(OFF), half):
+    elif abs(np.log(ratio)) > max(np.log(OFF), half):  # 1 where they give torques their scale
         why = (
             f"are {ratio:.2g} times the torque of the law, with the gain and the stiffness that "
             "are stated: one of these is wrong, or the unit"

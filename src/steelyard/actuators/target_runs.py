@@ -7,6 +7,8 @@ import numpy as np
 
 from steelyard.base.arrays import Array, frozen
 
+SIGHT = 1e-4  # over which a held target is averaged [s]
+
 
 @dataclass(frozen=True, eq=False)
 class TargetRun:
@@ -43,6 +45,10 @@ class TargetRun:
         knots = np.append(self.t, self.t[-1] + last)
         parts = self.target * np.diff(knots)[:, None]
         return knots, np.concatenate([np.zeros((1, self.q.shape[1])), np.cumsum(parts, axis=0)])
+
+    def target_at(self, t: Array, delay: Array) -> Array:
+        """Targets that are held just before times `(K,)`, seen late, `(K, n)`."""
+        return self.mean_target(t - SIGHT, SIGHT, delay)[0]
 
     def mean_target(self, start: Array, h: float, delay: Array) -> tuple[Array, Array]:
         """Mean target over steps of `h` from `start` `(K,)`, seen late; and its slope by the delay.
