@@ -210,6 +210,9 @@ def test_gains_of_another_unit_are_doubted(tmp_path: Path, measured: Columns) ->
     checked = steelyard.check_targets(tmp_path / "servos.toml", tmp_path / "log.csv")
     (finding,) = [f for f in checked.content.diagnosis.findings if f.check == "efforts"]
     assert finding.severity.name == "DOUBTFUL"
+    checked.save(tmp_path / "page")
+    page = (tmp_path / "page" / "check.html").read_text("utf-8")
+    assert "Do logged efforts follow the controllers" in page
     assert re.search("masses of the model file ask for about 1.0[0-9][0-9] Nm/A", finding.says)
 
 

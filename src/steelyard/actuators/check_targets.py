@@ -59,6 +59,7 @@ QUESTIONS = {
     "signs": "Do positions count as the model file's joints do?",
     "joint zeros": "Where are the model file's joints when the log says zero?",
     "limits": "Is the motion within the limits of the joints?",
+    "efforts": "Do logged efforts follow the controllers, with the gains that are stated?",
     "scale": "What gives stiffness and friction of each joint their scale?",
 }
 
