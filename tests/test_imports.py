@@ -35,6 +35,7 @@ ORDER = (
     "actuators",
     "excite",
     "uses",
+    "fleet",
     "export",
     "simulate",
     "cli",
@@ -64,6 +65,8 @@ ONE_FILE = {
     "mcap": {"logs/messages/mcap_and_ros1_bag.py"},
     "rosbags": {"logs/messages/containers_and_decoding.py"},
     "zstandard": {"logs/messages/decompression.py"},
+    "distributed": {"fleet/workers.py"},
+    "fsspec": {"fleet/files_and_urls.py"},
     "lz4": {"logs/messages/decompression.py"},
 }
 

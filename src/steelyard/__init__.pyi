@@ -25,6 +25,8 @@ from steelyard.excite.excite_and_reduce_loop import reduction_loop as reduction_
 from steelyard.excite.trajectories.trajectory_files import read_trajectory as read_trajectory
 from steelyard.export.code.export_code import export_code as export_code
 from steelyard.export.model_files.export_model_file import export as export
+from steelyard.fleet.fleet import fleet as fleet
+from steelyard.fleet.fleet import plan_fleet as plan_fleet
 from steelyard.identify.comparison.compare import compare as compare
 from steelyard.identify.comparison.compare import compare_models as compare_models
 from steelyard.identify.identify import Identification as Identification

@@ -4,7 +4,13 @@ from typing import Annotated
 
 import typer
 
-from steelyard.cli import doctor_command, init_command, log_commands, watch_command
+from steelyard.cli import (
+    doctor_command,
+    fleet_command,
+    init_command,
+    log_commands,
+    watch_command,
+)
 from steelyard.cli import identify_and_use_commands as use
 from steelyard.cli import motion_and_simulation_commands as motion
 from steelyard.cli import reduce_and_export_commands as model
@@ -33,6 +39,7 @@ for command in (
     use.wrench,
     use.health,
     watch_command.watch,
+    fleet_command.fleet,
     model.export,
     use.feedforward,
     motion.simulate,

@@ -8,6 +8,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from steelyard.base.arrays import Array
 from steelyard.base.errors import DataError, ModelError, advice
 from steelyard.base.progress import Progress, silent
 from steelyard.estimate.closed_loop.extended_kalman_filter import KalmanParameters
@@ -48,7 +49,7 @@ from steelyard.estimate.reduction.stopping_rules_and_reduction import reduced
 from steelyard.model.model import Model
 from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
 from steelyard.robot.file.sections import GeneticSection
-from steelyard.runs.run import Run, fastest_of
+from steelyard.runs.run import Run
 
 Needs = Literal["information", "samples", "experiment"]  # see `estimate.Estimator`
 
@@ -302,11 +303,11 @@ def method_of(loaded: LoadedRobot, option: str | None = None) -> Offer:
 
 
 def context_of(
-    loaded: LoadedRobot, regressor: Regressor, runs: Sequence[Run], progress: Progress
+    loaded: LoadedRobot, regressor: Regressor, fastest: Array, progress: Progress
 ) -> Context:
-    """What estimators are made from, for runs of a robot."""
+    """What estimators are made from, for motion up to speeds of each joint, `(n,)`."""
     model = regressor.model
-    knowledge = knowledge_of(model, loaded, fastest_of(runs))
+    knowledge = knowledge_of(model, loaded, fastest)
     equal = loaded.estimation.weights == "equal"
     own, genetic = per_run_columns(model, regressor.layout), loaded.estimation.genetic
     return Context(regressor, knowledge, own, progress, equal, genetic)

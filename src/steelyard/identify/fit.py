@@ -31,7 +31,7 @@ from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
 from steelyard.robot.file.sections import EstimationSection, PriorSection
 from steelyard.robot.file.signals import Signals
 from steelyard.runs.processing_choices import NYQUIST_SHARE
-from steelyard.runs.run import Run, motion_samples
+from steelyard.runs.run import Run, fastest_of, motion_samples
 from steelyard.runs.runs_of_named_logs import processing_of_robot
 
 EstimatorOf = Callable[[Sequence[Run], Information], Estimator[Information]]
@@ -86,7 +86,7 @@ def fit(task: preparation.FitTask, origin: Provenance) -> Fit:
     prepared = preparation.prepare_fit(task, least_squares)
     regressor = regression.base_regressor(prepared.model)
     information = prepared.information_of(regressor)
-    context = register.context_of(loaded, regressor, prepared.runs, task.progress)
+    context = register.context_of(loaded, regressor, fastest_of(prepared.runs), task.progress)
 
     def estimating(runs: Sequence[Run], pooled: Information) -> Estimator[Information]:
         sources = Sources(regressor, runs, pooled, task.threads, task.progress)

@@ -39,7 +39,7 @@ from steelyard.report.result import DataFrame, Result, frame
 from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
 from steelyard.robot.file.robot_file import load_robot
 from steelyard.runs import runs_of_named_logs as named_logs
-from steelyard.runs.run import Run
+from steelyard.runs.run import Run, fastest_of
 
 
 def _refuse_one_run(information: Information) -> NoReturn:
@@ -89,7 +89,7 @@ def comparison_inputs(
     # one more pass, in windows that parts can be made of
     regressor, runs = base_regressor(ground.model), ground.runs
     information = task.information_of(ground.model, runs, longest_window(runs))(regressor)
-    context = register.context_of(file, regressor, runs, progress)
+    context = register.context_of(file, regressor, fastest_of(runs), progress)
     sources = Sources(regressor, runs, information, threads, progress)
     experiment = sources.experiment if len(runs) > 1 else _refuse_one_run
     parts = Parts.of(runs, information, {"samples": sources.samples, "experiment": experiment})

@@ -1,0 +1,224 @@
+"""Files of this machine and of object stores: what is there, its bytes, and copies of logs.
+
+Paths are read without any package; URLs such as `s3://bucket/logs` through fsspec, with the
+credentials that its back ends find by themselves (environment, profiles, roles).
+"""
+
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from hashlib import sha256
+from pathlib import Path
+from typing import Any
+from urllib.parse import urlsplit
+
+from steelyard.base.errors import LogError, SteelyardError, require
+from steelyard.base.files import whole_file
+from steelyard.logs.formats import FORMATS
+
+COPIED_BYTES = 1 << 22  # bytes that are read at a time
+
+
+@dataclass(frozen=True)
+class StoredFile:
+    """A file: its path or URL, its size in bytes, and a stamp that changes with its content."""
+
+    url: str
+    size: int
+    stamp: str
+
+
+def is_url(text: str) -> bool:
+    """Whether a text names a place of fsspec; drives of Windows are none."""
+    return "://" in text
+
+
+def without_secrets(url: str) -> str:
+    """The URL without user, password and query, for messages."""
+    if not is_url(url):
+        return url
+    parts = urlsplit(url)
+    return f"{parts.scheme}://{parts.netloc.rpartition('@')[2]}{parts.path}"
+
+
+def files_of(argument: str) -> list[StoredFile]:
+    """The log files that a file, a folder, a pattern with `*`, or a URL of these names.
+
+    Raises:
+        LogError: There is none, or the place cannot be read.
+    """
+    found = _remote_files(argument) if is_url(argument) else _local_files(argument)
+    logs = [file for file in found if _suffix(file.url) in FORMATS]
+    if not logs:
+        named = f", but {len(found)} other files" if found else ""
+        raise LogError(
+            f"there is no log{named}",
+            where=without_secrets(argument),
+            fix=f"name a log, a folder or a pattern of logs that end in {', '.join(FORMATS)}",
+        )
+    return sorted(logs, key=lambda file: file.url)
+
+
+def _suffix(url: str) -> str:
+    return Path(urlsplit(url).path if is_url(url) else url).suffix.lower()
+
+
+def _local_files(argument: str) -> list[StoredFile]:
+    place = Path(argument)
+    if place.is_dir():
+        paths = [path for path in place.rglob("*") if path.is_file()]
+    elif place.is_file():
+        paths = [place]
+    else:
+        fixed = Path(*[part for part in _before_pattern(place.parts)])
+        pattern = str(place.relative_to(fixed)) if place.parts != fixed.parts else ""
+        paths = [path for path in fixed.glob(pattern) if path.is_file()] if pattern else []
+    hidden = [path for path in paths if path.name.startswith(".")]
+    return [_local(path) for path in paths if path not in hidden]
+
+
+def _before_pattern(parts: tuple[str, ...]) -> Iterator[str]:
+    for part in parts:
+        if any(mark in part for mark in "*?["):
+            return
+        yield part
+
+
+def _local(path: Path) -> StoredFile:
+    state = path.stat()
+    return StoredFile(str(path), state.st_size, str(state.st_mtime_ns))
+
+
+def _remote_files(argument: str) -> list[StoredFile]:
+    system, path = _file_system(argument)
+    with _explained(argument):
+        if any(mark in path for mark in "*?["):
+            found = system.glob(path, detail=True)
+        elif system.isfile(path):
+            found = {path: system.info(path)}
+        else:
+            found = system.find(path, detail=True)
+    scheme = argument.partition("://")[0]
+    return [
+        StoredFile(f"{scheme}://{name.lstrip('/') if scheme != 'file' else name}", _size(info),
+                   _stamp(info))
+        for name, info in found.items()
+        if info.get("type", "file") == "file"
+    ]  # fmt: skip
+
+
+def _size(info: dict[str, Any]) -> int:
+    return int(info.get("size") or 0)
+
+
+def _stamp(info: dict[str, Any]) -> str:
+    """What back ends say of a file's version; without any, its content is read to know it."""
+    return str(next((info[k] for k in ("ETag", "etag", "mtime", "LastModified") if k in info), ""))
+
+
+def _file_system(url: str) -> tuple[Any, str]:
+    require("fsspec", "cluster", "URLs", without_secrets(url))
+    from fsspec.core import url_to_fs
+
+    with _explained(url):
+        system, path = url_to_fs(url)
+    return system, str(path)
+
+
+@contextmanager
+def _explained(url: str) -> Iterator[None]:
+    """Whatever a back end raises is a `LogError` that names the URL, and no secret."""
+    try:
+        yield
+    except SteelyardError:
+        raise
+    except ImportError as error:
+        scheme = url.partition("://")[0]
+        raise LogError(
+            f"URLs that begin with {scheme}:// need a package that is not installed",
+            where=without_secrets(url),
+            fix=f"install the back end of fsspec for them (pip install {_BACK_ENDS.get(scheme)})"
+            if scheme in _BACK_ENDS
+            else "use file://, s3:// or gs://",
+        ) from error
+    except Exception as error:  # back ends have errors of their own, without a common root
+        kind, words = type(error).__name__, " ".join(str(error).split())
+        expired = any(w in f"{kind} {words}" for w in ("Expired", "Credential", "Forbidden", "403"))
+        raise LogError(
+            f"the URL cannot be read ({kind}{': ' + words[:160] if words and not expired else ''})",
+            where=without_secrets(url),
+            fix="renew the credentials, as for the command line tools of this store"
+            if expired
+            else "check the URL, the network and the credentials",
+        ) from error
+
+
+_BACK_ENDS = {"s3": "s3fs", "gs": "gcsfs", "gcs": "gcsfs", "az": "adlfs", "abfs": "adlfs"}
+
+
+def digest(file: StoredFile) -> str:
+    """SHA-256 of a file's bytes."""
+    found = sha256()
+    for block in _blocks(file.url):
+        found.update(block)
+    return found.hexdigest()
+
+
+def _blocks(url: str) -> Iterator[bytes]:
+    with _explained(url):
+        if is_url(url):
+            system, path = _file_system(url)
+            opened = system.open(path, "rb")
+        else:
+            opened = Path(url).open("rb")
+        with opened as stream:
+            while block := stream.read(COPIED_BYTES):
+                yield block
+
+
+@contextmanager
+def on_disk(url: str) -> Iterator[Path]:
+    """The log as a file of this machine: a URL is copied to a temporary file for as long."""
+    if not is_url(url):
+        yield Path(url)
+        return
+    with tempfile.TemporaryDirectory() as folder:
+        copy = Path(folder) / Path(urlsplit(url).path).name
+        with copy.open("wb") as stream:
+            for block in _blocks(url):
+                stream.write(block)
+        yield copy
+
+
+class Folder:
+    """Small files by name in a folder or at a URL; each is there whole or not at all."""
+
+    def __init__(self, place: str | Path) -> None:
+        self.place = str(place)
+        if not is_url(self.place):
+            Path(self.place).mkdir(parents=True, exist_ok=True)
+
+    def read(self, name: str) -> bytes | None:
+        """The bytes of a file; `None` if there is none."""
+        if not is_url(self.place):
+            try:
+                return (Path(self.place) / name).read_bytes()
+            except FileNotFoundError:
+                return None
+        system, path = _file_system(f"{self.place}/{name}")
+        with _explained(self.place):
+            try:
+                return bytes(system.cat_file(path))
+            except FileNotFoundError:
+                return None
+
+    def write(self, name: str, content: bytes) -> None:
+        """Write a file, or replace it."""
+        if not is_url(self.place):
+            with whole_file(Path(self.place) / name) as part:
+                part.write_bytes(content)
+            return
+        system, path = _file_system(f"{self.place}/{name}")
+        with _explained(self.place):
+            system.pipe_file(path, content)

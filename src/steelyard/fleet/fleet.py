@@ -1,0 +1,335 @@
+"""Many robots of one kind over many days: `steelyard fleet`, from logs to what changed and when."""
+
+import os
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from time import perf_counter
+
+import numpy as np
+
+from steelyard.base.arrays import Array, by_key
+from steelyard.base.checked_arguments import checked
+from steelyard.base.errors import LogError
+from steelyard.base.progress import Progress, report_progress, silent
+from steelyard.estimate.estimate import Estimate
+from steelyard.estimate.estimator_register import context_of, method_of, offer_of
+from steelyard.estimate.identified_model import IdentifiedModel
+from steelyard.estimate.information.information import Information
+from steelyard.fleet.changes_over_days import FleetDays, RobotDays
+from steelyard.fleet.fleet_result_and_page import Fleet, FleetPlan, LeftOut, Work
+from steelyard.fleet.local_parameters import LocalParameters, NormalEquations
+from steelyard.fleet.part_information import PartSummary
+from steelyard.fleet.parts_and_first_model import FleetParts, fleet_parts
+from steelyard.fleet.shared_bodies import SharedSums, summed
+from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
+from steelyard.robot.file.robot_file import load_robot
+
+BYTES_OF_PROCESS, BYTES_OF_SAMPLE = 250 << 20, 120
+"""Memory of a process without logs, and of a sample of a joint while it is worked on."""
+MISFIT = 25.0  # squared residual over the fleet's median from which on a log is left out
+OTHER_UNIT = 3.0  # factor of most joints' efforts from which on their unit is another
+ABSOLUTE = 1e6  # times above are those of a clock that goes on between logs [s]
+
+
+@checked(false_alarms=1e-6, processes=1)
+def fleet(
+    robot: str | Path | LoadedRobot,
+    logs: str | Path | Iterable[str | Path],
+    *,
+    names: str | None = None,
+    temperature: str | Iterable[str] = (),
+    false_alarms: float = 1.0,
+    store: str | Path | None = None,
+    cluster: str | None = None,
+    processes: int | None = None,
+    progress: Progress = silent,
+) -> Fleet:
+    """Identify what robots of one kind share, and find which of them changed, in what, since when.
+
+    Args:
+        robot: Robot file (TOML), URDF, xacro or MJCF, or what `load_robot` made of it.
+        logs: Logs, folders of logs, patterns with `*`, or URLs (`s3://`, `gs://`); or a table of
+            them, CSV with the columns log, robot, day and, if known, temperature.
+        names: How robot and day stand in the paths, such as `{robot}/{day}`; found if `None`.
+        temperature: Columns of temperatures in the logs: one for all joints, or one a joint.
+        false_alarms: Changes that are named by chance in a year of the whole fleet, on average.
+        store: Folder or URL that remembers the work; the cache's if `None`.
+        cluster: Address of a Dask scheduler, `tcp://HOST:PORT`, or `local:N` for N workers here.
+        processes: Processes of this machine without a cluster; its cores if `None`.
+        progress: Receives events of progress; an exception from it stops the work.
+
+    Raises:
+        SteelyardError: A file cannot be used, or no log can.
+
+    Example:
+        >>> found = fleet("arm.toml", "fleet-logs", names="{robot}/{day}")
+        >>> found.changes
+        ()
+    """
+    began, loaded = perf_counter(), load_robot(robot)
+    with fleet_parts(loaded, logs, names, temperature, store, progress) as found:
+        missing = found.missing()
+        found.make(missing, cluster, processes or os.cpu_count() or 1, progress)
+        made = Work(len(found.parts), len(missing), found.memory.damaged)
+        return _judged(loaded, found, false_alarms, made, began, progress)
+
+
+@checked(processes=1)
+def plan_fleet(
+    robot: str | Path | LoadedRobot,
+    logs: str | Path | Iterable[str | Path],
+    *,
+    names: str | None = None,
+    temperature: str | Iterable[str] = (),
+    store: str | Path | None = None,
+    processes: int | None = None,
+    progress: Progress = silent,
+) -> FleetPlan:
+    """How much work `fleet` has to do: parts, bytes, time and memory, measured on one part.
+
+    The first model is identified, and one part is worked on, unless both are remembered; they are
+    remembered then.
+
+    Args:
+        robot: Robot file (TOML), URDF, xacro or MJCF, or what `load_robot` made of it.
+        logs: As of `fleet`.
+        names: As of `fleet`.
+        temperature: As of `fleet`.
+        store: As of `fleet`.
+        processes: As of `fleet`.
+        progress: Receives events of progress; an exception from it stops the work.
+
+    Raises:
+        SteelyardError: A file cannot be used, or no log can.
+
+    Example:
+        >>> plan_fleet("arm.toml", "fleet-logs", names="{robot}/{day}").robots
+        2
+    """
+    loaded, cores = load_robot(robot), processes or os.cpu_count() or 1
+    with fleet_parts(loaded, logs, names, temperature, store, progress) as found:
+        missing = found.missing()
+        size = sum(found.parts[k].size for k in missing)
+        if missing:
+            largest = max(missing, key=lambda k: found.parts[k].size)
+            found.make([largest], None, 1, progress)
+            missing.remove(largest)
+            one, _ = found.read(largest)
+            left = size - found.parts[largest].size
+            seconds = one.seconds * left / max(found.parts[largest].size, 1) / cores
+            rows = one.samples
+        else:
+            seconds, rows, left = 0.0, 0, 0
+        return FleetPlan(
+            parts=len(found.parts),
+            left=len(missing),
+            robots=len({part.robot for part in found.parts}),
+            days=len({part.day for part in found.parts}),
+            bytes=sum(part.size for part in found.parts),
+            bytes_left=left,
+            processes=cores,
+            seconds=seconds,
+            memory=cores
+            * (BYTES_OF_PROCESS + rows * len(found.reference.joints) * BYTES_OF_SAMPLE),
+        )
+
+
+def _judged(
+    loaded: LoadedRobot,
+    found: FleetParts,
+    false_alarms: float,
+    made: Work,
+    began: float,
+    progress: Progress,
+) -> Fleet:
+    """Changes from the model that robots share, which itself is found beside their changes."""
+    model, used = found.reference, list[int]()
+    for last in (False, True):
+        local = LocalParameters(model, found.regressor.layout)
+        summaries, equations = _added_up(found, local, progress)
+        left_out = _left_out(found, summaries, equations, local)
+        used = [k for k, e in enumerate(equations) if e is not None and k not in left_out]
+        if not used:
+            first = left_out[min(left_out)]
+            raise LogError(f"no log can be used: {first.wrong}", where=first.log, fix=first.fix)
+        by_robot = by_key((found.parts[k].robot, k) for k in used)
+        robots = [
+            _days_of(name, mine, found, summaries, equations) for name, mine in by_robot.items()
+        ]
+        report_progress(progress, "looking for changes", int(last), 2)
+        days = FleetDays(robots, local, false_alarms)
+        if not last:
+            model = _shared(loaded, found, days, by_robot, summaries, progress)
+    return Fleet(
+        robot=model.robot.name,
+        model=model,
+        days=days,
+        changes=days.changes,
+        levels=days.levels,
+        left_out=tuple(left_out.values()),
+        work=replace(
+            made,
+            samples=sum(summaries[k].samples for k in used),
+            seconds=perf_counter() - began,
+        ),
+    )
+
+
+def _added_up(
+    found: FleetParts, local: LocalParameters, progress: Progress
+) -> tuple[list[PartSummary], list[NormalEquations | None]]:
+    """Summaries of all parts, and what those that can be used say of changes."""
+    summaries, equations = list[PartSummary](), list[NormalEquations | None]()
+    for number in range(len(found.parts)):
+        report_progress(progress, "adding up", number, len(found.parts))
+        summary, information = found.read(number)
+        summaries.append(summary)
+        equations.append(None if information is None else local.equations(information))
+    return summaries, equations
+
+
+def _days_of(
+    robot: str,
+    mine: Sequence[int],
+    found: FleetParts,
+    summaries: Sequence[PartSummary],
+    equations: Sequence[NormalEquations | None],
+) -> RobotDays:
+    by_day, sums, warm = by_key((found.parts[k].day, k) for k in mine), [], []
+    for numbers in by_day.values():
+        known = [equations[k] for k in numbers]
+        total = known[0]
+        for one in known[1:]:
+            total = total + one  # type: ignore[operator]  # those that are used have sums
+        sums.append(total)
+        warm.append(_temperature(numbers, found, summaries))
+    width = min(len(w) for w in warm)
+    table = np.array([w[:width] for w in warm]).reshape(len(warm), width)
+    return RobotDays(robot, tuple(by_day), tuple(filter(None, sums)), table)
+
+
+def _temperature(
+    numbers: Sequence[int], found: FleetParts, summaries: Sequence[PartSummary]
+) -> Array:
+    """Mean temperatures of a day's parts: the table's, or those of their columns."""
+    told = [found.parts[k].temperature for k in numbers]
+    if all(one is not None for one in told):
+        return np.array([np.mean([float(one) for one in told if one is not None])])
+    return np.asarray(np.mean([summaries[k].temperature for k in numbers], axis=0))
+
+
+def _left_out(
+    found: FleetParts,
+    summaries: Sequence[PartSummary],
+    equations: Sequence[NormalEquations | None],
+    local: LocalParameters,
+) -> dict[int, LeftOut]:
+    """Parts that do not count, by number, and why."""
+    out: dict[int, LeftOut] = {}
+
+    def leave(number: int, wrong: str, fix: str, at_rest: bool = False) -> None:
+        part = found.parts[number]
+        out.setdefault(number, LeftOut(part.robot, part.day, part.where, wrong, fix, at_rest))
+
+    for number, summary in enumerate(summaries):
+        if summary.wrong:
+            leave(number, summary.wrong, summary.fix, summary.at_rest)
+    seen = dict[tuple[str, object], int]()
+    for number, digest in enumerate(found.digests):
+        before = seen.setdefault((digest, found.parts[number].rows), number)
+        if before != number:
+            wrong = f"it has the same bytes as {found.parts[before].where}"
+            leave(number, wrong, "name every log once")
+    for number, before in _overlaps(found, summaries):
+        wrong = f"its clock overlaps that of {found.parts[before].where}"
+        leave(number, wrong, "name logs of one robot that do not overlap, or other robots")
+    usable = [k for k, e in enumerate(equations) if e is not None and k not in out]
+    rests = {k: _unexplained(equations[k], local) for k in usable}
+    usual = float(np.median(list(rests.values()))) if rests else 0.0
+    for number in usable:
+        one = equations[number]
+        assert one is not None
+        moved = one.predicted > 0.0
+        factor = float(np.median(one.product[moved] / one.predicted[moved])) if moved.any() else 1.0
+        if factor < 0.0:
+            leave(number, "most efforts have the opposite sign of the model's", "see check")
+        elif not 1.0 / OTHER_UNIT < factor < OTHER_UNIT:
+            wrong = f"efforts are {factor:.3g} times those of the model: another unit or gear side"
+            leave(number, wrong, "give such logs a robot file of their own, with their unit")
+        elif rests[number] > MISFIT * usual:
+            times = np.sqrt(rests[number] / max(usual, 1e-300))
+            wrong = f"residuals are {times:.0f} times the fleet's: another model or unit of motion"
+            leave(number, wrong, "`steelyard check` names what differs; or leave the robot out")
+    return dict(sorted(out.items()))
+
+
+def _unexplained(one: NormalEquations | None, local: LocalParameters) -> float:
+    """Squared residuals with changes of its own, per sample, in variances of the model's fit."""
+    assert one is not None
+    ridge = np.diag(local.expected(np.ones(len(local.joints))) ** -2.0)
+    explained = one.vector @ np.linalg.solve(one.matrix + ridge, one.vector)
+    return float(max(one.residual.sum() - explained, 0.0) / max(one.counts.sum(), 1.0))
+
+
+def _overlaps(found: FleetParts, summaries: Sequence[PartSummary]) -> list[tuple[int, int]]:
+    """Parts of other files of the same robot at the same time, each with the one before it."""
+    clocks = [k for k, s in enumerate(summaries) if not s.wrong and s.start > ABSOLUTE]
+    pairs = []
+    for mine in by_key((found.parts[k].robot, k) for k in clocks).values():
+        mine.sort(key=lambda k: summaries[k].start)
+        last = mine[0]
+        for k in mine[1:]:
+            other = found.parts[k].file != found.parts[last].file
+            if other and summaries[k].start < summaries[last].stop:
+                pairs.append((k, last))
+            elif summaries[k].stop > summaries[last].stop:
+                last = k
+    return pairs
+
+
+def _shared(
+    loaded: LoadedRobot,
+    found: FleetParts,
+    days: FleetDays,
+    by_robot: dict[str, list[int]],
+    summaries: Sequence[PartSummary],
+    progress: Progress,
+) -> IdentifiedModel:
+    """The model of all robots and days before their first change."""
+    scatter, sums = days.scatter, list[Information]()
+    for number, (robot, own) in enumerate(zip(days.robots, by_robot.values(), strict=True)):
+        report_progress(progress, "shared model", number, len(by_robot))
+        kept = set(robot.days[: days.first_change(number)])
+        warm = dict(zip(robot.days, days.at_middle(robot, scatter), strict=True))
+        one = SharedSums(days.local, scatter.day, scatter.robot)
+        for k in own:
+            if found.parts[k].day in kept:
+                information = found.read(k)[1]
+                assert information is not None
+                one.add(information, warm[found.parts[k].day])
+        sums.append(one.information(robot.robot))
+    fastest = np.max([summaries[k].fastest for mine in by_robot.values() for k in mine], axis=0)
+    estimate = _estimate(loaded, found, summed(sums), fastest, progress)
+    origin = found.reference.provenance
+    words = f"parameters of {len(sums)} robots over {days.n_days} days, see fleet.json"
+    return replace(
+        found.reference,
+        estimate=estimate,
+        provenance=replace(origin, notes=(*origin.notes, words)),
+    )
+
+
+def _estimate(
+    loaded: LoadedRobot,
+    found: FleetParts,
+    information: Information,
+    fastest: Array,
+    progress: Progress,
+) -> Estimate:
+    """The estimate by the robot file's method, or by least squares where it needs samples."""
+    method = method_of(loaded)
+    if method.needs != "information":
+        method = offer_of("WLS", "fleet")
+    context = context_of(loaded, found.regressor, fastest, progress)
+    return method.make(context)(information)
