@@ -1,7 +1,7 @@
 """An arm of two joints with two logs and its identified model, for the Python interface."""
 
 from pathlib import Path
-from shutil import copyfile
+from shutil import copyfile, rmtree
 
 from proofs.support import servo_arm
 
@@ -37,6 +37,12 @@ def made(place: Path) -> None:
     for name in ("fit", "other"):
         copyfile(place / name / "log.csv", place / f"{name}.csv")
     steelyard.identify(robot, place / "fit.csv").save(place / "arm-model")
+    for number, (unit, day) in enumerate((u, d) for u in ("one", "two") for d in ("day1", "day2")):
+        log = place / "fleet-logs" / unit / f"{day}.csv"
+        log.parent.mkdir(parents=True, exist_ok=True)
+        steelyard.simulate(robot, place / "again", seed=10 + number)
+        (place / "again" / "log.csv").rename(log)
+        rmtree(place / "again")
     servos = servo_arm.made(place, seconds=40.0)
     known = "position_sign = [1, 1]\nposition_offset = [0.0, 0.0]\n"
     known += '[actuator]\nlaw = "position_pd"\n'

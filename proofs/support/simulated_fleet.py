@@ -1,4 +1,4 @@
-"""Fleets of simulated robots: a Panda's bodies by Pinocchio, friction and gains of each robot's own.
+"""Fleets of simulated robots: a Panda's bodies by Pinocchio, friction of each robot's own.
 
 Every robot has its own friction and offsets (10 % apart), which scatter from day to day (2 %) and
 fall with temperature (0.8 % a kelvin). Days are logs of a minute at 100 Hz of one of a few motions,
@@ -21,6 +21,7 @@ from steelyard.base.arrays import Array
 RATE, SECONDS, MOTIONS = 100.0, 60.0, 6
 EPOCH = 1.78e9  # of day 0 [s]
 COULOMB, VISCOUS = (1.5, 1.8, 1.2, 1.5, 0.9, 0.8, 0.7), (2.0, 2.5, 1.6, 1.8, 1.0, 0.9, 0.8)
+LINKS_OFF, CENTRES_OFF = 0.2, 0.01
 ROBOTS_APART, DAYS_APART, PER_KELVIN = 0.10, 0.02, -0.008
 NOISE = (2e-5, 2e-3, 0.25)  # standard deviations of positions, velocities, efforts
 
@@ -67,8 +68,24 @@ def urdf() -> Path:
 
 @cache
 def bodies() -> pin.Model:
-    """The Panda with fixed fingers, if it has some."""
-    return pin.buildModelFromUrdf(str(urdf()))
+    """The Panda, its links not those of the URDF: masses 20 % off, centres of mass 1 cm."""
+    model, rng = pin.buildModelFromUrdf(str(urdf())), np.random.default_rng(3)
+    for k in range(1, model.njoints):
+        own, factor = model.inertias[k], float(np.exp(LINKS_OFF * rng.normal()))
+        centre = own.lever + CENTRES_OFF * rng.normal(size=3)
+        model.inertias[k] = pin.Inertia(factor * own.mass, centre, factor * own.inertia)
+    return model
+
+
+def true_bodies() -> dict[str, float]:
+    """The ten numbers of every link by the names of parameters; links are called by joints."""
+    kinds = ("m", "mx", "my", "mz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
+    model, found = bodies(), dict[str, float]()
+    for k in range(1, model.njoints):
+        values = model.inertias[k].toDynamicParameters()
+        link = model.names[k].replace("joint", "link")
+        found |= {f"{kind}.{link}": float(x) for kind, x in zip(kinds, values, strict=True)}
+    return found
 
 
 @cache
@@ -79,7 +96,7 @@ def motion(number: int) -> tuple[Array, Array, Array, Array]:
     middle = np.array([0.0, 0.0, 0.0, -1.6, 0.0, 1.8, 0.0])
     w = 2.0 * np.pi * rng.integers(2, 28, (n, 5)) / SECONDS
     size = rng.uniform(0.4, 1.0, (n, 5)) * np.array([1.2, 0.8, 1.2, 0.7, 1.2, 0.8, 1.2])[:, None]
-    size /= (1.0 + 2.0 * w)
+    size /= 1.0 + 2.0 * w
     phase = rng.uniform(0.0, 2.0 * np.pi, (n, 5))
     a = w[:, :, None] * t + phase[:, :, None]
     q = middle[:, None] + (size[:, :, None] * np.sin(a)).sum(axis=1)

@@ -294,6 +294,7 @@ class FleetDays:
                 its = slice(at[j], at[j + 1])
                 normal[mine, its] = u.T @ later[0][max(k, start)] @ other.directions
                 normal[its, mine] = normal[mine, its].T
+            normal[mine, mine] += u.T @ self._prior @ u
         return normal, vector, at
 
     def _gains(

@@ -14,7 +14,7 @@ from typing import Any
 from urllib.parse import urlsplit
 
 from steelyard.base.errors import LogError, SteelyardError, require
-from steelyard.base.files import whole_file
+from steelyard.base.files import explained, whole_file
 from steelyard.logs.formats import FORMATS
 
 COPIED_BYTES = 1 << 22  # bytes that are read at a time
@@ -179,12 +179,17 @@ def _blocks(url: str) -> Iterator[bytes]:
 
 @contextmanager
 def on_disk(url: str) -> Iterator[Path]:
-    """The log as a file of this machine: a URL is copied to a temporary file for as long."""
+    """The log as a file of this machine: a URL is copied to a temporary file for as long.
+
+    The copy is in a folder that is called as the log's own: runs are named by both.
+    """
     if not is_url(url):
         yield Path(url)
         return
     with tempfile.TemporaryDirectory() as folder:
-        copy = Path(folder) / Path(urlsplit(url).path).name
+        place = Path(urlsplit(url).path)
+        copy = Path(folder) / (place.parent.name or "logs") / place.name
+        copy.parent.mkdir()
         with copy.open("wb") as stream:
             for block in _blocks(url):
                 stream.write(block)
@@ -197,7 +202,8 @@ class Folder:
     def __init__(self, place: str | Path) -> None:
         self.place = str(place)
         if not is_url(self.place):
-            Path(self.place).mkdir(parents=True, exist_ok=True)
+            with explained(Path(self.place)):
+                Path(self.place).mkdir(parents=True, exist_ok=True)
 
     def read(self, name: str) -> bytes | None:
         """The bytes of a file; `None` if there is none."""

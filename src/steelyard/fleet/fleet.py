@@ -17,8 +17,9 @@ from steelyard.estimate.estimator_register import context_of, method_of, offer_o
 from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.estimate.information.information import Information
 from steelyard.fleet.changes_over_days import FleetDays, RobotDays
-from steelyard.fleet.fleet_result_and_page import Fleet, FleetPlan, LeftOut, Work
+from steelyard.fleet.fleet_result_and_page import Fleet, FleetPlan, Work
 from steelyard.fleet.local_parameters import LocalParameters, NormalEquations
+from steelyard.fleet.logs_left_out import logs_left_out
 from steelyard.fleet.part_information import PartSummary
 from steelyard.fleet.parts_and_first_model import FleetParts, fleet_parts
 from steelyard.fleet.shared_bodies import SharedSums, summed
@@ -27,9 +28,6 @@ from steelyard.robot.file.robot_file import load_robot
 
 BYTES_OF_PROCESS, BYTES_OF_SAMPLE = 250 << 20, 120
 """Memory of a process without logs, and of a sample of a joint while it is worked on."""
-MISFIT = 25.0  # squared residual over the fleet's median from which on a log is left out
-OTHER_UNIT = 3.0  # factor of most joints' efforts from which on their unit is another
-ABSOLUTE = 1e6  # times above are those of a clock that goes on between logs [s]
 
 
 @checked(false_alarms=1e-6, processes=1)
@@ -148,7 +146,7 @@ def _judged(
     for last in (False, True):
         local = LocalParameters(model, found.regressor.layout)
         summaries, equations = _added_up(found, local, progress)
-        left_out = _left_out(found, summaries, equations, local)
+        left_out = logs_left_out(found, summaries, equations, local)
         used = [k for k, e in enumerate(equations) if e is not None and k not in left_out]
         if not used:
             first = left_out[min(left_out)]
@@ -217,75 +215,6 @@ def _temperature(
     if all(one is not None for one in told):
         return np.array([np.mean([float(one) for one in told if one is not None])])
     return np.asarray(np.mean([summaries[k].temperature for k in numbers], axis=0))
-
-
-def _left_out(
-    found: FleetParts,
-    summaries: Sequence[PartSummary],
-    equations: Sequence[NormalEquations | None],
-    local: LocalParameters,
-) -> dict[int, LeftOut]:
-    """Parts that do not count, by number, and why."""
-    out: dict[int, LeftOut] = {}
-
-    def leave(number: int, wrong: str, fix: str, at_rest: bool = False) -> None:
-        part = found.parts[number]
-        out.setdefault(number, LeftOut(part.robot, part.day, part.where, wrong, fix, at_rest))
-
-    for number, summary in enumerate(summaries):
-        if summary.wrong:
-            leave(number, summary.wrong, summary.fix, summary.at_rest)
-    seen = dict[tuple[str, object], int]()
-    for number, digest in enumerate(found.digests):
-        before = seen.setdefault((digest, found.parts[number].rows), number)
-        if before != number:
-            wrong = f"it has the same bytes as {found.parts[before].where}"
-            leave(number, wrong, "name every log once")
-    for number, before in _overlaps(found, summaries):
-        wrong = f"its clock overlaps that of {found.parts[before].where}"
-        leave(number, wrong, "name logs of one robot that do not overlap, or other robots")
-    usable = [k for k, e in enumerate(equations) if e is not None and k not in out]
-    rests = {k: _unexplained(equations[k], local) for k in usable}
-    usual = float(np.median(list(rests.values()))) if rests else 0.0
-    for number in usable:
-        one = equations[number]
-        assert one is not None
-        moved = one.predicted > 0.0
-        factor = float(np.median(one.product[moved] / one.predicted[moved])) if moved.any() else 1.0
-        if factor < 0.0:
-            leave(number, "most efforts have the opposite sign of the model's", "see check")
-        elif not 1.0 / OTHER_UNIT < factor < OTHER_UNIT:
-            wrong = f"efforts are {factor:.3g} times those of the model: another unit or gear side"
-            leave(number, wrong, "give such logs a robot file of their own, with their unit")
-        elif rests[number] > MISFIT * usual:
-            times = np.sqrt(rests[number] / max(usual, 1e-300))
-            wrong = f"residuals are {times:.0f} times the fleet's: another model or unit of motion"
-            leave(number, wrong, "`steelyard check` names what differs; or leave the robot out")
-    return dict(sorted(out.items()))
-
-
-def _unexplained(one: NormalEquations | None, local: LocalParameters) -> float:
-    """Squared residuals with changes of its own, per sample, in variances of the model's fit."""
-    assert one is not None
-    ridge = np.diag(local.expected(np.ones(len(local.joints))) ** -2.0)
-    explained = one.vector @ np.linalg.solve(one.matrix + ridge, one.vector)
-    return float(max(one.residual.sum() - explained, 0.0) / max(one.counts.sum(), 1.0))
-
-
-def _overlaps(found: FleetParts, summaries: Sequence[PartSummary]) -> list[tuple[int, int]]:
-    """Parts of other files of the same robot at the same time, each with the one before it."""
-    clocks = [k for k, s in enumerate(summaries) if not s.wrong and s.start > ABSOLUTE]
-    pairs = []
-    for mine in by_key((found.parts[k].robot, k) for k in clocks).values():
-        mine.sort(key=lambda k: summaries[k].start)
-        last = mine[0]
-        for k in mine[1:]:
-            other = found.parts[k].file != found.parts[last].file
-            if other and summaries[k].start < summaries[last].stop:
-                pairs.append((k, last))
-            elif summaries[k].stop > summaries[last].stop:
-                last = k
-    return pairs
 
 
 def _shared(

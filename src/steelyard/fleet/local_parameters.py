@@ -92,8 +92,9 @@ class LocalParameters:
         self.units = robot.effort_units
         sigma = np.asarray(identified.estimate.sigma, dtype=np.float64)
         self.sigma = np.where(sigma > 0.0, sigma, np.inf)
+        self.transforms = tuple(self._transform(row) for row in range(robot.n))
 
-    def transform(self, row: int) -> Array:
+    def _transform(self, row: int) -> Array:
         """Columns of a row and its effort to changes and residual, shape `(k + 1, m + 1)`."""
         seen = list(self.layout.sees[row])
         own, groups = self.values[seen], self.groups[seen]
@@ -114,7 +115,7 @@ class LocalParameters:
         sums = np.zeros((4, len(self.joints)))
         for row in rows:
             gram = scaled.row_gram(row) / self.sigma[row] ** 2
-            moved = self.transform(row)
+            moved = self.transforms[row]
             own = moved.T @ gram @ moved
             matrix += own[:-1, :-1]
             vector += own[:-1, -1]

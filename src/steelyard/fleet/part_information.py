@@ -1,13 +1,11 @@
 """What one part of a log says about the parameters of a model: sums of products, as bytes."""
 
-import io
 import json
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
-from zipfile import BadZipFile
 
 import numpy as np
 
@@ -25,7 +23,7 @@ from steelyard.runs.prepare import prepare
 from steelyard.runs.run import Run
 from steelyard.runs.runs_of_named_logs import LogArgument, recording_of
 
-FORMAT = 1  # raised whenever bytes of the same part would mean something else
+FORMAT = 3  # raised whenever bytes of the same part would mean something else
 
 
 @dataclass(frozen=True)
@@ -87,7 +85,8 @@ def worked(common: PartWork, part: LogPart) -> bytes:
 def _summary(run: Run, temperature: tuple[float, ...]) -> PartSummary:
     found = run.survey
     resting = found is None or found.band.frequency == 0.0
-    first, last = run.segments[0].start, run.segments[-1].stop
+    origin = 0.0 if found is None else found.clock.origin
+    first, last = (origin + t for t in (run.segments[0].start, run.segments[-1].stop))
     return PartSummary(
         at_rest=resting,
         start=first,
@@ -110,42 +109,37 @@ def _temperature(path: Any, columns: Sequence[str], cut: Cut) -> tuple[float, ..
     return tuple((total / np.maximum(count, 1.0)).tolist())
 
 
+SUMS = ("grams", "absolute", "counts", "beside")
+
+
 def to_bytes(summary: PartSummary, information: Information | None) -> bytes:
-    """As an archive of NumPy without pickles."""
-    arrays: dict[str, Array] = {}
+    """A line of JSON, then the sums as doubles, least significant byte first."""
     about: dict[str, Any] = {"format": FORMAT, "summary": vars(summary)}
+    arrays = dict[str, Array]()
     if information is not None:
-        arrays = {k: getattr(information, k) for k in ("grams", "absolute", "counts")}
-        if information.beside is not None:
-            arrays["beside"] = information.beside
+        arrays = {k: x for k in SUMS if (x := getattr(information, k)) is not None}
         about["signature"] = vars(information.signature)
         about["windows"] = [[w.run, w.start, w.stop] for w in information.windows]
-    stream = io.BytesIO()
-    text = np.frombuffer(json.dumps(about).encode(), dtype=np.uint8)
-    np.savez(stream, about=text, **arrays)  # type: ignore[arg-type]
-    return stream.getvalue()
+    about["shapes"] = {name: x.shape for name, x in arrays.items()}
+    head = json.dumps(about).encode() + b"\n"
+    return head + b"".join(np.ascontiguousarray(x, "<f8").tobytes() for x in arrays.values())
 
 
 def of_bytes(content: bytes, regressor: Regressor) -> tuple[PartSummary, Information | None]:
-    """What `to_bytes` wrote; a `ValueError` if it is something else."""
-    try:
-        with np.load(io.BytesIO(content), allow_pickle=False) as archive:
-            about: Mapping[str, Any] = json.loads(archive["about"].tobytes())
-            arrays = {name: archive[name] for name in archive.files if name != "about"}
-    except (BadZipFile, KeyError, OSError, EOFError) as error:
-        raise ValueError("no archive of sums") from error
+    """What `to_bytes` wrote."""
+    head, _, rest = content.partition(b"\n")
+    about: Mapping[str, Any] = json.loads(head)
     summary = PartSummary(**_with_tuples(about["summary"]))
-    if "grams" not in arrays:
+    if not about["shapes"]:
         return summary, None
-    return summary, Information(
-        regressor.layout,
-        Signature(**_with_tuples(about["signature"])),
-        tuple(Window(*window) for window in about["windows"]),
-        arrays["grams"],
-        arrays["absolute"],
-        arrays["counts"],
-        arrays.get("beside"),
-    )
+    arrays, values, start = dict[str, Array](), np.frombuffer(rest, "<f8"), 0
+    for name, shape in about["shapes"].items():
+        size = int(np.prod(shape))
+        arrays[name] = values[start : start + size].reshape(shape)
+        start += size
+    signature = Signature(**_with_tuples(about["signature"]))
+    windows = tuple(Window(*window) for window in about["windows"])
+    return summary, Information(regressor.layout, signature, windows, **arrays)
 
 
 def _with_tuples(values: Mapping[str, Any]) -> dict[str, Any]:

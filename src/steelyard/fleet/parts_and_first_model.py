@@ -130,11 +130,10 @@ def _reference(
     )
     key = key_of(_about(robot=robot, sample=sample))
     known = memory.read(key)
-    if known is not None:
-        return IdentifiedModel.from_dict(json.loads(known))
-    found = _identified(loaded, [parts[k] for k in chosen], progress)
-    memory.write(key, found.text().encode())
-    return found
+    if known is None:
+        known = _identified(loaded, [parts[k] for k in chosen], progress).text().encode()
+        memory.write(key, known)
+    return IdentifiedModel.from_dict(json.loads(known))
 
 
 def _identified(

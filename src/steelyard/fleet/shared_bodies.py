@@ -60,7 +60,7 @@ class SharedSums:
 
     def _own(self, row: int) -> Array:
         """Columns of the row's changes, `(k + 1, 4)`."""
-        found: Array = self._local.transform(row)[:, OF_JOINT * row : OF_JOINT * (row + 1)]
+        found: Array = self._local.transforms[row][:, OF_JOINT * row : OF_JOINT * (row + 1)]
         return found
 
     def _moved(self, gram: Array, row: int, warm: Array) -> Array:

@@ -1,0 +1,328 @@
+"""Fleets: changes by robot, cause and day; remembered work; logs that do not count; workers."""
+
+import json
+import os
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import small_fleet as small
+import steelyard
+from steelyard.base.arrays import Array
+from steelyard.base.errors import DataError, LogError, SteelyardError
+from steelyard.base.progress import Event, Stopped
+from steelyard.cli.app import app
+from steelyard.fleet.files_and_urls import files_of, without_secrets
+from steelyard.fleet.fleet_result_and_page import Fleet
+from steelyard.fleet.logs_by_robot_and_day import parts_of
+from steelyard.robot.inertia_and_placement import INERTIAL_NAMES
+
+WithLog = Callable[[Path, "dict[str, Array] | bytes"], Path]
+R0D2 = Path("r0/2026-03-03.parquet")
+
+
+def again(logs: Path | str = "logs", **more: object) -> Fleet:
+    return steelyard.fleet("arm.toml", str(logs), store="store", processes=1, **more)  # type: ignore[arg-type]
+
+
+def test_changes_by_robot_cause_and_day(in_fleet: Path) -> None:
+    found = again()
+    told = {c.robot: (c.cause.what, c.cause.joint, c.day) for c in found.changes}
+    assert told == {
+        "r1": ("payload", "", "2026-03-05"),
+        "r3": ("dry friction", "joint2", "2026-03-06"),
+        "r4": ("effort scale", "joint1", "2026-03-04"),
+    }
+    sizes = {c.robot: (float(c.size[0]), 1.96 * float(c.std[0])) for c in found.changes}
+    for robot, true in (("r1", 0.5), ("r3", 1.0), ("r4", 1.0 / 0.95 - 1.0)):
+        value, half = sizes[robot]
+        assert abs(value - true) < half < 0.5 * true
+    assert found.work.made == 0 and not found.left_out
+    assert [found.status(k) for k in range(5)] == ["same", "changed", "same", "changed", "changed"]
+
+
+def test_shared_bodies(in_fleet: Path) -> None:
+    found = again()
+    robot, base = found.model.robot, found.model.base
+    nominal = {
+        f"{kind}.{body.name}": x
+        for body, ten in zip(robot.bodies, robot.nominal, strict=True)
+        for kind, x in zip(INERTIAL_NAMES, ten, strict=True)
+    }
+    true = dict(
+        zip(
+            base.base_names,
+            base.base_values([nominal.get(n, 0.0) for n in base.names]),
+            strict=True,
+        )
+    )
+    estimate = found.model.estimate
+    for (name, value), half in zip(
+        estimate.parameters.as_dict().items(), estimate.half_width, strict=True
+    ):
+        if name in nominal:
+            assert abs(value - true[name]) < 1.5 * half < 0.3
+
+
+def test_one_new_day_is_all_that_is_read(in_fleet: Path, tmp_path: Path) -> None:
+    logs, before = tmp_path / "logs", tmp_path / "later"
+    shutil.copytree(in_fleet / "logs", logs)
+    before.mkdir()
+    for path in logs.rglob("2026-03-08.parquet"):
+        path.rename(before / f"{path.parent.name}.parquet")
+    without = again(logs)
+    assert without.days.n_days == 7 and without.work.made == 0
+    for path in before.iterdir():
+        path.rename(logs / path.stem / "2026-03-08.parquet")
+    assert again(logs).work.made == 0  # the same bytes, wherever they lie
+    small.write(logs / "r0" / "2026-03-09.parquet", small.log(0, 8))
+    assert again(logs).work.made == 1
+
+
+def test_no_flipped_bit_changes_a_number(in_fleet: Path, tmp_path: Path) -> None:
+    store = tmp_path / "store"
+    shutil.copytree(in_fleet / "store", store)
+    first = again()
+    rng = np.random.default_rng(0)
+    for path in sorted(store.glob("*.entry")):
+        content = bytearray(path.read_bytes())
+        content[int(rng.integers(len(content)))] ^= 1 << int(rng.integers(8))
+        path.write_bytes(bytes(content))
+    found = steelyard.fleet("arm.toml", "logs", store=store, processes=1)
+    assert found.work.damaged >= 40 and found.work.made == 40
+    assert found.model.text() == first.model.text()
+    assert "damaged" in found.work.words
+
+
+def test_stopped_work_goes_on_where_it_was(in_fleet: Path, tmp_path: Path) -> None:
+    store = tmp_path / "store"
+    steelyard.plan_fleet("arm.toml", "logs", store=store, processes=1)
+
+    def stop(event: Event) -> bool:
+        return not (event.phase == "logs" and event.done >= 10)
+
+    with pytest.raises(Stopped):
+        steelyard.fleet("arm.toml", "logs", store=store, processes=1, progress=stop)
+    assert steelyard.fleet("arm.toml", "logs", store=store, processes=1).work.made == 29
+
+
+def test_plan_says_what_is_left(in_fleet: Path, tmp_path: Path) -> None:
+    plan = steelyard.plan_fleet("arm.toml", "logs", store=tmp_path, processes=2)
+    assert (plan.parts, plan.left, plan.robots, plan.days) == (40, 39, 5, 8)
+    assert 0.0 < plan.seconds < 60.0 and plan.memory > 100 << 20
+    assert "5 robots, 8 days, 40 parts" in str(plan) and "39 parts" in str(plan)
+
+
+CASES: dict[str, tuple[Callable[[], dict[str, Array] | bytes], str]] = {
+    "degrees": (lambda: _scaled("q", np.degrees(1.0)), "residuals are"),
+    "other unit of efforts": (lambda: _scaled("tau", 1000.0), "times those of the model: another unit"),
+    "opposite sign": (lambda: _scaled("tau", -1.0), "most efforts have the opposite sign"),
+    "at rest": (lambda: small.log(0, 2, motion=0.0), "no joint moves"),
+    "another robot": (lambda: {"t": np.arange(100.0), "q1": np.zeros(100)}, "not in the log"),
+    "cut off": (lambda: b"PAR1 and then nothing", "cannot be read"),
+    "empty": (lambda: b"", "empty"),
+    "the same bytes": (lambda: small.place_of(Path(), 0, 1).read_bytes(), "has the same bytes as"),
+    "the same time": (lambda: _scaled("t", 1.0 - 86400.0 / 1.8e9), "its clock overlaps that of"),
+}
+
+
+def _scaled(kind: str, factor: float) -> dict[str, Array]:
+    table = small.log(0, 2)
+    return {name: factor * x if name.startswith(kind) else x for name, x in table.items()}
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_logs_that_do_not_count_are_named(case: str, with_log: WithLog) -> None:
+    content, wrong = CASES[case]
+    found = again(with_log(R0D2, content()))
+    assert [(one.robot, one.day) for one in found.left_out][:1] == [("r0", "2026-03-03")] or (
+        case == "the same time"
+    )
+    assert len(found.left_out) == 1
+    (left,) = found.left_out
+    assert wrong in left.wrong and left.fix and "r0" in left.log
+    assert any(left.log in line for line in found.limits)
+    assert {c.robot for c in found.changes} == {"r1", "r3", "r4"}
+
+
+def test_a_fleet_of_which_no_log_can_be_used(in_fleet: Path, tmp_path: Path) -> None:
+    (tmp_path / "r1_2026-01-01.csv").write_text("a,b\n1,2\n")
+    with pytest.raises(LogError, match="none of the first 1 logs can be identified"):
+        again(tmp_path)
+
+
+def test_two_processes_give_the_same_digits(in_fleet: Path, tmp_path: Path) -> None:
+    found = steelyard.fleet("arm.toml", "logs", store=tmp_path, processes=2)
+    assert found.model.text() == again().model.text()
+    assert found.robots_json() == again().robots_json()
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore")  # of a cluster that ends
+def test_dask_gives_the_same_digits(in_fleet: Path, tmp_path: Path) -> None:
+    found = steelyard.fleet("arm.toml", "logs", store=tmp_path, cluster="local:2")
+    assert found.work.made == 40 and found.robots_json() == again().robots_json()
+
+
+def test_clusters_that_are_none(in_fleet: Path, tmp_path: Path) -> None:
+    for cluster, wrong in (("local:x", "no number of workers"), ("nonsense", "no scheduler")):
+        with pytest.raises(DataError, match=wrong):
+            steelyard.fleet("arm.toml", "logs", store=tmp_path, cluster=cluster)
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore")  # of the server
+def test_logs_and_store_on_s3(
+    in_fleet: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    boto3 = pytest.importorskip("boto3")
+    server = pytest.importorskip("moto.server").ThreadedMotoServer(port=0, verbose=False)
+    server.start()
+    host, port = server.get_host_and_port()
+    for name, value in (
+        ("AWS_ENDPOINT_URL", f"http://{host}:{port}"),
+        ("AWS_ACCESS_KEY_ID", "testing"),
+        ("AWS_SECRET_ACCESS_KEY", "secret"),
+        ("AWS_DEFAULT_REGION", "us-east-1"),
+    ):
+        monkeypatch.setenv(name, value)
+    try:
+        client = boto3.client("s3", endpoint_url=f"http://{host}:{port}")
+        client.create_bucket(Bucket="plant")
+        for path in (in_fleet / "logs").rglob("*.parquet"):
+            name = path.relative_to(in_fleet).as_posix()
+            client.upload_file(str(path), "plant", name)
+        url, store = "s3://plant/logs", "s3://plant/store"
+        found = steelyard.fleet("arm.toml", url, store=store, processes=1)
+        assert found.robots_json() == again().robots_json()
+        assert steelyard.fleet("arm.toml", url, store=store, processes=1).work.made == 0
+        with pytest.raises(LogError, match="there is no log"):
+            files_of("s3://plant/nothing")
+        with pytest.raises(LogError) as told:
+            files_of("s3://no-such-bucket/logs")
+        assert "secret" not in str(told.value) and "no-such-bucket" in told.value.where
+    finally:
+        server.stop()
+
+
+def test_urls_that_cannot_be_read() -> None:
+    with pytest.raises(LogError, match="cannot be read|not installed") as told:
+        files_of("nonsense://user:password@host/logs?token=1")
+    assert told.value.where == "nonsense://host/logs"
+    assert without_secrets("s3://key:secret@bucket/a?X-Amz-Signature=1") == "s3://bucket/a"
+
+
+def test_file_urls_are_as_paths(in_fleet: Path) -> None:
+    found = again(f"file://{in_fleet}/logs")
+    assert found.work.made == 0 and len(found.changes) == 3
+
+
+def test_a_table_of_logs_with_temperatures(in_fleet: Path) -> None:
+    rows = [
+        f"logs/r{robot}/2026-03-{day + 1:02d}.parquet,unit {robot},{day:02d},{20 + day}"
+        for robot in range(5)
+        for day in range(8)
+    ]
+    table = in_fleet / "table.csv"
+    table.write_text("log,robot,day,temperature\n" + "\n".join(rows) + "\n")
+    found = again(table)
+    assert {c.robot for c in found.changes} == {"unit 1", "unit 3", "unit 4"}
+    assert "temperature is logged" in found.claim
+
+
+BAD_TABLES = {
+    "log,robot,day\nlogs/r0/2026-03-01.parquet,,1\n": "a cell is empty",
+    "log,robot,day\nlogs/r9/none.parquet,a,1\n": "there is no log",
+    "log,robot,day\n": "has no rows",
+    "log,robot,day,temperature\nlogs/r0/2026-03-01.parquet,a,1,warm\n": "'warm' is not a number",
+}
+
+
+@pytest.mark.parametrize("text", BAD_TABLES)
+def test_bad_tables(text: str, in_fleet: Path) -> None:
+    (in_fleet / "bad.csv").write_text(text)
+    with pytest.raises(LogError, match=BAD_TABLES[text]) as told:
+        parts_of(["bad.csv"])
+    assert "bad.csv" in told.value.where
+
+
+NAMED = {
+    ("a/r1/2026-01-02.csv", "a", None): ("r1", "2026-01-02"),
+    ("a/2026-01-02/r1.csv", "a", None): ("r1", "2026-01-02"),
+    ("a/cell2/r1/20260102T0800.csv", "a", None): ("cell2/r1", "2026-01-02"),
+    ("a/r1_day03.csv", "a", None): ("r1", "0003"),
+    ("a/week7/arm4.csv", "a", "{day}/{robot}"): ("arm4", "week7"),
+    ("a/arm4_7_x.csv", "a", "{robot}_{day}_*"): ("arm4", "7"),
+    ("a/arm4/7/x.csv", "a", "{robot}/{day}/*"): ("arm4", "7"),
+}
+
+
+@pytest.mark.parametrize("case", NAMED)
+def test_robot_and_day_in_paths(
+    case: tuple[str, str, str | None], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path, argument, names = case
+    monkeypatch.chdir(tmp_path)
+    Path(path).parent.mkdir(parents=True)
+    Path(path).write_text("t\n1\n")
+    (part,) = parts_of([argument], names)
+    assert (part.robot, part.day) == NAMED[case]
+
+
+def test_paths_that_do_not_say_the_day(tmp_path: Path) -> None:
+    (tmp_path / "arm.csv").write_text("t\n1\n")
+    for names, wrong in (
+        (None, "no date"), ("{robot}-{day}", "does not fit"), ("{robot}", "once each"),
+    ):  # fmt: skip
+        with pytest.raises(LogError, match=wrong):
+            parts_of([str(tmp_path / "arm.csv")], names)
+
+
+def test_a_long_file_is_cut_into_parts_that_add_up(in_fleet: Path, tmp_path: Path) -> None:
+    from steelyard.fleet import logs_by_robot_and_day as by_day
+
+    whole = again("logs/r0").days.robots[0].equations[2]
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(by_day, "ROWS_OF_PART", 900)
+        found = again("logs/r0")
+    assert found.work.parts > 8
+    cut = found.days.robots[0].equations[2]
+    assert np.allclose(cut.counts, whole.counts, rtol=0.1)
+    size = np.sqrt(np.outer(np.diag(whole.matrix), np.diag(whole.matrix)))
+    assert np.abs(cut.matrix - whole.matrix).max() < 0.2 * size.max()
+
+
+def test_columns_of_temperature_that_do_not_fit(in_fleet: Path) -> None:
+    with pytest.raises(SteelyardError, match="3 columns of temperature do not fit 2 joints"):
+        again(temperature=["temp", "temp", "temp"])
+
+
+def test_command_and_its_files(in_fleet: Path) -> None:
+    arguments = ["fleet", "arm.toml", "logs", "--store", "store", "--processes", "1"]
+    shown = CliRunner().invoke(app, [*arguments, "-o", "out"])
+    assert shown.exit_code == 1, shown.output
+    assert "3 of 5 robots over 8 days changed" in shown.output
+    lines = Path("out/robots.jsonl").read_text().splitlines()
+    robots = [json.loads(line) for line in lines]
+    assert [one["status"] for one in robots] == ["same", "changed", "same", "changed", "changed"]
+    assert robots[3]["changes"][0]["what"] == "dry friction"
+    assert steelyard.load_model("out/model.json").joints == ("joint1", "joint2")
+    page = Path("out/report.html").read_text(encoding="utf-8")
+    assert "dry friction of joint2" in page and "2026-03-06" in page
+    planned = CliRunner().invoke(app, [*arguments, "--plan", "--json"])
+    assert json.loads(planned.output)["left"] == 0
+    alone = CliRunner().invoke(
+        app, [*arguments[:2], "logs/r0", *arguments[3:], "--json", "-o", "o2"]
+    )
+    assert alone.exit_code == 0 and json.loads(alone.output)["robots"][0]["robot"] == "r0"
+
+
+@pytest.mark.skipif(os.name == "nt", reason="needs permissions of files")
+def test_a_store_that_cannot_be_written(in_fleet: Path) -> None:
+    Path("file").write_text("")
+    with pytest.raises(SteelyardError):
+        steelyard.fleet("arm.toml", "logs", store="file/store")
