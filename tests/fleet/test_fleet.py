@@ -231,7 +231,7 @@ def test_a_table_of_logs_with_temperatures(in_fleet: Path) -> None:
     table.write_text("log,robot,day,temperature\n" + "\n".join(rows) + "\n")
     found = again(table)
     assert {c.robot for c in found.changes} == {"unit 1", "unit 3", "unit 4"}
-    assert "temperature is logged" in found.claim
+    assert "Temperature is logged" in found.claim
 
 
 BAD_TABLES = {

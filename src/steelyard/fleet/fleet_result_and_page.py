@@ -125,6 +125,10 @@ class Fleet(Result):
     left_out: tuple[LeftOut, ...]
     work: Work
     json_name = "fleet.json"
+    shared = (
+        "Intervals of model.json contain noise and the scatter of robots and days; not errors that "
+        "all logs share, as of smoothing or of what the model lacks."
+    )
 
     @cached_property
     def _by_robot(self) -> dict[str, list[FleetChange]]:
@@ -152,14 +156,14 @@ class Fleet(Result):
     def claim(self) -> str:
         """What counts as a change."""
         scatter = self.days.scatter
-        warm = "temperature is logged, and its effect subtracted" if scatter.slope.any() else (
-            "temperature is not known: its effect is part of the scatter"
+        warm = "Temperature is logged, and its effect subtracted" if scatter.slope.any() else (
+            "Temperature is not known: its effect is part of the scatter"
         )  # fmt: skip
+        times = f"{self.days.false_alarms:g} time{'s' * (self.days.false_alarms != 1.0)}"
         return (
-            f"A change is a step that lasts, named where chance does this "
-            f"{self.days.false_alarms:g} times in a year of the whole fleet, if days scatter as "
-            f"{scatter.differences} differences between them show and around a level; {warm}. "
-            f"Slow drifts appear as steps."
+            f"A change is a step that lasts; chance names one {times} in a year of the whole fleet "
+            f"if days scatter around a level as {scatter.differences} differences between them "
+            f"show. {warm}. A slow drift appears as steps."
         )
 
     @property
@@ -203,7 +207,7 @@ class Fleet(Result):
         since = "; ".join(when_words(c) for c in mine)
         if status == "unusual":
             what = f"differs from the others in {', '.join(self._unusual(number))}"
-        return Row((robot.robot, str(len(robot.days)), status, what, since), status == "changed")
+        return Row((robot.robot, str(len(robot.days)), status, since, what), status == "changed")
 
     def _unusual(self, number: int) -> list[str]:
         joints = self.days.local.joints
@@ -224,7 +228,7 @@ class Fleet(Result):
         """A row a robot, those that changed first."""
         order = {"changed": 0, "unusual": 1, "one day": 2, "same": 3}
         numbers = sorted(range(len(self.days.robots)), key=lambda k: (order[self.status(k)], k))
-        headings = ("robot", "days", "status", "what", "first day of it (95 %)")
+        headings = ("robot", "days", "status", "since (95 %)", "what")
         rows = [self._row(k) for k in numbers]
         return PlainTable("", "", headings, rows, (0, 2, 3, 4))
 
@@ -249,7 +253,7 @@ class Fleet(Result):
             )
             if groups
             else None,
-            notes("work", "Work", [self.work.words], folded=True),
+            notes("work", "Work", [self.work.words, self.shared], folded=True),
         )
         return inspected_page(f"{self.robot}: fleet", self.robot, sections)
 
@@ -367,7 +371,7 @@ def size_words(change: FleetChange) -> str:
     words = _with_unit(float(change.size[0]), float(half[0]), change.cause.unit)
     mass = float(change.size[0])
     if change.cause.what == "payload" and abs(mass) > half[0]:
-        centre = ", ".join(significant(float(x) / mass, 2) for x in change.size[1:4])
+        centre = ", ".join(f"{float(x) / mass:.3f}" for x in change.size[1:4])
         words += f" at ({centre}) m of the last link"
     return words
 
