@@ -1,7 +1,7 @@
-"""The same digits on processes, on Dask, from a store with damaged entries, from S3; nothing silent.
+"""The same digits on processes, on Dask, from a damaged store, from S3; nothing silent.
 
-A worker is killed with -9 while it works, and so is the scheduler; a log is cut off; a thousand bits
-of the store are flipped; logs lie on a server that speaks S3.
+A worker is killed with -9 while it works, and so is the scheduler; a log is cut off; a thousand
+bits of the store are flipped; logs lie on a server that speaks S3.
 """
 
 import json

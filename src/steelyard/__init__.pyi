@@ -27,6 +27,9 @@ from steelyard.export.code.export_code import export_code as export_code
 from steelyard.export.model_files.export_model_file import export as export
 from steelyard.fleet.fleet import fleet as fleet
 from steelyard.fleet.fleet import plan_fleet as plan_fleet
+from steelyard.fleet.informative_stretches import (
+    informative_stretches as informative_stretches,
+)
 from steelyard.identify.comparison.compare import compare as compare
 from steelyard.identify.comparison.compare import compare_models as compare_models
 from steelyard.identify.identify import Identification as Identification

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from steelyard.check.check import CheckResult
+    from steelyard.fleet.informative_stretches import InformativeStretches
     from steelyard.logs.contents import LogContent
 
 WHAT_TO_COMPARE = (
@@ -155,6 +156,30 @@ def hints(
 log = typer.Typer(
     name="log", help="List the contents of logs, and convert them.", no_args_is_help=True
 )
+
+
+@log.command(cls=DerivedCommand)
+@from_function(
+    "steelyard:informative_stretches",
+    share={"max": 100.0, "metavar": "PERCENT"},
+    window={"metavar": "SECONDS"},
+)
+def select(call: "partial[InformativeStretches]", as_json: bool = False) -> None:
+    """Choose the stretches of production logs that say most about a model's parameters.
+
+    Printed as LOG@START:STOP, a line each, for `steelyard identify`; what they hold of all goes to
+    standard error. Windows that the model does not explain, as with a payload, are left out.
+
+    Example: steelyard log select steelyard-ur10e monday.parquet tuesday.parquet --share 95
+    """
+    with shared.progress_bar() as progress:
+        found = call(progress=progress)
+    if as_json:
+        shared.print_json(found.to_dict())
+        return
+    for stretch in found.stretches:
+        shared.say(stretch.text)
+    typer.echo(visible(found.words), err=True)
 
 
 @log.command(cls=DerivedCommand)
