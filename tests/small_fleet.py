@@ -34,7 +34,7 @@ def log(
     friction: float = 1.0,
     gain: float = 1.0,
     mass: float = 0.0,
-    motion: float = 1.0,
+    motion: tuple[float, float] = (1.0, 1.0),
 ) -> dict[str, Array]:
     """A day's log by column; friction of joint 2 and gain of joint 1 may be others."""
     model, rng = steelyard.model_of("arm.toml"), np.random.default_rng([robot, day])
@@ -56,11 +56,11 @@ def log(
     values["coulomb.joint2"] *= friction
     t = np.arange(0.0, SECONDS, 1.0 / RATE)
     w = 2.0 * np.pi * np.array([[0.12, 0.31, 0.52], [0.17, 0.26, 0.61]])
-    size, phase = np.array([0.7, 0.3, 0.12]) * motion, rng.uniform(0.0, 6.28, (2, 3))
+    size, phase = np.outer(motion, [0.7, 0.3, 0.12]), rng.uniform(0.0, 6.28, (2, 3))
     a = w[:, :, None] * t + phase[:, :, None]
-    q = (size[:, None] * np.sin(a)).sum(axis=1)
-    dq = (size[:, None] * w[:, :, None] * np.cos(a)).sum(axis=1)
-    ddq = -(size[:, None] * w[:, :, None] ** 2 * np.sin(a)).sum(axis=1)
+    q = (size[:, :, None] * np.sin(a)).sum(axis=1)
+    dq = (size[:, :, None] * w[:, :, None] * np.cos(a)).sum(axis=1)
+    ddq = -(size[:, :, None] * w[:, :, None] ** 2 * np.sin(a)).sum(axis=1)
     named = Parameters(
         model.names, model.units, np.array([values.get(name, 0.0) for name in model.names])
     )

@@ -119,9 +119,12 @@ def test_plan_says_what_is_left(in_fleet: Path, tmp_path: Path) -> None:
 
 CASES: dict[str, tuple[Callable[[], dict[str, Array] | bytes], str]] = {
     "degrees": (lambda: _scaled("q", np.degrees(1.0)), "residuals are"),
-    "other unit of efforts": (lambda: _scaled("tau", 1000.0), "times those of the model: another unit"),
+    "other unit of efforts": (
+        lambda: _scaled("tau", 1000.0),
+        "times those of the model: another unit",
+    ),
     "opposite sign": (lambda: _scaled("tau", -1.0), "most efforts have the opposite sign"),
-    "at rest": (lambda: small.log(0, 2, motion=0.0), "no joint moves"),
+    "at rest": (lambda: small.log(0, 2, motion=(0.0, 0.0)), "no joint moves"),
     "another robot": (lambda: {"t": np.arange(100.0), "q1": np.zeros(100)}, "not in the log"),
     "cut off": (lambda: b"PAR1 and then nothing", "cannot be read"),
     "empty": (lambda: b"", "empty"),

@@ -32,6 +32,7 @@ REDRAW_PERIOD = 0.1  # least time between two states of the terminal's line [s]
     rate={"min": 1e-9},
     bandwidth={"min": 1e-3},
     every={"min": 0.0},
+    forget={"min": 1.0},
     source={"name": "--from", "metavar": "SOURCE"},
     timeout={"min": 0.0, "metavar": "SECONDS"},
 )

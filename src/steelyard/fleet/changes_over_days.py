@@ -24,7 +24,7 @@ from functools import cached_property, lru_cache
 import numpy as np
 
 from steelyard.base.arrays import Z95, Array
-from steelyard.fleet.local_parameters import Cause, LocalParameters, NormalEquations
+from steelyard.estimate.changes_from_model import Cause, LocalParameters, NormalEquations
 
 HALF_NORMAL = 0.4549  # median of the square of a standard normal number
 WARMTH = 0.02  # standard deviation of relative slopes over temperature before any data [1/K]

@@ -12,13 +12,13 @@ from steelyard.base.arrays import Array, by_key
 from steelyard.base.checked_arguments import checked
 from steelyard.base.errors import LogError
 from steelyard.base.progress import Progress, report_progress, silent
+from steelyard.estimate.changes_from_model import LocalParameters, NormalEquations
 from steelyard.estimate.estimate import Estimate
 from steelyard.estimate.estimator_register import context_of, method_of, offer_of
 from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.estimate.information.information import Information
 from steelyard.fleet.changes_over_days import FleetDays, RobotDays
 from steelyard.fleet.fleet_result_and_page import Fleet, FleetPlan, Work
-from steelyard.fleet.local_parameters import LocalParameters, NormalEquations
 from steelyard.fleet.logs_left_out import logs_left_out
 from steelyard.fleet.part_information import PartSummary
 from steelyard.fleet.parts_and_first_model import FleetParts, fleet_parts

@@ -11,9 +11,9 @@ from rich.console import Console
 from rich.text import Text
 
 from steelyard.base.arrays import by_key
+from steelyard.estimate.changes_from_model import OF_JOINT
 from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.fleet.changes_over_days import FleetChange, FleetDays, RobotLevel, half_width
-from steelyard.fleet.local_parameters import OF_JOINT
 from steelyard.report.page import figures, inspected_page, notes
 from steelyard.report.page_figures import Figure, Group, Key, area, line, points
 from steelyard.report.result import Result, print_verdict

@@ -5,8 +5,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from steelyard.base.arrays import by_key
+from steelyard.estimate.changes_from_model import LocalParameters, NormalEquations
 from steelyard.fleet.fleet_result_and_page import LeftOut
-from steelyard.fleet.local_parameters import LocalParameters, NormalEquations
 from steelyard.fleet.part_information import PartSummary
 from steelyard.fleet.parts_and_first_model import FleetParts
 
@@ -42,7 +42,7 @@ def logs_left_out(
         wrong = f"its clock overlaps that of {found.parts[before].where}"
         leave(number, wrong, "name logs of one robot that do not overlap, or other robots")
     usable = [k for k, e in enumerate(equations) if e is not None and k not in out]
-    rests = {k: _unexplained(equations[k], local) for k in usable}
+    rests = {k: local.unexplained(e) for k, e in enumerate(equations) if k in usable and e}
     usual = float(np.median(list(rests.values()))) if rests else 0.0
     for number in usable:
         one = equations[number]
@@ -62,14 +62,6 @@ def logs_left_out(
             wrong = f"residuals are {times:.0f} times the fleet's: another model or unit of motion"
             leave(number, wrong, "`steelyard check` names what differs; or leave the robot out")
     return dict(sorted(out.items()))
-
-
-def _unexplained(one: NormalEquations | None, local: LocalParameters) -> float:
-    """Squared residuals with changes of its own, per sample, in variances of the model's fit."""
-    assert one is not None
-    ridge = np.diag(local.expected(np.ones(len(local.joints))) ** -2.0)
-    explained = one.vector @ np.linalg.solve(one.matrix + ridge, one.vector)
-    return float(max(one.residual.sum() - explained, 0.0) / max(one.counts.sum(), 1.0))
 
 
 def _overlaps(found: FleetParts, summaries: Sequence[PartSummary]) -> list[tuple[int, int]]:

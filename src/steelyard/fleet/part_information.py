@@ -23,7 +23,7 @@ from steelyard.runs.prepare import prepare
 from steelyard.runs.run import Run
 from steelyard.runs.runs_of_named_logs import LogArgument, recording_of
 
-FORMAT = 3  # raised whenever bytes of the same part would mean something else
+FORMAT = 4  # raised whenever bytes of the same part would mean something else
 
 
 @dataclass(frozen=True)

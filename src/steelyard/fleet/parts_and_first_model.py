@@ -9,6 +9,8 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from steelyard.base.errors import LogError, SteelyardError
 from steelyard.base.files import cache_folder
 from steelyard.base.progress import Progress, report_progress
@@ -150,7 +152,9 @@ def _identified(
                 model = identify(loaded, texts, progress=progress).content.identified
                 log = log_files(texts[:1])[0]
                 run = prepare(recording_of(log, model.signals), processing_of(model))
-                return replace(model, processing=run.chain.processing)
+                # joints that rest on some days rest below the same speed on all
+                rest = tuple(np.asarray(run.rest_speed).tolist())
+                return replace(model, processing=replace(run.chain.processing, rest_speed=rest))
             except SteelyardError as error:
                 refused.append(error)
                 bad = [p for p, text in zip(now, texts, strict=True) if _names(error, text, p)]

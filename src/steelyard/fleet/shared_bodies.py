@@ -15,8 +15,8 @@ from dataclasses import replace
 import numpy as np
 
 from steelyard.base.arrays import Array
+from steelyard.estimate.changes_from_model import OF_JOINT, LocalParameters
 from steelyard.estimate.information.information import Information, Window, packed
-from steelyard.fleet.local_parameters import OF_JOINT, LocalParameters
 
 
 class SharedSums:

@@ -3,21 +3,24 @@
 import csv
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import isinf, isnan
 from pathlib import Path
 from typing import Any, Self, TextIO
 
 import numpy as np
 
-from steelyard.base.arrays import Array
+from steelyard.base.arrays import Array, json_values
 from steelyard.base.errors import DataError, LogError
 from steelyard.base.files import explained
 from steelyard.base.progress import Progress, report_progress, silent
+from steelyard.estimate.changes_from_model import LocalParameters
 from steelyard.estimate.external.contact_thresholds import HOLD, SETTLED, ContactThresholds
 from steelyard.estimate.external.momentum_observer_with_wrench_and_contact import PER_PERIOD
 from steelyard.estimate.identified_model import IdentifiedModel, load_model
 from steelyard.estimate.information.base_parameters_and_regressor import base_regressor
+from steelyard.estimate.information.gather import gather
+from steelyard.estimate.information.information import Information
 from steelyard.estimate.information.kept_filtered_samples import gather_samples
 from steelyard.estimate.payload.runs_with_payload import carrier
 from steelyard.estimate.scores import residual_traces_and_band_calibration as residual_noise
@@ -35,6 +38,7 @@ from steelyard.uses.contact.contact import ContactEvent, ContactStart, JointLoad
 from steelyard.uses.payload import pick_up_and_put_down as picking
 from steelyard.uses.payload.payload import mass_with_interval, rounded_mass
 from steelyard.uses.watch import watcher_and_events as watching
+from steelyard.uses.watch.parameters_of_stream import ParameterStream, StreamParameters
 
 
 def record_of(event: watching.StreamEvent) -> dict[str, Any]:
@@ -63,6 +67,8 @@ def record_of(event: watching.StreamEvent) -> dict[str, Any]:
             }
         case watching.StreamNote():
             return {"event": "note", "time_s": event.time, "text": event.text}
+        case StreamParameters():
+            return {"event": "parameters", "time_s": event.time, **json_values(event)}
     record: dict[str, Any] = {
         "event": "estimate",
         "time_s": event.time,
@@ -90,11 +96,32 @@ def event_line(event: watching.StreamEvent) -> str:
             what, text = event.kind, f"{mass} ± {half} kg ({between})"
         case watching.StreamNote():
             what, text = "note", event.text
+        case StreamParameters():
+            what, text = "changes", parameters_words(event)
         case watching.StreamEstimate():
             what, text = "estimate", f"torque {' '.join(f'{x:.3g}' for x in event.torque)}"
             if event.wrench is not None:
                 text += f"; wrench {' '.join(f'{x:.3g}' for x in event.wrench)}"
     return f"{time:9.2f} s  {what:9}  {text}"
+
+
+def parameters_words(event: StreamParameters) -> str:
+    """Changes from the model whose intervals exclude zero, and what the motion has not shown."""
+    changed = [one for one in event.shown if abs(one.value) > one.half_width]
+    words = [
+        f"{one.quantity} of {one.joint} {signed(one.value)} ± {significant(one.half_width, 2)} "
+        f"{one.unit}"
+        if one.unit
+        else f"{one.quantity} of {one.joint} {100.0 * one.value:+.1f} ± "
+        f"{significant(100.0 * one.half_width, 2)} %"
+        for one in changed
+    ]
+    text = "; ".join(words) or "none"
+    same = len(event.shown) - len(changed)
+    text += f" ({same} others as in the model"
+    if event.stays:
+        text += f"; not shown, so they stay: {', '.join(event.stays)}"
+    return f"{text}; from {event.seconds:.0f} s)"
 
 
 def _load(load: JointLoad) -> str:
@@ -267,6 +294,8 @@ def start_watch(
     rate: float | None = None,
     bandwidth: float | None = None,
     every: float | None = None,
+    identify: bool = False,
+    forget: float = 600.0,
     progress: Progress = silent,
 ) -> WatchStart:
     """Begin to watch a stream.
@@ -282,6 +311,9 @@ def start_watch(
         bandwidth: Bandwidth of the observer [Hz], a tenth of the sampling rate at most; if `None`,
             the cut-off at which the thresholds of contact were computed.
         every: Print estimates too, with this time between them [s] (also in estimates.csv).
+        identify: Estimate changes of bodies, friction and offsets from the model, too, recursively;
+            they are published every minute of motion without contact, where it has shown them.
+        forget: Time constant with which that estimate forgets [s].
         progress: Receives events of progress; an exception from it stops the work.
 
     Raises:
@@ -320,7 +352,9 @@ def start_watch(
     else:
         payload = payload_stream(identified, frame)
     period = 1.0 / (PER_PERIOD * cutoff) if every is None else every
-    watcher = watching.Watcher(identified, observer, frame, thresholds, payload, period)
+    parameters = parameter_stream(identified, forget) if identify else None
+    found = thresholds, payload, period, parameters
+    watcher = watching.Watcher(identified, observer, frame, *found)
     return WatchStart(watcher, identified, tuple(notes))
 
 
@@ -337,6 +371,22 @@ def payload_stream(identified: IdentifiedModel, frame: str | None) -> watching.P
         return picking.find_payload_events(identified, samples, frame)
 
     return watching.PayloadStream(detect)
+
+
+def parameter_stream(identified: IdentifiedModel, forget: float) -> ParameterStream:
+    """What estimates changes from the model from consecutive rows of a stream."""
+    signals, processing = identified.signals, processing_of(identified)
+    rest = watching.rests_of(identified)
+    if (rest > 0.0).all():  # noise of a joint that rests is no motion: its friction is anywhere
+        processing = replace(processing, rest_speed=tuple(rest.tolist()))
+    regressor, rests = base_regressor(identified.model), identified.model.has_memory
+
+    def of_rows(rows: Array) -> Information:
+        log = LogInMemory(Path("stream"), signals.columns, rows)
+        run = prepare(Recording(log, signals).unwrapped(), processing)
+        return gather(regressor, run, rests=rests)
+
+    return ParameterStream(LocalParameters(identified, regressor.layout), of_rows, forget)
 
 
 def watch_rows(

@@ -17,6 +17,7 @@ from steelyard.runs.sample_stream import SampleStream, StreamSample
 from steelyard.uses.contact.contact import ContactEvent, ContactStart, ContactStream
 from steelyard.uses.effort_plausibility import LARGE_RESIDUAL, LEAST_EXPLAINED
 from steelyard.uses.payload.pick_up_and_put_down import PayloadEvent, PayloadEvents
+from steelyard.uses.watch.parameters_of_stream import ParameterStream, StreamParameters
 
 SEARCH_PERIOD = 2.0  # time between two searches [s]
 SEARCHED_SPAN = 40.0  # latest samples that are searched [s]
@@ -174,7 +175,9 @@ class StreamNote:
     text: str
 
 
-StreamEvent = ContactStart | ContactEvent | PayloadEvent | StreamEstimate | StreamNote
+StreamEvent = (
+    ContactStart | ContactEvent | PayloadEvent | StreamEstimate | StreamNote | StreamParameters
+)
 """What a stream reports, in the order in which it becomes known."""
 
 
@@ -201,6 +204,7 @@ class Watcher:
         thresholds: Of contact; `None` if it is not sought.
         observer: External efforts at the last sample.
         payload: What seeks changes of the payload; `None` if nothing does.
+        parameters: What estimates changes from the model; `None` if nothing does.
         time: Of the last sample, from the first one [s].
         ratio: Largest residual over its threshold there; NaN without thresholds.
     """
@@ -213,6 +217,7 @@ class Watcher:
         thresholds: ContactThresholds | None = None,
         payload: PayloadStream | None = None,
         every: float | None = None,
+        parameters: ParameterStream | None = None,
     ) -> None:
         """Begin with a new observer, whose bandwidth is the cut-off of the thresholds of contact.
 
@@ -220,7 +225,7 @@ class Watcher:
         """
         robot = identified.model.robot
         self.frame, self.thresholds, self.observer = frame, thresholds, observer
-        self.payload = payload
+        self.payload, self.parameters = payload, parameters
         self.samples = SampleStream(identified.signals, robot)
         self.time, self.ratio = 0.0, np.nan
         self._gains, self._rest = identified.signals.gains, rests_of(identified)
@@ -329,7 +334,16 @@ class Watcher:
         if self.payload is not None:
             for change in self.payload.step(sample.t, sample.row):
                 self._counts["payload"] += 1
+                if self.parameters is not None:
+                    self.parameters.spoil()
                 yield change
+        if self.parameters is not None:
+            state = None if self.payload is None else self.payload.state
+            if state is not None and state.mass:
+                self.parameters.spoil()
+            published = self.parameters.step(sample.t, sample.row)
+            if published is not None:
+                yield published
         if sample.t >= self._due:
             self._due = sample.t + self._every
             half, on = observer.torque_half_width, self.frame is not None

@@ -61,6 +61,10 @@ class NormalEquations:
     product: Array  # measured times predicted efforts, likewise
     counts: Array
 
+    def times(self, factor: float) -> "NormalEquations":
+        """The same, counted so many times."""
+        return NormalEquations(**{name: factor * mine for name, mine in vars(self).items()})
+
     def __add__(self, other: "NormalEquations") -> "NormalEquations":
         return NormalEquations(
             **{name: mine + getattr(other, name) for name, mine in vars(self).items()}
@@ -106,6 +110,10 @@ class LocalParameters:
         found[:-1, -1], found[-1, -1] = -own, 1.0
         return found
 
+    def has(self, row: int, part: int) -> bool:
+        """Whether the model has such a part in a row."""
+        return part in self.groups[list(self.layout.sees[row])]
+
     def equations(self, information: Information) -> NormalEquations:
         """What some data, their efforts as logged, say about the changes."""
         signals = self.identified.signals
@@ -125,6 +133,12 @@ class LocalParameters:
         return NormalEquations(
             matrix, vector, residual, effort, predicted, product, scaled.n_samples
         )
+
+    def unexplained(self, one: NormalEquations) -> float:
+        """Squared residual that its own changes leave, per sample, in variances of the fit."""
+        ridge = np.diag(self.expected(self.friction([one])) ** -2.0)
+        explained = one.vector @ np.linalg.solve(one.matrix + ridge, one.vector)
+        return float(max(one.residual.sum() - explained, 0.0) / max(one.counts.sum(), 1.0))
 
     def friction(self, information: Sequence[NormalEquations]) -> Array:
         """Root mean square of each joint's friction over some data, shape `(n,)` [Nm; N]."""
