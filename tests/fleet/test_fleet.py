@@ -118,7 +118,7 @@ def test_plan_says_what_is_left(in_fleet: Path, tmp_path: Path) -> None:
 
 
 CASES: dict[str, tuple[Callable[[], dict[str, Array] | bytes], str]] = {
-    "degrees": (lambda: _scaled("q", np.degrees(1.0)), "residuals are"),
+    "degrees": (lambda: _scaled("q", np.degrees(1.0)), "the model does not explain it"),
     "other unit of efforts": (
         lambda: _scaled("tau", 1000.0),
         "times those of the model: another unit",
@@ -148,7 +148,8 @@ def test_logs_that_do_not_count_are_named(case: str, with_log: WithLog) -> None:
     assert len(found.left_out) == 1
     (left,) = found.left_out
     assert wrong in left.wrong and left.fix and "r0" in left.log
-    assert any(left.log in line for line in found.limits)
+    fix = "" if left.at_rest else left.fix
+    assert any(left.log in line and fix in line for line in found.limits)
     assert {c.robot for c in found.changes} == {"r1", "r3", "r4"}
 
 
@@ -215,8 +216,10 @@ def test_logs_and_store_on_s3(
 def test_urls_that_cannot_be_read() -> None:
     with pytest.raises(LogError, match="cannot be read|not installed") as told:
         files_of("nonsense://user:password@host/logs?token=1")
+    assert "password" not in str(told.value) and "token" not in str(told.value)
     assert told.value.where == "nonsense://host/logs"
     assert without_secrets("s3://key:secret@bucket/a?X-Amz-Signature=1") == "s3://bucket/a"
+    assert without_secrets("zip://a::http://bob:secret@host/b") == "zip://a::http://host/b"
 
 
 def test_file_urls_are_as_paths(in_fleet: Path) -> None:
@@ -239,9 +242,10 @@ def test_a_table_of_logs_with_temperatures(in_fleet: Path) -> None:
 
 BAD_TABLES = {
     "log,robot,day\nlogs/r0/2026-03-01.parquet,,1\n": "a cell is empty",
-    "log,robot,day\nlogs/r9/none.parquet,a,1\n": "there is no log",
     "log,robot,day\n": "has no rows",
     "log,robot,day,temperature\nlogs/r0/2026-03-01.parquet,a,1,warm\n": "'warm' is not a number",
+    "log,robot,day,temperature\nlogs/r0/2026-03-01.parquet,a,1,inf\n": "'inf' is not a number",
+    "file,robot,date\nx,a,1\n": "has the columns file, robot, date",
 }
 
 
@@ -261,6 +265,9 @@ NAMED = {
     ("a/week7/arm4.csv", "a", "{day}/{robot}"): ("arm4", "week7"),
     ("a/arm4_7_x.csv", "a", "{robot}_{day}_*"): ("arm4", "7"),
     ("a/arm4/7/x.csv", "a", "{robot}/{day}/*"): ("arm4", "7"),
+    ("a/arm_1_2026-05-13.csv", "a", "{robot}_{day}"): ("arm_1", "2026-05-13"),
+    ("a/2026-03-01/r3/run_20260301.csv", "a", None): ("r3", "2026-03-01"),
+    ("a/r1/2026-05-13_1012.csv", "a", None): ("r1", "2026-05-13"),
 }
 
 
@@ -272,11 +279,18 @@ def test_robot_and_day_in_paths(
     monkeypatch.chdir(tmp_path)
     Path(path).parent.mkdir(parents=True)
     Path(path).write_text("t\n1\n")
-    (part,) = parts_of([argument], names)
+    (part,) = parts_of([argument], names)[0]
     assert (part.robot, part.day) == NAMED[case]
 
 
 def test_paths_that_do_not_say_the_day(tmp_path: Path) -> None:
+    names_of = ("r1/13-05-2026_1012.csv", "SN20240101/2026/05/13/a.csv", "a-20191203/day7.csv")
+    for number, name in enumerate(names_of):
+        own = tmp_path / str(number) / name
+        own.parent.mkdir(parents=True)
+        own.write_text("t\n1\n")
+        with pytest.raises(LogError, match="no date|several days"):
+            parts_of([str(tmp_path / str(number))])
     (tmp_path / "arm.csv").write_text("t\n1\n")
     for names, wrong in (
         (None, "no date"), ("{robot}-{day}", "does not fit"), ("{robot}", "once each"),
@@ -308,7 +322,7 @@ def test_command_and_its_files(in_fleet: Path) -> None:
     arguments = ["fleet", "arm.toml", "logs", "--store", "store", "--processes", "1"]
     shown = CliRunner().invoke(app, [*arguments, "-o", "out"])
     assert shown.exit_code == 1, shown.output
-    assert "3 of 5 robots over 8 days changed" in shown.output
+    assert "5 robots over 8 days: 3 changed" in shown.output
     lines = Path("out/robots.jsonl").read_text().splitlines()
     robots = [json.loads(line) for line in lines]
     assert [one["status"] for one in robots] == ["same", "changed", "same", "changed", "changed"]
@@ -329,3 +343,181 @@ def test_a_store_that_cannot_be_written(in_fleet: Path) -> None:
     Path("file").write_text("")
     with pytest.raises(SteelyardError):
         steelyard.fleet("arm.toml", "logs", store="file/store")
+
+
+def write_fleet(folder: Path, days: int, robots: int, **more: object) -> Path:
+    """Logs of a small fleet; what is given is of every log, or a function of robot and day."""
+    for robot in range(robots):
+        for day in range(days):
+            own = {k: x(robot, day) if callable(x) else x for k, x in more.items()}
+            table = small.log(robot, day, **own)  # type: ignore[arg-type]
+            small.write(folder / f"r{robot}" / f"2026-03-{day + 1:02d}.parquet", table)
+    return folder
+
+
+def test_a_failure_that_passes_is_not_remembered(
+    in_fleet: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from steelyard.fleet import part_information as information
+
+    store = tmp_path / "store"
+    shutil.copytree(in_fleet / "store", store)
+    logs = tmp_path / "logs"
+    shutil.copytree(in_fleet / "logs", logs)
+    small.write(logs / "r2" / "2026-03-09.parquet", small.log(2, 8))
+    real = information.on_disk
+
+    def failing(url: str) -> object:
+        if "2026-03-09" in url:
+            raise LogError("the URL cannot be read", where=url, fix="renew the credentials")
+        return real(url)
+
+    def unread(file: object) -> str:
+        raise LogError("the URL cannot be read", where="", fix="")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(information, "on_disk", failing)
+        patch.setattr(information, "digest", unread)
+        found = steelyard.fleet("arm.toml", logs, store=store, processes=1)
+    assert [one.wrong for one in found.left_out] == ["the URL cannot be read"]
+    found = steelyard.fleet("arm.toml", logs, store=store, processes=1)
+    assert not found.left_out and found.work.made == 1
+
+
+def test_a_change_of_most_robots_is_found(in_fleet: Path, tmp_path: Path) -> None:
+    def doubled(robot: int, day: int) -> float:
+        return 2.0 if robot < 5 and day >= 3 + robot else 1.0
+
+    logs = write_fleet(tmp_path / "logs", 10, 8, friction=doubled)
+    found = steelyard.fleet("arm.toml", logs, store=tmp_path / "store", processes=1)
+    told = {(c.robot, c.cause.what, c.cause.joint, c.day) for c in found.changes}
+    assert told == {(f"r{k}", "dry friction", "joint2", f"2026-03-{k + 4:02d}") for k in range(5)}
+    assert all(c.p < 0.05 for c in found.changes)
+
+
+def test_one_odd_day_is_told_as_one(in_fleet: Path, tmp_path: Path) -> None:
+    def odd(robot: int, day: int) -> float:
+        return 2.0 if (robot, day) in ((1, 4), (2, 9)) else 1.0
+
+    logs = write_fleet(tmp_path / "logs", 10, 5, friction=odd)
+    found = steelyard.fleet("arm.toml", logs, store=tmp_path / "store", processes=1)
+    assert [(c.robot, c.day, c.until) for c in found.changes] == [
+        ("r1", "2026-03-05", "2026-03-06"),
+        ("r2", "2026-03-10", ""),
+    ]
+    assert [found.status(k) for k in (1, 2)] == ["was changed", "changed"]
+    assert "2026-03-05, gone on 2026-03-06" in str(found)
+    assert "that day alone so far" in str(found) and "1 was changed" in found.headline
+
+
+def test_a_temperature_that_is_missing_or_of_another_unit(in_fleet: Path, tmp_path: Path) -> None:
+    logs = tmp_path / "logs"
+    shutil.copytree(in_fleet / "logs", logs)
+    for day, warm in ((2, np.nan), (4, 297.0)):
+        table = small.log(2, day)
+        table["temp"] = np.full(len(table["t"]), warm)
+        small.write(logs / "r2" / f"2026-03-{day + 1:02d}.parquet", table)
+    without = {k: x for k, x in small.log(2, 5).items() if k != "temp"}
+    small.write(logs / "r2" / "2026-03-06.parquet", without)
+    good, found = (
+        steelyard.fleet("arm.toml", x, store="store", temperature="temp", processes=1)
+        for x in ("logs", logs)
+    )
+    one, other = good.days.scatter, found.days.scatter
+    assert np.all(np.abs(one.slope - other.slope) <= 2.0 * one.slope_std + 1e-12)
+    assert np.all(other.slope_std <= 1.5 * one.slope_std)
+    said = "no plausible temperature on r2 2026-03-03, r2 2026-03-05, r2 2026-03-06"
+    assert any(line.startswith(said) for line in found.limits) and not found.left_out
+
+
+def test_the_same_motion_with_a_clock_from_zero_counts_once(in_fleet: Path, tmp_path: Path) -> None:
+    import polars as pl
+
+    logs = tmp_path / "logs"
+    shutil.copytree(in_fleet / "logs", logs)
+    for path in logs.rglob("*.parquet"):
+        table = pl.read_parquet(path)
+        table.with_columns(pl.col("t") - pl.col("t").first()).write_parquet(path)
+    table = pl.read_parquet(logs / "r0" / "2026-03-02.parquet")
+    table.write_csv(logs / "r0" / "again_2026-03-02.csv")
+    found = again(logs)
+    assert ["has the same motion as" in one.wrong for one in found.left_out] == [True]
+
+
+def test_a_joint_that_never_moves_is_named(in_fleet: Path, tmp_path: Path) -> None:
+    logs = tmp_path / "logs"
+    shutil.copytree(in_fleet / "logs", logs)
+    for day in range(8):
+        table = small.log(2, day, motion=(1.0, 0.0))
+        small.write(logs / "r2" / f"2026-03-{day + 1:02d}.parquet", table)
+    found = again(logs)
+    assert "dry friction joint2" in found.robots_json()[2]["not_seen"]
+    assert any("the motion does not show it: r2: " in line for line in found.limits)
+    assert {c.robot for c in found.changes} == {"r1", "r3", "r4"}
+
+
+def test_quiet_first_days(in_fleet: Path, tmp_path: Path) -> None:
+    def still(robot: int, day: int) -> tuple[float, float]:
+        return (0.0, 0.0) if day == 0 else (1.0, 1.0)
+
+    logs = write_fleet(tmp_path / "logs", 4, 7, motion=still)
+    found = steelyard.fleet("arm.toml", logs, store=tmp_path / "store", processes=1)
+    assert len(found.left_out) == 7 and all(one.at_rest for one in found.left_out)
+    assert found.days.n_days == 3 and not found.changes
+
+
+def test_a_robot_without_a_log_that_counts_is_named(in_fleet: Path, tmp_path: Path) -> None:
+    logs = tmp_path / "logs"
+    shutil.copytree(in_fleet / "logs", logs)
+    for path in (logs / "r2").iterdir():
+        path.write_bytes(b"")
+    found = again(logs)
+    assert found.robots_json()[-1] == {"robot": "r2", "days": 0, "status": "no log"}
+    assert "1 without a log that counts" in found.headline
+
+
+def test_levels_have_intervals(in_fleet: Path) -> None:
+    for one in again().robots_json():
+        for own in one["level_and_half_width"].values():
+            assert all(half > 0.0 for _, half in own.values())
+
+
+def test_files_without_a_day_are_named(in_fleet: Path, tmp_path: Path) -> None:
+    logs = tmp_path / "logs"
+    shutil.copytree(in_fleet / "logs", logs)
+    (logs / "r0" / "notes.txt").write_text("oiled")
+    assert any("notes.txt" in line for line in again(logs).limits)
+
+
+def test_two_folders_with_a_robot_of_one_name(in_fleet: Path, tmp_path: Path) -> None:
+    shutil.copytree(in_fleet / "logs" / "r0", tmp_path / "a" / "r0")
+    shutil.copytree(in_fleet / "logs" / "r1", tmp_path / "b" / "r0")
+    with pytest.raises(LogError, match="two folders have a robot 'r0'"):
+        parts_of([str(tmp_path / "a"), str(tmp_path / "b")])
+    robots = {part.robot for part in parts_of([str(tmp_path)])[0]}
+    assert robots == {"a/r0", "b/r0"}
+
+
+def test_days_are_in_the_order_of_their_numbers(in_fleet: Path) -> None:
+    rows = [f"logs/r0/2026-03-{day + 1:02d}.parquet,r0,{day + 5}" for day in range(8)]
+    (in_fleet / "numbers.csv").write_text("log,robot,day\n" + "\n".join(rows) + "\n")
+    days = [part.day for part in parts_of(["numbers.csv"])[0]]
+    assert days == [str(day + 5) for day in range(8)]
+
+
+def test_a_robot_file_of_another_robot(in_fleet: Path, tmp_path: Path) -> None:
+    other = (in_fleet / "arm.urdf").read_text().replace('axis xyz="0 1 0"', 'axis xyz="0 0 1"')
+    (tmp_path / "arm.urdf").write_text(other)
+    (tmp_path / "arm.toml").write_text((in_fleet / "arm.toml").read_text())
+    with pytest.raises(LogError, match="24 logs can be identified: failed check, mounting"):
+        steelyard.fleet(tmp_path / "arm.toml", "logs", store=tmp_path / "s", processes=1)
+
+
+def test_a_model_that_explains_little_is_said(
+    in_fleet: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    import sys
+
+    assert not any("explains" in line for line in again().limits)
+    monkeypatch.setattr(sys.modules["steelyard.fleet.fleet"], "LEAST_EXPLAINED", 1.0)
+    assert any("is the robot file that of these robots?" in line for line in again().limits)

@@ -42,7 +42,7 @@ def fleet(
     Options:
         plan: Print parts, bytes, time and memory of the work, measured on one part, and end.
 
-    Exit code 0: no change. 1: a robot changed. 2: error.
+    Exit code 0: no robot is changed. 1: one is. 2: error.
 
     Example: steelyard fleet arm.toml logs --names "{robot}/{day}" -o week20
     """
@@ -65,4 +65,4 @@ def fleet(
         shared.show(result)
         files = {"report": "report.html", "robots": "robots.jsonl", "model": "model.json"}
         typer.echo("\n" + shared.file_lines(folder, **files))
-    raise typer.Exit(int(bool(result.changes)))
+    raise typer.Exit(int(bool(result.changed)))

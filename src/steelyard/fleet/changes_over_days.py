@@ -30,10 +30,12 @@ HALF_NORMAL = 0.4549  # median of the square of a standard normal number
 WARMTH = 0.02  # standard deviation of relative slopes over temperature before any data [1/K]
 MOST_CHANGES = 8  # of one robot
 PLACED_AGAIN = 4  # rounds in which changes are placed again beside the others
-QUANTILES = (0.5, 0.9)  # of pairs of neighbouring days, at which causes are calibrated
+QUANTILES = (0.5, 0.75)  # of pairs of neighbouring days, at which causes are calibrated
+QUIET = 0.25  # quantile of robots whose largest rise is compared with that of chance
 ENOUGH_ROBOTS = 8  # robots whose median shows what chance does to one
 DRAWS = 2000  # of days that scatter alone, for the largest rise by chance
 LEAST_LEVEL = -0.8  # least relative change of a robot that a further change is relative to
+GONE = 0.2  # share of a step that may be left after it is taken back
 MASS = 0.95  # share of the probability that the interval of a day holds
 MOST_ALIKE = 0.8  # largest correlation of neighbouring days that is corrected
 DAYS_OF_YEAR = 365.0
@@ -65,6 +67,8 @@ class FleetChange:
     size: Array
     std: Array
     p: float  # probability that chance does this anywhere in the fleet
+    factor: float = 1.0  # of a size in the cause's directions
+    until: str = ""  # first day on which it is gone again; `""` if it lasts
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,7 +78,9 @@ class RobotLevel:
     robot: str
     value: Array
     std: Array
-    unusual: tuple[int, ...] = ()  # places of changes that differ from the fleet's
+    unusual: tuple[int, ...]  # places of changes that differ from the fleet's
+    away: Array  # from the median of robots, `(m,)`, not shrunk
+    spread: Array  # standard deviation of that among robots that do not differ, `(m,)`
 
 
 @dataclass(frozen=True, eq=False)
@@ -212,7 +218,7 @@ class FleetDays:
         Changes of days are correlated in ways that their variances do not say, motions differ, and
         what the model lacks differs with them. So the test's own numbers are compared with those
         of chance: the rise from one day to the next, over all pairs, and the largest rise of each
-        robot over its days, by the median over robots.
+        robot over its days, by the quarter of robots in which it is least.
         """
         from scipy.special import chdtri
 
@@ -232,7 +238,7 @@ class FleetDays:
             for q in QUANTILES
         ]
         if len(largest) >= ENOUGH_ROBOTS:
-            ratios.append(np.median(largest, axis=0))
+            ratios.append(np.quantile(largest, QUIET, axis=0))
         return replace(scatter, inflation=np.maximum(1.0, np.max(ratios, axis=0)))
 
     def _from_day_to_day(self, weighed: tuple[Array, Array], causes: Sequence[Cause]) -> Array:
@@ -352,12 +358,31 @@ class FleetDays:
             steps.append(best)
             for _ in range(PLACED_AGAIN if len(steps) > 1 else 0):
                 before = list(steps)
-                for i in range(len(steps)):
-                    again = self._best(weighed, steps[:i] + steps[i + 1 :], number)
-                    steps[i] = steps[i] if again is None else again
+                for step in before:
+                    others = [x for x in steps if x is not step]
+                    again = self._best(weighed, others, number)
+                    steps = [*others, again] if again is not None else others
                 if steps == before:
                     break
-        return sorted(steps, key=lambda step: step[1])
+        return sorted(self._significant(steps, weighed, number), key=lambda step: step[1])
+
+    def _significant(
+        self, steps: list[tuple[Cause, int]], weighed: tuple[Array, Array], number: int
+    ) -> list[tuple[Cause, int]]:
+        """The steps without those that chance explains beside the others, the worst first."""
+        causes = self._causes[number]
+        while steps:
+            chances = []
+            for step in steps:
+                others = [x for x in steps if x is not step]
+                which, size = causes.index(step[0]), step[0].directions.shape[1]
+                gain = self._gains(weighed, others, causes)[which][step[1] - 1]
+                chances.append(self._chance(float(gain / self.scatter.inflation[which]), size))
+            worst = int(np.argmax(chances))
+            if chances[worst] < self.level:
+                break
+            steps = steps[:worst] + steps[worst + 1 :]
+        return steps
 
     def _best(
         self, weighed: tuple[Array, Array], steps: Sequence[tuple[Cause, int]], number: int
@@ -412,10 +437,12 @@ class FleetDays:
                     factor * values[mine],
                     abs(factor) * np.sqrt(inflation * np.diag(inverse)[mine]),
                     self._chance(float(gains.max()), cause.directions.shape[1]),
+                    factor,
                 )
             )
             level += cause.directions @ values[mine]
-        return found
+        sizes = [values[at[i] : at[i + 1]] for i in range(len(steps))]
+        return _paired(found, sizes, np.asarray(inverse, dtype=np.float64), at)
 
     def first_change(self, number: int) -> int:
         """Number of the first day after a robot's first step; that of all days without any."""
@@ -424,7 +451,7 @@ class FleetDays:
 
     @cached_property
     def levels(self) -> tuple[RobotLevel, ...]:
-        """Each robot's changes at its last days, shrunk towards the fleet."""
+        """Each robot's changes from the model at its last days, shrunk towards the fleet."""
         from scipy.special import stdtr
 
         values, variances, first = [], [], []
@@ -439,34 +466,40 @@ class FleetDays:
             values.append(last @ inverse @ vector)
             variances.append(np.diag(last @ inverse @ last.T).copy())
             first.append((inverse @ vector)[:m])
-        usual, between = np.median(first, axis=0), self.scatter.robot
-        found, count = [], len(self.robots)
+        usual, found, count = np.median(first, axis=0), list[RobotLevel](), len(self.robots)
+        # so few robots do not show their variance well: half as much again per square root of them
+        between = self.scatter.robot + (2.0 / max(efficient(count), 1.0)) ** 0.5 * (
+            self.scatter.robot + np.median(variances, axis=0)
+        )
         for number, robot in enumerate(self.robots):
             value, variance = values[number], variances[number]
-            share = between / np.maximum(between + variance, 1e-300)
-            std = np.sqrt(share * variance)
-            shrunk = usual + share * (value - usual)
-            unusual: tuple[int, ...] = ()
-            if count > 2 and not self._steps[number]:
-                away = np.abs(value - usual) / np.sqrt(np.maximum(between + variance, 1e-300))
-                p = 2.0 * stdtr(count - 1, -away) * count * self.local.size
-                unusual = tuple(np.flatnonzero(p < LEVEL_ALARM).tolist())
-            alone = count < 3 or self._steps[number]
-            if alone:
-                shrunk, std = value, np.sqrt(variance)
-            found.append(RobotLevel(robot.robot, shrunk, std, unusual))
+            away, free = value - usual, efficient(count)
+            spread = np.sqrt(self.scatter.robot + variance)
+            p = 2.0 * stdtr(free, -np.abs(away) / spread) * count * self.local.size
+            odd = np.flatnonzero(p < LEVEL_ALARM).tolist()
+            changed = bool(self._steps[number])
+            unusual = tuple(odd) if count > 2 and not changed else ()
+            if count > 2 and not changed:
+                share = between / (between + variance)
+                value, variance = usual + share * away, share * variance
+            found.append(RobotLevel(robot.robot, value, np.sqrt(variance), unusual, away, spread))
         return tuple(found)
+
+
+def efficient(count: int) -> float:
+    """Degrees of freedom of a variance by medians over robots (efficiency 0.37)."""
+    return max(0.37 * (count - 1), 1.0)
 
 
 @lru_cache(maxsize=256)
 def _usual_largest(days: int, size: int) -> float:
-    """Median of the largest rise over all days, of days that scatter alone, by simulation."""
+    """A low quantile of the largest rise over days that scatter alone, by simulation."""
     x = np.random.default_rng(0).normal(size=(DRAWS, days, size))
     k = np.arange(1, days)
     sums = np.cumsum(x, axis=1)
     later = (sums[:, -1:] - sums)[:, :-1] - (1.0 - k / days)[:, None] * sums[:, -1:]
     rises = np.sum(later**2, axis=2) / (k * (days - k) / days)
-    return float(np.median(rises.max(axis=1)))
+    return float(np.quantile(rises.max(axis=1), QUIET))
 
 
 def _slope(change: Array, warmer: Array, variance: Array, expected: float) -> tuple[float, float]:
@@ -480,6 +513,34 @@ def _slope(change: Array, warmer: Array, variance: Array, expected: float) -> tu
         scale = max(float(np.median(left**2)) / HALF_NORMAL, 1.0)
         weights = np.minimum(1.0, 1.345 * np.sqrt(scale) / np.maximum(left, 1e-12)) / variance
     return slope, float(np.sqrt(1.0 / normal))
+
+
+def _paired(
+    found: Sequence[FleetChange], sizes: Sequence[Array], covariance: Array, at: Sequence[int]
+) -> list[FleetChange]:
+    """The changes, a step and the one that takes it back as one."""
+    from scipy.special import chdtrc
+
+    left, used = list[FleetChange](), set[int]()
+    for i, change in enumerate(found):
+        if i in used:
+            continue
+        for j in range(i + 1, len(found)):
+            alike = found[j].cause is change.cause and j not in used
+            if not alike:
+                continue
+            sides = [np.arange(at[k], at[k + 1]) for k in (i, j)]
+            spread = np.sum([covariance[np.ix_(a, b)] for a in sides for b in sides], axis=0)
+            both = sizes[i] + sizes[j]
+            rise = float(both @ np.linalg.solve(spread, both))
+            opposite = float(sizes[i] @ sizes[j]) < 0.0
+            small = np.linalg.norm(both) < GONE * np.linalg.norm(sizes[i])
+            if opposite and (small or float(chdtrc(len(both), rise)) > 1.0 - MASS):
+                used.add(j)
+                change = replace(change, until=found[j].day)
+                break
+        left.append(change)
+    return left
 
 
 SEEN = 1e-9  # share of a direction's information beside all others that is more than rounding

@@ -4,6 +4,7 @@ Paths are read without any package; URLs such as `s3://bucket/logs` through fssp
 credentials that its back ends find by themselves (environment, profiles, roles).
 """
 
+import re
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -11,11 +12,11 @@ from dataclasses import dataclass
 from hashlib import sha256
 from pathlib import Path
 from typing import Any
-from urllib.parse import urlsplit
 
 from steelyard.base.errors import LogError, SteelyardError, require
 from steelyard.base.files import explained, whole_file
 from steelyard.logs.formats import FORMATS
+from steelyard.logs.log_and_errors import reading, require_file
 
 COPIED_BYTES = 1 << 22  # bytes that are read at a time
 
@@ -28,6 +29,11 @@ class StoredFile:
     size: int
     stamp: str
 
+    @property
+    def name(self) -> str:
+        """The file's name."""
+        return path_of(self.url).rpartition("/")[2]
+
 
 def is_url(text: str) -> bool:
     """Whether a text names a place of fsspec; drives of Windows are none."""
@@ -35,11 +41,8 @@ def is_url(text: str) -> bool:
 
 
 def without_secrets(url: str) -> str:
-    """The URL without user, password and query, for messages."""
-    if not is_url(url):
-        return url
-    parts = urlsplit(url)
-    return f"{parts.scheme}://{parts.netloc.rpartition('@')[2]}{parts.path}"
+    """The URL without users, passwords and query, for messages."""
+    return re.sub(r"://[^/\s]*@", "://", url).partition("?")[0] if is_url(url) else url
 
 
 def files_of(argument: str) -> list[StoredFile]:
@@ -60,22 +63,31 @@ def files_of(argument: str) -> list[StoredFile]:
     return sorted(logs, key=lambda file: file.url)
 
 
+def path_of(url: str) -> str:
+    """The path in a URL, or the path itself, with forward slashes."""
+    if not is_url(url):
+        return Path(url).as_posix()
+    return "/" + re.sub(r"^[^/]*://[^/]*/?", "", url).partition("?")[0]
+
+
 def _suffix(url: str) -> str:
-    return Path(urlsplit(url).path if is_url(url) else url).suffix.lower()
+    return Path(path_of(url)).suffix.lower()
 
 
 def _local_files(argument: str) -> list[StoredFile]:
     place = Path(argument)
     if place.is_dir():
-        paths = [path for path in place.rglob("*") if path.is_file()]
-    elif place.is_file():
-        paths = [place]
+        paths, root = [*place.rglob("*")], place
+    elif place.exists():
+        paths, root = [place], place.parent
     else:
-        fixed = Path(*[part for part in _before_pattern(place.parts)])
-        pattern = str(place.relative_to(fixed)) if place.parts != fixed.parts else ""
-        paths = [path for path in fixed.glob(pattern) if path.is_file()] if pattern else []
-    hidden = [path for path in paths if path.name.startswith(".")]
-    return [_local(path) for path in paths if path not in hidden]
+        root = Path(*[part for part in _before_pattern(place.parts)])
+        if root == place:
+            require_file(place)  # says what is there instead
+        paths = [*root.glob(str(place.relative_to(root)))]
+    hidden = re.compile(r"(?:^|/)\.[^./]")
+    shown = (p for p in paths if not hidden.search(p.relative_to(root).as_posix()))
+    return [_local(path) for path in shown if path.is_file() or path.is_symlink()]
 
 
 def _before_pattern(parts: tuple[str, ...]) -> Iterator[str]:
@@ -86,8 +98,13 @@ def _before_pattern(parts: tuple[str, ...]) -> Iterator[str]:
 
 
 def _local(path: Path) -> StoredFile:
-    state = path.stat()
-    return StoredFile(str(path), state.st_size, str(state.st_mtime_ns))
+    """The file, wherever work on it is done; a link to nothing has no bytes."""
+    try:
+        state = path.stat()
+    except OSError:
+        return StoredFile(str(path.absolute()), 0, "")
+    stamp = f"{state.st_mtime_ns} {state.st_ctime_ns} {state.st_ino}"
+    return StoredFile(str(path.absolute()), state.st_size, stamp)
 
 
 def _remote_files(argument: str) -> list[StoredFile]:
@@ -146,7 +163,7 @@ def _explained(url: str) -> Iterator[None]:
         kind, words = type(error).__name__, " ".join(str(error).split())
         expired = any(w in f"{kind} {words}" for w in ("Expired", "Credential", "Forbidden", "403"))
         raise LogError(
-            f"the URL cannot be read ({kind}{': ' + words[:160] if words and not expired else ''})",
+            f"the URL cannot be read ({kind})",
             where=without_secrets(url),
             fix="renew the credentials, as for the command line tools of this store"
             if expired
@@ -171,7 +188,8 @@ def _blocks(url: str) -> Iterator[bytes]:
             system, path = _file_system(url)
             opened = system.open(path, "rb")
         else:
-            opened = Path(url).open("rb")
+            with reading(Path(url)):
+                opened = Path(url).open("rb")
         with opened as stream:
             while block := stream.read(COPIED_BYTES):
                 yield block
@@ -187,7 +205,7 @@ def on_disk(url: str) -> Iterator[Path]:
         yield Path(url)
         return
     with tempfile.TemporaryDirectory() as folder:
-        place = Path(urlsplit(url).path)
+        place = Path(path_of(url))
         copy = Path(folder) / (place.parent.name or "logs") / place.name
         copy.parent.mkdir()
         with copy.open("wb") as stream:

@@ -26,6 +26,9 @@ from steelyard.fleet.shared_bodies import SharedSums, summed
 from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
 from steelyard.robot.file.robot_file import load_robot
 
+FARTHEST_TEMPERATURE = 100.0
+"""From the fleet's median, above which a temperature is none of a motor, or in another unit [K]."""
+LEAST_EXPLAINED = 0.91  # share of the squared efforts: an error of 30 %
 BYTES_OF_PROCESS, BYTES_OF_SAMPLE = 250 << 20, 120
 """Memory of a process without logs, and of a sample of a joint while it is worked on."""
 
@@ -155,6 +158,7 @@ def _judged(
         robots = [
             _days_of(name, mine, found, summaries, equations) for name, mine in by_robot.items()
         ]
+        robots, unwarm = _plausible(robots)
         report_progress(progress, "looking for changes", int(last), 2)
         days = FleetDays(robots, local, false_alarms)
         if not last:
@@ -166,12 +170,42 @@ def _judged(
         changes=days.changes,
         levels=days.levels,
         left_out=tuple(left_out.values()),
+        remarks=_remarks(found, local, equations, used, unwarm),
         work=replace(
             made,
             samples=sum(summaries[k].samples for k in used),
             seconds=perf_counter() - began,
         ),
     )
+
+
+def _remarks(
+    found: FleetParts,
+    local: LocalParameters,
+    equations: Sequence[NormalEquations | None],
+    used: Sequence[int],
+    unwarm: Sequence[str],
+) -> tuple[str, ...]:
+    """What qualifies the whole result."""
+    said = [str(doubt["says"]) for doubt in found.reference.provenance.doubts if "says" in doubt]
+    known = [e for k, e in enumerate(equations) if k in set(used) and e is not None]
+    left = sum(local.unexplained(e) * float(e.counts.sum()) for e in known)
+    share = 1.0 - left / max(float(sum(e.effort.sum() for e in known)), 1e-300)
+    if share < LEAST_EXPLAINED:
+        said.append(
+            f"the model explains {100.0 * max(share, 0.0):.0f} % of the squared efforts, even with "
+            "changes of every robot: is the robot file that of these robots? `steelyard check` "
+            "with one of the logs names what differs"
+        )
+    if unwarm:
+        more = f", and {len(unwarm) - 3} more" if len(unwarm) > 3 else ""
+        said.append(
+            f"no plausible temperature on {', '.join(unwarm[:3])}{more}: the average is assumed"
+        )
+    if found.nameless:
+        more = f", and {len(found.nameless) - 1} more" if len(found.nameless) > 1 else ""
+        said.append(f"not read, as a robot's day is not known: {found.nameless[0]}{more}")
+    return tuple(said)
 
 
 def _added_up(
@@ -202,19 +236,45 @@ def _days_of(
             total = total + one  # type: ignore[operator]  # those that are used have sums
         sums.append(total)
         warm.append(_temperature(numbers, found, summaries))
-    width = min(len(w) for w in warm)
-    table = np.array([w[:width] for w in warm]).reshape(len(warm), width)
-    return RobotDays(robot, tuple(by_day), tuple(filter(None, sums)), table)
+    return RobotDays(robot, tuple(by_day), tuple(filter(None, sums)), np.array(warm))
 
 
 def _temperature(
     numbers: Sequence[int], found: FleetParts, summaries: Sequence[PartSummary]
 ) -> Array:
-    """Mean temperatures of a day's parts: the table's, or those of their columns."""
-    told = [found.parts[k].temperature for k in numbers]
-    if all(one is not None for one in told):
-        return np.array([np.mean([float(one) for one in told if one is not None])])
-    return np.asarray(np.mean([summaries[k].temperature for k in numbers], axis=0))
+    """Mean temperatures of a day's parts, those of columns or of the table; NaN if not known."""
+    if found.temperature:
+        each = np.array([summaries[k].temperature for k in numbers])
+    elif any(part.temperature is not None for part in found.parts):
+        told = (found.parts[k].temperature for k in numbers)
+        each = np.array([[np.nan if one is None else one] for one in told])
+    else:
+        return np.zeros(0)
+    known = np.isfinite(each)
+    count = known.sum(axis=0)
+    total = np.where(known, each, 0.0).sum(axis=0)
+    mean = np.divide(total, count, out=np.full(each.shape[1], np.nan), where=count > 0)
+    return np.asarray(mean, dtype=np.float64)
+
+
+def _plausible(robots: Sequence[RobotDays]) -> tuple[list[RobotDays], tuple[str, ...]]:
+    """The days without temperatures that none of a motor is beside the others, and which."""
+    every = np.concatenate([robot.temperature for robot in robots])
+    if not every.size:
+        return list(robots), ()
+    if not np.isfinite(every).any():
+        raise LogError(
+            "no log has a temperature in these columns",
+            where="temperature (--temperature)",
+            fix="name columns of the logs; `steelyard log info LOG` lists them",
+        )
+    usual, found, said = np.nanmedian(every, axis=0), [], list[str]()
+    for robot in robots:
+        far = np.abs(robot.temperature - usual) > FARTHEST_TEMPERATURE
+        odd = far.any(axis=1) | np.isnan(robot.temperature).any(axis=1)
+        said += [f"{robot.robot} {robot.days[k]}" for k in np.flatnonzero(odd)]
+        found.append(replace(robot, temperature=np.where(far, np.nan, robot.temperature)))
+    return found, tuple(said)
 
 
 def _shared(
@@ -240,13 +300,26 @@ def _shared(
         sums.append(one.information(robot.robot))
     fastest = np.max([summaries[k].fastest for mine in by_robot.values() for k in mine], axis=0)
     estimate = _estimate(loaded, found, summed(sums), fastest, progress)
-    origin = found.reference.provenance
-    words = f"parameters of {len(sums)} robots over {days.n_days} days, see fleet.json"
-    return replace(
-        found.reference,
-        estimate=estimate,
-        provenance=replace(origin, notes=(*origin.notes, words)),
+    origin, n = found.reference.provenance, len(sums)
+    inputs = {k: v for k, v in origin.inputs.items() if not k.startswith("identification ")}
+    of_robots = {
+        f"identification {found.parts[k].file.name} ({found.parts[k].robot})": found.digests[k]
+        for mine in by_robot.values()
+        for k in mine
+    }
+    words = f"parameters of {n} robots over {days.n_days} days, see fleet.json"
+    says = f"the model is that of {n} robots: each one has friction of its own, which errors of "
+    says += "efforts contain, and a drift from the model is no change of the robot"
+    doubt = {"check": "fleet", "log": "", "severity": "DOUBTFUL", "says": says, "figure": "",
+           "fix": "", "brief": ""}  # fmt: skip
+    provenance = replace(
+        origin,
+        inputs=inputs | of_robots,
+        runs=(),
+        notes=(*origin.notes, words),
+        doubts=(*origin.doubts, doubt),
     )
+    return replace(found.reference, estimate=estimate, provenance=provenance)
 
 
 def _estimate(

@@ -9,11 +9,18 @@ import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from math import isfinite
 from pathlib import Path, PurePosixPath
-from urllib.parse import urlsplit
+from typing import Any
 
 from steelyard.base.errors import LogError, SteelyardError
-from steelyard.fleet.files_and_urls import StoredFile, files_of, is_url, without_secrets
+from steelyard.fleet.files_and_urls import (
+    StoredFile,
+    files_of,
+    is_url,
+    path_of,
+    without_secrets,
+)
 from steelyard.logs.parquet import ParquetLog
 
 ROWS_OF_PART = 500_000
@@ -21,7 +28,9 @@ ROWS_OF_PART = 500_000
 
 LEAST_BYTES_OF_ROW = 16  # of a Parquet file; smaller ones are not looked into
 
-DATE = re.compile(r"(?<!\d)(\d{4})[-_]?(0[1-9]|1[0-2])[-_]?(0[1-9]|[12]\d|3[01])(?!\d)")
+DATE = re.compile(
+    r"(?<![A-Za-z0-9])((?:19|20)\d\d)([-_]?)(0[1-9]|1[0-2])\2(0[1-9]|[12]\d|3[01])(?!\d)"
+)
 DAY = re.compile(r"(?<![a-zA-Z])[dD]ay[-_]?(\d+)(?!\d)")
 SEPARATORS = " -_./"
 
@@ -35,6 +44,7 @@ class LogPart:
     day: str
     rows: tuple[int, int] | None = None
     temperature: float | None = None  # of the table of logs [K or °C]; `None` if it has none
+    share: float = 1.0  # of the file's rows
 
     @property
     def where(self) -> str:
@@ -44,17 +54,26 @@ class LogPart:
 
     @property
     def size(self) -> int:
-        """Bytes of the file."""
-        return self.file.size
+        """Bytes, about."""
+        return round(self.file.size * self.share)
 
     @property
-    def place(self) -> tuple[str, str, str, int]:
-        """By which parts are put in order: robot, day, file, rows."""
-        return self.robot, self.day, self.file.url, 0 if self.rows is None else self.rows[0]
+    def place(self) -> tuple[Any, ...]:
+        """By which parts are put in order: robot, day, file, rows; numbers in names count."""
+        start = 0 if self.rows is None else self.rows[0]
+        return natural(self.robot), natural(self.day), self.file.url, start
 
 
-def parts_of(logs: Sequence[str], names: str | None = None) -> tuple[LogPart, ...]:
-    """The parts of all logs, by robot, day and file.
+def natural(text: str) -> tuple[Any, ...]:
+    """A key by which "day 9" is before "day 10"."""
+    pieces = re.split(r"(\d+)", text)
+    return tuple((int(x), x) if k % 2 else (-1, x) for k, x in enumerate(pieces))
+
+
+def parts_of(
+    logs: Sequence[str], names: str | None = None
+) -> tuple[tuple[LogPart, ...], tuple[str, ...]]:
+    """The parts of all logs, by robot, day and file; and files whose paths do not say the day.
 
     Args:
         logs: Files, folders, patterns with `*`, URLs; or tables of logs: CSV with the columns log,
@@ -62,26 +81,43 @@ def parts_of(logs: Sequence[str], names: str | None = None) -> tuple[LogPart, ..
         names: How robot and day stand in the paths: `{robot}/{day}` or `{robot}_{day}_*`.
 
     Raises:
-        LogError: There is no log, one has no day, or a table is not as it should be.
+        LogError: There is no log, none has a day, several folders have a robot of one name, or a
+            table is not as it should be.
     """
     pattern = None if names is None else _pattern(names)
-    whole = list[LogPart]()
+    whole, nameless, roots = list[LogPart](), list[LogError](), dict[str, set[str]]()
     for argument in logs:
         table = _table(argument)
-        whole += _of_paths(argument, pattern, names) if table is None else _of_table(*table)
+        if table is not None:
+            whole += _of_table(*table)
+            continue
+        for file in files_of(argument):
+            try:
+                robot, day, root = _named(file.url, pattern, names, argument)
+            except LogError as error:
+                nameless.append(error)
+                continue
+            whole.append(LogPart(file, robot, day))
+            roots.setdefault(robot, set()).add(root)
+    if nameless and not whole:
+        raise nameless[0]
+    for robot, places in roots.items():
+        if len(places) > 1 and names is None:
+            one, other = sorted(places)[:2]
+            raise LogError(
+                f"two folders have a robot '{robot}': is it one?",
+                where=f"{without_secrets(one)} and {without_secrets(other)}",
+                fix='if so, say it with --names "{robot}/{day}"; if not, name the folder above '
+                "both, or give a table of logs",
+            )
     twice = [url for url, n in Counter(part.file.url for part in whole).items() if n > 1]
     if twice:
         raise LogError(
             "a log is named twice", where=without_secrets(twice[0]), fix="name every log once"
         )
     found = [piece for part in whole for piece in _pieces(part)]
-    return tuple(sorted(found, key=lambda part: part.place))
-
-
-def _of_paths(argument: str, pattern: "re.Pattern[str] | None", names: str | None) -> list[LogPart]:
-    return [
-        LogPart(file, *_named(file.url, argument, pattern, names)) for file in files_of(argument)
-    ]
+    left = tuple(f"{error.where}: {error.wrong}" for error in nameless)
+    return tuple(sorted(found, key=lambda part: part.place)), left
 
 
 def _pattern(names: str) -> "re.Pattern[str]":
@@ -94,7 +130,7 @@ def _pattern(names: str) -> "re.Pattern[str]":
         )
     text = re.escape(names.removesuffix("/*").removesuffix("*"))
     for escaped, expression in (
-        (r"\{robot\}", r"(?P<robot>[^/]+?)"),
+        (r"\{robot\}", "(?P<robot>[^/]+)"),
         (r"\{day\}", r"(?P<day>[^/]+?)"),
         (r"\*", "[^/]*"),
     ):
@@ -104,9 +140,10 @@ def _pattern(names: str) -> "re.Pattern[str]":
 
 
 def _named(
-    url: str, argument: str, pattern: "re.Pattern[str] | None", names: str | None
-) -> tuple[str, str]:
-    path = PurePosixPath(urlsplit(url).path if is_url(url) else Path(url).as_posix())
+    url: str, pattern: "re.Pattern[str] | None", names: str | None, argument: str
+) -> tuple[str, str, str]:
+    """Robot and day of a log, and the folder beneath which its path says them."""
+    path = PurePosixPath(path_of(url))
     text = str(path.with_suffix(""))
     if pattern is not None:
         match = pattern.search(text)
@@ -116,31 +153,44 @@ def _named(
                 where=without_secrets(url),
                 fix="change --names, or give a table of logs: CSV with the columns log, robot, day",
             )
-        return match["robot"], match["day"]
-    begin = argument if is_url(argument) else Path(argument).as_posix()
-    begin = (urlsplit(begin).path if is_url(begin) else begin).split("*")[0].rstrip("/")
-    inside = text.removeprefix(begin).strip("/") if text.startswith(begin + "/") else path.stem
-    for own in (inside, text):
-        dates = [*DATE.finditer(own)] or [*DAY.finditer(own)]
-        if dates:
-            last = dates[-1]
-            day = "-".join(last.groups()) if len(last.groups()) == 3 else f"{int(last[1]):04d}"
-            return _robot(own[: last.start()], own[last.end() :], path), day
+        if DATE.search(match["robot"]) and not DATE.search(match["day"]):
+            raise LogError(
+                f"by the pattern {names} the robot is called '{match['robot']}', like a day",
+                where=without_secrets(url),
+                fix="exchange {robot} and {day} in --names",
+            )
+        return match["robot"], match["day"], ""
+    named = path_of(argument if is_url(argument) else str(Path(argument).absolute()))
+    begin = re.split(r"/[^/]*[*?\[]", named)[0]  # the folders before a pattern
+    inside = text.removeprefix(begin + "/") if text.startswith(begin + "/") else path.stem
+    root = text.removesuffix(inside).rstrip("/")
+    days = {"-".join(m.group(1, 3, 4)): m for m in DATE.finditer(inside)}
+    days |= {f"{int(m[1]):04d}": m for m in DAY.finditer(inside)}
+    if len(days) > 1:
+        raise LogError(
+            f"the path has several days: {', '.join(days)}",
+            where=without_secrets(url),
+            fix='say which it is, as with --names "{robot}/{day}"',
+        )
+    for day in days:
+        words = [_bare(word) for word in inside.split("/")]
+        folders = [word for word in words[:-1] if word]
+        return "/".join(folders) or words[-1] or PurePosixPath(root).name or "robot", day, root
     raise LogError(
         "the path of the log has no date, and no number behind 'day'",
         where=without_secrets(url),
         fix='say where robot and day stand, as with --names "{robot}/{day}", or give a table of '
-        "logs (--table) with the columns log, robot, day",
+        "logs: CSV with the columns log, robot, day",
     )
 
 
-def _robot(before: str, behind: str, path: PurePosixPath) -> str:
-    """What is left of a path beside the day: the folders before it, or the rest of the name."""
-    left = [word.strip(SEPARATORS) for word in before.split("/") if word.strip(SEPARATORS)]
-    if left:
-        return "/".join(left)
-    rest = behind.split("/")[0].strip(SEPARATORS)
-    return rest or behind.strip(SEPARATORS).split("/")[0] or path.parent.name or "robot"
+def _bare(word: str) -> str:
+    """A part of a path without the day, and a time behind it."""
+    found = DATE.search(word) or DAY.search(word)
+    if found is None:
+        return word.strip(SEPARATORS)
+    behind = re.sub(r"^[T_-]?\d{4,6}Z?(?![0-9A-Za-z])", "", word[found.end() :])
+    return f"{word[: found.start()].strip(SEPARATORS)}{behind.rstrip(SEPARATORS)}".strip(SEPARATORS)
 
 
 COLUMNS = ("log", "robot", "day")
@@ -153,10 +203,18 @@ def _table(argument: str) -> tuple[Path, list[dict[str, str | None]]] | None:
         return None
     try:
         with path.open(newline="", encoding="utf-8-sig") as stream:
-            reader = csv.DictReader(stream)
-            if not set(COLUMNS) <= set(reader.fieldnames or ()):
+            head = stream.readline()
+            names = [name.strip().lower() for name in re.split("[,;\\t]", head.strip())]
+            if not {"log", "file", "robot"} & set(names):
                 return None
-            return path, list(reader)
+            if not set(COLUMNS) <= set(names):
+                raise LogError(
+                    f"this table of logs has the columns {', '.join(names)}",
+                    where=argument,
+                    fix=f"name them {', '.join(COLUMNS)} and, if known, temperature",
+                )
+            comma = next((mark for mark in ",;\t" if mark in head), ",")
+            return path, list(csv.DictReader(stream, fieldnames=names, delimiter=comma))
     except (OSError, UnicodeDecodeError, csv.Error):
         return None  # whoever reads it as a log says what is wrong
 
@@ -171,14 +229,16 @@ def _of_table(table: Path, rows: Sequence[Mapping[str, str | None]]) -> list[Log
         named = log if is_url(log) or Path(log).is_absolute() else str(table.parent / log)
         warm = str(row.get("temperature") or "").strip()
         try:
-            degrees = float(warm) if warm else None
+            degrees = float(warm.replace(",", ".")) if warm else None
+            if degrees is not None and not isfinite(degrees):
+                raise ValueError
         except ValueError:
             wrong = f"the temperature '{warm}' is not a number"
             raise LogError(wrong, where=place, fix="give a number, or leave it empty") from None
         try:
             files = files_of(named)
-        except SteelyardError as error:
-            raise LogError(error.wrong, where=place, fix=error.fix) from None
+        except SteelyardError:  # whoever reads it says why it cannot be read
+            files = [StoredFile(named if is_url(named) else str(Path(named).absolute()), 0, "")]
         found += [LogPart(file, robot, day, temperature=degrees) for file in files]
     if not found:
         raise LogError("the table of logs has no rows", where=str(table), fix="list the logs")
@@ -199,4 +259,5 @@ def _pieces(part: LogPart) -> list[LogPart]:
     if pieces == 1:
         return [part]
     edges = [count * k // pieces for k in range(pieces + 1)]
-    return [replace(part, rows=edge) for edge in zip(edges[:-1], edges[1:], strict=True)]
+    each = zip(edges[:-1], edges[1:], strict=True)
+    return [replace(part, rows=edge, share=1.0 / pieces) for edge in each]

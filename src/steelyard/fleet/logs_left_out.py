@@ -38,6 +38,15 @@ def logs_left_out(
         if before != number:
             wrong = f"it has the same bytes as {found.parts[before].where}"
             leave(number, wrong, "name every log once")
+    same = dict[tuple[object, ...], int]()
+    for number, summary in enumerate(summaries):
+        if not summary.wrong and number not in out:
+            speeds = tuple(f"{speed:.9g}" for speed in summary.fastest)
+            motion = found.parts[number].robot, summary.samples, speeds
+            before = same.setdefault(motion, number)
+            if before != number:
+                wrong = f"it has the same motion as {found.parts[before].where}"
+                leave(number, wrong, "name every log once")
     for number, before in _overlaps(found, summaries):
         wrong = f"its clock overlaps that of {found.parts[before].where}"
         leave(number, wrong, "name logs of one robot that do not overlap, or other robots")
@@ -55,11 +64,13 @@ def logs_left_out(
             wrong = "most efforts have the opposite sign of the model's"
             leave(number, wrong, "`steelyard check` names them, for a robot file of such logs")
         elif alike > ALIKE and not 1.0 / OTHER_UNIT < factor < OTHER_UNIT:
-            wrong = f"efforts are {factor:.3g} times those of the model: another unit or gear side"
+            size = f"{factor:.0f}" if factor > 9.5 else f"{factor:.2g}"
+            wrong = f"efforts are about {size} times those of the model: another unit or gear side"
             leave(number, wrong, "give such logs a robot file of their own, with their unit")
         elif rests[number] > MISFIT * usual:
             times = np.sqrt(rests[number] / max(usual, 1e-300))
-            wrong = f"residuals are {times:.0f} times the fleet's: another model or unit of motion"
+            wrong = f"the model does not explain it (residuals {times:.0f} times those of the "
+            wrong += "others): another robot, or positions in another unit or order"
             leave(number, wrong, "`steelyard check` names what differs; or leave the robot out")
     return dict(sorted(out.items()))
 

@@ -5,17 +5,18 @@ import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from steelyard.base.arrays import Array
-from steelyard.base.errors import SteelyardError
+from steelyard.base.errors import PackageError, SteelyardError
 from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.estimate.information.base_parameters_and_regressor import Regressor, base_regressor
 from steelyard.estimate.information.gather import gather
 from steelyard.estimate.information.information import Information, Signature, Window
-from steelyard.fleet.files_and_urls import on_disk
+from steelyard.fleet.files_and_urls import digest, on_disk
 from steelyard.fleet.logs_by_robot_and_day import LogPart
 from steelyard.logs.formats import open_log
 from steelyard.logs.log_and_errors import Cut
@@ -23,7 +24,7 @@ from steelyard.runs.prepare import prepare
 from steelyard.runs.run import Run
 from steelyard.runs.runs_of_named_logs import LogArgument, recording_of
 
-FORMAT = 4  # raised whenever bytes of the same part would mean something else
+FORMAT = 5  # raised whenever bytes of the same part would mean something else
 
 
 @dataclass(frozen=True)
@@ -58,11 +59,16 @@ def _model(text: str) -> tuple[IdentifiedModel, Regressor]:
     return model, base_regressor(model.model)
 
 
-def worked(common: PartWork, part: LogPart) -> bytes:
-    """Summary and sums of a part, as bytes that `of_bytes` reads; errors of logs are part of it."""
+def worked(common: PartWork, item: tuple[LogPart, str]) -> tuple[bytes, bool]:
+    """Summary and sums of a part, as bytes that `of_bytes` reads, and whether to remember them.
+
+    An item is a part and the hash of its log's bytes. Errors of logs are part of the summary; they
+    are remembered only where these bytes could be read, so that it is they that are wrong.
+    """
+    part, expected = item
     began = time.perf_counter()
     identified, regressor = _model(common.model)
-    found, information = PartSummary(), None
+    found, information, remembered = PartSummary(), None, True
     try:
         with on_disk(part.file.url) as path:
             cut = Cut() if part.rows is None else Cut(rows=part.rows)
@@ -78,8 +84,17 @@ def worked(common: PartWork, part: LogPart) -> bytes:
                 information = gather(regressor, run, rests=rests).merged(1)
     except SteelyardError as error:
         found = replace(found, wrong=error.wrong, fix=error.fix)
+        remembered = not isinstance(error, PackageError) and _has_bytes(part, expected)
     found = replace(found, seconds=time.perf_counter() - began)
-    return to_bytes(found, information)
+    return to_bytes(found, information), remembered
+
+
+def _has_bytes(part: LogPart, expected: str) -> bool:
+    """Whether a log can be read here, and has the bytes that it is known by."""
+    try:
+        return digest(part.file) == expected
+    except SteelyardError:
+        return False
 
 
 def _summary(run: Run, temperature: tuple[float, ...]) -> PartSummary:
@@ -97,16 +112,20 @@ def _summary(run: Run, temperature: tuple[float, ...]) -> PartSummary:
     )
 
 
-def _temperature(path: Any, columns: Sequence[str], cut: Cut) -> tuple[float, ...]:
-    """Mean of each column of temperature over the part; nothing without columns."""
+def _temperature(path: Path, columns: Sequence[str], cut: Cut) -> tuple[float, ...]:
+    """Mean of each column of temperature over the part; NaN of one that is not there or empty."""
     if not columns:
         return ()
-    total, count = np.zeros(len(columns)), np.zeros(len(columns))
-    for rows in open_log(path).parts(columns, cut.rows):
+    log = open_log(path)
+    there = [name for name in columns if log.columns.count(name) == 1]
+    total, count = np.zeros(len(there)), np.zeros(len(there))
+    for rows in log.parts(there, cut.rows) if there else ():
         known = np.isfinite(rows)
         total += np.where(known, rows, 0.0).sum(axis=0)
         count += known.sum(axis=0)
-    return tuple((total / np.maximum(count, 1.0)).tolist())
+    means = np.divide(total, count, out=np.full(len(there), np.nan), where=count > 0.0)
+    by_name = dict(zip(there, means.tolist(), strict=True))
+    return tuple(by_name.get(name, np.nan) for name in columns)
 
 
 SUMS = ("grams", "absolute", "counts", "beside")
