@@ -351,11 +351,11 @@ class FleetDays:
     def _found_steps(self, number: int) -> list[tuple[Cause, int]]:
         weighed = self._weighed(self.robots[number], self.scatter)
         steps = list[tuple[Cause, int]]()
-        while len(steps) < MOST_CHANGES:
+        for _ in range(MOST_CHANGES):
             best = self._best(weighed, steps, number)
             if best is None:
                 break
-            steps.append(best)
+            steps = [*steps, best]
             for _ in range(PLACED_AGAIN if len(steps) > 1 else 0):
                 before = list(steps)
                 for step in before:
