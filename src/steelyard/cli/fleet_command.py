@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from steelyard.cli import interrupt
 from steelyard.cli import shared_by_commands as shared
 from steelyard.cli.commands_from_functions import from_function
 
@@ -48,6 +49,7 @@ def fleet(
     """
     from steelyard.fleet.fleet import plan_fleet
 
+    interrupt.finished("logs that are done are remembered; the next run goes on there")
     if plan:
         given = {k: x for k, x in call.keywords.items() if k not in ("cluster", "false_alarms")}
         with shared.progress_bar() as progress:

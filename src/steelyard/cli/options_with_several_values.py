@@ -17,6 +17,7 @@ MANY_VALUED_OPTIONS = (
     "--measured",
     "--sensor-rest",
     "--drop",
+    "--temperature",
 )
 """Options that take all that follows up to the next option."""
 

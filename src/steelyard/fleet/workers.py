@@ -165,7 +165,7 @@ def _client(cluster: str) -> Iterator[Any]:
         one_thread_each()  # of processes that inherit it
         with _without_script():
             local = LocalCluster(
-                n_workers=int(rest), threads_per_worker=1, dashboard_address=None, silence_logs=40
+                n_workers=int(rest), threads_per_worker=1, dashboard_address=None, silence_logs=50
             )
         with local, Client(local) as client:
             yield client
