@@ -49,7 +49,7 @@ def fleet(
     """
     from steelyard.fleet.fleet import plan_fleet
 
-    interrupt.finished("logs that are done are remembered; the next run goes on there")
+    interrupt.kept("logs that are done are remembered; the next run goes on there")
     if plan:
         given = {k: x for k, x in call.keywords.items() if k not in ("cluster", "false_alarms")}
         with shared.progress_bar() as progress:

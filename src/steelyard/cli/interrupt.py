@@ -26,7 +26,7 @@ class _State:
     installed: bool = False
     requests: int = 0
     quiet: bool = False
-    finished: str = ""
+    kept: str = ""
 
 
 _state = _State()
@@ -77,7 +77,12 @@ def answered() -> None:
 
 def finished(what: str) -> None:
     """A part of the results is in its place and stays there if Ctrl-C stops what follows."""
-    _state.finished = what
+    _state.kept = f"{what} is written, nothing else"
+
+
+def kept(words: str) -> None:
+    """What is kept if Ctrl-C stops what follows."""
+    _state.kept = words
 
 
 def too_late() -> None:
@@ -104,8 +109,7 @@ def leave() -> None:
     files = sys.modules.get("steelyard.base.files")
     if files is not None and hasattr(files, "remove_unfinished"):
         files.remove_unfinished()
-    written = f"{_state.finished} is written, nothing else" if _state.finished else ""
-    print(f"stopped: {written or 'nothing was written'}", file=sys.stderr)
+    print(f"stopped: {_state.kept or 'nothing was written'}", file=sys.stderr)
     raise SystemExit(INTERRUPTED) from None
 
 
