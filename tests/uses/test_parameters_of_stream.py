@@ -15,6 +15,8 @@ from steelyard.cli.app import app
 from steelyard.uses.watch.parameters_of_stream import STRETCH, StreamParameters
 from steelyard.uses.watch.watch import event_line, record_of, start_watch
 
+pytestmark = pytest.mark.slow
+
 MINUTES = 5
 
 
