@@ -1,0 +1,94 @@
+"""Time of a fleet's work: Dask with one and two workers, one new day in thirty, task by task.
+
+Times are ratios of runs side by side. The start of a cluster is left out, and told.
+"""
+
+import shutil
+import tempfile
+import time
+from pathlib import Path
+
+from proofs.support import simulated_fleet as simulated
+from proofs.support.claims import Claim, main_of
+
+import steelyard
+from steelyard.base.progress import Event
+
+TIMED = True
+ROBOTS, DAYS = 12, 30
+LEAST_EFFICIENCY, MOST_OVERHEAD, MOST_OF_NEW_DAY = 0.85, 0.05, 1.0 / 15.0
+
+
+class Stopwatch:
+    """Times of the first and the last log that is done, and of the start of the work."""
+
+    def __init__(self) -> None:
+        self.began = self.first = self.last = 0.0
+        self.count = 0
+
+    def __call__(self, event: Event) -> bool:
+        """Take an event of progress."""
+        now = time.perf_counter()
+        if event.phase == "logs":
+            if event.done == 0:
+                self.began = now
+            elif event.done == 1:
+                self.first = now
+            self.last, self.count = now, int(event.done)
+        return True
+
+    @property
+    def each(self) -> float:
+        """Time from one log to the next [s]."""
+        return (self.last - self.first) / (self.count - 1)
+
+    @property
+    def start(self) -> float:
+        """Time until the first log began [s]."""
+        return self.first - self.began - self.each
+
+
+def main() -> list[Claim]:
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        fleet = simulated.Fleet(ROBOTS, DAYS)
+        simulated.write(fleet, folder)
+
+        def run(store: str, **more: object) -> tuple[Stopwatch, float]:
+            watch, began = Stopwatch(), time.perf_counter()
+            steelyard.fleet(
+                folder / "arm.toml", folder / "logs", temperature="temp", store=folder / store,
+                progress=watch, **more,  # type: ignore[arg-type]
+            )  # fmt: skip
+            return watch, time.perf_counter() - began
+
+        def begun(store: str) -> str:
+            shutil.copytree(folder / "begun", folder / store)
+            return store
+
+        steelyard.plan_fleet(folder / "arm.toml", folder / "logs", temperature="temp",
+                             store=folder / "begun", processes=1)  # fmt: skip
+        alone, _ = run(begun("alone"), processes=1)
+        one, _ = run(begun("one"), cluster="local:1")
+        two, _ = run(begun("two"), cluster="local:2")
+        _, whole = run("whole", processes=2)
+        _, again = run("whole", processes=2)
+        simulated.write(simulated.Fleet(ROBOTS, DAYS + 1), folder, range(DAYS, DAYS + 1))
+        _, day = run("whole", processes=2)
+        overhead, efficiency = one.each / alone.each - 1.0, one.each / (2.0 * two.each)
+    task = one.each - alone.each
+    return [
+        Claim("Dask, overhead with one worker", f"{overhead:.1%} of {alone.each:.3f} s a log; "
+              f"start {one.start:.1f} s", f"<= {MOST_OVERHEAD:.0%}", overhead <= MOST_OVERHEAD),
+        Claim("Dask, efficiency with two workers", f"{efficiency:.2f}; start {two.start:.1f} s",
+              f">= {LEAST_EFFICIENCY:g}", efficiency >= LEAST_EFFICIENCY),
+        Claim("Dask with 100 workers, by the time per task", f"{max(task, 0.0):.4f} s of the "
+              f"scheduler and client for {alone.each:.2f} s of work: at most "
+              f"{alone.each / max(task, 1e-9):.0f} workers are busy", "reported", True),
+        Claim(f"one new day in {DAYS}", f"{day:.1f} s of {whole:.1f} s, a {whole / day:.1f}th; "
+              f"nothing new {again:.1f} s", "<= a 15th", day <= MOST_OF_NEW_DAY * whole),
+    ]  # fmt: skip
+
+
+if __name__ == "__main__":
+    main_of(main)
