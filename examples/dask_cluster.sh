@@ -16,6 +16,9 @@ if [ ! -x "$place/bin/dask" ]; then
     "$place/bin/pip" install -q -c "$root/constraints.txt" -e "$root[cluster,polars]"
 fi
 export OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 POLARS_MAX_THREADS=1
+# Dask's own thresholds of memory make arrays of some size slow: logs would take twice the time
+export DASK_DISTRIBUTED__WORKER__PROFILE__ENABLED=False
+export DASK_DISTRIBUTED__NANNY__PRE_SPAWN_ENVIRON='{"MALLOC_TRIM_THRESHOLD_": 1073741824, "MALLOC_MMAP_THRESHOLD_": 33554432}'
 trap 'kill 0' INT TERM EXIT
 if [ -z "$scheduler" ]; then
     "$place/bin/dask" scheduler --port 8786 --no-dashboard &

@@ -65,6 +65,7 @@ ONE_FILE = {
     "mcap": {"logs/messages/mcap_and_ros1_bag.py"},
     "rosbags": {"logs/messages/containers_and_decoding.py"},
     "zstandard": {"logs/messages/decompression.py"},
+    "dask": {"fleet/workers.py"},
     "distributed": {"fleet/workers.py"},
     "fsspec": {"fleet/files_and_urls.py"},
     "lz4": {"logs/messages/decompression.py"},

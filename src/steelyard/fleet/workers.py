@@ -22,8 +22,14 @@ Result = TypeVar("Result")
 Work = Callable[[Common, Item], Result]
 Done = Iterator[tuple[int, Result]]
 
-FEW = 8  # pieces up to which starting processes takes longer than it saves
+FEW = 24  # pieces up to which starting processes takes longer than it saves
 DEATHS = 3  # workers of this machine that may die on the way
+OF_WORKERS = {
+    "distributed.nanny.pre-spawn-environ": {"OMP_NUM_THREADS": 1},
+    "distributed.worker.profile.enabled": False,
+}
+"""What workers of Dask start with. Its own choice of memory's thresholds lets every array of some
+size be mapped anew: logs then take twice the time."""
 START_S = 60  # time in which a cluster has to answer
 
 
@@ -152,6 +158,7 @@ def _lost_named(cluster: str) -> Iterator[None]:
 
 @contextmanager
 def _client(cluster: str) -> Iterator[Any]:
+    import dask
     from distributed import Client, LocalCluster
 
     kind, _, rest = cluster.partition(":")
@@ -163,7 +170,7 @@ def _client(cluster: str) -> Iterator[Any]:
                 fix="give local:N, as local:4, or the address of a scheduler: tcp://HOST:8786",
             )
         one_thread_each()  # of processes that inherit it
-        with _without_script():
+        with _without_script(), dask.config.set(OF_WORKERS):
             local = LocalCluster(
                 n_workers=int(rest), threads_per_worker=1, dashboard_address=None, silence_logs=50
             )
