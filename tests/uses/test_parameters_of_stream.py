@@ -66,6 +66,11 @@ def test_a_friction_that_doubled_is_published_with_its_interval(folder: Path) ->
     assert "dry friction of joint2 +" in event_line(found[-1])
     record = record_of(found[-1])
     assert record["event"] == "parameters" and record["shown"][0]["joint"] == "joint1"
+    # gravity of the links is no change, though a payload could take its place
+    bodies = [
+        shown[joint, "bodies"] for joint in ("joint1", "joint2") if (joint, "bodies") in shown
+    ]
+    assert bodies and all(abs(one.value) < 0.01 for one in bodies)
     others = [one for key, one in shown.items() if key != ("joint2", "dry friction")]
     assert all(abs(one.value) < 0.15 for one in others if not one.unit)
 

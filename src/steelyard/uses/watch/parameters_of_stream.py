@@ -7,8 +7,8 @@ that grew may look like a contact, but is explained. Old stretches are forgotten
 $$ \Lambda \leftarrow e^{-\Delta t / T}\,\Lambda + \Lambda_\mathrm{new}, $$
 
 and what is left gives relative changes of each joint's bodies, dry and viscous friction, and its
-offset, beside a payload (see `changes_from_model`), with intervals. A change is published where the
-motion has shown it; others stay those of the model, and are named.
+offset (see `changes_from_model`), with intervals of the stream alone, the model taken as right. A
+change is published where the motion has shown it; others stay those of the model, and are named.
 """
 
 from collections import deque
@@ -115,10 +115,11 @@ class ParameterStream:
         known, local = self._known, self._local
         assert known is not None
         friction = local.friction([known])
-        expected = local.expected(friction)
-        inverse = np.linalg.inv(known.matrix + np.diag(expected**-2.0))
-        values = inverse @ known.vector
-        left = max(float(known.residual.sum() - values @ known.vector), 0.0)
+        own = slice(0, OF_JOINT * len(local.joints))  # stretches with a payload are left out
+        expected = local.expected(friction)[own]
+        inverse = np.linalg.inv(known.matrix[own, own] + np.diag(expected**-2.0))
+        values = inverse @ known.vector[own]
+        left = max(float(known.residual.sum() - values @ known.vector[own]), 0.0)
         widened = max(1.0, left / max(float(known.counts.sum()), 1.0))
         std = np.sqrt(widened * np.diag(inverse))
         shown, stays = list[ChangedParameter](), list[str]()
