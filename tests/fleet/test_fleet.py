@@ -470,3 +470,20 @@ def test_a_model_that_explains_little_is_said(
     assert not any("explains" in line for line in again().limits)
     monkeypatch.setattr(sys.modules["steelyard.fleet.fleet"], "LEAST_EXPLAINED", 1.0)
     assert any("is the robot file that of these robots?" in line for line in again().limits)
+
+
+@pytest.mark.parametrize("days", [1, 2])
+def test_one_robot_over_few_days(days: int, in_fleet: Path, tmp_path: Path) -> None:
+    logs = write_fleet(tmp_path / "logs", days, 1)
+    found = steelyard.fleet("arm.toml", logs, store=tmp_path / "store", processes=1)
+    assert not found.changes and found.status(0) == ("one day" if days == 1 else "same")
+    assert found.headline.startswith("Nothing can be said" if days == 1 else "No change found")
+    assert any("only large changes can be told" in line for line in found.limits)
+    assert "robot" in str(found) and found.report() and found.to_dict()
+
+
+def test_fewer_false_alarms_ask_for_more(in_fleet: Path) -> None:
+    often, seldom = (again(false_alarms=rate).days for rate in (100.0, 1e-6))
+    assert often.level > 0.5 > 1e-3 > seldom.level
+    assert {c.robot for c in often.changes} >= {c.robot for c in seldom.changes}
+    assert "0.01 false changes a year" in again(false_alarms=0.01).claim

@@ -167,8 +167,9 @@ log = typer.Typer(
 def select(call: "partial[InformativeStretches]", as_json: bool = False) -> None:
     """Choose the stretches of production logs that say most about a model's parameters.
 
-    Printed as LOG@START:STOP, a line each, for `steelyard identify`; what they hold of all goes to
-    standard error. Windows that the model does not explain, as with a payload, are left out.
+    Printed as LOG@START:STOP, a line each; what they hold of all goes to standard error. Windows
+    that the model does not explain, as with a payload, are left out. `steelyard identify` takes
+    stretches of some seconds, by --window 10; shorter ones are for Python, which has their sums.
 
     Example: steelyard log select steelyard-ur10e monday.parquet tuesday.parquet --share 95
     """

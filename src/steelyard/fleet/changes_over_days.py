@@ -24,7 +24,12 @@ from functools import cached_property, lru_cache
 import numpy as np
 
 from steelyard.base.arrays import Z95, Array
-from steelyard.estimate.changes_from_model import Cause, LocalParameters, NormalEquations
+from steelyard.estimate.changes_from_model import (
+    OF_JOINT,
+    Cause,
+    LocalParameters,
+    NormalEquations,
+)
 
 HALF_NORMAL = 0.4549  # median of the square of a standard normal number
 WARMTH = 0.02  # standard deviation of relative slopes over temperature before any data [1/K]
@@ -145,9 +150,9 @@ class FleetDays:
         n, m, given = len(self.local.joints), self.local.size, robot.temperature
         found = np.full((len(robot.days), m), np.nan)
         if given.shape[1] == n:
-            found[:, : 4 * n] = np.repeat(given, 4, axis=1)
+            found[:, : OF_JOINT * n] = np.repeat(given, OF_JOINT, axis=1)
         elif given.shape[1] == 1:
-            found[:, : 4 * n] = given
+            found[:, : OF_JOINT * n] = given
         return found
 
     @cached_property

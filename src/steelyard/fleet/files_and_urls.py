@@ -110,6 +110,7 @@ def _local(path: Path) -> StoredFile:
 def _remote_files(argument: str) -> list[StoredFile]:
     system, path = _file_system(argument)
     with _explained(argument):
+        system.invalidate_cache()  # logs may have come since the last look
         if any(mark in path for mark in "*?["):
             found = system.glob(path, detail=True)
         elif system.isfile(path):

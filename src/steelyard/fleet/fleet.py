@@ -268,7 +268,9 @@ def _plausible(robots: Sequence[RobotDays]) -> tuple[list[RobotDays], tuple[str,
             where="temperature (--temperature)",
             fix="name columns of the logs; `steelyard log info LOG` lists them",
         )
-    usual, found, said = np.nanmedian(every, axis=0), [], list[str]()
+    known = (column[np.isfinite(column)] for column in every.T)
+    usual = np.array([np.median(x) if len(x) else np.nan for x in known])
+    found, said = list[RobotDays](), list[str]()
     for robot in robots:
         far = np.abs(robot.temperature - usual) > FARTHEST_TEMPERATURE
         odd = far.any(axis=1) | np.isnan(robot.temperature).any(axis=1)
