@@ -65,9 +65,9 @@ ONE_FILE = {
     "mcap": {"logs/messages/mcap_and_ros1_bag.py"},
     "rosbags": {"logs/messages/containers_and_decoding.py"},
     "zstandard": {"logs/messages/decompression.py"},
-    "dask": {"fleet/workers.py"},
-    "distributed": {"fleet/workers.py"},
-    "fsspec": {"fleet/files_and_urls.py"},
+    "dask": {"base/workers.py"},
+    "distributed": {"base/workers.py"},
+    "fsspec": {"logs/files_and_urls.py"},
     "lz4": {"logs/messages/decompression.py"},
 }
 

@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 
 from steelyard.base.errors import LogError
-from steelyard.fleet.files_and_urls import files_of, without_secrets
 from steelyard.fleet.logs_by_robot_and_day import parts_of
+from steelyard.logs.files_and_urls import files_of, without_secrets
 
 
 def test_urls_that_cannot_be_read() -> None:

@@ -81,21 +81,32 @@ def _shared(
 def _asked_by_some(edits: Mapping[str, Edit], others: Sequence[str]) -> str:
     key = ".".join(next(iter(edits.values())).path)
     return (
-        f"{', '.join(others)} {'does' if len(others) == 1 else 'do'} not require another {key}: no "
-        f"line is written; give {', '.join(edits)} a robot file of "
+        f"{_named(others)} {'does' if len(others) == 1 else 'do'} not require another {key}: no "
+        f"line is written; give {_named([*edits])} a robot file of "
         f"{'its' if len(edits) == 1 else 'their'} own"
     )
+
+
+MOST_NAMED = 4  # logs that a sentence names
+
+
+def _named(logs: Sequence[str]) -> str:
+    """Some names of logs, and how many more there are."""
+    more = len(logs) - MOST_NAMED
+    return ", ".join(logs[:MOST_NAMED]) + (f" and {more} more" if more > 0 else "")
 
 
 def _unlike(edits: Mapping[str, Edit]) -> str:
     """The values of several logs that are not one; empty if they may be."""
     if not any(_differ(a, b) for a, b in combinations(edits.values(), 2)):
         return ""
-    listed = ", ".join(
-        str(e.value).replace("'", '"')
-        + (f" ± {200.0 * e.spread:.2g} %" if e.spread > 0.0 else "")
-        + f" ({log})"
-        for log, e in edits.items()
+    listed = _named(
+        [
+            str(e.value).replace("'", '"')
+            + (f" ± {200.0 * e.spread:.2g} %" if e.spread > 0.0 else "")
+            + f" ({log})"
+            for log, e in edits.items()
+        ]
     )
     accuracy = "; 95 %" * any(e.spread > 0.0 for e in edits.values())
     key = next(iter(edits.values())).path[-1]

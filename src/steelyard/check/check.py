@@ -22,6 +22,7 @@ from steelyard.check.case_from_files_and_precheck import (
     refuse_foreign,
     subject_of,
 )
+from steelyard.check.check_by_workers import CheckWork, diagnosis_by_workers
 from steelyard.check.finding import Edit, Finding, Severity
 from steelyard.check.findings_text_and_page import (
     CheckContent,
@@ -34,6 +35,8 @@ from steelyard.check.findings_text_and_page import (
 )
 from steelyard.estimate.estimator_register import method_of
 from steelyard.estimate.identified_model import IdentifiedModel, load_model
+from steelyard.logs.files_and_urls import on_disk
+from steelyard.logs.log_parts import LogPart, whole_logs
 from steelyard.report.result import Result
 from steelyard.robot.file.robot_file import load_robot
 from steelyard.robot.file.toml_edits import edited, lines_of
@@ -288,6 +291,7 @@ def check(
     fix: str | Path | None = None,
     quick: bool = False,
     fixed_base: str | None = None,
+    cluster: str | None = None,
     progress: Progress = silent,
 ) -> CheckResult:
     """Check logs for errors, and propose lines of the robot file that correct them.
@@ -301,6 +305,9 @@ def check(
             targets.
         quick: Only the checks that `identify` makes before the fit.
         fixed_base: Link to fix to the world, for a model file; `None` for its root.
+        cluster: Many logs (also folders, patterns with `*`, URLs), each checked alone by workers:
+            address of a Dask scheduler, `tcp://HOST:PORT`, or `local:N` for N workers here. A line
+            of the robot file is proposed where every log asks for it.
         progress: Receives events of progress; an exception from it stops the work.
 
     Raises:
@@ -313,14 +320,25 @@ def check(
     """
     target = None if fix is None else target_of(str(robot), str(fix))
     known = None if model is None else load_model(model)
-    files = log_files(paths_of(logs, least=1))
-    subject = subject_of(str(robot), files[0], fixed_base)
+    given, names = paths_of(logs, least=1), tuple[str, ...]()
+    if cluster is None:
+        files, parts = log_files(given), tuple[LogPart, ...]()
+        subject = subject_of(str(robot), files[0], fixed_base)
+        names = tuple(file.text for file in files)
+    else:
+        files, parts = [], whole_logs(given)
+        with on_disk(parts[0].file.url) as path:
+            subject = subject_of(str(robot), log_files([str(path)])[0], fixed_base)
+        names = tuple(part.where for part in parts)
     method_of(subject.loaded)
     named = None if model is None or isinstance(model, IdentifiedModel) else str(model)
     if known is not None:
         refuse_foreign(known, subject.loaded, named or "the model")
 
     def check_with(robot_file: Subject) -> Diagnosis:
+        if cluster is not None:
+            work = CheckWork(robot_file, known, quick)
+            return diagnosis_by_workers(work, parts, cluster, progress)
         case, unread = case_of(robot_file, files, known, progress)
         return diagnosis_of(case, unread, robot_file.text, quick=quick)
 
@@ -328,6 +346,7 @@ def check(
     if target is not None:
         corrected = correct_robot_file(subject, target, diagnosis, check_with)
     asks = {check.name: check.question for check in all_checks.CHECKS}
-    name, names = subject.loaded.robot.name, tuple(file.text for file in files)
-    content = CheckContent(name, str(robot), names, named, diagnosis, asks, subject.notes)
+    content = CheckContent(
+        subject.loaded.robot.name, str(robot), names, named, diagnosis, asks, subject.notes
+    )
     return CheckResult(content, corrected)

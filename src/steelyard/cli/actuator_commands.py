@@ -19,7 +19,7 @@ from steelyard.cli.shared_by_commands import (
 
 OF_EFFORTS = (
     *("loaded", "payload_mass", "payload_frame", "commanded", "sensitivity", "bootstrap"),
-    *("each", "method"),
+    *("each", "method", "cluster"),
 )
 """Options of `identify` that only efforts make sense of."""
 
@@ -76,6 +76,7 @@ def targets_checked(
             "--model": given.get("model"),
             "--fix": given.get("fix") is not None,
             "--quick": given.get("quick"),
+            "--cluster": given.get("cluster"),
         },
         "is for identification from efforts, and the robot file is for actuators",
         "leave it out",

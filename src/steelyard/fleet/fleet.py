@@ -17,12 +17,13 @@ from steelyard.estimate.estimate import Estimate
 from steelyard.estimate.estimator_register import context_of, method_of, offer_of
 from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.estimate.information.information import Information
+from steelyard.estimate.information.part_information import PartSummary
+from steelyard.estimate.logs_left_out import logs_left_out
 from steelyard.fleet.changes_over_days import FleetDays, RobotDays
 from steelyard.fleet.fleet_result_and_page import Fleet, FleetPlan, Work
-from steelyard.fleet.logs_left_out import logs_left_out
-from steelyard.fleet.part_information import PartSummary
 from steelyard.fleet.parts_and_first_model import FleetParts, fleet_parts
 from steelyard.fleet.shared_bodies import SharedSums, summed
+from steelyard.identify.remembered_parts import RememberedParts
 from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
 from steelyard.robot.file.robot_file import load_robot
 
@@ -69,11 +70,12 @@ def fleet(
         ()
     """
     began, loaded = perf_counter(), load_robot(robot)
-    with fleet_parts(loaded, logs, names, temperature, store, progress) as found:
+    with fleet_parts(loaded, logs, names, temperature, store, progress) as of_fleet:
+        found = of_fleet.remembered
         missing = found.missing()
         found.make(missing, cluster, processes or os.cpu_count() or 1, progress)
         made = Work(len(found.parts), len(missing), found.memory.damaged)
-        return _judged(loaded, found, false_alarms, made, began, progress)
+        return _judged(loaded, of_fleet, false_alarms, made, began, progress)
 
 
 @checked(processes=1)
@@ -109,7 +111,8 @@ def plan_fleet(
         2
     """
     loaded, cores = load_robot(robot), processes or os.cpu_count() or 1
-    with fleet_parts(loaded, logs, names, temperature, store, progress) as found:
+    with fleet_parts(loaded, logs, names, temperature, store, progress) as of_fleet:
+        found = of_fleet.remembered
         missing = found.missing()
         size = sum(found.parts[k].size for k in missing)
         if missing:
@@ -138,18 +141,19 @@ def plan_fleet(
 
 def _judged(
     loaded: LoadedRobot,
-    found: FleetParts,
+    of_fleet: FleetParts,
     false_alarms: float,
     made: Work,
     began: float,
     progress: Progress,
 ) -> Fleet:
     """Changes from the model that robots share, which itself is found beside their changes."""
+    found = of_fleet.remembered
     model, used = found.reference, list[int]()
     for last in (False, True):
         local = LocalParameters(model, found.regressor.layout)
         summaries, equations = _added_up(found, local, progress)
-        left_out = logs_left_out(found, summaries, equations, local)
+        left_out = logs_left_out(found.parts, found.of.digests, summaries, equations, local)
         used = [k for k, e in enumerate(equations) if e is not None and k not in left_out]
         if not used:
             first = left_out[min(left_out)]
@@ -170,7 +174,7 @@ def _judged(
         changes=days.changes,
         levels=days.levels,
         left_out=tuple(left_out.values()),
-        remarks=_remarks(found, local, equations, used, unwarm),
+        remarks=_remarks(of_fleet, local, equations, used, unwarm),
         work=replace(
             made,
             samples=sum(summaries[k].samples for k in used),
@@ -180,14 +184,18 @@ def _judged(
 
 
 def _remarks(
-    found: FleetParts,
+    of_fleet: FleetParts,
     local: LocalParameters,
     equations: Sequence[NormalEquations | None],
     used: Sequence[int],
     unwarm: Sequence[str],
 ) -> tuple[str, ...]:
     """What qualifies the whole result."""
-    said = [str(doubt["says"]) for doubt in found.reference.provenance.doubts if "says" in doubt]
+    said = [
+        str(doubt["says"])
+        for doubt in of_fleet.remembered.reference.provenance.doubts
+        if "says" in doubt
+    ]
     known = [e for k, e in enumerate(equations) if k in set(used) and e is not None]
     left = sum(local.unexplained(e) * float(e.counts.sum()) for e in known)
     share = 1.0 - left / max(float(sum(e.effort.sum() for e in known)), 1e-300)
@@ -202,14 +210,14 @@ def _remarks(
         said.append(
             f"no plausible temperature on {', '.join(unwarm[:3])}{more}: the average is assumed"
         )
-    if found.nameless:
-        more = f", and {len(found.nameless) - 1} more" if len(found.nameless) > 1 else ""
-        said.append(f"not read, as a robot's day is not known: {found.nameless[0]}{more}")
+    if of_fleet.nameless:
+        more = f", and {len(of_fleet.nameless) - 1} more" if len(of_fleet.nameless) > 1 else ""
+        said.append(f"not read, as a robot's day is not known: {of_fleet.nameless[0]}{more}")
     return tuple(said)
 
 
 def _added_up(
-    found: FleetParts, local: LocalParameters, progress: Progress
+    found: RememberedParts, local: LocalParameters, progress: Progress
 ) -> tuple[list[PartSummary], list[NormalEquations | None]]:
     """Summaries of all parts, and what those that can be used say of changes."""
     summaries, equations = list[PartSummary](), list[NormalEquations | None]()
@@ -224,7 +232,7 @@ def _added_up(
 def _days_of(
     robot: str,
     mine: Sequence[int],
-    found: FleetParts,
+    found: RememberedParts,
     summaries: Sequence[PartSummary],
     equations: Sequence[NormalEquations | None],
 ) -> RobotDays:
@@ -240,10 +248,10 @@ def _days_of(
 
 
 def _temperature(
-    numbers: Sequence[int], found: FleetParts, summaries: Sequence[PartSummary]
+    numbers: Sequence[int], found: RememberedParts, summaries: Sequence[PartSummary]
 ) -> Array:
     """Mean temperatures of a day's parts, those of columns or of the table; NaN if not known."""
-    if found.temperature:
+    if found.work.temperature:
         each = np.array([summaries[k].temperature for k in numbers])
     elif any(part.temperature is not None for part in found.parts):
         told = (found.parts[k].temperature for k in numbers)
@@ -281,7 +289,7 @@ def _plausible(robots: Sequence[RobotDays]) -> tuple[list[RobotDays], tuple[str,
 
 def _shared(
     loaded: LoadedRobot,
-    found: FleetParts,
+    found: RememberedParts,
     days: FleetDays,
     by_robot: dict[str, list[int]],
     summaries: Sequence[PartSummary],
@@ -305,7 +313,7 @@ def _shared(
     origin, n = found.reference.provenance, len(sums)
     inputs = {k: v for k, v in origin.inputs.items() if not k.startswith("identification ")}
     of_robots = {
-        f"identification {found.parts[k].file.name} ({found.parts[k].robot})": found.digests[k]
+        f"identification {found.parts[k].file.name} ({found.parts[k].robot})": found.of.digests[k]
         for mine in by_robot.values()
         for k in mine
     }
@@ -326,7 +334,7 @@ def _shared(
 
 def _estimate(
     loaded: LoadedRobot,
-    found: FleetParts,
+    found: RememberedParts,
     information: Information,
     fastest: Array,
     progress: Progress,

@@ -14,6 +14,7 @@ from rich.text import Text
 from steelyard.base.arrays import by_key
 from steelyard.estimate.changes_from_model import OF_JOINT
 from steelyard.estimate.identified_model import IdentifiedModel
+from steelyard.estimate.logs_left_out import LeftOut
 from steelyard.fleet.changes_over_days import FleetChange, FleetDays, RobotLevel, half_width
 from steelyard.report.page import figures, inspected_page, notes
 from steelyard.report.page_figures import Figure, Group, Key, area, line, points
@@ -31,18 +32,6 @@ SEEN_CHANGE = 4.0  # square of a change by 100 % over its standard deviation tha
 
 Status = Literal["changed", "was changed", "unusual", "same", "one day", "no log"]
 ORDER: tuple[Status, ...] = get_args(Status)
-
-
-@dataclass(frozen=True)
-class LeftOut:
-    """A log, or a part of one, that does not count."""
-
-    robot: str
-    day: str
-    log: str
-    wrong: str
-    fix: str
-    at_rest: bool = False
 
 
 @dataclass(frozen=True)

@@ -8,66 +8,24 @@ import csv
 import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
 from math import isfinite
 from pathlib import Path, PurePosixPath
-from typing import Any
 
 from steelyard.base.errors import LogError, SteelyardError
-from steelyard.fleet.files_and_urls import (
+from steelyard.logs.files_and_urls import (
     StoredFile,
     files_of,
     is_url,
     path_of,
     without_secrets,
 )
-from steelyard.logs.parquet import ParquetLog
-
-ROWS_OF_PART = 500_000
-"""Rows of a part of a Parquet file; other files are one part, as their rows are not known."""
-
-LEAST_BYTES_OF_ROW = 16  # of a Parquet file; smaller ones are not looked into
+from steelyard.logs.log_parts import LogPart, pieces_of
 
 DATE = re.compile(
     r"(?<![A-Za-z0-9])((?:19|20)\d\d)([-_]?)(0[1-9]|1[0-2])\2(0[1-9]|[12]\d|3[01])(?!\d)"
 )
 DAY = re.compile(r"(?<![a-zA-Z])[dD]ay[-_]?(\d+)(?!\d)")
 SEPARATORS = " -_./"
-
-
-@dataclass(frozen=True)
-class LogPart:
-    """Rows of one log of a robot's day; all if `rows` is `None`."""
-
-    file: StoredFile
-    robot: str
-    day: str
-    rows: tuple[int, int] | None = None
-    temperature: float | None = None  # of the table of logs [K or °C]; `None` if it has none
-    share: float = 1.0  # of the file's rows
-
-    @property
-    def where(self) -> str:
-        """The file and the rows, for messages."""
-        cut = "" if self.rows is None else f"#{self.rows[0]}:{self.rows[1]}"
-        return f"{without_secrets(self.file.url)}{cut}"
-
-    @property
-    def size(self) -> int:
-        """Bytes, about."""
-        return round(self.file.size * self.share)
-
-    @property
-    def place(self) -> tuple[Any, ...]:
-        """By which parts are put in order: robot, day, file, rows; numbers in names count."""
-        start = 0 if self.rows is None else self.rows[0]
-        return natural(self.robot), natural(self.day), self.file.url, start
-
-
-def natural(text: str) -> tuple[Any, ...]:
-    """A key by which "day 9" is before "day 10"."""
-    pieces = re.split(r"(\d+)", text)
-    return tuple((int(x), x) if k % 2 else (-1, x) for k, x in enumerate(pieces))
 
 
 def parts_of(
@@ -115,7 +73,7 @@ def parts_of(
         raise LogError(
             "a log is named twice", where=without_secrets(twice[0]), fix="name every log once"
         )
-    found = [piece for part in whole for piece in _pieces(part)]
+    found = [piece for part in whole for piece in pieces_of(part)]
     left = tuple(f"{error.where}: {error.wrong}" for error in nameless)
     return tuple(sorted(found, key=lambda part: part.place)), left
 
@@ -243,21 +201,3 @@ def _of_table(table: Path, rows: Sequence[Mapping[str, str | None]]) -> list[Log
     if not found:
         raise LogError("the table of logs has no rows", where=str(table), fix="list the logs")
     return found
-
-
-def _pieces(part: LogPart) -> list[LogPart]:
-    """A long Parquet file of this machine in pieces of about as many rows each."""
-    path = Path(part.file.url)
-    small = part.file.size < ROWS_OF_PART * LEAST_BYTES_OF_ROW
-    if small or is_url(part.file.url) or path.suffix.lower() != ".parquet":
-        return [part]
-    try:
-        count = ParquetLog.open(path).n_rows
-    except SteelyardError:
-        return [part]  # whoever reads it says why it cannot be read
-    pieces = max(1, round(count / ROWS_OF_PART))
-    if pieces == 1:
-        return [part]
-    edges = [count * k // pieces for k in range(pieces + 1)]
-    each = zip(edges[:-1], edges[1:], strict=True)
-    return [replace(part, rows=edge, share=1.0 / pieces) for edge in each]

@@ -63,6 +63,7 @@ class Fit:
     notes: tuple[str, ...]  # what was decided, for people to read
     ignored: tuple[str, ...]  # what the robot file requests without effect
     method: register.Offer
+    beside: Estimator[Information]  # what made the estimate that the model's is compared with
     unscaled: IdentifiedModel | None = None  # with all scales 1, where some were estimated
     consistent: Consistent | None = None  # what made the estimate, if it was this, without scales
 
@@ -133,7 +134,7 @@ def fit(task: preparation.FitTask, origin: Provenance) -> Fit:
     unscaled, own = None, declared.runs[0].recording.signals
     if scales is not None:
         unscaled = replace(identified, estimate=declared.estimate, signals=own, effort_scales=None)
-    of_fit = found, prepared, scales, notes, ignored, method, unscaled
+    of_fit = found, prepared, scales, notes, ignored, method, beside, unscaled
     return Fit(task, identified, *of_fit, estimator if isinstance(estimator, Consistent) else None)
 
 

@@ -2,7 +2,9 @@
 
 import os
 from collections.abc import Iterable, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass, replace
+from functools import partial
 from html import escape
 from pathlib import Path
 
@@ -28,7 +30,14 @@ from steelyard.identify import runs_and_notes_of_logs as of_logs
 from steelyard.identify import scores_and_model_report as model_report
 from steelyard.identify.fit import Fit, below_described_band, calibrated, fit, without_forces
 from steelyard.identify.fit_preparation import FitTask, model_to_fit, with_signals
+from steelyard.identify.many_logs import (
+    many_logs,
+    of_all_logs,
+    refuse_beside_workers,
+    spread_over,
+)
 from steelyard.identify.page.report_content_and_error_words import ReportContent
+from steelyard.identify.remembered_parts import of_first_usable
 from steelyard.identify.repeated_motion_and_validation_split import marked_repeats, refuse_same_rows
 from steelyard.report.result import DataFrame
 from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
@@ -84,6 +93,7 @@ def identify(
     method: str | None = None,
     fixed_base: str | None = None,
     threads: int | None = None,
+    cluster: str | None = None,
     progress: Progress = silent,
 ) -> Identification:
     """Identify a robot's dynamics from logs of its motion.
@@ -106,6 +116,9 @@ def identify(
             file's; `steelyard compare` recommends one, `steelyard.estimators()` lists all.
         fixed_base: Link to fix to the world, for a model file; `None` for its root.
         threads: Native threads; as many as the machine has cores if `None`.
+        cluster: Many logs (also folders, patterns with `*`, URLs) on workers: address of a Dask
+            scheduler, `tcp://HOST:PORT`, or `local:N` for N workers here. Cut-offs, laws, gains and
+            checks are those of six of the logs, the parameters those of all.
         progress: Receives events of progress; an exception from it stops the work.
 
     Returns:
@@ -125,10 +138,65 @@ def identify(
     requested = {} if method is None else {"method": method_of(file, method).name}
     file = replace(file, estimation=file.estimation.model_copy(update=requested))
     method_of(file)
-    known, carrying, unknown = (
-        named_logs.log_files(named_logs.paths_of(some, least))
-        for some, least in ((logs, 1), (loaded, 0), (validate, 0))
+    carrying, unknown = (
+        named_logs.log_files(named_logs.paths_of(some)) for some in (loaded, validate)
     )
+    known = named_logs.paths_of(logs, 1)
+    payload = carrying, payload_mass, payload_frame
+    cores = threads or os.cpu_count() or 1
+    fitting = partial(
+        _fitted,
+        file,
+        payload=payload,
+        unknown=unknown,
+        check=check,
+        commanded=commanded,
+        threads=cores,
+        progress=progress,
+    )
+    if cluster is None:
+        state = fitting(named_logs.log_files(known))
+        return _reported(state, commanded, sensitivity, bootstrap, each)
+    refuse_beside_workers(file, each=each, sensitivity=sensitivity, bootstrap=bootstrap)
+    with ExitStack() as stack:
+        every = stack.enter_context(many_logs(known, unknown, progress))
+        state, sample = of_first_usable(
+            spread_over(every), lambda texts: fitting(named_logs.log_files(texts)), stack
+        )
+        found, notes, doubts = of_all_logs(every, state.found, sample, cluster, progress)
+        state = replace(state, found=found, assumed=(*state.assumed, *notes), doubts=doubts)
+        return _reported(state, commanded)
+
+
+@dataclass(frozen=True, eq=False)
+class _Fitted:
+    """A fit to logs, and what the report needs beside it."""
+
+    file: LoadedRobot
+    found: Fit
+    fitted: Sequence[named_logs.LogArgument]  # those with a payload included
+    unknown: Sequence[named_logs.LogArgument]
+    clean: tuple[Run, ...]  # of the logs that are fitted
+    unseen: tuple[Run, ...]
+    diagnosis: Diagnosis | None
+    assumed: tuple[str, ...]  # notes that the report begins with
+    decided: tuple[str, ...]  # details
+    doubts: tuple[Finding, ...] = ()  # about logs that only workers read
+
+
+def _fitted(
+    file: LoadedRobot,
+    known: Sequence[named_logs.LogArgument],
+    *,
+    payload: tuple[Sequence[named_logs.LogArgument], float | None, str | None],
+    unknown: Sequence[named_logs.LogArgument],
+    check: bool,
+    commanded: bool,
+    threads: int,
+    progress: Progress,
+) -> _Fitted:
+    """Check logs, make them runs, and fit the model to them."""
+    carrying = payload[0]
     named_logs.refuse_overlaps([*known, *carrying], unknown)
     signals, reasons = named_logs.signals_of(file, known[0])
     if commanded:
@@ -139,8 +207,7 @@ def identify(
         given = replace(file, signals=signals)
         diagnosis, made = prechecked(file.reference, given, (*known, *unknown), progress)
     clean, unseen = named_logs.runs_of(file, signals, [*known, *carrying], unknown, progress, made)
-    cores = threads or os.cpu_count() or 1
-    file, band = below_described_band(file, signals, model, clean[: len(known)], cores, progress)
+    file, band = below_described_band(file, signals, model, clean[: len(known)], threads, progress)
     if band:
         read = (*clean, *unseen)
         clean, unseen = named_logs.runs_of(
@@ -154,8 +221,7 @@ def identify(
     decided = of_logs.notes_of(every)
     refuse_same_rows(clean, unseen)
     fitted_runs, carrying_runs = clean[: len(known)], clean[len(known) :]
-    of_payload = carrying_runs, payload_mass, payload_frame
-    task = FitTask(model, file, fitted_runs, *of_payload, cores, progress)
+    task = FitTask(model, file, fitted_runs, carrying_runs, *payload[1:], threads, progress)
 
     def fitted_to(some: FitTask, left_out: tuple[str, ...] = ()) -> Fit:
         notes = (*assumed, *left_out, *decided, *unresolved)
@@ -167,12 +233,31 @@ def identify(
         found, forces = without_forces(found, fitted_to)
         assumed = (*assumed, *forces)
         refuse_absurd(found.identified, file.reference)
-    found = calibrated(found)
+    logs = [*known, *carrying]
+    return _Fitted(
+        file, calibrated(found), logs, unknown, clean, unseen, diagnosis, assumed, decided
+    )
+
+
+def _reported(
+    state: _Fitted,
+    commanded: bool,
+    sensitivity: bool = False,
+    bootstrap: int | None = None,
+    each: bool = False,
+) -> Identification:
+    """Scores, doubts and the report of a fit."""
+    found, unknown, progress = state.found, state.unknown, state.found.task.progress
+    known = state.fitted[: len(state.found.task.runs)]
     identified, prepared = found.identified, found.prepared
-    unseen = tuple(with_signals(run, identified.signals) for run in unseen)
+    every = (*state.clean, *state.unseen)
+    unseen = tuple(with_signals(run, identified.signals) for run in state.unseen)
     fitted, fresh, unscaled = _scores(found, unseen, unknown if commanded else ())
     tested = ((), ()) if commanded else (unseen, fresh)
-    limitations = _limitations(found, file, diagnosis, fitted, *tested)
+    limitations = (
+        *state.doubts,
+        *_limitations(found, state.file, state.diagnosis, fitted, *tested),
+    )
     doubts = tuple(doubts_of_fit(limitations, [run.name for run in unseen]))
     identified = replace(identified, provenance=replace(identified.provenance, doubts=doubts))
     varied = None
@@ -185,7 +270,7 @@ def identify(
     repeated, failed_logs = None, tuple[str, ...]()
     if each:
         repeated, failed_logs = repeated_fits.of_each_log(*found.fitted[:3], progress)
-    open_loops, files = of_logs.dropped(model, (*clean, *unseen)), [*known, *carrying, *unknown]
+    open_loops, files = of_logs.dropped(found.task.model, every), [*state.fitted, *unknown]
     return Identification(
         ReportContent(
             title=f"{identified.robot.name}: identified dynamics",
@@ -196,21 +281,21 @@ def identify(
             unscaled=unscaled,
             qualities=tuple((run.name, run.quality.rows_of_text) for run in every),
             notes=(
-                *assumed,
+                *state.assumed,
                 *of_logs.first_dropped(open_loops),
                 *found.ignored,
                 *of_logs.commanded_note(identified, fresh),
                 *failed_draws,
                 *failed_logs,
             ),
-            details=(*decided, *found.notes, *open_loops[1:]),
+            details=(*state.decided, *found.notes, *open_loops[1:]),
             settings=of_logs.settings(identified),
             friction=prepared.choice,
             findings=prepared.findings,
             gains=prepared.gains,
             zero_offsets=prepared.offsets,
             effort_scales=found.scales,
-            diagnosis=diagnosis,
+            diagnosis=state.diagnosis,
             limitations=limitations,
             sensitivity=varied,
             bootstrap=drawn,

@@ -5,12 +5,16 @@ own hash: an entry that was changed, cut or half written counts as missing, and 
 """
 
 import json
-from collections.abc import Mapping
+import tempfile
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from hashlib import sha256
+from pathlib import Path
 from typing import Any
 
-from steelyard.fleet.files_and_urls import Folder, StoredFile, digest
+from steelyard.base.files import cache_folder
+from steelyard.logs.files_and_urls import Folder, StoredFile, digest
 
 HASH_BYTES = 32
 
@@ -54,3 +58,14 @@ class RememberedWork:
         found = digest(file)
         self.write(key, found.encode())
         return found
+
+
+@contextmanager
+def remembered_work(store: str | Path | None) -> Iterator[RememberedWork]:
+    """Entries at a place, or in the cache; for this once only where the cache is switched off."""
+    place = store if store is not None else cache_folder("fleet")
+    if place is not None:
+        yield RememberedWork(Folder(place))
+        return
+    with tempfile.TemporaryDirectory() as folder:
+        yield RememberedWork(Folder(folder))

@@ -1,14 +1,14 @@
-"""Logs of a fleet that do not count, and why: unreadable, at rest, doubled, unlike the others."""
+"""Logs that do not count, and why: unreadable, at rest, doubled, unlike the others."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from steelyard.base.arrays import by_key
 from steelyard.estimate.changes_from_model import LocalParameters, NormalEquations
-from steelyard.fleet.fleet_result_and_page import LeftOut
-from steelyard.fleet.part_information import PartSummary
-from steelyard.fleet.parts_and_first_model import FleetParts
+from steelyard.estimate.information.part_information import PartSummary
+from steelyard.logs.log_parts import LogPart
 
 MISFIT = 25.0  # squared residual over the fleet's median from which on a log is left out
 OTHER_UNIT = 3.0  # factor of most joints' efforts from which on their unit is another
@@ -16,8 +16,21 @@ ALIKE = 0.8  # correlation of measured and predicted efforts that differ by a fa
 ABSOLUTE = 1e6  # times above are those of a clock that goes on between logs [s]
 
 
+@dataclass(frozen=True)
+class LeftOut:
+    """A log, or a part of one, that does not count."""
+
+    robot: str
+    day: str
+    log: str
+    wrong: str
+    fix: str
+    at_rest: bool = False
+
+
 def logs_left_out(
-    found: FleetParts,
+    parts: Sequence[LogPart],
+    digests: Sequence[str],
     summaries: Sequence[PartSummary],
     equations: Sequence[NormalEquations | None],
     local: LocalParameters,
@@ -26,29 +39,29 @@ def logs_left_out(
     out: dict[int, LeftOut] = {}
 
     def leave(number: int, wrong: str, fix: str, at_rest: bool = False) -> None:
-        part = found.parts[number]
+        part = parts[number]
         out.setdefault(number, LeftOut(part.robot, part.day, part.where, wrong, fix, at_rest))
 
     for number, summary in enumerate(summaries):
         if summary.wrong:
             leave(number, summary.wrong, summary.fix, summary.at_rest)
     seen = dict[tuple[str, object], int]()
-    for number, digest in enumerate(found.digests):
-        before = seen.setdefault((digest, found.parts[number].rows), number)
+    for number, digest in enumerate(digests):
+        before = seen.setdefault((digest, parts[number].rows), number)
         if before != number:
-            wrong = f"it has the same bytes as {found.parts[before].where}"
+            wrong = f"it has the same bytes as {parts[before].where}"
             leave(number, wrong, "name every log once")
     same = dict[tuple[object, ...], int]()
     for number, summary in enumerate(summaries):
         if not summary.wrong and number not in out:
             speeds = tuple(f"{speed:.9g}" for speed in summary.fastest)
-            motion = found.parts[number].robot, summary.samples, speeds
+            motion = parts[number].robot, summary.samples, speeds
             before = same.setdefault(motion, number)
             if before != number:
-                wrong = f"it has the same motion as {found.parts[before].where}"
+                wrong = f"it has the same motion as {parts[before].where}"
                 leave(number, wrong, "name every log once")
-    for number, before in _overlaps(found, summaries):
-        wrong = f"its clock overlaps that of {found.parts[before].where}"
+    for number, before in _overlaps(parts, summaries):
+        wrong = f"its clock overlaps that of {parts[before].where}"
         leave(number, wrong, "name logs of one robot that do not overlap, or other robots")
     usable = [k for k, e in enumerate(equations) if e is not None and k not in out]
     rests = {k: local.unexplained(e) for k, e in enumerate(equations) if k in usable and e}
@@ -75,15 +88,15 @@ def logs_left_out(
     return dict(sorted(out.items()))
 
 
-def _overlaps(found: FleetParts, summaries: Sequence[PartSummary]) -> list[tuple[int, int]]:
+def _overlaps(parts: Sequence[LogPart], summaries: Sequence[PartSummary]) -> list[tuple[int, int]]:
     """Parts of other files of the same robot at the same time, each with the one before it."""
     clocks = [k for k, s in enumerate(summaries) if not s.wrong and s.start > ABSOLUTE]
     pairs = []
-    for mine in by_key((found.parts[k].robot, k) for k in clocks).values():
+    for mine in by_key((parts[k].robot, k) for k in clocks).values():
         mine.sort(key=lambda k: summaries[k].start)
         last = mine[0]
         for k in mine[1:]:
-            other = found.parts[k].file != found.parts[last].file
+            other = parts[k].file != parts[last].file
             if other and summaries[k].start < summaries[last].stop:
                 pairs.append((k, last))
             elif summaries[k].stop > summaries[last].stop:

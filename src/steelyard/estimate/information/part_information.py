@@ -16,23 +16,24 @@ from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.estimate.information.base_parameters_and_regressor import Regressor, base_regressor
 from steelyard.estimate.information.gather import gather
 from steelyard.estimate.information.information import Information, Signature, Window
-from steelyard.fleet.files_and_urls import digest, on_disk
-from steelyard.fleet.logs_by_robot_and_day import LogPart
+from steelyard.logs.files_and_urls import digest, on_disk
 from steelyard.logs.formats import open_log
 from steelyard.logs.log_and_errors import Cut
+from steelyard.logs.log_parts import LogPart
 from steelyard.runs.prepare import prepare
 from steelyard.runs.run import Run
 from steelyard.runs.runs_of_named_logs import LogArgument, recording_of
 
-FORMAT = 5  # raised whenever bytes of the same part would mean something else
+FORMAT = 6  # raised whenever bytes of the same part would mean something else
 
 
 @dataclass(frozen=True)
 class PartWork:
-    """What all parts share: the model as text, and columns of temperature."""
+    """What all parts share: the model as text, columns of temperature, most windows of a part."""
 
     model: str
     temperature: tuple[str, ...] = ()
+    windows: int = 1
 
 
 @dataclass(frozen=True)
@@ -81,7 +82,7 @@ def worked(common: PartWork, item: tuple[LogPart, str]) -> tuple[bytes, bool]:
                 found = replace(found, wrong="no joint moves", fix="nothing: robots rest")
             else:
                 rests = identified.model.has_memory
-                information = gather(regressor, run, rests=rests).merged(1)
+                information = gather(regressor, run, rests=rests).merged(common.windows)
     except SteelyardError as error:
         found = replace(found, wrong=error.wrong, fix=error.fix)
         remembered = not isinstance(error, PackageError) and _has_bytes(part, expected)

@@ -1,0 +1,192 @@
+"""Parts of many logs, their sums of products, made by workers and remembered, and a first model."""
+
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass, field, replace
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+
+from steelyard.base.errors import LogError, SteelyardError
+from steelyard.base.progress import Progress, report_progress
+from steelyard.base.workers import each
+from steelyard.estimate.identified_model import IdentifiedModel
+from steelyard.estimate.information.base_parameters_and_regressor import Regressor, base_regressor
+from steelyard.estimate.information.information import Information
+from steelyard.estimate.information.part_information import (
+    FORMAT,
+    PartSummary,
+    PartWork,
+    of_bytes,
+    worked,
+)
+from steelyard.identify.runs_and_notes_of_logs import processing_of
+from steelyard.logs.files_and_urls import on_disk
+from steelyard.logs.log_parts import LogPart
+from steelyard.logs.remembered_work import RememberedWork, key_of
+from steelyard.runs.prepare import prepare
+from steelyard.runs.runs_of_named_logs import log_files, recording_of
+
+SAMPLE = 6  # logs that decide cut-offs, friction laws and the first model
+TRIED = 24  # logs that are tried for it, where some cannot be used
+
+Found = TypeVar("Found")
+
+
+@dataclass(frozen=True, eq=False)
+class DigestedParts:
+    """Parts of logs with the hashes of their bytes; errors of logs that have none."""
+
+    parts: tuple[LogPart, ...]
+    digests: tuple[str, ...]
+    unread: dict[int, SteelyardError]
+
+    @classmethod
+    def of(
+        cls, parts: Sequence[LogPart], memory: RememberedWork, progress: Progress
+    ) -> "DigestedParts":
+        """Hash logs that are not known by their size and stamp; an error where none can be read."""
+        digests, unread, known = list[str](), dict[int, SteelyardError](), dict[str, str]()
+        for number, part in enumerate(parts):
+            report_progress(progress, "looking at logs", number, len(parts))
+            try:
+                if part.file.url not in known:
+                    known[part.file.url] = memory.digest(part.file)
+                digests.append(known[part.file.url])
+            except SteelyardError as error:
+                unread[number] = error
+                digests.append(f"not read: {part.where}")
+        if len(unread) == len(parts):
+            raise unread[0]
+        return cls(tuple(parts), tuple(digests), unread)
+
+    @property
+    def readable(self) -> list[int]:
+        """Numbers of the parts that can be read."""
+        return [k for k in range(len(self.parts)) if k not in self.unread]
+
+
+@dataclass(frozen=True, eq=False)
+class RememberedParts:
+    """All parts with their keys, what is remembered of them, and what makes it."""
+
+    of: DigestedParts
+    work: PartWork
+    keys: tuple[str, ...]
+    reference: IdentifiedModel
+    regressor: Regressor
+    memory: RememberedWork
+    passing: dict[str, bytes] = field(default_factory=dict)  # what is not to be remembered
+
+    @classmethod
+    def with_model(
+        cls,
+        of: DigestedParts,
+        reference: IdentifiedModel,
+        memory: RememberedWork,
+        temperature: tuple[str, ...] = (),
+        windows: int = 1,
+    ) -> "RememberedParts":
+        """The parts of logs for a model that says how they are read."""
+        work = PartWork(reference.text(), temperature, windows)
+        shared = about(model=key_of({"model": work.model}), temperature=temperature, most=windows)
+        keys = tuple(
+            key_of({**shared, "log": digest, "rows": part.rows})
+            for part, digest in zip(of.parts, of.digests, strict=True)
+        )
+        return cls(of, work, keys, reference, base_regressor(reference.model), memory)
+
+    @property
+    def parts(self) -> tuple[LogPart, ...]:
+        """Which rows of which logs."""
+        return self.of.parts
+
+    def read(self, number: int) -> tuple[PartSummary, Information | None]:
+        """Summary and sums of a part that is done."""
+        if number in self.of.unread:
+            error = self.of.unread[number]
+            return PartSummary(wrong=error.wrong, fix=error.fix), None
+        key = self.keys[number]
+        content = self.passing.get(key) or self.memory.read(key)
+        if content is None:
+            raise LogError(
+                "what was remembered of this log was lost meanwhile",
+                where=self.parts[number].where,
+                fix="check the store's disk, and run it again",
+            )
+        return of_bytes(content, self.regressor)
+
+    def missing(self) -> list[int]:
+        """Numbers of the parts that are not remembered, or damaged; of equal ones the first."""
+        every = reversed(list(enumerate(self.keys)))
+        first = {key: number for number, key in every if number not in self.of.unread}
+        return [k for k in sorted(first.values()) if self.memory.read(self.keys[k]) is None]
+
+    def make(
+        self, numbers: Sequence[int], cluster: str | None, processes: int, progress: Progress
+    ) -> None:
+        """Make parts; each is remembered as soon as it is made."""
+        items = [(self.parts[k], self.of.digests[k]) for k in numbers]
+        report_progress(progress, "logs", 0, len(items))
+        ended = each(worked, self.work, items, cluster, processes)
+        for done, (place, (content, remembered)) in enumerate(ended, start=1):
+            key = self.keys[numbers[place]]
+            if remembered:
+                self.memory.write(key, content)
+            else:
+                self.passing[key] = content
+            report_progress(progress, "logs", done, len(items), f"{done} of {len(items)}")
+
+
+def about(**what: Any) -> dict[str, Any]:
+    """What all entries depend on, beside what is their own."""
+    return {"format": FORMAT, "version": version("steelyard"), **what}
+
+
+def of_first_usable(
+    parts: Sequence[LogPart], attempt: Callable[[list[str]], Found], stack: ExitStack
+) -> tuple[Found, list[str]]:
+    """What comes of the first `SAMPLE` of some logs that can be used together, and their texts.
+
+    `attempt` takes the logs as texts and refuses with a `SteelyardError`; the logs that it names,
+    or else the first one, are then left out. Copies of URLs stay as long as the `stack`.
+    """
+    left, refused, places = list(parts), list[SteelyardError](), dict[str, Path]()
+    while left:
+        now, texts = left[:SAMPLE], list[str]()
+        try:
+            for part in now:
+                url = part.file.url
+                if url not in places:
+                    places[url] = stack.enter_context(on_disk(url))
+                texts.append(f"{places[url]}{part.cut}")
+            return attempt(texts), texts
+        except SteelyardError as error:
+            refused.append(error)
+            named = zip(now, texts, strict=False)  # the last one may not have been copied
+            bad = [part for part, text in named if _names(error, text)]
+            left = [part for part in left if part not in (bad or now[:1])]
+    if len(parts) == 1:
+        raise refused[0]
+    raise LogError(
+        f"none of {len(parts)} logs can be identified: {refused[0].wrong}",
+        where=parts[0].where,
+        fix="see `steelyard check` with such a log: it names what to correct in the robot file",
+    )
+
+
+def _names(error: SteelyardError, text: str) -> bool:
+    return text in error.where or Path(text).stem in f"{error.where} {error.wrong}".split()
+
+
+def with_reading_of(model: IdentifiedModel, log: str) -> IdentifiedModel:
+    """The model with the processing that a log came to, so that all logs are read alike.
+
+    Joints that rest in some logs rest below the same speed in all.
+    """
+    first = log_files([log])[0]
+    run = prepare(recording_of(first, model.signals), processing_of(model))
+    rest = tuple(np.asarray(run.rest_speed).tolist())
+    return replace(model, processing=replace(run.chain.processing, rest_speed=rest))

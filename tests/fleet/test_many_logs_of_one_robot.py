@@ -1,0 +1,188 @@
+"""`identify` and `check` with workers: many logs of one robot, folders and URLs among them."""
+
+import json
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import small_fleet as small
+import steelyard
+from steelyard.base import workers
+from steelyard.base.errors import DataError, LogError
+from steelyard.check import check_by_workers
+from steelyard.cli.app import app
+from steelyard.identify import many_logs, remembered_parts
+
+pytestmark = pytest.mark.slow
+
+TAU = ("tau1", "tau2")
+LOGS = Path("logs/r0")
+
+
+@pytest.fixture
+def here(in_fleet: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Workers are this process, whatever the cluster."""
+
+    def in_this_process(work, common, items, cluster, processes):  # type: ignore[no-untyped-def]
+        assert cluster == "local:1"
+        return workers.each(work, common, items, None, 1)
+
+    monkeypatch.setattr(remembered_parts, "each", in_this_process)
+    monkeypatch.setattr(check_by_workers, "each", in_this_process)
+    return in_fleet
+
+
+def days(folder: Path, count: int, **more: object) -> Path:
+    """The first days' logs of a robot in a folder of their own."""
+    folder.mkdir()
+    for day in range(count):
+        name = f"2026-03-{day + 1:02d}.parquet"
+        if more:
+            small.write(folder / name, small.log(0, day, **more))  # type: ignore[arg-type]
+        else:
+            shutil.copy(LOGS / name, folder / name)
+    return folder
+
+
+def test_few_logs_give_what_they_give_without_workers(here: Path, tmp_path: Path) -> None:
+    folder = days(tmp_path / "few", 5)
+    plain = steelyard.identify("arm.toml", sorted(folder.glob("*")))
+    found = steelyard.identify("arm.toml", folder, cluster="local:1")
+    mine, its = (one.model.estimate for one in (found, plain))
+    assert mine.parameters.names == its.parameters.names
+    assert np.allclose(mine.parameters.values, its.parameters.values, rtol=0.0, atol=0.1 * its.std)
+    assert np.all(mine.std < 3.0 * its.std) and np.all(its.std < 3.0 * mine.std)
+    assert sorted(run.run for run in found.content.fitted) == sorted(
+        run.run for run in plain.content.fitted
+    )
+
+
+def test_dask_gives_the_digits_of_one_process(in_fleet: Path, here: Path, tmp_path: Path) -> None:
+    alone = steelyard.identify("arm.toml", LOGS, cluster="local:1")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(remembered_parts, "each", workers.each)
+        patch.setattr(check_by_workers, "each", workers.each)
+        patch.setenv("STEELYARD_CACHE", str(tmp_path))
+        both = steelyard.identify("arm.toml", LOGS, cluster="local:2")
+        checked = steelyard.check("arm.toml", LOGS, quick=True, cluster="local:2")
+    assert both.model.text() == alone.model.text()
+    alone_checked = steelyard.check("arm.toml", LOGS, quick=True, cluster="local:1")
+    assert checked.to_dict() == alone_checked.to_dict()
+
+
+def test_all_logs_count_and_a_new_one_is_all_that_is_read(here: Path, tmp_path: Path) -> None:
+    six = steelyard.identify("arm.toml", days(tmp_path / "six", 6), cluster="local:1")
+    every = steelyard.identify("arm.toml", LOGS, cluster="local:1")
+    assert every.model.estimate.n_samples.sum() > 1.2 * six.model.estimate.n_samples.sum()
+    assert "8 logs" in " ".join(every.content.notes)
+    inputs = every.model.provenance.inputs
+    assert sum(name.startswith("identification ") for name in inputs) == small.DAYS
+    made = list[int]()
+    real = workers.each
+
+    def counted(work, common, items, cluster, processes):  # type: ignore[no-untyped-def]
+        made.append(len(items))
+        return real(work, common, items, None, 1)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(remembered_parts, "each", counted)
+        again = steelyard.identify("arm.toml", LOGS, cluster="local:1")
+    assert made == [0] and again.model.text() == every.model.text()
+
+
+def test_logs_that_do_not_count_are_named(here: Path, tmp_path: Path) -> None:
+    folder = days(tmp_path / "mixed", 7)
+    other = small.log(0, 7)
+    small.write(folder / "other_unit.parquet", other | {k: 1e3 * other[k] for k in TAU})
+    rest = {k: (x if k == "t" else np.full_like(x, x[0])) for k, x in other.items()}
+    small.write(folder / "rest.parquet", rest)
+    (folder / "cut.parquet").write_bytes((folder / "rest.parquet").read_bytes()[:900])
+    found = steelyard.identify("arm.toml", folder, cluster="local:1")
+    notes = "\n".join(found.content.notes)
+    for name in ("other_unit", "rest", "cut"):
+        assert f"left out: {folder / name}.parquet" in notes
+    assert "another unit" in notes
+    assert found.verdict.level != "good"  # 2 of 9 that are no rests do not count
+    assert any(one.check == "logs left out" for one in found.content.limitations)
+
+
+def test_what_workers_cannot_do_is_refused(here: Path, tmp_path: Path) -> None:
+    with pytest.raises(DataError, match="sensitivity needs whole runs"):
+        steelyard.identify("arm.toml", LOGS, sensitivity=True, cluster="local:1")
+    with pytest.raises(DataError, match="IV needs whole runs"):
+        steelyard.identify("arm.toml", LOGS, method="IV", cluster="local:1")
+    log = next(iter(LOGS.glob("*")))
+    with pytest.raises(LogError, match="windows of logs"):
+        steelyard.identify("arm.toml", f"{log}@1:9", cluster="local:1")
+    with pytest.raises(DataError, match="both fitted and validated"):
+        steelyard.identify("arm.toml", LOGS, log, cluster="local:1")
+    with pytest.raises(LogError, match="named twice"):
+        steelyard.check("arm.toml", [LOGS, log], cluster="local:1")
+    (tmp_path / "none.csv").write_text("a,b\n1,2\n")
+    with pytest.raises(LogError):
+        steelyard.identify("arm.toml", tmp_path, cluster="local:1")
+
+
+def test_file_urls_are_read(here: Path) -> None:
+    log = LOGS / "2026-03-01.parquet"
+    plain = steelyard.identify("arm.toml", LOGS, cluster="local:1")
+    found = steelyard.identify("arm.toml", f"file://{here / LOGS}", cluster="local:1")
+    assert np.array_equal(
+        found.model.estimate.parameters.values, plain.model.estimate.parameters.values
+    )
+    checked = steelyard.check("arm.toml", f"file://{here / log}", quick=True, cluster="local:1")
+    assert checked.last.severity.name == "OK"
+
+
+def test_a_line_that_every_log_asks_for(here: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "turned"
+    folder.mkdir()
+    for day in range(3):
+        table = small.log(0, day)
+        small.write(folder / f"{day}.parquet", table | {"tau2": -table["tau2"]})
+    fixed = tmp_path / "fixed.toml"
+    found = steelyard.check("arm.toml", folder, fix=fixed, cluster="local:1")
+    assert found.content.diagnosis.severity.name == "WRONG"
+    assert found.fixed is not None and found.fixed.changes
+    assert found.last.severity.name == "OK"
+    assert {one.log for one in found.last.findings} == {"0", "1", "2"}
+
+
+def test_no_line_that_one_log_asks_for(here: Path, tmp_path: Path) -> None:
+    folder = days(tmp_path / "mixed", 3)
+    table = small.log(0, 3)
+    small.write(folder / "odd.parquet", table | {"tau2": -table["tau2"]})
+    (folder / "cut.parquet").write_bytes((folder / "odd.parquet").read_bytes()[:900])
+    found = steelyard.check("arm.toml", folder, fix="", cluster="local:1")
+    assert found.fixed is not None and not found.fixed.changes
+    wrong = [one for one in found.last.findings if one.severity.name == "WRONG"]
+    assert {one.log for one in wrong} == {"odd", "cut"}
+    odd = next(one for one in wrong if one.log == "odd")
+    assert odd.fix is not None and "no line is written" in odd.fix.says
+
+
+def test_logs_spread_over_all_decide_first() -> None:
+    class Of:
+        readable = tuple(range(100))
+        parts = tuple(range(100))
+
+    class Logs:
+        of = Of()
+
+    chosen = many_logs.spread_over(Logs())  # type: ignore[arg-type]
+    assert len(set(chosen)) == remembered_parts.TRIED
+    first = sorted(chosen[: remembered_parts.SAMPLE])  # type: ignore[type-var]
+    assert np.all(np.diff(np.array([0, *first, 100])) < 40)  # type: ignore[list-item]
+
+
+def test_commands(here: Path, tmp_path: Path) -> None:
+    given = ["identify", "arm.toml", str(LOGS), "--cluster", "local:1", "--json"]
+    ran = CliRunner().invoke(app, [*given, "-o", str(tmp_path / "model")])
+    assert ran.exit_code == 0, ran.output
+    assert json.loads(ran.stdout)["output"] == str(tmp_path / "model")
+    ran = CliRunner().invoke(app, ["check", "arm.toml", str(LOGS), "--cluster", "local:1"])
+    assert ran.exit_code == 0, ran.output
+    assert "Ok: no error was found" in ran.output
