@@ -1,6 +1,6 @@
 """Time of a fleet's work: Dask with one and two workers, one new day in thirty, task by task.
 
-Times are ratios of runs side by side. The start of a cluster is left out, and told.
+Times are ratios of runs side by side. The start of a cluster of two workers is left out, and told.
 """
 
 import shutil
@@ -8,11 +8,14 @@ import tempfile
 import time
 from pathlib import Path
 
+import dask
+from distributed import LocalCluster
 from proofs.support import simulated_fleet as simulated
 from proofs.support.claims import Claim, main_of
 
 import steelyard
 from steelyard.base.progress import Event
+from steelyard.base.workers import OF_WORKERS
 
 TIMED = True
 ROBOTS, DAYS = 12, 30
@@ -69,7 +72,8 @@ def main() -> list[Claim]:
         steelyard.plan_fleet(folder / "arm.toml", folder / "logs", temperature="temp",
                              store=folder / "begun", processes=1)  # fmt: skip
         alone, _ = run(begun("alone"), processes=1)
-        one, _ = run(begun("one"), cluster="local:1")
+        with dask.config.set(OF_WORKERS), LocalCluster(1, threads_per_worker=1) as cluster:
+            one, _ = run(begun("one"), cluster=cluster.scheduler_address)
         two, _ = run(begun("two"), cluster="local:2")
         _, whole = run("whole", processes=2)
         _, again = run("whole", processes=2)
@@ -78,8 +82,8 @@ def main() -> list[Claim]:
         overhead, efficiency = one.each / alone.each - 1.0, one.each / (2.0 * two.each)
     task = one.each - alone.each
     return [
-        Claim("Dask, overhead with one worker", f"{overhead:.1%} of {alone.each:.3f} s a log; "
-              f"start {one.start:.1f} s", f"<= {MOST_OVERHEAD:.0%}", overhead <= MOST_OVERHEAD),
+        Claim("Dask, overhead with one worker", f"{overhead:.1%} of {alone.each:.3f} s a log",
+              f"<= {MOST_OVERHEAD:.0%}", overhead <= MOST_OVERHEAD),
         Claim("Dask, efficiency with two workers", f"{efficiency:.2f}; start {two.start:.1f} s",
               f">= {LEAST_EFFICIENCY:g}", efficiency >= LEAST_EFFICIENCY),
         Claim("Dask with 100 workers, by the time per task", f"{max(task, 0.0):.4f} s of the "

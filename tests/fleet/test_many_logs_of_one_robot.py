@@ -12,27 +12,17 @@ import small_fleet as small
 import steelyard
 from steelyard.base import workers
 from steelyard.base.errors import DataError, LogError
-from steelyard.check import check_by_workers
 from steelyard.cli.app import app
 from steelyard.identify import many_logs, remembered_parts
+from steelyard.logs import log_parts
+from steelyard.logs.files_and_urls import Folder, StoredFile
+from steelyard.logs.log_parts import LogPart
+from steelyard.logs.remembered_work import RememberedWork
 
 pytestmark = pytest.mark.slow
 
 TAU = ("tau1", "tau2")
 LOGS = Path("logs/r0")
-
-
-@pytest.fixture
-def here(in_fleet: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Workers are this process, whatever the cluster."""
-
-    def in_this_process(work, common, items, cluster, processes):  # type: ignore[no-untyped-def]
-        assert cluster == "local:1"
-        return workers.each(work, common, items, None, 1)
-
-    monkeypatch.setattr(remembered_parts, "each", in_this_process)
-    monkeypatch.setattr(check_by_workers, "each", in_this_process)
-    return in_fleet
 
 
 def days(folder: Path, count: int, **more: object) -> Path:
@@ -47,7 +37,7 @@ def days(folder: Path, count: int, **more: object) -> Path:
     return folder
 
 
-def test_few_logs_give_what_they_give_without_workers(here: Path, tmp_path: Path) -> None:
+def test_few_logs_give_what_they_give_without_workers(in_fleet: Path, tmp_path: Path) -> None:
     folder = days(tmp_path / "few", 5)
     plain = steelyard.identify("arm.toml", sorted(folder.glob("*")))
     found = steelyard.identify("arm.toml", folder, cluster="local:1")
@@ -60,11 +50,9 @@ def test_few_logs_give_what_they_give_without_workers(here: Path, tmp_path: Path
     )
 
 
-def test_dask_gives_the_digits_of_one_process(in_fleet: Path, here: Path, tmp_path: Path) -> None:
+def test_dask_gives_the_digits_of_one_process(in_fleet: Path, tmp_path: Path) -> None:
     alone = steelyard.identify("arm.toml", LOGS, cluster="local:1")
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(remembered_parts, "each", workers.each)
-        patch.setattr(check_by_workers, "each", workers.each)
         patch.setenv("STEELYARD_CACHE", str(tmp_path))
         both = steelyard.identify("arm.toml", LOGS, cluster="local:2")
         checked = steelyard.check("arm.toml", LOGS, quick=True, cluster="local:2")
@@ -73,7 +61,7 @@ def test_dask_gives_the_digits_of_one_process(in_fleet: Path, here: Path, tmp_pa
     assert checked.to_dict() == alone_checked.to_dict()
 
 
-def test_all_logs_count_and_a_new_one_is_all_that_is_read(here: Path, tmp_path: Path) -> None:
+def test_all_logs_count_and_a_new_one_is_all_that_is_read(in_fleet: Path, tmp_path: Path) -> None:
     six = steelyard.identify("arm.toml", days(tmp_path / "six", 6), cluster="local:1")
     every = steelyard.identify("arm.toml", LOGS, cluster="local:1")
     assert every.model.estimate.n_samples.sum() > 1.2 * six.model.estimate.n_samples.sum()
@@ -93,7 +81,7 @@ def test_all_logs_count_and_a_new_one_is_all_that_is_read(here: Path, tmp_path: 
     assert made == [0] and again.model.text() == every.model.text()
 
 
-def test_logs_that_do_not_count_are_named(here: Path, tmp_path: Path) -> None:
+def test_logs_that_do_not_count_are_named(in_fleet: Path, tmp_path: Path) -> None:
     folder = days(tmp_path / "mixed", 7)
     other = small.log(0, 7)
     small.write(folder / "other_unit.parquet", other | {k: 1e3 * other[k] for k in TAU})
@@ -109,7 +97,7 @@ def test_logs_that_do_not_count_are_named(here: Path, tmp_path: Path) -> None:
     assert any(one.check == "logs left out" for one in found.content.limitations)
 
 
-def test_what_workers_cannot_do_is_refused(here: Path, tmp_path: Path) -> None:
+def test_what_workers_cannot_do_is_refused(in_fleet: Path, tmp_path: Path) -> None:
     with pytest.raises(DataError, match="sensitivity needs whole runs"):
         steelyard.identify("arm.toml", LOGS, sensitivity=True, cluster="local:1")
     with pytest.raises(DataError, match="IV needs whole runs"):
@@ -126,18 +114,18 @@ def test_what_workers_cannot_do_is_refused(here: Path, tmp_path: Path) -> None:
         steelyard.identify("arm.toml", tmp_path, cluster="local:1")
 
 
-def test_file_urls_are_read(here: Path) -> None:
+def test_file_urls_are_read(in_fleet: Path) -> None:
     log = LOGS / "2026-03-01.parquet"
     plain = steelyard.identify("arm.toml", LOGS, cluster="local:1")
-    found = steelyard.identify("arm.toml", f"file://{here / LOGS}", cluster="local:1")
+    found = steelyard.identify("arm.toml", f"file://{in_fleet / LOGS}", cluster="local:1")
     assert np.array_equal(
         found.model.estimate.parameters.values, plain.model.estimate.parameters.values
     )
-    checked = steelyard.check("arm.toml", f"file://{here / log}", quick=True, cluster="local:1")
+    checked = steelyard.check("arm.toml", f"file://{in_fleet / log}", quick=True, cluster="local:1")
     assert checked.last.severity.name == "OK"
 
 
-def test_a_line_that_every_log_asks_for(here: Path, tmp_path: Path) -> None:
+def test_a_line_that_every_log_asks_for(in_fleet: Path, tmp_path: Path) -> None:
     folder = tmp_path / "turned"
     folder.mkdir()
     for day in range(3):
@@ -151,7 +139,7 @@ def test_a_line_that_every_log_asks_for(here: Path, tmp_path: Path) -> None:
     assert {one.log for one in found.last.findings} == {"0", "1", "2"}
 
 
-def test_no_line_that_one_log_asks_for(here: Path, tmp_path: Path) -> None:
+def test_no_line_that_one_log_asks_for(in_fleet: Path, tmp_path: Path) -> None:
     folder = days(tmp_path / "mixed", 3)
     table = small.log(0, 3)
     small.write(folder / "odd.parquet", table | {"tau2": -table["tau2"]})
@@ -164,21 +152,35 @@ def test_no_line_that_one_log_asks_for(here: Path, tmp_path: Path) -> None:
     assert odd.fix is not None and "no line is written" in odd.fix.says
 
 
-def test_logs_spread_over_all_decide_first() -> None:
-    class Of:
-        readable = tuple(range(100))
-        parts = tuple(range(100))
-
-    class Logs:
-        of = Of()
-
-    chosen = many_logs.spread_over(Logs())  # type: ignore[arg-type]
+def test_the_middles_of_logs_spread_over_all_decide_first(in_fleet: Path) -> None:
+    parts = tuple(
+        LogPart(StoredFile(f"{k:03d}.csv", 9, ""), rows=(0, 300_000) if k == 50 else None)
+        for k in range(100)
+    )
+    of = remembered_parts.DigestedParts(parts, ("",) * 100, {})
+    memory = RememberedWork(Folder(in_fleet))
+    chosen = many_logs.spread_over(many_logs.ManyLogs(of, memory))
     assert len(set(chosen)) == remembered_parts.TRIED
-    first = sorted(chosen[: remembered_parts.SAMPLE])  # type: ignore[type-var]
-    assert np.all(np.diff(np.array([0, *first, 100])) < 40)  # type: ignore[list-item]
+    numbers = [int(part.file.url[:3]) for part in chosen]
+    first = sorted(numbers[: remembered_parts.SAMPLE])
+    assert np.all(np.diff([0, *first, 100]) < 40)
+    assert chosen[numbers.index(50)].rows == (100_000, 200_000)
 
 
-def test_commands(here: Path, tmp_path: Path) -> None:
+def test_long_files_are_sampled_and_cut_for_workers(in_fleet: Path, tmp_path: Path) -> None:
+    folder = days(tmp_path / "cut", 6)
+    whole = steelyard.identify("arm.toml", folder, cluster="local:1").model.estimate
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(log_parts, "ROWS_OF_PART", 1250)
+        patch.setattr(log_parts, "ROWS_OF_SAMPLE", 1000)
+        found = steelyard.identify("arm.toml", folder, cluster="local:1")
+    assert "12 parts of 6 logs" in found.content.notes[0] + found.content.notes[1]
+    assert all("#" in run.run for run in found.content.fitted)
+    mine = found.model.estimate
+    assert np.all(np.abs(mine.parameters.values - whole.parameters.values) < 2.0 * whole.std)
+
+
+def test_commands(in_fleet: Path, tmp_path: Path) -> None:
     given = ["identify", "arm.toml", str(LOGS), "--cluster", "local:1", "--json"]
     ran = CliRunner().invoke(app, [*given, "-o", str(tmp_path / "model")])
     assert ran.exit_code == 0, ran.output

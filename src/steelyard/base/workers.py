@@ -22,6 +22,7 @@ Result = TypeVar("Result")
 Work = Callable[[Common, Item], Result]
 Done = Iterator[tuple[int, Result]]
 
+HERE = "local:1"  # the cluster that is this process
 FEW = 24  # pieces up to which starting processes takes longer than it saves
 DEATHS = 3  # workers of this machine that may die on the way
 OF_WORKERS = {
@@ -42,16 +43,17 @@ def each(work: Work[Common, Item, Result], common: Common, items: Sequence[Item]
         common: What all pieces share; it is sent to each worker once.
         items: What differs.
         cluster: Address of a Dask scheduler, `tcp://HOST:PORT`, or `local:N` for one with `N`
-            workers of this machine; without, `processes` of this machine.
+            workers of this machine, this process if that is one; without, `processes` of this
+            machine.
         processes: Processes of this machine, 1 for this one.
     """
-    if cluster is not None:
-        yield from _on_dask(work, common, items, cluster)
-    elif processes == 1 or len(items) <= FEW:
+    if cluster == HERE or (cluster is None and (processes == 1 or len(items) <= FEW)):
         for number, item in enumerate(items):
             yield number, work(common, item)
-    else:
+    elif cluster is None:
         yield from _on_processes(work, common, items, processes)
+    else:
+        yield from _on_dask(work, common, items, cluster)
 
 
 _common: Any = None

@@ -22,7 +22,7 @@ from steelyard.identify.remembered_parts import (
     of_first_usable,
     with_reading_of,
 )
-from steelyard.logs.log_parts import natural
+from steelyard.logs.log_parts import middle_of, natural
 from steelyard.logs.remembered_work import RememberedWork, key_of, remembered_work
 from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
 from steelyard.runs.runs_of_named_logs import paths_of
@@ -72,8 +72,9 @@ def _reference(
     robots = sorted(of_robot.values(), key=lambda mine: natural(parts[mine[0]].day))[:SAMPLE]
     turns = zip_longest(*robots)
     chosen = [k for turn in turns for k in turn if k is not None][:TRIED]
+    middles = [middle_of(parts[k]) for k in chosen]
     robot = [s.sha256 for s in loaded.sources]
-    sample = [(of.digests[k], parts[k].rows) for k in chosen]
+    sample = [(of.digests[k], part.rows) for k, part in zip(chosen, middles, strict=True)]
     key = key_of(about(robot=robot, sample=sample))
     known = memory.read(key)
     if known is None:
@@ -83,7 +84,7 @@ def _reference(
             return with_reading_of(found, logs[0])
 
         with ExitStack() as stack:
-            model, _ = of_first_usable([parts[k] for k in chosen], attempt, stack)
+            model, _ = of_first_usable(middles, attempt, stack)
         known = model.text().encode()
         memory.write(key, known)
     return IdentifiedModel.from_dict(json.loads(known))

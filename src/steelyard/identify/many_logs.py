@@ -29,7 +29,7 @@ from steelyard.identify.remembered_parts import (
     RememberedParts,
     with_reading_of,
 )
-from steelyard.logs.log_parts import LogPart, pieces_of, whole_logs
+from steelyard.logs.log_parts import LogPart, middle_of, pieces_of, whole_logs
 from steelyard.logs.remembered_work import RememberedWork, remembered_work
 from steelyard.report.words import count
 from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
@@ -96,7 +96,7 @@ def spread_over(logs: ManyLogs) -> list[LogPart]:
             places.append(place)
         if len(places) == wanted:
             break
-    return [logs.of.parts[readable[place]] for place in places]
+    return [middle_of(logs.of.parts[readable[place]]) for place in places]
 
 
 def of_all_logs(

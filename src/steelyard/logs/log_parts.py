@@ -14,6 +14,8 @@ from steelyard.logs.parquet import ParquetLog
 ROWS_OF_PART = 500_000
 """Rows of a part of a Parquet file; other files are one part, as their rows are not known."""
 
+ROWS_OF_SAMPLE = 40_000  # rows of a part that a first model is identified from
+
 LEAST_BYTES_OF_ROW = 16  # of a Parquet file; smaller ones are not looked into
 
 
@@ -58,20 +60,35 @@ def natural(text: str) -> tuple[Any, ...]:
 
 def pieces_of(part: LogPart) -> list[LogPart]:
     """A long Parquet file of this machine in pieces of about as many rows each."""
-    path = Path(part.file.url)
-    small = part.file.size < ROWS_OF_PART * LEAST_BYTES_OF_ROW
-    if small or is_url(part.file.url) or path.suffix.lower() != ".parquet":
+    if part.file.size < ROWS_OF_PART * LEAST_BYTES_OF_ROW:
         return [part]
-    try:
-        count = ParquetLog.open(path).n_rows
-    except SteelyardError:
-        return [part]  # whoever reads it says why it cannot be read
+    count = _rows(part)
     n = max(1, round(count / ROWS_OF_PART))
     if n == 1:
         return [part]
     edges = [count * k // n for k in range(n + 1)]
     each = zip(edges[:-1], edges[1:], strict=True)
     return [replace(part, rows=edge, share=1.0 / n) for edge in each]
+
+
+def _rows(part: LogPart) -> int:
+    """Rows of a Parquet file of this machine; 0 of what is not known without reading it."""
+    path = Path(part.file.url)
+    if is_url(part.file.url) or path.suffix.lower() != ".parquet":
+        return 0
+    try:
+        return ParquetLog.open(path).n_rows
+    except SteelyardError:
+        return 0  # whoever reads it says why it cannot be read
+
+
+def middle_of(part: LogPart) -> LogPart:
+    """The middle of a long part, `ROWS_OF_SAMPLE` rows of it; a short one as it is."""
+    start, stop = part.rows or (0, _rows(part))
+    if stop - start <= ROWS_OF_SAMPLE:
+        return part
+    first = start + (stop - start - ROWS_OF_SAMPLE) // 2
+    return replace(part, rows=(first, first + ROWS_OF_SAMPLE))
 
 
 def whole_logs(logs: Sequence[str]) -> tuple[LogPart, ...]:

@@ -6,7 +6,7 @@ while others move. A measured effort has noise; a dead one keeps its value bit f
 joint moves.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -173,9 +173,14 @@ def no_joint_moves(recording: Recording) -> LogError:
     )
 
 
-def survey(recording: Recording, processing: Processing | None = None) -> Survey:
-    """Read a recording once, and once more without rows in which an encoder was found frozen."""
-    found = _survey(recording, processing)
+def survey(
+    recording: Recording, processing: Processing | None = None, inner: Survey | None = None
+) -> Survey:
+    """Read a recording once, and once more without rows in which an encoder was found frozen.
+
+    Of a window of it that was looked through before, the `inner` one, noise and band are known.
+    """
+    found = _survey(recording, processing, inner)
     known = recording.left_out
     found_now = tuple(
         s
@@ -185,11 +190,11 @@ def survey(recording: Recording, processing: Processing | None = None) -> Survey
         )
     )
     if any(not s.joints for s in found_now):
-        found = _survey(replace(recording, left_out=(*known, *found_now)), processing)
+        found = _survey(replace(recording, left_out=(*known, *found_now)), processing, inner)
     return replace(found, left_out=(*known, *found_now))
 
 
-def _survey(recording: Recording, processing: Processing | None) -> Survey:
+def _survey(recording: Recording, processing: Processing | None, inner: Survey | None) -> Survey:
     wanted = Processing() if processing is None else processing
     clock = learn_clock(recording)
     scan = RowScan(clock, recording)
@@ -198,10 +203,46 @@ def _survey(recording: Recording, processing: Processing | None) -> Survey:
     excerpt, false = _Excerpt(recording), FalseStretches(c, wanted)
     for piece in scan.pieces():
         tally.add(piece)
-        excerpt.add(piece)
+        if inner is None:
+            excerpt.add(piece)
         false.add(piece.t, piece.x)
     counts = scan.counts
     logged, rate = _rates(recording, counts, tally, wanted.rate)
+    learnt = _learnt(excerpt, tally, logged, c, wanted) if inner is None else _Learnt.of(inner)
+    return Survey(
+        clock=clock,
+        logged_rate=logged,
+        rate=rate,
+        segments=tuple(
+            Segment(number, start, stop, sample_count(start, stop, rate))
+            for number, (start, stop) in sorted(tally.spans.items())
+        ),
+        counts=tuple(counts.tolist()),
+        steps=tally.steps,
+        left_out=false.found(),
+        **vars(learnt),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Learnt:
+    """What a survey says of noise and motion, see `Survey`."""
+
+    resolution: Array
+    band: Band
+    velocity_noise: Array | None
+    row_checks: RowChecks
+    even: Array
+
+    @classmethod
+    def of(cls, found: Survey) -> "_Learnt":
+        return cls(**{field.name: getattr(found, field.name) for field in fields(cls)})
+
+
+def _learnt(
+    excerpt: "_Excerpt", tally: "_Tally", logged: float, c: Channels, wanted: Processing
+) -> _Learnt:
+    """Noise and motion, by an excerpt of the rows."""
     resolution = np.where(np.isfinite(tally.resolution), tally.resolution, 0.0)
     limits = tally.extremes.limits(resolution[c.effort])
     if not wanted.leave_out_saturated:
@@ -214,23 +255,7 @@ def _survey(recording: Recording, processing: Processing | None) -> Survey:
     if even.shape[1] >= SHORTEST_CHAIN:
         band = motion_band(even[c.q], logged, even[c.dq] if c.velocities else None)
         velocity_noise = motion_band(even[c.dq], logged).noise if c.velocities else velocity_noise
-    return Survey(
-        clock=clock,
-        logged_rate=logged,
-        rate=rate,
-        segments=tuple(
-            Segment(number, start, stop, sample_count(start, stop, rate))
-            for number, (start, stop) in sorted(tally.spans.items())
-        ),
-        counts=tuple(counts.tolist()),
-        steps=tally.steps,
-        resolution=frozen(resolution),
-        band=band,
-        velocity_noise=velocity_noise if c.velocities else None,
-        row_checks=checks,
-        even=even,
-        left_out=false.found(),
-    )
+    return _Learnt(frozen(resolution), band, velocity_noise if c.velocities else None, checks, even)
 
 
 def _rates(

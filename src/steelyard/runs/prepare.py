@@ -65,10 +65,10 @@ class SpeedHistogram:
             place = np.floor(_bin(speed)).astype(np.intp)
             np.clip(place, 0, self._count.shape[1] - 1, out=place)
             self._count[joint] += np.bincount(place, minlength=self._count.shape[1])
-            bins, first = np.unique(place, return_index=True)
-            last = len(place) - 1 - np.unique(place[::-1], return_index=True)[1]
-            self._first[joint, bins] = np.minimum(self._first[joint, bins], t[first])
-            self._last[joint, bins] = t[last]
+            first = np.full(self._count.shape[1], np.inf)
+            first[place[::-1]] = t[::-1]  # of several assignments the last one stays
+            self._first[joint] = np.minimum(self._first[joint], first)
+            self._last[joint, place] = t
 
     def quantile(self, share: float) -> Array:
         """Speed per joint below which a share of the samples is, shape `(n,)`."""
@@ -321,7 +321,7 @@ def _with_context(recording: Recording, found: Survey, chain: Chain) -> tuple[Re
         rows=(max(0, rows[0] - spare), None if rows[1] is None else rows[1] + spare),
     )
     wide = replace(recording, cut=wider)
-    around = survey(wide, chain.processing)
+    around = survey(wide, chain.processing, found)
     first, last = found.segments[0].start, found.segments[-1].stop
     # what lies beyond a gap is no context, but another part of the log, or another episode
     segments = tuple(s for s in around.segments if s.stop > first and s.start < last)

@@ -19,6 +19,7 @@ it [Khalil2002, ch. 9].
 
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any, cast
 
 import numpy as np
@@ -352,17 +353,17 @@ class Layout:
     # per row the indices of the columns that can be nonzero in it, ascending
     sees: tuple[tuple[int, ...], ...]
 
-    @property
+    @cached_property
     def widths(self) -> tuple[int, ...]:
         """Columns seen by each row, the effort included."""
         return tuple(len(seen) + 1 for seen in self.sees)
 
-    @property
+    @cached_property
     def packed_sizes(self) -> tuple[int, ...]:
         """Entries of the lower triangle of each row's Gram matrix."""
         return tuple(width * (width + 1) // 2 for width in self.widths)
 
-    @property
+    @cached_property
     def starts(self) -> tuple[int, ...]:
         """Where each row's columns begin when all rows' columns stand one after another."""
         return tuple(int(x) for x in np.cumsum((0, *self.widths))[:-1])

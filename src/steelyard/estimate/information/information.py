@@ -289,6 +289,8 @@ class Information:
 
     def scaled(self, gains: Array, units: Sequence[str]) -> "Information":
         """The same data with each row's effort multiplied by a gain, in its new unit."""
+        if np.all(np.asarray(gains) == 1.0) and tuple(units) == self.signature.effort:
+            return self
         ratios, absolute = np.ones(self.grams.shape[1]), self.absolute.copy()
         for row, gain in enumerate(gains):
             width = self.layout.widths[row]

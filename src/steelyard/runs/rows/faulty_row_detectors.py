@@ -67,7 +67,9 @@ median deviation of zero, and efforts have heavy tails that are no spikes."""
 LEAST_USUAL_DISTANCE = 1e-5  # least usual distance, as a share of the channel's range
 SENSOR_STEP_QUANTILE = 0.05
 """Quantile of the changes of a channel that is its sensor's step; smaller ones are rounding."""
-ROWS_FOR_USUAL = 20_000  # rows that usual distances are learnt from
+ROWS_FOR_USUAL, WINDOWS_FOR_USUAL = 20_000, 5_000
+"""Rows that usual distances are learnt from, and rows among them, evenly spread, that are looked at
+with their neighbours."""
 JOLT_QUANTILE, JOLT_RATIO = 0.99, 2.0
 """Second difference of a position over the one it exceeds 1 % of the time, from which on an effort
 that stands out is no outlier: the motion jolted."""
@@ -81,7 +83,7 @@ def usual_distance(x: Array) -> Array:
     usual = np.empty(len(x))
     for channel, row in enumerate(x):
         windows = np.lib.stride_tricks.sliding_window_view(row, 2 * MEDIAN_SIDE_ROWS + 1)
-        far = _distances(windows)[0]
+        far = _distances(windows[:: -(-len(windows) // WINDOWS_FOR_USUAL)])[0]
         usual[channel] = max(
             STD_OVER_MAD * np.median(far),
             np.quantile(far, TAIL_QUANTILE[0]) / TAIL_QUANTILE[1],
