@@ -75,6 +75,7 @@ def main() -> list[Claim]:
         with dask.config.set(OF_WORKERS), LocalCluster(1, threads_per_worker=1) as cluster:
             one, _ = run(begun("one"), cluster=cluster.scheduler_address)
         two, _ = run(begun("two"), cluster="local:2")
+        pool, _ = run(begun("pool"), processes=2)
         _, whole = run("whole", processes=2)
         _, again = run("whole", processes=2)
         simulated.write(simulated.Fleet(ROBOTS, DAYS + 1), folder, range(DAYS, DAYS + 1))
@@ -86,6 +87,8 @@ def main() -> list[Claim]:
               f"<= {MOST_OVERHEAD:.0%}", overhead <= MOST_OVERHEAD),
         Claim("Dask, efficiency with two workers", f"{efficiency:.2f}; start {two.start:.1f} s",
               f">= {LEAST_EFFICIENCY:g}", efficiency >= LEAST_EFFICIENCY),
+        Claim("two processes without Dask, for comparison",
+              f"efficiency {alone.each / (2.0 * pool.each):.2f}", "reported", True),
         Claim("Dask with 100 workers, by the time per task", f"{max(task, 0.0):.4f} s of the "
               f"scheduler and client for {alone.each:.2f} s of work: at most "
               f"{alone.each / max(task, 1e-9):.0f} workers are busy", "reported", True),

@@ -19,9 +19,10 @@ from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.estimate.information.information import Information
 from steelyard.estimate.information.part_information import PartSummary
 from steelyard.estimate.logs_left_out import logs_left_out
-from steelyard.fleet.changes_over_days import FleetDays, RobotDays
+from steelyard.fleet.changes_over_days import FleetDays
 from steelyard.fleet.fleet_result_and_page import Fleet, FleetPlan, Work
 from steelyard.fleet.parts_and_first_model import FleetParts, fleet_parts
+from steelyard.fleet.scatter_of_days import RobotDays
 from steelyard.fleet.shared_bodies import SharedSums, summed
 from steelyard.identify.remembered_parts import RememberedParts
 from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
