@@ -75,6 +75,38 @@ def test_a_friction_that_doubled_is_published_with_its_interval(folder: Path) ->
     assert all(abs(one.value) < 0.15 for one in others if not one.unit)
 
 
+def test_intervals_contain_errors_of_the_model(folder: Path) -> None:
+    begun = start_watch(folder / "model", identify=True)
+    stream = begun.watcher.parameters
+    assert stream is not None
+    local = stream._local
+    rows = pl.read_csv(folder / "same.csv").select(begun.watcher.samples.columns).to_numpy()
+    information = stream._gather(rows[:2000])
+    known = local.equations(information)
+    # right-hand sides are linear in the model's values: those of another model differ by K delta
+    rng = np.random.default_rng(0)
+    off = 0.01 * rng.normal(size=len(local.values)) * np.abs(local.values)
+    gram = [information.row_gram(row) / local.sigma[row] ** 2 for row in range(2)]
+    expected = np.zeros(local.size)
+    for row, seen in enumerate(local.layout.sees):
+        moved = np.zeros(len(seen) + 1)
+        moved[:-1] = off[list(seen)]
+        expected += local.transforms[row][:, :-1].T @ gram[row] @ moved
+    assert np.allclose(local.of_model(information) @ off, expected)
+    assert np.all(np.diag(local.covariance) > 0.0) and known.matrix.shape[0] == local.size
+    widths = []
+    for scale in (0.0, 1.0, 100.0):
+        again = start_watch(folder / "model", identify=True)
+        again.watcher.payload, again.watcher.thresholds = None, None
+        assert again.watcher.parameters is not None
+        again.watcher.parameters._local.covariance = scale * local.covariance
+        events = again.watcher.take(rows[:12000])
+        last = [one for one in events if isinstance(one, StreamParameters)][-1]
+        widths.append({(x.joint, x.quantity): x.half_width for x in last.shown})
+    both = [key for key in widths[2] if key in widths[0]]
+    assert both and all(widths[0][key] < widths[1][key] < widths[2][key] for key in both)
+
+
 def test_what_did_not_change_stays(folder: Path) -> None:
     for one in published(folder, "same.csv")[-1].shown:
         assert abs(one.value) < 0.15 or one.unit

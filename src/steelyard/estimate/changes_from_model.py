@@ -80,6 +80,7 @@ class LocalParameters:
         n = robot.n
         values = identified.estimate.parameters.as_dict()
         self.values = np.array([values.get(name, 0.0) for name in layout.columns])
+        self.covariance = _covariance(identified, layout)  # of these, `(p, p)`
         groups = dict.fromkeys(layout.columns, BODIES)
         for term in model.terms:
             for parameter in term.parameters(robot):
@@ -134,6 +135,15 @@ class LocalParameters:
             matrix, vector, residual, effort, predicted, product, scaled.n_samples
         )
 
+    def of_model(self, information: Information) -> Array:
+        """Right-hand sides that errors of the model's values would make, `(m, p)`."""
+        scaled = information.scaled(self.identified.signals.gains, self.units)
+        found = np.zeros((self.size, len(self.layout.columns)))
+        for row, seen in enumerate(self.layout.sees):
+            gram = scaled.row_gram(row)[:-1, :-1] / self.sigma[row] ** 2
+            found[:, list(seen)] += self.transforms[row][:-1, :-1].T @ gram
+        return found
+
     def unexplained(self, one: NormalEquations) -> float:
         """Squared residual that its own changes leave, per sample, in variances of the fit."""
         ridge = np.diag(self.expected(self.friction([one])) ** -2.0)
@@ -176,3 +186,14 @@ class LocalParameters:
         each = np.tile(EXPECTED, (len(self.joints), 1))
         each[:, OFFSET] *= np.where(friction > 0.0, friction, 1.0)
         return np.concatenate([each.ravel(), EXPECTED_PAYLOAD])
+
+
+def _covariance(identified: IdentifiedModel, layout: Layout) -> Array:
+    """Covariance of the model's values in the order of a layout; zero of those it has not."""
+    estimate = identified.estimate
+    place = {name: k for k, name in enumerate(estimate.parameters.names)}
+    there = [k for k, name in enumerate(layout.columns) if name in place]
+    own = [place[layout.columns[k]] for k in there]
+    found = np.zeros((len(layout.columns), len(layout.columns)))
+    found[np.ix_(there, there)] = estimate.covariance[np.ix_(own, own)]
+    return found

@@ -7,8 +7,10 @@ that grew may look like a contact, but is explained. Old stretches are forgotten
 $$ \Lambda \leftarrow e^{-\Delta t / T}\,\Lambda + \Lambda_\mathrm{new}, $$
 
 and what is left gives relative changes of each joint's bodies, dry and viscous friction, and its
-offset (see `changes_from_model`), with intervals of the stream alone, the model taken as right. A
-change is published where the motion has shown it; others stay those of the model, and are named.
+offset (see `changes_from_model`). Errors $\delta$ of the model's values, with covariance $C$, make
+right-hand sides $K \delta$, with $K$ summed as $\Lambda$ is; intervals contain
+$\Lambda^{-1} K C K^T \Lambda^{-1}$. A change is published where the motion has shown it; others
+stay those of the model, and are named.
 """
 
 from collections import deque
@@ -72,6 +74,7 @@ class ParameterStream:
         self._rows: deque[Array] = deque()
         self._began, self._spoilt = np.nan, False
         self._known: NormalEquations | None = None
+        self._of_model = np.zeros((local.size, len(local.layout.columns)))
         self._seconds = self._since = 0.0
 
     def spoil(self) -> None:
@@ -100,7 +103,8 @@ class ParameterStream:
 
     def _take(self, rows: Array, passed: float) -> bool:
         try:
-            new = self._local.equations(self._gather(rows))
+            information = self._gather(rows)
+            new = self._local.equations(information)
         except SteelyardError:  # no motion, or too short for filters
             return False
         if self._local.unexplained(new) > UNEXPLAINED:
@@ -108,6 +112,7 @@ class ParameterStream:
         kept = float(np.exp(-passed / self._forget))
         old = self._known
         self._known = new if old is None else old.times(kept) + new
+        self._of_model = kept * self._of_model + self._local.of_model(information)
         self._seconds = kept * self._seconds + passed
         return True
 
@@ -121,7 +126,9 @@ class ParameterStream:
         values = inverse @ known.vector[own]
         left = max(float(known.residual.sum() - values @ known.vector[own]), 0.0)
         widened = max(1.0, left / max(float(known.counts.sum()), 1.0))
-        std = np.sqrt(widened * np.diag(inverse))
+        by_model = inverse @ self._of_model[own]
+        variance = np.einsum("ij,jk,ik->i", by_model, local.covariance, by_model)
+        std = np.sqrt(widened * np.diag(inverse) + variance)
         shown, stays = list[ChangedParameter](), list[str]()
         for row, joint in enumerate(local.joints):
             for part, quantity in enumerate(QUANTITIES):

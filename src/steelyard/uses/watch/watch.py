@@ -121,7 +121,7 @@ def parameters_words(event: StreamParameters) -> str:
     text += f" ({same} others as in the model"
     if event.stays:
         text += f"; not shown, so they stay: {', '.join(event.stays)}"
-    return f"{text}; from {event.seconds:.0f} s, the model taken as right)"
+    return f"{text}; from {event.seconds:.0f} s)"
 
 
 def _load(load: JointLoad) -> str:
