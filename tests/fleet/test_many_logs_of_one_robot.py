@@ -188,3 +188,8 @@ def test_commands(in_fleet: Path, tmp_path: Path) -> None:
     ran = CliRunner().invoke(app, ["check", "arm.toml", str(LOGS), "--cluster", "local:1"])
     assert ran.exit_code == 0, ran.output
     assert "Ok: no error was found" in ran.output
+    assert f"steelyard identify arm.toml {LOGS} --cluster local:1" in " ".join(ran.output.split())
+    # whatever a log is called, the model knows that it was fitted to it
+    copy = shutil.copy(LOGS / "2026-03-08.parquet", tmp_path / "other.parquet")
+    ran = CliRunner().invoke(app, ["validate", str(tmp_path / "model"), str(copy)])
+    assert ran.exit_code == 0 and "fitted" in ran.output

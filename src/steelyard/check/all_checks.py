@@ -21,8 +21,10 @@ from steelyard.check.signals import (
 from steelyard.check.signals.position_unit_and_columns import position_check
 from steelyard.check.signals.time_stamps_and_scale import clock_check, out_of_order
 from steelyard.check.signals.velocity_check import velocity_check
+from steelyard.report.words import first_names
 
 SHARED_DIGITS = 4
+MOST_NAMED = 4  # logs that a sentence names
 DIFFERENT_FACTORS = 3.0  # standard deviations by which factors of two logs differ if not one number
 SAME_NUMBERS = 0.1  # difference of numbers without an accuracy up to which they are one, relative
 
@@ -81,33 +83,23 @@ def _shared(
 def _asked_by_some(edits: Mapping[str, Edit], others: Sequence[str]) -> str:
     key = ".".join(next(iter(edits.values())).path)
     return (
-        f"{_named(others)} {'does' if len(others) == 1 else 'do'} not require another {key}: no "
-        f"line is written; give {_named([*edits])} a robot file of "
+        f"{first_names(others, MOST_NAMED)} {'does' if len(others) == 1 else 'do'} not require another {key}: no "
+        f"line is written; give {first_names([*edits], MOST_NAMED)} a robot file of "
         f"{'its' if len(edits) == 1 else 'their'} own"
     )
-
-
-MOST_NAMED = 4  # logs that a sentence names
-
-
-def _named(logs: Sequence[str]) -> str:
-    """Some names of logs, and how many more there are."""
-    more = len(logs) - MOST_NAMED
-    return ", ".join(logs[:MOST_NAMED]) + (f" and {more} more" if more > 0 else "")
 
 
 def _unlike(edits: Mapping[str, Edit]) -> str:
     """The values of several logs that are not one; empty if they may be."""
     if not any(_differ(a, b) for a, b in combinations(edits.values(), 2)):
         return ""
-    listed = _named(
-        [
-            str(e.value).replace("'", '"')
-            + (f" ± {200.0 * e.spread:.2g} %" if e.spread > 0.0 else "")
-            + f" ({log})"
-            for log, e in edits.items()
-        ]
-    )
+    values = [
+        str(e.value).replace("'", '"')
+        + (f" ± {200.0 * e.spread:.2g} %" if e.spread > 0.0 else "")
+        + f" ({log})"
+        for log, e in edits.items()
+    ]
+    listed = first_names(values, MOST_NAMED)
     accuracy = "; 95 %" * any(e.spread > 0.0 for e in edits.values())
     key = next(iter(edits.values())).path[-1]
     return f"the logs require different values ({key}: {listed}{accuracy}): none is written"

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 from steelyard.base.errors import SteelyardError
 from steelyard.base.progress import Progress, report_progress, silent
@@ -16,9 +15,9 @@ from steelyard.check.case_from_files_and_precheck import (
 )
 from steelyard.check.finding import Finding, Fix
 from steelyard.estimate.identified_model import IdentifiedModel
-from steelyard.logs.files_and_urls import on_disk, path_of
+from steelyard.logs.files_and_urls import on_disk
 from steelyard.logs.log_parts import LogPart
-from steelyard.runs.runs_of_named_logs import distinct_names, log_files
+from steelyard.runs.runs_of_named_logs import log_files, names_of_parts
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,12 +40,6 @@ def checked_log(common: CheckWork, part: LogPart) -> tuple[Finding, ...]:
         return (finding.by(READING_CHECK),)
 
 
-def names_of(parts: Sequence[LogPart]) -> tuple[str, ...]:
-    """Short names of logs that are all different."""
-    paths = [Path(path_of(part.file.url)) for part in parts]
-    return tuple(distinct_names([(path.stem, path) for path in paths]))
-
-
 def diagnosis_by_workers(
     work: CheckWork, parts: Sequence[LogPart], cluster: str, progress: Progress
 ) -> Diagnosis:
@@ -59,7 +52,7 @@ def diagnosis_by_workers(
         report_progress(progress, "checking logs", len(found), len(parts), words)
     named = (
         replace(finding, log=name)
-        for number, name in enumerate(names_of(parts))
+        for number, name in enumerate(names_of_parts(parts))
         for finding in found[number]
     )
     order = dict.fromkeys(finding.check for number in sorted(found) for finding in found[number])

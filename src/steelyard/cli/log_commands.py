@@ -96,8 +96,8 @@ def check(
         shared.print_json({**found.to_dict(), "output": folder and str(folder)})
     else:
         found.show(terminal(), verbose)
-        given, gains = ProposedCut(tuple(logs)), True
-        if not (model or found.last.severity):
+        given, gains, cluster = ProposedCut(tuple(logs)), True, call.keywords["cluster"]
+        if not (model or found.last.severity or cluster):
             changed = found.fixed is not None and found.fixed.changes
             read = found.fixed.subject.path if found.fixed is not None and changed else robot
             try:
@@ -105,7 +105,8 @@ def check(
             except ModelError:  # a model file and currents: no drive gains, as columns are guessed
                 gains = False
         named = [] if model else [robot, *given.logs]
-        shared.print_lines(*hints(found, folder, named, given.ends, gains=gains), whole=True)
+        said = hints(found, folder, named, given.ends, gains=gains, cluster=cluster)
+        shared.print_lines(*said, whole=True)
     if found.last.severity:
         raise typer.Exit(int(found.last.severity))
 
@@ -117,12 +118,13 @@ def hints(
     ends: str = "",
     *,
     gains: bool = True,
+    cluster: str | None = None,
 ) -> list[str]:
     """Where things are written, or how to have them written; and what to do next.
 
     `named` are robot file and logs as they were given, to be identified from, else none; `ends`
     says why the log that validates ends before its last row. Without known drive gains a robot
-    file is needed for them.
+    file is needed for them. Logs that workers checked are identified from by workers.
     """
     from steelyard.identify import verdict_and_next_steps as judging
 
@@ -148,7 +150,7 @@ def hints(
         words = " ".join(judging.path_word(name) for name in used)
         steps.append((f"steelyard init {words}", "identify needs a robot file for drive gains:"))
     elif named and not found.last.severity:
-        steps.append((judging.identify_command(used[0], used[1:]), ends))
+        steps.append((judging.identify_command(used[0], used[1:], cluster), ends))
     lines += judging.step_lines(tuple(steps), 12)
     return lines if len(lines) > 1 else []
 

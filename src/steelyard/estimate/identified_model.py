@@ -46,11 +46,13 @@ from steelyard.model.compiled_quantity import Stepper
 from steelyard.model.dynamics import Dynamics
 from steelyard.model.model import Model, ValuedModel
 from steelyard.model.torque_and_quantities import TORQUE, Quantity
+from steelyard.report.words import first_names
 from steelyard.robot.file.signals import Signals, signals_from_dict
 from steelyard.robot.robot import Robot
 from steelyard.runs.processing_choices import Processing
 from steelyard.runs.run import MotionSamples
 
+MOST_RUNS = 8  # runs that the text names
 SCHEMA = "steelyard.model"
 SCHEMA_VERSION = 4
 OF_ACTUATORS = "steelyard.actuators"  # schema of what is identified from position targets
@@ -140,7 +142,7 @@ class IdentifiedModel(Dynamics):
                 f"terms      {', '.join(term.law for term in self.model.terms)}",
                 f"estimate   {estimate.estimator}: {known}",
                 f"residuals  std {', '.join(f'{sigma:.3g} {unit}' for sigma, unit in noise)}",
-                f"fitted to  {', '.join(self.provenance.runs)}",
+                f"fitted to  {first_names(self.provenance.runs, MOST_RUNS)}",
             ]
         )
 

@@ -10,6 +10,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import reduce
 from operator import add
+from pathlib import Path
 
 import numpy as np
 
@@ -33,7 +34,7 @@ from steelyard.logs.log_parts import LogPart, middle_of, pieces_of, whole_logs
 from steelyard.logs.remembered_work import RememberedWork, remembered_work
 from steelyard.report.words import count
 from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
-from steelyard.runs.runs_of_named_logs import LogArgument, sha256
+from steelyard.runs.runs_of_named_logs import LogArgument, names_of_parts, sha256
 
 WINDOWS_OF_PART = 4  # windows that the sums of a part keep, for the correlation of residuals
 MOST_NAMED = 3  # logs that a note names
@@ -114,7 +115,8 @@ def of_all_logs(
         equations.append(None if information is None else local.equations(information))
     out = logs_left_out(parts.parts, logs.of.digests, summaries, equations, local)
     used = [number for number in range(len(parts.parts)) if number not in out]
-    total = added_up(parts, used)
+    names = names_of_parts(parts.parts)
+    total = added_up(parts, used, names)
     estimate = found.fitted.estimating(found.fitted.runs, total)(total)
     samples = sum(summaries[number].samples for number in used)
     notes = (
@@ -122,26 +124,28 @@ def of_all_logs(
         "cut-offs, laws, gains, checks, bands and "
         f"errors of fitted logs are those of {count(len(sample), 'log')}: "
         + ", ".join(run.name for run in found.fitted.runs),
-        _errors(parts, used, estimate.parameters.values),
+        _errors(parts, used, names, estimate.parameters.values),
         *(f"left out: {one.log}: {one.wrong}" for one in out.values()),
     )
-    origin = found.identified.provenance
+    origin, runs = found.identified.provenance, tuple(names[number] for number in used)
     inputs = {k: x for k, x in origin.inputs.items() if not k.startswith("identification ")}
-    for number in used:
-        name = f"identification {parts.parts[number].where}"
-        inputs[name] = logs.of.digests[number]
+    inputs |= {
+        f"identification {names[number]}{Path(parts.parts[number].file.name).suffix}": digest
+        for number, digest in enumerate(logs.of.digests)
+        if number not in out
+    }
     identified = replace(
         found.identified,
         estimate=estimate,
         reference=(found.beside(total),),
-        provenance=replace(origin, inputs=inputs, notes=(*origin.notes, *notes)),
+        provenance=replace(origin, inputs=inputs, runs=runs, notes=(*origin.notes, *notes)),
     )
     fitted = found.fitted._replace(estimate=estimate)
     whole = replace(found, identified=identified, fitted=fitted, unscaled=None)
     return whole, _first(notes), _doubts(out, len(parts.parts))
 
 
-def added_up(parts: RememberedParts, used: Sequence[int]) -> Information:
+def added_up(parts: RememberedParts, used: Sequence[int], names: Sequence[str]) -> Information:
     """The sums of some parts, in their order, in `MOST_WINDOWS` windows at most."""
     size, groups = -(-len(used) // MOST_WINDOWS), list[Information]()
     apart = len(used) * WINDOWS_OF_PART <= MOST_WINDOWS
@@ -150,8 +154,7 @@ def added_up(parts: RememberedParts, used: Sequence[int]) -> Information:
         for number in used[first : first + size]:
             one = parts.read(number)[1]
             assert one is not None  # those that are used have sums
-            name = parts.parts[number].where
-            windows = tuple(replace(window, run=name) for window in one.windows)
+            windows = tuple(replace(window, run=names[number]) for window in one.windows)
             group.append(replace(one, windows=windows))
         whole = reduce(add, group)
         groups.append(whole if apart else whole.grouped([range(len(whole.windows))]))
@@ -164,7 +167,9 @@ def _logs(parts: RememberedParts, used: Sequence[int]) -> str:
     return f"{count(len(used), 'part')} of {files}" if cut else files
 
 
-def _errors(parts: RememberedParts, used: Sequence[int], values: Array) -> str:
+def _errors(
+    parts: RememberedParts, used: Sequence[int], names: Sequence[str], values: Array
+) -> str:
     """How far efforts are from the model in all logs, also those that no score is of."""
     errors = list[float]()
     for number in used:
@@ -173,7 +178,7 @@ def _errors(parts: RememberedParts, used: Sequence[int], values: Array) -> str:
         squares = one.residual_squares(values).sum() / max(one.effort_squares().sum(), 1e-300)
         errors.append(100.0 * float(np.sqrt(squares)))
     worst = sorted(range(len(used)), key=lambda k: -errors[k])[:MOST_NAMED]
-    named = ", ".join(f"{parts.parts[used[k]].where} {errors[k]:.3g} %" for k in worst)
+    named = ", ".join(f"{names[used[k]]} {errors[k]:.3g} %" for k in worst)
     return (
         f"rms residual over rms effort, behind the regression's low-pass, all joints together: "
         f"median of all parts {np.median(errors):.3g} %, the largest {named}"

@@ -282,10 +282,15 @@ def gear_side_steps(findings: Sequence[Finding], robot: str) -> list[Step]:
     return [("", f"{edit} in terms")] if proposed else []
 
 
-def identify_command(robot: str, logs: Sequence[str]) -> str:
-    """The command that identifies from all logs but the last one, which validates; or from one."""
+def identify_command(robot: str, logs: Sequence[str], cluster: str | None = None) -> str:
+    """The command that identifies from all logs but the last one, which validates; or from one.
+
+    On a cluster it takes all logs as they were given, folders and patterns among them.
+    """
     words = [path_word(log) for log in logs]
-    if len(words) > 1:
+    if cluster is not None:
+        words += ["--cluster", cluster]
+    elif len(words) > 1:
         words.insert(-1, "--validate")
     return " ".join(["steelyard", "identify", path_word(robot), *words])
 

@@ -14,9 +14,11 @@ from steelyard.base.checked_arguments import checked
 from steelyard.base.errors import LogError, ModelError
 from steelyard.base.progress import Progress, report_progress, silent
 from steelyard.logs.clocks_and_combined_logs import Numbered
+from steelyard.logs.files_and_urls import path_of
 from steelyard.logs.formats import open_log
 from steelyard.logs.lerobot import is_lerobot, open_lerobot
 from steelyard.logs.log_and_errors import Cut, parse_log_argument
+from steelyard.logs.log_parts import LogPart
 from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
 from steelyard.robot.file.robot_file import load_robot
 from steelyard.robot.file.signals import ROW, Signals
@@ -261,6 +263,14 @@ def distinct_names(logs: Sequence[tuple[str, Path]]) -> list[str]:
             for name, parts, twice in zip(names, folders, alike, strict=True)
         ]
     return names
+
+
+def names_of_parts(parts: Sequence[LogPart]) -> list[str]:
+    """Short names of parts that are all different, with their rows."""
+    paths = {part.file.url: Path(path_of(part.file.url)) for part in parts}
+    names = distinct_names([(path.stem, path) for path in paths.values()])
+    by_url = dict(zip(paths, names, strict=True))
+    return [f"{by_url[part.file.url]}{part.cut}" for part in parts]
 
 
 def processing_used(wanted: Processing, runs: Sequence[Run]) -> Processing:
