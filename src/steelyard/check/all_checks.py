@@ -83,9 +83,9 @@ def _shared(
 def _asked_by_some(edits: Mapping[str, Edit], others: Sequence[str]) -> str:
     key = ".".join(next(iter(edits.values())).path)
     return (
-        f"{first_names(others, MOST_NAMED)} {'does' if len(others) == 1 else 'do'} not require another {key}: no "
-        f"line is written; give {first_names([*edits], MOST_NAMED)} a robot file of "
-        f"{'its' if len(edits) == 1 else 'their'} own"
+        f"{first_names(others, MOST_NAMED)} {'does' if len(others) == 1 else 'do'} not require "
+        f"another {key}: no line is written; give {first_names([*edits], MOST_NAMED)} a robot file "
+        f"of {'its' if len(edits) == 1 else 'their'} own"
     )
 
 
