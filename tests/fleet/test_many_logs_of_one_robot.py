@@ -5,13 +5,14 @@ import shutil
 from pathlib import Path
 
 import numpy as np
+import polars as pl
 import pytest
 from typer.testing import CliRunner
 
 import small_fleet as small
 import steelyard
 from steelyard.base import workers
-from steelyard.base.errors import DataError, LogError
+from steelyard.base.errors import DataError, LogError, SteelyardError
 from steelyard.cli.app import app
 from steelyard.identify import many_logs, remembered_parts
 from steelyard.logs import log_parts
@@ -97,8 +98,106 @@ def test_logs_that_do_not_count_are_named(in_fleet: Path, tmp_path: Path) -> Non
     assert any(one.check == "logs left out" for one in found.content.limitations)
 
 
+def in_amperes(gains: tuple[float, float], folder: Path, count: int) -> Path:
+    """Logs of currents, for gains in Nm/A."""
+    folder.mkdir()
+    for day in range(count):
+        table = small.log(0, day)
+        currents = {f"tau{k + 1}": table[f"tau{k + 1}"] / gains[k] for k in range(2)}
+        small.write(folder / f"{day}.parquet", table | currents)
+    return folder
+
+
+@pytest.mark.parametrize("gain", ["[5.0, 7.0]", '[5.0, "identify"]'])
+def test_gains_scale_the_sums_of_workers(gain: str, in_fleet: Path, tmp_path: Path) -> None:
+    folder = in_amperes((5.0, 7.0), tmp_path / "logs", 7)
+    shutil.copy("arm.urdf", tmp_path)
+    file = tmp_path / "arm.toml"
+    text = Path("arm.toml").read_text().replace('unit = "Nm"', f'unit = "A"\ngain = {gain}')
+    file.write_text(text.replace('kind = "joint_torque"', 'kind = "motor_current"'))
+    plain = steelyard.identify(file, sorted(folder.glob("*")))
+    found = steelyard.identify(file, folder, cluster="local:1")
+    mine, its = found.model.estimate, plain.model.estimate
+    off = np.abs(mine.parameters.values - its.parameters.values)
+    assert np.all(off < 2.0 * its.std)
+    assert "error" not in found.verdict.line or found.verdict.level == plain.verdict.level
+
+
+def test_scales_of_efforts_are_those_of_the_sums(in_fleet: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "scaled"
+    folder.mkdir()
+    for day in range(7):
+        table = small.log(0, day)
+        small.write(folder / f"{day}.parquet", table | {"tau2": 1.2 * table["tau2"]})
+    shutil.copy("arm.urdf", tmp_path)
+    file = tmp_path / "arm.toml"
+    file.write_text(Path("arm.toml").read_text() + '[estimation]\neffort_scales = "auto"\n')
+    plain = steelyard.identify(file, sorted(folder.glob("*")), check=False)
+    found = steelyard.identify(file, folder, check=False, cluster="local:1")
+    assert plain.model.effort_scales is not None and found.model.effort_scales is not None
+    mine, its = found.model.estimate, plain.model.estimate
+    off = np.abs(mine.parameters.values - its.parameters.values)
+    assert np.all(off < 2.0 * its.std)
+    line = next(note for note in found.content.notes if note.startswith("rms residual"))
+    assert float(line.split("median of all parts ")[1].split(" %")[0]) < 1.0
+
+
+def test_what_a_model_was_fitted_to_is_known_in_other_files(in_fleet: Path, tmp_path: Path) -> None:
+    small.write(tmp_path / "x.parquet", small.log(0, 7))
+    copy = tmp_path / "copy.csv"
+    pl.read_parquet(tmp_path / "x.parquet").write_csv(copy)
+    found = steelyard.identify("arm.toml", LOGS, cluster="local:1")
+    found.model.save(tmp_path / "model.json")
+    seen = steelyard.validate(tmp_path / "model.json", copy).content
+    assert not seen.scores and seen.fitted
+    with pytest.raises(DataError, match="both fitted and validated"):
+        steelyard.identify("arm.toml", LOGS, copy, cluster="local:1")
+
+
+def test_errors_of_other_logs_and_options_are_their_own(in_fleet: Path, tmp_path: Path) -> None:
+    table = small.log(0, 9)
+    small.write(tmp_path / "turned.parquet", table | {"tau2": -table["tau2"]})
+    with pytest.raises(DataError) as told:
+        steelyard.identify("arm.toml", LOGS, tmp_path / "turned.parquet", cluster="local:1")
+    assert "turned" in told.value.where and "none" not in told.value.wrong
+    with pytest.raises(SteelyardError, match="no drive gain is to be identified"):
+        steelyard.identify("arm.toml", LOGS, payload_mass=2.0, cluster="local:1")
+
+
+def test_copies_do_not_count_and_are_no_doubt(in_fleet: Path, tmp_path: Path) -> None:
+    folder = days(tmp_path / "logs", 6)
+    for number in range(6):
+        shutil.copy(folder / "2026-03-01.parquet", folder / f"copy{number}.parquet")
+    found = steelyard.identify("arm.toml", folder, cluster="local:1")
+    assert len(found.content.fitted) == 6
+    assert not any(one.check == "logs left out" for one in found.content.limitations)
+    assert "it has the same bytes as" in " ".join(found.model.provenance.notes)
+
+
+@pytest.mark.parametrize("cluster", ["", "local:0", "local:x", "foo", "tcp://localhost:1"])
+def test_clusters_that_are_none_are_refused_first(cluster: str, in_fleet: Path) -> None:
+    for call in (steelyard.identify, steelyard.check, steelyard.fleet):
+        with pytest.raises(DataError, match="is no cluster|no scheduler"):
+            call("arm.toml", LOGS, cluster=cluster)
+
+
+def test_a_first_log_that_is_empty_and_one_at_rest(in_fleet: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "turned"
+    folder.mkdir()
+    for day in range(3):
+        table = small.log(0, day)
+        small.write(folder / f"{day}.parquet", table | {"tau2": -table["tau2"]})
+    rest = {k: (x if k == "t" else np.full_like(x, x[0])) for k, x in small.log(0, 3).items()}
+    small.write(folder / "rest.parquet", rest)
+    (folder / "0000.csv").write_text("")
+    found = steelyard.check("arm.toml", folder, fix=tmp_path / "fixed.toml", cluster="local:1")
+    assert found.fixed is not None and found.fixed.changes
+    wrong = {one.log for one in found.last.findings if one.severity.name == "WRONG"}
+    assert "0000" in wrong and not wrong & {"0", "1", "2"}
+
+
 def test_what_workers_cannot_do_is_refused(in_fleet: Path, tmp_path: Path) -> None:
-    with pytest.raises(DataError, match="sensitivity needs whole runs"):
+    with pytest.raises(DataError, match="whole runs are needed for sensitivity"):
         steelyard.identify("arm.toml", LOGS, sensitivity=True, cluster="local:1")
     with pytest.raises(DataError, match="IV needs whole runs"):
         steelyard.identify("arm.toml", LOGS, method="IV", cluster="local:1")

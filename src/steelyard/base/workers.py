@@ -5,6 +5,8 @@ done again by another one; what is done is handed out at once, in the order in w
 """
 
 import os
+import re
+import socket
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, as_completed
@@ -54,6 +56,34 @@ def each(work: Work[Common, Item, Result], common: Common, items: Sequence[Item]
         yield from _on_processes(work, common, items, processes)
     else:
         yield from _on_dask(work, common, items, cluster)
+
+
+def refuse_odd(cluster: str | None) -> None:
+    """Refuse an address of a cluster that is none, or where nobody answers, before the work."""
+    if cluster is None or cluster == HERE:
+        return
+    local = re.fullmatch(r"local:[1-9]\d*", cluster)
+    named = re.fullmatch(r"(?:tcp|tls|ucx)://(?P<host>[^/]+?):(?P<port>\d+)/?", cluster)
+    if local is None and named is None:
+        raise DataError(
+            f"'{cluster}' is no cluster",
+            where="cluster (--cluster)",
+            fix="give local:N, as local:4, or the address of a scheduler: tcp://HOST:8786",
+        )
+    require("distributed", "cluster", "clusters", f"cluster (--cluster) {cluster}")
+    if named is not None:
+        try:
+            socket.create_connection((named["host"].strip("[]"), int(named["port"])), 5.0).close()
+        except (OSError, OverflowError) as error:
+            raise _nobody(cluster, error) from error
+
+
+def _nobody(cluster: str, error: Exception) -> DataError:
+    return DataError(
+        f"there is no scheduler of Dask that answers ({type(error).__name__})",
+        where=f"cluster (--cluster) {cluster}",
+        fix="start one: dask scheduler; dask worker tcp://HOST:8786 --nthreads 1",
+    )
 
 
 _common: Any = None
@@ -123,7 +153,6 @@ def _without_script() -> Iterator[None]:
 def _on_dask(
     work: Work[Common, Item, Result], common: Common, items: Sequence[Item], cluster: str
 ) -> Done[Result]:
-    require("distributed", "cluster", "clusters", f"cluster (--cluster) {cluster}")
     from distributed import as_completed as of_dask
 
     with _client(cluster) as client:
@@ -165,12 +194,6 @@ def _client(cluster: str) -> Iterator[Any]:
 
     kind, _, rest = cluster.partition(":")
     if kind == "local":
-        if not rest.isdigit() or int(rest) < 1:
-            raise DataError(
-                f"'{cluster}' names no number of workers",
-                where="cluster (--cluster)",
-                fix="give local:N, as local:4, or the address of a scheduler: tcp://HOST:8786",
-            )
         one_thread_each()  # of processes that inherit it
         with _without_script(), dask.config.set(OF_WORKERS):
             local = LocalCluster(
@@ -182,10 +205,6 @@ def _client(cluster: str) -> Iterator[Any]:
     try:
         client = Client(cluster, timeout=START_S)
     except (OSError, ValueError) as error:
-        raise DataError(
-            f"there is no scheduler of Dask that answers ({type(error).__name__})",
-            where=f"cluster (--cluster) {cluster}",
-            fix="start one: dask scheduler; dask worker tcp://HOST:8786 --nthreads 1",
-        ) from error
+        raise _nobody(cluster, error) from error
     with client:
         yield client

@@ -34,23 +34,36 @@ Path = tuple[str, ...]
 def edits_that_serve_all_logs(findings: Sequence[Finding]) -> tuple[Finding, ...]:
     """The findings of all checks with those edits that every log asks for.
 
-    Numbers become their median; those that differ by more than their accuracy are doubtful, and
-    none is written. Edits that were tried on a log as one change stay together or go.
+    A log in which nothing moves has no say in edits of checks of motion. Numbers become their
+    median; those that differ by more than their accuracy are doubtful, and none is written. Edits
+    that were tried on a log as one change stay together or go.
     """
+    of_motion = {check.name for check in OF_MOTION}
+    at_rest = movement_rests_and_moving_base.excitation_check.name, Severity.WRONG
     logs = dict.fromkeys(f.log for f in findings if f.log)
+    resting = {f.log for f in findings if (f.check, f.severity) == at_rest}
+    of_signals = set[Path]()  # paths that checks of the signals alone ask for
     wanted: dict[Path, dict[str, Edit]] = {}
     groups: dict[tuple[str, int], set[Path]] = {}
     for number, f in enumerate(findings):
         if f.log and f.fix is not None and f.fix.edits:
             group = groups.setdefault((f.log, -1 if f.fix.jointly else number), set())
             for edit in f.fix.edits:
+                if f.check not in of_motion:
+                    of_signals.add(edit.path)
                 wanted.setdefault(edit.path, {})[f.log] = edit
                 group.add(edit.path)
     apart = {path: why for path, edits in wanted.items() if (why := _unlike(edits))}
-    refused = {
-        path: apart.get(path) or _asked_by_some(edits, [log for log in logs if log not in edits])
+    silent = {
+        path: [
+            log for log in logs if log not in edits and (log not in resting or path in of_signals)
+        ]
         for path, edits in wanted.items()
-        if path in apart or len(edits) < len(logs)
+    }
+    refused = {
+        path: apart.get(path) or _asked_by_some(edits, silent[path])
+        for path, edits in wanted.items()
+        if path in apart or silent[path]
     }
     for _ in groups:  # what was tried together with something that is refused
         for paths in groups.values():

@@ -13,6 +13,7 @@ from steelyard.base.checked_arguments import checked
 from steelyard.base.errors import ModelError, OutputError
 from steelyard.base.files import whole_file
 from steelyard.base.progress import Progress, silent
+from steelyard.base.workers import refuse_odd
 from steelyard.check import all_checks
 from steelyard.check.all_checks import Diagnosis
 from steelyard.check.case_from_files_and_precheck import (
@@ -22,7 +23,11 @@ from steelyard.check.case_from_files_and_precheck import (
     refuse_foreign,
     subject_of,
 )
-from steelyard.check.check_by_workers import CheckWork, diagnosis_by_workers
+from steelyard.check.check_by_workers import (
+    CheckWork,
+    diagnosis_by_workers,
+    subject_by_first_log,
+)
 from steelyard.check.finding import Edit, Finding, Severity
 from steelyard.check.findings_text_and_page import (
     CheckContent,
@@ -35,7 +40,6 @@ from steelyard.check.findings_text_and_page import (
 )
 from steelyard.estimate.estimator_register import method_of
 from steelyard.estimate.identified_model import IdentifiedModel, load_model
-from steelyard.logs.files_and_urls import on_disk
 from steelyard.logs.log_parts import LogPart, whole_logs
 from steelyard.report.result import Result
 from steelyard.robot.file.robot_file import load_robot
@@ -149,7 +153,9 @@ def correct_robot_file(
             ) from None
         diagnosis = again(new)
     wrong, before = (_with(d, lambda f: f.severity == Severity.WRONG) for d in (diagnosis, first))
-    worse = sorted(wrong & _with(first, _fine))
+    fine = {(f.check, f.log) for f in first.findings if _fine(f)}
+    now = {(f.check, f.log) for f in diagnosis.findings if f.severity == Severity.WRONG}
+    worse = sorted({check for check, _ in now & fine})
     why, lines = "", "; ".join(c.line for c in changes)
     if changes and (worse or wrong == before != set()):
         names = ", ".join(worse or sorted(before))
@@ -318,6 +324,7 @@ def check(
         >>> found.last.severity.name
         'OK'
     """
+    refuse_odd(cluster)
     target = None if fix is None else target_of(str(robot), str(fix))
     known = None if model is None else load_model(model)
     given, names = paths_of(logs, least=1), tuple[str, ...]()
@@ -327,8 +334,7 @@ def check(
         names = tuple(file.text for file in files)
     else:
         files, parts = [], whole_logs(given)
-        with on_disk(parts[0].file.url) as path:
-            subject = subject_of(str(robot), log_files([str(path)])[0], fixed_base)
+        subject = subject_by_first_log(str(robot), parts, fixed_base)
         names = tuple(part.where for part in parts)
     method_of(subject.loaded)
     named = None if model is None or isinstance(model, IdentifiedModel) else str(model)

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from steelyard.base.errors import SteelyardError
+from steelyard.base.errors import LogError, SteelyardError
 from steelyard.base.progress import Progress, report_progress, silent
 from steelyard.base.workers import each
 from steelyard.check.all_checks import Diagnosis, edits_that_serve_all_logs
@@ -12,6 +12,7 @@ from steelyard.check.case_from_files_and_precheck import (
     Subject,
     case_of,
     diagnosis_of,
+    subject_of,
 )
 from steelyard.check.finding import Finding, Fix
 from steelyard.estimate.identified_model import IdentifiedModel
@@ -38,6 +39,19 @@ def checked_log(common: CheckWork, part: LogPart) -> tuple[Finding, ...]:
     except SteelyardError as error:
         finding = Finding.wrong(error.wrong, part.where, fix=Fix(error.fix))
         return (finding.by(READING_CHECK),)
+
+
+def subject_by_first_log(robot: str, parts: Sequence[LogPart], fixed_base: str | None) -> Subject:
+    """The robot file; where it assigns no columns, by the first log that can be read."""
+    refused = None
+    for part in parts:
+        try:
+            with on_disk(part.file.url) as path:
+                return subject_of(robot, log_files([str(path)])[0], fixed_base)
+        except LogError as error:
+            refused = refused or error
+    assert refused is not None
+    raise refused
 
 
 def diagnosis_by_workers(

@@ -270,7 +270,7 @@ def _others(group: Group, shown: int) -> str:
         return ""
     more = len(rest) - MOST_NAMED_LOGS
     named = f"and {len(rest)} more: {', '.join(rest[:MOST_NAMED_LOGS])}"
-    return f"{named} and {more} others" if more > 0 else named
+    return f"{named} and {count(more, 'other')}" if more > 0 else named
 
 
 MOST_POINTS_OF_CHECK_PAGE = 200_000  # points of all pictures; those behind are left out

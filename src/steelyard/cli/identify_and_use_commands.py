@@ -35,7 +35,7 @@ def identify(
 ) -> None:
     """Identify a robot's dynamics from logs of its motion.
 
-    Of a robot file with position targets and no efforts, or a section [actuator], the actuators are
+    Of a robot file with position targets and no efforts, or a section "actuator", the actuators are
     identified: stiffness, damping, friction and rotor inertia of every joint.
 
     The exit code is 1 if the verdict is poor, by the model or by a log of --validate: the model is

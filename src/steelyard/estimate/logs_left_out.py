@@ -73,10 +73,11 @@ def logs_left_out(
         factor = float(np.median(one.product[moved] / one.predicted[moved])) if moved.any() else 1.0
         sizes = np.sqrt(one.predicted * one.effort)[moved]
         alike = float(np.median(np.abs(one.product[moved]) / sizes)) if moved.any() else 0.0
-        if alike > ALIKE and factor < 0.0:
+        turned = one.product[moved] < 0.0
+        if alike > ALIKE and np.count_nonzero(turned) > 0.5 * np.count_nonzero(moved):
             wrong = "most efforts have the opposite sign of the model's"
             leave(number, wrong, "`steelyard check` names them, for a robot file of such logs")
-        elif alike > ALIKE and not 1.0 / OTHER_UNIT < factor < OTHER_UNIT:
+        elif alike > ALIKE and not turned.any() and not 1.0 / OTHER_UNIT < factor < OTHER_UNIT:
             size = f"{factor:.0f}" if factor > 9.5 else f"{factor:.2g}"
             wrong = f"efforts are about {size} times those of the model: another unit or gear side"
             leave(number, wrong, "give such logs a robot file of their own, with their unit")

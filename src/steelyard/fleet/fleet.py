@@ -12,6 +12,7 @@ from steelyard.base.arrays import Array, by_key
 from steelyard.base.checked_arguments import checked
 from steelyard.base.errors import LogError
 from steelyard.base.progress import Progress, report_progress, silent
+from steelyard.base.workers import refuse_odd
 from steelyard.estimate.changes_from_model import LocalParameters, NormalEquations
 from steelyard.estimate.estimate import Estimate
 from steelyard.estimate.estimator_register import context_of, method_of, offer_of
@@ -70,6 +71,7 @@ def fleet(
         >>> found.changes
         ()
     """
+    refuse_odd(cluster)
     began, loaded = perf_counter(), load_robot(robot)
     with fleet_parts(loaded, logs, names, temperature, store, progress) as of_fleet:
         found = of_fleet.remembered

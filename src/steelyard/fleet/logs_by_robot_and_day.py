@@ -5,6 +5,7 @@ is the date in a path, or the number behind "day", the robot is what is left of 
 """
 
 import csv
+import os
 import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -118,7 +119,7 @@ def _named(
                 fix="exchange {robot} and {day} in --names",
             )
         return match["robot"], match["day"], ""
-    named = path_of(argument if is_url(argument) else str(Path(argument).absolute()))
+    named = path_of(argument if is_url(argument) else os.path.abspath(argument))
     begin = re.split(r"/[^/]*[*?\[]", named)[0]  # the folders before a pattern
     inside = text.removeprefix(begin + "/") if text.startswith(begin + "/") else path.stem
     root = text.removesuffix(inside).rstrip("/")
@@ -196,7 +197,7 @@ def _of_table(table: Path, rows: Sequence[Mapping[str, str | None]]) -> list[Log
         try:
             files = files_of(named)
         except SteelyardError:  # whoever reads it says why it cannot be read
-            files = [StoredFile(named if is_url(named) else str(Path(named).absolute()), 0, "")]
+            files = [StoredFile(named if is_url(named) else os.path.abspath(named), 0, "")]
         found += [LogPart(file, robot, day, temperature=degrees) for file in files]
     if not found:
         raise LogError("the table of logs has no rows", where=str(table), fix="list the logs")

@@ -12,6 +12,7 @@ from steelyard.base.arrays import Parameters
 from steelyard.base.checked_arguments import checked
 from steelyard.base.errors import LogError
 from steelyard.base.progress import Progress, silent
+from steelyard.base.workers import refuse_odd
 from steelyard.check.all_checks import BASIC_CHECKS, Diagnosis
 from steelyard.check.case_from_files_and_precheck import notes_of_precheck, prechecked
 from steelyard.check.decision.gears_and_friction_of_logs import missing_coupling
@@ -39,6 +40,7 @@ from steelyard.identify.many_logs import (
 from steelyard.identify.page.report_content_and_error_words import ReportContent
 from steelyard.identify.remembered_parts import of_first_usable
 from steelyard.identify.repeated_motion_and_validation_split import marked_repeats, refuse_same_rows
+from steelyard.logs.log_parts import natural
 from steelyard.report.result import DataFrame
 from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
 from steelyard.robot.file.robot_file import load_robot
@@ -154,6 +156,7 @@ def identify(
         threads=cores,
         progress=progress,
     )
+    refuse_odd(cluster)
     if cluster is None:
         state = fitting(named_logs.log_files(known))
         return _reported(state, commanded, sensitivity, bootstrap, each)
@@ -161,9 +164,13 @@ def identify(
     with ExitStack() as stack:
         every = stack.enter_context(many_logs(known, unknown, progress))
         state, sample = of_first_usable(
-            spread_over(every), lambda texts: fitting(named_logs.log_files(texts)), stack
+            spread_over(every),
+            lambda texts: fitting(named_logs.log_files(sorted(texts, key=natural))),
+            stack,
+            blame_first=False,
         )
-        found, notes, doubts = of_all_logs(every, state.found, sample, cluster, progress)
+        given = every, state.found, sample, state.unseen
+        found, notes, doubts = of_all_logs(*given, cluster, progress)
         state = replace(state, found=found, assumed=(*state.assumed, *notes), doubts=doubts)
         return _reported(state, commanded)
 

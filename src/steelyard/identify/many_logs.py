@@ -22,6 +22,7 @@ from steelyard.estimate.changes_from_model import LocalParameters
 from steelyard.estimate.estimator_register import method_of
 from steelyard.estimate.information.gather import MOST_WINDOWS
 from steelyard.estimate.information.information import Information
+from steelyard.estimate.information.part_information import PartSummary
 from steelyard.estimate.logs_left_out import LeftOut, logs_left_out
 from steelyard.identify.fit import Fit
 from steelyard.identify.remembered_parts import (
@@ -30,15 +31,18 @@ from steelyard.identify.remembered_parts import (
     RememberedParts,
     with_reading_of,
 )
+from steelyard.identify.repeated_motion_and_validation_split import repeat_of
 from steelyard.logs.log_parts import LogPart, middle_of, pieces_of, whole_logs
 from steelyard.logs.remembered_work import RememberedWork, remembered_work
 from steelyard.report.words import count
 from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
+from steelyard.runs.run import MotionSamples, Run
 from steelyard.runs.runs_of_named_logs import LogArgument, names_of_parts, sha256
 
 WINDOWS_OF_PART = 4  # windows that the sums of a part keep, for the correlation of residuals
+MOST_MOTIONS = 500  # parts of which a model keeps samples
 MOST_NAMED = 3  # logs that a note names
-MANY_LEFT_OUT = 0.1  # share of the logs that move from which on the result is doubtful
+MANY_LEFT_OUT = 0.1  # share of the logs, but those at rest, from which on the result is doubtful
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,6 +51,7 @@ class ManyLogs:
 
     of: DigestedParts
     memory: RememberedWork
+    copies: tuple[str, ...] = ()  # logs with the bytes of another one, and of which
 
 
 def refuse_beside_workers(loaded: LoadedRobot, **asked: object) -> None:
@@ -61,7 +66,7 @@ def refuse_beside_workers(loaded: LoadedRobot, **asked: object) -> None:
     idle = [name for name, value in asked.items() if value]
     if idle:
         raise DataError(
-            f"{' and '.join(idle)} needs whole runs, and workers give sums of products",
+            f"whole runs are needed for {' and '.join(idle)}, and workers give sums of products",
             where="cluster (--cluster)",
             fix=f"leave out {' and '.join(f'--{name}' for name in idle)}, or the cluster",
         )
@@ -72,9 +77,9 @@ def many_logs(
     logs: Sequence[str], unseen: Sequence[LogArgument], progress: Progress
 ) -> Iterator[ManyLogs]:
     """The parts of all logs; a `DataError` where one is also among those that are `unseen`."""
-    parts = [piece for log in whole_logs(logs) for piece in pieces_of(log)]
+    every = [piece for log in whole_logs(logs) for piece in pieces_of(log)]
     with remembered_work(None) as memory:
-        of = DigestedParts.of(parts, memory, progress)
+        of, copies = DigestedParts.of(every, memory, progress).without_copies()
         hashes = dict(zip(of.digests, of.parts, strict=True))
         for log in unseen:
             if (twice := hashes.get(sha256(log.path))) is not None:
@@ -83,7 +88,7 @@ def many_logs(
                     where=f"{log.text} and {twice.where}",
                     fix="validate with logs that are not among those that are fitted",
                 )
-        yield ManyLogs(of, memory)
+        yield ManyLogs(of, memory, copies)
 
 
 def spread_over(logs: ManyLogs) -> list[LogPart]:
@@ -101,9 +106,17 @@ def spread_over(logs: ManyLogs) -> list[LogPart]:
 
 
 def of_all_logs(
-    logs: ManyLogs, found: Fit, sample: Sequence[str], cluster: str, progress: Progress
+    logs: ManyLogs,
+    found: Fit,
+    sample: Sequence[str],
+    unseen: Sequence[Run],
+    cluster: str,
+    progress: Progress,
 ) -> tuple[Fit, tuple[str, ...], tuple[Finding, ...]]:
-    """The fit with the parameters of all logs; notes, and doubts about logs that do not count."""
+    """The fit with the parameters of all logs; notes, and doubts about logs that do not count.
+
+    A `DataError` where none counts, or where an `unseen` run has rows of one of them.
+    """
     own = with_reading_of(found.identified, sample[0])
     parts = RememberedParts.with_model(logs.of, own, logs.memory, windows=WINDOWS_OF_PART)
     parts.make(parts.missing(), cluster, 1, progress)
@@ -115,17 +128,30 @@ def of_all_logs(
         equations.append(None if information is None else local.equations(information))
     out = logs_left_out(parts.parts, logs.of.digests, summaries, equations, local)
     used = [number for number in range(len(parts.parts)) if number not in out]
+    if not used:
+        first = out[min(out)]
+        raise DataError(f"no log can be used: {first.wrong}", where=first.log, fix=first.fix)
     names = names_of_parts(parts.parts)
+    motions = _motions(used, names, summaries)
+    for run in unseen:
+        repeat = repeat_of(motions, run)
+        if repeat is not None and repeat.same:
+            raise DataError(
+                f"this log is both fitted and validated: it {repeat.words}",
+                where=run.name,
+                fix="validate with logs that are not among those that are fitted",
+            )
     total = added_up(parts, used, names)
     estimate = found.fitted.estimating(found.fitted.runs, total)(total)
     samples = sum(summaries[number].samples for number in used)
     notes = (
         f"parameters of {_logs(parts, used)} ({samples} samples), whose sums workers made; "
-        "cut-offs, laws, gains, checks, bands and "
+        "cut-offs, laws, gains, zeros, checks, bands and "
         f"errors of fitted logs are those of {count(len(sample), 'log')}: "
         + ", ".join(run.name for run in found.fitted.runs),
         _errors(parts, used, names, estimate.parameters.values),
         *(f"left out: {one.log}: {one.wrong}" for one in out.values()),
+        *(f"left out: {copy}" for copy in logs.copies),
     )
     origin, runs = found.identified.provenance, tuple(names[number] for number in used)
     inputs = {k: x for k, x in origin.inputs.items() if not k.startswith("identification ")}
@@ -138,15 +164,33 @@ def of_all_logs(
         found.identified,
         estimate=estimate,
         reference=(found.beside(total),),
+        motions=motions,
         provenance=replace(origin, inputs=inputs, runs=runs, notes=(*origin.notes, *notes)),
     )
     fitted = found.fitted._replace(estimate=estimate)
     whole = replace(found, identified=identified, fitted=fitted, unscaled=None)
-    return whole, _first(notes), _doubts(out, len(parts.parts))
+    said = f"errors of fitted runs are those of {len(sample)} of {_logs(parts, used)}"
+    of_sample = Finding.ok(said, headline=True).by("many logs")
+    return whole, _first(notes), (of_sample, *_doubts(out, len(parts.parts)))
+
+
+def _motions(
+    used: Sequence[int], names: Sequence[str], summaries: Sequence[PartSummary]
+) -> tuple[MotionSamples, ...]:
+    """Samples of parts, by which the model knows what it was fitted to; of very many, of some."""
+    some = used[:: -(-len(used) // MOST_MOTIONS)]
+    each = ((names[number], summaries[number].motion) for number in some)
+    return tuple(
+        MotionSamples.from_dict({**motion, "run": name}) for name, motion in each if motion
+    )
 
 
 def added_up(parts: RememberedParts, used: Sequence[int], names: Sequence[str]) -> Information:
-    """The sums of some parts, in their order, in `MOST_WINDOWS` windows at most."""
+    """The sums of some parts, in their order, in `MOST_WINDOWS` windows at most.
+
+    Efforts are in the units of the joints.
+    """
+    gains, units = parts.reference.signals.gains, parts.reference.model.robot.effort_units
     size, groups = -(-len(used) // MOST_WINDOWS), list[Information]()
     apart = len(used) * WINDOWS_OF_PART <= MOST_WINDOWS
     for first in range(0, len(used), size):
@@ -155,7 +199,7 @@ def added_up(parts: RememberedParts, used: Sequence[int], names: Sequence[str]) 
             one = parts.read(number)[1]
             assert one is not None  # those that are used have sums
             windows = tuple(replace(window, run=names[number]) for window in one.windows)
-            group.append(replace(one, windows=windows))
+            group.append(replace(one, windows=windows).scaled(gains, units))
         whole = reduce(add, group)
         groups.append(whole if apart else whole.grouped([range(len(whole.windows))]))
     return reduce(add, groups)
@@ -171,10 +215,12 @@ def _errors(
     parts: RememberedParts, used: Sequence[int], names: Sequence[str], values: Array
 ) -> str:
     """How far efforts are from the model in all logs, also those that no score is of."""
+    gains, units = parts.reference.signals.gains, parts.reference.model.robot.effort_units
     errors = list[float]()
     for number in used:
         one = parts.read(number)[1]
         assert one is not None
+        one = one.scaled(gains, units)
         squares = one.residual_squares(values).sum() / max(one.effort_squares().sum(), 1e-300)
         errors.append(100.0 * float(np.sqrt(squares)))
     worst = sorted(range(len(used)), key=lambda k: -errors[k])[:MOST_NAMED]
@@ -194,12 +240,12 @@ def _first(notes: Sequence[str]) -> tuple[str, ...]:
 
 
 def _doubts(out: dict[int, LeftOut], parts: int) -> tuple[Finding, ...]:
-    """That many logs that move do not count."""
+    """That many logs do not count, those at rest aside."""
     wrong = [one for one in out.values() if not one.at_rest]
-    moving = parts - (len(out) - len(wrong))
-    if len(wrong) <= MANY_LEFT_OUT * moving:
+    others = parts - (len(out) - len(wrong))
+    if len(wrong) <= MANY_LEFT_OUT * others:
         return ()
-    says = f"{len(wrong)} of {count(moving, 'part')} of the logs that move are left out, as "
+    says = f"{len(wrong)} of {count(others, 'part')} of the logs are left out, as "
     first = wrong[0]
     says += f"{first.log}: {first.wrong}"
     return (Finding("logs left out", "", Severity.DOUBTFUL, says, ""),)

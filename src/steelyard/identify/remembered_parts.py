@@ -1,5 +1,6 @@
 """Parts of many logs, their sums of products, made by workers and remembered, and a first model."""
 
+import re
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
@@ -61,6 +62,19 @@ class DigestedParts:
         if len(unread) == len(parts):
             raise unread[0]
         return cls(tuple(parts), tuple(digests), unread)
+
+    def without_copies(self) -> tuple["DigestedParts", tuple[str, ...]]:
+        """The parts without those that have the bytes of one before them, and which these are."""
+        seen, kept, copies = dict[object, int](), list[int](), list[str]()
+        for number, (part, digest) in enumerate(zip(self.parts, self.digests, strict=True)):
+            before = seen.setdefault((digest, part.rows), number)
+            if before == number:
+                kept.append(number)
+            else:
+                copies.append(f"{part.where}: it has the same bytes as {self.parts[before].where}")
+        unread = {k: self.unread[number] for k, number in enumerate(kept) if number in self.unread}
+        parts, digests = (self.parts[k] for k in kept), (self.digests[k] for k in kept)
+        return DigestedParts(tuple(parts), tuple(digests), unread), tuple(copies)
 
     @property
     def readable(self) -> list[int]:
@@ -146,12 +160,17 @@ def about(**what: Any) -> dict[str, Any]:
 
 
 def of_first_usable(
-    parts: Sequence[LogPart], attempt: Callable[[list[str]], Found], stack: ExitStack
+    parts: Sequence[LogPart],
+    attempt: Callable[[list[str]], Found],
+    stack: ExitStack,
+    *,
+    blame_first: bool = True,
 ) -> tuple[Found, list[str]]:
     """What comes of the first `SAMPLE` of some logs that can be used together, and their texts.
 
-    `attempt` takes the logs as texts and refuses with a `SteelyardError`; the logs that it names,
-    or else the first one, are then left out. Copies of URLs stay as long as the `stack`.
+    `attempt` takes the logs as texts and refuses with a `SteelyardError`; the logs that it names
+    are then left out. Where it names none of them, that is the first one, or with `blame_first`
+    false an error of something else, which is raised. Copies of URLs stay as long as the `stack`.
     """
     left, refused, places = list(parts), list[SteelyardError](), dict[str, Path]()
     while left:
@@ -167,18 +186,22 @@ def of_first_usable(
             refused.append(error)
             named = zip(now, texts, strict=False)  # the last one may not have been copied
             bad = [part for part, text in named if _names(error, text)]
+            if not bad and len(texts) == len(now) and not blame_first:
+                raise
             left = [part for part in left if part not in (bad or now[:1])]
     if len(parts) == 1:
         raise refused[0]
     raise LogError(
-        f"none of {len(parts)} logs can be identified: {refused[0].wrong}",
+        f"no few of {len(parts)} logs can be identified together, first: {refused[0].wrong}",
         where=parts[0].where,
         fix="see `steelyard check` with such a log: it names what to correct in the robot file",
     )
 
 
 def _names(error: SteelyardError, text: str) -> bool:
-    return text in error.where or Path(text).stem in f"{error.where} {error.wrong}".split()
+    name = re.escape(Path(text).stem)
+    named = re.compile(rf"(?<![\w.]){name}(?!\w|\.\d)")
+    return text in error.where or named.search(f"{error.where} {error.wrong}") is not None
 
 
 def with_reading_of(model: IdentifiedModel, log: str) -> IdentifiedModel:

@@ -4,6 +4,7 @@ Paths are read without any package; URLs such as `s3://bucket/logs` through fssp
 credentials that its back ends find by themselves (environment, profiles, roles).
 """
 
+import os
 import re
 import tempfile
 from collections.abc import Iterator
@@ -99,12 +100,13 @@ def _before_pattern(parts: tuple[str, ...]) -> Iterator[str]:
 
 def _local(path: Path) -> StoredFile:
     """The file, wherever work on it is done; a link to nothing has no bytes."""
+    whole = os.path.abspath(path)  # without "..", but links stay what they are called
     try:
         state = path.stat()
     except OSError:
-        return StoredFile(str(path.absolute()), 0, "")
+        return StoredFile(whole, 0, "")
     stamp = f"{state.st_mtime_ns} {state.st_ctime_ns} {state.st_ino}"
-    return StoredFile(str(path.absolute()), state.st_size, stamp)
+    return StoredFile(whole, state.st_size, stamp)
 
 
 def _remote_files(argument: str) -> list[StoredFile]:

@@ -376,6 +376,22 @@ def samples_of_rows(name: str, rows: MotionRows, count: int = MOST_MOTION_SAMPLE
     )
 
 
+def spread_samples(run: Run) -> MotionSamples:
+    """About `LEAST_MOTION_SAMPLES` samples of a run, on its uniform clock, without another pass."""
+    stride, offset, kept = max(run.n_samples // LEAST_MOTION_SAMPLES, 1), 0, list[Block]()
+    for block in run.blocks():
+        at = np.arange(offset, len(block.t), stride)
+        offset = int(at[-1]) + stride - len(block.t) if len(at) else offset - len(block.t)
+        at = at[block.moving[:, at].any(axis=0)]
+        kept += [block.part(k, k + 1) for k in at.tolist()]
+    t = np.array([one.t[0] for one in kept])
+    q, effort = (
+        np.reshape([getattr(one, name)[:, 0] for one in kept], (len(kept), -1))
+        for name in ("q", "effort")
+    )
+    return MotionSamples(run.name, stride / run.rate, frozen(t), frozen(q), frozen(effort))
+
+
 @dataclass(frozen=True)
 class OpenStretch:
     """Consecutive samples at which a loop cannot close, from first to last [s].

@@ -255,7 +255,13 @@ def distinct(runs: Sequence[Run]) -> tuple[Run, ...]:
 def distinct_names(logs: Sequence[tuple[str, Path]]) -> list[str]:
     """Names of logs at these paths, with as many folders before them as makes them distinct."""
     names = [name for name, _ in logs]
-    folders = [path.resolve().parts[-2::-1] for _, path in logs]
+    folders = [path.resolve().parts[-2:0:-1] for _, path in logs]
+    # logs of one folder that differ in their suffix alone
+    places = list(zip(names, folders, strict=True))
+    names = [
+        f"{name}{path.suffix}" if places.count(place) > 1 else name
+        for (name, path), place in zip(logs, places, strict=True)
+    ]
     for depth in range(max((len(parts) for parts in folders), default=0)):
         alike = [names.count(name) > 1 for name in names]
         names = [

@@ -21,10 +21,10 @@ from steelyard.logs.formats import open_log
 from steelyard.logs.log_and_errors import Cut
 from steelyard.logs.log_parts import LogPart
 from steelyard.runs.prepare import prepare
-from steelyard.runs.run import Run
+from steelyard.runs.run import Run, spread_samples
 from steelyard.runs.runs_of_named_logs import LogArgument, recording_of
 
-FORMAT = 6  # raised whenever bytes of the same part would mean something else
+FORMAT = 7  # raised whenever bytes of the same part would mean something else
 
 
 @dataclass(frozen=True)
@@ -51,6 +51,7 @@ class PartSummary:
     samples: int = 0
     temperature: tuple[float, ...] = ()
     fastest: tuple[float, ...] = ()  # greatest speed of each joint
+    motion: dict[str, Any] | None = None  # some samples, by which repetitions are recognised
     seconds: float = 0.0  # that the part took
 
 
@@ -110,6 +111,7 @@ def _summary(run: Run, temperature: tuple[float, ...]) -> PartSummary:
         samples=sum(segment.samples for segment in run.segments),
         temperature=temperature,
         fastest=tuple(np.asarray(run.quality.max_speed).tolist()),
+        motion=None if resting else spread_samples(run).to_dict(),
     )
 
 
