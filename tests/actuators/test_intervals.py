@@ -258,10 +258,19 @@ def test_a_stiffness_that_nothing_shows_is_like_the_others(place: Path) -> None:
 )
 def test_about_a_quarter_of_the_motion_is_left_out(lengths: list[float], whole: bool) -> None:
     windows = windows_of([run_of(f"log{k}", x) for k, x in enumerate(lengths)], 4.0)
-    fitted, left = split(windows)
+    fitted, left = split(windows, np.ones((len(windows), 2)))
     assert 0.15 < len(left) / len(windows) < 0.35
     shared = {w.run.name for w in fitted} & {w.run.name for w in left}
     assert (not shared) is whole
+
+
+def test_what_few_windows_show_is_fitted_and_left_out() -> None:
+    windows = windows_of([run_of("log", 80.0)], 4.0)
+    misfit = np.ones((len(windows), 2))
+    misfit[[3, 8], 0] = misfit[[4, 5], 1] = 9.0
+    _, left = split(windows, misfit)
+    out = {k for k, w in enumerate(windows) if w in left}
+    assert len(out & {3, 8}) == len(out & {4, 5}) == 1
 
 
 def test_a_part_is_tried_again_beside_one_that_was_added(tmp_path: Path) -> None:

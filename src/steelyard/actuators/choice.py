@@ -1,6 +1,7 @@
 """Which parts the actuator law needs, by motion that is left out of the fit."""
 
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections import defaultdict
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -48,8 +49,10 @@ HOPELESS = 2.0  # times the least error, from which on a part, or a lower limit,
 LIMITS = 14  # torque limits that are tried, from the largest torque of a controller to its median
 SLOW_RATE, FIRST_RATE = 0.1, 1.0
 """Of an integral gain over the stiffness [1/s]: below all that are of use, and where it begins."""
-SHARED_DAMPING, FAST = 0.1, 0.9
-"""Share of the damping that acts beside the torque limit at first; of all rows that are slower."""
+NONE, SHARES, FAST = (0.0,), (0.1, 0.25, 0.5), 0.9
+"""Shares of the damping that are tried beside a torque limit; of all rows that are slower."""
+NEAR_SHARES, NEAR_LIMITS = (1.0, 0.7, 1.4), np.linspace(-1.5, 1.5, 7)
+"""Factors on the best share, and steps of limits about the best one, that are tried then."""
 REACH, LARGEST = 0.8, 0.9995  # of the largest torque: where a limit is tried first; of all rows
 
 
@@ -101,8 +104,12 @@ class Search:
         return Task.of(self.step, windows, free, self.centre, self.known, self.h, self.threads)
 
 
-def split(windows: Sequence[Window]) -> tuple[list[Window], list[Window]]:
-    """Windows that are fitted, and those left out: whole logs, or stretches of each of a few."""
+def split(windows: Sequence[Window], misfit: Array) -> tuple[list[Window], list[Window]]:
+    """Windows that are fitted, and those left out: whole logs, or stretches of a few.
+
+    Of the stretches that fit a joint worst by `misfit`, `(W, n)`, both have some: what a law lacks,
+    such as a torque limit, may be seen in few of them.
+    """
     seconds: dict[str, float] = {}
     for w in windows:
         seconds[w.run.name] = seconds.get(w.run.name, 0.0) + float(w.t[-1] - w.t[0])
@@ -117,12 +124,17 @@ def split(windows: Sequence[Window]) -> tuple[list[Window], list[Window]]:
         for w in windows:
             (left if w.run.name in whole else fitted).append(w)
         return fitted, left
-    for number, name in enumerate(names):
-        mine = [w for w in windows if w.run.name == name]
+    blocks: defaultdict[int, list[tuple[float, list[Window]]]] = defaultdict(list)
+    for name in names:
+        mine = [k for k, w in enumerate(windows) if w.run.name == name]
         block = 3 if len(mine) >= 6 * LEFT_OUT else 1
-        for k, window in enumerate(mine):
-            out = (k // block + number) % LEFT_OUT == LEFT_OUT - 1
-            (left if out else fitted).append(window)
+        for at in range(0, len(mine), block):
+            some = mine[at : at + block]
+            worst = misfit[some].max(axis=0)
+            blocks[int(worst.argmax())].append((float(worst.max()), [windows[k] for k in some]))
+    for alike in blocks.values():
+        for k, (_, stretch) in enumerate(sorted(alike, key=lambda one: -one[0])):
+            (left if k % LEFT_OUT == 1 else fitted).extend(stretch)
     if not left and len(fitted) > 1:
         left = [fitted.pop()]
     return fitted, left
@@ -166,7 +178,7 @@ def first_values(values: ActuatorValues, windows: Sequence[Window]) -> dict[str,
         "load_friction": 0.05,
         "torque_limit": REACH * torque_of_rows(windows, values, (LARGEST,))[0],
         "integral": FIRST_RATE * values["stiffness"],
-        "back_emf": SHARED_DAMPING * values["damping"],
+        "back_emf": SHARES[0] * values["damping"],
         "dead_band": 0.2 * values["coulomb"] / values["stiffness"] + 1e-4,
     }
 
@@ -241,8 +253,10 @@ class _Choice:
         cls, search: Search, start: ActuatorValues, stated: Mapping[str, Array], given: set[str]
     ) -> "_Choice":
         """The usual law, with what the user states."""
-        fitted, left = split(search.windows)
-        begin = with_stated(search, start, stated, fitted)
+        begin = with_stated(search, start, stated, search.windows)
+        found = left_out(search, begin, search.windows)
+        misfit = np.array([np.sqrt(np.mean(r**2, axis=0)) for r in found]) / scales(found)
+        fitted, left = split(search.windows, misfit)
         every = (*ALWAYS, *USUAL, *POSSIBLE, *ASKED)
         parts = tuple(p for p in every if p in given or p in (*ALWAYS, *USUAL))
         parts = tuple(p for p in parts if p != "delay" or "delays" not in given)
@@ -290,13 +304,13 @@ class _Choice:
             search = replace(search, joints={**search.joints, **own})
             return search, parts, with_part(search, now, part, fitted)
         known = LIMIT in self.parts
-        share = SHARED_DAMPING if part == "back_emf" else 0.0
-        starts = [_with_back_emf(search, now, fitted, share)] if known else []
+        shares = SHARES if part == "back_emf" else NONE
+        starts = [_with_back_emf(search, now, fitted, shares[0])] if known else []
         if not known or any(r.tried == "+ torque_limit" and r.kept for r in self.rungs):
             # limits that fall with speed from the start may lie elsewhere than those that do not
             every = {**search.joints, LIMIT: search.joints.get("back_emf", range(now.n))}
             wide = replace(search, joints=every if known else search.joints)
-            starts += [limited(wide, without(now, LIMIT), fitted, share)]
+            starts += [limited(wide, without(now, LIMIT), fitted, shares)]
         first, joints = min(starts, key=lambda one: size(left_out(search, one[0], fitted)))
         own = {part: joints} if len(starts) == 1 and known else {part: joints, LIMIT: joints}
         parts = parts if known or part == LIMIT else (*parts, LIMIT)
@@ -362,32 +376,51 @@ def chosen(
 
 
 def limited(
-    search: Search, values: ActuatorValues, windows: Sequence[Window], share: float = 0.0
+    search: Search,
+    values: ActuatorValues,
+    windows: Sequence[Window],
+    shares: Sequence[float] = NONE,
 ) -> tuple[ActuatorValues, list[int]]:
     """Values with torque limits where one lowers the error of fitted motion, and these joints.
 
-    At these a `share` of the damping acts beside the limit.
+    At these one of the `shares` of the damping acts beside the limit: fast motion has less torque.
     """
-    best, joints = size(left_out(search, values, windows)), list[int]()
+    best, joints = (size(left_out(search, values, windows)), values), list[int]()
     largest, usual = torque_of_rows(windows, values, (LARGEST, 0.5))
     for j in search.joints.get("torque_limit", range(search.step.n)):
-        grid = np.geomspace(largest[j], usual[j], LIMITS).tolist()
-        between = float(np.sqrt(grid[0] / grid[1]))
-        while grid:
-            limit = grid.pop(0)
-            tried = _with_limit(values, j, limit, share * (j not in joints))
-            error = size(left_out(search, tried, windows))
-            if error > HOPELESS * best:
-                grid = []
-            if error < best * (1.0 - LEAST_LOSS):
-                values, best = tried, error
-                joints += [j] * (j not in joints)
-        if j in joints:  # between those that were tried
-            for limit in (values["torque_limit"][j] * between**side for side in (1.0, -1.0)):
-                tried = _with_limit(values, j, limit, 0.0)
-                error = size(left_out(search, tried, windows))
-                values, best = (tried, error) if error < best else (values, best)
-    return values, joints
+        before, limits = best[1], np.geomspace(largest[j], usual[j], LIMITS)
+        best = _least(search, windows, best, _limits(before, j, limits, shares))
+        if best[1] is not before:
+            joints.append(j)
+            share = (best[1]["back_emf"] - before["back_emf"])[j] / before["damping"][j]
+            near = best[1]["torque_limit"][j] * (limits[1] / limits[0]) ** NEAR_LIMITS
+            finer = _limits(before, j, near, [share * x for x in NEAR_SHARES][: len(shares)])
+            best = _least(search, windows, best, finer)
+    return best[1], joints
+
+
+def _limits(
+    values: ActuatorValues, j: int, limits: Array, shares: Sequence[float]
+) -> Iterator[Iterator[ActuatorValues]]:
+    """Values with these limits of a joint, by share of the damping."""
+    for share in shares:
+        yield (_with_limit(values, j, limit, share) for limit in limits.tolist())
+
+
+def _least(
+    search: Search,
+    windows: Sequence[Window],
+    best: tuple[float, ActuatorValues],
+    rows: Iterable[Iterable[ActuatorValues]],
+) -> tuple[float, ActuatorValues]:
+    """The least error, of `best` or of rows that end where they are hopeless, and its values."""
+    for row in rows:
+        for values in row:
+            error = size(left_out(search, values, windows))
+            if error > HOPELESS * best[0]:
+                break
+            best = (error, values) if error < best[0] * (1.0 - LEAST_LOSS) else best
+    return best
 
 
 def _with_limit(values: ActuatorValues, j: int, limit: float, share: float) -> ActuatorValues:

@@ -20,7 +20,7 @@ from steelyard.actuators.actuators_page import (
     ActuatorValidation,
 )
 from steelyard.actuators.assumed_scales import like_the_others, scaled, with_assumed_scales
-from steelyard.actuators.choice import ALWAYS, USUAL, WIDE, Search, chosen, limited
+from steelyard.actuators.choice import ALWAYS, NONE, SHARES, USUAL, WIDE, Search, chosen, limited
 from steelyard.actuators.fit import Fitted, fit
 from steelyard.actuators.halves import halves_apart, widened
 from steelyard.actuators.logged_efforts import (
@@ -215,11 +215,14 @@ def _limits_of_all(
     """With torque limits of further joints, that motion reaches on which no law was tried."""
     if "torque_limit" not in parts or "torque_limit" in stated_values(job.file):
         return fitted, search
-    known = search.joints["torque_limit"]
+    known, falls = search.joints["torque_limit"], "back_emf" in parts
+    falls &= "back_emf" not in stated_values(job.file)
     rest = {"torque_limit": [j for j in moving_joints(job) if j not in known]}
     there = replace(search, h=STEP, joints={**search.joints, **rest})
-    values, more = limited(there, fitted.values, search.windows)
-    joints = {**search.joints, "torque_limit": sorted([*known, *more])}
+    values, more = limited(there, fitted.values, search.windows, SHARES if falls else NONE)
+    for name in ("torque_limit", *["back_emf"] * falls):
+        rest[name] = sorted({*search.joints[name], *more})
+    joints = {**search.joints, **rest}
     return replace(fitted, values=values), replace(search, joints=joints)
 
 
