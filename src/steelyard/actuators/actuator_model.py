@@ -260,9 +260,11 @@ class ActuatorModel:
         return tuple(found)
 
     def _interval(self, at: int, value: float) -> tuple[float, float]:
-        half = Z95 * float(np.sqrt(self.covariance[at, at]))
-        if self.free[at].kind.positive:
-            return value * float(np.exp(-half)), value * float(np.exp(half))
+        half, kind = Z95 * float(np.sqrt(self.covariance[at, at])), self.free[at].kind
+        if kind.positive:
+            # what an actuator may lack is zero, which no logarithm reaches
+            least = max(1.0 - half, 0.0) if kind.default == 0.0 else float(np.exp(-half))
+            return value * least, value * float(np.exp(half))
         low = value - half
         return (max(low, 0.0) if self.free[at].name == "delay" else low), value + half
 

@@ -17,6 +17,7 @@ $$ \tfrac{B - 1}{B} \sum_b (d_b - \bar d) (d_b - \bar d)^T + A^{-1} P A^{-1}, $$
 
 the first part widened as Student's distribution asks of as many motions as tell the parameter.
 Steps of rollouts have an error too: a share of by how much finer ones move the values is added.
+So few motions may agree by chance: no standard deviation is less than that of $A^{-1}$.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -272,7 +273,10 @@ def _covariance(
     step = STEP_ERROR / repeated * (inverse @ np.sum([finer for _, _, finer in told], axis=0))
     scatter = moves.T @ moves if count > 1 else np.diag(task.spread**2)
     covariance = scatter + inverse @ prior @ inverse + np.outer(step, step)
-    return frozen(covariance), frozen(scatter), frozen(np.sqrt(np.diag(inverse)))
+    least = np.sqrt(np.diag(inverse))
+    more = np.maximum(1.0, least / np.sqrt(np.diag(covariance)))
+    covariance *= np.outer(more, more)
+    return frozen(covariance), frozen(scatter), frozen(least)
 
 
 def motions(windows: Sequence[Window]) -> NDArray[np.int_]:
