@@ -54,6 +54,7 @@ from steelyard.symbolic.native.compiled_programs import TILE_COLUMNS, TILE_ROWS 
 sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
 from controller_code import controller_code  # noqa: E402
 from design import designs  # noqa: E402
+from floating_base import floating_rows  # noqa: E402
 from observer import observer_rows  # noqa: E402
 from quantities import quantities  # noqa: E402
 from robots import limbs, seven_joints  # noqa: E402
@@ -356,6 +357,7 @@ def main() -> int:
         *controller_code(best, found.model),
         *observer_rows(best, found.model, shutil.which("gcc")),
         *regressor_rows(found),
+        *floating_rows(best),
         *solution_rows(found, 5_000),
         *solution_rows(found, 100_000),
         *accuracy_rows(found),

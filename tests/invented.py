@@ -2,6 +2,7 @@
 
 import os
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +13,7 @@ from steelyard.robot.file.sections import DHRow
 from steelyard.robot.inertia_and_placement import Inertia
 from steelyard.robot.models.denavit_hartenberg import dh_mechanism
 from steelyard.robot.models.xml_and_urdf import read_urdf
-from steelyard.robot.robot import Body, Coordinate, Robot
+from steelyard.robot.robot import BASE_COORDINATES, Body, Coordinate, Robot
 from steelyard.robot.robot_from_mechanism import reduced
 
 
@@ -68,6 +69,25 @@ def dh_arm() -> Robot:
         )
     ]
     return reduced(dh_mechanism(rows, "modified", "dh arm"))[0]
+
+
+def floating(robot: Robot, seed: int = 7) -> Robot:
+    """The same robot on a base that floats."""
+    base = Body(
+        "pelvis", "floating", "floating", -1, np.eye(3), np.zeros(3), [0.0, 0.0, 1.0], 0,
+        inertia=ball(seed), known=True,
+    )  # fmt: skip
+    n = len(BASE_COORDINATES)
+    return robot.changed(
+        bodies=(
+            base,
+            *(replace(b, parent=b.parent + 1, coordinate=b.coordinate + n) for b in robot.bodies),
+        ),
+        coordinates=(*BASE_COORDINATES, *robot.coordinates),
+        frames=tuple(replace(f, body=f.body + 1) for f in robot.frames),
+        loops=tuple(replace(x, bodies=(x.bodies[0] + 1, x.bodies[1] + 1)) for x in robot.loops),
+        assembly=np.concatenate([np.zeros(n), robot.assembly]),
+    )
 
 
 URDF = """<robot name="mimic">

@@ -10,8 +10,9 @@ from steelyard.robot.robot import Body, Robot
 def pinocchio_model(robot: Robot) -> pin.Model:
     """One Pinocchio joint per body, in the bodies' order; gravity is the robot's.
 
-    Joint `k + 1` carries body `k`; its velocity index is `k`. Mimic bodies are joints of their
-    own here: `body_positions` and `body_map` lead from coordinates to them.
+    Joint `k + 1` carries body `k`; its velocity index is `k`, or `k + 5` behind a floating base.
+    Mimic bodies are joints of their own here: `body_positions` and `body_map` lead from coordinates
+    to them; of a floating robot `body_map` has the base's coordinates first, unchanged.
     """
     model = pin.Model()
     model.name = robot.name
@@ -25,10 +26,28 @@ def pinocchio_model(robot: Robot) -> pin.Model:
 
 def body_map(robot: Robot) -> Array:
     """Joint position of each body per coordinate, shape `(n_bodies, n)`."""
-    matrix = np.zeros((len(robot.bodies), robot.n))
-    for k, body in enumerate(robot.bodies):
+    n, hinges = robot.n_base, robot.bodies[1 if robot.floating else 0 :]
+    matrix = np.zeros((n + len(hinges), robot.n))
+    matrix[:n, :n] = np.eye(n)
+    for k, body in enumerate(hinges, start=n):
         matrix[k, body.coordinate] = body.ratio
     return matrix
+
+
+def floating_state(
+    robot: Robot, turn: Array, q: Array, dq: Array, ddq: Array
+) -> tuple[Array, Array, Array]:
+    """What Pinocchio has for a state of a floating robot, its axes `(3, 3)` being `turn`.
+
+    Its acceleration of the base is the spatial one, without gravity: from the proper one
+    `a = classical - g`, `classical - omega x v`.
+    """
+    s, hinges = body_map(robot), robot.bodies[1:]
+    offsets = [body.offset for body in hinges]
+    at = np.concatenate([[1.0, 2.0, 3.0], pin.Quaternion(turn).coeffs(), (s @ q)[6:] + offsets])
+    speed, acceleration = s @ dq, s @ ddq
+    acceleration[:3] += turn.T @ robot.gravity - np.cross(dq[3:6], dq[:3])
+    return at, speed, acceleration
 
 
 def body_positions(robot: Robot, q: Array) -> Array:
@@ -52,6 +71,8 @@ def pinocchio_regressor(robot: Robot, q: Array, dq: Array, ddq: Array) -> Array:
 
 def _joint_model(body: Body) -> pin.JointModel:
     axis = np.array(body.axis)
+    if body.kind == "floating":
+        return pin.JointModelFreeFlyer()
     if body.kind == "prismatic":
         return pin.JointModelPrismaticUnaligned(axis)
     return pin.JointModelRevoluteUnaligned(axis)

@@ -8,7 +8,9 @@ import pytest
 from oracles import pinocchio_torque
 from steelyard.base.errors import ModelError
 from steelyard.excite.design_problem_from_tables import build
+from steelyard.excite.excite import design_excitation
 from steelyard.excite.search.parallel_search import SearchBudget, task_of
+from steelyard.model.laws.laws_without_friction import RigidBody
 from steelyard.model.model import Model
 from steelyard.robot.file.robot_file import load_robot
 from steelyard.robot.init.draft_robot_file import assigned, drafted, proposed
@@ -67,6 +69,76 @@ def test_a_fixed_trunk_is_mujocos_trunk_at_rest(tmp_path: Path) -> None:
         mujoco.mj_inverse(model, data)
         assert np.allclose(pinocchio_torque(robot, q, dq, ddq), data.qfrc_inverse[6:10])
     assert np.allclose(robot.gravity, data.xmat[1].reshape(3, 3).T @ [0.0, 0.0, -9.81])
+
+
+def test_a_floating_trunk_is_mujocos_free_joint(tmp_path: Path) -> None:
+    path = written(tmp_path, trunk(leg("left") + leg("right")) + CUBE.format("cube"))
+    loaded = load_robot(robot_file(path, 'base = "floating"'))
+    robot = loaded.robot
+    assert robot.floating and robot.bodies[0].name == "trunk" and loaded.base == "floating"
+    assert robot.joint_names[6:] == ("left_hip", "left_knee", "right_hip", "right_knee")
+    assert loaded.notes == ("left out, as it is not part of the robot: cube",)
+    assert load_robot(path, base="floating").robot.joint_names == robot.joint_names
+    oracle = mujoco.MjModel.from_xml_path(str(path))
+    oracle.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
+    data, model = mujoco.MjData(oracle), Model(robot, (RigidBody(),)).prior
+    assert model is not None
+    rng, calf = np.random.default_rng(3), oracle.body("left_calf").id
+    for _ in range(4):
+        q, dq, ddq = rng.uniform(-1.0, 1.0, (3, robot.n))
+        wrench = rng.normal(size=6)
+        mujoco.mj_resetData(oracle, data)
+        quaternion = rng.normal(size=4)
+        data.qpos[3:7] = quaternion / np.linalg.norm(quaternion)
+        data.qpos[7:11] = q[6:]
+        mujoco.mj_kinematics(oracle, data)
+        turn = data.xmat[1].reshape(3, 3)
+        data.qvel[:10], data.qacc[:10] = dq, ddq
+        data.qacc[:3] = turn @ ddq[:3] + [0.0, 0.0, -9.81]
+        at, axes = model.pose(q, "left_calf")
+        foot = data.xmat[calf].reshape(3, 3)
+        np.testing.assert_allclose(turn @ axes, foot, atol=1e-12)
+        np.testing.assert_allclose(turn @ at + data.xpos[1], data.xpos[calf], atol=1e-12)
+        mujoco.mj_comPos(oracle, data)
+        mujoco.mj_inverse(oracle, data)
+        pushed = np.zeros(oracle.nv)
+        mujoco.mj_applyFT(
+            oracle, data, foot @ wrench[:3], foot @ wrench[3:], data.xpos[calf], calf, pushed
+        )
+        wanted = (data.qfrc_inverse - pushed)[:10]
+        wanted[:3] = turn.T @ wanted[:3]
+        along = np.concatenate([axes @ wrench[:3], axes @ wrench[3:]])
+        found = model.torque(q, dq, ddq) - model.jacobian(q, "left_calf").T @ along
+        np.testing.assert_allclose(found, wanted, rtol=1e-10, atol=1e-10)
+
+
+def test_a_floating_base_that_is_not_clear_is_refused(tmp_path: Path) -> None:
+    two = written(tmp_path, trunk(leg("left")) + trunk(leg("other"), "dog"))
+    with pytest.raises(ModelError, match="several robots float: trunk, dog") as caught:
+        load_robot(two, base="floating")
+    assert caught.value.fix == "leave one of them in the model file"
+    one = written(tmp_path, trunk(leg("left")).replace("left_hip", "base_rz"))
+    with pytest.raises(ModelError, match="'base_rz' has the name of a coordinate"):
+        load_robot(one, base="floating")
+    one = written(tmp_path, trunk(leg("left")))
+    with pytest.raises(ModelError, match="a mounting is given, and the base floats"):
+        load_robot(robot_file(one, 'base = "floating"\n[robot.mounting]\nroll = 3.0'))
+    with pytest.raises(ModelError, match="the design of a motion needs a robot whose base is at"):
+        design_excitation(load_robot(one, base="floating"))
+
+
+def test_a_link_may_be_called_floating(tmp_path: Path) -> None:
+    path = written(tmp_path, trunk(leg("left"), "floating"))
+    assert not load_robot(path, base="floating").robot.floating
+
+
+def test_gears_of_a_floating_robot_are_those_of_its_joints(tmp_path: Path) -> None:
+    path = written(tmp_path, trunk(leg("left")))
+    gears = "[robot.transmission]\nratios = [-50.0, 100.0]"
+    robot = load_robot(robot_file(path, f'base = "floating"\n{gears}')).robot
+    assert robot.transmission is not None
+    assert robot.transmission.motors[5:] == ("base_rz", "motor_1", "motor_2")
+    assert np.array_equal(np.diag(robot.transmission.matrix), [*[1.0] * 6, -50.0, 100.0])
 
 
 def test_what_is_assumed_and_left_out_is_reported(tmp_path: Path) -> None:
@@ -193,6 +265,16 @@ URDF = """
     <origin rpy="1.5707963267948966 0 0"/><axis xyz="0 0 1"/></joint>
   <joint name="j" type="continuous"><parent link="body"/><child link="arm"/></joint>
 </robot>"""
+
+
+@pytest.mark.parametrize("kind", ["floating", "fixed"])
+def test_the_root_of_a_urdf_floats(kind: str, tmp_path: Path) -> None:
+    path = tmp_path / "r.urdf"
+    path.write_text(URDF.format(kind))
+    robot = load_robot(path, base="floating").robot
+    assert robot.bodies[0].name == ("body" if kind == "floating" else "odom")
+    assert robot.joint_names[6:] == ("j",) and robot.bodies[0].inertia.mass == 5.0
+    assert np.allclose(robot.gravity, [0.0, 0.0, -9.81])
 
 
 @pytest.mark.parametrize("kind", ["floating", "planar"])

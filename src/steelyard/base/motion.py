@@ -17,6 +17,9 @@ from steelyard.base.errors import DataError
 class Motion:
     """Samples of joint position, velocity and acceleration.
 
+    Of a robot with a floating base, `Motion.floating` puts the motion of its base before that of
+    its joints.
+
     Attributes:
         t: Time, shape `(N,)` [s].
         q: Positions, shape `(N, n)` [rad; m for prismatic joints].
@@ -43,6 +46,56 @@ class Motion:
         set_fields(self, q=numbers("q", q, [(len(self.t), None)]))
         shapes = [self.q.shape]
         set_fields(self, dq=numbers("dq", dq, shapes), ddq=numbers("ddq", ddq, shapes))
+
+    @classmethod
+    def floating(
+        cls,
+        t: ArrayLike,
+        q: ArrayLike,
+        dq: ArrayLike,
+        ddq: ArrayLike,
+        *,
+        proper_acceleration: ArrayLike,
+        angular_velocity: ArrayLike,
+        angular_acceleration: ArrayLike,
+        velocity: ArrayLike | None = None,
+    ) -> "Motion":
+        """Samples of a robot with a floating base: its base before its joints.
+
+        Args:
+            t: Time, shape `(N,)` [s].
+            q: Positions of the joints, shape `(N, n)` [rad; m].
+            dq: Velocities, shape `(N, n)` [rad/s; m/s].
+            ddq: Accelerations, shape `(N, n)` [rad/s²; m/s²].
+            proper_acceleration: Of the base frame's origin, minus gravity, as an accelerometer
+                there measures it, shape `(N, 3)` [m/s²]; like all of the base, along its axes.
+            angular_velocity: Of the base, shape `(N, 3)` [rad/s].
+            angular_acceleration: Of the base, shape `(N, 3)` [rad/s²].
+            velocity: Of the base frame's origin, shape `(N, 3)` [m/s]; only the momentum depends
+                on it.
+
+        Raises:
+            DataError: An array has another shape, or holds what is no finite number.
+        """
+        times = numbers("t", t, [(None,)])
+        joints = {
+            name: numbers(name, x, [(len(times), None)])
+            for name, x in (("q", q), ("dq", dq), ("ddq", ddq))
+        }
+        still = np.zeros((len(times), 3))
+        base = {
+            "proper_acceleration": proper_acceleration,
+            "angular_velocity": angular_velocity,
+            "angular_acceleration": angular_acceleration,
+            "velocity": still if velocity is None else velocity,
+        }
+        given = {name: numbers(name, x, [(len(times), 3)]) for name, x in base.items()}
+        return cls(
+            times,
+            np.hstack([still, still, joints["q"]]),
+            np.hstack([given["velocity"], given["angular_velocity"], joints["dq"]]),
+            np.hstack([given["proper_acceleration"], given["angular_acceleration"], joints["ddq"]]),
+        )
 
     def __len__(self) -> int:
         return len(self.t)

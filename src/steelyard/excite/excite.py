@@ -44,6 +44,7 @@ from steelyard.report.result import Result
 from steelyard.robot.file.excitation_sections import changed_excitation
 from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
 from steelyard.robot.file.robot_file import load_robot
+from steelyard.robot.robot import refuse_floating
 
 _SAMPLES_PER_STEP = 64
 _RATE_FACTOR = 1.15
@@ -269,6 +270,7 @@ def design_task(
 ) -> DesignTask:
     """The design problem; arguments and errors are those of `design_excitation`."""
     loaded = load_robot(robot, base=fixed_base)
+    refuse_floating(loaded.robot, "the design of a motion")
     try:
         loaded = replace(loaded, excitation=changed_excitation(loaded.excitation, **tables))
     except ValueError as error:

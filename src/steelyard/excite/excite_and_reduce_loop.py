@@ -18,6 +18,7 @@ from steelyard.identify.identify import identify
 from steelyard.identify.reduce import reduce
 from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
 from steelyard.robot.file.robot_file import load_robot
+from steelyard.robot.robot import refuse_floating
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,6 +90,7 @@ def reduction_loop(
         True
     """
     loaded = load_robot(robot)
+    refuse_floating(loaded.robot, "the design of a motion")
     effort = SearchBudget(budget, searches, processes, seed)
     criterion_of(criterion)
     done: list[Round] = []

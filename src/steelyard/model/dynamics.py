@@ -26,6 +26,8 @@ class Dynamics(ABC):
     are those of the joints: motors' friction and rotors act through the gears. Of a closed chain
     the coordinates are the driven joints; passive joints follow them.
 
+    Of a robot with a floating base the first six coordinates are its base's, see `Robot`.
+
     All arguments are one configuration of shape `(n,)`, or one a row, `(N, n)`, and results have a
     first axis of `N` then: positions `q` [rad; m], velocities `dq`, accelerations `ddq`, efforts
     `tau` [Nm; N]. Rows are consecutive samples: friction with memory starts at the first one, and
@@ -132,6 +134,9 @@ class Dynamics(ABC):
     def gravity(self, q: ArrayLike) -> Array:
         """Efforts that hold the bodies at rest against gravity, shape of `q` [Nm; N].
 
+        Raises:
+            ModelError: The base floats: they depend on its inclination.
+
         Example:
             >>> load_model("arm-model").gravity([0.3, 0.5]).shape
             (2,)
@@ -180,6 +185,9 @@ class Dynamics(ABC):
         It is the derivative of the Lagrangian by the positions. With the efforts $\tau_a$ that act
         on bodies and rotors, such as motor torque minus friction plus outer forces,
         $\dot p = \tau_a + C^T \dot q - g$ [DeLuca2005]. No acceleration is needed.
+
+        Raises:
+            ModelError: The base floats: it depends on its inclination.
 
         Example:
             >>> model, q, still = load_model("arm-model"), [0.3, 0.5], [0.0, 0.0]

@@ -22,7 +22,7 @@ from steelyard.model.laws.laws_without_friction import RigidBody, body_efforts
 from steelyard.model.laws.register import description_of
 from steelyard.model.terms.stateful_terms import Presliding, Scan
 from steelyard.model.terms.term import Columns, StatefulTerm, Term, has_memory
-from steelyard.robot.robot import Frame, Robot, robot_to_dict
+from steelyard.robot.robot import Frame, Robot, refuse_floating, robot_to_dict
 from steelyard.symbolic.native.compiled_programs import Code, compiled
 from steelyard.symbolic.program_and_softening import InputArray as Input
 from steelyard.symbolic.program_and_softening import Program
@@ -211,7 +211,8 @@ class Quantity:
 
     `build` makes its entries of the terms that enter and of symbols, in C order; the `key` is what
     else its program depends on, as JSON. With a `pivot` the last entry is the least one of a mass
-    matrix; it must be positive.
+    matrix; it must be positive. One that is `at_rest` exists only where the base is at rest: with a
+    floating one it depends on the direction of gravity.
     """
 
     name: str
@@ -221,13 +222,16 @@ class Quantity:
     shape: Callable[[Equations], tuple[int, ...]] = lambda part: (part.robot.n,)
     key: tuple[Any, ...] = ()
     pivot: bool = False
+    at_rest: bool = False
 
     def part(self, equations: Equations) -> Equations:
         """The equations with the terms only that enter.
 
         It is a `ModelError` if accelerations are asked for, and a term depends on them beside the
-        inertia.
+        inertia; or if the base floats, and must not.
         """
+        if self.at_rest:
+            refuse_floating(equations.robot, self.name)
         loaded = [
             t.law
             for t in equations.terms
@@ -346,11 +350,11 @@ FRICTION = Quantity("friction", MOTION, _efforts, lambda term: term.cause == "fr
 REGRESSOR = Quantity(
     "regressor of all terms", MOTION, _regressor, shape=lambda p: (p.robot.n, len(p.parameters))
 )
-GRAVITY = Quantity("gravity", ("q",), _efforts, lambda term: term.role == "body")
+GRAVITY = Quantity("gravity", ("q",), _efforts, lambda term: term.role == "body", at_rest=True)
 BIAS = Quantity("bias", ("q", "dq"), _efforts, _inertias)
 MASS_MATRIX = Quantity("mass matrix", ("q",), _mass, _inertias, lambda p: (p.robot.n, p.robot.n))
 MOMENTUM = Quantity("momentum", ("q", "dq"), lambda p, x: _inertial(p, x, x["dq"]), _inertias)
-MOMENTUM_RATE = Quantity("momentum rate", ("q", "dq"), _momentum_rate, _inertias)
+MOMENTUM_RATE = Quantity("momentum rate", ("q", "dq"), _momentum_rate, _inertias, at_rest=True)
 FORWARD_DYNAMICS = Quantity(
     "forward dynamics", ("q", "dq", "tau"), _forward, shape=lambda p: (p.robot.n + 1,), pivot=True
 )

@@ -1,7 +1,7 @@
 """Joints that are not coordinates of a robot: floating, ball and coupled joints.
 
-A robot here stands on a base at rest, and each of its joints has one degree of freedom. A floating
-body with joints beyond it is a robot once it is the base; one without is a loose object.
+Each joint of a robot has one degree of freedom. A floating body with joints beyond it is a robot
+once it is the base, at rest or floating; one without is a loose object.
 """
 
 from collections.abc import Collection, Mapping, Sequence
@@ -9,6 +9,7 @@ from dataclasses import replace
 
 from steelyard.base.errors import ModelError, OpenModelError
 from steelyard.robot.mechanism import Joint, Listed, Mechanism
+from steelyard.robot.robot import FLOATING
 
 
 def floating_trees(mechanism: Mechanism, base: str) -> dict[Joint, int]:
@@ -34,16 +35,33 @@ def floating_base(mechanism: Mechanism, base: str | None) -> Joint | None:
     return floating[-1] if floating else None
 
 
+def floating_link(mechanism: Mechanism) -> str:
+    """The base of a floating robot: the link that floats with joints beyond it, or the root.
+
+    It is a `ModelError` if several do.
+    """
+    trees = floating_trees(mechanism, mechanism.root)
+    robots = [joint for joint, count in trees.items() if count]
+    if len(robots) > 1:
+        raise ModelError(
+            "several robots float: " + ", ".join(joint.child for joint in robots),
+            where=mechanism.where,
+            fix="leave one of them in the model file",
+        )
+    return robots[0].child if robots else mechanism.root
+
+
 def without_free_joints(
     mechanism: Mechanism,
     base: str | None,
     joints: Sequence[str] | None,
     locked: Mapping[str, float],
+    floating: bool = False,
 ) -> tuple[Mechanism, dict[str, float], tuple[str, ...]]:
     """The mechanism without free joints beyond the base, what stays locked, and notes on it.
 
     Loose bodies are left out, and what floats beside a base that is given. Ball joints stay if they
-    are locked, or others listed.
+    are locked, or others listed. A base that is not `floating` is assumed to be at rest.
     """
     root = mechanism.root if base is None else base
     trees = floating_trees(mechanism, root)
@@ -52,7 +70,8 @@ def without_free_joints(
     kept, notes = mechanism, list(mechanism.notes)
     if joint := floating_base(mechanism, base):
         rests = f"base '{root}' is assumed to be at rest, in the orientation of the model file"
-        notes.append(Listed(rests, f"the {_word(joint)} joint of '{joint.child}' is left out"))
+        if not floating:
+            notes.append(Listed(rests, f"the {_word(joint)} joint of '{joint.child}' is left out"))
         others = floating_trees(mechanism, mechanism.root)
         trees = trees | {j: n for j, n in others.items() if j not in mechanism.to_link(root)}
         kept = _without(mechanism, trees, root)
@@ -94,7 +113,8 @@ def _floats(mechanism: Mechanism, trees: Mapping[Joint, int]) -> ModelError:
         "base at rest is needed",
         where=most.where,
         fix=f"say which link is fixed to the world: {listed} under [robot] in a robot file, "
-        f"as `steelyard init` writes it, or --fixed-base {most.child} on the command line",
+        f"as `steelyard init` writes it, or --fixed-base {most.child} on the command line; or that "
+        f'none is: base = "{FLOATING}"',
     )
 
 

@@ -323,5 +323,6 @@ def _note(robot: Robot, assembly: Array, closing: Closing) -> tuple[str, ...]:
     at = dict(zip([c.name for c in robot.joints], assembly.tolist(), strict=True))
     if all(abs(given.get(c.name, np.inf) - at[c.name]) < 1e-3 for c in robot.passive):
         return ()
-    places = ", ".join(f"{c.name} at {at[c.name]:.4g} {c.unit}" for c in robot.joints)
+    moving = robot.joints[robot.n_base :]
+    places = ", ".join(f"{c.name} at {at[c.name]:.4g} {c.unit}" for c in moving)
     return (f"the loops are closed in the reference configuration, with {places}",)

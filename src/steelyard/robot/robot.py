@@ -1,16 +1,21 @@
-"""The robot as the dynamics see it: a tree of bodies on a fixed base, its frames, its JSON form."""
+"""The robot as the dynamics see it: a tree of bodies, fixed or floating, frames, its JSON form."""
 
 from collections.abc import Sequence
 from dataclasses import KW_ONLY, dataclass, field, is_dataclass, replace
-from typing import Any, Literal
+from typing import Any, Final, Literal
 
 import numpy as np
 
 from steelyard.base.arrays import Array, frozen, set_fields
 from steelyard.base.checked_arguments import built
+from steelyard.base.errors import ModelError
 from steelyard.robot.inertia_and_placement import Inertia, skew
 
 JointKind = Literal["revolute", "prismatic"]
+BodyJointKind = Literal["revolute", "prismatic", "floating"]
+
+FLOATING: Final = "floating"
+"""Stands for the base of a robot whose base no joint carries."""
 
 OpenLoops = Literal["stop", "drop"]
 """What to do where a loop cannot close: stop with an error, or drop the sample."""
@@ -45,6 +50,14 @@ class Coordinate:
         return "N" if self.kind == "prismatic" else "Nm"
 
 
+BASE_COORDINATES = (
+    *(Coordinate(f"base_{axis}", "prismatic") for axis in "xyz"),
+    *(Coordinate(f"base_r{axis}", "revolute") for axis in "xyz"),
+)
+"""The first coordinates of a floating robot: their efforts are the force on its base and the moment
+about the origin of its base frame, along the axes of that frame."""
+
+
 @dataclass(frozen=True, eq=False)
 class Body:
     """A moving body and the joint that carries it.
@@ -52,7 +65,8 @@ class Body:
     The body's frame is the joint's frame. At position `x` of the joint, a point `p` of the body is
     at `rotation @ (turn(axis, x) @ p) + position` in the parent's frame (revolute), or at `rotation
     @ (p + axis * x) + position` (prismatic). `x = ratio * q[coordinate] + offset`, so a mimic joint
-    is a body that follows its master's coordinate.
+    is a body that follows its master's coordinate. A `floating` body is the base of a floating
+    robot, its first body; it has all `BASE_COORDINATES`, and its frame is the base frame.
 
     `parent` is an index, -1 the base; `rotation` `(3, 3)` and `position` `(3,)` [m] are the joint's
     frame in the parent's, `axis` `(3,)` is a unit vector in the joint's. `inertia` is the nominal
@@ -62,7 +76,7 @@ class Body:
 
     name: str
     joint: str
-    kind: JointKind
+    kind: BodyJointKind
     parent: int
     rotation: Array
     position: Array
@@ -134,13 +148,19 @@ class LoopClosure:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Robot:
-    """A fixed-base tree of bodies, whose chains pins may close.
+    r"""A tree of bodies on a fixed or a floating base, whose chains pins may close.
+
+    Of a floating robot the first six coordinates are those of its base, `BASE_COORDINATES`: in `dq`
+    its linear and its angular velocity, in `ddq` the proper acceleration $a - g$ of its origin, as
+    an accelerometer there measures it, and the angular acceleration; all along its own axes. In `q`
+    their entries are not used: neither place nor heading of the base enters the dynamics, and its
+    inclination only as the direction of $g$.
 
     Attributes:
         name: The robot's name.
         bodies: Parents before children.
         coordinates: Independent joint coordinates, in the order of every `q`, `dq`, `ddq`, `tau`.
-        gravity: Shape `(3,)` [m/s²], in the base frame.
+        gravity: Shape `(3,)` [m/s²], in the base frame; in the world's if the base floats.
         passive: Coordinates that the loops determine; bodies count them on after `coordinates`.
         loops: The pins.
         assembly: Positions of all joints near which the loops close, shape `(n_joints,)`.
@@ -180,6 +200,8 @@ class Robot:
                 raise ValueError(f"body '{body.name}' comes before its parent")
             if not 0 <= body.coordinate < self.n_joints:
                 raise ValueError(f"body '{body.name}' follows a coordinate that does not exist")
+            if body.kind == "floating" and (index, body.coordinate) != (0, 0):
+                raise ValueError(f"body '{body.name}' floats, but is not the first one")
         carriers = [*(f.body for f in self.frames), *(b for x in self.loops for b in x.bodies)]
         if not all(-1 <= body < len(self.bodies) for body in carriers):
             raise ValueError("a frame or a loop is on a body that does not exist")
@@ -202,6 +224,16 @@ class Robot:
     def n(self) -> int:
         """Number of independent joint coordinates."""
         return len(self.coordinates)
+
+    @property
+    def floating(self) -> bool:
+        """Whether the base floats."""
+        return bool(self.bodies) and self.bodies[0].kind == "floating"
+
+    @property
+    def n_base(self) -> int:
+        """Number of coordinates of the base: six if it floats, else none."""
+        return len(BASE_COORDINATES) if self.floating else 0
 
     @property
     def joints(self) -> tuple[Coordinate, ...]:
@@ -279,6 +311,17 @@ def tips(robot: Robot, joints: Array) -> Array:
     return found
 
 
+def refuse_floating(robot: Robot, what: str) -> None:
+    """Refuse a robot with a floating base where one at rest is needed."""
+    if robot.floating:
+        raise ModelError(
+            f"{what} needs a robot whose base is at rest, and the base of '{robot.name}' floats",
+            where=f"robot '{robot.name}'",
+            fix=f'name the link that is at rest instead of "{FLOATING}", such as '
+            f'base = "{robot.bodies[0].name}"',
+        )
+
+
 def body_frames(robot: Robot) -> list[Frame]:
     """Of the base and of all bodies."""
     names = ["base", *(body.name for body in robot.bodies)]
@@ -287,6 +330,8 @@ def body_frames(robot: Robot) -> list[Frame]:
 
 def moved_by_joint(body: Body, x: Array) -> tuple[Array, Array]:
     """Rotations `(N, 3, 3)` and shifts `(N, 3)` of a body in its parent's frame, at `x` `(N,)`."""
+    if body.kind == "floating":
+        return np.broadcast_to(np.eye(3), (len(x), 3, 3)), np.zeros((len(x), 3))
     if body.kind == "prismatic":
         slide = x[:, None] * (body.rotation @ body.axis)
         return np.broadcast_to(body.rotation, (len(x), 3, 3)), slide

@@ -8,11 +8,32 @@ from numpy.typing import ArrayLike
 
 from steelyard.base.arrays import frozen
 from steelyard.base.errors import ModelError, advice, listing, refuse_unknown
-from steelyard.robot.floating_ball_and_coupled_joints import refuse_coupled, without_free_joints
+from steelyard.robot.floating_ball_and_coupled_joints import (
+    floating_link,
+    refuse_coupled,
+    without_free_joints,
+)
 from steelyard.robot.inertia_and_placement import LEAST_INERTIA, Inertia, Placement
 from steelyard.robot.loop_closures import Closing, closed_robot, passive_joints
-from steelyard.robot.mechanism import Answer, Joint, JointSpring, Listed, Mechanism, ModelNote
-from steelyard.robot.robot import Body, Coordinate, Frame, JointKind, Limits, Robot
+from steelyard.robot.mechanism import (
+    Answer,
+    Joint,
+    JointSpring,
+    Link,
+    Listed,
+    Mechanism,
+    ModelNote,
+)
+from steelyard.robot.robot import (
+    BASE_COORDINATES,
+    FLOATING,
+    Body,
+    Coordinate,
+    Frame,
+    JointKind,
+    Limits,
+    Robot,
+)
 
 
 def narrowed(mechanism: Mechanism, name: str) -> tuple[Limits, bool]:
@@ -60,7 +81,7 @@ def unlimited_if_empty(limits: Limits) -> Limits:
 def limit_notes(mechanism: Mechanism, robot: Robot) -> list[str]:
     """What was assumed of the coordinates' limits, a sentence each."""
     notes = []
-    for c in robot.joints:
+    for c in robot.joints[robot.n_base :]:
         limits = mechanism.joint(c.name).limits
         if limits.lower == limits.upper and np.isinf(c.limits.lower):
             notes.append(f"joint '{c.name}' has an empty range in the model: taken as unlimited")
@@ -193,9 +214,11 @@ def reduced(
         joints: Names in the order of the log. `None`: every joint between base and tip that is
             neither fixed, nor mimic, nor locked, in tree order.
         locked: Positions of locked joints [rad; m].
-        base: The link taken as fixed base; `None` is the root link.
+        base: The link taken as fixed base; `None` is the root link. `"floating"`: the link that
+            floats with joints beyond it, or the root link, as floating base.
         tip: The link, or links, where the moving chain ends; `None` is every leaf.
-        gravity: Shape `(3,)` [m/s²], in the base link's frame; `None` is the mechanism's own.
+        gravity: Shape `(3,)` [m/s²], in the base link's frame, or the world's if it floats; `None`
+            is the mechanism's own.
         limits: Limits by joint that replace the file's, and its mimic joints' where they differ.
         closing: What the robot file says of closed chains. Passive joints move like those to
             identify, and are listed apart from them.
@@ -203,9 +226,13 @@ def reduced(
     """
     if snap:
         mechanism = replace(mechanism, joints=[joint.snapped() for joint in mechanism.joints])
+    floating = base == FLOATING and all(link.name != FLOATING for link in mechanism.links)
+    base = floating_link(mechanism) if floating else base
     tips = [] if tip is None else [tip] if isinstance(tip, str) else list(tip)
     _check_links(mechanism, mechanism.root if base is None else base, tips)
-    mechanism, locked, left_out = without_free_joints(mechanism, base, joints, locked or {})
+    mechanism, locked, left_out = without_free_joints(
+        mechanism, base, joints, locked or {}, floating
+    )
     limits, closing = dict(limits or {}), closing or Closing()
     base = mechanism.root if base is None else base
     free = _moving(mechanism, None, locked, base, tips)
@@ -232,17 +259,25 @@ def reduced(
         for name, drive in mechanism.drives.items()
         if drive.master in positions
     }
-    bodies, frames = _merged_bodies(mechanism, moving, resting, base)
+    before = BASE_COORDINATES if floating else ()
+    if clash := {c.name for c in before} & set(moving):
+        raise ModelError(
+            f"joint '{min(clash)}' has the name of a coordinate of the floating base",
+            where=mechanism.where,
+            fix="give it another name",
+        )
+    places = {name: k for k, name in enumerate(moving, start=len(before))}
+    bodies, frames = _merged_bodies(mechanism, places, resting, base, floating)
     _refuse_overflow(mechanism, bodies, frames)
     in_root = Placement()
-    for joint in mechanism.to_link(base):
+    for joint in () if floating else mechanism.to_link(base):
         in_root = in_root @ joint.at(resting.get(joint.name, 0.0))
     root_gravity = in_root.rotation.T @ mechanism.gravity
     coordinates = tuple(_coordinate(mechanism, n, limits.get(n)) for n in moving)
     robot = Robot(
         mechanism.name,
         bodies,
-        coordinates[: len(active)],
+        (*before, *coordinates[: len(active)]),
         root_gravity if gravity is None else frozen(gravity),
         passive=coordinates[len(active) :],
         frames=frames,
@@ -347,12 +382,25 @@ def _kind(joint: Joint) -> JointKind:
 
 
 def _merged_bodies(
-    mechanism: Mechanism, moving: tuple[str, ...], resting: Mapping[str, float], base: str
+    mechanism: Mechanism,
+    places: Mapping[str, int],
+    resting: Mapping[str, float],
+    base: str,
+    floating: bool,
 ) -> tuple[tuple[Body, ...], tuple[Frame, ...]]:
-    """The moving bodies beyond the base, what rests merged into them, and where all links are."""
+    """The moving bodies, what rests merged into them, and where all links are.
+
+    `places` are the numbers of the joints' coordinates. The base is a body if it floats.
+    """
     links = {link.name: link for link in mechanism.links}
     bodies: list[Body] = []
     carriers = {base: (-1, Placement())}
+    if floating:
+        still = Placement()
+        turn, place, axis = still.rotation, still.position, frozen((0.0, 0.0, 1.0))
+        own = Body(base, FLOATING, FLOATING, -1, turn, place, axis, 0, massless=True)
+        bodies.append(_joined(own, links[base], still))
+        carriers[base] = (0, still)
     for joint in mechanism.from_link(base):
         index, placement = carriers[joint.parent]
         if joint.movable and joint.name not in resting:
@@ -367,7 +415,7 @@ def _merged_bodies(
                     placed.rotation,
                     placed.position,
                     joint.axis,
-                    moving.index(drive.master),
+                    places[drive.master],
                     drive.ratio,
                     drive.offset,
                     massless=True,
@@ -378,19 +426,23 @@ def _merged_bodies(
             placement = placement @ joint.at(resting.get(joint.name, 0.0))
         carriers[joint.child] = (index, placement)
         if index >= 0:
-            link, body = links[joint.child], bodies[index]
-            massless, inertia = link.massless, body.inertia
-            if link.inertia is not None:
-                # files of `export` give a frame without mass the least inertia
-                frame = link.name.endswith(f"/{joint.name}") and link.inertia.mass <= LEAST_INERTIA
-                own = Inertia.zero() if frame else link.inertia
-                massless = massless or frame
-                inertia = inertia + own.moved(placement.rotation, placement.position)
-            bodies[index] = replace(
-                body,
-                massless=body.massless and massless,
-                inertia=inertia,
-                known=body.known or link.inertia is not None,
-            )
+            bodies[index] = _joined(bodies[index], links[joint.child], placement, joint.name)
     frames = (Frame(n, k, p.rotation, p.position) for n, (k, p) in carriers.items())
     return tuple(bodies), tuple(frames)
+
+
+def _joined(body: Body, link: Link, placement: Placement, joint: str = "") -> Body:
+    """The body with a link that is fixed to it, behind a joint."""
+    massless, inertia = link.massless, body.inertia
+    if link.inertia is not None:
+        # files of `export` give a frame without mass the least inertia
+        frame = link.name.endswith(f"/{joint}") and link.inertia.mass <= LEAST_INERTIA
+        own = Inertia.zero() if frame else link.inertia
+        massless = massless or frame
+        inertia = inertia + own.moved(placement.rotation, placement.position)
+    return replace(
+        body,
+        massless=body.massless and massless,
+        inertia=inertia,
+        known=body.known or link.inertia is not None,
+    )

@@ -26,7 +26,7 @@ from steelyard.model.model import model_with_open_friction, with_friction
 from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
 from steelyard.robot.file.robot_file import load_robot
 from steelyard.robot.file.signals import ROW
-from steelyard.robot.robot import Robot
+from steelyard.robot.robot import Robot, refuse_floating
 from steelyard.simulate.drives_sensors_and_loads import (
     AppliedWrench,
     Axes,
@@ -201,6 +201,7 @@ def simulate(
         'log.csv'
     """
     loaded = load_robot(robot, base=fixed_base)
+    refuse_floating(loaded.robot, "a simulation")
     if not 0.0 < dry_run <= 1.0:
         raise DataError(
             f"a dry run at {dry_run:g} of the speed is not slower than the motion",

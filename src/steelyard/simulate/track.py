@@ -21,7 +21,7 @@ from steelyard.report.page import render_sections
 from steelyard.report.result import Result
 from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
 from steelyard.robot.file.robot_file import load_robot
-from steelyard.robot.robot import Frame, Robot
+from steelyard.robot.robot import Frame, Robot, refuse_floating
 from steelyard.simulate.drives_sensors_and_loads import Drives, customary_drives
 from steelyard.simulate.ground_truth import Truth
 from steelyard.simulate.simulate import true_robot
@@ -217,6 +217,7 @@ def track(
         ['cascade', 'cascade + feedforward']
     """
     loaded = load_robot(robot, base=fixed_base)
+    refuse_floating(loaded.robot, "a simulation")
     models = [model] if isinstance(model, str | Path | IdentifiedModel) else list(model)
     named = named_models(models)
     for each in named.values():

@@ -13,8 +13,8 @@ well-conditioned, so groupings come out the customary way: a link's mass joins t
 links before it.
 
 Letters name the number of a body's ten (`M, MX, MY, MZ, XX, XY, YY, XZ, YZ, ZZ`, about the link
-frame's origin) or the law, the figure the link or joint, and `R` says that others are grouped with
-it [Khalil2002, ch. 9].
+frame's origin) or the law, the figure the link or joint (0: a floating base), and `R` says that
+others are grouped with it [Khalil2002, ch. 9].
 """
 
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
@@ -336,8 +336,10 @@ def symbols(robot: Robot, base: BaseMap) -> tuple[str, ...]:
     for name, others in zip(base.base_names, base.coefficients, strict=True):
         kind, _, of = name.partition(".")
         bodies = [b.name for b in robot.bodies]
-        owners = bodies if kind in INERTIAL_NAMES else list(robot.joint_names)
-        place = str(owners.index(of) + 1) if of in owners else f"_{of}"
+        inertial = kind in INERTIAL_NAMES
+        owners = bodies if inertial else list(robot.joint_names)[robot.n_base :]
+        first = 0 if inertial and robot.floating else 1
+        place = str(owners.index(of) + first) if of in owners else f"_{of}"
         known = f"{LETTERS[kind]}{place}{'R' if others.any() else ''}" if kind in LETTERS else name
         found.append(known)
     return tuple(found)

@@ -199,6 +199,9 @@ def _turned(robot: Robot, q: Scalars, frame: Frame) -> tuple[Matrix, dict[int, V
     """Axes of a frame in the base frame, and the angular velocity per joint speed."""
     rotation, axes = rigid._constant(np.eye(3)), dict[int, Vector]()
     for link in (robot.bodies[k] for k in robot.carriers(frame.body)):
+        if link.kind == "floating":
+            axes = dict(enumerate(rigid._AXES, start=3))
+            continue
         if link.kind == "revolute":
             axis = rigid._times(rotation @ rigid._constant(link.rotation @ link.axis), link.ratio)
             axes[link.coordinate] = axis + axes.get(link.coordinate, 0.0)

@@ -14,6 +14,10 @@ which is linear in its ten numbers $(m, h, I)$. The products of rates are formed
 shared by $B$ and by the map of the six inertias: that is what keeps the regressor, the reverse
 derivative of this program, as short as a hand-derived one.
 
+The recursion starts at the base: where it is fixed, with $a = -g$; where it floats, with $\omega$
+from its entries of `dq`, $a$ and $\dot\omega$ from those of `ddq`. The wrench on a floating base is
+the effort of its six rows.
+
 Closed chains go from independent joints to all joints, and their torques back, by small systems. Up
 to three equations are solved by cofactors, more by $L D L^T$ of their normal equations: neither
 divides by a pivot that could vanish where the system itself is regular. With all positions known,
@@ -89,6 +93,9 @@ def inverse_dynamics(robot: Robot, state: JointState, inertials: Sequence[Scalar
     efforts: list[Scalar] = [0.0] * robot.n_joints
     for index, motion in reversed(list(enumerate(motions))):
         body, (force, moment) = robot.bodies[index], wrenches[index]
+        if body.kind == "floating":
+            efforts[: robot.n_base] = [*force, *moment]
+            continue
         along = force if body.kind == "prismatic" else moment
         efforts[body.coordinate] += body.ratio * _dot(_constant(body.axis), along)
         if body.parent >= 0:
@@ -112,6 +119,10 @@ def carried_point(
     position, slopes = _constant(point), dict[int, Vector]()
     while body != ancestor:
         link = robot.bodies[body]
+        if link.kind == "floating":
+            return position, slopes | dict(
+                enumerate([*_AXES, *(_cross(a, position) for a in _AXES)])
+            )
         rotation, origin = _placement(link, link.ratio * q[link.coordinate] + link.offset)
         axis = _constant(link.axis)
         own = axis if link.kind == "prismatic" else _cross(axis, position)
@@ -124,6 +135,10 @@ def carried_point(
 
 def _next(body: Body, parent: _Moving, state: JointState) -> _Moving:
     """Carry the motion from the parent through the joint into the body's own frame."""
+    if body.kind == "floating":
+        omega, acceleration = _vector(state.dq[3:6]), _vector(state.ddq[:3])
+        alpha = _vector(state.ddq[3:6])
+        return _moving(parent.rotation, parent.position, omega, alpha, acceleration)
     x = body.ratio * state.q[body.coordinate] + body.offset
     v = body.ratio * state.dq[body.coordinate]
     a = body.ratio * state.ddq[body.coordinate]
@@ -185,6 +200,9 @@ def _constant(values: Any) -> Any:
     for exact in (0.0, 1.0, -1.0):
         clean[np.abs(clean - exact) < 1e-12] = exact
     return clean.astype(object)
+
+
+_AXES = tuple(_constant(np.eye(3)))
 
 
 def _vector(values: Scalars) -> Vector:

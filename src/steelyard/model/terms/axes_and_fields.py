@@ -74,7 +74,7 @@ def coordinates(
 ) -> tuple[Axis, ...]:
     """Coordinates by the names of joints and motors, and as sums; all joints if none is named."""
     if joints is None and motors is None and along is None:
-        return tuple(_joint(robot, c.name) for c in robot.coordinates)
+        return tuple(_joint(robot, c.name) for c in robot.coordinates[robot.n_base :])
     named = [_joint(robot, name) for name in _listed(joints, "joints")]
     named += [_motor(robot, name) for name in _listed(motors, "motors")]
     named += [_combined(robot, name, parts) for name, parts in _sums(along)]

@@ -80,7 +80,8 @@ class LoadedRobot:
             it is listed.
         ignored: What the model file states of forces that the model ignores, a sentence
             for each kind.
-        base: The link that is fixed to the world; `None` if it is the model's root.
+        base: The link that is fixed to the world; `None` if it is the model's root, `"floating"` if
+            none is.
         floats: Whether that link floats in the model: its being at rest is an assumption.
         couplings_stated: Whether the file states couplings of motors, or that there are none.
         targets: Columns of position targets and positions, where actuators are identified.

@@ -23,7 +23,7 @@ from steelyard.robot.loop_closures import Closing
 from steelyard.robot.mechanism import Answer, Mechanism, Pin
 from steelyard.robot.models.xacro import joined_reference, split_reference
 from steelyard.robot.models.xml_and_urdf import read_bytes
-from steelyard.robot.robot import Limits, Robot, Transmission
+from steelyard.robot.robot import FLOATING, Limits, Robot, Transmission, refuse_floating
 
 WORST = 1e8  # condition number, rows scaled, from which on a matrix counts as singular
 
@@ -61,6 +61,14 @@ def build_transmission(
             "motors at rest: check ratios, coupling and matrix",
         )
     return Transmission(motors, matrix)
+
+
+def _beside_base(gears: Transmission, robot: Robot) -> Transmission:
+    """The gears of a robot's joints, and of its base, if it floats, those that change nothing."""
+    n = robot.n_base
+    matrix = np.eye(robot.n)
+    matrix[n:, n:] = gears.matrix
+    return Transmission((*robot.joint_names[:n], *gears.motors), matrix)
 
 
 def _matrix(
@@ -146,8 +154,9 @@ def load_robot(
             that is loaded already is returned as it is.
         text: What a robot file at `path` would hold; that file is then not read, and need not be
             there.
-        base: The link of a URDF or MJCF that is fixed to the world; `None` is its root. A robot
-            file says so itself.
+        base: The link of a URDF or MJCF that is fixed to the world; `None` is its root. With
+            `"floating"` none is: the root of a URDF, or the link of a free joint, is the base of a
+            robot that stands, walks or flies. A robot file says so itself.
 
     Raises:
         ModelError: The file cannot be used.
@@ -200,8 +209,11 @@ def _from_toml(path: Path, text: str, sha256: str) -> LoadedRobot:
     robot, notes = _reduced(mechanism, file.robot, locate)
     notes = model.notes + notes
     if file.robot.transmission is not None:
-        gears = build_transmission(file.robot.transmission, robot.joint_names, locate)
-        robot = robot.changed(transmission=gears)
+        joints = robot.joint_names[robot.n_base :]
+        gears = build_transmission(file.robot.transmission, joints, locate)
+        robot = robot.changed(transmission=_beside_base(gears, robot))
+    if file.signals is not None:
+        refuse_floating(robot, "a log")
     signals = None
     targets = None
     described = "actuator" in file.model_fields_set
@@ -308,7 +320,8 @@ def _reduced(
     links = [link.name for link in mechanism.links]
     tips = (section.tip,) if isinstance(section.tip, str) else section.tip or ()
     for key, name in [("tip", t) for t in tips] + [("base", section.base or mechanism.root)]:
-        _check_name("link", name, links, locate("robot", key))
+        known = [*links, FLOATING] if key == "base" else links
+        _check_name("link", name, known, locate("robot", key))
     robot, notes = reduction.reduced(
         mechanism,
         section.joints,
@@ -322,6 +335,12 @@ def _reduced(
     )
     if section.name is not None:
         robot = robot.changed(name=section.name)
+    if robot.floating and section.mounting is not None:
+        raise ModelError(
+            "a mounting is given, and the base floats",
+            where=locate("robot", "mounting"),
+            fix="remove it: the log has the orientation of a floating base",
+        )
     return robot, notes
 
 

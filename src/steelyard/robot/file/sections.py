@@ -136,9 +136,15 @@ class RobotSection(Section):
     joints: Names | None = key(
         None, "Joints to identify, in the order of the log's columns; all if left out."
     )
-    base: Name | None = key(None, "Link that is fixed to the world; the model's root if left out.")
+    base: Name | None = key(
+        None,
+        "Link that is fixed to the world, the model's root if left out; or `floating`, if none is.",
+    )
     tip: Name | Names | None = key(None, "Last link, or links, of the robot; all if left out.")
-    gravity: Vector | None = key(None, "Gravity in the base frame [m/s²], instead of `mounting`.")
+    gravity: Vector | None = key(
+        None,
+        "Gravity in the base frame [m/s²], instead of `mounting`; of a floating base in the world.",
+    )
     mounting: MountingSection | None = key(None, "Orientation of the base relative to upright.")
     snap_angles: bool = key(
         True, "Whether entries of rotations and axes below 2e-5 are rounded to exact ones."
